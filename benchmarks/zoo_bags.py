@@ -275,7 +275,7 @@ def stereo(
 
 
 def six_cameras(
-    make: Messages, *, topic: str = "/{}/image_raw", encoding: str = "mono8", has_lenses: bool = False
+    make: Messages, *, topic: str = "/{}/image_raw", encoding: str = "mono8", has_lenses: bool = False, num: int = 5
 ) -> list[Item]:
     """Return the drive of the rig; with lenses each camera is an ordinary one, calibrated and on /tf_static."""
     found: list[Item] = []
@@ -283,7 +283,7 @@ def six_cameras(
     edges = [(T_base_rig, "base_link", "rig_link")]
     edges += [(values_of(rig().camera(name).T_rig_camera), "rig_link", f"{name}_optical") for name in RIG_NAMES]
     found.append(("/tf_static", TF, EPOCH, make.transforms(edges, EPOCH)))
-    for number in range(6):
+    for number in range(num):
         ns = steady(number)
         for name in RIG_NAMES:
             kind, message = encode(make, see_rig(name, number), encoding, ns, f"{name}_optical")
@@ -325,7 +325,7 @@ class Exhibit:
 
     name: str
     items: Callable[[Messages], Iterable[Item]]
-    write: Write = ros2("mcap")  # noqa: RUF009  # a function
+    write: Write
     jobs: tuple[str, ...] = ALL
     words: str = ""
     is_damaged: bool = False
@@ -366,146 +366,162 @@ D = Drive()
 OWN = Drive("/image_raw", "/camera_info", "/depth/image_raw", odom="/odom")
 ROBOT = Drive("/robot1/front/rgb/image", "/robot1/front/rgb/camera_info", "/robot1/front/depth_registered/image")
 KINECT = Drive("/camera/rgb/image_color", "/camera/rgb/camera_info", "/camera/depth_registered/image_raw")
-APART = replace(
-    D,
-    depth="/camera/camera/depth/image_rect_raw",
-    depth_info="/camera/camera/depth/camera_info",
-    depth_frame="depth_optical",
-)
-MONO = replace(D, depth="")
-NO_MAP, NO_ODOMETRY = ("localize", "mcl"), ("map", "localize")
-NO_DEPTH = "expected depth images"
+FRONT = Drive("/front/image_raw", "/front/camera_info", "/front/depth/image_raw", others=_second_device)
+APART = replace(D, depth="/camera/camera/depth/image_rect_raw", depth_info="/camera/camera/depth/camera_info")
+APART = replace(APART, depth_frame="depth_optical")
+PACKED = f"{D.image}/compressed"
+INFRA = ("/camera/camera/infra1/image_rect_raw", "/camera/camera/infra2/image_rect_raw")
+NO_MAP, NO_ODOMETRY, ONLY = ("localize", "mcl"), ("map", "localize"), ("localize",)
+NO_WAY = "on /tf_static, found no way"
+
+
+def of(
+    name: str,
+    drive: Drive = D,
+    write: Write | None = None,
+    jobs: tuple[str, ...] = ALL,
+    words: str = "",
+    *,
+    is_ros1: bool = False,
+    **changes: Any,
+) -> Exhibit:
+    """Return a drive, changed in some fields, as an exhibit."""
+    return Exhibit(name, replace(drive, **changes).items, write or ros2(), jobs, words, is_ros1=is_ros1)
 
 
 def _storages() -> list[Exhibit]:
-    ros1_drive = replace(D, others=_battery)
     direct = {
-        "mcap_plain": mcap(CompressionType.NONE), "mcap_zstd": mcap(), "mcap_lz4": mcap(CompressionType.LZ4),
-        "mcap_small_chunks": mcap(chunk_size=1000), "mcap_no_chunks": mcap(use_chunking=False),
+        "mcap_plain": mcap(CompressionType.NONE),
+        "mcap_zstd": mcap(),
+        "mcap_lz4": mcap(CompressionType.LZ4),
+        "mcap_small_chunks": mcap(chunk_size=1000),
+        "mcap_no_chunks": mcap(use_chunking=False),
         "mcap_no_statistics": mcap(use_statistics=False, use_summary_offsets=False),
-        "mcap_no_repeats": mcap(repeat_channels=False, repeat_schemas=False), "mcap_in_parts": mcap(num_files=3),
+        "mcap_no_repeats": mcap(repeat_channels=False, repeat_schemas=False),
+        "mcap_in_parts": mcap(num_files=3),
         "mcap_no_crc": mcap(enable_crcs=False),
-    }  # fmt: skip
-    folders = {
-        "rosbags_mcap": ros2(), "rosbags_sqlite": ros2("sqlite"), "rosbags_mcap_file": ros2("mcap", "file"),
-        "rosbags_mcap_message": ros2("mcap", "message"), "rosbags_sqlite_file": ros2("sqlite", "file"),
-        "rosbags_sqlite_message": ros2("sqlite", "message"), "sqlite_alone": ros2("sqlite", is_lone=True),
-        "mcap_alone": ros2(is_lone=True), "sqlite_no_metadata": ros2("sqlite", has_metadata=False),
-    }  # fmt: skip
+        "mcap_alone": ros2(is_lone=True),
+        "sqlite_alone": ros2("sqlite", is_lone=True),
+        "sqlite_no_metadata": ros2("sqlite", has_metadata=False),
+    }
+    modes = [(storage, mode) for storage in ("mcap", "sqlite") for mode in ("", "file", "message")]
     old = {"ros1": ros1(), "ros1_bz2": ros1("bz2"), "ros1_lz4": ros1("lz4")}
     return [
-        *(Exhibit(name, D.items, write) for name, write in (direct | folders).items()),
-        *(Exhibit(name, ros1_drive.items, write, is_ros1=True) for name, write in old.items()),
-        Exhibit("ros1_old_tf", replace(D, tf=OLD_TF).items, ros1(), is_ros1=True),
-        Exhibit("ros1_compressed", replace(D, image=f"{D.image}/compressed", encoding="jpeg").items, ros1(), is_ros1=True),
-        Exhibit("humble_sqlite", D.items, ros2("sqlite"), release=Stores.ROS2_HUMBLE),
-        Exhibit("foxy_sqlite", D.items, ros2("sqlite"), release=Stores.ROS2_FOXY),
-        Exhibit("unknown_types", ros1_drive.items),
-    ]  # fmt: skip
+        *(of(name, write=write) for name, write in direct.items()),
+        *(of(f"rosbags_{storage}_{mode}".strip("_"), write=ros2(storage, mode)) for storage, mode in modes),
+        *(of(name, write=write, is_ros1=True, others=_battery) for name, write in old.items()),
+        of("ros1_old_tf", write=ros1(), is_ros1=True, tf=OLD_TF),
+        of("ros1_compressed", write=ros1(), is_ros1=True, image=PACKED, encoding="jpeg"),
+        replace(of("humble_sqlite", write=ros2("sqlite")), release=Stores.ROS2_HUMBLE),
+        replace(of("foxy_sqlite", write=ros2("sqlite")), release=Stores.ROS2_FOXY),
+        of("unknown_types", others=_battery),
+    ]
 
 
 def _damages() -> list[Exhibit]:
-    lost = {"is_damaged": True}
-    saved = lost | {"is_salvaged": True}
     long = replace(D, num=16)
-    return [
-        Exhibit("mcap_cut", long.items, cut(mcap(chunk_size=100_000)), words="truncated MCAP", **saved),
-        Exhibit("sqlite_cut", long.items, cut(ros2("sqlite")), words="can be salvaged", **saved),
-        Exhibit("sqlite_alone_cut", long.items, cut(ros2("sqlite", is_lone=True)), words="can be salvaged", **saved),
-        Exhibit("sqlite_damaged", long.items, damage(ros2("sqlite"), 0.0, 4096), words="rosbag2 database", **lost),
-        Exhibit("mcap_damaged", D.items, damage(mcap(chunk_size=1 << 24), 0.5), words="expected", **lost),
-        Exhibit("ros1_cut", D.items, cut(ros1()), words="expected a readable bag", is_ros1=True, **lost),
-        Exhibit("empty_bag", lambda make: [], words="found an empty bag", **lost),
-        Exhibit("empty_file", lambda make: [], bytes_alone("drive.db3", b""), words="found an empty file", **lost),
-        Exhibit("text_file", lambda make: [], bytes_alone("drive.bag", b"hello\n" * 50), words="expected a readable", **lost),
-        Exhibit("pictures", lambda make: [], bytes_alone("drive.mcap", b"\x89PNG\r\n\x1a\n" * 9), words="expected", **lost),
-    ]  # fmt: skip
+    saved = [
+        of("mcap_cut", long, cut(mcap(chunk_size=100_000)), words="truncated MCAP"),
+        of("sqlite_cut", long, cut(ros2("sqlite")), words="can be salvaged"),
+        of("sqlite_alone_cut", long, cut(ros2("sqlite", is_lone=True)), words="can be salvaged"),
+    ]
+    lost = [
+        of("sqlite_damaged", long, damage(ros2("sqlite"), 0.0, 4096), words="rosbag2 database"),
+        of("mcap_damaged", D, damage(mcap(chunk_size=1 << 24), 0.5), words="expected"),
+        of("ros1_cut", D, cut(ros1()), words="expected a readable bag", is_ros1=True),
+        Exhibit("empty_bag", lambda make: [], ros2(), words="found an empty bag"),
+        of("empty_file", D, bytes_alone("drive.db3", b""), words="found an empty file"),
+        of("text_file", D, bytes_alone("drive.bag", b"hello\n" * 50), words="expected a readable"),
+        of("pictures", D, bytes_alone("drive.mcap", b"\x89PNG\r\n\x1a\n" * 9), words="expected"),
+    ]
+    saved = [replace(one, is_salvaged=True) for one in saved]
+    return [replace(one, is_damaged=True) for one in (*saved, *lost)]
 
 
 def _names() -> list[Exhibit]:
+    deep = partial(six_cameras, topic="/car/cam_{}/raw/image")
+    packed = partial(six_cameras, topic="/{}/image_raw/compressed", encoding="jpeg")
     return [
-        Exhibit("own_names", OWN.items),
-        Exhibit("robot_namespace", ROBOT.items),
-        Exhibit("kinect_names", KINECT.items),
-        Exhibit("depth_apart", APART.items),
-        Exhibit("raw_and_jpeg", replace(D, others=_jpeg_copy).items),
-        Exhibit("two_devices", replace(D, image="/front/image_raw", info="/front/camera_info", depth="/front/depth/image_raw", others=_second_device).items, jobs=(), words="choose by --image"),
-        Exhibit("mono", MONO.items, jobs=NO_MAP, words=NO_DEPTH),
-        Exhibit("no_odometry", replace(D, odom="").items, jobs=NO_ODOMETRY, words="expected odometry"),
-        Exhibit("no_camera_info", replace(D, info="").items, jobs=(), words="expected one topic with camera_info"),
-        Exhibit("no_images", replace(D, image="", depth="").items, jobs=(), words="expected images (--image)"),
-        Exhibit("stereo", stereo, jobs=NO_ODOMETRY),
-        Exhibit("stereo_by_frames", partial(stereo, baseline=0.0, has_frames=True), jobs=NO_ODOMETRY),
-        Exhibit("stereo_only_p", partial(stereo, has_k=False), jobs=("map",), words="found focal length 0"),
-        Exhibit("stereo_no_baseline", partial(stereo, baseline=0.0), jobs=("localize",), words="expected -fx * baseline"),
-        Exhibit("infra_names", partial(stereo, names=INFRA), jobs=NO_ODOMETRY),
-        Exhibit("rig", six_cameras, jobs=NO_ODOMETRY, words="choose it by --image"),
-        Exhibit("rig_deep_names", partial(six_cameras, topic="/car/cam_{}/raw/image"), jobs=NO_ODOMETRY),
-        Exhibit("rig_jpeg", partial(six_cameras, topic="/{}/image_raw/compressed", encoding="jpeg"), jobs=NO_ODOMETRY),
-        Exhibit("rig_with_lenses", partial(six_cameras, has_lenses=True), jobs=NO_ODOMETRY),
-        Exhibit("panorama", panorama, jobs=NO_MAP),
-        Exhibit("panorama_no_info", partial(panorama, info=""), jobs=NO_MAP),
-        Exhibit("panorama_tf", partial(panorama, moving=True), jobs=NO_MAP),
-    ]  # fmt: skip
-
-
-INFRA = ("/camera/camera/infra1/image_rect_raw", "/camera/camera/infra2/image_rect_raw")
+        of("own_names", OWN),
+        of("robot_namespace", ROBOT),
+        of("kinect_names", KINECT),
+        of("depth_apart", APART),
+        of("raw_and_jpeg", others=_jpeg_copy),
+        of("two_devices", FRONT, jobs=(), words="choose by --image"),
+        of("mono", depth="", jobs=NO_MAP, words="expected depth images"),
+        of("no_odometry", odom="", jobs=NO_ODOMETRY, words="expected odometry"),
+        of("no_camera_info", info="", jobs=(), words="expected one topic with camera_info"),
+        of("no_images", image="", depth="", jobs=(), words="expected images (--image)"),
+        Exhibit("stereo", stereo, ros2(), NO_ODOMETRY),
+        Exhibit("stereo_by_frames", partial(stereo, baseline=0.0, has_frames=True), ros2(), NO_ODOMETRY),
+        Exhibit("stereo_only_p", partial(stereo, has_k=False), ros2(), ("map",), "found focal length 0"),
+        Exhibit("stereo_no_baseline", partial(stereo, baseline=0.0), ros2(), ONLY, "expected -fx * baseline"),
+        Exhibit("infra_names", partial(stereo, names=INFRA), ros2(), NO_ODOMETRY),
+        Exhibit("rig", six_cameras, ros2(), NO_ODOMETRY, "choose it by --image"),
+        Exhibit("rig_deep_names", deep, ros2(), NO_ODOMETRY),
+        Exhibit("rig_jpeg", packed, ros2(), NO_ODOMETRY),
+        Exhibit("rig_with_lenses", partial(six_cameras, has_lenses=True), ros2(), NO_ODOMETRY),
+        Exhibit("panorama", panorama, ros2(), NO_MAP),
+        Exhibit("panorama_no_info", partial(panorama, info=""), ros2(), NO_MAP),
+        Exhibit("panorama_tf", partial(panorama, moving=True), ros2(), NO_MAP),
+    ]
 
 
 def _encodings() -> list[Exhibit]:
-    raw = [e for e in RAW if e not in ("rgb8", "nv12")] + ["padded"]
-    packed = {"jpeg": "jpeg", "png": "png"}
-    depths = ["32FC1", "mono16", "big"]
-    packed_depths = {"compressedDepth": "compressedDepth", "compressedDepth 32FC1": "compressedDepth",
-                     "16UC1; png compressed": "compressed", "png": "compressed"}  # fmt: skip
-    bad = {"nv12": "encoding: expected one of", "short": "data: expected", "h264": "expected PNG or JPEG",
-           "webp": "expected PNG or JPEG", "ffmpeg": "(video: ffmpeg_image_transport_msgs"}  # fmt: skip
-    compressed_topic = f"{D.image}/compressed"
+    raw = [*(name for name in RAW if name not in ("rgb8", "nv12")), "padded"]
+    depths = {"compressedDepth": "compressedDepth", "compressedDepth 32FC1": "compressedDepth"}
+    depths |= {"16UC1; png compressed": "compressed", "png": "compressed"}
+    bad = {
+        "nv12": ("encoding: expected one of", D.image),
+        "short": ("data: expected", D.image),
+        "h264": ("expected PNG or JPEG", PACKED),
+        "webp": ("expected PNG or JPEG", PACKED),
+        "ffmpeg": ("(video: ffmpeg_image_transport_msgs", PACKED),
+    }
+    rvl = {"depth": f"{D.depth}/compressedDepth", "depth_encoding": "rvl"}
     return [
-        *(Exhibit(f"image_{name}", replace(D, encoding=name).items) for name in raw),
-        *(Exhibit(f"image_{n}", replace(D, image=compressed_topic, encoding=n).items) for n in packed),
-        *(Exhibit(f"depth_{name}", replace(D, depth_encoding=name).items) for name in depths),
+        *(of(f"image_{name}", encoding=name) for name in raw),
+        *(of(f"image_{name}", image=PACKED, encoding=name) for name in ("jpeg", "png")),
+        *(of(f"depth_{name}", depth_encoding=name) for name in ("32FC1", "mono16", "big")),
         *(
-            Exhibit(f"depth_{name.replace(' ', '_').replace(';', '')}", replace(D, depth=f"{D.depth}/{end}", depth_encoding=name).items)
-            for name, end in packed_depths.items()
+            of("depth_" + name.replace("; ", "_").replace(" ", "_"), depth=f"{D.depth}/{end}", depth_encoding=name)
+            for name, end in depths.items()
         ),
-        *(
-            Exhibit(f"bad_{name}", replace(D, image=D.image if name in RAW or name == "short" else compressed_topic, encoding=name).items, jobs=(), words=words)
-            for name, words in bad.items()
-        ),
-        Exhibit("bad_rvl", replace(D, depth=f"{D.depth}/compressedDepth", depth_encoding="rvl").items, jobs=NO_MAP, words="rvl"),
-        Exhibit("bad_depth_nothing", replace(D, depth_encoding="nothing").items, jobs=NO_MAP, words="expected some measured pixels"),
-    ]  # fmt: skip
+        *(of(f"bad_{n}", image=topic, encoding=n, jobs=(), words=words) for n, (words, topic) in bad.items()),
+        of("bad_rvl", jobs=NO_MAP, words="rvl", **rvl),
+        of("bad_depth_nothing", depth_encoding="nothing", jobs=NO_MAP, words="expected some measured pixels"),
+    ]
 
 
 def _faults() -> list[Exhibit]:
-    none = {"jobs": ()}
-    long = replace(D, num=14)
+    long, boot = replace(D, num=14), SECOND - EPOCH
+    none, height = "header.stamp: expected", "height by --mounting"
+    tf = (("odom", "base_link"),)
     return [
-        Exhibit("k_is_0", replace(D, has_k=False).items, words="found focal length 0", **none),
-        Exhibit("unknown_lens", replace(D, model="mei").items, words="distortion_model: expected", **none),
-        Exhibit("other_size", replace(D, info_size=(640, 480)).items, words="image size: expected 640 x 480", **none),
-        Exhibit("stamps_0", replace(D, stamp=lambda number: 0, depth_ns=0).items, words="header.stamp: expected a time, found 0", **none),
-        Exhibit("stamps_frozen", replace(D, stamp=lambda number: EPOCH).items, words="header.stamp: expected one that grows", **none),
-        Exhibit("odometry_stamps_0", replace(D, odom_stamp=lambda number: 0).items, jobs=NO_ODOMETRY, words="expected odometry"),
-        Exhibit("depth_late", replace(D, depth_ns=45_000_000).items, jobs=NO_MAP, words="expected stamps within 20 ms"),
-        Exhibit("depth_without_frames", replace(APART, mount="").items, jobs=NO_MAP, words="on /tf_static, found no way"),
-        Exhibit("no_frames", replace(D, mount="").items),
-        Exhibit("empty_frames", replace(D, frame="", mount="").items),
-        Exhibit("mount_on_tf", replace(D, mount="/tf").items),
-        Exhibit("other_info_frame", replace(D, info_frame="camera").items),
-        Exhibit("since_boot", replace(D, stamp=lambda number: steady(number) - EPOCH + SECOND).items),
-        Exhibit("recorder_since_boot", replace(D, log=lambda number: steady(number) - EPOCH + SECOND).items),
-        Exhibit("recorder_behind", replace(D, log=lambda number: steady(number) - 3 * SECOND).items),
-        Exhibit("slow", replace(D, stamp=lambda n: EPOCH + 3 * n * SECOND, log=lambda n: EPOCH + 3 * n * SECOND).items),
-        Exhibit("clock_set_back", replace(long, stamp=_step(-HOUR)).items),
-        Exhibit("clock_set_forward", replace(long, stamp=_step(HOUR)).items),
-        Exhibit("both_clocks_set_back", replace(long, stamp=_step(-HOUR), log=_step(-HOUR)).items),
-        Exhibit("one_stamp_0", replace(long, stamp=lambda number: steady(number) * (number != 3)).items),
-        Exhibit("odometry_on_tf", replace(D, odom="", moving=(("odom", "base_link"),)).items),
-        Exhibit("odometry_on_tf_in_a_map", replace(D, odom="", moving=(("map", "odom"), ("odom", "base_link"))).items),
-        Exhibit("pose_on_tf", replace(D, odom="", moving=(("map", "base_link"),)).items, jobs=NO_ODOMETRY, words="expected odometry"),
-    ]  # fmt: skip
+        of("k_is_0", has_k=False, jobs=(), words="found focal length 0"),
+        of("unknown_lens", model="mei", jobs=(), words="distortion_model: expected"),
+        of("other_size", info_size=(640, 480), jobs=(), words="image size: expected 640 x 480"),
+        of("stamps_0", stamp=lambda number: 0, depth_ns=0, jobs=(), words=f"{none} a time, found 0"),
+        of("stamps_frozen", stamp=lambda number: EPOCH, jobs=(), words=f"{none} one that grows"),
+        of("odometry_stamps_0", odom_stamp=lambda number: 0, jobs=NO_ODOMETRY, words="expected odometry"),
+        of("depth_late", depth_ns=45_000_000, jobs=NO_MAP, words="expected stamps within 20 ms"),
+        of("depth_without_frames", APART, mount="", jobs=ONLY, words=NO_WAY),
+        of("no_frames", mount="", jobs=NO_ODOMETRY, words=height),
+        of("empty_frames", frame="", mount="", jobs=NO_ODOMETRY, words=height),
+        of("mount_on_tf", mount="/tf"),
+        of("other_info_frame", info_frame="camera"),
+        of("since_boot", stamp=lambda number: steady(number) + boot),
+        of("recorder_since_boot", log=lambda number: steady(number) + boot),
+        of("recorder_behind", log=lambda number: steady(number) - 3 * SECOND),
+        of("slow", stamp=lambda n: EPOCH + 3 * n * SECOND, log=lambda n: EPOCH + 3 * n * SECOND),
+        of("clock_set_back", long, stamp=_step(-HOUR)),
+        of("clock_set_forward", long, stamp=_step(HOUR)),
+        of("both_clocks_set_back", long, stamp=_step(-HOUR), log=_step(-HOUR)),
+        of("one_stamp_0", long, stamp=lambda number: steady(number) * (number != 3)),
+        of("odometry_on_tf", odom="", moving=tf),
+        of("odometry_on_tf_in_a_map", odom="", moving=(("map", "odom"), *tf)),
+        of("pose_on_tf", odom="", moving=(("map", "base_link"),), jobs=NO_ODOMETRY, words="expected odometry"),
+    ]
 
 
 def exhibits() -> list[Exhibit]:

@@ -24,8 +24,8 @@ DEFINITIONS = {
     OLD_TF: "geometry_msgs/TransformStamped[] transforms",
     "acme_msgs/msg/Battery": "std_msgs/Header header\nfloat32 volts\nacme_msgs/Cell[] cells",
     "acme_msgs/msg/Cell": "float32 volts",
-    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\n"
-    "uint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data",
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "std_msgs/Header header\nint32 width\nint32 height\n"
+    "string encoding\nuint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data",
     "sphere_nav_msgs/msg/SphereInfo": (Path(__file__).parents[1] / "msg_defs/msg/SphereInfo.msg").read_text(),
 }
 

@@ -7,6 +7,7 @@ its nodes, and seen to belong together: sizes, calibrations, frames, stamps.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.offline import topics
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.samples import CLOUD, SPHERE
+from sphere_nav.ros.bags.samples import CAMERA_INFO, CLOUD, SPHERE
 from sphere_nav.ros.bags.streams import RGBD, STEREO, Stream, find_odometry, find_views, info_of, read_streams
 from sphere_nav.ros.camera.odometry_input import odometry_edge
 from sphere_nav.ros.maps.writer import MAP_FRAME
@@ -38,18 +39,22 @@ class Offer:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """An open bag and what has been found in it; `chosen` are the topics that the user named, by ours."""
+    """An open bag and what has been found in it.
+
+    `chosen` are the topics that the user named, by ours; `rig` his rig file, `mounting` where he says the camera sits.
+    """
 
     bag: BagReader
     streams: Sequence[Stream]
     frames: TransformTree
     chosen: dict[str, str]
     rig: Path | None = None
+    mounting: str = ""
 
     @classmethod
-    def of(cls, bag: BagReader, chosen: dict[str, str], rig: Path | None = None) -> Recording:
+    def of(cls, bag: BagReader, chosen: dict[str, str], rig: Path | None = None, mounting: str = "") -> Recording:
         """Look at the topics and the frames of a bag."""
-        return cls(bag, read_streams(bag), topics.read_frames(bag), chosen, rig)
+        return cls(bag, read_streams(bag), topics.read_frames(bag), chosen, rig, mounting)
 
     @property
     def odometry(self) -> str:
@@ -60,6 +65,10 @@ class Recording:
     def first(self, topic: str) -> Any:
         """Return the first message of a topic."""
         return next(self.bag.messages([topic])).message
+
+    def frame_of(self, topic: str) -> str:
+        """Return the frame of the messages of a topic."""
+        return next(stream.frame_id for stream in self.streams if stream.topic == topic)
 
     def find(self, wanted: Sequence[str]) -> dict[str, str]:
         """Return the topics that a job wants, by ours; BagError where there are none, or several."""
@@ -150,7 +159,8 @@ def offer_localize(recording: Recording) -> Offer:
     except ValueError as error:
         views = find_views(recording.streams)
         if len(views) > 1 and not recording.chosen:
-            return _offer_cameras(recording, command, views)
+            with suppress(BagError):
+                return _offer_cameras(recording, command, views)
         return Offer("localize", missing=str(error).removeprefix("topics: "))
     return Offer("localize", command + words, note=note if is_sure else PANORAMA_NOTE)
 
@@ -175,20 +185,21 @@ def _camera_words(recording: Recording) -> tuple[list[str], bool]:
 
 
 def _offer_cameras(recording: Recording, command: list[str], views: Sequence[Stream]) -> Offer:
-    """Return how to localise by all cameras: their lenses and places by the bag, else by the map of the same rig."""
+    """Return how to localise by all cameras: lenses and places by the bag, or of many without by the map of the rig.
+
+    BagError where neither tells them.
+    """
     names = topics.names_of_cameras(views)
     words = [f"--camera={name}={view.topic}" for name, view in zip(names, views, strict=True)]
     frames, infos = recording.frames, [stream for stream in recording.streams if not stream.is_image]
-    try:
-        for view in views:
-            info_of(view, infos, "--info")
-        is_told = all(frames.is_connected(topics.BASE_FRAME, view.frame_id) for view in views)
-    except BagError:
-        is_told = False
-    if is_told:
-        return Offer("localize", command + words, note=f"ready, by {len(views)} cameras")
-    note = f"ready, by {len(views)} cameras, in a map made by a rig with these names"
-    return Offer("localize", [*command, "--set", "rig.calibration=map", *words], note=note)
+    if len(views) >= MIN_RIG_CAMERAS and not any(stream.type == CAMERA_INFO for stream in infos):
+        note = f"ready, by {len(views)} cameras, in a map made by a rig with these names"
+        return Offer("localize", [*command, "--set", "rig.calibration=map", *words], note=note)
+    for view in views:
+        info_of(view, infos, "--info")
+        if not frames.is_connected(topics.BASE_FRAME, view.frame_id):
+            raise BagError(f"expected {view.frame_id} on /tf_static, found no way to it")
+    return Offer("localize", command + words, note=f"ready, by {len(views)} cameras")
 
 
 def offer_mcl(recording: Recording) -> Offer:
@@ -201,6 +212,10 @@ def offer_mcl(recording: Recording) -> Offer:
     if not recording.odometry:
         expected = f"odometry (nav_msgs/Odometry, or a frame that moves above {topics.BASE_FRAME} on /tf)"
         return Offer("mcl", missing=f"expected {expected}, found none")
+    frame = recording.frame_of(recording.find(("image_raw",))["image_raw"])
+    if not recording.mounting and not recording.frames.is_connected(topics.BASE_FRAME, frame):
+        expected = f"{topics.BASE_FRAME} and {frame or 'the images'} on /tf_static, or the height by --mounting"
+        return Offer("mcl", missing=f"expected {expected}, found neither")
     clouds = ", ".join(stream.topic for stream in recording.streams if stream.type == CLOUD)
     note = f"ready; the bag has point clouds, too ({clouds})" if clouds else ""
     command = ["sphere_nav", "mcl", CLOUD_FILE, str(bag.path), "-o", f"{bag.path.stem}_mcl.tum", *words]

@@ -39,7 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the topics and the offers; 1 if the bag is good for none of the jobs."""
     with BagReader(arguments.bag) as bag:
-        recording = Recording.of(bag, topics.choose_topics(bag, arguments), arguments.rig)
+        chosen = topics.choose_topics(bag, arguments)
+        recording = Recording.of(bag, chosen, arguments.rig, arguments.mounting)
         streams, (first, last) = recording.streams, bag.time_range
         mounting = describe_mountings(recording.frames, streams, arguments.mounting)
         offers = find_offers(recording)

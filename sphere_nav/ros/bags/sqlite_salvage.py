@@ -6,7 +6,6 @@ chains of overflow pages (https://www.sqlite.org/fileformat2.html). Each row of 
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -25,7 +24,8 @@ MAGIC, ZSTD_MAGIC = b"SQLite format 3\x00", b"\x28\xb5\x2f\xfd"
 HEADER, LEAF, LEAF_HEADER = 100, 0x0D, 8  # bytes of the file's header, type of a leaf page, bytes of its header
 SIZES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 7: 8, 8: 0, 9: 0}  # serial type -> bytes; from 12 on by its number
 FIRST_BLOB = 12  # serial type of an empty blob; odd ones are texts
-DAMAGE = (IndexError, ValueError, struct.error)
+DAMAGE = (LookupError, ValueError)
+MAX_STAMP = 1 << 63  # ns; a later one, or one below 0, is no time
 
 
 class _Row(NamedTuple):
@@ -86,10 +86,12 @@ class SqliteSalvage:
                 with suppress(*DAMAGE):
                     number, values = pages.row(page, place, is_head=True)
                     kinds = [type(value) for value in values]
-                    if kinds == [type(None), int, int, bytes]:
+                    if kinds == [type(None), int, int, bytes] and 0 <= values[2] < MAX_STAMP:
                         rows.setdefault(number, _Row(values[2], number, page, place))
                     elif kinds[1:5] == [str] * 4:
                         values = pages.row(page, place)[1]
+                        if not (values[1] + values[2]).isprintable():
+                            continue
                         if values[1].startswith("/") and len(topics) < MAX_TOPICS:
                             topics[number] = values
                         else:
