@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ ALIGNMENTS = ("none", "poses", "se3", "sim3")
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")  # of a tangent vector
 RPE_TOLERANCE = 0.1  # of a stretch of way, by which a pair of poses may be longer or shorter (that of evo)
 MEDIAN_OF_NORM = 1.538  # median of the length of a vector of three errors of standard deviation 1
-HUBER = 3.0  # standard deviations from which the length of three errors counts less
+HUBER, TUKEY = 3.0, 6.0  # standard deviations: from where the length of three errors counts less, or not at all
 NUM_ROUNDS, SETTLED = 100, 1e-12  # of weighing anew; the step in m or rad that is the last
 LEAST_SIGMA = 1e-9  # m, rad: of poses that agree exactly
 
@@ -72,7 +73,11 @@ def align(estimate: Trajectory, truth: Trajectory, kind: str) -> tuple[SE3, floa
         return SE3.identity(), 1.0
     if kind == "poses":
         return align_poses(estimate.T_map_body, truth.T_map_body), 1.0
-    source, target = estimate.positions, truth.positions
+    return _fit_positions(estimate.positions, truth.positions, has_scale=kind == "sim3")
+
+
+def _fit_positions(source: Array, target: Array, *, has_scale: bool) -> tuple[SE3, float]:
+    """Return the motion and scale that bring positions (N, 3) together best; ValueError for those on one line."""
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
     U, sizes, Vt = np.linalg.svd((target - target_mean).T @ (source - source_mean) / len(source))
     if len(source) < 3 or sizes[1] < 1e-9 * max(sizes[0], 1e-30):
@@ -80,49 +85,58 @@ def align(estimate: Trajectory, truth: Trajectory, kind: str) -> tuple[SE3, floa
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
     R = (U * signs) @ Vt
     variance = np.mean(np.sum((source - source_mean) ** 2, axis=-1))
-    scale = float(sizes @ signs / variance) if kind == "sim3" else 1.0
+    scale = float(sizes @ signs / variance) if has_scale else 1.0
     return SE3.from_parts(R, target_mean - scale * R @ source_mean), scale
 
 
 def align_poses(estimate: SE3, truth: SE3) -> SE3:
     """Return `T_truth_estimate` of paired poses (N,), by positions and rotations together.
 
-    It minimises sum rho(|q - (R p + t)| / sigma_p) + rho(|log(R_q (R R_p)^T)| / sigma_r) with Huber's rho. Both sigmas
+    It minimises sum rho(|q - (R p + t)| / sigma_p) + rho(|log(R_q (R R_p)^T)| / sigma_r) with Tukey's rho. Both sigmas
     are those of the remaining errors, by their medians, found anew in each round: so a path that is straight, or short
-    for its errors, is turned by its rotations, a long bent one by its positions, and a few wrong poses by none.
+    for its errors, is turned by its rotations, a long bent one by its positions, and a few wrong poses by none. Begun
+    at what the rotations say and at what the positions say, it takes the end where sigma_p sigma_r is smaller.
     """
-    p, q = estimate.translation, truth.translation
     R = so3.nearest_rotations(np.sum(truth.rotation @ np.swapaxes(estimate.rotation, -1, -2), axis=0))
-    t = np.median(q - p @ R.T, axis=0)
-    for _ in range(NUM_ROUNDS):
-        rotated = p @ R.T
-        off = q - rotated - t
+    starts = [SE3.from_parts(R, np.median(truth.translation - estimate.translation @ R.T, axis=0))]
+    with suppress(ValueError):
+        starts.append(_fit_positions(estimate.translation, truth.translation, has_scale=False)[0])
+    fits = [_refine(estimate, truth, start) for start in starts]
+    return min(fits, key=lambda fit: fit[0])[1]
+
+
+def _refine(estimate: SE3, truth: SE3, start: SE3) -> tuple[float, SE3]:
+    """Return log(sigma_p sigma_r) and the pose where weighing anew has settled, from a start on."""
+    R, t = start.rotation, start.translation
+    for number in range(NUM_ROUNDS):
+        rotated = estimate.translation @ R.T
+        off = truth.translation - rotated - t
         turn = so3.log(truth.rotation @ np.swapaxes(R @ estimate.rotation, -1, -2))
-        w, v = _weights(off), _weights(turn)
-        center = np.average(rotated, axis=0, weights=w)
-        arms, mean = rotated - center, np.average(off, axis=0, weights=w)
+        is_near = number >= NUM_ROUNDS // 4
+        (w, sigma_p), (v, sigma_r) = _weigh(off, is_near=is_near), _weigh(turn, is_near=is_near)
+        center, mean = np.average(rotated, axis=0, weights=w), np.average(off, axis=0, weights=w)
+        arms = rotated - center
         # off - mean ~ delta x arm, turn ~ delta: the normal equations of delta
-        A = np.einsum("n,nij->ij", w, np.einsum("ni,ni->n", arms, arms)[:, None, None] * np.eye(3) - _outer(arms))
+        A = np.sum(arms**2, axis=-1)[:, None, None] * np.eye(3) - arms[:, :, None] * arms[:, None, :]
         b = np.sum(w[:, None] * np.cross(arms, off - mean), axis=0) + np.sum(v[:, None] * turn, axis=0)
-        delta = np.linalg.solve(A + v.sum() * np.eye(3), b)
+        delta = np.linalg.solve(np.einsum("n,nij->ij", w, A) + v.sum() * np.eye(3), b)
         R_step = so3.exp(delta)
         R, t = R_step @ R, t + mean + center - R_step @ center
-        if max(np.abs(delta).max(), np.abs(mean).max()) < SETTLED:
+        if is_near and max(np.abs(delta).max(), np.abs(mean).max()) < SETTLED:
             break
-    return SE3.from_parts(R, t)
+    return float(np.log(sigma_p) + np.log(sigma_r)), SE3.from_parts(R, t)
 
 
-def _weights(errors: Array) -> Array:
-    """Return what errors (N, 3) weigh by Huber's rho, over their variance, which they tell themselves."""
+def _weigh(errors: Array, *, is_near: bool) -> tuple[Array, float]:
+    """Return what errors (N, 3) weigh, over their variance, and their standard deviation, which they tell themselves.
+
+    Far from the end by Huber's rho, which nothing is lost to; near it by Tukey's, which is blind to what is wrong.
+    """
     size = np.linalg.norm(errors, axis=-1)
     sigma = max(float(np.median(size)) / MEDIAN_OF_NORM, LEAST_SIGMA)
-    weights: Array = np.minimum(1.0, HUBER * sigma / np.maximum(size, LEAST_SIGMA)) / sigma**2
-    return weights
-
-
-def _outer(vectors: Array) -> Array:
-    outer: Array = vectors[:, :, None] * vectors[:, None, :]
-    return outer
+    huber = np.minimum(1.0, HUBER * sigma / np.maximum(size, LEAST_SIGMA))
+    tukey = np.clip(1.0 - (size / (TUKEY * sigma)) ** 2, 0.0, None) ** 2
+    return (tukey if is_near else huber) / sigma**2, sigma
 
 
 def absolute_errors(estimate: Trajectory, truth: Trajectory, directions: Array) -> AbsoluteErrors:

@@ -100,7 +100,7 @@ def test_no_alignment_is_identity_and_a_line_cannot_be_aligned():
     line = Trajectory(np.arange(9), SE3.from_parts(np.eye(3), np.outer(np.arange(9), [1.0, 2.0, 0.0])))
     with pytest.raises(ValueError, match="not on one line, found 9 poses"):
         align(line, line, "se3")
-    with pytest.raises(ValueError, match="expected one of none, se3, sim3, found 'affine'"):
+    with pytest.raises(ValueError, match="expected one of none, poses, se3, sim3, found 'affine'"):
         align(TRUTH, TRUTH, "affine")
 
 
@@ -109,7 +109,7 @@ def test_relative_errors_see_drift_and_not_an_offset():
     np.testing.assert_allclose(relative_errors(offset, TRUTH, 2.0).translation_m, 0.0, atol=1e-9)
     stretched = TRUTH.moved(SE3.identity(), 1.02)
     drift = relative_errors(stretched, TRUTH, 2.0)
-    assert np.all(drift.length_m >= 2.0)
+    assert np.all(np.abs(drift.length_m - 2.0) <= 0.2)
     assert np.all(drift.length_m < 2.0 + 2 * 0.06)  # at most one pose further than asked
     assert np.median(drift.translation_m / drift.length_m) == pytest.approx(0.02, rel=0.05)  # chord against way
 
@@ -140,8 +140,9 @@ def test_nees_is_unknown_without_a_usable_covariance():
 
 
 def straight(num_poses=120, step_m=0.02):
-    """A level way straight on, heading along it."""
-    place = np.column_stack([np.arange(num_poses) * step_m, np.zeros((num_poses, 2))])
+    """A level way straight on but for a millimetre, heading along it."""
+    way = np.arange(num_poses)
+    place = np.column_stack([way * step_m, 1e-3 * np.sin(way), 1e-3 * np.cos(2 * way)])
     return Trajectory(np.arange(num_poses) * 10**8, SE3.from_parts(np.repeat(np.eye(3)[None], num_poses, 0), place))
 
 
@@ -204,9 +205,9 @@ def test_each_axis_has_its_own_consistency():
 
 def test_a_stretch_is_of_the_pose_that_is_nearest_to_its_length():
     truth = straight(11, 0.3)
-    found = relative_errors(truth, truth, 1.0)
-    np.testing.assert_allclose(found.length_m, 0.9)  # 1.2 m is farther from 1 m
+    found = relative_errors(truth, truth, 0.95)
+    np.testing.assert_allclose(found.length_m, 0.9, rtol=1e-3)  # 1.2 m is farther from 0.95 m
     assert len(found.length_m) == 8
-    assert len(relative_errors(truth, truth, 0.05).length_m) == 0  # none within a tenth
+    assert len(relative_errors(truth, truth, 1.05).length_m) == 0  # none within a tenth
     still = Trajectory(np.arange(5), SE3(np.repeat(np.eye(4)[None], 5, axis=0)))
     assert len(relative_errors(still, still, 1.0).length_m) == 0
