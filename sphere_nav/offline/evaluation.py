@@ -67,13 +67,7 @@ def evaluate_poses(
         paired, paired_truth, directions = estimate[first], truth[second], directions[second]
     if not len(paired):
         raise ValueError(f"stamps: expected some in common within {tolerance_s:g} s, found {_spans(estimate, truth)}")
-    if aligned_by is None:
-        T_truth_estimate, scale = align(paired, paired_truth, alignment)
-    else:
-        anchor, known = aligned_by[1].at(aligned_by[0].stamps_ns, max_gap_ns=round(1e9))
-        if not known.any():
-            raise ValueError(f"stamps: expected some in common to align by, found {_spans(*aligned_by)}")
-        T_truth_estimate, scale = align(aligned_by[0][known], anchor, alignment)
+    T_truth_estimate, scale = find_alignment((paired, paired_truth), alignment, aligned_by)
     paired = paired.moved(T_truth_estimate, scale)
     errors = absolute_errors(paired, paired_truth, directions)
     report = {
@@ -88,6 +82,19 @@ def evaluate_poses(
         "length_m": float(paired_truth.distances[-1]),
     }
     return Judged(paired, paired_truth, truth, errors, report)
+
+
+def find_alignment(
+    paired: tuple[Trajectory, Trajectory], kind: str, aligned_by: tuple[Trajectory, Trajectory] | None
+) -> tuple[SE3, float]:
+    """Return T_truth_estimate and scale by an estimate and its truth: the paired one, or another one that is given."""
+    if aligned_by is None:
+        return align(*paired, kind)
+    estimate, truth = aligned_by
+    at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))
+    if not known.any():
+        raise ValueError(f"stamps: expected some in common to align by, found {_spans(*aligned_by)}")
+    return align(estimate[known], at, kind)
 
 
 def error_table(report: dict[str, Any]) -> str:

@@ -157,7 +157,7 @@ def offer_localize(recording: Recording) -> Offer:
     try:
         words, is_sure = _camera_words(recording)
     except ValueError as error:
-        views = find_views(recording.streams)
+        views = find_views(recording.streams, has_pairs=True)
         if len(views) > 1 and not recording.chosen:
             with suppress(BagError):
                 return _offer_cameras(recording, command, views)
