@@ -39,7 +39,10 @@ class Front:
     def wait(self, timeout=1e9):
         end = time.monotonic() + timeout
         while self.status is None:
-            done, status = os.waitpid(self.pid, os.WNOHANG)
+            try:
+                done, status = os.waitpid(self.pid, os.WNOHANG)
+            except ChildProcessError:  # another thread has its status, and is about to say so
+                done = 0
             if done:
                 self.status = os.waitstatus_to_exitcode(status)
             elif time.monotonic() > end:
