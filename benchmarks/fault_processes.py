@@ -92,7 +92,7 @@ def signalled(name: str, count: int, gate: EventOfProcesses | None = None) -> tu
                 rclpy.try_shutdown()
                 assert nursery.stdin is not None
                 nursery.stdin.close()
-    return sum(np.isfinite(delays)), max(delays)
+    return int(np.isfinite(delays).sum()), max(delays)
 
 
 def _end_by(
