@@ -14,6 +14,7 @@ from typing import Any
 
 from sphere_mapping.ros.stereo_intake import open_pair
 from sphere_nav.geometry.files.rig_file import read_rig
+from sphere_nav.localization.params import RigParams
 from sphere_nav.offline import topics
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
@@ -194,7 +195,11 @@ def _offer_cameras(recording: Recording, command: list[str], views: Sequence[Str
     frames, infos = recording.frames, [stream for stream in recording.streams if not stream.is_image]
     if len(views) >= MIN_RIG_CAMERAS and not any(stream.type == CAMERA_INFO for stream in infos):
         note = f"ready, by {len(views)} cameras, in a map made by a rig with these names"
-        return Offer("localize", [*command, "--set", "rig.calibration=map", *words], note=note)
+        command = [*command, "--set", "rig.calibration=map", *words]
+        if not recording.mounting and not frames.is_connected(topics.BASE_FRAME, RigParams().frame):
+            note += ", which is taken as the vehicle; --mounting tells otherwise"
+            command += ["--mounting", topics.CAMERA_IS_VEHICLE]
+        return Offer("localize", command, note=note)
     for view in views:
         info_of(view, infos, "--info")
         if not frames.is_connected(topics.BASE_FRAME, view.frame_id):

@@ -23,6 +23,7 @@ SECOND = 10**9
 NAMES = ("front", "left", "right")
 RIG = [Stream(f"/{name}/image_raw", IMAGE, 9, 30.0, name, 160, 120, "mono8") for name in NAMES]
 INFOS = [Stream(f"/{name}/camera_info", CAMERA_INFO, 9, 30.0, name, 160, 120, "plumb_bob") for name in NAMES]
+RIG_LINK = ("base_link", "rig_link")
 ODOM = Stream("/wheel/odom", ODOMETRY, 90, 50.0, "odom")
 
 
@@ -64,7 +65,10 @@ def test_a_rig_file_says_which_cameras_there_are(monkeypatch):
 
 
 def test_several_cameras_localize_by_the_map_of_their_rig_or_by_their_own_calibrations():
-    assert "rig.calibration=map" in offer_localize(recording(*RIG)).command
+    unmounted, mounted = (offer_localize(recording(*RIG, tree=tree)).command for tree in (frames(), frames(RIG_LINK)))
+    assert "rig.calibration=map" in mounted
+    assert "--mounting" not in mounted
+    assert unmounted == [*mounted, "--mounting", "0,0,0,0,0,0"]
     told = offer_localize(recording(*RIG, *INFOS, tree=MOUNTED))
     assert told.note == "ready, by 3 cameras"
     assert "rig.calibration=map" not in told.command
