@@ -229,7 +229,7 @@ class Drive:
             T = base_pose(number) if place == len(self.moving) - 1 else SE3.identity()
             yield "/tf", self.tf, log, make.transforms([(values_of(T), parent, child)], ns, self.tf)
         if self.info:
-            options = {"has_k": self.has_k, "model": self.model}
+            options: dict[str, Any] = {"has_k": self.has_k, "model": self.model}
             yield self.info, INFO, log + 10**6, make.info(self.info_size, FOCAL, ns, frame, **options)
         if self.image:
             yield self.image, *_timed(encode(make, gray, self.encoding, ns, self.frame), log + 2 * 10**6)
@@ -267,7 +267,7 @@ def stereo(
         ns = steady(number)
         for topic, frame, shift in zip(names, frames, (0.0, BASELINE), strict=True):
             gray, _ = see(CAMERA, number, shift)
-            options = {"baseline": baseline * (shift > 0), "has_k": has_k, "has_p": not has_frames}
+            options: dict[str, Any] = {"baseline": baseline * (shift > 0), "has_k": has_k, "has_p": not has_frames}
             info = make.info(SIZE, FOCAL, ns, frame, **options)
             found.append((f"{topic.rpartition('/')[0]}/camera_info", INFO, ns, info))
             found.append((topic, IMAGE, ns + 1, make.image(gray, ns, frame, "mono8")))
@@ -478,7 +478,7 @@ def _encodings() -> list[Exhibit]:
         "webp": ("expected PNG or JPEG", PACKED),
         "ffmpeg": ("(video: ffmpeg_image_transport_msgs", PACKED),
     }
-    rvl = {"depth": f"{D.depth}/compressedDepth", "depth_encoding": "rvl"}
+    rvl: dict[str, Any] = {"depth": f"{D.depth}/compressedDepth", "depth_encoding": "rvl"}
     return [
         *(of(f"image_{name}", encoding=name) for name in raw),
         *(of(f"image_{name}", image=PACKED, encoding=name) for name in ("jpeg", "png")),

@@ -140,7 +140,7 @@ def _offer_rig(recording: Recording, command: list[str]) -> Offer:
         note = f"from the cameras of a rig, with {RIG_FILE} (sphere_nav calibrate, or rig-convert) that has these names"
         return Offer("map", [*command, "--rig", RIG_FILE, *words], note=note)
     try:
-        names = read_rig(recording.rig).names
+        names = list(read_rig(recording.rig).names)
         found = topics.find_rig_topics(recording.bag, names, recording.chosen)
     except BagError as error:
         return Offer("map", missing=str(error).removeprefix(f"{recording.bag.path}: topics: "))
