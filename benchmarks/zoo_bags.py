@@ -419,7 +419,7 @@ def _storages() -> list[Exhibit]:
 
 
 def _damages() -> list[Exhibit]:
-    long = replace(D, num=16)
+    long = replace(D, num=10)
     saved = [
         of("mcap_cut", long, cut(mcap(chunk_size=100_000)), words="truncated MCAP"),
         of("sqlite_cut", long, cut(ros2("sqlite")), words="can be salvaged"),
@@ -494,7 +494,7 @@ def _encodings() -> list[Exhibit]:
 
 
 def _faults() -> list[Exhibit]:
-    long, boot = replace(D, num=14), SECOND - EPOCH
+    long, boot = replace(D, num=12), SECOND - EPOCH
     none, height = "header.stamp: expected", "height by --mounting"
     tf = (("odom", "base_link"),)
     return [

@@ -17,7 +17,6 @@ SPREAD = (  # of writers, encodings, names, clocks and faults; `python -m benchm
     "sqlite_cut",
     "depth_16UC1_png_compressed",
     "bad_h264",
-    "bad_rvl",
     "k_is_0",
     "other_info_frame",
     "clock_set_back",
