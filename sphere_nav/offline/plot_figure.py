@@ -185,6 +185,7 @@ def draw_evaluation(
         for axes, name, color in ((lower, "translation [m]", ESTIMATE), (turned, "rotation [°]", ROTATION)):
             axes.set_ylabel(f"error of {name}", color=color)
             axes.tick_params(axis="y", labelcolor=color)
+            axes.margins(y=0.25)  # for the legend
             axes.set_ylim(bottom=0.0)
         turned.grid(visible=False)
         lower.set_xlabel("time [s]")
