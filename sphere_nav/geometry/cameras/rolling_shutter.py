@@ -18,6 +18,7 @@ from sphere_nav.geometry.se3 import SE3
 from sphere_nav.params import param, parameters
 
 ROW_STEPS = 6  # each divides the error of the row by the rows of a readout over the image motion within it
+SAME_ROW = 1e-3  # rows, a change that moves no pixel any more
 MAX_READOUT_S = 0.2
 
 
@@ -53,10 +54,14 @@ def project_rolling(camera: Camera, points: ArrayLike, twist: ArrayLike) -> tupl
     The row decides where the camera was, and that decides the row: found by fixed-point iteration.
     """
     p = np.asarray(points, dtype=np.float64)
-    pixels, _ = camera.project(p)
+    pixels, is_inside = camera.project(p)
+    if not np.any(twist):
+        return pixels, is_inside
     for _ in range(ROW_STEPS):
-        share = np.nan_to_num(row_share(pixels[:, 1], camera.height))
+        share, before = np.nan_to_num(row_share(pixels[:, 1], camera.height)), pixels
         pixels, _ = camera.project(_moved_back(p, share, twist))
+        if not np.any(np.abs(pixels - before)[:, 1] > SAME_ROW):
+            break
     return pixels, inside(pixels, camera)
 
 
