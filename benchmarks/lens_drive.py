@@ -10,7 +10,7 @@ import argparse
 import contextlib
 import io
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -92,7 +92,7 @@ def run(options: argparse.Namespace) -> Report:
     """Refine, judge, and drive with a readout."""
     report = Report("lens_drive", notes=[describe(options.threads)])
     data = options.recordings / "rgbd/redkitchen"
-    wanted = options.sequences or (QUICK if options.quick else [""])
+    wanted: Sequence[str] = options.sequences or (QUICK if options.quick else [""])
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         world = make_world(data, folder)
@@ -114,7 +114,7 @@ def make_world(data: Path, folder: Path) -> SphereWorld:
         return SphereWorld(sphere_map.load_sphere(0))
 
 
-def drawn_cases(world: SphereWorld, folder: Path, wanted: list[str]) -> Iterator[Case]:
+def drawn_cases(world: SphereWorld, folder: Path, wanted: Sequence[str]) -> Iterator[Case]:
     """Yield the rendered sequences: mapped for 1.3 s, refined by 2 s, judged by another second."""
     for one in DRAWN:
         if not any(word in one.name for word in wanted):
@@ -128,7 +128,7 @@ def drawn_cases(world: SphereWorld, folder: Path, wanted: list[str]) -> Iterator
         yield Case(one.name, part / "map", part / "drive", part / "held_out", truth)
 
 
-def real_cases(data: Path, recordings: Path, folder: Path, wanted: list[str]) -> Iterator[Case]:
+def real_cases(data: Path, recordings: Path, folder: Path, wanted: Sequence[str]) -> Iterator[Case]:
     """Yield the recorded sequences that are there."""
     for number, (name, mapped, driven, held_out, lens) in enumerate(REAL):
         poses = colmap_poses(data) if data.is_dir() else None
@@ -147,8 +147,8 @@ def real_cases(data: Path, recordings: Path, folder: Path, wanted: list[str]) ->
             call("import", "kitti", road, "-o", part / bag, "--frames", frames)
         call("map", part / "taught", "-o", part / "map", "--anchor", "truth")
         with BagReader(part / "drive") as bag_reader:
-            given = camera_from_info(next(bag_reader.messages(["/left/camera_info"])).message)
-        yield Case(name, part / "map", part / "drive", part / "held_out", Lens.of(given))
+            printed = camera_from_info(next(bag_reader.messages(["/left/camera_info"])).message)
+        yield Case(name, part / "map", part / "drive", part / "held_out", Lens.of(printed))
 
 
 def judge(case: Case, report: Report) -> Iterator[Bound]:

@@ -21,6 +21,7 @@ from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
 from sphere_nav.photometric.pixels.selection import select
 
+SAME_ROW = 1e-3  # rows: sampling errs by more
 ROW_OF_GRAY = GRAY // SIDE  # of a block, behind those of the point
 
 
@@ -103,7 +104,7 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
     """Return the residuals (N,) of the pixels in view and their derivative (N, P + 8)."""
     data, camera, T_camera_map = image.levels[level], lens.level(level), state.pose.inverse()
     points, J_map = _points_in_camera(image, data.points_map, T_camera_map, lens)
-    pixels, _ = project_rolling(camera, points, lens.readout * image.velocity)
+    pixels, _ = project_rolling(camera, points, lens.readout * image.velocity, SAME_ROW)
     seen = inner(pixels, camera)
     points, pixels = points[seen], pixels[seen]
     current, gradient = sample_with_gradient(data.image, pixels)

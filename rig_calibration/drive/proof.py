@@ -132,7 +132,7 @@ def prove(images: Sequence[DriveImage], given: Lens, max_readout: float = np.inf
         float(np.mean(gains)) / deviation,
         float(t.ppf(1.0 - FALSE_ALARM, len(gains) - 1)),
         float(np.mean(moved)),
-        lens_distance(*halves, speed),
+        lens_distance(halves[0], halves[1], speed),
         max_readout,
     )
 
@@ -172,7 +172,8 @@ def settle(image: DriveImage, state: ImageState, lens: Lens) -> Array:
             cost = _cost(residual, part.sigma)
             if part.num_pixels == 0 or cost > (1.0 - MIN_OWN_STEP) * least:
                 break
-            least, state = cost, state.moved(-np.linalg.solve(part.H + 1e-9 * np.eye(len(part.g)), part.g))
+            step = -np.linalg.solve(part.H + 1e-9 * np.eye(len(part.g)), part.g)
+            least, state = cost, state.moved(np.asarray(step, np.float64))
     return differentiate(image, state, lens, 0)[0]
 
 
