@@ -17,8 +17,9 @@ from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 
+from benchmarks.room import render
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid, pixel_rays
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.cameras.rolling_shutter import row_share
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.writer import BagWriter
@@ -142,10 +143,5 @@ def record(bag: Path, world: SphereWorld, how: Recorded, way: Sway, start_s: flo
 
 def room_sphere(camera: Spherical, seed: int) -> Sphere:
     """Return a sphere of the room that most benchmarks use: a world where there is no recording."""
-    from benchmarks.room import render
-
     image, range_m = render(camera, SE3.identity(), seed)
     return Sphere(np.maximum(image, 1), range_m, camera)
-
-
-__all__ = ["Recorded", "SphereWorld", "Sway", "pixel_grid", "record", "room_sphere"]

@@ -70,7 +70,7 @@ def test_what_is_not_proved_is_not_written(recorded, tmp_path, capsys, monkeypat
     monkeypatch.setattr("rig_calibration.drive.proof.FALSE_ALARM", 1e-30)  # no evidence is enough
     monkeypatch.setattr("sphere_nav.offline.refine_camera.REFINE_ROUNDS", 1)
     output = tmp_path / "camera.yaml"
-    words = ["refine-camera", str(recorded / "map"), str(recorded / "bag"), "-o", str(output), *TUNED[:-1], "6"]
+    words = ["refine-camera", str(recorded / "map"), str(recorded / "bag"), "-o", str(output), *TUNED]
     assert main(words) == 1
     assert not output.exists()
     printed = capsys.readouterr().out
