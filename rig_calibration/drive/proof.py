@@ -151,8 +151,10 @@ def _widen(found: RefinedCamera, halves: Sequence[Lens], num_runs: int, held: Se
 def compare(images: Sequence[DriveImage], states: Sequence[ImageState], given: Lens, lens: Lens) -> Array:
     """Return by how much a pixel of each image (N,) is likelier, in the mean, under `lens` than under `given`.
 
-    The negative logarithm of Huber's likelihood; both by the same scale, the residuals' under the given lens.
+    The negative logarithm of Huber's likelihood; both by the same scale, the residuals' under the given lens. In the
+    map as it is: that is what will be driven in, whatever the lens that made it.
     """
+    given, lens = given.beside_map(False), lens.beside_map(False)
     gains = np.zeros(len(images))
     for k, (image, state) in enumerate(zip(images, states, strict=True)):
         before, after = (settle(image, state, one) for one in (given, lens))
