@@ -31,6 +31,7 @@ BENCHMARKS = {
     "stitching": "benchmarks.stitching",
     "mapping_times": "benchmarks.mapping_times",
     "range_honesty": "benchmarks.range_honesty",
+    "lens_drive": "benchmarks.lens_drive",
     "lens_rigs": "benchmarks.lens_rigs",
     "pose_graphs": "benchmarks.pose_graphs",
     "pair_registration": "benchmarks.pair_registration",

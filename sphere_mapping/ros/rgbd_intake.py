@@ -61,7 +61,8 @@ class RgbdIntake:
         if self._on_rgbd is not None:
             self._on_rgbd(found)
             return None
-        view, readout, partial = view_of(found), self._params.camera.readout, self._params.mapper.partial
+        readout, partial = self._params.camera.readout, self._params.mapper.partial
+        view = view_of(found, is_rolling=readout > 0.0)
 
         def unroll(velocity: NDArray[np.float64]) -> Sphere:
             return sphere_from_views([replace(view, twist=velocity * readout)], instant.stamp_ns, partial)
@@ -85,19 +86,23 @@ class RgbdIntake:
         return RgbdInstant(instant.stamp_ns, image, depth_m, camera, depth_camera, T_image_depth, is_registered)
 
 
-def view_of(found: RgbdInstant) -> RgbdView:
-    """Return the view of an instant; depth that was registered is registered anew where a pose is given."""
+def view_of(found: RgbdInstant, is_rolling: bool = False) -> RgbdView:
+    """Return the view of an instant; depth that was registered is registered anew where a pose is given.
+
+    So is depth of another camera under a rolling shutter: rows are straightened in one image.
+    """
     T_image_depth, depth_m, camera = found.T_image_depth, found.depth_m, found.camera
     is_off = bool(np.any(T_image_depth.log()))
-    if found.is_registered and is_off:
-        register = _registration(camera, T_image_depth.matrix.tobytes())
+    is_beside = not found.is_registered and (found.depth_camera != camera or is_off)
+    if (found.is_registered and is_off) or (is_beside and is_rolling):
+        register = _registration(found.depth_camera, camera, T_image_depth.matrix.tobytes())
         depth_m = register(np.ascontiguousarray(depth_m, np.float32))
-    if found.is_registered or (found.depth_camera == camera and not is_off):
+    if not is_beside or is_rolling:
         return RgbdView(found.image, depth_m, camera)
     T_sphere_depth = T_BODY_OPTICAL @ T_image_depth
     return RgbdView(found.image, depth_m, camera, depth_camera=found.depth_camera, T_sphere_depth=T_sphere_depth)
 
 
 @lru_cache(maxsize=4)
-def _registration(camera: Camera, T_image_depth: bytes) -> DepthRegistration:
-    return DepthRegistration(camera, camera, SE3(np.frombuffer(T_image_depth).reshape(4, 4)))
+def _registration(depth_camera: Camera, camera: Camera, T_image_depth: bytes) -> DepthRegistration:
+    return DepthRegistration(depth_camera, camera, SE3(np.frombuffer(T_image_depth).reshape(4, 4)))

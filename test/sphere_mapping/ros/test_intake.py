@@ -100,6 +100,18 @@ def test_depth_of_a_camera_beside_gives_the_same_range():
     assert np.mean(errors > 0.02) < 0.02  # at edges, which the two cameras see from different places
 
 
+def test_depth_of_a_camera_beside_bears_a_rolling_shutter():
+    messages = dict(rgbd(0))
+    _, depth_m = ROOM.rgbd(DEPTH_CAMERA, optical(pose(0)) @ T_IMAGE_DEPTH)
+    messages["depth/image_raw"] = array_to_image(depth_m, stamp(0), "depth_optical", "32FC1")
+    info = (DEPTH_INFO, camera_to_info(DEPTH_CAMERA, stamp(0), "depth_optical"))
+    ((rolled, _, _, unroll),) = caught("rgbd", info, *messages.items(), **{"camera.readout": 0.02}).caught
+    straight = unroll(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    both = rolled.measured & straight.measured
+    assert both.sum() > 0.6 * rolled.measured.sum()
+    assert 1e-4 < np.median(np.abs(straight.range_m[both] / rolled.range_m[both] - 1)) < 0.05
+
+
 def test_registered_depth_is_registered_anew_where_its_pose_is_given():
     ((right, *_),) = caught("rgbd", *rgbd(0)).caught
     _, depth_m = ROOM.rgbd(CAMERA, optical(pose(0)) @ T_IMAGE_DEPTH)
