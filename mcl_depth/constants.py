@@ -16,6 +16,7 @@ MAX_LEAP = 0.5  # m, believed at any speed
 BLIND_SPEED, BLIND_TURN_RATE = 0.5, 0.35  # standard deviations of speed, m/s, and turn rate, rad/s, without odometry
 MAX_BLIND_STEP = 1.0  # m
 MIN_TURN = np.radians(3.0)  # an image turned by this tells something new, wherever it was taken (test_dead_reckoning)
+STANDSTILL_NS = 10**9  # images of a standstill that nothing else confirms are compared so often (test_dead_reckoning)
 UNMODELED = np.repeat([0.10, np.radians(1.0)], 3)  # (6,) m, rad: errors of map, tilt and height (belief/test_estimate)
 
 # Particles, N17 section III-C (belief/test_resampling, test_sampling, test_filter_parts)
@@ -74,6 +75,14 @@ MIN_MEAN, MIN_SIGMA = 2.0, 1.0  # of a right place
 MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
 MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
 NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
+
+# Odometry against the images (belief/test_image_motion); chosen in towns 61 and 62, `benchmarks contradictions`
+CONTRADICTION = 21.1  # chi^2 of 3 degrees of freedom: odometry and images that are right differ so in 1e-4 of the images
+IMAGE_SIGMA = np.array([0.03, 0.03, np.radians(0.3)])  # m, m, rad: of a motion by images, however short
+IMAGE_DRIFT = np.array([0.04, 0.04, np.radians(0.3)])  # and by its way: the range is that of the map, not quite there
+MIN_NCC = 0.8  # correlation of images that are aligned; unrelated ones reach 0.77, part of the sphere 0.86
+IMAGE_FORGETTING = 0.2  # of the usual correlation and way, with every image
+MAX_USUAL_WAYS, SAME_PLACE = 2.0, 0.2  # by the usual way, and m: farther images need not resemble the last
 
 # Homing, N17 section III-D (ros/test_homing)
 NUM_DIRECTIONS, NUM_DISTANCES = 16, 2  # psi around the waypoint (N17 table I); d around it, beside zero

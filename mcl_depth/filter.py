@@ -13,6 +13,7 @@ from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Belief, Estimate, Observation, level_pose, pose_covariance
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.hypotheses import Lineage, find_hypotheses
+from mcl_depth.belief.image_motion import OdometryCheck, Reconciled
 from mcl_depth.belief.motion_model import MotionModel, sample_motion
 from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_similarity
 from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
@@ -39,6 +40,7 @@ class Filter:
         self._input = InputCheck(params.input)
         self._motion = MotionModel(params.motion)
         self._reckoning = DeadReckoning(params.input, params.motion)
+        self._odometry = OdometryCheck(depth_map, self._motion)
         self.evidence = Evidence(SurveyGrid(depth_map, area.middles), params.state.max_chance)
         self._states = StateMachine(params.state)
         self.lineage = Lineage()
@@ -51,6 +53,7 @@ class Filter:
         self._rng = np.random.default_rng(self.params.seed)
         self._input.reset()
         self._motion.reset()
+        self._odometry.reset()
         self._states.reset()
         if self.params.automatic:
             self._states.search()
@@ -83,23 +86,37 @@ class Filter:
         report = self._input.check(observation.image, observation.camera, observation.stamp_ns)
         if report.is_clock_jump:
             self._motion.reset()
+            self._odometry.reset()
             self._begin(self.particles)
         if not report.is_good:
             return self.refuse(observation.stamp_ns, report.finding)
         if self._states.state is State.NOT_LOCALISED:
             return Estimate(self._status(observation.stamp_ns, FINE))
-        if self._reckoning.is_near(observation):
-            return self._estimate(observation, FINE)  # nearly the same view tells nothing new
         if self._states.state is State.LOST:
             self.search()
+        seen = self._odometry.reconcile(observation)
+        if self._tells_nothing_new(seen):
+            return self._estimate(seen.observation, self._doubt)
         gray, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
-        return self._localize(observation, visual_features(gray, is_seen))
+        estimate = self._localize(seen, visual_features(gray, is_seen))
+        pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else None
+        self._odometry.keep(gray, is_seen, pose)
+        return estimate
 
-    def _localize(self, observation: Observation, visual: GradientFeatures) -> Estimate:
+    def _tells_nothing_new(self, seen: Reconciled) -> bool:
+        """Whether an image shows nearly the same view: so odometry says, and the images that a place is held by."""
+        if seen.is_contradicted or not self._reckoning.is_near(seen.observation):
+            return False
+        is_sure = seen.is_verified and self._doubt is FINE
+        return is_sure or not self._states.is_following or not self._reckoning.is_due(seen.observation)
+
+    def _localize(self, seen: Reconciled, visual: GradientFeatures) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
-        p = self.params
+        p, observation = self.params, seen.observation
         odometry = observation.T_odom_level
-        step = self._motion.step(observation.stamp_ns, odometry)
+        step = self._motion.step(observation.stamp_ns, odometry, is_known=seen.is_known)
+        if seen.is_contradicted and self._doubt is FINE:
+            self.evidence.suspect(is_motion_known=seen.is_known)
         particles = self.particles.with_poses(sample_motion(self.particles.poses, step, self._rng))
         comparison = Comparison(visual, self.map, self.num_headings)
         curves = comparison.curves(particles.poses)
@@ -108,7 +125,9 @@ class Filter:
         particles = particles.reweight(compute_weights(similarities, particles.weights))
         hypotheses = find_hypotheses(particles)
         proof = self.evidence.prove(comparison, hypotheses[0].pose, odometry, is_held=self._states.is_trusted)
-        verdict = judge_belief(hypotheses, proof, step, p.state.max_chance)
+        if seen.is_contradicted or not self.evidence.is_suspected:
+            self._doubt = seen.finding
+        verdict = judge_belief(hypotheses, proof, step, p.state.max_chance).with_doubt(self._doubt)
         count(self._states, verdict, observation.stamp_ns)
         particles = self.lineage.add(observation.stamp_ns, particles)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
@@ -135,6 +154,8 @@ class Filter:
         self.particles, self._p_chance = particles, 1.0
         self.lineage.clear()
         self._reckoning.reset()
+        self._odometry.forget()
+        self._doubt = FINE  # what images have against odometry, until the map confirms the place
         self.evidence.reset(is_given=is_given)
 
     def _status(self, stamp_ns: int, finding: Finding, state: State | None = None) -> Status:

@@ -39,6 +39,10 @@ class Verdict:
     finding: Finding = FINE
     is_bad: bool = False
 
+    def with_doubt(self, doubt: Finding) -> Verdict:
+        """Return the verdict with a doubt about the way there, where there is no worse; bad ones say why themselves."""
+        return self if self.is_bad or doubt is FINE else Verdict(doubt)
+
 
 def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> Verdict:
     """Judge the belief after an image.

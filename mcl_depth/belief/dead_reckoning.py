@@ -7,7 +7,7 @@ import numpy as np
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion
-from mcl_depth.constants import MIN_TURN
+from mcl_depth.constants import MIN_TURN, STANDSTILL_NS
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry.arrays import Array
 
@@ -24,11 +24,13 @@ class DeadReckoning:
         self.best: Hypothesis | None = None
         self._confirmed_at: Array | None = None  # odometry
         self._compared_at: Array | None = None
-        self._confirmed_ns = 0
+        self._confirmed_ns = self._compared_ns = 0
+        self._stands = False
 
     def update(self, best: Hypothesis, observation: Observation, *, is_confirmed: bool) -> None:
         """Take note of an image that was compared; the place counts where the image confirms it."""
         T_odom_level = observation.T_odom_level
+        self._stands, self._compared_ns = self.is_near(observation), observation.stamp_ns
         self._compared_at = planar_pose(T_odom_level) if T_odom_level is not None else None
         if is_confirmed:
             self.best, self._confirmed_at, self._confirmed_ns = best, self._compared_at, observation.stamp_ns
@@ -39,6 +41,10 @@ class DeadReckoning:
         if motion is None:
             return False
         return abs(motion[2]) < MIN_TURN and float(np.hypot(motion[0], motion[1])) < self._params.min_way
+
+    def is_due(self, observation: Observation) -> bool:
+        """Whether an image is to be compared though it is near: the first of a standstill, and one a second."""
+        return not self._stands or observation.stamp_ns - self._compared_ns >= STANDSTILL_NS
 
     def propagate(self, observation: Observation) -> tuple[Array, Array]:
         """Return x, y, yaw (3,) at an image and their covariance (3, 3), which grows on the way."""

@@ -122,6 +122,23 @@ class Evidence:
         self._add_to(self._watch, comparison, pose)
         return self._watch.p_chance(self._max_chance)
 
+    def suspect(self, *, is_motion_known: bool) -> None:
+        """Doubt the place until images confirm it: the vehicle may have been carried off, perhaps nobody knows where.
+
+        A start that is on trial is tried anew.
+        """
+        self._watch.suspect()
+        if self._trial is not None:
+            self._trial = WaldTest()
+        if not is_motion_known:
+            self._joint.reset()
+            self._mirrored.reset()
+
+    @property
+    def is_suspected(self) -> bool:
+        """Whether the last images speak rather against a held place."""
+        return self._watch.log_ratio > 0.0
+
     def _add_to(self, test: CusumTest | WaldTest, comparison: Comparison, pose: Array) -> None:
         """Tell a test how far a pose (3,) stands out in an image, where the map has enough around it."""
         rows = self._grid.rows_around(pose, PATCH // 2)
