@@ -28,6 +28,8 @@ from mcl_depth.constants import (
     MAX_USUAL_WAYS,
     MIN_NCC,
     SAME_PLACE,
+    SHARP_M,
+    WHEEL_SIGMA,
 )
 from mcl_depth.likeness.depth_map import DepthMap
 from sphere_nav.estimation.gates import squared_mahalanobis
@@ -175,7 +177,7 @@ class OdometryCheck:
         if step.ncc < MIN_NCC:
             detail = "the image does not follow from the last one: correlation"
             return Finding(Reason.JUMP_REJECTED, step.ncc, MIN_NCC, detail, REMEDY), motion, False, False
-        C_odometry = np.diag(self._noise.sigmas(motion) ** 2)
+        C_odometry = np.diag(self._noise.sigmas(motion, WHEEL_SIGMA) ** 2)
         difference = step.motion - motion
         difference[2] = float(wrap_angle(difference[2]))
         square = squared_mahalanobis(difference, C_odometry + step.covariance)
@@ -184,4 +186,5 @@ class OdometryCheck:
             finding = Finding(Reason.JUMP_REJECTED, float(np.sqrt(square)), float(np.sqrt(CONTRADICTION)), ways, REMEDY)
             return finding, step.motion, True, False
         self._fit = step.ncc, way
-        return FINE, motion + C_odometry @ np.linalg.solve(C_odometry + step.covariance, difference), True, True
+        is_sharp = float(np.linalg.eigvalsh(step.covariance[:2, :2])[-1]) < SHARP_M**2
+        return FINE, motion + C_odometry @ np.linalg.solve(C_odometry + step.covariance, difference), True, is_sharp

@@ -82,11 +82,12 @@ class MotionModel:
             return self._unknown(seconds, jump=way if np.isfinite(way) else 1e9)
         return Step(motion, self.sigmas(motion))
 
-    def sigmas(self, motion: Array) -> Array:
-        """Return the standard deviations (3,) of a motion (3,) by odometry."""
+    def sigmas(self, motion: Array, least: float | None = None) -> Array:
+        """Return the standard deviations (3,) of a motion (3,) by odometry; `least` m takes the place of `min_sigma`."""
         p, way, turn = self._params, float(np.hypot(motion[0], motion[1])), float(motion[2])
-        along = np.hypot(p.way_share * way, p.min_sigma)
-        across = np.hypot(SIDE_SHARE * p.way_share * way, p.min_sigma)
+        least = p.min_sigma if least is None else least
+        along = np.hypot(p.way_share * way, least)
+        across = np.hypot(SIDE_SHARE * p.way_share * way, least)
         drift = np.radians(p.drift_deg) ** 2 * way
         return np.array([along, across, np.sqrt((TURN_SHARE * turn) ** 2 + drift + MIN_TURN_SIGMA**2)])
 
