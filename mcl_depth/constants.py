@@ -140,4 +140,10 @@ MAX_ELEMENTS = 50_000_000  # squares of a grid, or samples of a surface
 INDEX_BITS = 20  # of a voxel along an axis; three of them make one int64
 MAX_BLOCKS = 1 << 25  # of columns, in the rectangle around the cloud
 LARGE_EXTENT_M, MIN_POINTS, MAX_LONELY = 1_000.0, 100, 0.5  # a wider cloud of more points; share alone in a cubic metre
+# The frame of a survey (geometry/test_survey_frame)
+SURVEY_SAMPLES = 400_000  # points by which axes are found
+FLOOR_STEP, UP_RATIO = 0.5, 1.5  # m, of the squares of a floor; by how much the other one must be larger
+LEAST_STANDING = 0.003  # of the squares that must have something standing: a street of 100 m with one house
+SMALL_EXTENT = 1.0  # of a place to drive, in its unit: less is kilometres
+ORIGIN_STEP_M = 100.0  # of an origin: easy to read
 MAX_COORDINATE_M, FAR_FROM_ORIGIN_M = 1e7, 1e5  # the size of the Earth; beyond, float32 is coarser than a centimetre
