@@ -24,7 +24,7 @@ from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
-from mcl_depth.status import REMEDIES, count, judge_belief
+from mcl_depth.status import REMEDIES, Verdict, count, judge_belief
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization import FINE, Finding, InputCheck, State, StateMachine, Status
@@ -115,8 +115,11 @@ class Filter:
         p, observation = self.params, seen.observation
         odometry = observation.T_odom_level
         step = self._motion.step(observation.stamp_ns, odometry, is_known=seen.is_known)
-        if seen.is_contradicted and self._doubt is FINE:
-            self.evidence.suspect(is_motion_known=seen.is_known)
+        if not seen.is_known:  # carried off, as it seems: the place is no more than a start that somebody gave
+            self._states.search()
+            self.evidence.reset(is_given=True)
+        elif seen.is_contradicted and self._doubt is FINE:
+            self.evidence.suspect()
         particles = self.particles.with_poses(sample_motion(self.particles.poses, step, self._rng))
         comparison = Comparison(visual, self.map, self.num_headings)
         curves = comparison.curves(particles.poses)
@@ -128,6 +131,8 @@ class Filter:
         if seen.is_contradicted or not self.evidence.is_suspected:
             self._doubt = seen.finding
         verdict = judge_belief(hypotheses, proof, step, p.state.max_chance).with_doubt(self._doubt)
+        if not seen.is_known:
+            verdict = Verdict(seen.finding, is_bad=True)
         count(self._states, verdict, observation.stamp_ns)
         particles = self.lineage.add(observation.stamp_ns, particles)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)

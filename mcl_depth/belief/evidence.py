@@ -17,6 +17,7 @@ mirrored drive's best, too, by as many of its gaps.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,6 +99,7 @@ class Evidence:
         self._mirrored.reset()
         self._watch.reset()
         self._trial = WaldTest() if is_given else None
+        self._retrial: WaldTest | None = None  # of a held place that is doubted
 
     @property
     def is_on_trial(self) -> bool:
@@ -109,8 +111,9 @@ class Evidence:
         if is_held:
             return Proof(self.watch(comparison, pose), is_held=True)
         self._watch.reset()
+        self._retrial = None
         if self._trial is not None:
-            self._add_to(self._trial, comparison, pose)
+            self._add_to([self._trial], comparison, pose)
             if not self._trial.is_refused(self._max_chance):
                 return Proof(self._trial.p_chance)
             self._trial = None
@@ -119,28 +122,28 @@ class Evidence:
 
     def watch(self, comparison: Comparison, pose: Array) -> float:
         """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one."""
-        self._add_to(self._watch, comparison, pose)
+        tests: list[CusumTest | WaldTest] = [self._watch]
+        if self._retrial is not None:
+            tests.append(self._retrial)
+        self._add_to(tests, comparison, pose)
+        if self._retrial is not None and self._retrial.p_chance < self._max_chance:
+            self._retrial = None
+        if self._retrial is not None and self._retrial.is_refused(self._max_chance):
+            return 1.0
         return self._watch.p_chance(self._max_chance)
 
-    def suspect(self, *, is_motion_known: bool) -> None:
-        """Doubt the place until images confirm it: the vehicle may have been carried off, perhaps nobody knows where.
-
-        A start that is on trial is tried anew.
-        """
+    def suspect(self) -> None:
+        """Doubt the place until images confirm it as they do a start: odometry is not what images say."""
         self._watch.suspect()
-        if self._trial is not None:
-            self._trial = WaldTest()
-        if not is_motion_known:
-            self._joint.reset()
-            self._mirrored.reset()
+        self._retrial = WaldTest()
 
     @property
     def is_suspected(self) -> bool:
-        """Whether the last images speak rather against a held place."""
-        return self._watch.log_ratio > 0.0
+        """Whether a held place has to be confirmed again."""
+        return self._retrial is not None
 
-    def _add_to(self, test: CusumTest | WaldTest, comparison: Comparison, pose: Array) -> None:
-        """Tell a test how far a pose (3,) stands out in an image, where the map has enough around it."""
+    def _add_to(self, tests: Sequence[CusumTest | WaldTest], comparison: Comparison, pose: Array) -> None:
+        """Tell tests how far a pose (3,) stands out in an image, where the map has enough around it."""
         rows = self._grid.rows_around(pose, PATCH // 2)
         is_there = rows >= 0
         if is_there[PATCH // 2, PATCH // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
@@ -148,7 +151,9 @@ class Evidence:
             num_headings = curves.shape[1]
             patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
             patch[:, is_there] = curves.T
-            test.add(excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings))
+            found = excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings)
+            for test in tests:
+                test.add(found)
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Survey:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
