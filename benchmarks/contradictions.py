@@ -21,7 +21,6 @@ from benchmarks.mcl_drives import LENSES, Drive
 from benchmarks.mcl_routes import kidnapped_line
 from benchmarks.mcl_trials import NEAR_M, Trial, run_filter
 from benchmarks.report import Bound, Report, Table
-from cycab_sim.world.town import draw_plan
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -62,8 +61,18 @@ def run(options: argparse.Namespace) -> Report:
             found[name] += trials
     report = Report("contradictions", notes=[describe(options.threads), f"towns {', '.join(map(str, towns))}"])
     rows = [_row(name, trials) for name, trials in found.items()]
-    head = ("fault", "drives", "TRACKING before", "TRACKING after", "of these wrong", "DEGRADED wrong", "pose right at end")
-    report.tables.append(Table(f"Images from {FAULT + GRACE} on, poses beyond {NEAR_M:g} m or 10 deg are wrong", head, rows))
+    head = (
+        "fault",
+        "drives",
+        "TRACKING before",
+        "TRACKING after",
+        "of these wrong",
+        "DEGRADED wrong",
+        "pose right at end",
+    )
+    report.tables.append(
+        Table(f"Images from {FAULT + GRACE} on, poses beyond {NEAR_M:g} m or 10 deg are wrong", head, rows)
+    )
     report.bounds += [bound for name, trials in found.items() for bound in _bounds(name, trials)]
     return report
 
@@ -104,7 +113,9 @@ def frozen(drive: Drive, other: Drive, share: float) -> Drive:
 def slipping(drive: Drive, other: Drive, share: float) -> Drive:
     """Return the drive with wheels whose way is up to 30 % longer (spinning) or shorter (locked) than that driven."""
     scale = 1.0 + MAX_SLIP * (2.0 * share - 1.0)
-    return _cut(drive, np.arange(NUM_IMAGES), _rolled(drive.odometry[:NUM_IMAGES], lambda i: scale if i >= FAULT else 1.0))
+    return _cut(
+        drive, np.arange(NUM_IMAGES), _rolled(drive.odometry[:NUM_IMAGES], lambda i: scale if i >= FAULT else 1.0)
+    )
 
 
 def carried_on(drive: Drive, other: Drive, share: float) -> Drive:

@@ -77,13 +77,17 @@ MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
 NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
 
 # Odometry against the images (belief/test_image_motion); chosen in towns 61 and 62, `benchmarks contradictions`
-CONTRADICTION = 21.1  # chi^2 of 3 degrees of freedom: odometry and images that are right differ so in 1e-4 of the images
+CONTRADICTION = (
+    21.1  # chi^2 of 3 degrees of freedom: odometry and images that are right differ so in 1e-4 of the images
+)
 WHEEL_SIGMA = 0.02  # m, of odometry however short the way: wheels that stand say so, but not at the very stamp
 IMAGE_SIGMA = np.array([0.03, 0.03, np.radians(0.3)])  # m, m, rad: of a motion by images, however short
 IMAGE_DRIFT = np.array([0.04, 0.04, np.radians(0.3)])  # and by its way: the range is that of the map, not quite there
 SHARP_M = 0.1  # standard deviation by images up to which they confirm a standstill: an even wall tells nothing
 MIN_NCC = 0.8  # correlation of images that are aligned; unrelated ones reach 0.77, part of the sphere 0.86
 IMAGE_FORGETTING = 0.2  # of the usual correlation and way, with every image
+MIN_MOUNTING_ERROR = np.radians(20.0)  # between the ways of odometry and images: wheels do not slip so
+MAX_SCALE_ERROR, SCALE_WAY_M = 0.02, 30.0  # of a map; m driven before it is judged
 MAX_USUAL_WAYS, SAME_PLACE = 2.0, 0.2  # by the usual way, and m: farther images need not resemble the last
 
 # Homing, N17 section III-D (ros/test_homing)

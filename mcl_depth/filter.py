@@ -40,7 +40,7 @@ class Filter:
         self._input = InputCheck(params.input)
         self._motion = MotionModel(params.motion)
         self._reckoning = DeadReckoning(params.input, params.motion)
-        self._odometry = OdometryCheck(depth_map, self._motion)
+        self.odometry = OdometryCheck(depth_map, self._motion)
         self.evidence = Evidence(SurveyGrid(depth_map, area.middles), params.state.max_chance)
         self._states = StateMachine(params.state)
         self.lineage = Lineage()
@@ -53,7 +53,7 @@ class Filter:
         self._rng = np.random.default_rng(self.params.seed)
         self._input.reset()
         self._motion.reset()
-        self._odometry.reset()
+        self.odometry.reset()
         self._states.reset()
         if self.params.automatic:
             self._states.search()
@@ -86,7 +86,7 @@ class Filter:
         report = self._input.check(observation.image, observation.camera, observation.stamp_ns)
         if report.is_clock_jump:
             self._motion.reset()
-            self._odometry.reset()
+            self.odometry.reset()
             self._begin(self.particles)
         if not report.is_good:
             return self.refuse(observation.stamp_ns, report.finding)
@@ -94,13 +94,13 @@ class Filter:
             return Estimate(self._status(observation.stamp_ns, FINE))
         if self._states.state is State.LOST:
             self.search()
-        seen = self._odometry.reconcile(observation)
+        seen = self.odometry.reconcile(observation, is_held=self._states.is_following)
         if self._tells_nothing_new(seen):
             return self._estimate(seen.observation, self._doubt)
         gray, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
         estimate = self._localize(seen, visual_features(gray, is_seen))
-        pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else None
-        self._odometry.keep(gray, is_seen, pose)
+        pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else self._likeliest
+        self.odometry.keep(gray, is_seen, pose)
         return estimate
 
     def _tells_nothing_new(self, seen: Reconciled) -> bool:
@@ -131,13 +131,15 @@ class Filter:
         if seen.is_contradicted or not self.evidence.is_suspected:
             self._doubt = seen.finding
         verdict = judge_belief(hypotheses, proof, step, p.state.max_chance).with_doubt(self._doubt)
-        if not seen.is_known:
-            verdict = Verdict(seen.finding, is_bad=True)
+        if not seen.is_known or (verdict.is_bad and seen.hint is not FINE):
+            verdict = Verdict(seen.hint if seen.is_known else seen.finding, is_bad=True)
         count(self._states, verdict, observation.stamp_ns)
         particles = self.lineage.add(observation.stamp_ns, particles)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         self._p_chance = proof.p_chance
         self.particles = resample(particles, p.resampling.num_particles, self._rng, self._gap)
+        is_proven = proof.survey is not None and proof.p_chance < p.state.max_chance
+        self._likeliest = proof.survey.poses[0] if proof.survey is not None and is_proven else None
         if proof.survey is not None and not self._states.is_following:
             self.particles = inject_at_places(self.particles, proof.survey, self._rng)
         belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance)
@@ -159,7 +161,8 @@ class Filter:
         self.particles, self._p_chance = particles, 1.0
         self.lineage.clear()
         self._reckoning.reset()
-        self._odometry.forget()
+        self.odometry.forget()
+        self._likeliest: Array | None = None  # place by the last images alone, where it is more than chance
         self._doubt = FINE  # what images have against odometry, until the map confirms the place
         self.evidence.reset(is_given=is_given)
 

@@ -25,9 +25,12 @@ from mcl_depth.constants import (
     IMAGE_DRIFT,
     IMAGE_FORGETTING,
     IMAGE_SIGMA,
+    MAX_SCALE_ERROR,
     MAX_USUAL_WAYS,
+    MIN_MOUNTING_ERROR,
     MIN_NCC,
     SAME_PLACE,
+    SCALE_WAY_M,
     SHARP_M,
     WHEEL_SIGMA,
 )
@@ -39,6 +42,7 @@ from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference, register
 
 REMEDY = "check the wheels, who resets odometry, and whether the vehicle was carried"
+REMEDY_MOUNTING = "check the yaw of the camera's mounting and the axes of odometry"
 REGISTRATION = RegistrationParams(pyramid=PyramidParams(num_levels=4, min_side=12))
 
 
@@ -55,13 +59,15 @@ class ImageStep:
 class Reconciled:
     """An observation with odometry that the images agree with, and what they had against it.
 
-    `is_known`: the motion, by the images or because nothing is against odometry; `is_verified`: images confirm odometry.
+    `is_known`: the motion, by the images or as nothing is against odometry; `is_verified`: images confirm it.
+    `hint`: what images of a place that is not held have against odometry.
     """
 
     observation: Observation
     finding: Finding = FINE
     is_known: bool = True
     is_verified: bool = False
+    hint: Finding = FINE
 
     @property
     def is_contradicted(self) -> bool:
@@ -104,8 +110,8 @@ class ImageMotion:
             return ImageStep(guess, np.diag(np.full(3, np.inf)), 0.0)
         motion = planar_pose(found.T_world_camera @ T_level_camera.inverse())
         Ad = T_level_camera.adjoint()
-        way = float(np.hypot(motion[0], motion[1]))
-        return ImageStep(motion, (Ad @ found.covariance @ Ad.T)[PLANAR] + image_covariance(way), found.ncc)
+        covariance = (Ad @ found.covariance @ Ad.T)[PLANAR] + image_covariance(_way(motion))
+        return ImageStep(motion, covariance, found.ncc)
 
 
 def image_covariance(way: float) -> Array:
@@ -130,22 +136,30 @@ class OdometryCheck:
         """Forget the image: odometry is believed until two of them are compared."""
         self._images.reset()
         self._usual_ncc = self._usual_way = 0.0
-        self._fit: tuple[float, float] | None = None  # correlation and way of the last image, where it was aligned
+        self._fit: tuple[float, Array, Array] | None = (
+            None  # of the last image: correlation, motions by odometry, images
+        )
+        self.scale = ScaleCheck(self._noise.way_share)
 
     def keep(self, gray: NDArray[np.float32], is_seen: NDArray[np.bool_], pose: Array | None) -> None:
         """Measure from the last image on, levelled (H, W), at a pose (3,) of the map; None: no place is held."""
         self._reference = self._now
         if self._fit is not None:
-            share = IMAGE_FORGETTING if self._usual_ncc else 1.0
-            self._usual_ncc += share * (self._fit[0] - self._usual_ncc)
-            self._usual_way += share * (self._fit[1] - self._usual_way)
+            share, (ncc, motion, seen) = IMAGE_FORGETTING if self._usual_ncc else 1.0, self._fit
+            self._usual_ncc += share * (ncc - self._usual_ncc)
+            self._usual_way += share * (_way(motion) - self._usual_way)
+            if ncc >= MIN_NCC:
+                self.scale.add(motion, seen)
         if pose is None:
             self._images.reset()
         else:
             self._images.keep(gray, is_seen, pose)
 
-    def reconcile(self, observation: Observation) -> Reconciled:
-        """Return an observation with odometry that images and odometry agree on, and what they disagree on."""
+    def reconcile(self, observation: Observation, *, is_held: bool) -> Reconciled:
+        """Return an observation with odometry that images and odometry agree on, and what they disagree on.
+
+        The range around a place that is not held (`is_held`) is a guess: what images say with it is but a hint.
+        """
         if observation.T_odom_level is None:
             self._now = None
             return Reconciled(observation)
@@ -156,9 +170,9 @@ class OdometryCheck:
         before, base = self._reference
         motion = relative_motion(before, raw)
         finding, fused, *flags = self._compare(observation, motion)
-        self._now = raw, compose_planar(base[None], fused)[0]
-        planar = SE3.from_planar(*(float(value) for value in self._now[1]))
-        return Reconciled(replace(observation, T_odom_level=planar), finding, *flags)
+        self._now = raw, compose_planar(base[None], fused if is_held else motion)[0]
+        observation = replace(observation, T_odom_level=SE3.from_planar(*(float(value) for value in self._now[1])))
+        return Reconciled(observation, finding, *flags) if is_held else Reconciled(observation, hint=finding)
 
     def _compare(self, observation: Observation, motion: Array) -> tuple[Finding, Array, bool, bool]:
         """Return what the images have against a motion (3,) by odometry, the motion by both, is_known, is_verified.
@@ -166,13 +180,11 @@ class OdometryCheck:
         An image that cannot be aligned says something only where such images usually can.
         """
         self._fit = None
-        step, way = self._images.measure(observation, motion), float(np.hypot(motion[0], motion[1]))
+        step, way = self._images.measure(observation, motion), _way(motion)
         if step is None:
             return FINE, motion, True, False
-        if step.ncc < MIN_NCC and (
-            self._usual_ncc < MIN_NCC or way > MAX_USUAL_WAYS * self._usual_way + SAME_PLACE
-        ):
-            self._fit = step.ncc, way
+        if step.ncc < MIN_NCC and (self._usual_ncc < MIN_NCC or way > MAX_USUAL_WAYS * self._usual_way + SAME_PLACE):
+            self._fit = step.ncc, motion, step.motion
             return FINE, motion, True, False
         if step.ncc < MIN_NCC:
             detail = "the image does not follow from the last one: correlation"
@@ -182,9 +194,54 @@ class OdometryCheck:
         difference[2] = float(wrap_angle(difference[2]))
         square = squared_mahalanobis(difference, C_odometry + step.covariance)
         if square > CONTRADICTION:
-            ways = f"odometry says {way:.2f} m, the images {np.hypot(*step.motion[:2]):.2f} m: sigmas"
-            finding = Finding(Reason.JUMP_REJECTED, float(np.sqrt(square)), float(np.sqrt(CONTRADICTION)), ways, REMEDY)
-            return finding, step.motion, True, False
-        self._fit = step.ncc, way
+            words, remedy = describe_difference(motion, step.motion)
+            limit = float(np.sqrt(CONTRADICTION))
+            return Finding(Reason.JUMP_REJECTED, float(np.sqrt(square)), limit, words, remedy), step.motion, True, False
+        self._fit = step.ncc, motion, step.motion
         is_sharp = float(np.linalg.eigvalsh(step.covariance[:2, :2])[-1]) < SHARP_M**2
         return FINE, motion + C_odometry @ np.linalg.solve(C_odometry + step.covariance, difference), True, is_sharp
+
+
+class ScaleCheck:
+    """Is the map as large as odometry says? Ways by images, whose range is the map's, against those of the wheels."""
+
+    def __init__(self, way_share: float) -> None:
+        self._way_share, self._product, self._square, self._fourth, self._way = way_share, 0.0, 0.0, 0.0, 0.0
+
+    def add(self, motion: Array, seen: Array) -> None:
+        """Add a motion (3,) by odometry and the same by the images."""
+        square = float(motion[:2] @ motion[:2])
+        self._product += float(motion[:2] @ seen[:2])
+        self._square, self._fourth, self._way = (
+            self._square + square,
+            self._fourth + square**2,
+            self._way + _way(motion),
+        )
+
+    @property
+    def value(self) -> float:
+        """Size of the map by that of the world as odometry has it; 1 before `SCALE_WAY_M` were driven."""
+        return self._product / self._square if self._way >= SCALE_WAY_M else 1.0
+
+    @property
+    def warning(self) -> str:
+        """One line where the map is surely of another size; else empty."""
+        sigma = self._way_share * float(np.sqrt(self._fourth)) / max(self._square, 1e-9)
+        if abs(self.value - 1.0) < MAX_SCALE_ERROR + 2.0 * sigma:
+            return ""
+        found = f"found {self.value:.3f} +- {sigma:.3f} over {self._way:.0f} m"
+        bound = f"expected 1 within {MAX_SCALE_ERROR:g}"
+        return f"scale of the map by odometry: {bound}, {found}: check its unit, or the wheels"
+
+
+def describe_difference(motion: Array, seen: Array) -> tuple[str, str]:
+    """Return how a motion (3,) by odometry and that by images differ, in words, and what to check."""
+    words, remedy = f"odometry says {_way(motion):.2f} m, the images {_way(seen):.2f} m", REMEDY
+    angle = float(wrap_angle(np.arctan2(seen[1], seen[0]) - np.arctan2(motion[1], motion[0])))
+    if min(_way(motion), _way(seen)) > SAME_PLACE and abs(angle) > MIN_MOUNTING_ERROR:
+        words, remedy = f"{words} at {np.degrees(angle):+.0f} deg to it", REMEDY_MOUNTING
+    return f"{words}: sigmas", remedy
+
+
+def _way(motion: Array) -> float:
+    return float(np.hypot(motion[0], motion[1]))

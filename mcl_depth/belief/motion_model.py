@@ -82,8 +82,13 @@ class MotionModel:
             return self._unknown(seconds, jump=way if np.isfinite(way) else 1e9)
         return Step(motion, self.sigmas(motion))
 
+    @property
+    def way_share(self) -> float:
+        """Standard deviation of a way, as share of it."""
+        return self._params.way_share
+
     def sigmas(self, motion: Array, least: float | None = None) -> Array:
-        """Return the standard deviations (3,) of a motion (3,) by odometry; `least` m takes the place of `min_sigma`."""
+        """Return the standard deviations (3,) of a motion (3,) by odometry; `least` m stands for `min_sigma`."""
         p, way, turn = self._params, float(np.hypot(motion[0], motion[1])), float(motion[2])
         least = p.min_sigma if least is None else least
         along = np.hypot(p.way_share * way, least)

@@ -37,7 +37,9 @@ def read_geometry(path: str | Path, survey: SurveyParams | None = None) -> Cloud
     points = frame.apply(points)
     made = mesh_from_faces(points, triangles, name) if is_mesh else cloud_from_points(points, name)
     notes = (*made.warnings, frame.words) if frame.words else made.warnings
-    return replace(made, warnings=notes, origin=(float(frame.origin[0]), float(frame.origin[1]), float(frame.origin[2])))
+    return replace(
+        made, warnings=notes, origin=(float(frame.origin[0]), float(frame.origin[1]), float(frame.origin[2]))
+    )
 
 
 def _read_points(path: Path) -> tuple[NDArray[np.floating], NDArray[np.int64], str]:

@@ -157,7 +157,7 @@ def lonely_share(points: NDArray[np.floating]) -> float:
 
 
 def _find_up(points: NDArray[np.floating]) -> str:
-    """Return z, or y where far more of a floor lies across y: the area (m2) over which the lowest points go on evenly."""
+    """Return z, or y where far more of a floor lies across y: area (m2) over which the lowest points go on evenly."""
     area = {up: _floor_area(points @ rotation.T) for up, rotation in ROTATIONS.items()}
     return "y" if area["y"] > UP_RATIO * area["z"] else "z"
 

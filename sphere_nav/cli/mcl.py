@@ -32,7 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", metavar="BAG", help="bag with images, camera_info or sphere_info, and odometry")
     parser.add_argument("--preset", choices=("auto", *PRESETS), default="auto", help="surroundings (by the cloud)")
     parser.add_argument(
-        "--origin", default="", metavar="E,N,H", help="of the survey in m at the origin of the map (chosen, where needed)"
+        "--origin",
+        default="",
+        metavar="E,N,H",
+        help="of the survey in m at the origin of the map (chosen, where needed)",
     )
     localizing.add_arguments(parser, "mcl_depth")
 

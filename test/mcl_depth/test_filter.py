@@ -151,11 +151,26 @@ def test_wheels_that_stand_while_the_camera_goes_on_end_tracking_and_the_images_
         assert np.hypot(*(estimate.T_map_level.translation[:2] - pose[:2])) < 0.3
 
 
+def test_a_mounting_turned_by_a_right_angle_is_named_and_never_tracked(site):
+    filter_ = site.filter()
+    turned = SE3.from_planar(0.0, 0.0, np.pi / 2).rotation
+    start = SE3.from_planar(*(POSES[0] - [0.0, 0.0, np.pi / 2]))  # the heading that the images confirm
+    filter_.start(start, np.diag([0.1, 0.1, 0.1, 0.1, 0.1, 0.1]) ** 2)
+    remedies = []
+    for number, pose in enumerate(POSES):
+        image, T_odom_level = picture(site, pose), SE3.from_planar(*pose)
+        seen = Observation(image, site.depth_map.camera, (number + 1) * 10**9, turned, T_odom_level)
+        estimate = filter_.update(seen)
+        assert estimate.status.state is not State.TRACKING
+        remedies.append(estimate.status.remedy)
+    assert any("mounting" in remedy for remedy in remedies), remedies
+
+
 def test_a_camera_put_down_elsewhere_is_not_tracked_at_the_old_place(site):
     filter_ = tracked(site)
     stands, elsewhere = SE3.from_planar(*POSES[8]), np.array([1.4, -1.2, 2.0])
     for number in range(9, 14):
-        image = picture(site, elsewhere + [0.05 * number, 0.0, 0.0])
+        image = picture(site, elsewhere + np.array([0.05 * number, 0.0, 0.0]))
         observation = Observation(image, site.depth_map.camera, (number + 1) * 10**9, np.eye(3), stands)
         assert filter_.update(observation).status.state is not State.TRACKING
 
