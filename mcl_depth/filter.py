@@ -24,7 +24,7 @@ from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
-from mcl_depth.status import REMEDIES, Verdict, count, judge_belief
+from mcl_depth.status import REMEDIES, count, judge_belief
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization import FINE, Finding, InputCheck, State, StateMachine, Status
@@ -52,7 +52,6 @@ class Filter:
         """Forget pose, stream and losses; the random numbers begin anew."""
         self._rng = np.random.default_rng(self.params.seed)
         self._input.reset()
-        self._motion.reset()
         self.odometry.reset()
         self._states.reset()
         if self.params.automatic:
@@ -85,7 +84,6 @@ class Filter:
         """Localise one image."""
         report = self._input.check(observation.image, observation.camera, observation.stamp_ns)
         if report.is_clock_jump:
-            self._motion.reset()
             self.odometry.reset()
             self._begin(self.particles)
         if not report.is_good:
@@ -95,31 +93,19 @@ class Filter:
         if self._states.state is State.LOST:
             self.search()
         seen = self.odometry.reconcile(observation, is_held=self._states.is_following)
-        if self._tells_nothing_new(seen):
-            return self._estimate(seen.observation, self._doubt)
+        is_sure = not self._states.is_following or (seen.is_verified and self.evidence.doubt is FINE)
+        if not seen.is_contradicted and self._reckoning.is_near(seen.observation, is_sure=is_sure):
+            return self._estimate(seen.observation, self.evidence.doubt)  # nearly the same view tells nothing new
         gray, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
         estimate = self._localize(seen, visual_features(gray, is_seen))
-        pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else self._likeliest
+        pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else self.evidence.place
         self.odometry.keep(gray, is_seen, pose)
         return estimate
-
-    def _tells_nothing_new(self, seen: Reconciled) -> bool:
-        """Whether an image shows nearly the same view: so odometry says, and the images that a place is held by."""
-        if seen.is_contradicted or not self._reckoning.is_near(seen.observation):
-            return False
-        is_sure = seen.is_verified and self._doubt is FINE
-        return is_sure or not self._states.is_following or not self._reckoning.is_due(seen.observation)
 
     def _localize(self, seen: Reconciled, visual: GradientFeatures) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
         p, observation = self.params, seen.observation
-        odometry = observation.T_odom_level
-        step = self._motion.step(observation.stamp_ns, odometry, is_known=seen.is_known)
-        if not seen.is_known:  # carried off, as it seems: the place is no more than a start that somebody gave
-            self._states.search()
-            self.evidence.reset(is_given=True)
-        elif seen.is_contradicted and self._doubt is FINE:
-            self.evidence.suspect()
+        step = self._motion.step(observation.stamp_ns, observation.T_odom_level, is_known=seen.is_known)
         particles = self.particles.with_poses(sample_motion(self.particles.poses, step, self._rng))
         comparison = Comparison(visual, self.map, self.num_headings)
         curves = comparison.curves(particles.poses)
@@ -127,19 +113,13 @@ class Filter:
         similarities = interpolate_similarity(curves, particles.poses[:, 2])
         particles = particles.reweight(compute_weights(similarities, particles.weights))
         hypotheses = find_hypotheses(particles)
-        proof = self.evidence.prove(comparison, hypotheses[0].pose, odometry, is_held=self._states.is_trusted)
-        if seen.is_contradicted or not self.evidence.is_suspected:
-            self._doubt = seen.finding
-        verdict = judge_belief(hypotheses, proof, step, p.state.max_chance).with_doubt(self._doubt)
-        if not seen.is_known or (verdict.is_bad and seen.hint is not FINE):
-            verdict = Verdict(seen.hint if seen.is_known else seen.finding, is_bad=True)
+        proof = self.evidence.prove(comparison, hypotheses[0].pose, seen, is_held=self._states.is_trusted)
+        verdict = judge_belief(hypotheses, proof, step, p.state.max_chance).beside(seen, self.evidence.doubt)
         count(self._states, verdict, observation.stamp_ns)
         particles = self.lineage.add(observation.stamp_ns, particles)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         self._p_chance = proof.p_chance
         self.particles = resample(particles, p.resampling.num_particles, self._rng, self._gap)
-        is_proven = proof.survey is not None and proof.p_chance < p.state.max_chance
-        self._likeliest = proof.survey.poses[0] if proof.survey is not None and is_proven else None
         if proof.survey is not None and not self._states.is_following:
             self.particles = inject_at_places(self.particles, proof.survey, self._rng)
         belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance)
@@ -162,8 +142,6 @@ class Filter:
         self.lineage.clear()
         self._reckoning.reset()
         self.odometry.forget()
-        self._likeliest: Array | None = None  # place by the last images alone, where it is more than chance
-        self._doubt = FINE  # what images have against odometry, until the map confirms the place
         self.evidence.reset(is_given=is_given)
 
     def _status(self, stamp_ns: int, finding: Finding, state: State | None = None) -> Status:

@@ -30,21 +30,25 @@ class DeadReckoning:
     def update(self, best: Hypothesis, observation: Observation, *, is_confirmed: bool) -> None:
         """Take note of an image that was compared; the place counts where the image confirms it."""
         T_odom_level = observation.T_odom_level
-        self._stands, self._compared_ns = self.is_near(observation), observation.stamp_ns
+        self._stands, self._compared_ns = self._is_close(observation), observation.stamp_ns
         self._compared_at = planar_pose(T_odom_level) if T_odom_level is not None else None
         if is_confirmed:
             self.best, self._confirmed_at, self._confirmed_ns = best, self._compared_at, observation.stamp_ns
 
-    def is_near(self, observation: Observation) -> bool:
-        """Whether an image is from nearly the place and heading of the last one: it would tell nothing new."""
+    def is_near(self, observation: Observation, *, is_sure: bool) -> bool:
+        """Whether an image is from nearly the place and heading of the last one: it would tell nothing new.
+
+        Where only odometry says so (not `is_sure`), the first image of a standstill and one a second do tell something.
+        """
+        if not self._is_close(observation):
+            return False
+        return is_sure or (self._stands and observation.stamp_ns - self._compared_ns < STANDSTILL_NS)
+
+    def _is_close(self, observation: Observation) -> bool:
         motion = _motion(self._compared_at, observation)
         if motion is None:
             return False
         return abs(motion[2]) < MIN_TURN and float(np.hypot(motion[0], motion[1])) < self._params.min_way
-
-    def is_due(self, observation: Observation) -> bool:
-        """Whether an image is to be compared though it is near: the first of a standstill, and one a second."""
-        return not self._stands or observation.stamp_ns - self._compared_ns >= STANDSTILL_NS
 
     def propagate(self, observation: Observation) -> tuple[Array, Array]:
         """Return x, y, yaw (3,) at an image and their covariance (3, 3), which grows on the way."""

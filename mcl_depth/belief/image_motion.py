@@ -127,7 +127,8 @@ class OdometryCheck:
         self.reset()
 
     def reset(self) -> None:
-        """Begin with another stream of images."""
+        """Begin with another stream of images and odometry."""
+        self._noise.reset()
         self.forget()
         self._reference: tuple[Array, Array] | None = None  # odometry at the image that is kept: as it came, reconciled
         self._now: tuple[Array, Array] | None = None  # the same of the last image

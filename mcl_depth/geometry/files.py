@@ -16,9 +16,11 @@ from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.survey_frame import declared_unit, find_frame
 from mcl_depth.params import SurveyParams
+from sphere_nav.geometry.files.isolated import read_isolated
 from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file, read_npy
 
 ENDINGS = (".ply", ".pcd", ".las", ".laz", ".npy", ".e57", ".csv")
+E57_BYTES, E57_RATIO, E57_S = 1 << 30, 24, 30.0  # memory of its process, beside that by the size of the file; seconds
 
 
 def read_geometry(path: str | Path, survey: SurveyParams | None = None) -> Cloud | TriangleMesh:
@@ -61,7 +63,13 @@ def _read_points(path: Path) -> tuple[NDArray[np.floating], NDArray[np.int64], s
 
 
 def _read_e57(path: Path) -> NDArray[np.float64]:
-    """Return the points of all scans, each moved to the frame that they share; ValueError where pye57 is missing."""
+    size = path.stat().st_size
+    points: NDArray[np.float64] = read_isolated(read_scans, path, E57_BYTES + E57_RATIO * size, E57_S + size / 1e6)
+    return points
+
+
+def read_scans(path: Path) -> NDArray[np.float64]:
+    """Return the points of all scans of an .e57, each moved to the frame that they share; ValueError without pye57."""
     try:
         import pye57
     except ImportError:

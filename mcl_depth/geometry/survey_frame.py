@@ -21,6 +21,7 @@ from mcl_depth.constants import (
     LARGE_EXTENT_M,
     LEAST_STANDING,
     MAX_COORDINATE_M,
+    MAX_HEADER,
     MAX_LONELY,
     MIN_POINTS,
     ORIGIN_STEP_M,
@@ -30,6 +31,7 @@ from mcl_depth.constants import (
 )
 from mcl_depth.params import SurveyParams
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file
 
 METERS = {"m": 1.0, "ft": 0.3048, "us-ft": 1200.0 / 3937.0, "km": 1000.0, "mm": 0.001}
 NAMES = {"m": "metres", "ft": "feet", "us-ft": "US survey feet", "km": "kilometres", "mm": "millimetres"}
@@ -99,8 +101,8 @@ def find_frame(
 
 def declared_unit(path: Path) -> str:
     """Return the unit that the header of a .las or .laz tells, by WKT or GeoTIFF keys; empty where it does not."""
-    with path.open("rb") as file:
-        head = file.read(1 << 16)
+    with open_file(path, "map", MAX_ARRAY_BYTES) as file:
+        head = file.read(MAX_HEADER)
     if head[:4] != b"LASF" or len(head) < 104:
         return ""
     head = head[: int.from_bytes(head[96:100], "little")]
