@@ -13,6 +13,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from benchmarks import mcl_sites
@@ -146,7 +147,7 @@ FAULTS: dict[str, Fault] = {
 }
 
 
-def _cut(drive: Drive, rows: Array, odometry: Array) -> Drive:
+def _cut(drive: Drive, rows: NDArray[np.integer], odometry: Array) -> Drive:
     """Return some images of a drive, with other odometry."""
     poses = SE3.from_matrix(drive.T_map_base.matrix[rows])
     return replace(drive, images=drive.images[rows], tilts=drive.tilts[rows], T_map_base=poses, odometry=odometry)
@@ -161,7 +162,7 @@ def _rolled(odometry: Array, scale: Callable[[int], float]) -> Array:
     return np.array(poses)
 
 
-def _spliced(before: Array, after: Array, rows: Array) -> Array:
+def _spliced(before: Array, after: Array, rows: NDArray[np.integer]) -> Array:
     """Return odometry that stands still at the fault, and then goes on by that of the rows of another drive."""
     poses = [*before[:FAULT], before[FAULT - 1]]
     for index in rows[FAULT + 1 :]:
@@ -169,7 +170,7 @@ def _spliced(before: Array, after: Array, rows: Array) -> Array:
     return np.array(poses)
 
 
-def _later(trials: Sequence[Trial], what: Callable[[Trial], Array]) -> int:
+def _later(trials: Sequence[Trial], what: Callable[[Trial], NDArray[np.bool_]]) -> int:
     return int(sum(what(trial)[FAULT + GRACE :].sum() for trial in trials))
 
 

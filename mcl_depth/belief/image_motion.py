@@ -170,10 +170,14 @@ class OdometryCheck:
             return Reconciled(observation)
         before, base = self._reference
         motion = relative_motion(before, raw)
-        finding, fused, *flags = self._compare(observation, motion)
+        finding, fused, is_known, is_verified = self._compare(observation, motion)
         self._now = raw, compose_planar(base[None], fused if is_held else motion)[0]
         observation = replace(observation, T_odom_level=SE3.from_planar(*(float(value) for value in self._now[1])))
-        return Reconciled(observation, finding, *flags) if is_held else Reconciled(observation, hint=finding)
+        return (
+            Reconciled(observation, finding, is_known, is_verified)
+            if is_held
+            else Reconciled(observation, hint=finding)
+        )
 
     def _compare(self, observation: Observation, motion: Array) -> tuple[Finding, Array, bool, bool]:
         """Return what the images have against a motion (3,) by odometry, the motion by both, is_known, is_verified.
@@ -239,7 +243,7 @@ def describe_difference(motion: Array, seen: Array) -> tuple[str, str]:
     """Return how a motion (3,) by odometry and that by images differ, in words, and what to check."""
     words, remedy = f"odometry says {_way(motion):.2f} m, the images {_way(seen):.2f} m", REMEDY
     angle = float(wrap_angle(np.arctan2(seen[1], seen[0]) - np.arctan2(motion[1], motion[0])))
-    if min(_way(motion), _way(seen)) > SAME_PLACE and abs(angle) > MIN_MOUNTING_ERROR:
+    if min(_way(motion), _way(seen)) > SHARP_M and abs(angle) > MIN_MOUNTING_ERROR:
         words, remedy = f"{words} at {np.degrees(angle):+.0f} deg to it", REMEDY_MOUNTING
     return f"{words}: sigmas", remedy
 
