@@ -43,6 +43,7 @@ from sphere_nav.photometric import PyramidParams, RegistrationParams, View, buil
 
 REMEDY = "check the wheels, who resets odometry, and whether the vehicle was carried"
 REMEDY_MOUNTING = "check the yaw of the camera's mounting and the axes of odometry"
+UNKNOWN_VARIANCE = 1e6  # m2, rad2
 REGISTRATION = RegistrationParams(pyramid=PyramidParams(num_levels=4, min_side=12))
 
 
@@ -97,7 +98,7 @@ class ImageMotion:
     def measure(self, observation: Observation, guess: Array) -> ImageStep | None:
         """Return the motion since the image that was kept, from a first guess (3,); None where there is none.
 
-        An image that cannot be aligned has a correlation of 0.
+        One that was not found has no weight; how well the image fits there tells whether it is of another place.
         """
         if self._view is None:
             return None
@@ -107,7 +108,7 @@ class ImageMotion:
         T_before_level = SE3.from_planar(*(float(value) for value in guess))
         found = register(pyramid, [self._view], T_before_level @ T_level_camera, REGISTRATION)
         if not found.is_converged:
-            return ImageStep(guess, np.diag(np.full(3, np.inf)), 0.0)
+            return ImageStep(guess, np.diag(np.full(3, UNKNOWN_VARIANCE)), found.ncc)
         motion = planar_pose(found.T_world_camera @ T_level_camera.inverse())
         Ad = T_level_camera.adjoint()
         covariance = (Ad @ found.covariance @ Ad.T)[PLANAR] + image_covariance(_way(motion))
