@@ -48,6 +48,7 @@ BENCHMARKS = {
     "mcl_town": "benchmarks.mcl_town",
     "mcl_wrong_map": "benchmarks.mcl_wrong_map",
     "mcl_kidnap": "benchmarks.mcl_kidnap",
+    "contradictions": "benchmarks.contradictions",
     "mcl_cameras": "benchmarks.mcl_cameras",
     "mcl_ramp": "benchmarks.mcl_ramp",
     "mcl_corridor": "benchmarks.mcl_corridor",
