@@ -55,6 +55,7 @@ class Mapper:
         if not alignment.is_converged and self._keep_last():  # what follows is nearer to it
             current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
         if not alignment.is_converged:
+            self._tracker.motion.lose()
             return MapUpdate(sphere.stamp_ns, None, alignment)
         reason = self._tracker.why_key(alignment, self.graph)
         return self._update(current, alignment.T_world_camera, odometry, alignment, reason)

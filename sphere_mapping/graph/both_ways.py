@@ -7,7 +7,7 @@ too, where there are enough. What all agree on is an edge, with a covariance tha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,14 +53,45 @@ def measure_motion(
 
     The way back begins where the first one did, not where it ended: a common wrong valley is no agreement.
     """
+    motion = _measure(a, b, T_a_b, T_a_b.inverse(), params)
+    return motion if motion is not None and not is_denied(motion, find_pose(b.features, a.features)) else None
+
+
+def find_motion(a: PreparedSphere, b: PreparedSphere, params: MappingRegistrationParams) -> MeasuredMotion | None:
+    """Return the motion between two spheres of which nothing is known, however far they are; None unless it is proven.
+
+    Features with the ranges of A give the first guess of the one way, those with the ranges of B that of the other: no
+    way begins in a valley that the other one has found. Where one of them has too few, or they were of no use, both
+    ways begin at what the more numerous ones say.
+    """
+    seen, seen_back = match_motion(a, b), match_motion(b, a)
+    ways = [one for one in (seen, seen_back and replace(seen_back, T_sphere_camera=seen_back.T_sphere_camera.inverse()))
+            if one is not None and one.num_inliers >= MIN_INLIERS]  # fmt: skip
+    if not ways:
+        return None
+    best = max(ways, key=lambda one: one.num_inliers).T_sphere_camera
+    starts = [(ways[0].T_sphere_camera, ways[1].T_sphere_camera)] if len(ways) == 2 else []
+    for there, back in [*starts, (best, best)]:
+        motion = _measure(a, b, there, back.inverse(), params)
+        if motion is not None:
+            return None if any(is_denied(motion, one) for one in ways) else motion
+    return None
+
+
+def match_motion(a: PreparedSphere, b: PreparedSphere) -> FeaturePose | None:
+    """Return T_a_b by features that are seen again from nearby, and the ranges of A."""
+    return find_pose(b.fine_features, a.fine_features)
+
+
+def _measure(
+    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, T_b_a: SE3, params: MappingRegistrationParams
+) -> MeasuredMotion | None:
+    """Return what alignments from two first guesses agree on; None unless both are good."""
     forward = register(b.pyramid, [a.at(SE3.identity())], T_a_b, params)
     if not is_good(forward, a):
         return None
-    back = register(a.pyramid, [b.at(SE3.identity())], T_a_b.inverse(), params)
-    if not is_good(back, b):
-        return None
-    motion = agree(forward, back)
-    return motion if motion is not None and not is_denied(motion, find_pose(b.features, a.features)) else None
+    back = register(a.pyramid, [b.at(SE3.identity())], T_b_a, params)
+    return agree(forward, back) if is_good(back, b) else None
 
 
 def is_denied(motion: MeasuredMotion, seen: FeaturePose | None) -> bool:

@@ -67,6 +67,11 @@ class PreparedSphere:
         return features_of_sphere(self.sphere)
 
     @cached_property
+    def fine_features(self) -> Features:
+        """Its local features by which a motion is found."""
+        return features_of_sphere(self.sphere, is_fine=True)
+
+    @cached_property
     def median_range(self) -> float:
         """Median of its finite ranges in metres; +Inf where it has none."""
         finite = self.sphere.range_m[self.sphere.measured]

@@ -10,7 +10,7 @@ import numpy as np
 
 from sphere_mapping.constants import MAX_PASSES, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
-from sphere_mapping.graph.both_ways import confirm
+from sphere_mapping.graph.both_ways import confirm, find_motion, is_denied, match_motion
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
@@ -26,7 +26,8 @@ from sphere_nav.spheres.sphere import Sphere
 Unroll: TypeAlias = Callable[[Array], Sphere]  # velocity (6,) (v, omega) per second of the sphere -> sphere
 
 
-INNOVATION, ONE_WAY = "INNOVATION", "ONE_WAY"  # refused: not where it can be; the way back does not agree
+INNOVATION = "INNOVATION"  # refused: not where it can be
+ONE_WAY, FEATURES = "ONE_WAY", "FEATURES"  # the way back does not agree; features agree on another motion
 
 
 class SphereTracker:
@@ -40,14 +41,39 @@ class SphereTracker:
         self._last_alignment: Alignment | None = None
 
     def align(self, current: PreparedSphere, odometry: SE3 | None, graph: SphereGraph) -> Alignment:
-        """Align a sphere with the newest key spheres; a result that is not expected, or one-sided, is refused."""
+        """Align a sphere with the newest key spheres; a result that is not expected, or one-sided, is refused.
+
+        A known motion is the first guess. Where none is known, or it does not hold, features find one.
+        """
         references = [prepared.at(graph[key_id].T_map_sphere) for key_id, prepared in self.references]
         expected = self.motion.expect(current.sphere.stamp_ns, odometry)
 
-        def check(alignment: Alignment) -> str:
-            return self._check(current, alignment, expected, graph)
+        def align_expected() -> Alignment:
+            guesses, params = self._guesses(current, expected), self._params.registration
+            return align_sphere(
+                current, references, guesses, params, lambda one: self._check(current, one, expected, graph)
+            )
 
-        return align_sphere(current, references, self._guesses(current, expected), self._params.registration, check)
+        found = align_expected() if expected.is_known else None
+        if found is not None and found.is_converged:
+            return found
+        for key_id, reference in self.references:
+            proven = self.prove(current, key_id, reference, graph, expected)
+            if proven is not None:
+                return proven
+        return found or align_expected()
+
+    def prove(
+        self, current: PreparedSphere, key_id: int, reference: PreparedSphere, graph: SphereGraph, expected: Expectation
+    ) -> Alignment | None:
+        """Return the alignment of a sphere with a key sphere from no guess at all; None unless it is proven."""
+        motion = find_motion(reference, current, self._params.registration)
+        if motion is None:
+            return None
+        T_map_sphere = graph[key_id].T_map_sphere @ motion.T_a_b
+        if not expected.allows(T_map_sphere):
+            return None
+        return replace(motion.forward, T_world_camera=T_map_sphere, covariance=motion.covariance)
 
     def align_moving(
         self, current: PreparedSphere, odometry: SE3 | None, unroll: Unroll | None, graph: SphereGraph
@@ -126,14 +152,20 @@ class SphereTracker:
         yield self.motion.newest
 
     def _check(self, current: PreparedSphere, alignment: Alignment, expected: Expectation, graph: SphereGraph) -> str:
-        """Return why an alignment is not believed; where nothing sharp was expected, the way back is asked."""
+        """Return why an alignment is not believed; where nothing sharp was expected, the way back is asked.
+
+        Where nothing was expected at all, features are heard, too.
+        """
         if not expected.allows(alignment.T_world_camera):
             return INNOVATION
         if expected.is_sharp or not current.sphere.measured.any():  # without range there is no way back
             return GOOD
         key_id, reference = self.references[0]
         motion = confirm(reference, current, local(alignment, graph[key_id]), self._params.registration)
-        return GOOD if motion is not None else ONE_WAY
+        if motion is None:
+            return ONE_WAY
+        is_otherwise = not expected.is_known and is_denied(motion, match_motion(reference, current))
+        return FEATURES if is_otherwise else GOOD
 
 
 def local(alignment: Alignment, node: KeySphere) -> Alignment:
