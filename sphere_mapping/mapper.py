@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from sphere_mapping.constants import NUM_LOST
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.incremental import IncrementalOptimum
 from sphere_mapping.graph.keyframes import MapUpdate, Track
@@ -54,6 +55,8 @@ class Mapper:
         current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
         if not alignment.is_converged and self._keep_last():  # what follows is nearer to it
             current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
+        if not alignment.is_converged and (again := self._find_again(current)) is not None:
+            alignment = again
         if not alignment.is_converged:
             self._tracker.motion.lose()
             return MapUpdate(sphere.stamp_ns, None, alignment)
@@ -102,6 +105,16 @@ class Mapper:
             self._keep_last()
         self.tracks.append(self._tracker.track(self.graph))
         return MapUpdate(current.sphere.stamp_ns, self._tracker.motion.newest, alignment, reason)
+
+    def _find_again(self, current: PreparedSphere) -> Alignment | None:
+        """Return where a sphere is by an older key sphere that it looks like, after several were lost."""
+        if self._tracker.motion.num_lost < NUM_LOST:
+            return None
+        seen = self._loops.recognize(self.graph, current)
+        if seen is None or seen.older in [key_id for key_id, _ in self._tracker.references]:
+            return None
+        reference = PreparedSphere(self.load_sphere(seen.older), self.params.registration)
+        return self._tracker.find_again(current, seen.older, reference, self.graph)
 
     def _keep_last(self) -> bool:
         """Make the last sphere the next key sphere, close a loop with it; return whether it was not one already."""

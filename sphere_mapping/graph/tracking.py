@@ -10,7 +10,7 @@ import numpy as np
 
 from sphere_mapping.constants import MAX_PASSES, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
-from sphere_mapping.graph.both_ways import confirm, find_motion, is_denied, match_motion
+from sphere_mapping.graph.both_ways import confirm, find_motion, why_denied
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
@@ -27,7 +27,6 @@ Unroll: TypeAlias = Callable[[Array], Sphere]  # velocity (6,) (v, omega) per se
 
 
 INNOVATION = "INNOVATION"  # refused: not where it can be
-ONE_WAY, FEATURES = "ONE_WAY", "FEATURES"  # the way back does not agree; features agree on another motion
 
 
 class SphereTracker:
@@ -58,21 +57,27 @@ class SphereTracker:
         if found is not None and found.is_converged:
             return found
         for key_id, reference in self.references:
-            proven = self.prove(current, key_id, reference, graph, expected)
-            if proven is not None:
+            proven = self._prove(current, reference, graph[key_id])
+            if proven is not None and expected.allows(proven.T_world_camera):
                 return proven
         return found or align_expected()
 
-    def prove(
-        self, current: PreparedSphere, key_id: int, reference: PreparedSphere, graph: SphereGraph, expected: Expectation
+    def find_again(
+        self, current: PreparedSphere, key_id: int, reference: PreparedSphere, graph: SphereGraph
     ) -> Alignment | None:
+        """Return the alignment of a lost sphere with any key sphere, which is the newest reference then, if proven."""
+        proven = self._prove(current, reference, graph[key_id])
+        if proven is not None:
+            others = [(other_id, other) for other_id, other in self.references if other_id != key_id]
+            self.references = [(key_id, reference), *others][: self._params.num_references]
+        return proven
+
+    def _prove(self, current: PreparedSphere, reference: PreparedSphere, node: KeySphere) -> Alignment | None:
         """Return the alignment of a sphere with a key sphere from no guess at all; None unless it is proven."""
         motion = find_motion(reference, current, self._params.registration)
         if motion is None:
             return None
-        T_map_sphere = graph[key_id].T_map_sphere @ motion.T_a_b
-        if not expected.allows(T_map_sphere):
-            return None
+        T_map_sphere = node.T_map_sphere @ motion.T_a_b
         return replace(motion.forward, T_world_camera=T_map_sphere, covariance=motion.covariance)
 
     def align_moving(
@@ -158,14 +163,11 @@ class SphereTracker:
         """
         if not expected.allows(alignment.T_world_camera):
             return INNOVATION
-        if expected.is_sharp or not current.sphere.measured.any():  # without range there is no way back
+        if expected.is_sharp:
             return GOOD
         key_id, reference = self.references[0]
-        motion = confirm(reference, current, local(alignment, graph[key_id]), self._params.registration)
-        if motion is None:
-            return ONE_WAY
-        is_otherwise = not expected.is_known and is_denied(motion, match_motion(reference, current))
-        return FEATURES if is_otherwise else GOOD
+        forward, is_expected = local(alignment, graph[key_id]), expected.is_known
+        return why_denied(reference, current, forward, self._params.registration, is_expected=is_expected)
 
 
 def local(alignment: Alignment, node: KeySphere) -> Alignment:

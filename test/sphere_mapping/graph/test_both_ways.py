@@ -77,5 +77,5 @@ def test_features_are_heard_only_where_there_are_enough(num_inliers, is_wrong):
     found = measure_motion(A, B, MOTION, PARAMS)
     assert found is not None
     elsewhere = FeaturePose(SE3.identity(), num_inliers)
-    assert is_denied(found, elsewhere) == is_wrong
-    assert not is_denied(found, None)
+    assert is_denied(found.T_a_b, elsewhere) == is_wrong
+    assert not is_denied(found.T_a_b, None)

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from sphere_mapping.graph.both_ways import ONE_WAY
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.tracking import INNOVATION, ONE_WAY, SphereTracker
+from sphere_mapping.graph.tracking import INNOVATION, SphereTracker
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import SphereGraph
