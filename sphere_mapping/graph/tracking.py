@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from sphere_mapping.constants import MAX_PASSES, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
+from sphere_mapping.constants import CONTRADICTED, MAX_PASSES, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.both_ways import confirm, find_motion, why_denied
 from sphere_mapping.graph.keyframes import Track
@@ -42,7 +42,8 @@ class SphereTracker:
     def align(self, current: PreparedSphere, odometry: SE3 | None, graph: SphereGraph) -> Alignment:
         """Align a sphere with the newest key spheres; a result that is not expected, or one-sided, is refused.
 
-        A known motion is the first guess. Where none is known, or it does not hold, features find one.
+        A known motion is the first guess. Where none is known, or it does not hold, features find one; where several
+        spheres in a row were not where they were expected, one that is not expected either.
         """
         references = [prepared.at(graph[key_id].T_map_sphere) for key_id, prepared in self.references]
         expected = self.motion.expect(current.sphere.stamp_ns, odometry)
@@ -56,9 +57,10 @@ class SphereTracker:
         found = align_expected() if expected.is_known else None
         if found is not None and found.is_converged:
             return found
+        is_contradicted = self.motion.num_lost >= CONTRADICTED
         for key_id, reference in self.references:
             proven = self._prove(current, reference, graph[key_id])
-            if proven is not None and expected.allows(proven.T_world_camera):
+            if proven is not None and (is_contradicted or expected.allows(proven.T_world_camera)):
                 return proven
         return found or align_expected()
 
