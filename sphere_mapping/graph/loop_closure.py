@@ -73,6 +73,10 @@ class LoopCloser:
         found = sorted(find_candidates(lookup), key=lambda one: -one.num_inliers)
         return found[0] if found and is_clear(graph, found[0], found[1:], SAME_PLACE_M) else None
 
+    def prepare(self, sphere_id: int) -> PreparedSphere:
+        """Return a key sphere to align with."""
+        return PreparedSphere(self._load(sphere_id), self._params.registration)
+
     def index_all(self, graph: SphereGraph) -> None:
         """Index what all key spheres look like."""
         for node in graph:

@@ -34,7 +34,7 @@ class PreparedSphere:
     """A sphere with what alignment needs of it, made at first use and kept."""
 
     sphere: Sphere
-    params: RegistrationParams
+    params: MappingRegistrationParams
 
     @property
     def is_whole(self) -> bool:

@@ -8,10 +8,11 @@ from typing import TypeAlias
 
 import numpy as np
 
-from sphere_mapping.constants import CONTRADICTED, MAX_PASSES, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
+from sphere_mapping.constants import CONTRADICTED, MAX_PASSES, NUM_LOST, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.both_ways import confirm, find_motion, why_denied
 from sphere_mapping.graph.keyframes import Track
+from sphere_mapping.graph.loop_closure import LoopCloser
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
 from sphere_mapping.params import MapperParams
@@ -64,14 +65,21 @@ class SphereTracker:
                 return proven
         return found or align_expected()
 
-    def find_again(
-        self, current: PreparedSphere, key_id: int, reference: PreparedSphere, graph: SphereGraph
-    ) -> Alignment | None:
-        """Return the alignment of a lost sphere with any key sphere, which is the newest reference then, if proven."""
-        proven = self._prove(current, reference, graph[key_id])
-        if proven is not None:
-            others = [(other_id, other) for other_id, other in self.references if other_id != key_id]
-            self.references = [(key_id, reference), *others][: self._params.num_references]
+    def find_again(self, current: PreparedSphere, found: Alignment, loops: LoopCloser, graph: SphereGraph) -> Alignment:
+        """Return an alignment; in place of a refused one, after several, that with a key sphere that looks alike.
+
+        That key sphere is the newest reference then.
+        """
+        if found.is_converged or self.motion.num_lost < NUM_LOST:
+            return found
+        seen, known = loops.recognize(graph, current), [key_id for key_id, _ in self.references]
+        if seen is None or seen.older in known:
+            return found
+        reference = loops.prepare(seen.older)
+        proven = self._prove(current, reference, graph[seen.older])
+        if proven is None:
+            return found
+        self.references = [(seen.older, reference), *self.references][: self._params.num_references]
         return proven
 
     def _prove(self, current: PreparedSphere, reference: PreparedSphere, node: KeySphere) -> Alignment | None:
@@ -170,6 +178,11 @@ class SphereTracker:
         key_id, reference = self.references[0]
         forward, is_expected = local(alignment, graph[key_id]), expected.is_known
         return why_denied(reference, current, forward, self._params.registration, is_expected=is_expected)
+
+
+def is_followed(lost: Sphere, current: PreparedSphere) -> bool:
+    """Say whether a lost sphere is one to begin with: the next one is aligned with it."""
+    return find_motion(PreparedSphere(lost, current.params), current, current.params) is not None
 
 
 def local(alignment: Alignment, node: KeySphere) -> Alignment:

@@ -136,6 +136,21 @@ def test_a_drive_that_was_lost_is_found_again_by_any_key_sphere(drive):
     assert updates[-1].T_map_sphere.distance(truth[0])[0] < 0.01
 
 
+def test_a_first_sphere_that_nothing_follows_is_given_up(drive):
+    """The lens was covered at first; the store never hears of that sphere."""
+    truth, spheres = drive
+    covered = replace(spheres[0], image=np.full_like(spheres[0].image, 12), stamp_ns=0)
+    stored = []
+    store = SimpleNamespace(add=lambda node, edges, sphere: stored.append(node.id), tell=lambda graph: None)
+    mapper = Mapper(T_map_first=truth[1], store=store)
+    updates = [mapper.add(sphere) for sphere in (covered, *spheres[1:4])]
+    assert [update.T_map_sphere is not None for update in updates] == [True, False, True, True]
+    assert errors(updates[2:], truth[2:4])[:, 0].max() < 0.005
+    assert len(list(mapper.trajectory())) == 3
+    assert stored == [0]
+    assert mapper.graph[0].stamp_ns == spheres[1].stamp_ns
+
+
 def test_a_sphere_without_range_is_placed_but_explains_nothing(drive):
     truth, spheres = drive
     blind = Sphere(spheres[1].image, np.full_like(spheres[1].range_m, np.nan), spheres[1].camera, PERIOD_NS)
