@@ -45,7 +45,7 @@ STARTS, NUM_KITTI = (0, 10, 20, 30, 40), 51  # images of the recorded drive
 PAIR_GAPS, PAIR_STEP, FRAME_S = (5, 10), 5, 1.0 / 30.0  # frames of redkitchen
 WRONG_M, WRONG_DEG = 0.05, 1.0  # of a first pair indoors: `frame_to_frame` calls it failed
 APART_M = 40.0  # along a bend of 22 m radius: by then it has turned by 104 degrees, and shares nothing
-NUM_PLACES, QUICK_PLACES = 60, 16  # of each false pair, all with all
+NUM_PLACES, QUICK_PLACES = 40, 16  # of each false pair, all with all
 WRONG_SHARE = 0.1  # of the motion, or of a metre: an accepted pair of a street that is farther off is a false one
 PARAMS = MapperParams()
 

@@ -61,8 +61,9 @@ class DriveMotion:
     num_lost: int = 0  # spheres in a row since the last one
 
     def update(self, placed: Placed) -> None:
-        """Take down a placed sphere."""
-        self.before, self.last, self.num_lost = self.last, placed, 0
+        """Take down a placed sphere; after several that were lost, a jump perhaps, there is no velocity to it."""
+        self.before = self.last if self.num_lost < CONTRADICTED else None
+        self.last, self.num_lost = placed, 0
 
     def lose(self) -> None:
         """Take down that a sphere was not placed."""

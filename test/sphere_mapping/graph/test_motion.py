@@ -104,3 +104,4 @@ def test_odometry_that_spheres_in_a_row_contradict_is_not_believed():
     close(prior.expect(200, reset).T_map_sphere, STEP @ STEP)
     prior.update(Placed(200, STEP @ STEP, reset))
     close(prior.expect(300, reset @ STEP).T_map_sphere, STEP @ STEP @ STEP)
+    assert not prior.expect(300).is_known  # how it came there is not how it goes on
