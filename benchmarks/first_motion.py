@@ -46,6 +46,7 @@ PAIR_GAPS, PAIR_STEP, FRAME_S = (5, 10), 5, 1.0 / 30.0  # frames of redkitchen
 WRONG_M, WRONG_DEG = 0.05, 1.0  # of a first pair indoors: `frame_to_frame` calls it failed
 APART_M = 40.0  # along a bend of 22 m radius: by then it has turned by 104 degrees, and shares nothing
 NUM_PLACES, QUICK_PLACES = 40, 16  # of each false pair, all with all
+COUNTED = ("pairs", "proven", "proven, wrong", "register", "register, wrong")
 WRONG_SHARE = 0.1  # of the motion, or of a metre: an accepted pair of a street that is farther off is a false one
 PARAMS = MapperParams()
 
@@ -162,44 +163,15 @@ def measure_bends(streets: Sequence[Street], report: Report) -> None:
 def measure_pairs(streets: Sequence[Street], report: Report, number: int) -> None:
     """Count first motions that are proven between images that share nothing, and wrong ones among those that do."""
     prepared = [[PreparedSphere(sphere, PARAMS.registration) for sphere in street.spheres] for street in streets]
-    rng = np.random.default_rng(7)
-    strangers = [
-        (prepared[a][i], prepared[b][j])
-        for a in range(len(streets))
-        for b in range(len(streets))
-        for i in range(len(prepared[a]))
-        for j in range(len(prepared[b]))
-        if a != b or j - i > APART_M / STEP_M
+    false, num_strangers = count_strangers(prepared, number**2)
+    counts = count_neighbors(streets, prepared, number)
+    rows = [
+        (f"{num_strangers} pairs that share nothing: proven", str(false), f"{bound_rate(false, num_strangers):.2g}")
     ]
-    chosen = rng.permutation(len(strangers))[: number**2]
-    false = sum(find_motion(*strangers[index], PARAMS.registration) is not None for index in chosen)
-    counts = dict.fromkeys(("pairs", "proven", "proven, wrong", "register", "register, wrong"), 0)
-    for street, spheres in zip(streets, prepared, strict=True):
-        for _ in range(number):
-            i, step = int(rng.integers(len(spheres) - 6)), int(rng.integers(1, 6))
-            truth = street.poses[i].inverse() @ street.poses[i + step]
-            proven = find_motion(spheres[i], spheres[i + step], PARAMS.registration)
-            told = register_spheres(street.spheres[i], street.spheres[i + step], SE3.identity(), PARAMS)
-            answers = {"proven": proven and proven.T_a_b, "register": None}
-            if told["is_converged"]:
-                answers["register"] = SE3(np.array(told["T_a_b"]["matrix"]))
-            counts["pairs"] += 1
-            for name, T_a_b in answers.items():
-                if T_a_b is not None:
-                    counts[name] += 1
-                    counts[f"{name}, wrong"] += bool(truth.distance(T_a_b)[0] > WRONG_SHARE * max(1.0, step * STEP_M))
-    rows = [(f"{len(chosen)} pairs that share nothing: proven", str(false), f"{bound_rate(false, len(chosen)):.2g}")]
-    rows += [
-        (f"{name}, of {counts['pairs']} pairs 1 to 5 m apart", str(counts[name]), "") for name in ("proven", "register")
-    ]
-    rows += [
-        (
-            f"{name}, of them wrong",
-            str(counts[f"{name}, wrong"]),
-            f"{bound_rate(counts[f'{name}, wrong'], counts[name]):.2g}",
-        )
-        for name in ("proven", "register")
-    ]
+    for name in ("proven", "register"):
+        wrong = counts[f"{name}, wrong"]
+        rows.append((f"{counts['pairs']} pairs 1 to 5 m apart: {name}", str(counts[name]), ""))
+        rows.append((f"of them wrong: {name}", str(wrong), f"{bound_rate(wrong, counts[name]):.2g}"))
     report.tables.append(Table("First motions that are false", ("what", "number", "rate, at most (95 %)"), rows))
     report.bounds += [
         Bound("first motions proven between images that share nothing", 0, false, ""),
@@ -207,6 +179,41 @@ def measure_pairs(streets: Sequence[Street], report: Report, number: int) -> Non
         Bound("register: pairs said to be converged, wrong", 0, counts["register, wrong"], ""),
         Bound("pairs 1 to 5 m apart that are proven", 90.0, 100.0 * counts["proven"] / counts["pairs"], "%", True),
     ]
+
+
+def count_strangers(prepared: Sequence[Sequence[PreparedSphere]], number: int) -> tuple[int, int]:
+    """Return how many of so many pairs of images that share nothing are proven to, and how many pairs there are."""
+    strangers = [
+        (one, other)
+        for a, spheres in enumerate(prepared)
+        for b, others in enumerate(prepared)
+        for i, one in enumerate(spheres)
+        for j, other in enumerate(others)
+        if a != b or j - i > APART_M / STEP_M
+    ]
+    chosen = np.random.default_rng(7).permutation(len(strangers))[:number]
+    return sum(find_motion(*strangers[index], PARAMS.registration) is not None for index in chosen), len(chosen)
+
+
+def count_neighbors(
+    streets: Sequence[Street], prepared: Sequence[Sequence[PreparedSphere]], number: int
+) -> dict[str, int]:
+    """Return how many of so many pairs of each street are proven, and converged by `register`, and how many wrongly."""
+    rng, counts = np.random.default_rng(8), dict.fromkeys(COUNTED, 0)
+    for street, spheres in zip(streets, prepared, strict=True):
+        for _ in range(number):
+            i, step = int(rng.integers(len(spheres) - 6)), int(rng.integers(1, 6))
+            truth = street.poses[i].inverse() @ street.poses[i + step]
+            proven = find_motion(spheres[i], spheres[i + step], PARAMS.registration)
+            told = register_spheres(street.spheres[i], street.spheres[i + step], SE3.identity(), PARAMS)
+            answers = {"proven": proven.T_a_b} if proven is not None else {}
+            if told["is_converged"]:
+                answers["register"] = SE3(np.array(told["T_a_b"]["matrix"]))
+            counts["pairs"] += 1
+            for name, T_a_b in answers.items():
+                counts[name] += 1
+                counts[f"{name}, wrong"] += bool(truth.distance(T_a_b)[0] > WRONG_SHARE * max(1.0, step * STEP_M))
+    return counts
 
 
 def bound_rate(count: int, number: int) -> float:
