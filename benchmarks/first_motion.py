@@ -59,7 +59,7 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
 def run(options: argparse.Namespace) -> Report:
     """Measure what is there."""
     report = Report("first_motion", notes=[describe(options.threads), __doc__ or ""])
-    number, seeds = (QUICK_IMAGES, options.bend_seeds[:1]) if options.quick else (NUM_IMAGES, options.bend_seeds)
+    number, seeds = (QUICK_IMAGES, options.bend_seeds[:2]) if options.quick else (NUM_IMAGES, options.bend_seeds)
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
