@@ -21,7 +21,6 @@ NUM_PERIODS = 5  # latest periods, whose median is the camera's
 MAX_POSITION_SIGMA_M = 0.5  # of a pose that one may go on from (judge/test_candidate)
 MOVING_SPEED = 0.05  # m/s, from which a repeated image is a fault (test_inputs)
 START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations after a start
-START_SIGMAS = 4.0  # of them, within which features of the map may place the next image; 1 in 1,000 by chance
 
 # Rotation between images, M15 eq. 20 (track/test_inter_frame). A mismatch is one minus a correlation.
 MAX_MISMATCH_RATIO, MISMATCH_FLOOR = 3.0, 0.02  # of a supported prediction: factor of the usual one, and beyond it

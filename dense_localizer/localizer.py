@@ -70,7 +70,7 @@ class Localizer:
         """Go on by the map, by the last images where it does not fit (M15 section 5.3), else by the prediction."""
         if not frame.images:
             return self._hold(frame, frame.finding)
-        predictions = self._search.predict(frame, self._prior)  # the likeliest first
+        predictions = self._prior.propose(frame)  # the likeliest first
         candidate = select_first_accepted(self._locate(frame, prediction) for prediction in predictions)
         candidate = self._visual_odometry.verify(frame, candidate, is_trusted=self._states.is_trusted)
         if not candidate.is_accepted:

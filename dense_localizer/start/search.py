@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import numpy as np
 
-from dense_localizer.constants import SEARCH_NEAR_S, SEARCH_PERIOD_S, START_SIGMAS
+from dense_localizer.constants import SEARCH_NEAR_S, SEARCH_PERIOD_S
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.candidate import PoseCandidate
-from dense_localizer.motion_prior import PosePrior, Prediction
+from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
 from dense_localizer.start.startup import SearchResult, Startup, decide
-from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE
 
@@ -69,19 +67,6 @@ class PoseSearch:
                 break
         self._finding = result.finding
         return result
-
-    def predict(self, frame: LocalizerInput, prior: PosePrior) -> Iterator[Prediction]:
-        """Yield predictions, the likeliest first; while no velocity is known, by what the image shows of the map, too.
-
-        A start in motion has none: the second image may be farther away than alignment reaches, but not anywhere.
-        """
-        yield from prior.propose(frame)
-        if prior.velocity is None and frame.T_odom_camera is None:
-            plain = prior.predict(frame.stamp_ns)
-            for pose in self._startup.propose(frame.images):
-                xi = (plain.T_map_camera.inverse() @ pose).log()
-                if squared_mahalanobis(xi, plain.covariance) <= START_SIGMAS**2:
-                    yield replace(plain, T_map_camera=pose, is_fallback=True)
 
     def _propose(self, frame: LocalizerInput) -> Iterator[list[SE3]]:
         """Yield poses to try: near a given or lost one, then in the whole map where that is due."""
