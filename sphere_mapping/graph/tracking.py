@@ -15,11 +15,11 @@ from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.loop_closure import LoopCloser
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
-from sphere_mapping.params import MapperParams
+from sphere_mapping.params import MapperParams, MappingRegistrationParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric import Alignment, RegistrationParams
+from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
@@ -194,7 +194,7 @@ def align_unrolled(
     unroll: Unroll,
     stamp_ns: int,
     motion: DriveMotion,
-    params: RegistrationParams,
+    params: MappingRegistrationParams,
     align: Callable[[PreparedSphere], Alignment],
 ) -> tuple[PreparedSphere, Alignment]:
     """Align a sphere as warped by the expected motion, and again by the motion that was found, until they agree."""
