@@ -191,8 +191,9 @@ def count_strangers(prepared: Sequence[Sequence[PreparedSphere]], number: int) -
         for j, other in enumerate(others)
         if a != b or j - i > APART_M / STEP_M
     ]
-    chosen = np.random.default_rng(7).permutation(len(strangers))[:number]
-    return sum(find_motion(*strangers[index], PARAMS.registration) is not None for index in chosen), len(chosen)
+    order = np.random.default_rng(7).permutation(len(strangers))[:number].tolist()
+    chosen = [strangers[index] for index in order]
+    return sum(find_motion(one, other, PARAMS.registration) is not None for one, other in chosen), len(chosen)
 
 
 def count_neighbors(
