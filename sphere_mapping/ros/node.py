@@ -78,7 +78,7 @@ class SphereMapper(ManagedNode):
     def on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool, unroll: Unroll | None = None) -> None:
         """Map a sphere, tell what changed."""
         self.T_base_sphere = self.mounting or self.find_mount(frame_id, is_optical)
-        T_odom_base = self.odom.at(sphere.stamp_ns)
+        T_odom_base = self.odom.predict(sphere.stamp_ns)
         update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere, unroll)
         if update.T_map_sphere is None:
             self.num_lost += 1
