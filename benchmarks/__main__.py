@@ -19,6 +19,7 @@ BENCHMARKS = {
     "localizer_start": "benchmarks.localizer_start",
     "localizer_rate": "benchmarks.localizer_rate",
     "frame_to_frame": "benchmarks.frame_to_frame",
+    "first_motion": "benchmarks.first_motion",
     "end_to_end": "benchmarks.end_to_end",
     "faults": "benchmarks.faults",
     "busy": "benchmarks.fault_busy",

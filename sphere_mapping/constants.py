@@ -10,6 +10,9 @@ MAX_GRAY = 255.0  # white; shares of grey levels are of it
 
 # Expectation of the next sphere (test_motion, test_tracking: a jump that no vehicle makes)
 MAX_EXTRAPOLATION = 5.0  # intervals of the past motion; farther ahead nobody knows
+MAX_KNOWN = 2.5  # intervals after which it is a guess: one sphere was missed, not two
+CONTRADICTED = 2  # spheres in a row that were not where they should be: what was expected is wrong, odometry included
+NUM_LOST = 3  # spheres in a row, after which the whole map is searched for the next (test_mapper)
 ACCELERATION = (5.0, 10.0)  # m/s^2, rad/s^2: standard deviations of what a vehicle or a hand does
 ODOMETRY_SHARE = 0.1  # standard deviation of odometry by the motion: wheels slip by less
 EXPECTED_FLOOR = (0.05, 0.03)  # least standard deviations of an expectation

@@ -14,10 +14,13 @@ from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline.constants import EDGE_FACTOR, MAX_CONTRADICTED, MAX_SURVEY_SIGMAS, SURVEY_SIGMA
 from sphere_nav.offline.evaluation import TRUTH_TOPICS, evaluate_poses
 from sphere_nav.offline.pose_bags import read_poses
+from sphere_nav.offline.registering import REMEDY
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.spheres.graph import Edge, SphereGraph
 
 NUM_NAMED = 3  # motions that are told by name
+MAX_LOST = 0.5  # share of the spheres above which a drive was not mapped
+MIN_WAY_M = 0.1  # of a drive whose drift is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +78,17 @@ class MappedDrive:
         at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
         return fit_poses(at.T_map_body, mine.T_map_body[known]) if known.any() else None
 
+    @property
+    def loss(self) -> str:
+        """One line where most spheres were lost and what would help, else nothing."""
+        total = self.num_lost + len(self.trajectory(is_base=False))
+        if self.num_lost <= MAX_LOST * total:
+            return ""
+        return (
+            f"expected most of {total} spheres placed, found {self.num_lost} lost ({self.num_lost / total:.0%}): "
+            f"{REMEDY}, or recorded odometry, would help"
+        )
+
     def summary(self, truth: Truth | None) -> list[str]:
         """Return what is printed."""
         mapper, placed = self.node.mapper, self.trajectory(is_base=False)
@@ -85,7 +99,7 @@ class MappedDrive:
         )
         lines += [self.depth] if self.depth else []
         lines += [f"refused: {self.refusal}"] if self.refusal else []
-        if truth is None or (T_truth_map := self.anchor(truth)) is None:
+        if truth is None or self.loss or (T_truth_map := self.anchor(truth)) is None:
             return lines
         estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
         judged = evaluate_poses(estimate, truth.poses, is_interpolated=True)
@@ -95,7 +109,9 @@ class MappedDrive:
             f"against the truth from the first pose on: median {1e3 * error['median']:.1f} mm, "
             f"max {1e3 * error['max']:.1f} mm, median {turn['median']:.2f} deg, max {turn['max']:.2f} deg"
         )
-        lines.append(f"drift at the end: {1e3 * end:.1f} mm in {length:.2f} m ({100 * end / max(length, 1e-9):.2f} %)")
+        if length < MIN_WAY_M:
+            return lines
+        lines.append(f"drift at the end: {1e3 * end:.1f} mm in {length:.2f} m ({100 * end / length:.2f} %)")
         return lines
 
 

@@ -7,6 +7,7 @@ the map that is extended; anchor it to the truth; merge redundant key spheres; c
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
 from typing import cast
@@ -73,4 +74,6 @@ def finish_map(
             write_tum(path, way, details.map_id)
     size = sum(file.stat().st_size for file in arguments.output.iterdir())
     print("\n".join([*drive.summary(truth), *told, *warnings, f"map: {arguments.output}, {size / 1e6:.1f} MB"]))
-    return 0
+    if drive.loss:
+        print(f"sphere_nav map: {arguments.bag}: {drive.loss}", file=sys.stderr)
+    return 1 if drive.loss else 0

@@ -98,6 +98,23 @@ def test_without_an_anchor_the_first_sphere_is_the_origin(bags, tmp_path):
         np.testing.assert_allclose(reader.graph[0].T_map_sphere.matrix, np.eye(4), atol=1e-9)
 
 
+def test_a_drive_that_is_lost_is_no_success(tmp_path, capsys):
+    """One image of our room, then a camera that is covered."""
+
+    def covered(number):
+        for topic, message in rgbd(number):
+            if number and topic.startswith("image_raw"):
+                message.data = bytes(len(message.data))
+            yield topic, message
+
+    bag = write_bag(tmp_path / "bag", covered, truth, numbers=range(4))
+    assert call("map", bag, "-o", tmp_path / "m") == 1
+    said = capsys.readouterr()
+    assert "1 spheres placed, 3 lost" in said.out
+    assert "drift" not in said.out
+    assert f"sphere_nav map: {bag}: expected most of 4 spheres placed, found 3 lost (75%)" in said.err
+
+
 def test_the_same_bag_gives_the_same_map(bags, tmp_path):
     for name, jobs in (("a", 1), ("b", 2)):
         assert call("map", bags["stereo"], "-o", tmp_path / name, "--jobs", jobs) == 0

@@ -50,6 +50,19 @@ def test_what_is_told_counts_and_compares(drive):
     assert drive.summary(None) == ["stereo: ...", counted, "depth: ...", "refused: 3 of depth"]
 
 
+def test_a_drive_that_is_lost_says_so_and_tells_no_drift(drive):
+    assert drive.loss == ""
+    drive.num_lost = 5
+    assert drive.loss == ""  # half of them
+    drive.num_lost = 6
+    assert drive.loss.startswith("expected most of 11 spheres placed, found 6 lost (55%): smaller steps")
+    assert "odometry" in drive.loss
+    assert len(drive.summary(truth_of(WAY))) == 1
+    drive.num_lost = 0
+    drive.node.mapper.trajectory = lambda: zip(STAMPS, [WAY[1]] * 5, strict=True)
+    assert "drift" not in drive.summary(truth_of([WAY[1]] * 5))[-1]  # it has not moved
+
+
 def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatch):
     graph = SphereGraph([KeySphere(k, stamp, pose) for k, (stamp, pose) in enumerate(zip(STAMPS, WAY, strict=True))])
     drive.node.mapper.graph, truth = graph, truth_of(WAY)
