@@ -25,9 +25,14 @@ from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
+FIRST_SPHERE = "the first sphere"
+
 
 class Mapper:
-    """Builds `graph` and `tracks` from spheres; the first one is at `T_map_first` and has the id `first_id`."""
+    """Builds `graph` and `tracks` from spheres; the first one is at `T_map_first` and has the id `first_id`.
+
+    `origin` says in words what fixes the frame of the map.
+    """
 
     def __init__(
         self, params: MapperParams | None = None, T_map_first: SE3 | None = None, store: SphereStore | None = None
@@ -35,7 +40,7 @@ class Mapper:
         self.params = params or MapperParams()
         self.graph, self.tracks = SphereGraph(), list[Track]()
         self.num_loops, self.first_id = 0, 0
-        self._T_map_first = T_map_first or SE3.identity()
+        self.T_map_first, self.origin = T_map_first or SE3.identity(), FIRST_SPHERE
         self._tracker, self._spheres = SphereTracker(self.params), SphereCache(store)
         self._loops, self._optimum = LoopCloser(self.params, self.load_sphere), IncrementalOptimum()
         self._unroll_first: Unroll | None = None  # of a rolling shutter, until it is known how the camera moved
@@ -48,7 +53,7 @@ class Mapper:
         current = PreparedSphere(sphere, self.params.registration)
         if self._tracker.last is None:
             self._unroll_first = unroll
-            return self._update(current, self._T_map_first, odometry, None, keyframes.FIRST)
+            return self._update(current, self.T_map_first, odometry, None, keyframes.FIRST)
         if unroll is not None and self._unroll_first is not None:
             self._replace_first(current, odometry, self._unroll_first)
         current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
