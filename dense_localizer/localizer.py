@@ -40,6 +40,10 @@ class Localizer:
         self._search = PoseSearch(self.references, params)
         self._states = StateMachine(params.state)
 
+    def use_mounting(self, T_base_body: SE3) -> None:
+        """Search as for a vehicle that stands upright, with the camera, or what several share, at this place on it."""
+        self._search.T_base_body = T_base_body
+
     def update(self, image: NDArray[Any], camera: Camera, stamp_ns: int, T_odom: SE3 | None = None) -> CameraEstimate:
         """Localize one grey image (H, W); `T_odom` (camera) is odometry at its stamp, where there is any."""
         return self.update_rig((CameraImage(image, camera),), stamp_ns, T_odom)
