@@ -1,8 +1,8 @@
 """Faults of real processes over real DDS: alone, and while all that can be asked of the follower is asked at once.
 
-The base keeps the last command, as one without a time-out of its own does. Poses come ten times a second. Busy: calls,
-parameters, paths of 20,000 and 1,000,000 poses, transforms and scans of megabytes, as fast as two processes can send
-them; loaded: four processes a core that do nothing but compute.
+The base keeps the last command, as one without a time-out of its own does. Poses come ten times a second. Busy, from
+when it drives: calls, parameters, paths of 20,000 and 1,000,000 poses, transforms and scans of megabytes, as fast as
+two processes can send them; loaded: four processes a core that do nothing but compute.
 """
 
 from __future__ import annotations
@@ -18,108 +18,22 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing.synchronize import Event as EventOfProcesses
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.fault_processes import signalled
+from benchmarks.fault_processes import SETTLE, Base, signalled
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 
 HELP = "stops of real processes over DDS: alone, with every call and topic flooded, on a loaded machine"
-PERIOD = 0.1  # s between two poses
 RUN = 2.0  # s of driving before a fault, in which the silence of commands is measured
+BASE_PRIORITY = 5  # real time, below the loops it is driven by
 AFTER = 3.0  # s in which zero must come
-PATIENCE = 60.0  # s for the processes to come up on a busy machine
-CRUISE = 1.4  # m/s
-
-
-class Base:
-    """Says where it is, and obeys the last command."""
-
-    def __init__(self, remap: str = "cmd_vel") -> None:
-        import rclpy
-        from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
-        from sensor_msgs.msg import LaserScan
-        from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
-        from std_msgs.msg import Bool
-        from std_srvs.srv import Trigger
-
-        from sphere_nav.ros import qos
-
-        self.node = rclpy.create_node("base")
-        self.node.create_subscription(Twist, remap, self._obey, qos.COMMAND)
-        self.node.create_subscription(FollowerStatus, "path_follower/status", self._hear, qos.STATE)
-        self.poses = self.node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
-        self.states = self.node.create_publisher(LocalizationStatus, "status", qos.STATE)
-        self.button = self.node.create_publisher(Bool, "emergency_stop", qos.SENSOR)
-        self.scans = self.node.create_publisher(LaserScan, "scan", qos.SENSOR)
-        self.start, self.request = self.node.create_client(Trigger, "path_follower/start"), Trigger.Request()
-        self.x = self.speed = self.worst_cycle = 0.0
-        self.commands: list[tuple[float, float]] = []
-        self.reason, self.state = "", "TRACKING"
-        self.frame, self.value, self.is_silent, self.has_status = "map", 0.0, False, True
-        self.is_pressed = False
-        self.others: list[Any] = []
-        self._due = time.monotonic()
-
-    def _obey(self, message: Any) -> None:
-        self.speed = message.linear.x
-        self.commands.append((time.monotonic(), self.speed))
-
-    def _hear(self, message: Any) -> None:
-        self.reason = message.reason or self.reason
-        self.worst_cycle = max(self.worst_cycle, message.worst_cycle)
-
-    def live(self, seconds: float, is_done: Callable[[], bool] = lambda: False) -> bool:
-        """Let time pass until something is done; whether it was."""
-        import rclpy
-
-        end = time.monotonic() + seconds
-        while time.monotonic() < end and not is_done():
-            if time.monotonic() >= self._due:
-                self._due += PERIOD
-                self._due = max(self._due, time.monotonic() - PERIOD)
-                self.speak()
-            rclpy.spin_once(self.node, timeout_sec=max(min(self._due, end) - time.monotonic(), 0.001))
-        return is_done()
-
-    def speak(self) -> None:
-        """Say where the base is, how the localiser is, and that the button is as it is."""
-        from std_msgs.msg import Bool
-
-        from sphere_nav.geometry import SE3
-        from sphere_nav.localization.status import State, Status
-        from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
-
-        stamp = self.node.get_clock().now().nanoseconds
-        self.x += self.speed * PERIOD
-        self.button.publish(Bool(data=self.is_pressed))
-        if self.has_status:
-            self.states.publish(status_to_message(Status(State(self.state)), stamp, "map"))
-        if not self.is_silent:
-            pose = SE3.from_planar(self.x, 0.0, 0.0)
-            message = se3_to_pose_with_covariance(pose, 1e-4 * np.eye(6), stamp, self.frame)
-            message.pose.pose.position.y = self.value
-            self.poses.publish(message)
-
-    def drive_off(self) -> None:
-        """Start, again and again, until it drives at full speed."""
-        answer: Any = None
-        asked = 0.0
-
-        def is_driving() -> bool:
-            nonlocal answer, asked
-            if time.monotonic() - asked > 1.0 and self.start.service_is_ready() and self.speed == 0.0:
-                answer, asked = self.start.call_async(self.request), time.monotonic()
-            return self.speed > 0.95 * CRUISE
-
-        if not self.live(PATIENCE, is_driving):
-            why = answer.result() if answer is not None and answer.done() else answer
-            raise RuntimeError(f"path_follower: expected it to drive, found {self.reason!r}, start: {why}")
 
 
 @dataclass(frozen=True)
@@ -172,8 +86,15 @@ def front_of(pid: int) -> int:
     return int(Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()[0])
 
 
-def observe(name: str) -> Seen:
-    """Drive, let a fault begin, and look what comes."""
+def take_precedence() -> None:
+    """Serve the base first, as a computer of its own would; not what it starts."""
+    for thread in os.listdir("/proc/self/task"):
+        with suppress(PermissionError):
+            os.sched_setscheduler(int(thread), os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(BASE_PRIORITY))
+
+
+def observe(name: str, gate: EventOfProcesses) -> Seen:
+    """Drive, let the crowd begin and then a fault, and look what comes."""
     import rclpy
 
     with tempfile.TemporaryDirectory() as folder:
@@ -184,8 +105,11 @@ def observe(name: str) -> Seen:
         process = subprocess.Popen([sys.executable, "-P", "-c", code, *arguments])
         rclpy.init()
         base = Base()
+        take_precedence()
         try:
             base.drive_off()
+            gate.set()
+            base.live(SETTLE)
             base.commands.clear()
             base.live(RUN)
             silence = float(np.diff([when for when, _ in base.commands]).max())
@@ -197,6 +121,7 @@ def observe(name: str) -> Seen:
             zero = zero if base.speed == 0.0 else float("inf")
             return Seen(silence, zero, base.reason, base.worst_cycle)
         finally:
+            gate.clear()
             for node in (base.node, *base.others):
                 node.destroy_node()
             rclpy.try_shutdown()
@@ -206,24 +131,26 @@ def observe(name: str) -> Seen:
 
 # --- what keeps the machine busy
 @contextmanager
-def crowd(*targets: Callable[[], None]) -> Iterator[None]:
-    """Run functions in processes of their own meanwhile."""
+def crowd(*targets: Callable[[EventOfProcesses], None]) -> Iterator[EventOfProcesses]:
+    """Run functions in processes of their own; each goes on while the event that this yields is set."""
     context = multiprocessing.get_context("spawn")
-    processes = [context.Process(target=target, daemon=True) for target in targets]
+    gate = context.Event()
+    processes = [context.Process(target=target, args=(gate,), daemon=True) for target in targets]
     for process in processes:
         process.start()
     try:
-        yield
+        yield gate
     finally:
         for process in processes:
             process.kill()
             process.join()
 
 
-def compute() -> None:
+def compute(gate: EventOfProcesses) -> None:
     """Keep a core busy."""
-    while True:
-        pass
+    while gate.wait():
+        for _ in range(100_000):
+            pass
 
 
 def big_path(count: int) -> bytes:
@@ -238,7 +165,7 @@ def big_path(count: int) -> bytes:
     return head + first[:16] + b"\0\0\0\0" + first[16:] + poses[1:].tobytes()
 
 
-def flood_topics() -> None:
+def flood_topics(gate: EventOfProcesses) -> None:
     """Send paths, transforms and scans of megabytes without end."""
     import rclpy
     from nav_msgs.msg import Path as PathMessage
@@ -262,7 +189,7 @@ def flood_topics() -> None:
         (node.create_publisher(LaserScan, "scan", qos.SENSOR), serialize_message(scan)),
     ]
     largest, turn = big_path(1_000_000), 0
-    while True:
+    while gate.wait():
         turn += 1
         for publisher, data in items:
             publisher.publish(data)
@@ -271,7 +198,7 @@ def flood_topics() -> None:
         time.sleep(0.001)
 
 
-def flood_services() -> None:
+def flood_services(gate: EventOfProcesses) -> None:
     """Call every service of the follower that leaves it driving, without awaiting answers."""
     import rclpy
     from lifecycle_msgs.srv import GetState
@@ -295,14 +222,14 @@ def flood_services() -> None:
         (Trigger, "start", Trigger.Request()),
     ]
     clients = [(node.create_client(kind, f"path_follower/{name}"), request) for kind, name, request in requests]
-    while True:
+    while gate.wait():
         for client, request in clients:
             if client.service_is_ready():
                 client.remove_pending_request(client.call_async(request))
             time.sleep(0.001)
 
 
-CONDITIONS: dict[str, tuple[Callable[[], None], ...]] = {
+CONDITIONS: dict[str, tuple[Callable[[EventOfProcesses], None], ...]] = {
     "alone": (),
     "busy": (flood_topics, flood_services),
     "loaded": (compute,) * 4 * (os.cpu_count() or 1),
@@ -311,8 +238,8 @@ CONDITIONS: dict[str, tuple[Callable[[], None], ...]] = {
 
 def measure(condition: str, repeats: int) -> dict[str, list[Seen]]:
     """Return what the drives of each fault showed."""
-    with crowd(*CONDITIONS[condition]):
-        return {name: [observe(name) for _ in range(repeats)] for name in faults()}
+    with crowd(*CONDITIONS[condition]) as gate:
+        return {name: [observe(name, gate) for _ in range(repeats)] for name in faults()}
 
 
 # --- the benchmark
@@ -346,8 +273,8 @@ def suffer(runs: int, signals: int) -> tuple[list[Table], list[Bound]]:
             Bound(f"faults that did not end in zero, {name}", 0, sum(math.isinf(one.zero) for one in drives), ""),
         ]
     if signals:
-        with crowd(*CONDITIONS["busy"]):
-            num_seen, slowest = signalled("SIGINT", signals)
+        with crowd(*CONDITIONS["busy"]) as gate:
+            num_seen, slowest = signalled("SIGINT", signals, gate)
         bounds.append(Bound(f"SIGINT while busy: zero seen by the vehicle, of {signals}", signals, num_seen, "", True))
         bounds.append(Bound("SIGINT while busy: slowest zero", 0.4, slowest, "s"))
     columns = ("fault", "reason", *(f"{name}: zero after, max [s]" for name in CONDITIONS))

@@ -1,4 +1,4 @@
-"""Follower processes that are ended by a signal while they drive: did the vehicle see zero, and when?
+"""Follower processes and the base they drive; ended by a signal while they do: did the base see zero, and when?
 
 A small process imports the node once and forks a follower for each signal, so that hundreds take minutes.
 """
@@ -11,7 +11,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from multiprocessing.synchronize import Event as EventOfProcesses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -57,13 +60,19 @@ for line in sys.stdin:
     print(pid, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 """
-PATIENCE = 60.0  # s for a follower to come up and drive
-ANSWER = 1.0  # s to wait for the answer of a call
+PERIOD = 0.1  # s between two poses
+PATIENCE = 60.0  # s for a follower to come up and drive, on a busy machine
+SETTLE = 1.0  # s for what keeps the machine busy to find the follower
+CRUISE = 1.4  # m/s
+DRIVING = 0.3  # m/s: fast enough to be ended
 AFTER = 0.3  # s after the end of the process in which a last command may still arrive
 
 
-def signalled(name: str, count: int) -> tuple[int, float]:
-    """Send the signal to `count` driving followers; return how many left the vehicle at zero, and the slowest in s."""
+def signalled(name: str, count: int, gate: EventOfProcesses | None = None) -> tuple[int, float]:
+    """Send the signal to `count` driving followers; return how many left the base at zero, and the slowest in s.
+
+    `gate` is set from when a follower drives until it has ended.
+    """
     import rclpy
 
     with tempfile.TemporaryDirectory() as folder:
@@ -72,9 +81,10 @@ def signalled(name: str, count: int) -> tuple[int, float]:
         with subprocess.Popen([sys.executable, "-P", "-c", FORK], stdin=-1, stdout=-1, text=True) as nursery:
             rclpy.init()
             try:
-                vehicle = _Vehicle(nursery, f"--ros-args -p trajectory:={path} --log-level fatal")
-                delays = [vehicle.end_by(getattr(signal, name)) for _ in range(count)]
-                vehicle.node.destroy_node()
+                base = Base()
+                words = f"--ros-args -p trajectory:={path} --log-level fatal"
+                delays = [_end_by(getattr(signal, name), base, nursery, words, gate) for _ in range(count)]
+                base.node.destroy_node()
             finally:
                 rclpy.try_shutdown()
                 assert nursery.stdin is not None
@@ -82,77 +92,114 @@ def signalled(name: str, count: int) -> tuple[int, float]:
     return sum(np.isfinite(delays)), max(delays)
 
 
-class _Vehicle:
-    """Publishes poses, obeys commands, remembers when the last one came."""
+def _end_by(
+    number: int, base: Base, nursery: subprocess.Popen[str], words: str, gate: EventOfProcesses | None
+) -> float:
+    """Let a follower drive, send it the signal; return the time until zero, infinite where the last was not."""
+    assert nursery.stdin is not None
+    assert nursery.stdout is not None
+    nursery.stdin.write(words + "\n")
+    nursery.stdin.flush()
+    pid = int(nursery.stdout.readline())
+    base.x = base.speed = 0.0
+    try:
+        base.drive_off(DRIVING)
+        if gate is not None:
+            gate.set()
+            base.live(SETTLE)
+    except RuntimeError:
+        os.kill(pid, signal.SIGKILL)
+        raise
+    sent = time.monotonic()
+    os.kill(pid, number)
+    base.live(2.0 + AFTER, lambda: base.speed == 0.0 and time.monotonic() - sent > AFTER)
+    nursery.stdout.readline()  # the process has ended
+    base.live(AFTER)
+    if gate is not None:
+        gate.clear()
+    return base.commands[-1][0] - sent if base.speed == 0.0 else float("inf")
 
-    def __init__(self, nursery: subprocess.Popen[str], arguments: str) -> None:
+
+class Base:
+    """Says where it is, and obeys the last command."""
+
+    def __init__(self, remap: str = "cmd_vel") -> None:
         import rclpy
         from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
-        from sphere_nav_msgs.msg import LocalizationStatus
+        from sensor_msgs.msg import LaserScan
+        from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
+        from std_msgs.msg import Bool
         from std_srvs.srv import Trigger
 
         from sphere_nav.ros import qos
 
-        self.nursery, self.arguments = nursery, arguments
-        self.node = rclpy.create_node("vehicle")
-        self.node.create_subscription(Twist, "cmd_vel", self._obey, qos.COMMAND)
+        self.node = rclpy.create_node("base")
+        self.node.create_subscription(Twist, remap, self._obey, qos.COMMAND)
+        self.node.create_subscription(FollowerStatus, "path_follower/status", self._hear, qos.STATE)
         self.poses = self.node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
         self.states = self.node.create_publisher(LocalizationStatus, "status", qos.STATE)
+        self.button = self.node.create_publisher(Bool, "emergency_stop", qos.SENSOR)
+        self.scans = self.node.create_publisher(LaserScan, "scan", qos.SENSOR)
         self.start, self.request = self.node.create_client(Trigger, "path_follower/start"), Trigger.Request()
-        self.x = self.speed = self.arrival = 0.0
+        self.x = self.speed = self.worst_cycle = 0.0
+        self.commands: list[tuple[float, float]] = []
+        self.reason, self.state = "", "TRACKING"
+        self.frame, self.value, self.is_silent, self.has_status = "map", 0.0, False, True
+        self.is_pressed = False
+        self.others: list[Any] = []
+        self._due = time.monotonic()
 
-    def _obey(self, message: object) -> None:
-        self.speed, self.arrival = message.linear.x, time.monotonic()  # type: ignore[attr-defined]
+    def _obey(self, message: Any) -> None:
+        self.speed = message.linear.x
+        self.commands.append((time.monotonic(), self.speed))
 
-    def end_by(self, number: int) -> float:
-        """Let a follower drive, send it the signal; return the time until zero, infinite where the last was not."""
-        stdin, stdout = self.nursery.stdin, self.nursery.stdout
-        assert stdin is not None
-        assert stdout is not None
-        stdin.write(self.arguments + "\n")
-        stdin.flush()
-        pid = int(stdout.readline())
-        self.x = self.speed = 0.0
-        try:
-            self._drive_up()
-        except RuntimeError:
-            os.kill(pid, signal.SIGKILL)
-            raise
-        sent = time.monotonic()
-        os.kill(pid, number)
-        while not (self.speed == 0.0 and time.monotonic() - sent > AFTER) and time.monotonic() - sent < 2.0 + AFTER:
-            self._spin(0.01)
-        stdout.readline()  # the process has ended
-        self._spin(AFTER)
-        return self.arrival - sent if self.speed == 0.0 else float("inf")
+    def _hear(self, message: Any) -> None:
+        self.reason = message.reason or self.reason
+        self.worst_cycle = max(self.worst_cycle, message.worst_cycle)
 
-    def _drive_up(self) -> None:
-        end, answer, asked = time.monotonic() + PATIENCE, None, 0.0
-        while self.speed < 0.3:
-            if time.monotonic() > end:
-                why = answer.result().message if answer is not None and answer.done() else "no answer of start"
-                raise RuntimeError(f"path_follower: expected it to drive, found it standing: {why}")
-            self._speak()
-            self._spin(0.04)
-            is_late = time.monotonic() - asked > ANSWER  # asked a follower that has ended
-            is_refused = answer is not None and answer.done() and not answer.result().success
-            if self.start.service_is_ready() and (answer is None or is_late or is_refused):
-                answer, asked = self.start.call_async(self.request), time.monotonic()
+    def live(self, seconds: float, is_done: Callable[[], bool] = lambda: False) -> bool:
+        """Let time pass until something is done; whether it was."""
+        import rclpy
 
-    def _speak(self) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and not is_done():
+            if time.monotonic() >= self._due:
+                self._due += PERIOD
+                self._due = max(self._due, time.monotonic() - PERIOD)
+                self.speak()
+            rclpy.spin_once(self.node, timeout_sec=max(min(self._due, end) - time.monotonic(), 0.001))
+        return is_done()
+
+    def speak(self) -> None:
+        """Say where the base is, how the localiser is, and that the button is as it is."""
+        from std_msgs.msg import Bool
+
         from sphere_nav.geometry import SE3
         from sphere_nav.localization.status import State, Status
         from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 
         stamp = self.node.get_clock().now().nanoseconds
-        self.x += self.speed * 0.04
-        self.states.publish(status_to_message(Status(State.TRACKING), stamp, "map"))
-        pose = SE3.from_planar(self.x, 0.0, 0.0)
-        self.poses.publish(se3_to_pose_with_covariance(pose, 1e-4 * np.eye(6), stamp, "map"))
+        self.x += self.speed * PERIOD
+        self.button.publish(Bool(data=self.is_pressed))
+        if self.has_status:
+            self.states.publish(status_to_message(Status(State(self.state)), stamp, "map"))
+        if not self.is_silent:
+            pose = SE3.from_planar(self.x, 0.0, 0.0)
+            message = se3_to_pose_with_covariance(pose, 1e-4 * np.eye(6), stamp, self.frame)
+            message.pose.pose.position.y = self.value
+            self.poses.publish(message)
 
-    def _spin(self, seconds: float) -> None:
-        import rclpy
+    def drive_off(self, speed: float = 0.95 * CRUISE) -> None:
+        """Start, again and again, until it drives as fast as that."""
+        answer: Any = None
+        asked = 0.0
 
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0:
-            rclpy.spin_once(self.node, timeout_sec=left)
+        def is_driving() -> bool:
+            nonlocal answer, asked
+            if time.monotonic() - asked > 1.0 and self.start.service_is_ready() and self.speed == 0.0:
+                answer, asked = self.start.call_async(self.request), time.monotonic()
+            return self.speed > speed
+
+        if not self.live(PATIENCE, is_driving):
+            why = answer.result() if answer is not None and answer.done() else answer
+            raise RuntimeError(f"path_follower: expected it to drive, found {self.reason!r}, start: {why}")

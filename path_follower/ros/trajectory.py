@@ -20,6 +20,8 @@ from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.interfaces import from_bytes
 
+MAX_PATH_BYTES = 8_000_000  # of a message: 100,000 poses, which are read for seconds; a file holds ten times as many
+
 
 class TrajectoryIntake:
     """Gives trajectories to the follower and shows the one in force. What cannot be read changes nothing."""
@@ -46,7 +48,7 @@ class TrajectoryIntake:
 
         def read(data: bytes) -> None:
             if self.loop.ask("is_at_rest"):
-                use(from_bytes(data, kind))
+                use(from_bytes(data, kind, MAX_PATH_BYTES))
             else:
                 self.log.warning(f"{topic}: not read while the vehicle is under way: call stop first", every=5.0)
 

@@ -25,8 +25,10 @@ def type_name(kind: type[Any]) -> str:
     return f"{package}/{folder}/{kind.__name__}"
 
 
-def from_bytes(data: bytes, kind: type[Any]) -> Any:
-    """Return the message of bytes; ValueError where they are none of that type."""
+def from_bytes(data: bytes, kind: type[Any], max_bytes: int | None = None) -> Any:
+    """Return the message of bytes; ValueError where they are none of that type, or too many to be converted."""
+    if max_bytes is not None and len(data) > max_bytes:
+        raise ValueError(f"expected at most {max_bytes} bytes, found {len(data)}")
     try:
         return deserialize_message(data, kind)
     except Exception as error:  # the type support raises whatever it likes

@@ -3,83 +3,22 @@
 import signal
 import subprocess
 import sys
-import time
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
 import rclpy
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
-from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
-from std_srvs.srv import Trigger
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from architecture.tree import EXECUTABLES
-from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import State, Status
+from benchmarks.fault_processes import DRIVING, Base
 from sphere_nav.ros import qos
-from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
-
-PERIOD = 0.04  # s between two poses
-PATIENCE = 25.0  # s of a loaded machine
 
 
 def process(executable, *arguments):
     code = f"import sys; from {EXECUTABLES[executable]} import main; sys.exit(main())"
     return subprocess.Popen([sys.executable, "-c", code, "--ros-args", *arguments])
-
-
-class Vehicle:
-    """Where it is, it says itself; it does what the guard lets through."""
-
-    def __init__(self):
-        self.node = rclpy.create_node("vehicle")
-        self.x = self.speed = 0.0
-        self.reason, self.asked, self.answer = "", 0.0, None
-        self.node.create_subscription(Twist, "cmd_vel", self.obey, qos.COMMAND)
-        self.node.create_subscription(FollowerStatus, "path_follower/status", self.hear, qos.STATE)
-        self.poses = self.node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
-        self.states = self.node.create_publisher(LocalizationStatus, "status", qos.STATE)
-        self.start = self.node.create_client(Trigger, "path_follower/start")
-        self.calls = [self.start, self.start, self.node.create_client(Trigger, "path_follower/stop")]
-
-    def obey(self, message):
-        self.speed = message.linear.x
-
-    def hear(self, message):
-        self.reason = message.reason
-
-    def live(self, seconds, is_done=lambda: False):
-        """Let time pass until something is done; whether it was."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end and not is_done():
-            stamp = self.node.get_clock().now().nanoseconds
-            self.states.publish(status_to_message(Status(State.TRACKING), stamp, "map"))
-            self.poses.publish(pose(self.x, stamp))
-            until = time.monotonic() + PERIOD
-            while (left := until - time.monotonic()) > 0:
-                rclpy.spin_once(self.node, timeout_sec=left)
-            self.x += self.speed * PERIOD
-        return is_done()
-
-    def drive_off(self):
-        """Start; stop and start again where the guard came too late to see a zero command first."""
-
-        def is_driving():
-            if time.monotonic() - self.asked > 1.0 and self.start.service_is_ready():
-                self.asked = time.monotonic()
-                self.calls += [self.calls.pop(0)]
-                self.answer = self.calls[-1].call_async(Trigger.Request())
-            return self.speed > 0.4
-
-        is_off = self.live(PATIENCE, is_driving)
-        answer = self.answer and self.answer.result()
-        assert is_off, f"at {self.speed}, {self.reason!r}, start {self.start.service_is_ready()}, answer {answer}"
-
-
-def pose(x, stamp):
-    return se3_to_pose_with_covariance(SE3.from_planar(x, 0.0, 0.0), 1e-4 * np.eye(6), stamp, "map")
 
 
 @pytest.fixture
@@ -89,9 +28,9 @@ def drive(tmp_path):
     follower = process("path_follower", "-p", f"trajectory:={tmp_path / 'path.csv'}", "-r", "cmd_vel:=cmd_vel_in")
     guard = process("command_guard")
     rclpy.init()
-    vehicle = Vehicle()
+    vehicle = Base()
     try:
-        vehicle.drive_off()
+        vehicle.drive_off(DRIVING)
         yield vehicle, follower
     finally:
         vehicle.node.destroy_node()
@@ -130,4 +69,4 @@ def test_a_second_publisher_of_the_pose_is_named_and_stops(drive):
     assert vehicle.live(2.0, lambda: vehicle.reason == "POSE_SOURCE")
     other.destroy_publisher(publisher)
     other.destroy_node()
-    vehicle.drive_off()  # by the call start
+    vehicle.drive_off(DRIVING)  # by the call start

@@ -15,13 +15,11 @@ pytest.importorskip("rclpy")
 
 import rclpy
 from rclpy.qos import QoSProfile
-from rclpy.serialization import serialize_message
-from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
-from benchmarks.fault_busy import CRUISE, Base, big_path, front_of
-from path_follower.ros.loop_process import MAX_BYTES, bounded
+from benchmarks.fault_busy import big_path, front_of
+from benchmarks.fault_processes import CRUISE, Base
 from sphere_nav.ros import qos
 
 
@@ -146,15 +144,6 @@ def test_guard_and_follower_agree_and_start_arms_both(tmp_path):
         for child in (follower, guard):
             child.kill()
             child.wait()
-
-
-def test_what_is_too_large_is_not_converted():
-    message = serialize_message(Bool(data=True))
-    assert bounded(message, Bool).data
-    with pytest.raises(ValueError, match=f"expected at most {MAX_BYTES} bytes, found {MAX_BYTES + 1}"):
-        bounded(message + bytes(MAX_BYTES + 1 - len(message)), Bool)
-    with pytest.raises(ValueError, match="expected sensor_msgs/msg/LaserScan, found 8 bytes that are none"):
-        bounded(message, LaserScan)
 
 
 def test_a_big_path_is_a_path():

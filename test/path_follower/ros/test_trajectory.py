@@ -5,11 +5,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from nav_msgs.msg import Path
 from sphere_nav_msgs.srv import LoadTrajectory
 
+from benchmarks.fault_busy import big_path
 from path_follower.params import FollowerParams
 from path_follower.ros.node import PathFollowerNode
-from path_follower.ros.trajectory import TrajectoryIntake
+from path_follower.ros.trajectory import MAX_PATH_BYTES, TrajectoryIntake
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import poses_to_path
@@ -53,6 +55,14 @@ def test_the_same_path_is_taken_once(intake):
     assert intake.loop.follower.path is first
     intake.on_path(taught(length=12.0))
     assert intake.loop.follower.path.length == pytest.approx(11.9)
+
+
+def test_a_message_that_would_be_read_for_minutes_is_refused_unread(intake):
+    read = intake.standing("reference_path", Path, intake.on_path)
+    with pytest.raises(ValueError, match=f"expected at most {MAX_PATH_BYTES} bytes, found 72000028"):
+        read(big_path(1_000_000))
+    read(big_path(100))
+    assert intake.loop.follower.path.length == pytest.approx(99.0)
 
 
 def test_a_file_that_cannot_be_read_leaves_the_path_in_force(intake, tmp_path):

@@ -33,6 +33,10 @@ def test_bytes_are_a_message_or_refused():
     assert from_bytes(serialize_message(Bool(data=True)), Bool) == Bool(data=True)
     with pytest.raises(ValueError, match="expected sensor_msgs/msg/PointCloud2, found 3 bytes that are none"):
         from_bytes(b"abc", PointCloud2)
+    message = serialize_message(Bool(data=True))
+    assert from_bytes(message, Bool, max_bytes=len(message)).data
+    with pytest.raises(ValueError, match=f"expected at most {len(message) - 1} bytes, found {len(message)}"):
+        from_bytes(message, Bool, max_bytes=len(message) - 1)
 
 
 def test_classes_and_names():
