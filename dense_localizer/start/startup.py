@@ -25,6 +25,7 @@ from dense_localizer.constants import (
     NUM_COMPARED_POINTS,
     NUM_NEAR,
     NUM_RETRIEVED,
+    NUM_TURNED,
     NUM_VERIFIED,
     ROLL_STEP_DEG,
     SAME_POSE_DEG,
@@ -92,7 +93,7 @@ class Startup:
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance):
             nodes, placed = self._recognize(seen, [upright, *attitudes])
-        return self._refine(seen, placed or self._compare_all(seen, nodes, attitudes, NUM_ALIGNED))
+        return self._refine(seen, placed or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
 
     def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
         """Return the key spheres that look like the image, and where its features place it."""
