@@ -154,7 +154,7 @@ def drive(simulator: Simulator, taught: Taught, sphere_map: SphereMap | None = N
     path = reference_path(xy, yaw, speeds, path=params.path, driving=params.speed, vehicle=params.vehicle)
     localizer, follower = Localizer(LocalizerParams(), sphere_map or taught), Follower(params, path)
     T_camera_base = simulator.mounts["camera"].T_base_camera.inverse()
-    localizer.use_mounting(simulator.mounts["camera"].T_base_camera)
+    localizer.search.T_base_body = simulator.mounts["camera"].T_base_camera
     driven, truth, command, state = Driven(np.zeros((0, 2))), [], VehicleCommand(), FollowerState.IDLE
     answer = follower.tick(simulator.time_ns)
     with _bar("drive", path.length) as show:
