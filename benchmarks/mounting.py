@@ -53,7 +53,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 HELP = "the same drive with four mountings: taught paths, drives in the simulator, starts from nowhere"
 SIMULATION = {"seed": 3, "path": "two_turns", "camera.width": 320, "camera.height": 240, "camera.period": 0.2}
 STILL = {"sphere.publish": "never", "traffic.is_on": False}
-WAY_M, QUICK_WAY_M, SPACING_M = 12.0, 4.0, 0.25  # that is taught; between two images
+WAY_M, QUICK_WAY_M, SPACING_M = 8.0, 4.0, 0.25  # that is taught; between two images
 IMAGE_NOISE, DEPTH_NOISE = 1.5, 0.002  # grey levels; share of the depth
 SAME_MM, SAME_DEG = 5.0, 0.1  # between the taught paths of two mountings
 MAX_LATERAL_CM = 10.0
@@ -175,11 +175,11 @@ def start_in_kitchen(report: Report, data: Path, folder: Path, step: int) -> Non
             ]
     call("map", folder / "turned_0", "-o", folder / "map", "--anchor", "truth", "--set", READOUT)
     truth, mapped = read_poses(folder / "all", ("ground_truth/pose",)), set(paths[0].stamps_ns.tolist())
-    with open_map(folder / "map", is_gray=True) as sphere_map, BagReader(folder / "all") as bag:
+    with open_map(folder / "map", is_gray=True) as sphere_map, BagReader(folder / "all") as drives:
         localizer = Localizer(LocalizerParams(), sphere_map)
-        camera = camera_from_info(next(iter(bag.messages(["/camera_info"]))).message)
+        camera = camera_from_info(next(iter(drives.messages(["/camera_info"]))).message)
         assert isinstance(camera, Pinhole)
-        images = [item.message for item in bag.messages(["/image_raw"])]
+        images = [item.message for item in drives.messages(["/image_raw"])]
         others = [one for one in images if stamp_ns(one) not in mapped][::step]
         for quarters in range(NUM_QUARTERS):
             found = [start(localizer, one, camera, truth, quarters) for one in others]

@@ -119,7 +119,7 @@ class Demo:
         self.folder = new_folder(output)
         self.domain = 50 + os.getpid() % 50 if domain is None else domain
         place = TOUR if path == "tour" else {"path": path}
-        self.simulation = SIMULATION | {"seed": seed} | place | more
+        self.simulation = SIMULATION | {"seed": seed} | place | dict(more)
         params = build(SimParams, self.simulation)
         self.length = build_world(params.world, params.seed, params.path).path.length
         self.seconds: dict[str, float] = {}
