@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--anchor",
         choices=("first", "truth", "survey"),
         default="first",
-        help="first: base_link at the start is the origin; truth: the map, as it is, fitted to the truth; survey: every "
+        help="first: base_link at the start is the origin; truth: the map as it is, fitted to the truth; survey: every "
         "key sphere where the truth has it, as after a surveyed drive (%(default)s)",
     )
     parser.add_argument("--rig", type=Path, metavar="F", help="rig file, for a bag with the cameras of a rig")
