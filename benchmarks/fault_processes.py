@@ -39,7 +39,10 @@ class Front:
     def wait(self, timeout=1e9):
         end = time.monotonic() + timeout
         while self.status is None:
-            done, status = os.waitpid(self.pid, os.WNOHANG)
+            try:
+                done, status = os.waitpid(self.pid, os.WNOHANG)
+            except ChildProcessError:  # another thread has its status, and is about to say so
+                done = 0
             if done:
                 self.status = os.waitstatus_to_exitcode(status)
             elif time.monotonic() > end:
@@ -89,7 +92,7 @@ def signalled(name: str, count: int, gate: EventOfProcesses | None = None) -> tu
                 rclpy.try_shutdown()
                 assert nursery.stdin is not None
                 nursery.stdin.close()
-    return sum(np.isfinite(delays)), max(delays)
+    return int(np.isfinite(delays).sum()), max(delays)
 
 
 def _end_by(

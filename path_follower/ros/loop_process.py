@@ -106,12 +106,13 @@ def _serve(server: LoopServer, connection: Connection, stopped: Future) -> int:
 
 
 def _take_precedence() -> None:
-    """Be served first: this thread and all that it starts, the middleware's among them."""
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    except PermissionError:
-        with suppress(PermissionError):
-            os.setpriority(os.PRIO_PROCESS, 0, NICE)
+    """Be served first: all threads, those that wait for a signal or the front's end among them, and what they start."""
+    for thread in map(int, os.listdir("/proc/self/task")):
+        try:
+            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        except PermissionError:
+            with suppress(PermissionError):
+                os.setpriority(os.PRIO_PROCESS, thread, NICE)
 
 
 def _listen(connection: Connection, server: LoopServer, executor: Executor) -> None:

@@ -20,6 +20,7 @@ from std_msgs.msg import Bool
 
 from benchmarks.fault_busy import big_path, front_of
 from benchmarks.fault_processes import CRUISE, Base
+from path_follower.ros.loop_process import PRIORITY
 from sphere_nav.ros import qos
 
 
@@ -78,6 +79,25 @@ def test_a_front_that_is_killed_leaves_zero_and_ends_the_process(follower, base)
     os.kill(front_of(follower.pid), signal.SIGKILL)
     assert base.live(5.0, lambda: base.speed == 0.0)
     assert follower.wait(10.0) == 1
+
+
+def policies(pid):
+    return {os.sched_getscheduler(int(thread)) for thread in os.listdir(f"/proc/{pid}/task")}
+
+
+def may_be_real_time():
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except PermissionError:
+        return False
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    return True
+
+
+def test_every_thread_of_the_loop_and_none_of_its_front_is_real_time_where_it_may_be(follower, base):
+    base.drive_off()
+    assert policies(follower.pid) == {os.SCHED_FIFO if may_be_real_time() else os.SCHED_OTHER}
+    assert policies(front_of(follower.pid)) == {os.SCHED_OTHER}
 
 
 def test_a_loop_that_is_killed_takes_its_front_along(follower, base):
