@@ -54,6 +54,7 @@ BENCHMARKS = {
     "mcl_homing": "benchmarks.mcl_homing",
     "mcl_times": "benchmarks.mcl_times",
     "fuzz": "benchmarks.fuzz",
+    "zoo": "benchmarks.zoo",
     "endpoints": "benchmarks.endpoints",
     "map_streaming": "benchmarks.map_streaming",
     "intake_rate": "benchmarks.intake_rate",

@@ -85,7 +85,7 @@ class SphereMapper(ManagedNode):
         self.mount = mount
         if not self.mapper.tracks and not self.begin_map(sphere):
             return
-        T_odom_base = self.odom.at(sphere.stamp_ns)
+        T_odom_base = self.odom.predict(sphere.stamp_ns)
         update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere, unroll)
         if update.T_map_sphere is None:
             self.num_lost += 1

@@ -9,13 +9,20 @@ from pathlib import Path
 
 from sphere_nav.geometry.trajectory_error import ALIGNMENTS
 from sphere_nav.offline.evaluation import ESTIMATE_TOPICS, TRUTH_TOPICS, error_table, evaluate_poses, read_trajectory
+from sphere_nav.offline.pose_bags import is_bag
 
 HELP = "errors of estimated poses against true ones"
 EXAMPLES = """\
 examples:
   sphere_nav evaluate poses.tum truth.tum
   sphere_nav evaluate poses.tum drive_bag --json errors.json --plot errors.png
-  sphere_nav evaluate poses.tum drive_bag --truth-topic /ground_truth/odometry --align se3 --tolerance 0.02
+  sphere_nav evaluate poses.tum drive_bag --truth-topic /ground_truth/odometry --align poses --tolerance 0.02
+  sphere_nav evaluate poses.tum drive_bag --align poses --align-by taught.tum teaching_bag
+
+A map has a frame of its own, where the truth does not give it one. --align poses takes that away by all positions and
+rotations together, each by its own scatter, wrong ones left out: also for a straight path. With --align-by it is found
+on the drive that made the map (sphere_nav map --taught) and applied to the poses, which nothing is fitted to. se3 and
+sim3 fit the positions alone, as evo does; the turn about a straight path is then left to chance.
 
 Poses are paired by the nearest stamp within the tolerance (or the truth is interpolated). Lateral is left of the
 true direction of motion, longitudinal ahead along it, both in the horizontal plane. Statistics are of absolute values.
@@ -29,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("poses", type=Path, help="estimated poses: TUM file, or a bag")
     parser.add_argument("truth", type=Path, help="true poses: TUM file, or a bag")
     parser.add_argument("--align", choices=ALIGNMENTS, default="none", help="move the estimate first (default: none)")
+    parser.add_argument(
+        "--align-by", nargs=2, type=Path, metavar=("POSES", "TRUTH"), help="find the alignment on these (--align poses)"
+    )
     parser.add_argument("--json", type=Path, metavar="F", help="write all numbers to this file")
     parser.add_argument("--plot", type=Path, metavar="F", help="draw top view and errors over time (png, pdf or svg)")
     parser.add_argument(
@@ -46,6 +56,15 @@ def run(arguments: argparse.Namespace) -> int:
     """Pair, align, measure; print a table; write JSON and plot where asked."""
     estimate = read_trajectory(arguments.poses, arguments.poses_topic, ESTIMATE_TOPICS)
     truth = read_trajectory(arguments.truth, arguments.truth_topic, TRUTH_TOPICS)
+    aligned_by = None
+    if arguments.align_by:
+        if arguments.align == "none":
+            raise ValueError("--align-by: expected --align poses, se3 or sim3 with it, found none")
+        poses, true_poses = arguments.align_by
+        aligned_by = (
+            read_trajectory(poses, arguments.poses_topic if is_bag(poses) else None, ESTIMATE_TOPICS),
+            read_trajectory(true_poses, arguments.truth_topic if is_bag(true_poses) else None, TRUTH_TOPICS),
+        )
     judged = evaluate_poses(
         estimate,
         truth,
@@ -53,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
         tolerance_s=arguments.tolerance,
         is_interpolated=arguments.interpolate,
         rpe_length_m=arguments.rpe,
+        aligned_by=aligned_by,
     )
     print(error_table(judged.report))
     if arguments.json:

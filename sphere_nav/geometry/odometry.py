@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3
 
 MEMORY = 200  # messages; 2 s at 100 Hz
+SET_BACK_NS = 10_000_000_000  # by which a stamp before the last one is of a clock that was set back
 
 
 class OdometryBuffer:
@@ -30,7 +31,12 @@ class OdometryBuffer:
         self._poses.clear()
 
     def add(self, stamp_ns: int, T_odom_base: SE3, twist: NDArray[np.float64]) -> None:
-        """Keep a pose and its twist (6,), (v, omega) in base axes; ValueError for a stamp that does not grow."""
+        """Keep a pose and its twist (6,), (v, omega) in base axes; ValueError for a stamp that does not grow.
+
+        One far before the last is of a clock that was set back: what was kept is forgotten.
+        """
+        if self._stamps and stamp_ns < self._stamps[-1] - SET_BACK_NS:
+            self.clear()
         if self._stamps and stamp_ns <= self._stamps[-1]:
             last = self._stamps[-1]
             raise ValueError(f"odometry stamp: expected later than {last * 1e-9:.3f} s, found {stamp_ns * 1e-9:.3f} s")

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from sphere_nav.geometry import so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.se3 import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 
 DIRECTION_BASELINE_M = 0.2  # the direction of motion is measured over this way, to both sides
-ALIGNMENTS = ("none", "se3", "sim3")
+ALIGNMENTS = ("none", "poses", "se3", "sim3")
+AXES = ("x", "y", "z", "roll", "pitch", "yaw")  # of a tangent vector
+RPE_TOLERANCE = 0.1  # of a stretch of way, by which a pair of poses may be longer or shorter (that of evo)
+MEDIAN_OF_NORM = 1.538  # median of the length of a vector of three errors of standard deviation 1
+HUBER, TUKEY = 3.0, 6.0  # standard deviations: from where the length of three errors counts less, or not at all
+NUM_ROUNDS, SETTLED = 100, 1e-12  # of weighing anew; the step in m or rad that is the last
+LEAST_SIGMA = 1e-9  # m, rad: of poses that agree exactly
 
 
 @dataclass(frozen=True)
@@ -53,15 +62,22 @@ class RelativeErrors:
 
 
 def align(estimate: Trajectory, truth: Trajectory, kind: str) -> tuple[SE3, float]:
-    """Return `T_truth_estimate` and scale that bring the positions together best (Umeyama 1991), by `kind`.
+    """Return `T_truth_estimate` and scale that bring the trajectories together best, by `kind`.
 
-    The trajectories are paired pose by pose. Kind: 'none', 'se3' (rigid) or 'sim3' (rigid and scale).
+    They are paired pose by pose. Kind: 'none'; 'poses' (positions and rotations together, `align_poses`); by positions
+    alone (Umeyama 1991) 'se3' (rigid) or 'sim3' (rigid and scale), which need a path that is no straight line.
     """
     if kind not in ALIGNMENTS:
         raise ValueError(f"align: expected one of {', '.join(ALIGNMENTS)}, found {kind!r}")
     if kind == "none":
         return SE3.identity(), 1.0
-    source, target = estimate.positions, truth.positions
+    if kind == "poses":
+        return align_poses(estimate.T_map_body, truth.T_map_body), 1.0
+    return _fit_positions(estimate.positions, truth.positions, has_scale=kind == "sim3")
+
+
+def _fit_positions(source: Array, target: Array, *, has_scale: bool) -> tuple[SE3, float]:
+    """Return the motion and scale that bring positions (N, 3) together best; ValueError for those on one line."""
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
     U, sizes, Vt = np.linalg.svd((target - target_mean).T @ (source - source_mean) / len(source))
     if len(source) < 3 or sizes[1] < 1e-9 * max(sizes[0], 1e-30):
@@ -69,8 +85,58 @@ def align(estimate: Trajectory, truth: Trajectory, kind: str) -> tuple[SE3, floa
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
     R = (U * signs) @ Vt
     variance = np.mean(np.sum((source - source_mean) ** 2, axis=-1))
-    scale = float(sizes @ signs / variance) if kind == "sim3" else 1.0
+    scale = float(sizes @ signs / variance) if has_scale else 1.0
     return SE3.from_parts(R, target_mean - scale * R @ source_mean), scale
+
+
+def align_poses(estimate: SE3, truth: SE3) -> SE3:
+    """Return `T_truth_estimate` of paired poses (N,), by positions and rotations together.
+
+    It minimises sum rho(|q - (R p + t)| / sigma_p) + rho(|log(R_q (R R_p)^T)| / sigma_r) with Tukey's rho. Both sigmas
+    are those of the remaining errors, by their medians, found anew in each round: so a path that is straight, or short
+    for its errors, is turned by its rotations, a long bent one by its positions, and a few wrong poses by none. Begun
+    at what the rotations say and at what the positions say, it takes the end where sigma_p sigma_r is smaller.
+    """
+    R = so3.nearest_rotations(np.sum(truth.rotation @ np.swapaxes(estimate.rotation, -1, -2), axis=0))
+    starts = [SE3.from_parts(R, np.median(truth.translation - estimate.translation @ R.T, axis=0))]
+    with suppress(ValueError):
+        starts.append(_fit_positions(estimate.translation, truth.translation, has_scale=False)[0])
+    fits = [_refine(estimate, truth, start) for start in starts]
+    return min(fits, key=lambda fit: fit[0])[1]
+
+
+def _refine(estimate: SE3, truth: SE3, start: SE3) -> tuple[float, SE3]:
+    """Return log(sigma_p sigma_r) and the pose where weighing anew has settled, from a start on."""
+    R, t = start.rotation, start.translation
+    for number in range(NUM_ROUNDS):
+        rotated = estimate.translation @ R.T
+        off = truth.translation - rotated - t
+        turn = so3.log(truth.rotation @ np.swapaxes(R @ estimate.rotation, -1, -2))
+        is_near = number >= NUM_ROUNDS // 4
+        (w, sigma_p), (v, sigma_r) = _weigh(off, is_near=is_near), _weigh(turn, is_near=is_near)
+        center, mean = np.average(rotated, axis=0, weights=w), np.average(off, axis=0, weights=w)
+        arms = rotated - center
+        # off - mean ~ delta x arm, turn ~ delta: the normal equations of delta
+        A = np.sum(arms**2, axis=-1)[:, None, None] * np.eye(3) - arms[:, :, None] * arms[:, None, :]
+        b = np.sum(w[:, None] * np.cross(arms, off - mean), axis=0) + np.sum(v[:, None] * turn, axis=0)
+        delta = np.linalg.solve(np.einsum("n,nij->ij", w, A) + v.sum() * np.eye(3), b)
+        R_step = so3.exp(delta)
+        R, t = R_step @ R, t + mean + center - R_step @ center
+        if is_near and max(np.abs(delta).max(), np.abs(mean).max()) < SETTLED:
+            break
+    return float(np.log(sigma_p) + np.log(sigma_r)), SE3.from_parts(R, t)
+
+
+def _weigh(errors: Array, *, is_near: bool) -> tuple[Array, float]:
+    """Return what errors (N, 3) weigh, over their variance, and their standard deviation, which they tell themselves.
+
+    Far from the end by Huber's rho, which nothing is lost to; near it by Tukey's, which is blind to what is wrong.
+    """
+    size = np.linalg.norm(errors, axis=-1)
+    sigma = max(float(np.median(size)) / MEDIAN_OF_NORM, LEAST_SIGMA)
+    huber = np.minimum(1.0, HUBER * sigma / np.maximum(size, LEAST_SIGMA))
+    tukey = np.clip(1.0 - (size / (TUKEY * sigma)) ** 2, 0.0, None) ** 2
+    return (tukey if is_near else huber) / sigma**2, sigma
 
 
 def absolute_errors(estimate: Trajectory, truth: Trajectory, directions: Array) -> AbsoluteErrors:
@@ -99,11 +165,18 @@ def directions_of_motion(trajectory: Trajectory) -> Array:
 
 
 def relative_errors(estimate: Trajectory, truth: Trajectory, length_m: float) -> RelativeErrors:
-    """Compare the motions over every stretch of true way of at least `length_m` metres, one from each pose."""
-    way = truth.distances
-    end = np.searchsorted(way, way + length_m, side="left")
-    start = np.flatnonzero(end < len(way))
-    end = end[start]
+    """Compare the motions over stretches of true way, one from each pose to that which is nearest to `length_m` away.
+
+    As evo does (`evo_rpe --all_pairs --pairs_from_reference -u m`): within `RPE_TOLERANCE` of the length.
+    """
+    way, numbers = truth.distances, np.arange(len(truth))
+    after = np.minimum(np.searchsorted(way, way + length_m, side="left"), len(way) - 1)
+    before = np.maximum(np.searchsorted(way, way[np.maximum(after - 1, 0)], side="left"), numbers + 1)
+    before = np.minimum(before, after)
+    is_before = np.abs(way[before] - way - length_m) <= np.abs(way[after] - way - length_m)
+    end = np.where(is_before, before, after)
+    is_paired = (end > numbers) & (np.abs(way[end] - way - length_m) <= RPE_TOLERANCE * length_m)
+    start, end = numbers[is_paired], end[is_paired]
     T_true = truth.T_map_body[start].inverse() @ truth.T_map_body[end]
     T_estimated = estimate.T_map_body[start].inverse() @ estimate.T_map_body[end]
     translation, rotation = T_true.distance(T_estimated)
@@ -115,13 +188,23 @@ def nees(estimate: Trajectory, truth: Trajectory) -> Array:
 
     The error is xi of `T_true = T_estimated @ exp(xi)`. NaN where the covariance is not positive definite.
     """
-    if estimate.covariances is None:
-        return np.full(len(estimate), np.nan)
+    xi, covariances, is_good = _scaled_errors(estimate, truth)
+    squared = np.sum(xi * np.linalg.solve(covariances, xi[..., None])[..., 0], axis=-1)
+    return np.where(is_good, squared, np.nan)
+
+
+def nees_of_axes(estimate: Trajectory, truth: Trajectory) -> Array:
+    """Return the squared error over its variance (N, 6) of each of `AXES`, in the body's axes; means near 1."""
+    xi, covariances, is_good = _scaled_errors(estimate, truth)
+    squared = xi**2 / np.diagonal(covariances, axis1=-2, axis2=-1)
+    return np.where(is_good[:, None], squared, np.nan)
+
+
+def _scaled_errors(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return errors (N, 6), covariances (N, 6, 6), and where these are some; the others are made those of 1."""
     xi = (estimate.T_map_body.inverse() @ truth.T_map_body).log()
-    covariances = estimate.covariances
-    finite = np.isfinite(covariances.reshape(-1, 36).sum(axis=-1))
-    eigenvalues = np.linalg.eigvalsh(np.where(finite[:, None, None], covariances, -np.eye(6)))
-    good = finite & (eigenvalues[:, 0] > 0)
-    safe = np.where(good[:, None, None], covariances, np.eye(6))
-    squared = np.sum(xi * np.linalg.solve(safe, xi[..., None])[..., 0], axis=-1)
-    return np.where(good, squared, np.nan)
+    given = np.full((len(estimate), 6, 6), np.nan) if estimate.covariances is None else estimate.covariances
+    is_finite = np.isfinite(given.reshape(-1, 36).sum(axis=-1))
+    eigenvalues = np.linalg.eigvalsh(np.where(is_finite[:, None, None], given, -np.eye(6)))
+    is_good = is_finite & (eigenvalues[:, 0] > 0)
+    return xi, np.where(is_good[:, None, None], given, np.eye(6)), is_good

@@ -9,6 +9,7 @@ import numpy as np
 
 # Recordings (test_topics, test_recorded_camera, cli/test_import)
 SLACK_S = (0.005, 0.02)  # least and largest difference of the stamps of one instant: what a moving camera can bear
+NUM_PAIRED = 40  # messages of each of two cameras, within which two of one instant are looked for
 SILENT_PERIODS = 4.0  # of a camera, that are a silence; recordings drop images
 NUM_TF_MESSAGES = 1000  # that are looked at for the frames there are
 OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written

@@ -9,14 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum
 from sphere_nav.geometry.trajectory_error import (
+    AXES,
     AbsoluteErrors,
     Statistics,
     absolute_errors,
     align,
     directions_of_motion,
     nees,
+    nees_of_axes,
     relative_errors,
 )
 from sphere_nav.offline.pose_bags import is_bag, read_poses
@@ -45,8 +48,13 @@ def evaluate_poses(
     tolerance_s: float = 0.01,
     is_interpolated: bool = False,
     rpe_length_m: float = 1.0,
+    aligned_by: tuple[Trajectory, Trajectory] | None = None,
 ) -> Judged:
-    """Measure an estimate; also for benchmarks and the demo. ValueError if no stamps are in common."""
+    """Measure an estimate; also for benchmarks and the demo. ValueError if no stamps are in common.
+
+    `aligned_by`: another estimate in the same frame and its truth, such as those of the drive that made the map. The
+    alignment is found on these alone; else on the estimate itself.
+    """
     tolerance_ns = round(tolerance_s * 1e9)
     directions = directions_of_motion(truth)
     covered, _ = associate(truth.stamps_ns, estimate.stamps_ns, tolerance_ns)
@@ -59,7 +67,7 @@ def evaluate_poses(
         paired, paired_truth, directions = estimate[first], truth[second], directions[second]
     if not len(paired):
         raise ValueError(f"stamps: expected some in common within {tolerance_s:g} s, found {_spans(estimate, truth)}")
-    T_truth_estimate, scale = align(paired, paired_truth, alignment)
+    T_truth_estimate, scale = find_alignment((paired, paired_truth), alignment, aligned_by)
     paired = paired.moved(T_truth_estimate, scale)
     errors = absolute_errors(paired, paired_truth, directions)
     report = {
@@ -76,6 +84,19 @@ def evaluate_poses(
     return Judged(paired, paired_truth, truth, errors, report)
 
 
+def find_alignment(
+    paired: tuple[Trajectory, Trajectory], kind: str, aligned_by: tuple[Trajectory, Trajectory] | None
+) -> tuple[SE3, float]:
+    """Return T_truth_estimate and scale by an estimate and its truth: the paired one, or another one that is given."""
+    if aligned_by is None:
+        return align(*paired, kind)
+    estimate, truth = aligned_by
+    at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))
+    if not known.any():
+        raise ValueError(f"stamps: expected some in common to align by, found {_spans(*aligned_by)}")
+    return align(estimate[known], at, kind)
+
+
 def error_table(report: dict[str, Any]) -> str:
     """Return the report as text."""
     lines = [f"{report['n']} poses paired, coverage {100 * report['coverage']:.1f} %, {report['length_m']:.2f} m"]
@@ -87,8 +108,16 @@ def error_table(report: dict[str, Any]) -> str:
     for name, row in rows.items():
         cells = "".join(f"{value:10.4f}" for value in row.values()) if row else f"{'-':>10}"
         lines.append(f"{name:16}{cells}")
-    if report["nees"]:
-        lines.append(f"NEES {report['nees']['mean']:.2f} (6 degrees of freedom, {report['nees']['n']} covariances)")
+    if found := report["nees"]:
+        lines.append(f"NEES {found['mean']:.2f} (6 degrees of freedom, {found['n']} covariances)")
+        axes = ", ".join(f"{name} {value:.2f}" for name, value in found["axes"].items())
+        lines.append(f"NEES of each axis of the body (1 degree of freedom): {axes}")
+    moved = SE3(np.array(report["alignment"]["T_truth_estimate"]))
+    meters, radians = moved.distance(SE3.identity())
+    if report["alignment"]["kind"] != "none":
+        scale = report["alignment"]["scale"]
+        size = f", scale {scale:.5f}" if scale != 1.0 else ""
+        lines.append(f"aligned by {report['alignment']['kind']}: {meters:.4f} m, {np.degrees(radians):.3f} deg{size}")
     return "\n".join(lines)
 
 
@@ -113,7 +142,8 @@ def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | No
     squared = squared[np.isfinite(squared)]
     if not squared.size:
         return None
-    return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared))}
+    axes = dict(zip(AXES, np.nanmean(nees_of_axes(estimate, truth), axis=0).tolist(), strict=True))
+    return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared)), "axes": axes}
 
 
 def _statistics(values: np.ndarray) -> dict[str, float] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -28,7 +29,7 @@ from sphere_nav.ros.bags.replay import OfflineBus, record, replay
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter
 
-UNUSABLE = ("BAD_INFO", "MAP_ERROR")  # reasons that no other image changes
+UNUSABLE = (Reason.BAD_INFO, Reason.MAP_ERROR, Reason.BAD_STAMP, Reason.TF_STALE)  # an image that was not compared
 
 
 def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
@@ -53,6 +54,9 @@ def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) ->
     summary = Summary()
     for item in published:
         summary.take(item)
+    if summary.num_set_back:
+        text = "stamps go back %d times: the poses are sorted by stamp; of two with the same stamp the last one holds"
+        logging.getLogger("sphere_nav.clock").warning(text, summary.num_set_back)
     write_tum(output, summary.trajectory())
     result = summary.result()
     if arguments.json:
@@ -69,14 +73,15 @@ def replay_localizer(
     """Yield what a node publishes while the bag plays; `add_node` puts it on the bus, given topics and parameters."""
     with ExitStack() as stack:
         bag = stack.enter_context(BagReader(arguments.source))
-        bus = OfflineBus(captured=set(published_topics))
+        bus = OfflineBus(set(published_topics), start_ns=bag.time_range[0])
         stack.callback(bus.close)
         remap = topics.find_localizer_topics(bag, arguments)
         mounting = arguments.mounting
         if not mounting and "image_raw" in remap:
             mounting = topics.note_mounting(bag, remap["image_raw"], arguments)
         images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
-        add_node(bus, remap, {"mounting": mounting} | patience(read_streams(bag), images))
+        given = {"mounting": mounting, "camera_frame": topics.odd_frame(bag, remap)}
+        add_node(bus, remap, given | patience(read_streams(bag), images))
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
         bar = stack.enter_context(tqdm(total=total, desc="localise", unit="msg", disable=None))
         published = usable(replay(bag, bus, progress=bar.update), arguments.source)
@@ -86,14 +91,14 @@ def replay_localizer(
 
 
 def usable(published: Iterator[Recorded], source: str) -> Iterator[Recorded]:
-    """Pass on what is published; BagError at the end where no image could be compared: calibration or map are bad."""
+    """Pass on what is published; BagError at the end where no image could be compared: bad stamps, calibration, map."""
     refusal, is_usable, is_answered = "", False, False
     for item in published:
-        if item.topic == "/status":
+        status = conversions.message_to_status(item.message) if item.topic == "/status" else None
+        if status is not None and status.reason != Reason.TIMEOUT:  # which answers no image
             is_answered = True
-            status = conversions.message_to_status(item.message)
             is_usable |= status.reason not in UNUSABLE
-            refusal = status.remedy
+            refusal = refusal or status.remedy
         yield item
     if not is_answered:
         raise BagError(
@@ -107,7 +112,9 @@ class Summary:
     """Collects what the node says."""
 
     def __init__(self) -> None:
-        self.poses: list[tuple[int, SE3, NDArray[np.float64]]] = []
+        self.poses: dict[int, tuple[SE3, NDArray[np.float64]]] = {}  # by stamp in ns
+        self.num_set_back = 0  # poses whose stamp is not later than that of the one before
+        self._last_ns = 0
         self.states: Counter[str] = Counter()
         self.reasons: Counter[str] = Counter()
         self.milliseconds: list[float] = []
@@ -125,14 +132,17 @@ class Summary:
                 self.milliseconds.append(status.milliseconds)
         elif item.topic == "/pose":
             pose = conversions.pose_with_covariance_to_se3(item.message)
-            self.poses.append((conversions.stamp_ns(item.message), *pose))
+            stamp = conversions.stamp_ns(item.message)
+            self.num_set_back += stamp <= self._last_ns
+            self.poses[stamp], self._last_ns = pose, stamp
 
     def trajectory(self) -> Trajectory:
-        """Return the poses with their covariances."""
-        stamps = np.array([stamp for stamp, _, _ in self.poses], dtype=np.int64)
-        matrices = np.array([pose.matrix for _, pose, _ in self.poses]).reshape(-1, 4, 4)
-        covariances = np.array([covariance for _, _, covariance in self.poses]).reshape(-1, 6, 6)
-        return Trajectory(stamps, SE3(matrices), covariances)
+        """Return the poses with their covariances, by stamp: a clock may have been set back."""
+        stamps = sorted(self.poses)
+        poses = [self.poses[stamp] for stamp in stamps]
+        matrices = np.array([pose.matrix for pose, _ in poses]).reshape(-1, 4, 4)
+        covariances = np.array([covariance for _, covariance in poses]).reshape(-1, 6, 6)
+        return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices), covariances)
 
     def result(self) -> dict[str, Any]:
         """Return the figures."""

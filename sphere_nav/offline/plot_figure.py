@@ -18,7 +18,7 @@ from sphere_nav.offline.evaluation import TRUTH_TOPICS, evaluate_poses
 from sphere_nav.offline.pose_bags import READINGS, is_bag, read_poses
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav.ros.bags.streams import TRUTH_WORDS
+from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
 
 STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
 POSE_NAMES = ("pose", "odometry")
@@ -179,12 +179,18 @@ def draw_evaluation(
         upper.plot(seconds, errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
         upper.plot(seconds, errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
         upper.set_ylabel("error [m]")
-        lower.plot(seconds, np.degrees(errors.rotation_rad), color=ROTATION, lw=1, label="rotation [°]")
-        lower.plot(seconds, errors.translation_m, color=ESTIMATE, lw=1, label="translation [m]")
-        lower.set_ylabel("absolute error")
+        turned = lower.twinx()
+        drawn = lower.plot(seconds, errors.translation_m, color=ESTIMATE, lw=1, label="translation")
+        drawn += turned.plot(seconds, np.degrees(errors.rotation_rad), color=ROTATION, lw=1, label="rotation")
+        for axes, name, color in ((lower, "translation [m]", ESTIMATE), (turned, "rotation [°]", ROTATION)):
+            axes.set_ylabel(f"error of {name}", color=color)
+            axes.tick_params(axis="y", labelcolor=color)
+            axes.margins(y=0.25)  # for the legend
+            axes.set_ylim(bottom=0.0)
+        turned.grid(visible=False)
         lower.set_xlabel("time [s]")
         upper.legend(loc="upper right")
-        lower.legend(loc="upper right")
+        lower.legend(handles=drawn, loc="upper right")
         figure.savefig(path, dpi=120)
 
 

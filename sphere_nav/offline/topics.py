@@ -4,30 +4,31 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
-from sphere_nav.offline.constants import NUM_TF_MESSAGES, SLACK_S
+from sphere_nav.offline.constants import NUM_PAIRED, NUM_TF_MESSAGES, SLACK_S
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.samples import IMU, SPHERE, SPHERE_INFO
 from sphere_nav.ros.bags.streams import (
-    IMU,
     RGBD,
-    SPHERE_INFO,
     STEREO,
     Stream,
     find_inputs,
     find_odometry,
     find_rig,
     info_of,
+    is_good,
     read_streams,
 )
 from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.camera.drivers import INPUTS, Driver, driver_names, read_driver
+from sphere_nav.ros.conversions import stamp_ns
 from sphere_nav.ros.tf import TransformTree
 
 OPTIONS = {
@@ -112,7 +113,7 @@ def find_wanted(streams: Sequence[Stream], wanted: Iterable[str], chosen: dict[s
     """Return the bag's topic for each of ours: as the user named it, as a driver is known to, or as it is found."""
     wanted = tuple(wanted)
     if not chosen:
-        have = [stream.topic for stream in streams]
+        have = [stream.topic for stream in streams if is_good(stream)]
         named = (driver.find(have) for driver in find_drivers(streams) if set(wanted) <= set(driver.topics))
         chosen = {ours: topic for ours, topic in next(named, {}).items() if ours.split("/")[0] in _first_words(wanted)}
     return find_inputs(streams, wanted, chosen)
@@ -142,6 +143,30 @@ def find_imu(bag: BagReader, chosen: Mapping[str, str]) -> dict[str, str]:
     return {} if best is None else {"imu": best.topic}
 
 
+def names_of_cameras(views: Sequence[Stream]) -> list[str]:
+    """Return a name for each of several cameras: the first part by which their topics differ, else all that differ."""
+    parts = [view.base.strip("/").split("/") for view in views]
+    differing = [place for place in range(min(map(len, parts))) if len({part[place] for part in parts}) > 1]
+    for places in [*([place] for place in differing), differing]:
+        names = ["_".join(part[place] for place in places) for part in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f"camera{number}" for number in range(len(views))]
+
+
+def nearest_pair_s(bag: BagReader, one: str, other: str) -> float:
+    """Return by how many s the stamps of two topics differ at least, as far as the beginning of the bag tells."""
+    stamps: dict[str, list[int]] = {one: [], other: []}
+    nearest_ns = np.iinfo(np.int64).max
+    for topic, _, message in bag.messages(stamps):
+        stamp, partner = stamp_ns(message), stamps[other if topic == one else one]
+        nearest_ns = min([nearest_ns, *(abs(stamp - there) for there in partner[-NUM_PAIRED:])])
+        stamps[topic].append(stamp)
+        if nearest_ns <= SLACK_S[0] * 1e9 or min(map(len, stamps.values())) >= NUM_PAIRED:
+            break
+    return float(nearest_ns * 1e-9)
+
+
 def camera_names(chosen: Mapping[str, str]) -> list[str]:
     """Return the cameras of a rig that the user named, by --camera NAME=TOPIC, in his order."""
     return [ours.split("/")[1] for ours in chosen if ours.startswith("cameras/") and ours.endswith("/image_raw")]
@@ -164,6 +189,23 @@ def find_camera_topics(bag: BagReader, chosen: Mapping[str, str], *, has_lenses:
     return ({"odom": odometry} if odometry else {}) | found
 
 
+def find_lens_topics(streams: Sequence[Stream], find: Callable[[Sequence[str]], dict[str, str]]) -> dict[str, str]:
+    """Return the images of one camera and what tells its lens: camera_info, or the sphere_info of a panorama.
+
+    `find` gives the topics that are wanted, as `find_wanted` does. BagError where there is no single camera.
+    """
+    spheres = [stream for stream in streams if stream.type == SPHERE_INFO]
+    if not spheres:
+        return find(("image_raw", "camera_info"))
+    found = find(("image_raw",))
+    if "camera_info" in found or "sphere_info" in found:
+        return found
+    image = next(stream for stream in streams if stream.topic == found["image_raw"])
+    near = [info for info in spheres if info.frame_id == image.frame_id] or spheres
+    same = [info for info in near if info.topic.rpartition("/")[0] == image.base.rpartition("/")[0]] or near
+    return found | {"sphere_info": same[0].topic}
+
+
 def find_localizer_topics(bag: BagReader, arguments: argparse.Namespace) -> dict[str, str]:
     """Return the bag's topic for each that a localiser hears; a bag with spheres has sphere_info for camera_info."""
     chosen, settings = choose_topics(bag, arguments), arguments.settings
@@ -171,9 +213,13 @@ def find_localizer_topics(bag: BagReader, arguments: argparse.Namespace) -> dict
     if camera_names(chosen):
         has_lenses = is_panorama or bool(settings.get("rig.calibration"))
         return find_camera_topics(bag, chosen, has_lenses=has_lenses)
-    has_sphere = is_panorama or any(info.type == SPHERE_INFO and info.count for info in bag.topics.values())
-    wanted = ("image_raw",) if has_sphere and not arguments.info else ("image_raw", "camera_info")
-    return find_topics(bag, wanted, chosen)
+    if is_panorama:
+        return find_topics(bag, ("image_raw",), chosen)
+    streams = read_streams(bag)
+    with _name_bag(bag):
+        found = find_lens_topics(streams, lambda wanted: find_wanted(streams, wanted, chosen))
+    odometry = find_odometry(streams)
+    return ({"odom": odometry} if odometry else {}) | found
 
 
 def note_mounting(bag: BagReader, image: str, arguments: argparse.Namespace) -> str:
@@ -183,6 +229,17 @@ def note_mounting(bag: BagReader, image: str, arguments: argparse.Namespace) -> 
         base, text = BASE_FRAME, "the camera is taken as the vehicle; --mounting tells otherwise"
         logging.getLogger("sphere_nav.mounting").warning("%s: not above the camera on /tf_static: %s", base, text)
     return mounting
+
+
+def odd_frame(bag: BagReader, found: dict[str, str]) -> str:
+    """Return the frame of the images where their camera_info, found beside them, is of another one; else nothing."""
+    frames = {stream.topic: stream.frame_id for stream in read_streams(bag)}
+    image, info = (frames.get(absolute(found.get(name, name)), "") for name in ("image_raw", "camera_info"))
+    if not (image and info) or image == info:
+        return ""
+    text = "camera_info is of frame %s, images are of frame %s: one camera by the names of the topics"
+    logging.getLogger("sphere_nav.frames").warning(text, info, image)
+    return image
 
 
 def find_rig_topics(bag: BagReader, names: Iterable[str], chosen: dict[str, str]) -> dict[str, str]:
@@ -233,6 +290,8 @@ def guess_kind(bag: BagReader, chosen: dict[str, str], *, has_rig: bool) -> str:
         if any(ours.startswith(word) for ours in chosen):
             return kind
     streams, reasons = read_streams(bag), []
+    if any(stream.type == SPHERE for stream in streams):
+        return "sphere"
     for kind, topics in KINDS.items():
         try:
             find_wanted(streams, topics, chosen)

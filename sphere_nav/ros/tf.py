@@ -133,6 +133,21 @@ class TransformTree:
         """Whether a frame moves in its root: not all that lies between is static."""
         return any(child not in self._static for child in self._chain(frame)[:-1])
 
+    def moving_edge(self, frame: str) -> tuple[str, str] | None:
+        """Return parent and child of the first edge that moves, from a frame up; None where nothing moves."""
+        child = next((child for child in self._chain(frame)[:-1] if child not in self._static), None)
+        return None if child is None else (self._parents[child], child)
+
+    def carry_on(self, child: str, stamp: int, max_age_ns: int) -> SE3 | None:
+        """Return T_parent_child of a frame that moves at a stamp in ns, for a short time as it moved last."""
+        history = self._moving.get(child) or deque()
+        if len(history) < 2 or not history[0][0] <= stamp <= history[-1][0] + max_age_ns:
+            return None
+        if stamp <= history[-1][0]:
+            return self._one(child, stamp)
+        before = next((entry for entry in reversed(history) if history[-1][0] - entry[0] >= max_age_ns), history[0])
+        return _between(before, history[-1], stamp)
+
     def _chain(self, frame: str) -> list[str]:
         chain = [frame]
         while chain[-1] in self._parents and len(chain) < MAX_DEPTH:

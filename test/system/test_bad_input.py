@@ -71,10 +71,10 @@ EXPECTED = {
     "no_depth": ("topic", "expected", "/image_raw"),
     "no_images": ("expected", "image_raw", "found"),
     "no_info": ("expected", "camera_info", "found"),
-    "other_size": ("image size: expected 320 x 240 (camera_info), found 160 x 120",),
+    "other_size": ("/image_raw: image size: expected 320 x 240 (/camera_info), found 160 x 120",),
     "no_focal_length": ("camera_optical: K[0]: expected a calibrated camera, found focal length 0",),
-    "nan_depth": ("depth/image_raw: range or depth: expected some measured pixels, found none",),
-    "zero_depth": ("depth/image_raw: range or depth: expected some measured pixels, found none",),
+    "nan_depth": ("/depth/image_raw (range or depth: expected some measured pixels, found none)",),
+    "zero_depth": ("/depth/image_raw (range or depth: expected some measured pixels, found none)",),
 }
 
 

@@ -5,17 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.mcap_salvage import Salvage, readable_part
+from sphere_nav.ros.bags.kind import SQLITE
+from sphere_nav.ros.bags.mcap_salvage import Salvage
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, TopicInfo
 from sphere_nav.ros.bags.writer import BagWriter, is_being_written
 from sphere_nav.ros.interfaces import message_class
 
 Progress = Callable[[int], None]
+SALVAGED = (".mcap", SQLITE)
 SALVAGING = ".salvaging"  # not `.partial`: that is often the source
 
 
@@ -62,14 +65,15 @@ def salvage(source: str | Path, target: str | Path, progress: Progress = lambda 
     source = Path(source)
     if is_being_written(source if source.is_dir() else source.parent):
         raise BagError(f"{source}: is being written by another process: nothing to salvage while that runs")
-    files = [source] if source.is_file() else sorted(source.glob("*.mcap"))
+    files = [source] if source.is_file() else sorted(file for end in SALVAGED for file in source.glob(f"*{end}"))
     if not files:
-        raise BagError(f"{source}: expected an .mcap file or a folder with one, found none")
-    if not any(readable_part(file).num_messages for file in files):
-        raise BagError(f"{source}: expected a whole chunk to salvage, found none")
+        raise BagError(f"{source}: expected an .mcap or .db3 file or a folder with one, found none")
+    readers = [_reader_of(file) for file in files]
+    if not any(True for reader in readers for _ in islice(reader.messages(), 1)):
+        raise BagError(f"{source}: expected a whole chunk or row to salvage, found none")
     with BagWriter(target, suffix=SALVAGING) as bag:
-        for file in files:
-            for channel, schema, message in Salvage(file).messages():
+        for reader in readers:
+            for channel, schema, message in reader.messages():
                 if bag.type_of(channel.topic) in ("", schema.name):  # two types on one topic: the first one is kept
                     offers = qos.from_yaml(channel.metadata.get("offered_qos_profiles", ""))
                     bag.add_topic(channel.topic, schema.name, *offers, schema=schema)
@@ -82,6 +86,15 @@ def salvage(source: str | Path, target: str | Path, progress: Progress = lambda 
     if reread != count:
         raise BagError(f"{target}: expected {count} salvaged messages, found {reread}")
     return count
+
+
+def _reader_of(file: Path) -> Any:
+    """Return what yields channel, schema and message of all that is whole in a file."""
+    if file.suffix != SQLITE:
+        return Salvage(file)
+    from sphere_nav.ros.bags.sqlite_salvage import SqliteSalvage  # a quarter of a second, for bags of others alone
+
+    return SqliteSalvage(file)
 
 
 def _class_of(info: TopicInfo) -> type[Any] | None:

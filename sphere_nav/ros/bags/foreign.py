@@ -24,7 +24,7 @@ from rosbags.interfaces import Connection, QosDurability
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1.reader import decompressors as ROS1_METHODS
 from rosbags.rosbag2 import Reader as Ros2Reader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros import qos
@@ -37,17 +37,19 @@ RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 SIDE_FILES = ("-wal", "-journal")  # of SQLite: what is not yet, or not to be, in the database
 MAX_DATABASE = 1 << 50  # bytes
 MAX_TOPICS = 10_000
+SALVAGE = "what is whole of it can be salvaged (sphere_nav verify-bag BAG --salvage NEW)"
 
 
 class ForeignBag:
     """An open bag: its topics, and its messages as CDR of ROS 2. BagError, in one line, for what cannot be read."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._convert, self._is_open = path, _Converter(), False
-        self._merged: _MergedCopy | None = None
+        self._path, self._is_open = path, False
+        self._merged: MergedCopy | None = None
         try:
             self._open(path)
             self.topics = self._guard(self._read_topics)
+            self._convert = _Converter(self._reader.connections)
         except BaseException:
             self.close()
             raise
@@ -56,8 +58,8 @@ class ForeignBag:
         files = sorted(path.glob(f"*{SQLITE}")) if path.is_dir() else [path] * (path.suffix == SQLITE)
         for file in files or [path] * (path.suffix == ROS1):
             self._guard(partial(_check_regular, file))
-        if any(_side_files(file) for file in files):
-            self._merged = _MergedCopy(path, files)
+        if any(side_files(file) for file in files):
+            self._merged = MergedCopy(path, files)
             path, files = self._merged.path, self._merged.files
         for file in files:
             self._guard(partial(_check_sqlite, file))
@@ -154,18 +156,27 @@ def _bound_chunk(chunk: Any) -> Any:
 
 
 class _Converter:
-    """Messages of ROS 1 as CDR of the ROS 2 message of the same name."""
+    """Messages of ROS 1 as CDR of the ROS 2 message of the same name; types of others are those the bag defines."""
 
-    def __init__(self) -> None:
+    def __init__(self, connections: list[Connection]) -> None:
         self._cache: dict[str, object] = {}
-        self._stores: tuple[Any, Any] | None = None
+        self._connections, self._stores = connections, list[Any]()
 
     def __call__(self, kind: str, data: bytes) -> bytes:
-        if self._stores is None:
-            self._stores = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
+        if not self._stores:
+            self._stores = [get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)]
+            self._define()
         source, target = self._stores
         name = RENAMED.get(kind, kind)
-        return bytes(migrate_bytes(source, target, name, name, self._cache, data, src_is2=False, dst_is2=True))
+        return bytes(migrate_bytes(source, target, kind, name, self._cache, data, src_is2=False, dst_is2=True))
+
+    def _define(self) -> None:
+        """Add the definitions in the bag of types that the libraries do not know, such as tf2_msgs/TFMessage."""
+        for connection in self._connections:
+            for name, definition in get_types_from_msg(connection.msgdef.data, connection.msgtype).items():
+                for store in self._stores:
+                    if name not in store.fielddefs:
+                        store.register({name: definition})
 
 
 def _topic_of(connection: Connection) -> str:
@@ -190,13 +201,13 @@ def _check_regular(file: Path) -> None:
         raise BagError(str(error)) from None
 
 
-def _side_files(database: Path) -> list[Path]:
+def side_files(database: Path) -> list[Path]:
     """Return the log and the journal beside a database, where they hold anything."""
     beside = [database.with_name(f"{database.name}{end}") for end in SIDE_FILES]
     return [file for file in beside if file.exists() and file.stat().st_size]
 
 
-class _MergedCopy:
+class MergedCopy:
     """A temporary copy of a bag: its databases with what lies beside them merged in, links to all else."""
 
     def __init__(self, path: Path, databases: list[Path]) -> None:
@@ -205,7 +216,7 @@ class _MergedCopy:
         self.folder = self._folder.name
         folder = Path(self.folder)
         try:
-            self.files = [self._merge(file, folder) if _side_files(file) else self._link(file) for file in databases]
+            self.files = [self._merge(file, folder) if side_files(file) else self._link(file) for file in databases]
             if path.is_dir() and (path / "metadata.yaml").is_file():
                 self._link(path / "metadata.yaml")
         except BaseException as error:
@@ -222,7 +233,7 @@ class _MergedCopy:
         return link
 
     def _merge(self, file: Path, folder: Path) -> Path:
-        sources = [file, *_side_files(file)]
+        sources = [file, *side_files(file)]
         before = [(source.stat().st_size, source.stat().st_mtime_ns) for source in sources]
         total, free = sum(size for size, _ in before), shutil.disk_usage(folder).free
         if total > FREE_SHARE * free:
@@ -258,7 +269,7 @@ def _check_sqlite(path: Path) -> None:
             largest, num_odd = database.execute(f"SELECT max(length(data)), sum({odd}) FROM messages").fetchone()
             num_topics, num_ids = database.execute("SELECT count(*), count(DISTINCT id) FROM topics").fetchone()
     except (sqlite3.Error, OSError) as error:
-        raise BagError(f"{path}: expected a rosbag2 database, found: {error}") from None
+        raise BagError(f"{path}: expected a rosbag2 database, found: {error}; {SALVAGE}") from None
     if largest is not None and int(largest) > MAX_CHUNK:
         raise BagError(f"{path}: expected messages of at most {MAX_CHUNK} bytes, found one of {largest}")
     if num_odd:

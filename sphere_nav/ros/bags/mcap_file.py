@@ -123,7 +123,7 @@ class McapFile:
 
     def _read_summary(self) -> Summary:
         summary = read_summary(self.stream, self.size)
-        if summary is None or not (summary.chunk_indexes or _is_empty(summary)):
+        if summary is None or not (summary.chunk_indexes or _is_empty(summary)) or _lacks_channels(summary):
             summary, self._loose = scan(self.stream, self.size)  # some writers do without
         return summary
 
@@ -134,6 +134,13 @@ class McapFile:
 
 def _is_empty(summary: Summary) -> bool:
     return summary.statistics is not None and summary.statistics.message_count == 0
+
+
+def _lacks_channels(summary: Summary) -> bool:
+    """Whether a writer has left channels or types where they were first used, and does not repeat them at the end."""
+    counted = summary.statistics.channel_message_counts if summary.statistics is not None else {}
+    kinds = {channel.schema_id for channel in summary.channels.values()} - {0}
+    return bool(counted.keys() - summary.channels.keys() or kinds - summary.schemas.keys())
 
 
 def _may_hold(index: ChunkIndex, channels: set[int] | None) -> bool:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import heapq
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from itertools import chain
 from typing import Any, TypeVar
 
@@ -27,7 +27,9 @@ from sphere_nav.params import build
 from sphere_nav.ros.bags.playback import is_latched
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import Recorded
+from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter, absolute
+from sphere_nav.ros.clocks import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import decompress
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.node import Log, ManagedNode, ThrottledLog
@@ -133,9 +135,9 @@ class OfflineShell:
 class OfflineBus:
     """The nodes of a replay, their clock, and what they say to each other."""
 
-    def __init__(self, captured: set[str] | None = None) -> None:
-        """`captured`: topics that `replay` yields; None: all."""
-        self.now_ns = 0
+    def __init__(self, captured: set[str] | None = None, start_ns: int = 0) -> None:
+        """`captured`: topics that `replay` yields; None: all. `start_ns`: when nodes begin to wait, by the bag."""
+        self.now_ns = start_ns
         self.listeners: dict[str, list[Subscription]] = {}
         self.profiles: dict[str, QoSProfile] = {}
         self.nodes: list[ManagedNode] = []
@@ -213,12 +215,14 @@ def replay(
     """Play a bag to the nodes of a bus and yield what they publish; `progress(1)` after every message delivered.
 
     Only topics that some node listens to are read; one that is required and not there raises BagError. Latched topics
-    such as /tf_static hold from before `start_ns`.
+    such as /tf_static hold from before `start_ns`. A recorder's clock that was behind the stamps of a sensor is put
+    right: nodes would refuse what is ahead of their clock.
     """
     topics = required_topics(bag, bus)
+    lead_ns = find_lead(bag, topics)
     yield from bus.settle()
     for topic, stamp, data in chain(_latched_before(bag, topics, start_ns), bag.raw(topics, start_ns, end_ns)):
-        yield from bus.advance(stamp)
+        yield from bus.advance(stamp + lead_ns)
         for wanted in bus.listeners[topic]:
             if not wanted.raw and is_compressed(bag, topic, wanted.kind):
                 deliver_decompressed(wanted, bag.decode(topic, data, CompressedImage))
@@ -226,6 +230,12 @@ def replay(
                 wanted.deliver(data if wanted.raw else bag.decode(topic, data, wanted.kind))
         yield from bus.settle()
         progress(1)
+
+
+def find_lead(bag: BagReader, topics: Collection[str]) -> int:
+    """Return by how many ns the stamps of a topic are ahead of the times of recording; 0 where that is no fault."""
+    lead_ns = max((stream.lead_ns for stream in read_streams(bag) if stream.topic in topics), default=0)
+    return lead_ns if lead_ns > MAX_AHEAD_NS else 0
 
 
 def _latched_before(bag: BagReader, topics: list[str], start_ns: int | None) -> Iterator[Recorded]:

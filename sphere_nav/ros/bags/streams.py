@@ -1,40 +1,49 @@
 """What the topics of anybody's bag are good for: found by type, name, frame, size and encoding, or told by the user.
 
-Drivers call their topics as they like. `read_streams` looks at the first message of each, `find_inputs` gives every
+Drivers call their topics as they like. `read_streams` looks at the first messages of each, `find_inputs` gives every
 topic that a job of ours needs the bag's topic for it, and BagError, naming what there is, where that is not one choice.
+What cannot be used, whatever its type, is never found: `problem` says why.
 """
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from itertools import islice
+from weakref import WeakKeyDictionary
 
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, TopicInfo
-from sphere_nav.ros.bags.writer import absolute
-
-IMAGE, COMPRESSED, CAMERA_INFO = (
-    "sensor_msgs/msg/Image",
-    "sensor_msgs/msg/CompressedImage",
-    "sensor_msgs/msg/CameraInfo",
+from sphere_nav.ros.bags.samples import (
+    CAMERA_INFO,
+    COMPRESSED,
+    IMAGE,
+    NUM_SAMPLES,
+    ODOMETRY,
+    SPHERE,
+    VIDEO,
+    WITH_FRAME,
+    Shown,
+    examine,
+    is_depth,
 )
-SPHERE, SPHERE_INFO = "sphere_nav_msgs/msg/AugmentedSphere", "sphere_nav_msgs/msg/SphereInfo"
-ODOMETRY, IMU, CLOUD = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/PointCloud2"
-DEPTH_ENCODINGS = ("16UC1", "32FC1")
+from sphere_nav.ros.bags.writer import absolute
+from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
+
 TRANSPORTS = ("/compressed", "/compressedDepth")
-TRUTH_WORDS = ("ground_truth", "groundtruth", "truth")
 SIDES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"))
 INFRARED = ("ir", "infra", "infra1", "infra2")  # names of cameras whose light a projector makes
 
 RGBD = ("image_raw", "camera_info", "depth/image_raw")
 STEREO = ("left/image_raw", "left/camera_info", "right/image_raw", "right/camera_info")
 
+_READ: WeakKeyDictionary[BagReader, list[Stream]] = WeakKeyDictionary()  # of the bags that are open
+
 
 @dataclass(frozen=True)
 class Stream:
-    """One topic of a bag, as its first message shows it; sizes are 0 and words empty where it does not say."""
+    """One topic of a bag, as its first messages show it; sizes are 0 and words empty where they do not say."""
 
     topic: str
     type: str
@@ -44,14 +53,14 @@ class Stream:
     width: int = 0
     height: int = 0
     encoding: str = ""  # of an image, "compressed: <format>" of a compressed one, or the lens of a CameraInfo
-    is_rectified: bool = False  # a CameraInfo that has a projection and no distortion
-    baseline_m: float = 0.0  # of the right CameraInfo of a rectified pair
+    problem: str = ""  # why none of its messages can be used, in one line
+    is_projected: bool = False  # a CameraInfo whose P is that of a calibrated camera
+    lead_ns: int = 0  # by which its stamps are at least ahead of the recorder's clock
 
     @property
     def is_depth(self) -> bool:
         """Whether the pixels are distances."""
-        has_word = self.encoding == "mono16" and "depth" in self.topic
-        return self.is_image and (self.encoding in DEPTH_ENCODINGS or "compressedDepth" in self.encoding or has_word)
+        return self.is_image and is_depth(self.encoding, self.topic)
 
     @property
     def is_image(self) -> bool:
@@ -81,9 +90,11 @@ class Stream:
 
 def read_streams(bag: BagReader) -> list[Stream]:
     """Return what the bag offers, in the order of the names; BagError for a damaged bag."""
-    first, last = bag.time_range
-    seconds = (last - first) * 1e-9
-    return [_stream(bag, info, seconds) for _, info in sorted(bag.topics.items()) if info.count]
+    if bag not in _READ:
+        first, last = bag.time_range
+        seconds = (last - first) * 1e-9
+        _READ[bag] = [_stream(bag, info, seconds) for _, info in sorted(bag.topics.items()) if info.count]
+    return _READ[bag]
 
 
 def find_inputs(
@@ -100,36 +111,62 @@ def find_inputs(
             near = difflib.get_close_matches(topic, by_name, n=1)
             found_there = f"no such one (is {near[0]} meant?)" if near else ", ".join(by_name) or "none"
             raise BagError(f"{name}: expected topic {topic}, found {found_there}")
+        if not is_good(by_name[topic]):
+            raise BagError(f"{name}: {_names([by_name[topic]])}")
+        if name.endswith("image_raw") and not by_name[topic].is_image:
+            raise BagError(f"{name}: {topic}: expected images, found {by_name[topic].type}")
     wanted = tuple(wanted)
-    found = {name: absolute(name) for name in wanted if absolute(name) in by_name} | found
-    if "depth/image_raw" in wanted:
+    found = {name: absolute(name) for name in wanted if is_good(by_name.get(absolute(name)))} | found
+    if "sphere" in wanted and "sphere" not in found:
+        found["sphere"] = _only([s for s in streams if s.type == SPHERE], "spheres", "--remap sphere:=TOPIC").topic
+    elif "depth/image_raw" in wanted:
         found = _find_rgbd(streams, found)
     elif "left/image_raw" in wanted:
         found = _find_stereo(streams, found)
     elif "image_raw" in wanted and "image_raw" not in found:
-        found["image_raw"] = _only(_views(streams), "images (image_raw)", "--image").topic
-    if "camera_info" in wanted and "camera_info" not in found:
-        found["camera_info"] = info_of(by_name[found["image_raw"]], streams, "--info").topic
+        found["image_raw"] = _only(find_views(streams), "images (image_raw)", "--image").topic
+    if "camera_info" in wanted:
+        image = by_name[found["image_raw"]]
+        if "camera_info" in found:
+            check_info(by_name[found["camera_info"]], image)
+        else:
+            found["camera_info"] = info_of(image, streams, "--info").topic
     return {name: found[name] for name in (*wanted, *(set(found) - set(wanted)))}
 
 
 def find_odometry(streams: Sequence[Stream]) -> str:
     """Return the topic of wheel or visual odometry, the one with most messages; empty where there is none."""
     offered = [s for s in streams if s.type == ODOMETRY and not any(word in s.topic for word in TRUTH_WORDS)]
+    offered = [s for s in offered if not s.problem]
     return max(offered, key=lambda s: (s.topic == "/odom", s.count)).topic if offered else ""
 
 
-def info_of(image: Stream, streams: Sequence[Stream], option: str) -> Stream:
-    """Return the CameraInfo of an image: of its namespace, else of its frame and size."""
+def info_of(image: Stream, streams: Sequence[Stream], option: str, *, is_pair: bool = False) -> Stream:
+    """Return the CameraInfo of an image: of its namespace, else of its frame and size; `is_pair`: P may do for K."""
     infos = [s for s in streams if s.type == CAMERA_INFO]
     beside = image.base.rsplit("/", 1)[0] + "/camera_info"
     for info in infos:
         if info.topic == beside:
+            check_info(info, image, is_pair=is_pair)
             return info
     fitting = [info for info in infos if info.size == image.size or not image.width]
-    return _only(
-        [i for i in fitting if i.frame_id == image.frame_id] or fitting, f"camera_info of {image.topic}", option
-    )
+    if infos and not fitting:
+        sizes = ", ".join(f"{info.topic} ({info.width} x {info.height})" for info in infos)
+        expected = f"camera_info of {image.topic} ({image.width} x {image.height})"
+        raise BagError(f"topics: expected one topic with {expected}, found {sizes}; choose it by {option}")
+    fitting = [i for i in fitting if i.frame_id == image.frame_id] or fitting
+    info = _only([i for i in fitting if not i.problem] or fitting, f"camera_info of {image.topic}", option)
+    check_info(info, image, is_pair=is_pair)
+    return info
+
+
+def check_info(info: Stream, image: Stream, *, is_pair: bool = False) -> None:
+    """Raise BagError where a calibration is none, or is that of images of another size."""
+    if info.type == CAMERA_INFO and info.problem and not (is_pair and info.is_projected):
+        raise BagError(f"topics: {info.topic}: {info.problem}")
+    if image.width and info.width and info.size != image.size:
+        sizes = f"expected {info.width} x {info.height} ({info.topic}), found {image.width} x {image.height}"
+        raise BagError(f"topics: {image.topic}: image size: {sizes}")
 
 
 def is_registered(depth: Stream, image: Stream) -> bool:
@@ -153,11 +190,11 @@ def find_rig(streams: Sequence[Stream], names: Sequence[str]) -> dict[str, str]:
 def _find_rgbd(streams: Sequence[Stream], found: dict[str, str]) -> dict[str, str]:
     """Prefer depth that is registered to the image, then the image with most frames."""
     by_name = {stream.topic: stream for stream in streams}
-    images = [by_name[found["image_raw"]]] if "image_raw" in found else _views(streams)
+    images = [by_name[found["image_raw"]]] if "image_raw" in found else find_views(streams)
     depths = (
         [by_name[found["depth/image_raw"]]]
         if "depth/image_raw" in found
-        else _without_twins(s for s in streams if s.is_depth)
+        else _without_twins(s for s in streams if s.is_depth and not s.problem)
     )
     pairs = [(image, depth) for image in images for depth in depths]
     if not pairs:
@@ -191,25 +228,29 @@ def _find_stereo(streams: Sequence[Stream], found: dict[str, str]) -> dict[str, 
     left, right = _only_pair(rectified or pairs, "--left, --right")
     found = found | {"left/image_raw": left.topic, "right/image_raw": right.topic}
     for side, image in (("left", left), ("right", right)):
-        found.setdefault(f"{side}/camera_info", info_of(image, streams, f"--{side}-info").topic)
+        if f"{side}/camera_info" in found:
+            check_info(by_name[found[f"{side}/camera_info"]], image, is_pair=True)
+        else:
+            found[f"{side}/camera_info"] = info_of(image, streams, f"--{side}-info", is_pair=True).topic
     return found
 
 
 def _pictures(streams: Iterable[Stream]) -> list[Stream]:
-    return _without_twins(stream for stream in streams if stream.is_picture)
+    return _without_twins(stream for stream in streams if stream.is_picture and not stream.problem)
 
 
-def _views(streams: Sequence[Stream]) -> list[Stream]:
-    """Return one topic for each camera that sees the world's own light, the left one of a pair.
+def find_views(streams: Sequence[Stream], *, has_pairs: bool = False) -> list[Stream]:
+    """Return one topic for each camera that sees the world's own light, the left one of a pair; or both of a pair.
 
     A driver tells a camera's images under several names: the one with colour counts, the first where all have it.
     """
     pictures = _pictures(streams)
     bases = {picture.base for picture in pictures}
     colored = [p for p in pictures if not set(p.base.split("/")) & set(INFRARED)] or pictures
-    lefts = [p for p in colored if not any(b in p.base and p.base.replace(b, a) in bases for a, b in SIDES)] or colored
+    lefts = [p for p in colored if not any(b in p.base and p.base.replace(b, a) in bases for a, b in SIDES)]
+    seen = colored if has_pairs else lefts or colored
     best: dict[tuple[str, tuple[int, int]], Stream] = {}
-    for view in sorted(lefts, key=lambda stream: (stream.is_gray, stream.topic)):
+    for view in sorted(seen, key=lambda stream: (stream.is_gray, stream.topic)):
         best.setdefault((view.frame_id or view.topic, view.size), view)
     return list(best.values())
 
@@ -253,31 +294,22 @@ def _only(streams: Sequence[Stream], what: str, option: str) -> Stream:
 
 
 def _names(streams: Iterable[Stream]) -> str:
-    return ", ".join(stream.topic for stream in streams) or "none"
+    """Return the topics; what is wrong with those that cannot be used goes before all that are something else."""
+    streams = list(streams)
+    broken = [f"{stream.topic} ({stream.problem})" for stream in streams if stream.problem and stream.is_image]
+    broken += [f"{stream.topic} (video: {stream.type})" for stream in streams if stream.type in VIDEO]
+    return ", ".join(broken or [stream.topic for stream in streams]) or "none"
+
+
+def is_good(stream: Stream | None) -> bool:
+    """Whether there is a topic that is neither a video nor images of no use."""
+    return stream is not None and stream.type not in VIDEO and not (stream.problem and stream.is_image)
 
 
 def _stream(bag: BagReader, info: TopicInfo, seconds: float) -> Stream:
     rate = (info.count - 1) / seconds if seconds > 0 else 0.0
-    stream = Stream(info.name, info.type, info.count, rate)
-    if info.type not in (IMAGE, COMPRESSED, CAMERA_INFO, SPHERE_INFO, SPHERE, ODOMETRY, IMU, CLOUD):
-        return stream
-    message = next(bag.messages([info.name])).message
-    frame = message.frame_id if info.type == SPHERE_INFO else message.header.frame_id  # SphereInfo has no header
-    return replace(stream, frame_id=frame, **_details(message, info.type))
-
-
-def _details(message: Any, kind: str) -> dict[str, Any]:
-    if kind == IMAGE:
-        return {"width": int(message.width), "height": int(message.height), "encoding": message.encoding}
-    if kind == COMPRESSED:
-        return {"encoding": f"compressed: {message.format}"}
-    if kind == CAMERA_INFO:
-        focal, offset = float(message.p[0]), float(message.p[3])
-        return {
-            "width": int(message.width),
-            "height": int(message.height),
-            "encoding": message.distortion_model,
-            "is_rectified": focal != 0.0 and not any(message.d),
-            "baseline_m": -offset / focal if focal else 0.0,
-        }
-    return {}
+    shown = Shown()
+    if info.type in WITH_FRAME:
+        sampled = islice(bag.messages([info.name]), NUM_SAMPLES)
+        shown = examine([(item.stamp_ns, item.message) for item in sampled], info.type, info.name)
+    return Stream(info.name, info.type, info.count, rate, **vars(shown))

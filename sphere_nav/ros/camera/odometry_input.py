@@ -14,6 +14,13 @@ from sphere_nav.ros.subscription import Subscription
 from sphere_nav.ros.tf import TransformError, TransformTree
 
 MAX_AGE_S = 0.2  # for which odometry is carried on by its own speed
+TRUTH_WORDS = ("ground_truth", "groundtruth", "truth")  # in names of what is no odometry
+
+
+def odometry_edge(tree: TransformTree, base_frame: str, map_frame: str = "") -> tuple[str, str] | None:
+    """Return the two frames by which /tf tells odometry: what moves next above the base; None: truth, map, nothing."""
+    edge = tree.moving_edge(base_frame)
+    return None if edge is None or edge[0] == map_frame or any(word in edge[0] for word in TRUTH_WORDS) else edge
 
 
 class OdometryInput:
@@ -65,6 +72,14 @@ class OdometryInput:
         if self._topic is not None:
             self._endpoints.take_waiting(self._topic)
         return self._buffer.at(stamp_ns)
+
+    def predict(self, stamp_ns: int) -> SE3 | None:
+        """Return T_odom_base by the topic; where that is silent by what moves above the base on /tf."""
+        edge = odometry_edge(self._tree, self._base_frame)
+        if self._topic is None or self._topic_frame or edge is None:
+            return self.at(stamp_ns)
+        T_odom_child = self._tree.carry_on(edge[1], stamp_ns, round(MAX_AGE_S * 1e9))
+        return T_odom_child and T_odom_child @ self._tree.lookup(edge[1], self._base_frame)
 
     def in_frame(self, stamp_ns: int) -> SE3 | None:
         """Return T_frame_base: by the topic where it is of this frame, else by /tf."""

@@ -178,7 +178,7 @@ class CameraStream:
             image = read_gray(message, (self.camera.width, self.camera.height))
         except ValueError as error:
             self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=ENCODINGS))
-        odometry = self._odometry.at(stamp)
+        odometry = self._odometry.predict(stamp)
         self._on_picture(Picture(image, self.camera, stamp, self.T_base_camera, odometry, self._fixture.name))
 
     def _check_frames(self, frame: str) -> None:

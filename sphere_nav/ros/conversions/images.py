@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
-from sphere_nav.geometry.files.encoded import decode_file
+from sphere_nav.geometry.files.encoded import PNG_MAGIC, decode_file
 from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.spheres.sphere import to_gray_bytes
 
@@ -53,9 +53,12 @@ TO_RGB = {
     "bayer_gbrg8": cv2.COLOR_BayerGR2RGB,
     "bayer_grbg8": cv2.COLOR_BayerGB2RGB,
 }
+DEPTH_ENCODINGS = ("16UC1", "32FC1")
+SIXTEEN_BITS = ("16UC1", "mono16")
 IN_PAIRS = ("yuv422", "uyvy", "yuv422_yuy2", "yuyv")  # two pixels share a colour
 COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")  # of image_transport's compressedDepth: kind, two parameters
 MILLIMETERS_INVALID = (0, 65535)
+PNG_BITS, PNG_CHANNELS = 24, 25  # bytes of a PNG that tell bits a channel, and which channels
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -175,7 +178,7 @@ def decompress(message: CompressedImage) -> Image:
     """Return the Image behind a compressed one: colours, grey levels, or depth."""
     if "compressedDepth" in message.format:
         return compressed_depth_to_image(message)
-    if message.format.split(";")[0].strip() in ("16UC1", "mono16"):
+    if message.format.split(";")[0].strip() in SIXTEEN_BITS or is_sixteen_bit(message):
         return _compressed_16_bit(message)
     return compressed_to_image(message)
 
@@ -187,9 +190,17 @@ def to_bytes(pixels: NDArray[Any]) -> array.array[int]:
     return data
 
 
+def is_sixteen_bit(message: CompressedImage) -> bool:
+    """Whether it is a PNG of one channel of 16 bits whose format names no encoding."""
+    head = bytes(message.data[: PNG_CHANNELS + 1])
+    is_bare = message.format.split(";")[0].strip().lower() in ("", "png")
+    return is_bare and head.startswith(PNG_MAGIC) and head[PNG_BITS:] == b"\x10\x00"
+
+
 def _compressed_16_bit(message: CompressedImage) -> Image:
-    """Return the Image of a 16-bit PNG on a topic `/compressed`."""
-    image = array_to_image(_decode_16_bit(message.data), 0, "", message.format.split(";")[0].strip())
+    """Return the Image of a 16-bit PNG on a topic `/compressed`; mono16, depth or not, where the format is silent."""
+    named = message.format.split(";")[0].strip()
+    image = array_to_image(_decode_16_bit(message.data), 0, "", named if named in SIXTEEN_BITS else "mono16")
     image.header = message.header
     return image
 

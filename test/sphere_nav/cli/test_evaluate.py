@@ -2,6 +2,9 @@
 
 import argparse
 import json
+import shutil
+import subprocess
+import zipfile
 
 import numpy as np
 import pytest
@@ -94,6 +97,9 @@ def test_nees_is_reported_where_covariances_are_beside(files):
     found = json.loads((files / "e.json").read_text())
     assert found["nees"]["n"] == len(TRUTH)
     assert found["nees"]["mean"] == pytest.approx(3.0, abs=0.01)  # three components off by one sigma
+    assert list(found["nees"]["axes"]) == ["x", "y", "z", "roll", "pitch", "yaw"]
+    assert found["nees"]["axes"]["yaw"] == pytest.approx(1.0, abs=0.01)
+    assert found["nees"]["axes"]["z"] == pytest.approx(0.0, abs=0.01)
 
 
 @pytest.fixture
@@ -161,3 +167,55 @@ def test_a_topic_that_is_no_pose_is_named_with_what_it_is(tmp_path):
         ValueError, match=r"/pose: expected one of geometry_msgs/msg/PoseStamped, .*found std_msgs/msg/String"
     ):
         pose_bags.read_poses(tmp_path / "words", ("pose",))
+
+
+def test_a_map_frame_found_on_the_teaching_drive_is_applied_to_another(files, capsys):
+    T_map_truth = SE3.exp([3, 1, 0.5, 0.1, 0.2, 1.0])
+    taught, driven = TRUTH[:100].moved(T_map_truth), TRUTH[100:]
+    shifted = driven.moved(SE3.from_planar(0.05, 0.0, 0.0)).moved(T_map_truth)  # an error of the whole drive
+    write_tum(files / "taught.tum", taught)
+    write_tum(files / "driven.tum", shifted)
+    pair = ("--align-by", files / "taught.tum", files / "truth.tum")
+    words = (files / "driven.tum", files / "truth.tum", "--json", files / "e.json", "--align", "poses")
+    assert call(*words, *pair) == 0
+    assert json.loads((files / "e.json").read_text())["translation_m"]["median"] == pytest.approx(0.05, abs=1e-6)
+    assert call(*words) == 0
+    assert json.loads((files / "e.json").read_text())["translation_m"]["median"] < 1e-6  # it hides it
+    assert "aligned by poses: " in capsys.readouterr().out
+    with pytest.raises(ValueError, match="--align-by: expected --align poses, se3 or sim3 with it"):
+        call(files / "driven.tum", files / "truth.tum", *pair)
+
+
+def test_metres_and_degrees_have_an_axis_each(monkeypatch, tmp_path):
+    drawn = []
+    monkeypatch.setattr(plot_figure.Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    estimate = Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body @ SE3.exp(OFFSET))
+    judged = evaluation.evaluate_poses(estimate, TRUTH)
+    plot_figure.draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, tmp_path / "plot.png")
+    lines = {axes.get_ylabel(): [line.get_ydata() for line in axes.lines] for axes in drawn[0].axes}
+    (meters,), (degrees,) = lines["error of translation [m]"], lines["error of rotation [°]"]
+    np.testing.assert_allclose(meters, judged.errors.translation_m)
+    np.testing.assert_allclose(degrees, np.degrees(0.02), rtol=1e-6)
+
+
+def test_the_figures_are_those_of_evo(files, tmp_path):
+    """evo is another program, of another licence: it is called where it is installed (pip install evo), never used."""
+    if shutil.which("evo_ape") is None:
+        pytest.skip("evo_ape is not on the PATH")
+    noise = np.random.default_rng(1).normal(size=(len(TRUTH), 6)) * [0.01, 0.01, 0.01, 0.003, 0.003, 0.003]
+    moved = Trajectory(TRUTH.stamps_ns + 1_000_000, TRUTH.T_map_body @ SE3.exp(noise)).moved(
+        SE3.exp([1, 2, 0, 0, 0, 1])
+    )
+    write_tum(files / "noisy.tum", moved)
+    for kind, option in (("none", ()), ("se3", ("--align",))):
+        call(files / "noisy.tum", files / "truth.tum", "--align", kind, "--json", files / "e.json")
+        ours = json.loads((files / "e.json").read_text())
+        stretch = ("--delta", "1", "--delta_unit", "m", "--all_pairs", "--pairs_from_reference")
+        for program, found, words in (("evo_ape", ours, ()), ("evo_rpe", ours["rpe"], stretch)):
+            for relation, name in (("trans_part", "translation_m"), ("angle_deg", "rotation_deg")):
+                result = tmp_path / f"{program}_{kind}_{relation}.zip"
+                command = [program, "tum", files / "truth.tum", files / "noisy.tum", "-r", relation, *option, *words]
+                subprocess.run([*command, "--save_results", result], check=True, capture_output=True, timeout=100)
+                theirs = json.loads(zipfile.ZipFile(result).read("stats.json"))
+                for statistic in ("rmse", "median", "max"):
+                    assert found[name][statistic] == pytest.approx(theirs[statistic], rel=1e-6), (program, kind, name)

@@ -70,7 +70,9 @@ def test_the_table_says_what_was_found():
     assert lines[2].split() == ["translation_m", *["0.1000"] * 4]
     assert [line.split()[0] for line in lines[3:6]] == ["rotation_deg", "lateral_m", "longitudinal_m"]
     assert lines[6].startswith("rpe_m / 1 m")
-    assert lines[-1] == "NEES 1.00 (6 degrees of freedom, 25 covariances)"
+    assert lines[-2] == "NEES 1.00 (6 degrees of freedom, 25 covariances)"
+    axes = "x 1.00, y 0.00, z 0.00, roll 0.00, pitch 0.00, yaw 0.00"
+    assert lines[-1] == f"NEES of each axis of the body (1 degree of freedom): {axes}"
     short = error_table(evaluate_poses(off(errors)[:3], TRUTH).report)
     assert "rpe" not in short  # too short a way
     assert "NEES" not in short

@@ -80,7 +80,7 @@ def test_a_summary_says_none_where_there_was_no_reason():
     assert "reasons none" in summary.text(summary.result(), Path("a"))
 
 
-@pytest.mark.parametrize("reason", [Reason.BAD_INFO, Reason.MAP_ERROR])
+@pytest.mark.parametrize("reason", [Reason.BAD_INFO, Reason.MAP_ERROR, Reason.BAD_STAMP, Reason.TF_STALE])
 def test_images_that_are_all_refused_are_an_error_at_the_end(reason):
     bad = status(State.NOT_LOCALISED, reason, remedy="calibrate")
     with pytest.raises(BagError, match="drive: every image refused: calibrate"):
@@ -102,3 +102,22 @@ def test_an_initial_pose_is_given_with_its_signs():
     for text in ("1,2,3", "1,2,3,0,0,0,x", "1,2,3,0,0,0,0", "1,2,3,0,0,0,1,5"):
         with pytest.raises(ValueError, match="--initial-pose: expected x,y,z,qx,qy,qz,qw"):
             give_initial_pose(node, text)
+
+
+def test_a_clock_that_is_set_back_costs_no_pose(tmp_path, caplog):
+    hour = 3600
+    news = [pose(hour + 1, 1.0), pose(hour + 2, 2.0), pose(1, 3.0), pose(2, 4.0), pose(2, 5.0)]
+    assert write_poses(arguments(tmp_path), iter(news)) == 0
+    found = read_tum(tmp_path / "out.tum")
+    assert (found.stamps_ns // 10**9).tolist() == [1, 2, hour + 1, hour + 2]
+    np.testing.assert_allclose(found.positions[:, 0], [3.0, 5.0, 1.0, 2.0])
+    assert "stamps go back 2 times" in caplog.text
+
+
+def test_silence_is_no_image_that_could_be_used():
+    """Epoch stamps were once 1.7e9 s of silence, after which a bad calibration was no error."""
+    silent, bad = status(State.NOT_LOCALISED, Reason.TIMEOUT), status(State.NOT_LOCALISED, Reason.BAD_INFO, remedy="no")
+    with pytest.raises(BagError, match="every image refused: no"):
+        list(usable(iter([silent, bad, silent]), "drive"))
+    with pytest.raises(BagError, match="no image answered"):
+        list(usable(iter([silent]), "drive"))

@@ -6,8 +6,18 @@ import importlib
 import pytest
 
 from sphere_nav.cli.main import COMMANDS
-from sphere_nav.offline.topics import OPTIONS, add_options, chosen_topics, find_drivers, find_wanted, options_of
+from sphere_nav.offline.topics import (
+    OPTIONS,
+    add_options,
+    chosen_topics,
+    find_drivers,
+    find_lens_topics,
+    find_wanted,
+    names_of_cameras,
+    options_of,
+)
 from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.samples import SPHERE_INFO
 from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, RGBD, STEREO, Stream
 from sphere_nav.ros.camera.drivers import driver_names, read_driver
 
@@ -104,3 +114,34 @@ def test_several_sizes_of_one_camera_are_told_apart_by_the_driver_alone():
     ]
     with pytest.raises(BagError, match="choose by --image, --depth"):
         find_wanted(other, RGBD, {})
+
+
+def view(topic):
+    return Stream(topic, IMAGE, 10, 30.0, topic, 64, 48, "mono8")
+
+
+@pytest.mark.parametrize(
+    ("topics", "names"),
+    [
+        (("/front/image_raw", "/rear/image_raw"), ["front", "rear"]),
+        (("/car/cam_front/raw", "/car/cam_rear/raw"), ["cam_front", "cam_rear"]),
+        (("/a/left/image", "/a/right/image", "/b/left/image"), ["a_left", "a_right", "b_left"]),
+    ],
+)
+def test_cameras_are_called_by_what_their_topics_differ_in(topics, names):
+    assert names_of_cameras([view(topic) for topic in topics]) == names
+
+
+def test_a_topic_that_is_no_image_is_not_taken_for_one():
+    with pytest.raises(BagError, match=r"image_raw: /odom: expected images, found nav_msgs/msg/Odometry"):
+        find_wanted([Stream("/odom", "nav_msgs/msg/Odometry", 5, 9.0)], ("image_raw",), {"image_raw": "/odom"})
+
+
+def test_a_panorama_is_found_with_what_tells_its_lens():
+    streams = [
+        Stream("/theta/image_raw", IMAGE, 9, 30.0, "theta", 256, 128, "rgb8"),
+        Stream("/theta/sphere_info", SPHERE_INFO, 9, 30.0, "theta"),
+        Stream("/other/sphere_info", SPHERE_INFO, 9, 30.0, "other"),
+    ]
+    found = find_lens_topics(streams, lambda wanted: find_wanted(streams, wanted, {}))
+    assert options_of(found) == ["--image", "/theta/image_raw", "--remap", "sphere_info:=/theta/sphere_info"]

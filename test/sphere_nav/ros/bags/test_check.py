@@ -49,8 +49,8 @@ def test_a_truncated_bag_keeps_its_whole_chunks(make_bag, tmp_path, share):
 def test_nothing_to_salvage(make_bag, tmp_path):
     file = make_bag() / "bag_0.mcap"
     file.write_bytes(file.read_bytes()[:100])
-    with pytest.raises(BagError, match="expected a whole chunk to salvage, found none"):
+    with pytest.raises(BagError, match="expected a whole chunk or row to salvage, found none"):
         salvage(file, tmp_path / "saved")
     assert not (tmp_path / "saved").exists()
-    with pytest.raises(BagError, match=r"expected an \.mcap file"):
+    with pytest.raises(BagError, match=r"expected an \.mcap or \.db3 file"):
         salvage(tmp_path / "absent", tmp_path / "saved")

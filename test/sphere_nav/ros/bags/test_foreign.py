@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import sqlite3
+import struct
 import tempfile
 import tracemalloc
 from contextlib import closing
@@ -17,7 +18,7 @@ import zstandard
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import CameraInfo, Image
 
 from sphere_nav.ros.bags.mcap_records import MAX_CHUNK
@@ -286,3 +287,33 @@ def test_a_bag_whose_times_are_no_numbers_is_refused(tmp_path):
         with pytest.raises(BagError, match="drive: expected a readable bag, found"):
             _ = reader.time_range
         reader._foreign._reader = library
+
+
+TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms"
+
+
+@pytest.mark.parametrize("kind", ["tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"])
+def test_frames_and_types_of_others_come_out_of_a_ros1_bag(kind, tmp_path):
+    """No library of ROS 1's types knows TFMessage: the bag itself defines it, and what a maker adds."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    own = "acme_msgs/msg/Battery"
+    for name, text in ((kind, TF_DEFINITION), (own, "std_msgs/Header header\nfloat32 volts")):
+        store.register(get_types_from_msg(text, name))
+    kinds = store.types
+    head = kinds["std_msgs/msg/Header"](7, kinds["builtin_interfaces/msg/Time"](5, 6), "base_link")
+    place, turn = kinds["geometry_msgs/msg/Vector3"](1.0, 2.0, 3.0), kinds["geometry_msgs/msg/Quaternion"](0, 0, 0, 1)
+    pose = kinds["geometry_msgs/msg/Transform"](place, turn)
+    message = kinds[kind]([kinds["geometry_msgs/msg/TransformStamped"](head, "camera", pose)])
+    with Ros1Writer(tmp_path / "drive.bag") as writer:
+        for topic, name, sent in (("/tf_static", kind, message), ("/battery", own, kinds[own](head, 12.5))):
+            writer.write(writer.add_connection(topic, name, typestore=store), 9, store.serialize_ros1(sent, name))
+    with BagReader(tmp_path / "drive.bag") as bag:
+        assert bag.topics["/tf_static"].type == "tf2_msgs/msg/TFMessage"
+        (found,) = next(bag.messages(["/tf_static"])).message.transforms
+        assert (found.header.frame_id, found.child_frame_id, found.transform.translation.z) == (
+            "base_link",
+            "camera",
+            3,
+        )
+        assert bag.topics["/battery"].count == 1
+        assert struct.unpack("<f", next(bag.raw(["/battery"])).message[-4:]) == (12.5,)

@@ -183,3 +183,26 @@ def test_one_camera_under_several_names_counts_once_with_color_and_the_left_of_a
 def test_a_misspelt_topic_is_told_the_one_that_is_meant():
     with pytest.raises(BagError, match=r"is /camera/camera/color/image_raw meant"):
         find_inputs(COLOR, ("image_raw",), {"image_raw": "/camera/camera/colour/image_raw"})
+
+
+def broken(topic, problem):
+    return Stream(topic, IMAGE, 100, 30.0, "color_optical", 640, 480, "rgb8", problem=problem)
+
+
+def test_what_cannot_be_used_is_not_found_and_its_reason_is_told():
+    streams = [broken("/front/image_raw", "encoding: expected better"), COLOR[1]]
+    with pytest.raises(BagError, match=r"found /front/image_raw \(encoding: expected better\)"):
+        find_inputs(streams, ("image_raw",))
+    with pytest.raises(BagError, match="image_raw: /front/image_raw \\(encoding: expected better"):
+        find_inputs(streams, ("image_raw",), {"image_raw": "/front/image_raw"})
+    copy = compressed("/front/image_raw/compressed")
+    assert find_inputs([*streams, copy], ("image_raw",)) == {"image_raw": copy.topic}
+
+
+def test_a_calibration_of_another_size_or_of_no_camera_is_refused():
+    small = [COLOR[0], info("/camera/camera/color/camera_info", size=(320, 240))]
+    with pytest.raises(BagError, match=r"color/image_raw: image size: expected 320 x 240 \(.*camera_info\), found 640"):
+        find_inputs(small, ("image_raw", "camera_info"))
+    none = Stream("/camera/camera/color/camera_info", CAMERA_INFO, 9, 30.0, problem="K[0]: found focal length 0")
+    with pytest.raises(BagError, match=r"/camera/camera/color/camera_info: K\[0\]: found focal length 0"):
+        find_inputs([COLOR[0], none], ("image_raw", "camera_info"))

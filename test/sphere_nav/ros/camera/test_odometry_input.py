@@ -92,3 +92,33 @@ def test_our_own_transform_is_not_heard():
     assert not world.odometry.is_on_tf
     world.move(SECOND)
     assert world.odometry.frame == "odom"
+
+
+def test_a_vehicle_that_publishes_odometry_on_tf_alone_is_predicted_by_it():
+    world = World()
+    world.move(SECOND, "base_footprint", "base_link", "/tf_static", SE3.from_parts(np.eye(3), [0, 0, 0.2]))
+    for tenth in range(4):
+        world.move(SECOND + tenth * SECOND // 10, "odom", "base_footprint", pose=SE3.from_planar(0.1 * tenth, 0, 0))
+    base = world.odometry.predict(SECOND + 250_000_000)
+    np.testing.assert_allclose(base.translation, [0.25, 0.0, 0.2], atol=1e-9)
+    carried = world.odometry.predict(SECOND + 400_000_000)  # images come before the transform of their time
+    np.testing.assert_allclose(carried.translation, [0.4, 0.0, 0.2], atol=1e-9)
+    assert world.odometry.predict(2 * SECOND) is None
+    assert world.odometry.predict(SECOND - 1) is None
+    world.odom(SECOND, pose=POSE)  # the topic goes before it
+    np.testing.assert_allclose(world.odometry.predict(SECOND).matrix, POSE.matrix, atol=1e-12)
+
+
+@pytest.mark.parametrize("parent", ["map", "ground_truth", "odom"])
+def test_neither_a_truth_nor_a_map_is_odometry(parent):
+    world = World()
+    for stamp in (SECOND, SECOND + 1000):
+        world.move(stamp, parent)
+    assert (world.odometry.predict(SECOND) is None) == (parent != "odom")
+
+
+def test_a_clock_that_is_set_back_an_hour_does_not_end_the_odometry():
+    world = World()
+    world.odom(7200 * SECOND)
+    world.odom(3600 * SECOND, pose=POSE @ POSE)
+    np.testing.assert_allclose(world.odometry.at(3600 * SECOND).matrix, (POSE @ POSE).matrix, atol=1e-12)

@@ -1,0 +1,51 @@
+"""A spread of the zoo: what `inspect` prints succeeds, what it does not offer is refused in one line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from benchmarks.zoo import Keeper
+from benchmarks.zoo_bags import ALL, exhibits
+
+ZOO = {exhibit.name: exhibit for exhibit in exhibits()}
+SPREAD = (  # of writers, encodings, names, clocks and faults; `python -m benchmarks zoo` visits all
+    "ros1",
+    "depth_16UC1_png_compressed",
+    "bad_h264",
+    "k_is_0",
+    "other_info_frame",
+    "clock_set_back",
+    "recorder_since_boot",
+    "odometry_on_tf",
+)
+
+
+@pytest.fixture(scope="module")
+def keeper(tmp_path_factory):
+    return Keeper(tmp_path_factory.mktemp("zoo"))
+
+
+def test_the_zoo_is_large_and_its_names_are_different():
+    assert len(exhibits()) == len(ZOO) >= 60
+    assert set(SPREAD) <= set(ZOO)
+
+
+@pytest.mark.parametrize("name", SPREAD)
+def test_every_command_that_inspect_prints_succeeds(name, keeper):
+    assert keeper.visit(ZOO[name]).faults == []
+
+
+def test_a_command_that_fails_and_an_offer_that_is_missing_are_seen(keeper, monkeypatch):
+    """A calibration that is none, taken for good: the command is offered, and refused when it is carried out."""
+    from sphere_nav.ros.bags import streams
+
+    monkeypatch.setattr(streams, "check_info", lambda *_, **__: None)
+    faults = keeper.visit(replace(ZOO["k_is_0"], name="trusted")).faults
+    assert any(fault.startswith("inspect: expected nothing, found map, localize, mcl") for fault in faults)
+    assert any(fault.startswith("map: expected status 0, found status 2") for fault in faults)
+    missing = keeper.visit(replace(ZOO["no_images"], name="wanted", jobs=ALL)).faults
+    assert any(fault.startswith("inspect: expected map, localize, mcl, found nothing") for fault in missing)

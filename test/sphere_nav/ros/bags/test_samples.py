@@ -1,0 +1,100 @@
+"""What the first messages of a topic show, and why none of them can be used: by the conversions of the nodes."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sensor_msgs.msg import CompressedImage
+
+from sphere_nav.geometry import Pinhole
+from sphere_nav.ros.bags.samples import CAMERA_INFO, COMPRESSED, IMAGE, examine
+from sphere_nav.ros.conversions import array_to_image, camera_to_info, decompress
+from sphere_nav.ros.conversions.stamps import header
+
+SECOND = 10**9
+GRAY = np.arange(48, dtype=np.uint8).reshape(6, 8)
+DEPTH = np.full((6, 8), 1500, np.uint16)
+PNG = cv2.imencode(".png", DEPTH)[1].tobytes()
+
+
+def raw(pixels, encoding, topic="/a", stamps=(SECOND, 2 * SECOND)):
+    return examine([(s, array_to_image(pixels, s, "a", encoding)) for s in stamps], IMAGE, topic)
+
+
+def packed(data, format_, topic="/a/compressed"):
+    messages = [(s, CompressedImage(header=header(s, "a"), format=format_, data=data)) for s in (SECOND, 2 * SECOND)]
+    return examine(messages, COMPRESSED, topic)
+
+
+def test_a_good_image_shows_its_frame_size_and_encoding():
+    shown = raw(GRAY, "mono8")
+    assert (shown.frame_id, shown.width, shown.height, shown.encoding, shown.problem) == ("a", 8, 6, "mono8", "")
+
+
+def test_one_good_message_is_enough():
+    good = array_to_image(GRAY, 2 * SECOND, "a", "mono8")
+    bad = array_to_image(GRAY, SECOND, "a", "mono8")
+    bad.encoding = "nv12"
+    assert examine([(1, bad), (2, good)], IMAGE, "/a").problem == ""
+    assert "encoding: expected one of" in examine([(1, bad), (2, bad)], IMAGE, "/a").problem
+
+
+@pytest.mark.parametrize(
+    ("data", "format_", "words"),
+    [
+        (b"\x00\x00\x00\x01\x67\x42", "h264", "format 'h264': image data: expected PNG or JPEG"),
+        (bytes(12) + PNG, "16UC1; compressedDepth rvl", "found '16UC1; compressedDepth rvl'"),
+        (PNG[:40], "16UC1; png compressed", "image data: expected an image"),
+    ],
+)
+def test_what_cannot_be_unpacked_is_a_problem_that_names_the_format(data, format_, words):
+    assert words in packed(data, format_).problem
+
+
+@pytest.mark.parametrize(("format_", "topic"), [("16UC1; png compressed", "/a"), ("png", "/depth/compressed")])
+def test_sixteen_bits_in_a_png_are_depth_not_a_picture(format_, topic):
+    shown = packed(PNG, format_, topic)
+    assert (shown.width, shown.height, shown.problem) == (8, 6, "")
+    message = CompressedImage(header=header(1, "a"), format=format_, data=PNG)
+    assert decompress(message).encoding in ("16UC1", "mono16")
+    eight = cv2.imencode(".png", GRAY)[1].tobytes()
+    assert decompress(CompressedImage(header=header(1, "a"), format="png", data=eight)).encoding == "mono8"
+
+
+def test_depth_that_measures_nothing_is_a_problem():
+    assert "expected some measured pixels" in raw(np.zeros((6, 8), np.uint16), "16UC1").problem
+    assert raw(DEPTH, "16UC1").problem == ""
+
+
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        ((0, 0), "header.stamp: expected a time, found 0"),
+        ((5 * SECOND,) * 3, "expected one that grows, found 5.000 s 3 times"),
+    ],
+)
+def test_stamps_that_are_none_are_a_problem(stamps, words):
+    messages = [(number, array_to_image(GRAY, stamp, "a", "mono8")) for number, stamp in enumerate(stamps)]
+    assert words in examine(messages, IMAGE, "/a").problem
+
+
+def test_stamps_ahead_of_the_recorder_are_measured_by_the_least_lead():
+    messages = [(time, array_to_image(GRAY, time + lead, "a", "mono8")) for time, lead in ((1, 900), (500, 300))]
+    assert examine(messages, IMAGE, "/a").lead_ns == 300
+    late = [(time, array_to_image(GRAY, time - 5, "a", "mono8")) for time in (10, 20)]
+    assert examine(late, IMAGE, "/a").lead_ns == 0
+
+
+def test_a_calibration_has_the_size_of_its_images():
+    info = camera_to_info(Pinhole(640, 480, 500.0, 500.0, 319.5, 239.5), SECOND, "a")
+    info.binning_x = info.binning_y = 2
+    shown = examine([(1, info)], CAMERA_INFO, "/camera_info")
+    assert (shown.width, shown.height, shown.problem, shown.is_projected) == (320, 240, "", True)
+    info.k = [0.0] * 9
+    shown = examine([(1, info)], CAMERA_INFO, "/camera_info")
+    assert "found focal length 0" in shown.problem
+    assert shown.is_projected
