@@ -25,18 +25,20 @@ from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
+FIRST_SPHERE = "the first sphere"
 Given = tuple[Sphere, SE3 | None, Unroll | None]  # what `add` is given
 
 
 class Mapper:
-    """Builds `graph` and `tracks` from spheres; the first one is at `T_map_first` and has the id `first_id`."""
+    """Builds `graph` and `tracks` from spheres; the first is at `T_map_first`, with id `first_id`; why: `origin`."""
 
     def __init__(
         self, params: MapperParams | None = None, T_map_first: SE3 | None = None, store: SphereStore | None = None
     ) -> None:
         self.params = params or MapperParams()
         self.num_loops, self.first_id = 0, 0
-        self._T_map_first, self._spheres = T_map_first or SE3.identity(), SphereCache(store)
+        self.T_map_first, self.origin = T_map_first or SE3.identity(), FIRST_SPHERE
+        self._spheres = SphereCache(store)
         self._begin()
 
     def _begin(self) -> None:
@@ -54,7 +56,7 @@ class Mapper:
         current = PreparedSphere(sphere, self.params.registration)
         if self._tracker.last is None:
             self._unroll_first = unroll
-            return self._update(current, self._T_map_first, odometry, None, keyframes.FIRST)
+            return self._update(current, self.T_map_first, odometry, None, keyframes.FIRST)
         if unroll is not None and self._unroll_first is not None:
             self._replace_first(current, odometry, self._unroll_first)
         current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
@@ -71,10 +73,7 @@ class Mapper:
         return self._update(current, alignment.T_world_camera, odometry, alignment, reason)
 
     def keep_end(self) -> bool:
-        """Keep the last sphere, too, where the newest key sphere is half its reach away; return whether it was kept.
-
-        To be called at the end of a drive: beyond its last key sphere a map does not know the way.
-        """
+        """Keep the last sphere of a drive where the newest key sphere is half its reach away; return whether it was."""
         if self._tracker.last is None:
             return False
         self._unroll_first = None  # a first sphere that nothing followed stays as it is

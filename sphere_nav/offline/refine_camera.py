@@ -214,7 +214,7 @@ def run_depth(arguments: argparse.Namespace) -> int:
         drive = replay_mapper(bag, Mapper, values, found)
         if not drive.node.mapper.tracks:
             raise BagError(f"{arguments.source}: expected images to align, found none: {drive.refusal}")
-        estimate = refine_depth(bag, values, found, drive.node.mapper)
+        estimate = refine_depth(bag, values, found, drive)
     arguments.output.write_text(depth_file_text(estimate.found), encoding="utf-8")
     print("\n".join([*report_depth(estimate.found, str(arguments.output)), *filter(None, [estimate.verdict])]))
     return 1 if estimate.found.unobserved else 0

@@ -42,10 +42,11 @@ class MappedDrive:
     depth: str = ""  # and of the depth camera, where it sits elsewhere
 
     def trajectory(self, *, is_base: bool) -> Trajectory:
-        """Return the pose of every placed sphere, or that of the vehicle, as the corrected graph has it."""
-        T_sphere_body = self.node.T_base_sphere.inverse() if is_base else SE3.identity()
+        """Return the pose of the camera (body axes) of every placed sphere, or the vehicle's, as the graph has it."""
+        mount = self.node.mount
+        T_sphere_pose = mount.T_base_sphere.inverse() if is_base else mount.T_sphere_body
         stamps, poses = zip(*self.node.mapper.trajectory(), strict=True)
-        matrices = np.stack([(T_map_sphere @ T_sphere_body).matrix for T_map_sphere in poses])
+        matrices = np.stack([(T_map_sphere @ T_sphere_pose).matrix for T_map_sphere in poses])
         return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
 
     def anchor_graph(self, anchor: str, truth: Truth | None, source: str) -> tuple[SE3, SphereGraph, list[str]]:
@@ -63,7 +64,9 @@ class MappedDrive:
         graph = graph.with_poses({node.id: T_fitted_map @ node.T_map_sphere for node in graph})
         if anchor == "truth":
             return T_fitted_map, graph, []
-        surveyed = move_to_truth(graph, truth, self.node.T_base_sphere)
+        mount = self.node.mount
+        T_pose_sphere = mount.T_base_sphere if truth.is_base else mount.T_sphere_body.inverse()
+        surveyed = move_to_truth(graph, truth.poses, T_pose_sphere)
         return T_fitted_map, surveyed, check_survey(graph, surveyed, source)
 
     def anchor(self, truth: Truth) -> SE3 | None:
@@ -128,14 +131,13 @@ def fit_poses(theirs: SE3, ours: SE3) -> SE3:
     return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))
 
 
-def move_to_truth(graph: SphereGraph, truth: Truth, T_base_sphere: SE3) -> SphereGraph:
+def move_to_truth(graph: SphereGraph, truth: Trajectory, T_pose_sphere: SE3) -> SphereGraph:
     """Return the graph with every key sphere at its true pose, where that is known at its stamp."""
-    T_body_sphere = T_base_sphere if truth.is_base else SE3.identity()
     poses = {}
     for node in graph:
-        at, known = truth.poses.at([node.stamp_ns], max_gap_ns=round(1e9))
+        at, known = truth.at([node.stamp_ns], max_gap_ns=round(1e9))
         if known.all():
-            poses[node.id] = at.T_map_body[0] @ T_body_sphere
+            poses[node.id] = at.T_map_body[0] @ T_pose_sphere
     return graph.with_poses(poses)
 
 

@@ -52,9 +52,9 @@ def caught(kind, *messages, **values):
 )
 def test_every_kind_gives_spheres_with_stamp_and_frame(kind, source, frame_id, is_optical):
     node = caught(kind, *source(3))
-    ((found, frame, optical, _),) = node.caught
+    ((found, mount, _),) = node.caught
     assert found.stamp_ns == 1_300_000_000
-    assert (frame, optical) == (frame_id, is_optical)
+    assert (mount.frame_id, mount.is_optical) == (frame_id, is_optical)
     # spheres and RGB-D 0.81; stereo 0.495: its far walls are less sure than 1.5 %, see test_stereo
     assert found.measured.mean() > (0.48 if kind == "stereo" else 0.75)
     assert {wanted.topic for wanted in node.inputs} == {*TOPICS[kind], *([DEPTH_INFO] if kind == "rgbd" else [])}
@@ -146,8 +146,8 @@ def compress(topic, message):
 def test_compressed_images_give_the_sphere_of_raw_ones(kind, source):
     ((raw, *_),) = caught(kind, *source(3)).caught
     node = caught(kind, *(compress(*item) for item in source(3)), transport="compressed")
-    ((found, frame, *_),) = node.caught
-    assert frame == FRAME
+    ((found, mount, _),) = node.caught
+    assert mount.frame_id == FRAME
     np.testing.assert_array_equal(found.image, raw.image)
     both = found.measured & raw.measured
     assert both.sum() > 0.99 * raw.measured.sum()

@@ -5,6 +5,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from sphere_mapping.ros.mount import Mount
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline.mapping import drive as mapped
@@ -25,7 +26,8 @@ def truth_of(poses):
 @pytest.fixture
 def drive():
     mapper = SimpleNamespace(trajectory=lambda: zip(STAMPS, WAY, strict=True), graph=[None] * 3, num_loops=1)
-    return MappedDrive(SimpleNamespace(mapper=mapper, T_base_sphere=SE3.from_planar(0.4, 0.0, 0.0)), num_lost=2)
+    mount = Mount("camera", False, SE3.from_planar(0.4, 0.0, 0.0))
+    return MappedDrive(SimpleNamespace(mapper=mapper, mount=mount), num_lost=2)
 
 
 def test_a_drive_is_laid_on_its_truth_by_its_first_pose_or_by_all(drive):
