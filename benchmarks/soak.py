@@ -32,7 +32,7 @@ from benchmarks.report import Bound, Report, Table
 HELP = "an hour of the real processes at 10 Hz: memory, descriptors, threads, shared memory"
 DOMAIN = "71"
 PERIOD, SLOW = 0.1, 10  # s between two turns of the feeder; turns between two inputs of what is fed slowly
-SAMPLING = 30.0  # s between two looks at the processes
+SAMPLING = 10.0  # s between two looks at the processes: what wanders is told from what grows by their number
 WARM_UP = 10.0  # min in which caches fill; at most a third of the run
 RADIUS = 20.0  # m of the circle that is driven
 SWAY, SWAY_PERIOD = 6.0, 20.0  # m and s of the camera's way back and forth: at most 0.94 m/s

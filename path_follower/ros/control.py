@@ -158,8 +158,12 @@ class ControlLoop:
             self.send(self.sent)
 
     def catch_up(self, now_ns: int) -> None:
-        """Where time is simulated, do what was due before a time; it answers nothing that is stamped with this one."""
+        """Where time is simulated, do what was due before a time; it answers nothing that is stamped with this one.
+
+        After a leap of /clock that is hundreds of looks, behind which no emergency stop waits.
+        """
         for due_ns in self.ticks.take(now_ns) if self.ticks is not None else ():
+            self.peers.emergency.take()
             self.publish(self.follower.tick(due_ns), self.stamp_at(due_ns))
 
     def stamp_at(self, clock_ns: int) -> int:

@@ -26,7 +26,12 @@ class EmergencyStop:
         self._endpoints, self._press = endpoints, press
         self.names: list[str] = []
         self._since_ns, self._heard_ns = -1, -(10**18)
-        endpoints.hear_always("emergency_stop", Bool, self._hear)
+        self._topics = endpoints.hear_always("emergency_stop", Bool, self._hear)
+
+    def take(self) -> None:
+        """Hear at once what waits for its turn behind other work."""
+        for topic in self._topics:
+            self._endpoints.take_waiting(topic)
 
     def _hear(self, message: Bool) -> None:
         self._heard_ns = self._endpoints.steady_ns()

@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+import mmap
+from math import prod
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y, yaw of the covariance of a tangent vector (v, omega)
 TINY = 1e-12  # keeps divisors from 0; nothing that is measured is as small
+
+OWN_PAGES = 1 << 14  # bytes, from which an array that stays has pages of its own: of the last a quarter at most is lost
+HUGE_PAGES = 1 << 22  # bytes, from which NumPy asks for large pages, too
+
+
+def empty_to_keep(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Return an array that is to stay while images come and go; its memory leaves the process with it.
+
+    In the heap of the C library it would lie between the arrays of images. Whenever one that stayed goes, a gap is left
+    that fits nothing: a process that exchanges key spheres grows for hours, though it holds no more than before.
+    """
+    num_bytes = prod(np.atleast_1d(shape).tolist()) * np.dtype(dtype).itemsize
+    if num_bytes < OWN_PAGES:
+        return np.empty(shape, dtype)
+    pages = mmap.mmap(-1, num_bytes, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    if num_bytes >= HUGE_PAGES and hasattr(mmap, "MADV_HUGEPAGE"):
+        pages.madvise(mmap.MADV_HUGEPAGE)
+    return np.ndarray(shape, dtype, buffer=pages)

@@ -141,15 +141,19 @@ class Endpoints:
         self._shell.add_subscription(wanted)
         return wanted
 
-    def hear_always(self, topic: str, kind: type[Any], callback: Callable[[Any], None]) -> None:
+    def hear_always(
+        self, topic: str, kind: type[Any], callback: Callable[[Any], None]
+    ) -> tuple[Subscription, Subscription]:
         """Subscribe whatever QoS a publisher offers, also while the node is inactive; a message may come twice.
 
         What was latched before comes by a subscription of its own, which the diagnostics leave out.
         """
-        self.add_subscription(topic, kind, callback, qos.SENSOR, is_required=False, silence=0.0).is_always = True
+        live = self.add_subscription(topic, kind, callback, qos.SENSOR, is_required=False, silence=0.0)
+        live.is_always = True
         latched = Subscription(topic, kind, callback, qos.LATCHED, is_required=False, silence=0.0, log=self.log)
         latched.is_always, latched.entity_id = True, "latched"  # else rclpy gives it the QoS of the first
         self._shell.add_subscription(latched)
+        return live, latched
 
     def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> Publisher:
         """Publish on a topic."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import empty_to_keep
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.photometric.constants import LATE_SHIFT, MAX_SHIFT
@@ -86,7 +87,7 @@ def select(pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, numb
     chosen = seen[: kernels.find_visible(squares.places, squares.pool, *args, seen)]
     if chosen.size > number:
         chosen = kernels.best_of(chosen, squares.keys, number)
-    blocks = np.empty(-(-chosen.size // SIDE) * BLOCK, np.float32)
+    blocks = empty_to_keep(-(-chosen.size // SIDE) * BLOCK, np.float32)
     inverse = kernels.gather(squares.pool, chosen, blocks)
     return Selection(T_camera_reference, blocks, chosen.size, 1.0 / inverse)
 

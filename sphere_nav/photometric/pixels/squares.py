@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry.arrays import empty_to_keep
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats, kernel_camera, kernel_motion, view_cone
@@ -45,7 +46,7 @@ class Squares:
         self.camera, self._ranges, self._far = camera, ranges, np.float32(far)
         self._image, self._pad, self._lock = image, pad, Lock()
         cones, self._order = cones_of(camera), curve(camera.width, camera.height)
-        self.bounds = np.empty((len(cones), 4), np.float32)
+        self.bounds = empty_to_keep((len(cones), 4), np.float32)
         self.num_pixels = int(kernels.bound_squares(ranges, kernels.RANGES, self._far, pad, cones, self.bounds))
         self._made = Made.nothing(len(cones))
 
@@ -117,7 +118,7 @@ class Made:
 
     def with_room(self, number: int) -> Made:
         """Return the same with room for so many squares."""
-        pool, keys = np.empty(number * BLOCK, np.float32), np.empty((number * SIDE, 6), np.uint8)
+        pool, keys = empty_to_keep(number * BLOCK, np.float32), empty_to_keep((number * SIDE, 6), np.uint8)
         pool[: self.pool.size], keys[: len(self.keys)] = self.pool, self.keys
         return Made(self.place_of.copy(), pool, keys, self.number)
 

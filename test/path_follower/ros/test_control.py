@@ -5,13 +5,15 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_nav_msgs.msg import GuardStatus
+from std_msgs.msg import Bool
 
 from path_follower.modes import FollowerState
 from path_follower.path import Pose2
 from path_follower.reasons import StopReason
-from path_follower.ros.control import CYCLE_MEMORY_NS, REPEAT_NS, ControlLoop, Cycle
+from path_follower.ros.control import CYCLE_MEMORY_NS, REPEAT_NS, SILENCE, TICK, ControlLoop, Cycle
 from path_follower.ros.node import PathFollowerNode
 from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.clocks import SimulatedTicks
 
 SECOND = 1_000_000_000
 
@@ -66,6 +68,27 @@ def test_a_command_is_repeated_between_poses_that_are_far_apart(bus, loop):
     loop.sent_ns = loop.endpoints.steady_ns() - 2 * REPEAT_NS
     loop.on_tick()
     assert [item.message.linear.x for item in bus.settle() if item.topic == "/cmd_vel"] == [0.0]
+
+
+def test_an_emergency_stop_does_not_wait_for_the_looks_that_a_leap_of_the_clock_is_behind(bus, loop, monkeypatch):
+    loop.ticks = SimulatedTicks(SILENCE, TICK)
+    loop.ask("start")
+    loop.answer(SECOND)
+    list(bus.settle())
+    looks = []
+
+    def take_waiting(wanted):
+        looks.append(wanted.topic)
+        if len(looks) == 2 * 5:  # what comes by two subscriptions comes before the fifth look
+            bus.deliver("/emergency_stop", Bool(data=True))
+
+    monkeypatch.setattr(loop.endpoints, "take_waiting", take_waiting)
+    loop.catch_up(11 * SECOND)
+    reasons = [item.message.reason for item in bus.settle() if item.topic == "/path_follower/status"]
+    assert len(reasons) > 300
+    assert reasons[:4] == [""] * 4
+    assert set(reasons[4:]) == {StopReason.EMERGENCY_STOP}
+    assert set(looks) == {"emergency_stop"}
 
 
 def test_the_worst_cycle_is_told_for_ten_seconds():

@@ -27,6 +27,7 @@ class Endpoints:
 
     def hear_always(self, topic, kind, callback):
         self.callbacks[topic] = callback
+        return topic, f"{topic} latched"
 
     def add_subscription(self, topic, kind, callback, profile, is_required):
         self.callbacks[topic] = callback
