@@ -89,14 +89,19 @@ def run_filter(
     has_imu: bool = True,
     before_image: Callable[[], None] | None = None,
     start_area: Area | None = None,
+    start: tuple[Array, Array] | None = None,
 ) -> Trial:
     """Return what a filter says of the images of a drive; `before_image` is not timed.
 
-    It knows nothing, or that it is somewhere in `start_area`.
+    It knows nothing, or that it is somewhere in `start_area`, or a `start`: pose (3,) and standard deviations (3,).
     """
     filter_ = Filter(replace(params, seed=seed), site.depth_map, site.area)
     if start_area is not None:
         filter_.particles = sample_uniform(start_area, params.resampling.num_particles, np.random.default_rng(seed))
+    if start is not None:
+        (x, y, yaw), (sigma_x, sigma_y, sigma_yaw) = start
+        covariance = np.diag(np.square([sigma_x, sigma_y, 0.1, 0.1, 0.1, sigma_yaw]))
+        filter_.start(SE3.from_planar(float(x), float(y), float(yaw)), covariance)
     found: list[tuple[Any, ...]] = []
     for index in range(len(drive)):
         if before_image is not None:

@@ -118,6 +118,7 @@ class SimCameraParams:
     x: float = param(1.0, "place on the car, forward of the rear axle", "m")
     z: float = param(1.6, "height above the ground", "m", low=0.05)
     pitch_deg: float = param(4.0, "looking down", "deg", low=-60.0, high=60.0)
+    roll_deg: float = param(0.0, "turned about its axis, clockwise; 180: upside down", "deg", low=-180.0, high=180.0)
 
     y: ClassVar[float] = 0.0  # place on the car, to the left, m
     k1: ClassVar[float] = -0.05  # radial distortion of a lens

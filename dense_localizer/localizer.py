@@ -37,7 +37,7 @@ class Localizer:
         self.references = References(sphere_map, params, is_live=is_live)
         self._integrity = Integrity(self.references, params)
         self._visual_odometry = VisualOdometry(self.references, params)
-        self._search = PoseSearch(self.references, params)
+        self.search = PoseSearch(self.references, params)
         self._states = StateMachine(params.state)
 
     def update(self, image: NDArray[Any], camera: Camera, stamp_ns: int, T_odom: SE3 | None = None) -> CameraEstimate:
@@ -61,7 +61,7 @@ class Localizer:
         self._integrity.begin(frame, self._states.state)
         if self._states.is_following and self._prior.pause_s(frame.stamp_ns) > self.params.input.timeout_s:
             self._states.lose()  # nobody knows what happened meanwhile
-            self._search.start_near(self._prior.predict(frame.stamp_ns, frame.T_odom_camera).T_map_camera)
+            self.search.start_near(self._prior.predict(frame.stamp_ns, frame.T_odom_camera).T_map_camera)
         estimate = self._track(frame) if self._states.is_following else self._find_start(frame)
         self._inter_frame.images = frame.images
         return estimate
@@ -103,20 +103,20 @@ class Localizer:
         is_blind = prediction.blind_s > self.params.state.max_blind_s
         self._states.refuse(is_lost=is_blind or not prediction.is_certain)
         if not self._states.is_following:
-            self._search.start_near(prediction.T_map_camera)
+            self.search.start_near(prediction.T_map_camera)
         return self._report(frame, finding, refused)
 
     def _find_start(self, frame: LocalizerInput) -> CameraEstimate:
         """Search for the pose, if anyone wants it: locate by guesses, start from the one that is clearly the best."""
-        if self._search.is_wanted:
+        if self.search.is_wanted:
             self._states.search()
         else:
             self._states.withdraw()
-        candidate, finding = self._search.find(frame, self._locate)
+        candidate, finding = self.search.find(frame, self._locate)
         if candidate is not None:
             self._prior.start(candidate.T_map_camera, candidate.covariance, frame.stamp_ns, frame.T_odom_camera)
             self.references.prefetch(candidate.T_map_camera, None, is_rig=candidate.is_rig)
-            self._search.reset()
+            self.search.reset()
             self._integrity.start(frame, candidate)
             self._states.start()
             self._states.confirm(frame.stamp_ns, is_good=candidate.acceptance.is_good)
@@ -124,7 +124,7 @@ class Localizer:
 
     def relocalize(self, T_map_camera: SE3 | None = None) -> CameraEstimate | None:
         """Search with the last image and those to come, near a pose or everywhere; ValueError for one off the map."""
-        self._search.request(T_map_camera)
+        self.search.request(T_map_camera)
         self._integrity.reset()
         self._states.search()
         stamp_ns, images = self._inputs.stream.last_stamp_ns, self._inter_frame.images
@@ -141,7 +141,7 @@ class Localizer:
         self._forget()
 
     def _forget(self) -> None:
-        for one in (self._prior, self._search, self._integrity, self._states, self._inter_frame, self._visual_odometry):
+        for one in (self._prior, self.search, self._integrity, self._states, self._inter_frame, self._visual_odometry):
             one.reset()
 
     def _report(

@@ -16,6 +16,7 @@ MAX_LEAP = 0.5  # m, believed at any speed
 BLIND_SPEED, BLIND_TURN_RATE = 0.5, 0.35  # standard deviations of speed, m/s, and turn rate, rad/s, without odometry
 MAX_BLIND_STEP = 1.0  # m
 MIN_TURN = np.radians(3.0)  # an image turned by this tells something new, wherever it was taken (test_dead_reckoning)
+STANDSTILL_NS = 10**9  # images of a standstill that nothing else confirms are compared so often (test_dead_reckoning)
 UNMODELED = np.repeat([0.10, np.radians(1.0)], 3)  # (6,) m, rad: errors of map, tilt and height (belief/test_estimate)
 
 # Particles, N17 section III-C (belief/test_resampling, test_sampling, test_filter_parts)
@@ -75,6 +76,20 @@ MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
 MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
 NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
 
+# Odometry against the images (belief/test_image_motion); chosen in towns 61 and 62, `benchmarks contradictions`
+CONTRADICTION = (
+    21.1  # chi^2 of 3 degrees of freedom: odometry and images that are right differ so in 1e-4 of the images
+)
+WHEEL_SIGMA = 0.02  # m, of odometry however short the way: wheels that stand say so, but not at the very stamp
+IMAGE_SIGMA = np.array([0.03, 0.03, np.radians(0.3)])  # m, m, rad: of a motion by images, however short
+IMAGE_DRIFT = np.array([0.04, 0.04, np.radians(0.3)])  # and by its way: the range is that of the map, not quite there
+SHARP_M = 0.1  # standard deviation by images up to which they confirm a standstill: an even wall tells nothing
+MIN_NCC = 0.8  # correlation of images that are aligned; unrelated ones reach 0.77, part of the sphere 0.86
+IMAGE_FORGETTING = 0.2  # of the usual correlation and way, with every image
+MIN_MOUNTING_ERROR = np.radians(20.0)  # between the ways of odometry and images: wheels do not slip so
+MAX_SCALE_ERROR, SCALE_WAY_M = 0.02, 30.0  # of a map; m driven before it is judged
+MAX_USUAL_WAYS, SAME_PLACE = 2.0, 0.2  # by the usual way, and m: farther images need not resemble the last
+
 # Homing, N17 section III-D (ros/test_homing)
 NUM_DIRECTIONS, NUM_DISTANCES = 16, 2  # psi around the waypoint (N17 table I); d around it, beside zero
 NUM_MEDIAN = 5  # images in the median of the direction
@@ -129,4 +144,10 @@ MAX_ELEMENTS = 50_000_000  # squares of a grid, or samples of a surface
 INDEX_BITS = 20  # of a voxel along an axis; three of them make one int64
 MAX_BLOCKS = 1 << 25  # of columns, in the rectangle around the cloud
 LARGE_EXTENT_M, MIN_POINTS, MAX_LONELY = 1_000.0, 100, 0.5  # a wider cloud of more points; share alone in a cubic metre
+# The frame of a survey (geometry/test_survey_frame)
+SURVEY_SAMPLES = 400_000  # points by which axes are found
+FLOOR_STEP, UP_RATIO = 0.5, 1.5  # m, of the squares of a floor; by how much the other one must be larger
+LEAST_STANDING = 0.003  # of the squares that must have something standing: a street of 100 m with one house
+SMALL_EXTENT = 1.0  # of a place to drive, in its unit: less is kilometres
+ORIGIN_STEP_M = 100.0  # of an origin: easy to read
 MAX_COORDINATE_M, FAR_FROM_ORIGIN_M = 1e7, 1e5  # the size of the Earth; beyond, float32 is coarser than a centimetre

@@ -13,6 +13,7 @@ from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Belief, Estimate, Observation, level_pose, pose_covariance
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.hypotheses import Lineage, find_hypotheses
+from mcl_depth.belief.image_motion import OdometryCheck, Reconciled
 from mcl_depth.belief.motion_model import MotionModel, sample_motion
 from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_similarity
 from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
@@ -39,6 +40,7 @@ class Filter:
         self._input = InputCheck(params.input)
         self._motion = MotionModel(params.motion)
         self._reckoning = DeadReckoning(params.input, params.motion)
+        self.odometry = OdometryCheck(depth_map, self._motion)
         self.evidence = Evidence(SurveyGrid(depth_map, area.middles), params.state.max_chance)
         self._states = StateMachine(params.state)
         self.lineage = Lineage()
@@ -50,7 +52,7 @@ class Filter:
         """Forget pose, stream and losses; the random numbers begin anew."""
         self._rng = np.random.default_rng(self.params.seed)
         self._input.reset()
-        self._motion.reset()
+        self.odometry.reset()
         self._states.reset()
         if self.params.automatic:
             self._states.search()
@@ -82,24 +84,28 @@ class Filter:
         """Localise one image."""
         report = self._input.check(observation.image, observation.camera, observation.stamp_ns)
         if report.is_clock_jump:
-            self._motion.reset()
+            self.odometry.reset()
             self._begin(self.particles)
         if not report.is_good:
             return self.refuse(observation.stamp_ns, report.finding)
         if self._states.state is State.NOT_LOCALISED:
             return Estimate(self._status(observation.stamp_ns, FINE))
-        if self._reckoning.is_near(observation):
-            return self._estimate(observation, FINE)  # nearly the same view tells nothing new
         if self._states.state is State.LOST:
             self.search()
+        seen = self.odometry.reconcile(observation, is_held=self._states.is_following)
+        is_sure = not self._states.is_following or (seen.is_verified and self.evidence.doubt is FINE)
+        if not seen.is_contradicted and self._reckoning.is_near(seen.observation, is_sure=is_sure):
+            return self._estimate(seen.observation, self.evidence.doubt)  # nearly the same view tells nothing new
         gray, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
-        return self._localize(observation, visual_features(gray, is_seen))
+        estimate = self._localize(seen, visual_features(gray, is_seen))
+        pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else self.evidence.place
+        self.odometry.keep(gray, is_seen, pose)
+        return estimate
 
-    def _localize(self, observation: Observation, visual: GradientFeatures) -> Estimate:
+    def _localize(self, seen: Reconciled, visual: GradientFeatures) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
-        p = self.params
-        odometry = observation.T_odom_level
-        step = self._motion.step(observation.stamp_ns, odometry)
+        p, observation = self.params, seen.observation
+        step = self._motion.step(observation.stamp_ns, observation.T_odom_level, is_known=seen.is_known)
         particles = self.particles.with_poses(sample_motion(self.particles.poses, step, self._rng))
         comparison = Comparison(visual, self.map, self.num_headings)
         curves = comparison.curves(particles.poses)
@@ -107,8 +113,8 @@ class Filter:
         similarities = interpolate_similarity(curves, particles.poses[:, 2])
         particles = particles.reweight(compute_weights(similarities, particles.weights))
         hypotheses = find_hypotheses(particles)
-        proof = self.evidence.prove(comparison, hypotheses[0].pose, odometry, is_held=self._states.is_trusted)
-        verdict = judge_belief(hypotheses, proof, step, p.state.max_chance)
+        proof = self.evidence.prove(comparison, hypotheses[0].pose, seen, is_held=self._states.is_trusted)
+        verdict = judge_belief(hypotheses, proof, step, p.state.max_chance).beside(seen, self.evidence.doubt)
         count(self._states, verdict, observation.stamp_ns)
         particles = self.lineage.add(observation.stamp_ns, particles)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
@@ -135,6 +141,7 @@ class Filter:
         self.particles, self._p_chance = particles, 1.0
         self.lineage.clear()
         self._reckoning.reset()
+        self.odometry.forget()
         self.evidence.reset(is_given=is_given)
 
     def _status(self, stamp_ns: int, finding: Finding, state: State | None = None) -> Status:

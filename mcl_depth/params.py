@@ -6,6 +6,8 @@ from sphere_nav.localization import params as shared
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.params import group, param, parameters
 
+UNITS = ("m", "ft", "us-ft", "km", "mm")
+
 
 @parameters
 class SynthesisParams:
@@ -16,6 +18,15 @@ class SynthesisParams:
     elevation_max_deg: float = param(42.5, "highest elevation of the panorama", "deg", low=-90.0, high=90.0)
     voxel_m: float = param(0.1, "finest spacing of the points of a cloud; they grow coarser with range", "m", low=1e-3)
     max_range_m: float = param(200.0, "range beyond which points are not drawn", "m", low=1.0)
+
+
+@parameters
+class SurveyParams:
+    """The frame of a cloud's file (`geometry/survey_frame.py`)."""
+
+    origin: str = param("", "E,N,H in m of the file at the origin of the map; empty: near the cloud, where it is far")
+    unit: str = param("auto", "of the file; auto: as it declares, else by its extent", choices=("auto", *UNITS))
+    up: str = param("auto", "axis of the file that points up; auto: by its ground", choices=("auto", "z", "y"))
 
 
 @parameters
@@ -118,4 +129,5 @@ class MclDepthParams(FilterParams, NodeParams):
     cloud: str = param("", "map: .ply, .pcd, .las, .npy, a floor plan .csv, or a folder of key spheres; empty: wait")
     roll_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
     pitch_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
+    survey: SurveyParams = group(SurveyParams)
     homing: DirectionParams = group(DirectionParams)

@@ -70,9 +70,11 @@ class Site:
         With `cache.folder` they are kept on the way: what was made once is read by the next site.
         """
         num_missing = self.depth_map.fill(self.places, at_most)
-        if not num_missing and len(self.places) >= MIN_PLACES:
-            self.depth_map.matched_filter(self.places)
-            self.depth_map.partial_filter(self.places)
+        if not num_missing:
+            if len(self.places) >= MIN_PLACES:
+                self.depth_map.matched_filter(self.places)
+                self.depth_map.partial_filter(self.places)
+            self.depth_map.ranges_from(np.array([*self.places[0], 0.0]))  # no image waits for what draws
         return 1.0 - num_missing / len(self.places)
 
     def filter(self) -> Filter:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.constants import (
     AMBIGUOUS_SHARE,
@@ -38,6 +39,15 @@ class Verdict:
 
     finding: Finding = FINE
     is_bad: bool = False
+    is_lost: bool = False  # nobody knows where the vehicle is
+
+    def beside(self, seen: Reconciled, doubt: Finding) -> Verdict:
+        """Return the verdict beside what images have against odometry now, and a `doubt` that was not dispelled."""
+        if not seen.is_known:
+            return Verdict(seen.finding, is_bad=True, is_lost=True)
+        if self.is_bad:
+            return self if seen.hint is FINE else Verdict(seen.hint, is_bad=True)
+        return self if doubt is FINE else Verdict(doubt)
 
 
 def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> Verdict:
@@ -84,6 +94,6 @@ def count(states: StateMachine, verdict: Verdict, stamp_ns: int) -> None:
             states.start()
         states.confirm(stamp_ns, is_good=verdict.finding is FINE)
         return
-    if states.state in (State.PROBATION, State.LOST):
+    if verdict.is_lost or states.state in (State.PROBATION, State.LOST):
         states.search()
     states.refuse(is_lost=states.num_refused + 1 >= LOST_IMAGES)

@@ -15,6 +15,7 @@ from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, si
 from mcl_depth.likeness.matched_filter import MatchedFilter, correlate_part
 from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import FilterParams, SynthesisParams
+from sphere_nav import photometric
 
 
 @cache
@@ -38,3 +39,4 @@ def warm_up(params: FilterParams) -> None:
     for number in range(1 + STEP_EVERY):
         total = joint.add(np.zeros((num_headings, 8, 8), np.float32), np.array([number, 0.0, 0.0]))
     find_maxima(total, mask)
+    photometric.warm_up()

@@ -49,15 +49,25 @@ CELLS = (8, 6)  # of an image, that corners should fall into
 UNOBSERVED = 0.5  # of the deviation known beforehand: more is left than the drive has told
 MIN_PIXELS, MIN_SIGMA = 100, 0.5  # of an image, to say anything; grey levels of their noise
 MARGIN = 1.0  # px from the border
-NUM_LENS_PIXELS, NUM_LENS_LEVELS = 6_000, 3  # of each level, the most salient
+NUM_LENS_PIXELS, NUM_LENS_LEVELS = 3_000, 3  # of each level, the most salient
 LENS_STEPS, MIN_LENS_STEP = 12, 0.02  # at a level; in standard deviations, below which a level is done
 FOCAL_SHARE, CENTER_SHARE, READOUT_S = 0.1, 0.05, 0.02  # deviations before: of focal length and image width; s
 DISTORTION = {"pinhole": (0.3, 0.3, 0.01, 0.01), "fisheye": (0.1, 0.1, 0.1, 0.1)}  # the same
+MAP_LENS = (0.03, 0.03, 0.02, 0.02, 0.05, 0.05)  # deviations before of the map's own lens: f, centre / f, k1, k2
+HELD = 1e-6  # of those: of a parameter that stays as it was known
 LENS_FLOOR = 5e-3  # of those: what sampling of image and map leaves however many images there are
 RELATIVE_STEP = 1e-3  # of numerical derivatives, in those standard deviations
 DEPTH_STEPS, MIN_DEPTH_STEP = 15, 0.05  # as LENS_STEPS, MIN_LENS_STEP
 DEPTH_SIGMA = np.repeat([0.05, np.radians(3.0)], 3)  # (6,) m, rad, before: of a camera that nobody calibrated
 DEPTH_FLOOR = np.repeat([0.001, np.radians(0.03)], 3)  # (6,) m, rad: what sampling leaves however many pairs
+
+# What proves a refined lens (drive/test_proof)
+NUM_RUNS = 5  # of consecutive images in a half of the drive: neighbours err alike, runs hardly
+MIN_HALF = 3  # images of a half
+OWN_STEPS, MIN_OWN_STEP = 10, 1e-3  # of pose and light of an image under a given lens; part of the cost, the last gain
+APART = 0.5  # of how far both halves are off the given lens: as far may they be from each other; chance gives 2
+LENS_GRID = (9, 7)  # pixels at which two lenses are compared
+BLAMED = 2.0  # times more would be known of a parameter, were another one known: both are not told apart
 
 # Points of a depth camera (drive/test_depth_pixels)
 NUM_POINTS = 5_000  # of a frame, on a grid: chosen by the image, they would pull to where it is chosen

@@ -10,6 +10,9 @@ MAX_GRAY = 255.0  # white; shares of grey levels are of it
 
 # Expectation of the next sphere (test_motion, test_tracking: a jump that no vehicle makes)
 MAX_EXTRAPOLATION = 5.0  # intervals of the past motion; farther ahead nobody knows
+MAX_KNOWN = 2.5  # intervals after which it is a guess: one sphere was missed, not two
+CONTRADICTED = 2  # spheres in a row that were not where they should be: what was expected is wrong, odometry included
+NUM_LOST = 3  # spheres in a row, after which the whole map is searched for the next (test_mapper)
 ACCELERATION = (5.0, 10.0)  # m/s^2, rad/s^2: standard deviations of what a vehicle or a hand does
 ODOMETRY_SHARE = 0.1  # standard deviation of odometry by the motion: wheels slip by less
 EXPECTED_FLOOR = (0.05, 0.03)  # least standard deviations of an expectation
@@ -64,3 +67,19 @@ CERTIFICATE_TOLERANCE = 1e-3  # share of the cost by which a better optimum migh
 COST_TOLERANCE = 1e-9  # of the cost: of two steps, the last; of two descents, one place
 DAMPING = (1e-6, 1e6)  # first and last one, share of the mean curvature
 TOO_MUCH = 1e-3  # share of right optima whose sum of squares is larger
+
+# Which way is up at the first sphere (test_level). Gravity by an IMU: an inexpensive one is off by 0.1 m/s^2, 0.6 deg.
+GRAVITY = 9.80665  # m/s^2
+GRAVITY_S = 0.5  # s before and after the first sphere, of which samples of the IMU count
+MIN_STILL = 10  # samples, to tell rest from motion
+STILL_FORCE, STILL_RATE = 0.4, 0.05  # m/s^2 off gravity, and its deviation; rad/s: an engine shakes less
+STILL_DRIFT = 0.1  # m/s^2 between the two halves of the samples: who starts to drive does more
+MAX_LEAN_RAD = 0.6  # 35 deg: no vehicle stands steeper, an IMU that says so has another frame
+# The ground by range: a plane with hardly anything below it.
+GROUND_POINTS, GROUND_TRIALS = 3000, 300  # points that are looked at; planes through three of them
+GROUND_TOLERANCE = (0.02, 0.01)  # m off the plane; the same by the range
+GROUND_SHARE, GROUND_BELOW = 0.15, 0.02  # of the points: on it, at least; below it, at most
+GROUND_HEIGHT_M, GROUND_SPREAD = 0.1, 0.1  # of the camera above it, at least; its narrower extent by the range
+GROUND_LEAN_RAD = 0.25  # 15 deg: a mounting that is known is not farther off
+GROUND_FLOOR_RAD, GROUND_SIGMAS = 0.0035, 3.0  # 0.2 deg that ranges bend a floor by; deviations that prove a lean
+MOUNT_WAIT_S = 1.0  # of stamps, that a live node waits for /tf_static and the IMU before it begins a map

@@ -16,7 +16,7 @@ from sphere_mapping.graph.keyframes import MapUpdate, Track
 from sphere_mapping.graph.loop_closure import LoopCloser, with_loops
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.store import SphereCache, SphereStore
-from sphere_mapping.graph.tracking import SphereTracker, Unroll
+from sphere_mapping.graph.tracking import SphereTracker, Unroll, is_followed
 from sphere_mapping.graph.verification import Run
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
@@ -25,20 +25,28 @@ from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
+FIRST_SPHERE = "the first sphere"
+Given = tuple[Sphere, SE3 | None, Unroll | None]  # what `add` is given
+
 
 class Mapper:
-    """Builds `graph` and `tracks` from spheres; the first one is at `T_map_first` and has the id `first_id`."""
+    """Builds `graph` and `tracks` from spheres; the first is at `T_map_first`, with id `first_id`; why: `origin`."""
 
     def __init__(
         self, params: MapperParams | None = None, T_map_first: SE3 | None = None, store: SphereStore | None = None
     ) -> None:
         self.params = params or MapperParams()
-        self.graph, self.tracks = SphereGraph(), list[Track]()
         self.num_loops, self.first_id = 0, 0
-        self._T_map_first = T_map_first or SE3.identity()
-        self._tracker, self._spheres = SphereTracker(self.params), SphereCache(store)
+        self.T_map_first, self.origin = T_map_first or SE3.identity(), FIRST_SPHERE
+        self._spheres = SphereCache(store)
+        self._begin()
+
+    def _begin(self) -> None:
+        self.graph, self.tracks = SphereGraph(), list[Track]()
+        self._tracker = SphereTracker(self.params)
         self._loops, self._optimum = LoopCloser(self.params, self.load_sphere), IncrementalOptimum()
         self._unroll_first: Unroll | None = None  # of a rolling shutter, until it is known how the camera moved
+        self._lost: Given | None = None
 
     def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
         """Map one sphere; `odometry` is its pose T_odom_sphere where a vehicle offers one.
@@ -48,27 +56,30 @@ class Mapper:
         current = PreparedSphere(sphere, self.params.registration)
         if self._tracker.last is None:
             self._unroll_first = unroll
-            return self._update(current, self._T_map_first, odometry, None, keyframes.FIRST)
+            return self._update(current, self.T_map_first, odometry, None, keyframes.FIRST)
         if unroll is not None and self._unroll_first is not None:
             self._replace_first(current, odometry, self._unroll_first)
         current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
         if not alignment.is_converged and self._keep_last():  # what follows is nearer to it
             current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
+        alignment = self._tracker.find_again(current, alignment, self._loops, self.graph)
         if not alignment.is_converged:
+            if self._lost and len(self.tracks) == 1 and is_followed(self._lost[0], current):
+                return self._begin_anew(self._lost, (sphere, odometry, unroll))
+            self._lost = sphere, odometry, unroll
+            self._tracker.motion.lose()
             return MapUpdate(sphere.stamp_ns, None, alignment)
         reason = self._tracker.why_key(alignment, self.graph)
         return self._update(current, alignment.T_world_camera, odometry, alignment, reason)
 
     def keep_end(self) -> bool:
-        """Keep the last sphere, too, where the newest key sphere is half its reach away; return whether it was kept.
-
-        To be called at the end of a drive: beyond its last key sphere a map does not know the way.
-        """
+        """Keep the last sphere of a drive where the newest key sphere is half its reach away; return whether it was."""
         if self._tracker.last is None:
             return False
         self._unroll_first = None  # a first sphere that nothing followed stays as it is
+        is_kept = self._tracker.is_far(self.graph) and self._keep_last()
         self._spheres.flush(self.graph)
-        return self._tracker.is_far(self.graph) and self._keep_last()
+        return is_kept
 
     def close_loops(self, run: Run = map) -> int:
         """Find all places seen twice, verify them by alignment, correct the graph; return how many were found."""
@@ -100,7 +111,14 @@ class Mapper:
         if reason != keyframes.NOT_YET:
             self._keep_last()
         self.tracks.append(self._tracker.track(self.graph))
+        if self._unroll_first is None and len(self.tracks) > 1:  # before, it may be given up
+            self._spheres.flush(self.graph)
         return MapUpdate(current.sphere.stamp_ns, self._tracker.motion.newest, alignment, reason)
+
+    def _begin_anew(self, *spheres: Given) -> MapUpdate:
+        """Give up a first sphere that nothing is aligned with (a covered lens): begin with the last lost one."""
+        self._begin()
+        return [self.add(*one) for one in spheres][-1]
 
     def _keep_last(self) -> bool:
         """Make the last sphere the next key sphere, close a loop with it; return whether it was not one already."""
@@ -112,8 +130,6 @@ class Mapper:
             self.graph.connect(edge)
         if self.params.loop.automatic and (loop := self._loops.find(self.graph, self._tracker.last, node.id)):
             self._correct(self._optimum.with_loop(self.graph, loop))
-        if self._unroll_first is None:
-            self._spheres.flush(self.graph)
         return True
 
     def _correct(self, corrected: SphereGraph) -> None:

@@ -40,6 +40,7 @@ def forward_camera(params: SimCameraParams, imaging: ImagingParams) -> Mount:
     """Return the camera for driving; the frame of a panorama has body axes."""
     camera = make_lens(params, "camera")
     tilt = SE3.exp([0.0, 0.0, 0.0, 0.0, np.radians(params.pitch_deg), 0.0])
+    tilt = tilt @ SE3.exp([0.0, 0.0, 0.0, np.radians(params.roll_deg), 0.0, 0.0])
     place = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
     is_sphere = params.model == "panorama"
     T_base_camera = place @ tilt @ SE3.from_parts(np.eye(3) if is_sphere else OPTICAL, np.zeros(3))

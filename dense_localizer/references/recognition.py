@@ -5,7 +5,7 @@ The cost does not grow with the map: so many spheres are compared, however many 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,19 +20,28 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 
 class Recognition:
-    """What one image shows of the key spheres of a map."""
+    """What one image shows of the key spheres of a map, for each attitude that its camera may have."""
 
-    def __init__(self, index: AppearanceIndex, pyramid: Pyramid) -> None:
+    def __init__(self, index: AppearanceIndex, pyramid: Pyramid, attitudes: Sequence[SE3] = (SE3.identity(),)) -> None:
+        """`attitudes`: T_level_body, of the camera's body axes (x ahead, z up) in upright ones of any heading."""
         self._index, level = index, pyramid.levels[0]
         self._T_body_camera = find_body_axes(level.camera)
         image = level.image[:, level.pad : level.pad + level.camera.width]
         found = features_of_image(image.astype(np.float32), level.camera)
-        rays = (found.rays @ self._T_body_camera.rotation.T).astype(np.float32)
-        self._features: Features = replace(found, rays=rays)
-        self.alike: list[Likeness] = index.find(self._features, NUM_RETRIEVED)
+        self._features = _turn(found, self._T_body_camera)
+        self.alike = self._find(attitudes)
+
+    def _find(self, attitudes: Sequence[SE3]) -> list[Likeness]:
+        """Return the likest key spheres, each by the attitude at which it is likest."""
+        best: dict[int, Likeness] = {}
+        for T_level_body in attitudes:
+            for one in self._index.find(_turn(self._features, T_level_body), NUM_RETRIEVED):
+                if one.sphere_id not in best or one.log_chance < best[one.sphere_id].log_chance:
+                    best[one.sphere_id] = one
+        return sorted(best.values(), key=lambda one: one.log_chance)[:NUM_RETRIEVED]
 
     def match_poses(self) -> Iterator[tuple[int, SE3]]:
-        """Yield ids of key spheres and T_sphere_camera where enough features match."""
+        """Yield ids of key spheres and T_sphere_camera where enough features match, whatever the attitude."""
         for one in self.alike[:NUM_MATCHED]:
             pose = find_pose(self._features, self._index.features[one.sphere_id])
             if pose is not None and pose.num_inliers >= MIN_POSE_INLIERS:
@@ -40,5 +49,9 @@ class Recognition:
 
 
 def find_body_axes(camera: Camera) -> SE3:
-    """Return T_body_camera of an upright camera: a sphere has body axes, all others have optical ones."""
+    """Return T_body_camera: a sphere has body axes, all others have optical ones."""
     return SE3.identity() if isinstance(camera, Spherical) else T_BODY_OPTICAL
+
+
+def _turn(features: Features, T: SE3) -> Features:
+    return replace(features, rays=(features.rays @ T.rotation.T).astype(np.float32))

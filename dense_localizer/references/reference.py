@@ -23,7 +23,6 @@ from dense_localizer.constants import (
     COVERAGE_ROWS,
     MIN_VISIBLE_SHARE,
     NUM_CANDIDATES,
-    NUM_RETRIEVED,
     PIXELS_LEAD_S,
     PREFETCH_S,
     PREFETCH_STEP_M,
@@ -115,8 +114,7 @@ class References:
         """While the camera is followed, `is_live` ones do with what is ready; others wait, so that runs are equal."""
         self._map, self._is_live = sphere_map, is_live
         self._registration, self._params = params.registration, params.reference
-        is_large = len(sphere_map.graph) > NUM_RETRIEVED
-        self.appearance = sphere_map.appearance() if is_large else AppearanceIndex()  # a small map is searched whole
+        self.appearance = sphere_map.appearance()
         self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
         self.error = MapError(sphere_map.graph, params.covariance)
         self.rejections = Rejections()

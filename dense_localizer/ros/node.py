@@ -91,6 +91,7 @@ class DenseLocalizerNode(LocalizerNode):
         if self.localizer is None:
             return BaseEstimate(self.refuse(picture.stamp_ns, FINE))
         T_base_body = self.intake.T_base_camera
+        self.localizer.search.T_base_body = T_base_body
         T_odom_body = picture.T_odom_base and picture.T_odom_base @ T_base_body
         estimate = self.localizer.update_rig(self.images_of(picture), picture.stamp_ns, T_odom_body)
         if estimate.candidate is not None and self.residual.num_subscriptions:

@@ -14,7 +14,7 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
 from dense_localizer.start.startup import SearchResult, Startup, decide
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import FINE
+from sphere_nav.localization.status import FINE, Reason
 
 Locate = Callable[[LocalizerInput, Prediction], PoseCandidate]
 
@@ -26,6 +26,7 @@ class PoseSearch:
         self._references = references
         self._params, self._is_automatic = params.start, params.automatic
         self._startup = Startup(references, params)
+        self.T_base_body: SE3 | None = None  # the camera, or what several share, on the vehicle, where that is known
         self.reset()
 
     @property
@@ -63,13 +64,13 @@ class PoseSearch:
         result = SearchResult(None, self._finding)
         for guesses in self._propose(frame):
             result = decide([locate(frame, Prediction.guess(pose)) for pose in guesses], self._params)
+            self._finding = result.finding
             if result.candidate is not None:
                 break
-        self._finding = result.finding
         return result
 
     def _propose(self, frame: LocalizerInput) -> Iterator[list[SE3]]:
-        """Yield poses to try: near a given or lost one, then in the whole map where that is due."""
+        """Yield poses to try: near a given or lost one, then in the whole map where that is due, upright and turned."""
         if self._T_map_guess is not None and self._guess_until_ns is None:
             self._guess_until_ns = frame.stamp_ns + int(SEARCH_NEAR_S * 1e9)
         if self._guess_until_ns is not None and frame.stamp_ns > self._guess_until_ns:
@@ -78,7 +79,9 @@ class PoseSearch:
             yield self._startup.propose_near(frame.images, self._T_map_guess)
         if frame.stamp_ns >= self._next_ns and (self._is_automatic or self._is_requested):
             self._next_ns = frame.stamp_ns + int(SEARCH_PERIOD_S * 1e9)
-            yield self._startup.propose(frame.images)
+            yield self._startup.propose(frame.images, self.T_base_body)
+            if self._finding.reason is not Reason.AMBIGUOUS:
+                yield self._startup.propose_turned(frame.images, self.T_base_body)
 
     def _check(self, T_map_camera: SE3) -> None:
         if not np.all(np.isfinite(T_map_camera.matrix)):

@@ -18,13 +18,16 @@ from numpy.typing import NDArray
 
 from dense_localizer.constants import (
     FORWARD_STEP,
+    MAX_PITCH_RAD,
     MIN_COMPARED_POINTS,
     NUM_ALIGNED,
     NUM_COARSE_LEVELS,
     NUM_COMPARED_POINTS,
     NUM_NEAR,
     NUM_RETRIEVED,
+    NUM_TURNED,
     NUM_VERIFIED,
+    ROLL_STEP_DEG,
     SAME_POSE_DEG,
     SAME_POSE_M,
     SIDE_STEP_DEG,
@@ -68,25 +71,46 @@ class Startup:
         self._params = params
         self._count = 0
 
-    def propose(self, images: Sequence[RigImage]) -> list[SE3]:
+    def propose(self, images: Sequence[RigImage], T_base_body: SE3 | None = None) -> list[SE3]:
         """Compare the key spheres that look like the image, where features place it and from many poses in each.
 
-        Of several cameras each serves in turn.
+        The vehicle is taken as upright, and where nobody says how the camera sits on it, the camera. Of several cameras
+        each serves in turn.
         """
         seen, self._count = images[self._count % len(images)], self._count + 1
+        attitude = find_attitude(seen, T_base_body)
         nodes, placed = list(self._references.nodes), list[Guess]()
-        index = self._references.appearance
-        if len(index) > NUM_RETRIEVED:
-            recognition = Recognition(index, seen.pyramid)
-            nodes = [self._references.node(one.sphere_id) for one in recognition.alike]
-            for sphere_id, T_sphere_camera in recognition.match_poses():
-                node = self._references.node(sphere_id)
-                placed.append(Guess(node, node.T_map_sphere @ T_sphere_camera))
+        if len(self._references.appearance) > NUM_RETRIEVED:
+            nodes, placed = self._recognize(seen, [attitude])
+        return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
+
+    def propose_turned(self, images: Sequence[RigImage], T_base_body: SE3 | None = None) -> list[SE3]:
+        """Do the same for a camera that is turned about its axis in any way; where features place it, these suffice."""
+        seen = images[(self._count - 1) % len(images)]
+        upright = find_attitude(seen, T_base_body)
+        turns = np.radians(np.arange(ROLL_STEP_DEG, 360.0, ROLL_STEP_DEG))
+        attitudes = [upright @ SE3.from_angles(roll, 0.0, 0.0, np.zeros(3)) for roll in turns.tolist()]
+        nodes, placed = list(self._references.nodes), list[Guess]()
+        if len(self._references.appearance):
+            nodes, placed = self._recognize(seen, [upright, *attitudes])
+        return self._refine(seen, placed or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
+
+    def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
+        """Return the key spheres that look like the image, and where its features place it."""
+        recognition, node = Recognition(self._references.appearance, seen.pyramid, attitudes), self._references.node
+        placed = [Guess(node(one), node(one).T_map_sphere @ T) for one, T in recognition.match_poses()]
+        return [node(one.sphere_id) for one in recognition.alike], placed
+
+    def _compare_all(
+        self, seen: RigImage, nodes: Sequence[KeySphere], attitudes: Sequence[SE3], count: int
+    ) -> list[Guess]:
+        """Return the best of many poses in some key spheres."""
         guesses: list[Guess] = []
         for node in nodes:
-            poses = candidate_poses(self._references.coarse[node.id], self._params.start, seen.pyramid.cameras[0])
-            guesses += self._compare(seen, node, poses)
-        return self._refine(seen, placed + select_best(guesses, NUM_ALIGNED - len(placed)))
+            for attitude in attitudes:
+                coarse, camera = self._references.coarse[node.id], seen.pyramid.cameras[0]
+                guesses += self._compare(seen, node, candidate_poses(coarse, self._params.start, camera, attitude))
+        return select_best(guesses, count)
 
     def propose_near(self, images: Sequence[RigImage], T_map_body: SE3) -> list[SE3]:
         """Compare poses around one that was given, or lost: there, and with its attitude at key spheres."""
@@ -158,17 +182,32 @@ def select_best(guesses: Sequence[Guess], count: int) -> list[Guess]:
     return sorted(guesses, key=lambda guess: -guess.ncc)[:count]
 
 
-def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camera) -> SE3:
-    """Return poses of an upright camera that are worth trying in a sphere, a batch of T_sphere_camera.
+def find_attitude(seen: RigImage, T_base_body: SE3 | None) -> SE3:
+    """Return the rotation T_level_camera of the camera's body axes on an upright vehicle, its heading left out.
+
+    Upright where nobody says how the camera sits, or where it would look up or down, as of optical axes for a base.
+    """
+    if T_base_body is None:
+        return SE3.identity()
+    T_base_camera = T_base_body @ seen.T_body_camera if seen.T_body_camera is not None else T_base_body
+    R = T_base_camera.rotation @ find_body_axes(seen.pyramid.cameras[0]).rotation.T
+    roll, pitch, _ = SE3.from_parts(R, np.zeros(3)).angles
+    is_steep = abs(pitch) > MAX_PITCH_RAD
+    return SE3.identity() if is_steep else SE3.from_angles(float(roll), float(pitch), 0.0, np.zeros(3))
+
+
+def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camera, attitude: SE3 | None = None) -> SE3:
+    """Return poses of a camera that are worth trying in an upright sphere, a batch of T_sphere_camera.
 
     All around in a whole sphere; in and beside the middle of a partial one; each at its center and a step before and
-    behind it, by a share of the range.
+    behind it, by a share of the range. `attitude`: that of `find_attitude`; None: upright.
     """
+    roll, pitch, _ = (attitude or SE3.identity()).angles
     window = coarse.camera
     center = window.unproject([(window.width - 1) / 2, (window.height - 1) / 2])
     side, tilt = np.radians(SIDE_STEP_DEG), np.radians(TILT_STEP_DEG)
     if window.is_whole:
-        azimuths, elevations = np.radians(np.arange(0.0, 360.0, params.heading_step_deg)), np.zeros(1)
+        azimuths, elevations = np.radians(np.arange(0.0, 360.0, params.heading_step_deg)), np.array([-pitch])
     else:
         azimuths = np.arctan2(center[1], center[0]) + side * np.arange(-2, 3)
         elevations = np.arcsin(np.clip(center[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
@@ -180,7 +219,8 @@ def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camer
     turned = SE3.exp(np.stack([zero, zero, zero, zero, zero, azimuth], axis=-1))
     raised = SE3.exp(np.stack([zero, zero, zero, zero, -elevation, zero], axis=-1))
     advanced = SE3.from_parts(np.eye(3), np.stack([forward, zero, zero], axis=-1))
-    return turned @ raised @ advanced @ find_body_axes(camera)
+    rolled = SE3.from_angles(float(roll), 0.0, 0.0, np.zeros(3))
+    return turned @ raised @ advanced @ rolled @ find_body_axes(camera)
 
 
 @cache

@@ -7,7 +7,7 @@ import numpy as np
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion
-from mcl_depth.constants import MIN_TURN
+from mcl_depth.constants import MIN_TURN, STANDSTILL_NS
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry.arrays import Array
 
@@ -24,17 +24,27 @@ class DeadReckoning:
         self.best: Hypothesis | None = None
         self._confirmed_at: Array | None = None  # odometry
         self._compared_at: Array | None = None
-        self._confirmed_ns = 0
+        self._confirmed_ns = self._compared_ns = 0
+        self._stands = False
 
     def update(self, best: Hypothesis, observation: Observation, *, is_confirmed: bool) -> None:
         """Take note of an image that was compared; the place counts where the image confirms it."""
         T_odom_level = observation.T_odom_level
+        self._stands, self._compared_ns = self._is_close(observation), observation.stamp_ns
         self._compared_at = planar_pose(T_odom_level) if T_odom_level is not None else None
         if is_confirmed:
             self.best, self._confirmed_at, self._confirmed_ns = best, self._compared_at, observation.stamp_ns
 
-    def is_near(self, observation: Observation) -> bool:
-        """Whether an image is from nearly the place and heading of the last one: it would tell nothing new."""
+    def is_near(self, observation: Observation, *, is_sure: bool) -> bool:
+        """Whether an image is from nearly the place and heading of the last one: it would tell nothing new.
+
+        Where only odometry says so (not `is_sure`), the first image of a standstill and one a second do tell something.
+        """
+        if not self._is_close(observation):
+            return False
+        return is_sure or (self._stands and observation.stamp_ns - self._compared_ns < STANDSTILL_NS)
+
+    def _is_close(self, observation: Observation) -> bool:
         motion = _motion(self._compared_at, observation)
         if motion is None:
             return False

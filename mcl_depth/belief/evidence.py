@@ -17,12 +17,14 @@ mirrored drive's best, too, by as many of its gaps.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import Field, JointEvidence
 from mcl_depth.belief.kernels import is_maximum
 from mcl_depth.belief.motion_model import planar_pose
@@ -42,8 +44,8 @@ from mcl_depth.constants import (
     TAIL_SHARE,
 )
 from mcl_depth.likeness.similarity_cache import Comparison
-from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.localization.status import FINE
 
 
 @dataclass(frozen=True)
@@ -98,32 +100,62 @@ class Evidence:
         self._mirrored.reset()
         self._watch.reset()
         self._trial = WaldTest() if is_given else None
+        self._retrial: WaldTest | None = None  # of a held place that is doubted
+        self.doubt = FINE  # why
+        self.place: Array | None = None  # (3,) the best of the map, where it is more than chance and none is held
 
     @property
     def is_on_trial(self) -> bool:
         """Whether a place that was given is neither confirmed nor refused."""
         return self._trial is not None
 
-    def prove(self, comparison: Comparison, pose: Array, T_odom_level: SE3 | None, *, is_held: bool) -> Proof:
+    def prove(self, comparison: Comparison, pose: Array, seen: Reconciled, *, is_held: bool) -> Proof:
         """Ask how often chance would look like a pose (3,): as the best of the map, or, once it is held, by itself."""
-        if is_held:
+        self._weigh(seen)
+        self.place = None
+        if is_held and seen.is_known:
             return Proof(self.watch(comparison, pose), is_held=True)
         self._watch.reset()
+        self._retrial = None
         if self._trial is not None:
-            self._add_to(self._trial, comparison, pose)
+            self._add_to([self._trial], comparison, pose)
             if not self._trial.is_refused(self._max_chance):
                 return Proof(self._trial.p_chance)
             self._trial = None
+        T_odom_level = seen.observation.T_odom_level
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
+        self.place = survey.poses[0] if survey.p_chance < self._max_chance else None
         return Proof(survey.p_chance, survey.agrees_with(pose), is_small=self._is_small, survey=survey)
 
     def watch(self, comparison: Comparison, pose: Array) -> float:
         """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one."""
-        self._add_to(self._watch, comparison, pose)
+        tests: list[CusumTest | WaldTest] = [self._watch]
+        if self._retrial is not None:
+            tests.append(self._retrial)
+        self._add_to(tests, comparison, pose)
+        if self._retrial is not None and self._retrial.p_chance < self._max_chance:
+            self._retrial = None
+        if self._retrial is not None and self._retrial.is_refused(self._max_chance):
+            return 1.0
         return self._watch.p_chance(self._max_chance)
 
-    def _add_to(self, test: CusumTest | WaldTest, comparison: Comparison, pose: Array) -> None:
-        """Tell a test how far a pose (3,) stands out in an image, where the map has enough around it."""
+    def _weigh(self, seen: Reconciled) -> None:
+        """Doubt a held place until images confirm it as they do a start, where they contradict odometry.
+
+        Where nobody knows how the camera moved, the place is no more than a start that was given.
+        """
+        if not seen.is_known:
+            self.reset(is_given=True)
+        elif seen.is_contradicted:
+            if self.doubt is FINE:
+                self._watch.suspect()
+                self._retrial = WaldTest()
+            self.doubt = seen.finding
+        elif self._retrial is None:
+            self.doubt = FINE
+
+    def _add_to(self, tests: Sequence[CusumTest | WaldTest], comparison: Comparison, pose: Array) -> None:
+        """Tell tests how far a pose (3,) stands out in an image, where the map has enough around it."""
         rows = self._grid.rows_around(pose, PATCH // 2)
         is_there = rows >= 0
         if is_there[PATCH // 2, PATCH // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
@@ -131,7 +163,9 @@ class Evidence:
             num_headings = curves.shape[1]
             patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
             patch[:, is_there] = curves.T
-            test.add(excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings))
+            found = excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings)
+            for test in tests:
+                test.add(found)
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Survey:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""

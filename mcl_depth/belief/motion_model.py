@@ -68,24 +68,31 @@ class MotionModel:
         """Forget the last image."""
         self._last: tuple[int, SE3 | None] | None = None
 
-    def step(self, stamp_ns: int, T_odom_level: SE3 | None) -> Step:
-        """Return the motion since the last call; unknown where odometry is missing, or leaps."""
+    def step(self, stamp_ns: int, T_odom_level: SE3 | None, *, is_known: bool = True) -> Step:
+        """Return the motion since the last call; unknown where odometry is missing, leaps, or is not to be believed."""
         before, self._last = self._last, (stamp_ns, T_odom_level)
         if before is None:
             return Step(np.zeros(3), np.zeros(3), is_known=T_odom_level is not None)
         seconds = max((stamp_ns - before[0]) * 1e-9, 0.0)
-        if before[1] is None or T_odom_level is None:
+        if before[1] is None or T_odom_level is None or not is_known:
             return self._unknown(seconds)
         motion = relative_motion(planar_pose(before[1]), planar_pose(T_odom_level))
         way = float(np.hypot(motion[0], motion[1]))
         if not way <= self._params.max_speed * seconds + MAX_LEAP:
             return self._unknown(seconds, jump=way if np.isfinite(way) else 1e9)
-        return Step(motion, self._sigmas(way, abs(float(motion[2]))))
+        return Step(motion, self.sigmas(motion))
 
-    def _sigmas(self, way: float, turn: float) -> Array:
-        p = self._params
-        along = np.hypot(p.way_share * way, p.min_sigma)
-        across = np.hypot(SIDE_SHARE * p.way_share * way, p.min_sigma)
+    @property
+    def way_share(self) -> float:
+        """Standard deviation of a way, as share of it."""
+        return self._params.way_share
+
+    def sigmas(self, motion: Array, least: float | None = None) -> Array:
+        """Return the standard deviations (3,) of a motion (3,) by odometry; `least` m stands for `min_sigma`."""
+        p, way, turn = self._params, float(np.hypot(motion[0], motion[1])), float(motion[2])
+        least = p.min_sigma if least is None else least
+        along = np.hypot(p.way_share * way, least)
+        across = np.hypot(SIDE_SHARE * p.way_share * way, least)
         drift = np.radians(p.drift_deg) ** 2 * way
         return np.array([along, across, np.sqrt((TURN_SHARE * turn) ** 2 + drift + MIN_TURN_SIGMA**2)])
 

@@ -68,6 +68,10 @@ class CusumTest:
             self._variance = max(MEMORY * self._variance + (1.0 - MEMORY) * off**2, MIN_SIGMA**2)
         self.log_ratio = max(self.log_ratio + step, 0.0)
 
+    def suspect(self) -> None:
+        """Count the worst that an image can say of the place: the vehicle may have been carried off."""
+        self.log_ratio += MAX_LOG_RATIO_STEP
+
     def p_chance(self, prior: float) -> float:
         """Return the probability that the place is not the right one (any more), from that before the first image."""
         odds = prior / max(1.0 - prior, 1e-12) * np.exp(min(self.log_ratio, 50.0))

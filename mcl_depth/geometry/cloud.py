@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mcl_depth.constants import FAR_FROM_ORIGIN_M, LARGE_EXTENT_M, MAX_COORDINATE_M, MAX_LONELY, MIN_POINTS
+from mcl_depth.geometry.survey_frame import lonely_share
 
 Points = NDArray[np.float32]
 
@@ -19,6 +20,7 @@ class Cloud:
     points: Points
     name: str = "cloud"
     warnings: tuple[str, ...] = ()
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # E, N, H in m of the survey at the origin of the map
 
     def __len__(self) -> int:
         return len(self.points)
@@ -47,22 +49,15 @@ def cloud_from_points(points: ArrayLike, name: str = "cloud") -> Cloud:
     if max(-low.min(), high.max()) > min(max(FAR_FROM_ORIGIN_M, 20.0 * float((high - low).max())), MAX_COORDINATE_M):
         raise ValueError(
             f"{name}: points: expected coordinates within {FAR_FROM_ORIGIN_M:g} m of the origin, found"
-            f" {np.abs([low, high]).max():.6g} (geographic coordinates, or not metres?)"
+            f" {np.abs([low, high]).max():.6g} (a survey's frame, or not metres?)"
         )
     extent = float((high - low).max())
-    if len(found) >= MIN_POINTS and extent > LARGE_EXTENT_M and (share := _lonely_share(found - low)) > MAX_LONELY:
+    if len(found) >= MIN_POINTS and extent > LARGE_EXTENT_M and (share := lonely_share(found - low)) > MAX_LONELY:
         raise ValueError(
             f"{name}: points: expected metres, found an extent of {extent:.0f} m with {share:.0%} of the points farther"
             " than a metre from all others: this looks like millimetres"
         )
     return Cloud(np.ascontiguousarray(found, np.float32), name, tuple(warnings))
-
-
-def _lonely_share(points: NDArray[np.floating]) -> float:
-    """Return the share of points (N, 3), all positive, that are alone in their cube of a metre."""
-    cells = np.floor(points).astype(np.uint64)
-    keys = (cells[:, 0] << np.uint64(42)) ^ (cells[:, 1] << np.uint64(21)) ^ cells[:, 2]
-    return float(np.count_nonzero(np.unique(keys, return_counts=True)[1] == 1)) / len(points)
 
 
 def thin_cloud(

@@ -57,6 +57,7 @@ class TriangleMesh:
     triangles: NDArray[np.int32]
     name: str = "mesh"
     warnings: tuple[str, ...] = ()
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # E, N, H in m of the survey at the origin of the map
 
     @property
     def box(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -88,6 +88,20 @@ class DepthMap:
         middles = self._middles([(int(x), int(y)) for x, y in self.cells(position[None, :2])])
         return None if np.isnan(middles[0, 2]) else self._synthesizer.synthesize_many(middles)[0]
 
+    def ranges_from(self, pose: Array) -> NDArray[np.float32] | None:
+        """Return the range panorama (H, W) in m that a level camera at a pose (3,) has, NaN unknown; None off the map.
+
+        Above all that is known of a column it is far where the sky is.
+        """
+        position = np.array([[*pose[:2], self.heights(pose[None, :2])[0]]])
+        if not np.isfinite(position[0, 2]):
+            return None
+        ranges = self._synthesizer.synthesize_many(position)[0]
+        if self._params.comparison.is_sky_far:
+            is_sky = np.isnan(np.fmax.accumulate(ranges, axis=0))
+            ranges = np.where(is_sky, np.inf, ranges).astype(np.float32)
+        return np.roll(ranges, round(float(pose[2]) / (2.0 * np.pi) * self.camera.full_width), axis=1)
+
     def similarities(self, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
         """Return the similarity (N, num_headings) of an image with the depth images of cells; 0 without ground."""
         return self._compare(similarity_many, visual, cells, num_headings)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.srv import LoadCloud
 
@@ -16,7 +17,7 @@ from mcl_depth.filter import Filter
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.mesh import TriangleMesh
-from mcl_depth.params import MclDepthParams
+from mcl_depth.params import MclDepthParams, SurveyParams
 from mcl_depth.site import Site
 from mcl_depth.status import REMEDIES
 from sphere_nav.localization.status import FINE, Finding, Reason, State, Status, status_of
@@ -42,8 +43,9 @@ class GeometryLoader:
         self.fault = FINE  # nothing can be compared with the geometry
         self._site: Site | None = None
         self._share = 1.0  # of its depth images that are made
+        self._origin = endpoints.add_publisher("map_origin", PointStamped, qos.LATCHED)
         if params.cloud:
-            self.use(read_map(params.cloud), map_id=find_map_id(params.cloud))
+            self.use(read_map(params.cloud, params.survey), map_id=find_map_id(params.cloud))
         endpoints.add_service("~/load_cloud", LoadCloud, self.on_load_cloud)
         endpoints.add_subscription("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
 
@@ -55,6 +57,10 @@ class GeometryLoader:
         self._site, self._share = None, 1.0
         self.params = replace(self._declared, synthesis=replace(synthesis, voxel_m=voxel_m))
         self._on_change()
+        message = PointStamped()
+        message.header.frame_id = self._declared.map_frame
+        message.point.x, message.point.y, message.point.z = geometry.origin
+        self._origin.publish(message)
         for warning in geometry.warnings:
             self._log.warning(warning)
 
@@ -99,7 +105,7 @@ class GeometryLoader:
         try:
             if not (math.isfinite(request.voxel_size) and request.voxel_size >= 0.0):
                 raise ValueError(f"voxel_size: expected 0 m or more, found {request.voxel_size:g}")
-            geometry = read_map(request.path)
+            geometry = read_map(request.path, self._declared.survey)
             voxel_m = request.voxel_size or self._declared.synthesis.voxel_m
             num_points = count_points(geometry, voxel_m)  # before it is in force: thinning may refuse it
             self.use(geometry, request.voxel_size, find_map_id(request.path))
@@ -130,10 +136,10 @@ def find_map_id(path: str) -> str:
         return str(reader.info.map_id)
 
 
-def read_map(path: str) -> Cloud | TriangleMesh:
+def read_map(path: str, survey: SurveyParams | None = None) -> Cloud | TriangleMesh:
     """Return the geometry of a file, or of a folder of key spheres."""
     if not Path(path).is_dir():
-        return read_geometry(path)
+        return read_geometry(path, survey)
     parts = [np.zeros((0, 3), np.float32)]
     with open_map(path) as reader:
         for node in reader.graph:

@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_calibration.constants import MARGIN, MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS
-from rig_calibration.drive.drive_lens import Lens
+from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.estimation.robust import HUBER, weigh
-from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
 from sphere_nav.photometric.pixels.selection import select
 
+SAME_ROW = 1e-3  # rows: sampling errs by more
 ROW_OF_GRAY = GRAY // SIDE  # of a block, behind those of the point
 
 
@@ -34,7 +35,18 @@ def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[n
         blocks = blocks[:, : chosen.num_pixels].astype(np.float64)
         points_map = view.T_world_reference.apply(blocks[:ROW_OF_GRAY].T)
         levels.append(LevelData(level.image.astype(np.float32), points_map, blocks[ROW_OF_GRAY]))
-    return DriveImage(tuple(levels), T_map_camera, velocity)
+    return DriveImage(tuple(levels), T_map_camera, velocity, _axes_of_lens(view))
+
+
+def _axes_of_lens(view: View) -> SE3 | None:
+    """Return T_map_optical, z along the middle of a partial sphere: about the axis of its lens; None of a whole one."""
+    camera = view.reference.camera
+    if isinstance(camera, Spherical) and camera.is_whole:
+        return None
+    z = camera.unproject(np.array([(camera.width - 1) / 2.0, (camera.height - 1) / 2.0]))
+    x = np.cross(z, (0.0, 0.0, 1.0))  # to the right: spheres have body axes
+    x /= max(float(np.linalg.norm(x)), 1e-9)
+    return view.T_world_reference @ SE3.from_parts(np.stack([x, np.cross(z, x), z], axis=1), np.zeros(3))
 
 
 Plane = NDArray[np.float32]
@@ -51,11 +63,15 @@ class LevelData:
 
 @dataclass(frozen=True, eq=False)
 class DriveImage:
-    """An image from full size to coarse, where it was taken, and the camera's velocity (6,) (v, omega) per second."""
+    """An image from full size to coarse, where it was taken, and the camera's velocity (6,) (v, omega) per second.
+
+    T_map_optical are the axes of the lens that made the partial sphere it is compared with; None for a whole sphere.
+    """
 
     levels: tuple[LevelData, ...]
     T_map_camera: SE3
     velocity: Array
+    T_map_optical: SE3 | None = None
 
 
 @dataclass(frozen=True)
@@ -86,9 +102,9 @@ def weigh_part(residual: Array, J: Array) -> Part:
 
 def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) -> tuple[Array, Array]:
     """Return the residuals (N,) of the pixels in view and their derivative (N, P + 8)."""
-    data, camera = image.levels[level], lens.level(level)
-    points = state.pose.inverse().apply(data.points_map)
-    pixels, _ = project_rolling(camera, points, lens.readout * image.velocity)
+    data, camera, T_camera_map = image.levels[level], lens.level(level), state.pose.inverse()
+    points, J_map = _points_in_camera(image, data.points_map, T_camera_map, lens)
+    pixels, _ = project_rolling(camera, points, lens.readout * image.velocity, SAME_ROW)
     seen = inner(pixels, camera)
     points, pixels = points[seen], pixels[seen]
     current, gradient = sample_with_gradient(data.image, pixels)
@@ -97,7 +113,9 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
     J_motion = -J_point @ motion
     share = row_share(pixels[:, 1], camera.height)
     J_shared = lens.J_lens(points, level)
-    J_shared[:, :, -1] = share[:, None] * (J_motion @ image.velocity)
+    J_shared[:, :, READOUT] = share[:, None] * (J_motion @ image.velocity)
+    if J_map is not None:
+        J_shared[:, :, MAP:] = J_point @ J_map[seen]
     by_pixel = state.gain * gradient
     columns = (
         np.einsum("ni,nip->np", by_pixel, J_shared),
@@ -106,6 +124,17 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
         np.ones((len(points), 1)),
     )
     return state.gain * current + state.bias - data.gray[seen], np.concatenate(columns, axis=1)
+
+
+def _points_in_camera(
+    image: DriveImage, points_map: Array, T_camera_map: SE3, lens: Lens
+) -> tuple[Array, Array | None]:
+    """Return points (N, 3) in the camera, and derivatives (N, 3, M) by the errors of the lens that made the map."""
+    if image.T_map_optical is None or not lens.map_errors:
+        return T_camera_map.apply(points_map), None
+    T_camera_optical = T_camera_map @ image.T_map_optical
+    points, J = lens.correct_map(image.T_map_optical.inverse().apply(points_map))
+    return T_camera_optical.apply(points), T_camera_optical.rotation @ J
 
 
 def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:

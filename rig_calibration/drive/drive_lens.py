@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig_calibration.constants import CENTER_SHARE, DISTORTION, FOCAL_SHARE, READOUT_S, RELATIVE_STEP
+from rig_calibration.constants import CENTER_SHARE, DISTORTION, FOCAL_SHARE, MAP_LENS, READOUT_S, RELATIVE_STEP
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
@@ -15,15 +15,23 @@ NAMES: dict[str, tuple[str, ...]] = {
     "pinhole": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "readout"),
     "fisheye": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "readout"),
 }
-# Standard deviations before the drive: shares of the focal length and of the image's width, plain numbers, seconds.
+MAP_NAMES = ("map_fx", "map_fy", "map_cx", "map_cy", "map_k1", "map_k2")
+READOUT, MAP = 8, 9  # where the readout and the errors of the map's lens stand in the vector
+MAX_TANGENT = 1.5  # of a ray to the axis of the map's lens, up to which its error grows
 
 
 @dataclass(frozen=True)
 class Lens:
-    """A pinhole or fisheye camera with its readout time in s."""
+    """A pinhole or fisheye camera with its readout time in s.
+
+    `map_errors` (6,) are those of the lens that made the map, in tangents and by MAP_NAMES, or nothing: a map of whole
+    spheres closes at 360 degrees and has none. A lens in a map of a wrong lens is wrong by as much, unless turned views
+    tell them apart; so both are estimated, and the deviation of one contains the other's.
+    """
 
     camera: Pinhole | Fisheye
     readout: float = 0.0
+    map_errors: tuple[float, ...] = ()
 
     @staticmethod
     def of(camera: Camera, readout: float = 0.0) -> Lens:
@@ -40,26 +48,43 @@ class Lens:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
-        return NAMES[self.camera.model]
+        return NAMES[self.camera.model] + (MAP_NAMES if self.map_errors else ())
 
     @property
     def values(self) -> Array:
         """The parameters (P,)."""
         c = self.camera
-        return np.array([c.fx, c.fy, c.cx, c.cy, *c.distortion, self.readout])
+        return np.array([c.fx, c.fy, c.cx, c.cy, *c.distortion, self.readout, *self.map_errors])
 
     @property
     def prior_sigma(self) -> Array:
         """Standard deviations (P,) of what is known of a camera that nobody calibrated."""
         c = self.camera
         lengths = (FOCAL_SHARE * c.fx, FOCAL_SHARE * c.fy, CENTER_SHARE * c.width, CENTER_SHARE * c.width)
-        return np.array([*lengths, *DISTORTION[c.model], READOUT_S])
+        return np.array([*lengths, *DISTORTION[c.model], READOUT_S, *(MAP_LENS if self.map_errors else ())])
 
     def moved(self, step: Array) -> Lens:
         """Return the lens with a step (P,) added; the readout stays within 0 and its limit."""
-        fx, fy, cx, cy, *distortion, readout = (self.values + step).tolist()
+        values = (self.values + step).tolist()
+        fx, fy, cx, cy, *distortion = values[:READOUT]
         camera = replace(self.camera, fx=fx, fy=fy, cx=cx, cy=cy, distortion=tuple(distortion))
-        return Lens(camera, min(max(readout, 0.0), MAX_READOUT_S))
+        return Lens(camera, min(max(values[READOUT], 0.0), MAX_READOUT_S), tuple(values[MAP:]))
+
+    def beside_map(self, is_partial: bool) -> Lens:
+        """Return this lens for a map of partial spheres, whose own lens may be wrong, or of whole ones."""
+        return replace(self, map_errors=(0.0,) * len(MAP_NAMES) if is_partial else ())
+
+    def correct_map(self, points: Array) -> tuple[Array, Array]:
+        """Return points (N, 3) of the map, in the axes of its lens, where they are, and derivatives (N, 3, M)."""
+        z = np.maximum(points[:, 2], 1e-3)[:, None]
+        xy = np.clip(points[:, :2] / z, -MAX_TANGENT, MAX_TANGENT)
+        square = np.minimum(np.sum(xy**2, axis=1), MAX_TANGENT**2)
+        J = np.zeros((len(points), 3, len(self.map_errors)))
+        for k in range(2):
+            J[:, k, k], J[:, k, 2 + k] = -xy[:, k], -1.0
+            J[:, k, 4], J[:, k, 5] = -xy[:, k] * square, -xy[:, k] * square**2
+        J *= z[..., None]
+        return points + J @ np.array(self.map_errors), J
 
     def level(self, index: int) -> Camera:
         """Return the camera of a level of the pyramid."""
@@ -69,13 +94,13 @@ class Lens:
         return camera
 
     def J_lens(self, points: Array, index: int) -> Array:
-        """Return the derivative (N, 2, P) of the pixels of points (N, 3) at a level, 0 by the readout."""
+        """Return the derivative (N, 2, P) of the pixels of points (N, 3) at a level, 0 by the readout and the map."""
         J, camera, share = np.zeros((len(points), 2, len(self.names))), self.level(index), 0.5**index
         pixels, _ = camera.project(points)
         f, c = self.values[:2] * share, self.level_center(index)
         for k in range(2):  # fx, fy; cx, cy
             J[:, k, k], J[:, k, 2 + k] = (pixels[:, k] - c[k]) / f[k] * share, share
-        for k, size in enumerate(RELATIVE_STEP * self.prior_sigma[4:-1], start=4):
+        for k, size in enumerate(RELATIVE_STEP * self.prior_sigma[4:READOUT], start=4):
             step = np.zeros(len(self.names))
             step[k] = size
             after, before = (lens.level(index).project(points)[0] for lens in (self.moved(step), self.moved(-step)))

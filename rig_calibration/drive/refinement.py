@@ -8,13 +8,13 @@ Gauss-Newton, from coarse images to fine ones (`elimination.py`). Pairs of image
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
-from rig_calibration.constants import LENS_FLOOR, LENS_STEPS, MIN_LENS_STEP, UNOBSERVED
+from rig_calibration.constants import HELD, LENS_FLOOR, LENS_STEPS, MIN_LENS_STEP, UNOBSERVED
 from rig_calibration.drive.drive_image import DriveImage, ImageState, differentiate, weigh_part
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Elimination
@@ -48,15 +48,24 @@ class Refined:
 
 @dataclass(frozen=True, eq=False)
 class RefinedCamera(Refined):
-    """The lens, whose names are those of the parameters."""
+    """The lens, whose names are those of the parameters, and the equations that it solves."""
 
     lens: Lens
+    equations: Elimination
 
 
-def refine_camera(images: Sequence[DriveImage], lens: Lens) -> RefinedCamera:
-    """Estimate lens and readout from images with their places in a map; `lens` is where to start.
+def refine_camera(
+    images: Sequence[DriveImage],
+    lens: Lens,
+    start: tuple[Lens, Sequence[ImageState]] | None = None,
+    held: Collection[str] = (),
+    num_blocks: int = 0,
+) -> RefinedCamera:
+    """Estimate lens and readout from images with their places in a map; `lens` is what was known beforehand.
 
-    Raises ValueError with fewer images than three: their scatter is the covariance.
+    `start` is where to start at full size, if it is near; `held` names what stays as it was known; neighbours in
+    `num_blocks` runs of images may err alike. Raises ValueError with fewer images than three: their scatter is the
+    covariance.
     """
     if len(images) < 3:
         raise ValueError(f"drive: expected at least three images that are localised, found {len(images)}")
@@ -64,14 +73,18 @@ def refine_camera(images: Sequence[DriveImage], lens: Lens) -> RefinedCamera:
     def linearize(found: Lens, states: Sequence[ImageState], level: int) -> Elimination:
         pairs = zip(images, states, strict=True)
         parts = [weigh_part(*differentiate(image, state, found, level)) for image, state in pairs]
-        return Elimination(parts, found.prior_sigma, found.values - lens.values)
+        return Elimination(parts, prior_sigma, found.values - lens.values)
 
-    states = [ImageState(image.T_map_camera) for image in images]
-    levels = range(len(images[0].levels) - 1, -1, -1)
-    found, states = estimate_shared(lens, states, levels, linearize, Lens.moved, LENS_STEPS, MIN_LENS_STEP)
+    prior_sigma = lens.prior_sigma * np.where([name in held for name in lens.names], HELD, 1.0)
+    states, levels = [ImageState(image.T_map_camera) for image in images], range(len(images[0].levels) - 1, -1, -1)
+    if start is not None:
+        states, levels = list(start[1]), range(1)
+    found = lens if start is None else start[0]
+    found, states = estimate_shared(found, states, levels, linearize, Lens.moved, LENS_STEPS, MIN_LENS_STEP)
     last = linearize(found, states, 0)
-    covariance = last.covariance() + np.diag((LENS_FLOOR * found.prior_sigma) ** 2)
-    return RefinedCamera(found.names, found.prior_sigma, covariance, tuple(states), last.num_pixels, last.sigma, found)
+    covariance = last.covariance(num_blocks) + np.diag((LENS_FLOOR * prior_sigma) ** 2)
+    told = last.num_pixels, last.sigma
+    return RefinedCamera(found.names, lens.prior_sigma, covariance, tuple(states), *told, found, last)
 
 
 def estimate_shared(

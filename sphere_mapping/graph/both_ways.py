@@ -7,7 +7,7 @@ too, where there are enough. What all agree on is an edge, with a covariance tha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,8 +28,11 @@ from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, register
+from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
 from sphere_nav.spheres.graph import Edge
+
+ONE_WAY, FEATURES = "ONE_WAY", "FEATURES"  # the way back does not agree; features agree on another motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,21 +56,52 @@ def measure_motion(
 
     The way back begins where the first one did, not where it ended: a common wrong valley is no agreement.
     """
+    motion = _measure(a, b, T_a_b, T_a_b.inverse(), params)
+    return motion if motion is not None and not is_denied(motion.T_a_b, find_pose(b.features, a.features)) else None
+
+
+def find_motion(a: PreparedSphere, b: PreparedSphere, params: MappingRegistrationParams) -> MeasuredMotion | None:
+    """Return the motion between two spheres of which nothing is known, however far they are; None unless it is proven.
+
+    Features with the ranges of A give the first guess of the one way, those with the ranges of B that of the other: no
+    way begins in a valley that the other one has found. Where one of them has too few, or they were of no use, both
+    ways begin at what the more numerous ones say.
+    """
+    seen, seen_back = match_motion(a, b), match_motion(b, a)
+    ways = [one for one in (seen, seen_back and replace(seen_back, T_sphere_camera=seen_back.T_sphere_camera.inverse()))
+            if one is not None and one.num_inliers >= MIN_INLIERS]  # fmt: skip
+    if not ways:
+        return None
+    best = max(ways, key=lambda one: one.num_inliers).T_sphere_camera
+    starts = [(ways[0].T_sphere_camera, ways[1].T_sphere_camera)] if len(ways) == 2 else []
+    for there, back in [*starts, (best, best)]:
+        motion = _measure(a, b, there, back.inverse(), params)
+        if motion is not None:
+            return None if any(is_denied(motion.T_a_b, one) for one in ways) else motion
+    return None
+
+
+def match_motion(a: PreparedSphere, b: PreparedSphere) -> FeaturePose | None:
+    """Return T_a_b by features that are seen again from nearby, and the ranges of A."""
+    return find_pose(b.fine_features, a.fine_features)
+
+
+def _measure(
+    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, T_b_a: SE3, params: MappingRegistrationParams
+) -> MeasuredMotion | None:
+    """Return what alignments from two first guesses agree on; None unless both are good."""
     forward = register(b.pyramid, [a.at(SE3.identity())], T_a_b, params)
     if not is_good(forward, a):
         return None
-    back = register(a.pyramid, [b.at(SE3.identity())], T_a_b.inverse(), params)
-    if not is_good(back, b):
-        return None
-    motion = agree(forward, back)
-    return motion if motion is not None and not is_denied(motion, find_pose(b.features, a.features)) else None
+    back = register(a.pyramid, [b.at(SE3.identity())], T_b_a, params)
+    return agree(forward, back) if is_good(back, b) else None
 
 
-def is_denied(motion: MeasuredMotion, seen: FeaturePose | None) -> bool:
+def is_denied(T_a_b: SE3, seen: FeaturePose | None) -> bool:
     """Say whether features that agree with each other do not agree with a motion; few features say nothing."""
     if seen is None or seen.num_inliers < MIN_INLIERS:
         return False
-    distance, angle = motion.T_a_b.distance(seen.T_sphere_camera)
+    distance, angle = T_a_b.distance(seen.T_sphere_camera)
     return bool(distance > MAX_FROM_FEATURES[0] or angle > MAX_FROM_FEATURES[1])
 
 
@@ -77,6 +111,22 @@ def confirm(
     """Return the motion that an alignment of `b` in the frame of `a` measured, if the way back from there agrees."""
     back = register(a.pyramid, [b.at(SE3.identity())], forward.T_world_camera.inverse(), params)
     return agree(forward, back) if back.is_converged and back.ncc >= params.min_ncc else None
+
+
+def why_denied(
+    a: PreparedSphere, b: PreparedSphere, forward: Alignment, params: MappingRegistrationParams, *, is_expected: bool
+) -> str:
+    """Return why an alignment of `b` in the frame of `a` is not believed, or `GOOD`; an expected one by the way back.
+
+    Of a sphere without range there is no way back. One that nothing foretold is held against features, too.
+    """
+    T_a_b = forward.T_world_camera
+    if b.sphere.measured.any():
+        motion = confirm(a, b, forward, params)
+        if motion is None:
+            return ONE_WAY
+        T_a_b = motion.T_a_b
+    return FEATURES if not is_expected and is_denied(T_a_b, match_motion(a, b)) else GOOD
 
 
 def agree(forward: Alignment, back: Alignment) -> MeasuredMotion | None:

@@ -66,6 +66,17 @@ class LoopCloser:
         trials = (self._trial(newer.id, self._load(newer.id), believed(older, newer)) for older, newer in near)
         return loops + [loop for loop in run(verify, trials) if loop is not None]
 
+    def recognize(self, graph: SphereGraph, current: PreparedSphere) -> Candidate | None:
+        """Return the key sphere by which a sphere that is not in the graph is seen to be; None where several could."""
+        alike = self.index.find(current.features, NUM_ALIKE)
+        lookup = Lookup(current.features, tuple((one.sphere_id, self.index.features[one.sphere_id]) for one in alike))
+        found = sorted(find_candidates(lookup), key=lambda one: -one.num_inliers)
+        return found[0] if found and is_clear(graph, found[0], found[1:], SAME_PLACE_M) else None
+
+    def prepare(self, sphere_id: int) -> PreparedSphere:
+        """Return a key sphere to align with."""
+        return PreparedSphere(self._load(sphere_id), self._params.registration)
+
     def index_all(self, graph: SphereGraph) -> None:
         """Index what all key spheres look like."""
         for node in graph:
@@ -118,12 +129,18 @@ def choose_candidate(graph: SphereGraph, newer_id: int, found: list[Candidate]) 
     best, *others = possible
     if not is_return(ways.get(best.older, np.inf), best.T_older_newer):
         return None
+    is_best = all(is_clear(graph, best, [other], _spread(ways, best, other)) for other in others)
+    return best if is_best else None
+
+
+def is_clear(graph: SphereGraph, best: Candidate, others: list[Candidate], spread_m: float) -> bool:
+    """Say whether no other candidate farther than `spread_m` away has nearly as many features as the best one."""
     at = place_of(graph, best).translation
-    for other in others:
-        is_elsewhere = np.linalg.norm(place_of(graph, other).translation - at) > _spread(ways, best, other)
-        if is_elsewhere and other.num_inliers * MIN_LEAD > best.num_inliers:
-            return None
-    return best
+    return not any(
+        np.linalg.norm(place_of(graph, other).translation - at) > spread_m
+        and other.num_inliers * MIN_LEAD > best.num_inliers
+        for other in others
+    )
 
 
 def is_possible(graph: SphereGraph, newer_id: int, one: Candidate, ways: dict[int, float]) -> bool:

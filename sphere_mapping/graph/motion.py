@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from sphere_mapping.constants import (
     ACCELERATION,
+    CONTRADICTED,
     EXPECTED_FLOOR,
     EXPECTED_GATE,
     MAX_EXTRAPOLATION,
+    MAX_KNOWN,
     ODOMETRY_SHARE,
     SHARP,
 )
@@ -20,11 +22,15 @@ from sphere_nav.geometry import SE3
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """Where a sphere should be by what was known before it was seen, with standard deviations; +Inf: anywhere."""
+    """Where a sphere should be by what was known before it was seen, with standard deviations; +Inf: anywhere.
+
+    is_known: odometry tells the motion, or that of the last spheres goes on; else it is a mere guess.
+    """
 
     T_map_sphere: SE3
     sigma_m: float
     sigma_rad: float
+    is_known: bool = True
 
     def allows(self, T_map_sphere: SE3) -> bool:
         """Say whether a pose lies within the gate."""
@@ -52,10 +58,16 @@ class DriveMotion:
 
     last: Placed | None = None
     before: Placed | None = None
+    num_lost: int = 0  # spheres in a row since the last one
 
     def update(self, placed: Placed) -> None:
-        """Take down a placed sphere."""
-        self.before, self.last = self.last, placed
+        """Take down a placed sphere; after several that were lost, a jump perhaps, there is no velocity to it."""
+        self.before = self.last if self.num_lost < CONTRADICTED else None
+        self.last, self.num_lost = placed, 0
+
+    def lose(self) -> None:
+        """Take down that a sphere was not placed."""
+        self.num_lost += 1
 
     @property
     def newest(self) -> SE3:
@@ -91,25 +103,36 @@ class DriveMotion:
         return (self.newest.inverse() @ T_map_sphere).log() / ((stamp_ns - self.last.stamp_ns) * 1e-9)
 
     def expect(self, stamp_ns: int, T_odom_sphere: SE3 | None = None) -> Expectation:
-        """Return the expected pose and how far off it may be: by odometry, by velocity, or not at all."""
+        """Return the expected pose and how far off it may be: by odometry, by velocity, or not at all.
+
+        Odometry that several spheres in a row contradict has jumped, or has not seen a jump: it is not believed.
+        """
+        T_odom_sphere = None if self.num_lost >= CONTRADICTED else T_odom_sphere
         guess = self.predict(stamp_ns, T_odom_sphere)
         if self.last is None or (self.before is None and not self._has_odometry(T_odom_sphere)):
-            return Expectation(guess, np.inf, np.inf)
+            return Expectation(guess, np.inf, np.inf, is_known=False)
+        is_known = True
         if self._has_odometry(T_odom_sphere):
             distance, angle = self.last.T_map_sphere.distance(guess)
             growth = ODOMETRY_SHARE * float(distance), ODOMETRY_SHARE * float(angle)
         else:
             elapsed_s = (stamp_ns - self.last.stamp_ns) * 1e-9
             growth = 0.5 * ACCELERATION[0] * elapsed_s**2, 0.5 * ACCELERATION[1] * elapsed_s**2
-        return Expectation(guess, EXPECTED_FLOOR[0] + growth[0], EXPECTED_FLOOR[1] + growth[1])
+            is_known = self._elapsed(stamp_ns) <= MAX_KNOWN
+        return Expectation(guess, EXPECTED_FLOOR[0] + growth[0], EXPECTED_FLOOR[1] + growth[1], is_known)
 
     def _has_odometry(self, T_odom_sphere: SE3 | None) -> bool:
         return T_odom_sphere is not None and self.last is not None and self.last.T_odom_sphere is not None
 
+    def _elapsed(self, stamp_ns: int) -> float:
+        """Return the time since the last sphere in intervals of the motion before; 0 where there is none."""
+        if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
+            return 0.0
+        return (stamp_ns - self.last.stamp_ns) / (self.last.stamp_ns - self.before.stamp_ns)
+
     def _extrapolate(self, stamp_ns: int) -> SE3:
         """Return the motion since the last sphere at constant velocity."""
-        if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
+        elapsed = min(max(self._elapsed(stamp_ns), 0.0), MAX_EXTRAPOLATION)
+        if self.last is None or self.before is None or elapsed == 0.0:
             return SE3.identity()
-        T_before_last = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
-        elapsed = (stamp_ns - self.last.stamp_ns) / (self.last.stamp_ns - self.before.stamp_ns)
-        return SE3.exp(T_before_last.log() * min(max(elapsed, 0.0), MAX_EXTRAPOLATION))
+        return SE3.exp((self.before.T_map_sphere.inverse() @ self.last.T_map_sphere).log() * elapsed)

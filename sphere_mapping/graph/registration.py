@@ -34,7 +34,7 @@ class PreparedSphere:
     """A sphere with what alignment needs of it, made at first use and kept."""
 
     sphere: Sphere
-    params: RegistrationParams
+    params: MappingRegistrationParams
 
     @property
     def is_whole(self) -> bool:
@@ -65,6 +65,11 @@ class PreparedSphere:
     def features(self) -> Features:
         """Its local features, by which it is recognized."""
         return features_of_sphere(self.sphere)
+
+    @cached_property
+    def fine_features(self) -> Features:
+        """Its local features by which a motion is found."""
+        return features_of_sphere(self.sphere, is_fine=True)
 
     @cached_property
     def median_range(self) -> float:

@@ -8,17 +8,18 @@ from typing import TypeAlias
 
 import numpy as np
 
-from sphere_mapping.constants import MAX_PASSES, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
+from sphere_mapping.constants import CONTRADICTED, MAX_PASSES, NUM_LOST, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
-from sphere_mapping.graph.both_ways import confirm
+from sphere_mapping.graph.both_ways import confirm, find_motion, why_denied
 from sphere_mapping.graph.keyframes import Track
+from sphere_mapping.graph.loop_closure import LoopCloser
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
-from sphere_mapping.params import MapperParams
+from sphere_mapping.params import MapperParams, MappingRegistrationParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric import Alignment, RegistrationParams
+from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
@@ -26,7 +27,7 @@ from sphere_nav.spheres.sphere import Sphere
 Unroll: TypeAlias = Callable[[Array], Sphere]  # velocity (6,) (v, omega) per second of the sphere -> sphere
 
 
-INNOVATION, ONE_WAY = "INNOVATION", "ONE_WAY"  # refused: not where it can be; the way back does not agree
+INNOVATION = "INNOVATION"  # refused: not where it can be
 
 
 class SphereTracker:
@@ -40,14 +41,54 @@ class SphereTracker:
         self._last_alignment: Alignment | None = None
 
     def align(self, current: PreparedSphere, odometry: SE3 | None, graph: SphereGraph) -> Alignment:
-        """Align a sphere with the newest key spheres; a result that is not expected, or one-sided, is refused."""
+        """Align a sphere with the newest key spheres; a result that is not expected, or one-sided, is refused.
+
+        A known motion is the first guess. Where none is known, or it does not hold, features find one; where several
+        spheres in a row were not where they were expected, one that is not expected either.
+        """
         references = [prepared.at(graph[key_id].T_map_sphere) for key_id, prepared in self.references]
         expected = self.motion.expect(current.sphere.stamp_ns, odometry)
 
-        def check(alignment: Alignment) -> str:
-            return self._check(current, alignment, expected, graph)
+        def align_expected() -> Alignment:
+            guesses, params = self._guesses(current, expected), self._params.registration
+            return align_sphere(
+                current, references, guesses, params, lambda one: self._check(current, one, expected, graph)
+            )
 
-        return align_sphere(current, references, self._guesses(current, expected), self._params.registration, check)
+        found = align_expected() if expected.is_known else None
+        if found is not None and found.is_converged:
+            return found
+        is_contradicted = self.motion.num_lost >= CONTRADICTED
+        for key_id, reference in self.references:
+            proven = self._prove(current, reference, graph[key_id])
+            if proven is not None and (is_contradicted or expected.allows(proven.T_world_camera)):
+                return proven
+        return found or align_expected()
+
+    def find_again(self, current: PreparedSphere, found: Alignment, loops: LoopCloser, graph: SphereGraph) -> Alignment:
+        """Return an alignment; in place of a refused one, after several, that with a key sphere that looks alike.
+
+        That key sphere is the newest reference then.
+        """
+        if found.is_converged or self.motion.num_lost < NUM_LOST:
+            return found
+        seen, known = loops.recognize(graph, current), [key_id for key_id, _ in self.references]
+        if seen is None or seen.older in known:
+            return found
+        reference = loops.prepare(seen.older)
+        proven = self._prove(current, reference, graph[seen.older])
+        if proven is None:
+            return found
+        self.references = [(seen.older, reference), *self.references][: self._params.num_references]
+        return proven
+
+    def _prove(self, current: PreparedSphere, reference: PreparedSphere, node: KeySphere) -> Alignment | None:
+        """Return the alignment of a sphere with a key sphere from no guess at all; None unless it is proven."""
+        motion = find_motion(reference, current, self._params.registration)
+        if motion is None:
+            return None
+        T_map_sphere = node.T_map_sphere @ motion.T_a_b
+        return replace(motion.forward, T_world_camera=T_map_sphere, covariance=motion.covariance)
 
     def align_moving(
         self, current: PreparedSphere, odometry: SE3 | None, unroll: Unroll | None, graph: SphereGraph
@@ -126,14 +167,22 @@ class SphereTracker:
         yield self.motion.newest
 
     def _check(self, current: PreparedSphere, alignment: Alignment, expected: Expectation, graph: SphereGraph) -> str:
-        """Return why an alignment is not believed; where nothing sharp was expected, the way back is asked."""
+        """Return why an alignment is not believed; where nothing sharp was expected, the way back is asked.
+
+        Where nothing was expected at all, features are heard, too.
+        """
         if not expected.allows(alignment.T_world_camera):
             return INNOVATION
-        if expected.is_sharp or not current.sphere.measured.any():  # without range there is no way back
+        if expected.is_sharp:
             return GOOD
         key_id, reference = self.references[0]
-        motion = confirm(reference, current, local(alignment, graph[key_id]), self._params.registration)
-        return GOOD if motion is not None else ONE_WAY
+        forward, is_expected = local(alignment, graph[key_id]), expected.is_known
+        return why_denied(reference, current, forward, self._params.registration, is_expected=is_expected)
+
+
+def is_followed(lost: Sphere, current: PreparedSphere) -> bool:
+    """Say whether a lost sphere is one to begin with: the next one is aligned with it."""
+    return find_motion(PreparedSphere(lost, current.params), current, current.params) is not None
 
 
 def local(alignment: Alignment, node: KeySphere) -> Alignment:
@@ -145,7 +194,7 @@ def align_unrolled(
     unroll: Unroll,
     stamp_ns: int,
     motion: DriveMotion,
-    params: RegistrationParams,
+    params: MappingRegistrationParams,
     align: Callable[[PreparedSphere], Alignment],
 ) -> tuple[PreparedSphere, Alignment]:
     """Align a sphere as warped by the expected motion, and again by the motion that was found, until they agree."""

@@ -11,6 +11,7 @@ from sphere_nav_msgs.msg import AugmentedSphere
 
 from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
+from sphere_mapping.ros.mount import Mount
 from sphere_mapping.ros.rgbd_intake import DEPTH, DEPTH_INFO, OnRgbd, RgbdIntake
 from sphere_mapping.ros.stereo_intake import OnPair, Report, StereoIntake, report_nothing
 from sphere_nav.geometry import SE3
@@ -32,8 +33,10 @@ def with_driver_input(params: SphereMapperParams) -> SphereMapperParams:
     return replace(params, input=driver.input)
 
 
-# The sphere, the frame of its header, whether that is optical, and how to make it anew by the velocity of the camera.
-OnSphere = Callable[[Sphere, str, bool, Unroll | None], None]
+# The sphere, where its camera is, and how to make it anew by the velocity of the camera.
+OnSphere = Callable[[Sphere, Mount, Unroll | None], None]
+FindMount = Callable[[str, bool], SE3]
+Made = tuple[Sphere, Mount, Unroll | None]
 
 TOPICS: dict[str, tuple[str, ...]] = {
     "sphere": ("sphere",),
@@ -46,8 +49,9 @@ WAIT_S = 1.0  # of stamps, not of a clock: after it an image goes without its co
 class Intake:
     """Converts messages by `params.input`; hands every complete instant as a sphere to `on_sphere`.
 
-    `lookup(target, source)` tells T_target_source of two frames, as /tf_static has it, or raises ValueError. `report`
-    and `on_pair` are those of a StereoIntake, `on_rgbd` that of an RgbdIntake.
+    `lookup(target, source)` tells T_target_source of two frames, as /tf_static has it, or raises ValueError.
+    `find_mount(frame, is_optical)` tells T_base_body of the camera of a frame; without it the camera is the base.
+    `report` and `on_pair` are those of a StereoIntake, `on_rgbd` that of an RgbdIntake.
     """
 
     def __init__(
@@ -58,8 +62,9 @@ class Intake:
         report: Report = report_nothing,
         on_pair: OnPair | None = None,
         on_rgbd: OnRgbd | None = None,
+        find_mount: FindMount = lambda frame_id, is_optical: SE3.identity(),
     ) -> None:
-        self._params, self._deliver, self._lookup = params, on_sphere, lookup
+        self._params, self._deliver, self._find_mount = params, on_sphere, find_mount
         self.stereo = StereoIntake(params.mapper, lookup, report, on_pair)
         self._rgbd_intake = RgbdIntake(params, lookup, on_rgbd)
         self._infos: dict[str, CameraInfo] = {}
@@ -85,14 +90,14 @@ class Intake:
         """Forget half-complete instants: the clock jumped."""
         self._sync.clear()
 
-    def _on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool, unroll: Unroll | None = None) -> None:
+    def _on_sphere(self, sphere: Sphere, mount: Mount, unroll: Unroll | None = None) -> None:
         if not sphere.measured.any():
             topic = next(name for name in reversed(TOPICS[self._params.input]) if "info" not in name)
             raise ValueError(f"{topic}: range or depth: expected some measured pixels, found none")
-        self._deliver(sphere, frame_id, is_optical, unroll)
+        self._deliver(sphere, mount, unroll)
 
     def _on_ready_sphere(self, message: AugmentedSphere) -> None:
-        self._on_sphere(conversions.message_to_sphere(message), message.header.frame_id, False)
+        self._on_sphere(conversions.message_to_sphere(message), self._mount(message.header.frame_id, is_optical=False))
 
     def _on_image(self, topic: str, message: AnyImage) -> None:
         stamp, read = conversions.stamp_ns(message), read_depth if topic == DEPTH else read_rgb
@@ -103,13 +108,16 @@ class Intake:
             if not instant.is_failed and (made := make(instant)) is not None:
                 self._on_sphere(*made)
 
-    def _rgbd(self, instant: Instant) -> tuple[Sphere, str, bool, Unroll | None] | None:
-        return self._rgbd_intake.make(instant, self._frame_id, self._info("camera_info"), self._infos.get(DEPTH_INFO))
+    def _rgbd(self, instant: Instant) -> Made | None:
+        mount = self._mount(self._frame_id, is_optical=True)
+        return self._rgbd_intake.make(instant, mount, self._info("camera_info"), self._infos.get(DEPTH_INFO))
 
-    def _stereo(self, instant: Instant) -> tuple[Sphere, str, bool] | None:
+    def _stereo(self, instant: Instant) -> Made | None:
         left, right = (self._info(f"{side}/camera_info") for side in ("left", "right"))
-        sphere = self.stereo.make(instant, left, right)
-        return None if sphere is None else (sphere, self._frame_id, True)
+        return self.stereo.make(instant, self._mount(self._frame_id, is_optical=True), left, right)
+
+    def _mount(self, frame_id: str, *, is_optical: bool) -> Mount:
+        return Mount(frame_id, is_optical, self._find_mount(frame_id, is_optical))
 
     def _info(self, topic: str) -> CameraInfo:
         if topic not in self._infos:

@@ -16,18 +16,18 @@ from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake, with_driver_input
+from sphere_mapping.ros.mount import Mount, VehicleFrame
 from sphere_mapping.ros.saving import Journal, save
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.warm_up import warm_up
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.conversions.graphs import graph_to_markers
 from sphere_nav.ros.localizer.map_transform import MapTransform
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
-from sphere_nav.ros.tf import TransformError, TransformListener
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.ros.tf import TransformListener
+from sphere_nav.spheres.sphere import Sphere
 
 PATH_STEP = 10  # every how many spheres the path is told
 
@@ -48,8 +48,7 @@ class SphereMapper(ManagedNode):
         self.journal = Journal(self.params, self.log.info) if self.shell.is_live else None
         self.mapper = Mapper(self.params.mapper, store=self.journal)
         self.points = MapCloud(self.params.cloud, lambda sphere_id: self.mapper.load_sphere(sphere_id))
-        self.mounting = read_mounting(self.params.mounting)
-        self.num_lost, self.num_changes, self.T_base_sphere = 0, 0, SE3.identity()
+        self.num_lost, self.num_changes, self.mount = 0, 0, Mount("", False, SE3.identity())
         self.graph = self.add_publisher("graph", KeySphereGraph, qos.LATCHED)
         self.markers = self.add_publisher("graph/markers", MarkerArray, qos.LATCHED)
         self.cloud = self.add_publisher("map_cloud", PointCloud2, qos.LATCHED)
@@ -58,7 +57,8 @@ class SphereMapper(ManagedNode):
         self.tf = TransformListener(self.endpoints, ignored=map_frame)
         self.odom = OdometryInput(self.endpoints, self.tf.tree, base_frame, is_used=True)
         self.transform = MapTransform(self.endpoints, self.odom, map_frame, base_frame)
-        self.intake = Intake(self.params, self.on_sphere, self.tf.lookup, self.report)
+        self.vehicle = VehicleFrame(self.endpoints, self.params, self.tf, is_live=self.shell.is_live)
+        self.intake = Intake(self.params, self.on_sphere, self.tf.lookup, self.report, find_mount=self.vehicle.find)
         self.intake.subscribe(self.endpoints)
         self.add_service("~/close_loops", Trigger, self.on_close_loops)
         self.add_service("~/save_map", SaveMap, self.on_save)
@@ -75,9 +75,16 @@ class SphereMapper(ManagedNode):
         self.odom.clear()
         self.transform.clear()
 
-    def on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool, unroll: Unroll | None = None) -> None:
+    @property
+    def T_base_sphere(self) -> SE3:
+        """The latest sphere on the vehicle."""
+        return self.mount.T_base_sphere
+
+    def on_sphere(self, sphere: Sphere, mount: Mount, unroll: Unroll | None = None) -> None:
         """Map a sphere, tell what changed."""
-        self.T_base_sphere = self.mounting or self.find_mount(frame_id, is_optical)
+        self.mount = mount
+        if not self.mapper.tracks and not self.begin_map(sphere):
+            return
         T_odom_base = self.odom.predict(sphere.stamp_ns)
         update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere, unroll)
         if update.T_map_sphere is None:
@@ -91,14 +98,17 @@ class SphereMapper(ManagedNode):
             self.log.info(f"key sphere {len(self.mapper.graph) - 1}: {update.key_reason}")
             self.publish_map(sphere.stamp_ns)
 
-    def find_mount(self, frame_id: str, is_optical: bool) -> SE3:
-        """Return T_base_sphere as /tf says; a vehicle whose mounts are not known is its camera."""
-        try:
-            T_base_frame = self.tf.lookup(self.params.base_frame, frame_id)
-            return T_base_frame @ T_BODY_OPTICAL.inverse() if is_optical else T_base_frame
-        except TransformError as error:
-            self.log.warning(f"taking {frame_id} as {self.params.base_frame}: {error}", every=30.0, key="mount")
-            return SE3.identity()
+    def begin_map(self, sphere: Sphere) -> bool:
+        """Put the vehicle at the origin of the map, level; return whether all is known that this needs."""
+        if self.vehicle.waits(sphere.stamp_ns):
+            return False
+        T_map_base, source = self.vehicle.begin(sphere, self.mount)
+        self.mapper.T_map_first = T_map_base @ self.T_base_sphere
+        self.mapper.origin = f"{self.params.base_frame} at the first sphere, level by {source}"
+        if self.journal is not None:
+            self.journal.origin = self.mapper.origin
+        self.log.info(f"{self.params.map_frame}: {self.mapper.origin}")
+        return True
 
     def publish_pose(self, update: MapUpdate, T_map_sphere: SE3) -> None:
         """Publish where the vehicle is, with the stamp of the sphere."""

@@ -12,8 +12,10 @@ from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_views
+from sphere_mapping.acquisition.partial.window import upright_axes
 from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
+from sphere_mapping.ros.mount import Mount
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.ros import conversions
 from sphere_nav.ros.camera.mounting import read_mounting
@@ -54,20 +56,22 @@ class RgbdIntake:
         self._T_given = read_mounting(params.depth_pose, "depth_pose")
 
     def make(
-        self, instant: Instant, frame_id: str, info: CameraInfo, depth_info: CameraInfo | None
-    ) -> tuple[Sphere, str, bool, Unroll | None] | None:
+        self, instant: Instant, mount: Mount, info: CameraInfo, depth_info: CameraInfo | None
+    ) -> tuple[Sphere, Mount, Unroll | None] | None:
         """Return the sphere of an instant and how it is made anew by a velocity; None where `on_rgbd` takes it."""
-        found = self._convert(instant, frame_id, info, depth_info)
+        found = self._convert(instant, mount.frame_id, info, depth_info)
         if self._on_rgbd is not None:
             self._on_rgbd(found)
             return None
-        view, readout, partial = view_of(found), self._params.camera.readout, self._params.mapper.partial
+        readout, partial = self._params.camera.readout, self._params.mapper.partial
+        mount = replace(mount, T_sphere_body=upright_axes(mount.T_base_body, found.camera))
+        view = view_of(found, mount.T_sphere_body @ T_BODY_OPTICAL, is_rolling=readout > 0.0)
 
         def unroll(velocity: NDArray[np.float64]) -> Sphere:
             return sphere_from_views([replace(view, twist=velocity * readout)], instant.stamp_ns, partial)
 
         sphere = sphere_from_views([view], instant.stamp_ns, partial)
-        return sphere, frame_id, True, unroll if readout else None
+        return sphere, mount, unroll if readout else None
 
     def _convert(self, instant: Instant, frame_id: str, info: CameraInfo, depth_info: CameraInfo | None) -> RgbdInstant:
         camera = conversions.camera_from_info(info)
@@ -85,19 +89,23 @@ class RgbdIntake:
         return RgbdInstant(instant.stamp_ns, image, depth_m, camera, depth_camera, T_image_depth, is_registered)
 
 
-def view_of(found: RgbdInstant) -> RgbdView:
-    """Return the view of an instant; depth that was registered is registered anew where a pose is given."""
+def view_of(found: RgbdInstant, T_sphere_camera: SE3 = T_BODY_OPTICAL, *, is_rolling: bool = False) -> RgbdView:
+    """Return the view of an instant; depth that was registered is registered anew where a pose is given.
+
+    So is depth of another camera under a rolling shutter: rows are straightened in one image.
+    """
     T_image_depth, depth_m, camera = found.T_image_depth, found.depth_m, found.camera
     is_off = bool(np.any(T_image_depth.log()))
-    if found.is_registered and is_off:
-        register = _registration(camera, T_image_depth.matrix.tobytes())
+    is_beside = not found.is_registered and (found.depth_camera != camera or is_off)
+    if (found.is_registered and is_off) or (is_beside and is_rolling):
+        register = _registration(found.depth_camera, camera, T_image_depth.matrix.tobytes())
         depth_m = register(np.ascontiguousarray(depth_m, np.float32))
-    if found.is_registered or (found.depth_camera == camera and not is_off):
-        return RgbdView(found.image, depth_m, camera)
-    T_sphere_depth = T_BODY_OPTICAL @ T_image_depth
-    return RgbdView(found.image, depth_m, camera, depth_camera=found.depth_camera, T_sphere_depth=T_sphere_depth)
+    if not is_beside or is_rolling:
+        return RgbdView(found.image, depth_m, camera, T_sphere_camera)
+    T_sphere_depth = T_sphere_camera @ T_image_depth
+    return RgbdView(found.image, depth_m, camera, T_sphere_camera, found.depth_camera, T_sphere_depth)
 
 
 @lru_cache(maxsize=4)
-def _registration(camera: Camera, T_image_depth: bytes) -> DepthRegistration:
-    return DepthRegistration(camera, camera, SE3(np.frombuffer(T_image_depth).reshape(4, 4)))
+def _registration(depth_camera: Camera, camera: Camera, T_image_depth: bytes) -> DepthRegistration:
+    return DepthRegistration(depth_camera, camera, SE3(np.frombuffer(T_image_depth).reshape(4, 4)))

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import CameraInfo
 
+from sphere_mapping.acquisition.partial.window import upright_axes
 from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
 from sphere_mapping.params import MapperParams
+from sphere_mapping.ros.mount import Mount
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros import conversions
 from sphere_nav.ros.camera.synchronizer import Instant
@@ -45,7 +48,9 @@ class StereoIntake:
         """Rectify by what is known of the pair, not by its calibration and its own rows."""
         self._pair = pair
 
-    def make(self, instant: Instant, left_info: CameraInfo, right_info: CameraInfo) -> Sphere | None:
+    def make(
+        self, instant: Instant, mount: Mount, left_info: CameraInfo, right_info: CameraInfo
+    ) -> tuple[Sphere, Mount, None] | None:
         """Return the sphere of an instant; None where `on_pair` takes its images."""
         if self._pair is None:
             self._pair = StereoPair(open_pair(left_info, right_info, self._lookup))
@@ -59,9 +64,12 @@ class StereoIntake:
             self._on_pair(left, right, pair)
             return None
         geometry, p = pair.geometry, self._params
-        T_sphere_camera = T_BODY_OPTICAL @ SE3.from_parts(geometry.R_rectified_left.T, np.zeros(3))
+        mount = replace(mount, T_sphere_body=upright_axes(mount.T_base_body, geometry.camera))
+        T_sphere_left = mount.T_sphere_body @ T_BODY_OPTICAL
+        T_sphere_camera = T_sphere_left @ SE3.from_parts(geometry.R_rectified_left.T, np.zeros(3))
         place = geometry.camera, geometry.baseline_m, T_sphere_camera
-        return sphere_from_stereo(left, right, *place, instant.stamp_ns, p.stereo, p.partial, pair.is_seen)
+        sphere = sphere_from_stereo(left, right, *place, instant.stamp_ns, p.stereo, p.partial, pair.is_seen)
+        return sphere, mount, None
 
 
 def open_pair(left: CameraInfo, right: CameraInfo, lookup: Callable[[str, str], SE3]) -> PairGeometry:

@@ -12,13 +12,14 @@ from sphere_nav.ros.bags.replay import OfflineBus
 
 HELP = """\
 Find the camera of a bag in bare geometry, from nowhere, or around --initial-pose: a room or two have too few places to
-prove one of them. CLOUD is .ply, .pcd, .las, .laz, .npy, a floor plan .csv, or a map made by `sphere_nav map`.
+prove one of them. CLOUD is .ply, .pcd, .las, .laz, .npy, .e57, a floor plan .csv, or a map made by `sphere_nav map`.
 The poses of base_link in the states TRACKING and DEGRADED are written as a TUM file.
 
 examples:
   sphere_nav mcl town.ply drive -o poses.tum
   sphere_nav mcl room.ply drive -o poses.tum --initial-pose 1.0,2.5,0,0,0,0,1
   sphere_nav mcl tile.laz drive --preset outdoor -o poses.tum
+  sphere_nav mcl utm_tile.laz drive --origin 500200,5412300,0 -o poses.tum
   sphere_nav mcl campus drive2 -o poses.tum --bag result --set resampling.num_particles=2000
 """
 MAX_LEAP_S = 3600.0  # between images of a recording, which may be far apart
@@ -30,6 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("cloud", metavar="CLOUD", help="geometry to localise in")
     parser.add_argument("source", metavar="BAG", help="bag with images, camera_info or sphere_info, and odometry")
     parser.add_argument("--preset", choices=("auto", *PRESETS), default="auto", help="surroundings (by the cloud)")
+    parser.add_argument(
+        "--origin",
+        default="",
+        metavar="E,N,H",
+        help="of the survey in m at the origin of the map (chosen, where needed)",
+    )
     localizing.add_arguments(parser, "mcl_depth")
 
 
@@ -42,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         given = given | {
             "cloud": arguments.cloud,
             "preset": arguments.preset,
+            "survey.origin": arguments.origin,
             "input.max_leap_s": MAX_LEAP_S,
             "every_image": True,
         }

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from rig_calibration.drive.refinement import RefinedCamera
+from rig_calibration.drive.proof import Proof
 from sphere_nav.offline import topics
 from sphere_nav.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, run_depth, text_of
 from sphere_nav.offline.settings import add_settings
@@ -26,7 +26,11 @@ result is a file for the parameter depth_pose of sphere_mapper. Move by half of 
 directions, before surfaces of several slopes; give --readout for a rolling shutter. The scale of depth is not told: the
 motion would be scaled alike.
 
-Standard deviations come from how differently the images pull; what the drive does not tell is named (status 1).
+With MAP the result must prove itself: what one half of the drive finds must explain the other half's images better than
+camera_info does, and both halves must agree. Else nothing is written, status is 1, and what is not told apart is named.
+Standard deviations come from how differently stretches of the drive pull and, in a map of partial spheres, from what
+the lens that made the map may be off: a wrong lens in a map of the same wrong lens cannot be found.
+Without MAP what the drive does not tell is named (status 1).
 
 examples:
   sphere_nav refine-camera campus drive2 -o camera.yaml
@@ -48,29 +52,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Localise and refine in turn; 1 if the drive does not tell everything."""
+    """Localise and refine in turn; 1, with nothing written, if the drive does not prove a better lens."""
     if arguments.output.exists() and not arguments.overwrite:
         raise ValueError(f"{arguments.output}: expected no such file, found one: --overwrite replaces it")
     if arguments.map is None:
         return run_depth(arguments)
     drive = RecordedDrive(arguments)
     with open_map(arguments.map) as sphere_map:
-        found = drive.refine(sphere_map)
+        proof = drive.refine(sphere_map)
+    if proof.reasons:
+        lines = [*report_camera(proof), "refused, nothing is written: the camera stays as it is given", *proof.reasons]
+        print("\n".join([*lines, *proof.weak()]))
+        return 1
     mounting, reason = mounting_by_odometry(arguments, drive.frame_id, drive.odometry, drive.located.trajectory())
-    arguments.output.write_text(text_of(found, drive.frame_id, mounting), encoding="utf-8")
-    print("\n".join(report_camera(found, arguments.output)))
+    arguments.output.write_text(text_of(proof, drive.frame_id, mounting), encoding="utf-8")
+    print("\n".join([*report_camera(proof), f"-> {arguments.output}", *(proof.weak() if proof.unobserved else ())]))
     print("\n".join(mounting_lines(mounting)) if mounting else f"no mounting: {reason}")
-    return 1 if found.unobserved else 0
+    return 0
 
 
-def report_camera(found: RefinedCamera, output: Path) -> Iterator[str]:
+def report_camera(proof: Proof) -> Iterator[str]:
     """Yield what is printed."""
-    numbers = f"{len(found.states)} images, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels"
-    yield f"{numbers} -> {output}"
+    found = proof.found
+    yield f"{len(found.states)} images, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels"
     for name, value in zip(found.lens.names, found.lens.values, strict=True):
-        note = "  NOT OBSERVED by this drive" if name in found.unobserved else ""
+        note = "  NOT OBSERVED by this drive" if name in proof.unobserved else ""
         yield f"{name:<8}{value:12.5f} +- {found.deviations[name]:.5f}{note}"
-    if "readout" in found.unobserved:
+    yield (
+        f"held-out halves of the drive: t {proof.evidence:.1f} for it, more than {proof.limit:.1f} is proof; "
+        f"{proof.moved_px:.2f} px off the given lens, {proof.apart_px:.2f} px apart"
+    )
+    if "readout" in proof.unobserved:
         yield "the readout shows in motion: record a drive with turns, best with nods and shakes"
-    elif found.unobserved:
+    elif proof.unobserved:
         yield "record surfaces near and far, all over the image"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,15 @@ from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.offline import topics
 from sphere_nav.offline.mapping.sphere_source import LensOptions, read_sphere
-from sphere_nav.offline.registering import register_spheres
+from sphere_nav.offline.registering import describe_refusal, register_spheres
 
 HELP = """\
 Align B with A and print the pose of B in A as JSON: T_a_b, covariance of (v, omega) in T_a_b @ exp(xi), residual.
 
 A and B are PATH:NUMBER, an instant of a bag (spheres, RGB-D or stereo; counted from 0) or a key sphere of a map; or
 two files IMAGE,DEPTH (16 bit, or .npy in m) or LEFT,RIGHT (rectified, with --baseline). Axes of the result: x forward,
-y left, z up. Exit status 1 where the alignment is refused; the JSON says why.
+y left, z up. The motion may be large: features with range give the first guess, and aligning A with B must agree with
+aligning B with A. Exit status 1 where the alignment is refused; the JSON and one line say why and what would help.
 
 examples:
   sphere_nav register kitchen:0 kitchen:10
@@ -56,11 +58,14 @@ def run(arguments: argparse.Namespace) -> int:
     )
     guess = arguments.guess
     T_a_b = SE3.from_quaternion(guess[3:], guess[:3]) if guess else SE3.identity()
-    text = json.dumps(register_spheres(a, b, T_a_b, params), indent=2)
+    found = register_spheres(a, b, T_a_b, params)
+    text = json.dumps(found, indent=2)
     print(text)
     if arguments.json:
         arguments.json.write_text(text + "\n", encoding="utf-8")
-    return 0 if json.loads(text)["is_converged"] else 1
+    if not found["is_converged"]:
+        print(f"sphere_nav register: {arguments.b}: {describe_refusal(found['reason'])}", file=sys.stderr)
+    return 0 if found["is_converged"] else 1
 
 
 def numbers_argument(count: int) -> Any:

@@ -31,8 +31,8 @@ DEPTH_LEVELS = ((3, 2, 1), (1,))
 # A driving camera by its drive in a map (test_refine_camera)
 MAX_PAUSE_S = 0.3  # between two images that tell a velocity
 MAX_ODOMETRY_GAP_NS = 200_000_000  # between two poses
-REFINE_ROUNDS = 4  # of localizing with the lens found so far and refining it
-SETTLED = 1e-4  # relative change of the focal length that is the last
+REFINE_ROUNDS = 3  # of localizing with the lens found so far and refining it
+SETTLED_PX = 2.0  # rms change of the lens that moves no image out of the reach of its alignment
 
 # A survey against what was aligned (mapping/test_survey)
 SURVEY_SIGMA = np.repeat([0.01, np.radians(0.3)], 3)  # (6,) m, rad: standard deviations that are granted to a survey

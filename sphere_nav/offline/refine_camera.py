@@ -21,14 +21,15 @@ from rig_calibration.drive.depth_pose import RefinedDepth
 from rig_calibration.drive.drive_image import DriveImage, collect
 from rig_calibration.drive.drive_lens import Lens
 from rig_calibration.drive.mounting import NAMES, Mounting, find_mounting
-from rig_calibration.drive.refinement import RefinedCamera, refine_camera
+from rig_calibration.drive.proof import Proof, lens_distance, prove
+from rig_calibration.drive.refinement import refine_camera
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline import topics
-from sphere_nav.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S, REFINE_ROUNDS, SETTLED
+from sphere_nav.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S, REFINE_ROUNDS, SETTLED_PX
 from sphere_nav.offline.mapping.depth_drive import describe_components, refine_depth
 from sphere_nav.offline.mapping.replay_mapper import replay_mapper
 from sphere_nav.offline.mapping.sphere_source import find_input
@@ -76,27 +77,34 @@ class RecordedDrive:
         self.odometry = self._recorded.odometry
         self.located = Located(np.empty(0, np.int64), ())
 
-    def refine(self, sphere_map: MapReader) -> RefinedCamera:
-        """Localise the drive with the lens found so far and refine it, in turn."""
-        lens = Lens.of(self.camera, self._arguments.readout)
-        for _ in range(REFINE_ROUNDS):
-            found = self._refine_once(sphere_map, lens)
-            change = np.abs(found.lens.values[:2] / lens.values[:2] - 1.0).max()
-            lens = found.lens
-            if change < SETTLED:
-                break
-        return found
+    def refine(self, sphere_map: MapReader) -> Proof:
+        """Localise the drive with the lens found so far and refine it, in turn; then judge it by halves of the drive.
 
-    def _refine_once(self, sphere_map: MapReader, lens: Lens) -> RefinedCamera:
-        """Localise the drive with a lens, then refine the lens by images spread over it."""
+        Poses that were found by a lens that is far off are far off themselves.
+        """
+        given = lens = Lens.of(self.camera, self._arguments.readout)
+        for _ in range(REFINE_ROUNDS):
+            images = self._locate(sphere_map, lens)
+            found = refine_camera(images, given).lens
+            is_settled, lens = lens_distance(lens, found) < SETTLED_PX, found
+            if is_settled:
+                break
+        return prove(images, given, self._period())
+
+    def _period(self) -> float:
+        """Return the time between two images in s, longer than any readout; infinite where there is none."""
+        steps = np.diff(self.located.stamps_ns)
+        return float(steps.min()) * 1e-9 if len(steps) else np.inf
+
+    def _locate(self, sphere_map: MapReader, lens: Lens) -> list[DriveImage]:
+        """Localise the drive with a lens; return images spread over it, with what the map shows there."""
         given = self._recorded.patience | self._arguments.settings
         localizer = Localizer(build(LocalizerParams, {"camera.readout": lens.readout} | given), sphere_map)
         try:
             self.located = self._localize(localizer, lens.camera)
-            images = list(self._collect(localizer, lens.camera, self.located))
+            return list(self._collect(localizer, lens.camera, self.located))
         finally:
             localizer.references.close()
-        return refine_camera(images, lens)
 
     def _localize(self, localizer: Localizer, camera: Camera) -> Located:
         stamps, poses = [], []
@@ -129,8 +137,9 @@ class RecordedDrive:
             yield stamp, conversions.image_to_gray(message)
 
 
-def text_of(found: RefinedCamera, frame_id: str, mounting: Mounting | None) -> str:
+def text_of(proof: Proof, frame_id: str, mounting: Mounting | None) -> str:
     """Return the calibration file: that of camera_info_manager, with readout, deviations and mounting beside."""
+    found = proof.found
     info = camera_to_info(found.lens.camera, 0, frame_id)
 
     def matrix(rows: int, values: Sequence[float]) -> dict[str, Any]:
@@ -147,6 +156,7 @@ def text_of(found: RefinedCamera, frame_id: str, mounting: Mounting | None) -> s
         "projection_matrix": matrix(3, info.p),
         "readout": float(found.lens.readout),
         "standard_deviations": found.deviations,
+        "held_out": {name: float(getattr(proof, name)) for name in ("evidence", "limit", "moved_px", "apart_px")},
     }
     return yaml.safe_dump(values | (mounting_values(mounting) if mounting else {}), sort_keys=False)
 
@@ -204,7 +214,7 @@ def run_depth(arguments: argparse.Namespace) -> int:
         drive = replay_mapper(bag, Mapper, values, found)
         if not drive.node.mapper.tracks:
             raise BagError(f"{arguments.source}: expected images to align, found none: {drive.refusal}")
-        estimate = refine_depth(bag, values, found, drive.node.mapper)
+        estimate = refine_depth(bag, values, found, drive)
     arguments.output.write_text(depth_file_text(estimate.found), encoding="utf-8")
     print("\n".join([*report_depth(estimate.found, str(arguments.output)), *filter(None, [estimate.verdict])]))
     return 1 if estimate.found.unobserved else 0

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from sphere_mapping.graph.both_ways import FEATURES, ONE_WAY, find_motion, why_denied
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
 from sphere_nav.spheres.sphere import Sphere
 
+REMEDY = "smaller steps between the images (slower, more a second), more range in them"
+
 
 def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> dict[str, Any]:
-    """Return the alignment of b with a, and the residual at the guess, as plain values."""
+    """Return the alignment of b with a, and the residual at the guess, as plain values.
+
+    The motion may be any: features with range give the first guess, the one given and none at all come after it. What
+    the way back or features contradict is not converged.
+    """
     reference, current = (PreparedSphere(sphere, params.registration) for sphere in (a, b))
     view = reference.at(SE3.identity())
 
@@ -22,7 +30,14 @@ def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParam
         yield T_a_b_guess
         yield guess_by_rotation(current, reference, SE3.identity(), params.registration)
 
-    found = align_sphere(current, [view], guesses(), params.registration)
+    def check(forward: Alignment) -> str:
+        return why_denied(reference, current, forward, params.registration, is_expected=False)
+
+    proven = find_motion(reference, current, params.registration) if b.measured.any() else None
+    if proven is not None:
+        found = replace(proven.forward, T_world_camera=proven.T_a_b, covariance=proven.covariance)
+    else:
+        found = align_sphere(current, [view], guesses(), params.registration, check)
     before = residual_at(current, view, T_a_b_guess, params.registration)
     return {
         "is_converged": found.is_converged,
@@ -40,6 +55,13 @@ def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParam
         "gain": found.gains[0],
         "bias": found.biases[0],
     }
+
+
+def describe_refusal(reason: str) -> str:
+    """Return one line on why an alignment was refused, and what would help."""
+    words = {ONE_WAY: "the way back disagrees", FEATURES: "features agree on another motion"}
+    why = f"refused ({reason}): {words[reason]}" if reason in words else f"refused ({reason})"
+    return f"{why}; {REMEDY}, or a first guess (--guess, by odometry), would help"
 
 
 def residual(found: Alignment) -> dict[str, float | int]:

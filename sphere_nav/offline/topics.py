@@ -14,7 +14,7 @@ import numpy as np
 from sphere_nav.offline.constants import NUM_PAIRED, NUM_TF_MESSAGES, SLACK_S
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.samples import SPHERE, SPHERE_INFO
+from sphere_nav.ros.bags.samples import IMU, SPHERE, SPHERE_INFO
 from sphere_nav.ros.bags.streams import (
     RGBD,
     STEREO,
@@ -130,6 +130,17 @@ def find_topics(bag: BagReader, wanted: Iterable[str], chosen: dict[str, str]) -
         found = find_wanted(streams, wanted, chosen)
     odometry = find_odometry(streams)
     return ({"odom": odometry} if odometry else {}) | found
+
+
+def find_imu(bag: BagReader, chosen: Mapping[str, str]) -> dict[str, str]:
+    """Return the topic of the IMU that the user named, or of one that /tf has on the vehicle; nothing without any."""
+    if "imu" in chosen:
+        return {"imu": absolute(chosen["imu"])}
+    tree = read_frames(bag)
+    offered = [s for s in read_streams(bag) if s.type == IMU and "gyro" not in s.topic]
+    placed = [s for s in offered if tree.is_connected(BASE_FRAME, s.frame_id)] or offered
+    best = min(placed, key=lambda s: "raw" in s.topic, default=None)
+    return {} if best is None else {"imu": best.topic}
 
 
 def names_of_cameras(views: Sequence[Stream]) -> list[str]:

@@ -24,7 +24,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "rig_calibration": ESTIMATION | {L + "photometric"},
     "sphere_mapping": MAPS | {L + "photometric", L + "view_synthesis"},
     "dense_localizer": MAPS | {L + "localization", L + "photometric"},
-    "mcl_depth": ESTIMATION | {L + "localization"},
+    "mcl_depth": ESTIMATION | {L + "localization", L + "photometric"},
     "path_follower": ESTIMATION | {L + "localization"},
     "cycab_sim": GEOMETRY | {L + "kernel_cache"},
     L + "offline": {*PACKAGES} - {"sphere_nav"},  # and every room of the library below it

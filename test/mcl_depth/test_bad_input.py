@@ -30,10 +30,12 @@ CLOUDS = {
     "empty": (np.empty((0, 3)), "expected at least one finite point, found 0 points"),
     "all_nan": (np.full((50, 3), np.nan), "expected at least one finite point, found 50 points, none finite"),
     "flat": (np.zeros((50, 2)), "expected numbers of shape (N, 3)"),
-    "geographic": (
-        room_points(0.5) + np.array([4.5e6, 5.1e5, 0.0]),
+    "off_the_globe": (
+        room_points(0.5) + np.array([4.5e8, 0.0, 0.0]),
         "expected coordinates within 100000 m of the origin",
     ),
+    "degrees": (room_points(0.5) * np.array([1e-5, 1e-5, 1.0]) + [8.4, 49.0, 0.0], "longitude and latitude?"),
+    "plain": (room_points(0.5) * np.array([9.0, 9.0, 0.0]), "expected walls or the like above the ground"),
 }
 
 

@@ -20,6 +20,7 @@ SETTINGS = {
     "resampling.num_particles": 400,
     "input.min_way": 0.05,
 }
+MIDDLE = np.array([0.3, 0.2, 1.2])
 POSES = [np.array([-2.0 + 0.25 * k, -1.0 + 0.05 * k, 0.1]) for k in range(14)]
 
 
@@ -39,12 +40,14 @@ def site():
 
 
 def picture(site, pose):
-    """What a camera might see: the range of each surface as its brightness, which has the edges of the room."""
-    site_camera = site.depth_map.camera
-    position = np.array([[*pose[:2], 1.2]])
-    depth = site.depth_map._synthesizer.synthesize_many(position)[0]
-    shift = round(pose[2] / (2 * np.pi) * site_camera.width)
-    return np.roll(255.0 / (1.0 + np.nan_to_num(depth, nan=9.0)), shift, axis=1).astype(np.float32)
+    """What a camera might see: every point the brighter the nearer to the middle, which has the edges of the room."""
+    camera, place = site.depth_map.camera, np.array([*pose[:2], 1.2])
+    grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+    depth = site.depth_map._synthesizer.synthesize_many(place[None])[0]
+    points = place + np.nan_to_num(depth, nan=9.0)[..., None] * camera.unproject(grid)
+    shift = round(pose[2] / (2 * np.pi) * camera.width)
+    brightness = 255.0 / (1.0 + np.linalg.norm(points - MIDDLE, axis=-1))
+    return np.roll(brightness, shift, axis=1).astype(np.float32)
 
 
 def observe(site, pose, number, odometry=True):
@@ -124,6 +127,66 @@ def test_odometry_that_ends_is_named_and_the_pose_stays_for_a_while(site):
         assert (estimate.status.state is State.TRACKING, bool(estimate.status.reason)) == (False, True)
         if estimate.T_map_level is not None:
             assert np.hypot(*(estimate.T_map_level.translation[:2] - POSES[-1][:2])) < 1.0
+
+
+def tracked(site):
+    """A filter that tracks the right place at the last of the poses."""
+    filter_ = started(site)
+    for number, pose in enumerate(POSES[:9]):
+        estimate = filter_.update(observe(site, pose, number))
+    assert estimate.status.state is State.TRACKING
+    return filter_
+
+
+def test_wheels_that_stand_while_the_camera_goes_on_end_tracking_and_the_images_carry_the_pose(site):
+    filter_ = tracked(site)
+    stands = SE3.from_planar(*POSES[8])
+    for number, pose in enumerate(POSES[9:], 9):
+        camera = site.depth_map.camera
+        image = picture(site, pose)
+        estimate = filter_.update(Observation(image, camera, (number + 1) * 10**9, np.eye(3), stands))
+        assert estimate.status.state is State.DEGRADED
+        assert estimate.status.reason == "JUMP_REJECTED"
+        assert "odometry says 0.00 m, the images" in estimate.status.remedy
+        assert np.hypot(*(estimate.T_map_level.translation[:2] - pose[:2])) < 0.3
+
+
+def test_a_mounting_turned_by_a_right_angle_is_named_and_never_tracked(site):
+    filter_ = site.filter()
+    turned = SE3.from_planar(0.0, 0.0, np.pi / 2).rotation
+    start = SE3.from_planar(*(POSES[0] - [0.0, 0.0, np.pi / 2]))  # the heading that the images confirm
+    filter_.start(start, np.diag([0.1, 0.1, 0.1, 0.1, 0.1, 0.1]) ** 2)
+    remedies = []
+    for number, pose in enumerate(POSES):
+        image, T_odom_level = picture(site, pose), SE3.from_planar(*pose)
+        seen = Observation(image, site.depth_map.camera, (number + 1) * 10**9, turned, T_odom_level)
+        estimate = filter_.update(seen)
+        assert estimate.status.state is not State.TRACKING
+        remedies.append(estimate.status.remedy)
+    assert any("mounting" in remedy for remedy in remedies), remedies
+
+
+def test_a_camera_put_down_elsewhere_is_not_tracked_at_the_old_place(site):
+    filter_ = tracked(site)
+    stands, elsewhere = SE3.from_planar(*POSES[8]), np.array([1.4, -1.2, 2.0])
+    for number in range(9, 14):
+        image = picture(site, elsewhere + np.array([0.05 * number, 0.0, 0.0]))
+        observation = Observation(image, site.depth_map.camera, (number + 1) * 10**9, np.eye(3), stands)
+        assert filter_.update(observation).status.state is not State.TRACKING
+
+
+def test_a_standing_camera_is_compared_with_its_last_image_only(site):
+    filter_ = tracked(site)
+    rng = np.random.default_rng(3)
+    for number in range(9, 14):
+        image = picture(site, POSES[8])
+        image += rng.normal(0, 1.0, image.shape).astype(np.float32)
+        observation = Observation(
+            image, site.depth_map.camera, (number + 1) * 10**9, np.eye(3), SE3.from_planar(*POSES[8])
+        )
+        estimate = filter_.update(observation)
+        assert estimate.status.state is State.TRACKING
+        assert estimate.belief is None
 
 
 def test_without_odometry_nothing_is_claimed_and_no_particle_is_a_nan(site):

@@ -11,24 +11,31 @@ import pytest
 pytest.importorskip("rclpy")
 
 import rclpy
+from sensor_msgs.msg import Imu
 from sphere_nav_msgs.msg import KeySphereGraph
 from sphere_nav_msgs.srv import SaveMap
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
 from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import (
+    header,
     message_to_cloud,
     message_to_graph,
     odometry_to_se3,
     path_to_poses,
     se3_to_odometry,
+    se3_to_transform,
     transform_to_se3,
 )
 from sphere_nav.ros.maps.reader import open_map
 from worlds.recordings import CAMERA, FIRST, PERIOD_NS, STEP, T_BASE_CAMERA, mount, pose, rgbd, sphere, stamp, stereo
+
+T_ROOM_MAP = FIRST @ T_BASE_CAMERA.inverse()  # where the vehicle was when the drive began; it stood level
 
 
 class Bench:
@@ -76,7 +83,7 @@ def test_the_vehicle_is_told_where_it_is(kind, source, tolerance):
     assert len(odometry) == 5
     for number, message in enumerate(odometry):
         assert (message.header.frame_id, message.child_frame_id) == ("map", "base_link")
-        truth = FIRST.inverse() @ pose(number) @ T_BASE_CAMERA.inverse()  # the map is the first camera's frame
+        truth = T_ROOM_MAP.inverse() @ pose(number) @ T_BASE_CAMERA.inverse()  # the map is where the vehicle began
         assert odometry_to_se3(message)[0].distance(truth)[0] < tolerance
     transform = bench.said["/tf"][-1].transforms[0]
     assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base_link")
@@ -92,7 +99,7 @@ def test_graph_cloud_markers_and_path_are_told():
     assert [message.version for message in bench.said["/graph"]] == list(range(1, len(bench.said["/graph"]) + 1))
     assert len(bench.said["/graph/markers"][-1].markers[0].points) == len(graph)
     cloud = message_to_cloud(bench.said["/map_cloud"][-1])
-    in_room = cloud @ FIRST.rotation.T + FIRST.translation
+    in_room = T_ROOM_MAP.apply(cloud)
     outside = np.max(np.abs(in_room) / (4.0, 3.0, 2.0), axis=1)
     assert np.percentile(np.abs(outside - 1), 95) < 0.02  # all points lie on the walls
     assert len(path_to_poses(bench.said["/path"][-1])) == 5
@@ -108,7 +115,7 @@ def test_with_odometry_the_map_is_told_relative_to_it():
         bench.send(*rgbd(number))
     transform = bench.said["/tf"][-1].transforms[0]
     assert (transform.header.frame_id, transform.child_frame_id) == ("map", "odom")
-    truth = FIRST.inverse() @ T_odom_map.inverse()
+    truth = T_ROOM_MAP.inverse() @ T_odom_map.inverse()
     assert transform_to_se3(transform.transform).distance(truth)[0] < 0.01
 
 
@@ -221,15 +228,57 @@ def test_without_mounts_the_camera_is_the_vehicle():
     assert angle < 0.005
 
 
-def test_a_mounting_takes_the_place_of_tf():
-    bench = Bench(input="rgbd", mounting="0.4,0,1.1,0,0,0.2")
-    T_base_camera = SE3.from_angles(0.0, 0.0, 0.2, [0.4, 0.0, 1.1])
-    bench.drive(rgbd, [0, 3])  # /tf_static says otherwise
+MOUNTINGS = {
+    "upright": "0.4,0,1.1,0,0,0",
+    "aside": "0.4,0.1,1.1,0,0,0.2",
+    "pitched": "0.4,0,1.1,0,0.5236,0",
+    "rolled": f"0.4,0,1.1,{np.pi / 2},0,0",
+    "inverted": f"0.4,0,1.1,{np.pi},0,0",
+}
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS.values(), ids=MOUNTINGS)
+def test_however_the_camera_is_mounted_the_vehicle_drives_the_same_path(mounting):
+    bench = Bench(input="rgbd", mounting=mounting)
+    T_base_camera = read_mounting(mounting)
+
+    def source(number):
+        return rgbd(number, T_ROOM_MAP @ path(number) @ T_base_camera)
+
+    def path(number):
+        return SE3.exp(np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.02]) * number)
+
+    bench.drive(source, [0, 2, 4])  # /tf_static says otherwise
     told = [odometry_to_se3(message)[0] for message in bench.said["/odometry"]]
-    assert told[0].distance(T_base_camera.inverse()) == pytest.approx((0.0, 0.0), abs=1e-9)
-    distance, angle = told[1].distance(pose(0).inverse() @ pose(3) @ T_base_camera.inverse())
-    assert distance < 0.005
-    assert angle < 0.005
+    assert told[0].distance(SE3.identity()) == pytest.approx((0.0, 0.0), abs=1e-9)
+    errors = np.array([at.distance(path(number)) for at, number in zip(told, [0, 2, 4], strict=True)])
+    assert np.all(errors.max(axis=0) < (0.004, np.radians(0.1)))
+    up = bench.node.mapper.graph[0].T_map_sphere.rotation[2, 2]  # its spheres are upright, whatever the camera is
+    assert up == pytest.approx(1.0, abs=1e-9)
+
+
+def imu(number, R_base_imu, R_level_base):
+    message = Imu(header=header(stamp(0) + number * 5_000_000, "imu_link"))
+    force = R_base_imu.T @ R_level_base.T @ [0.0, 0.0, 9.81]
+    message.linear_acceleration.x, message.linear_acceleration.y, message.linear_acceleration.z = map(float, force)
+    message.orientation_covariance[0] = -1.0
+    return message
+
+
+@pytest.mark.parametrize("roll", [0.0, np.pi])
+def test_gravity_levels_the_map_unless_the_imu_is_of_another_frame(roll):
+    T_base_imu = SE3.from_angles(np.pi / 2, 0.0, 0.3, [0.0, 0.0, 0.4])
+    R_level_base = SE3.from_angles(roll + 0.02, 0.1, 0.0, np.zeros(3)).rotation
+    bench = Bench(input="rgbd")
+    place = se3_to_transform(T_base_imu, stamp(0), "base_link", "imu_link")
+    bench.send(("/tf_static", TFMessage(transforms=[*mount().transforms, place])))
+    bench.send(*(("imu", imu(number, T_base_imu.rotation, R_level_base)) for number in range(-30, 0)))
+    bench.send(*rgbd(0))
+    T_map_base, _ = odometry_to_se3(bench.said["/odometry"][0])
+    expected = R_level_base if roll == 0.0 else np.eye(3)
+    np.testing.assert_allclose(T_map_base.rotation, expected, atol=1e-6)
+    source = "gravity (IMU at rest)" if roll == 0.0 else "the mounting"
+    assert bench.node.mapper.origin == f"base_link at the first sphere, level by {source}"
 
 
 def test_a_clock_that_jumps_back_starts_new_pairs():

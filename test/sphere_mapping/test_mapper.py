@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_rgbd, sphere_from_views
+from sphere_mapping.constants import NUM_LOST
 from sphere_mapping.graph import keyframes
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, LoopParams, MapperParams
@@ -119,6 +120,35 @@ def test_a_blank_sphere_is_not_placed_and_does_no_harm(drive):
     placed = [update for update in updates if update.T_map_sphere is not None]
     assert errors(placed, [*truth[:3], *truth[4:6]])[:, 0].max() < 0.005
     assert len(list(mapper.trajectory())) == 5
+
+
+def test_a_drive_that_was_lost_is_found_again_by_any_key_sphere(drive):
+    """Carried away, and put down where the drive began, looking as it did then: the newest key sphere sees nothing."""
+    truth, spheres = drive
+    away = [T @ SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, 2.5]) for T in truth[:3]]
+    other = sharp_room(seed=11)
+    strange = [sphere_from_rgbd(*other.rgbd(CAMERA, optical(T)), CAMERA, stamp_ns=0) for T in away[:1]] * NUM_LOST
+    turned = [seen_from(truth[0] @ SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, 0.25 * k]), 0) for k in range(7)]
+    sequence = [*turned, *strange, spheres[0]]
+    mapper, updates = mapped([replace(one, stamp_ns=k * PERIOD_NS) for k, one in enumerate(sequence)], truth[0])
+    assert [update.T_map_sphere is not None for update in updates] == [True] * 7 + [False] * NUM_LOST + [True]
+    assert mapper.tracks[-1].key_id != len(mapper.graph) - 1 or updates[-1].is_key
+    assert updates[-1].T_map_sphere.distance(truth[0])[0] < 0.01
+
+
+def test_a_first_sphere_that_nothing_follows_is_given_up(drive):
+    """The lens was covered at first; the store never hears of that sphere."""
+    truth, spheres = drive
+    covered = replace(spheres[0], image=np.full_like(spheres[0].image, 12), stamp_ns=0)
+    stored = []
+    store = SimpleNamespace(add=lambda node, edges, sphere: stored.append(node.id), tell=lambda graph: None)
+    mapper = Mapper(T_map_first=truth[1], store=store)
+    updates = [mapper.add(sphere) for sphere in (covered, *spheres[1:4])]
+    assert [update.T_map_sphere is not None for update in updates] == [True, False, True, True]
+    assert errors(updates[2:], truth[2:4])[:, 0].max() < 0.005
+    assert len(list(mapper.trajectory())) == 3
+    assert stored == [0]
+    assert mapper.graph[0].stamp_ns == spheres[1].stamp_ns
 
 
 def test_a_sphere_without_range_is_placed_but_explains_nothing(drive):

@@ -10,6 +10,7 @@ from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.params import SynthesisParams
 from mcl_depth.ros.node import MclDepthNode
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import (
     array_to_image,
@@ -61,7 +62,7 @@ def drive(count=12) -> list[SE3]:
 
 
 class Eye:
-    """What the panoramic camera sees: nearer surfaces are brighter, with a little noise."""
+    """What the panoramic camera sees: surfaces are the brighter the nearer to the middle, with a little noise."""
 
     def __init__(self) -> None:
         self._synthesizer = DepthSynthesizer(room(), SynthesisParams(num_columns=COLUMNS))
@@ -70,7 +71,9 @@ class Eye:
     def picture(self, T_map_base: SE3) -> np.ndarray:
         eye = T_map_base @ T_BASE_EYE
         depth = self._synthesizer.synthesize_many([[*eye.translation[:2], HEIGHT]])[0]
-        bright = np.roll(255.0 / (1.0 + 0.3 * depth), round(float(eye.yaw) / (2 * np.pi) * COLUMNS), axis=1)
+        place = np.array([*eye.translation[:2], HEIGHT])
+        middle = np.linalg.norm(place + depth[..., None] * self.camera.unproject(pixel_grid(self.camera)), axis=-1)
+        bright = np.roll(255.0 / (1.0 + 0.3 * middle), round(float(eye.yaw) / (2 * np.pi) * COLUMNS), axis=1)
         noise = np.random.default_rng(int(1e6 * abs(eye.translation[0]))).normal(0.0, 2.0, bright.shape)
         return np.clip(bright + noise, 0, 255).astype(np.uint8)
 

@@ -46,9 +46,9 @@ def mount(sphere_frame="sphere_link"):
     return TFMessage(transforms=[camera, lens, sphere])
 
 
-def rgbd(number):
-    """Yield topic and message of one instant of an RGB-D camera."""
-    image, depth_m = ROOM.rgbd(CAMERA, optical(pose(number)))
+def rgbd(number, T_room_camera=None):
+    """Yield topic and message of one instant of an RGB-D camera, at its pose of the drive or at another one."""
+    image, depth_m = ROOM.rgbd(CAMERA, optical(T_room_camera or pose(number)))
     yield "camera_info", camera_to_info(CAMERA, stamp(number), FRAME)
     yield "depth/image_raw", array_to_image(depth_m, stamp(number), FRAME, "32FC1")
     yield "image_raw", array_to_image(image, stamp(number), FRAME, "mono8")

@@ -1,12 +1,19 @@
-"""Which window of the sphere a camera sees, at the camera's own angular resolution."""
+"""Which axes the sphere of a camera has, and which window of it the camera sees, at its own angular resolution."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import MIN_BLIND_ARC, OUTLINE_RAYS, WINDOW_LEVELS
-from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_mapping.acquisition.constants import (
+    LEVEL_RAD,
+    MAX_STEEP_RAD,
+    MIN_BLIND_ARC,
+    OUTLINE_RAYS,
+    WINDOW_LEVELS,
+)
+from sphere_nav.geometry import SE3, Camera, Spherical, so3
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 
 
 def full_width_for(pixels_per_radian: float) -> int:
@@ -33,6 +40,23 @@ def window_of(camera: Camera, T_sphere_camera: SE3, full_width: int) -> Spherica
     u0, v0 = int(np.floor(left / block)) * block, max(int(np.floor(top / block)) * block, 0)
     u1, v1 = int(np.ceil(right / block)) * block, min(int(np.ceil(bottom / block)) * block, full_width // 2)
     return Spherical(min(u1 - u0, full_width), v1 - v0, float(full_width), float(u0), float(v0))
+
+
+def upright_axes(T_base_body: SE3, camera: Camera) -> SE3:
+    """Return T_sphere_body of spheres that are upright on the base, the camera in their middle column.
+
+    `T_base_body` has the camera's body axes (x ahead, y left, z up). Where the lens would look into a pole of such
+    spheres, which stretches its image, they have the camera's own axes.
+    """
+    ahead = T_base_body.rotation[:, 0]
+    R = so3.exp([0.0, 0.0, -np.arctan2(ahead[1], ahead[0])]) @ T_base_body.rotation
+    rays_body = _rays_of_view(camera) @ T_BODY_OPTICAL.rotation.T
+    steepest = np.max(np.abs(rays_body @ R[2]))
+    if np.allclose(R, np.eye(3), atol=LEVEL_RAD) or steepest > max(
+        np.sin(MAX_STEEP_RAD), np.max(np.abs(rays_body[:, 2]))
+    ):
+        return SE3.identity()
+    return SE3.from_parts(R, np.zeros(3))
 
 
 def magnification(camera: Camera, window: Spherical) -> float:

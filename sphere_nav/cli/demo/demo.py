@@ -7,7 +7,7 @@ import json
 import os
 import resource
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,7 @@ examples:
   sphere_nav demo
   sphere_nav demo --seed 7 --path block --output out/seven
   sphere_nav demo --path tour --traffic
+  sphere_nav demo --mounting inverted
 """
 MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within it)
 MIN_DRIVEN = 0.95  # share of the path that must be driven
@@ -57,6 +58,12 @@ SIMULATION = {
 }
 TOUR = {"world": "city", "teach.speed": 1.2}  # 490 m through streets, a square and a lane (M15 section 6.4.4)
 BUSY = {"traffic.is_busy": True}
+MOUNTINGS = {  # of the camera that drives
+    "upright": {},
+    "pitched": {"camera.pitch_deg": 30.0},
+    "rolled": {"camera.roll_deg": 90.0},
+    "inverted": {"camera.roll_deg": 180.0},
+}
 OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and a camera that heeds them
     "traffic.seed": 1,
     "light.clouds": 0.7,
@@ -84,12 +91,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     paths = ("two_turns", "block", "straight", "tour")
     parser.add_argument("--path", default="two_turns", choices=paths, help="tour: 490 m of a city (%(default)s)")
     parser.add_argument("--traffic", action="store_true", help="twice as much of it")
+    parser.add_argument(
+        "--mounting", default="upright", choices=tuple(MOUNTINGS), help="how the driving camera sits (%(default)s)"
+    )
     parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Do the whole job, print the table of errors, write everything that was made."""
-    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain, is_busy=arguments.traffic)
+    more = (BUSY if arguments.traffic else {}) | MOUNTINGS[arguments.mounting]
+    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain, more)
     try:
         demo.teach()
         demo.map()
@@ -103,11 +114,12 @@ def run(arguments: argparse.Namespace) -> int:
 class Demo:
     """One run: its folder, its domain, and how long each stage took."""
 
-    def __init__(self, output: Path, seed: int, path: str, domain: int | None, is_busy: bool = False) -> None:
+    def __init__(self, output: Path, seed: int, path: str, domain: int | None, more: Mapping[str, Any]) -> None:
+        """`more`: parameters of the simulator that are not those of every demo."""
         self.folder = new_folder(output)
         self.domain = 50 + os.getpid() % 50 if domain is None else domain
         place = TOUR if path == "tour" else {"path": path}
-        self.simulation = SIMULATION | {"seed": seed} | place | (BUSY if is_busy else {})
+        self.simulation = SIMULATION | {"seed": seed} | place | dict(more)
         params = build(SimParams, self.simulation)
         self.length = build_world(params.world, params.seed, params.path).path.length
         self.seconds: dict[str, float] = {}

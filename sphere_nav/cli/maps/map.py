@@ -17,9 +17,9 @@ Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the 
 The bag holds spheres; or images, camera_info and depth; or a stereo pair with both camera_info (raw images are
 rectified by D, R and P or by /tf_static; what the images themselves show to be off is told and corrected); or, with
 --rig, the cameras of a rig, which go through the node sphere_stitcher. Topics of any names are found by type, name,
-frame and size (`sphere_nav inspect BAG` shows how), or named by options. The map frame is the pose of the first sphere
-(body axes). The result is the same for every number of jobs. Where an RGB-D drive contradicts the place of its depth
-camera, one line says so (`sphere_nav refine-camera --help`).
+frame and size (`sphere_nav inspect BAG` shows how), or named by options. The map frame is that of base_link at the
+first sphere, level by an IMU of the bag or by the ground. The result is the same for every number of jobs. Where an
+RGB-D drive contradicts the place of its depth camera, one line says so (`sphere_nav refine-camera --help`).
 
 examples:
   sphere_nav map kitchen -o kitchen_map
@@ -47,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--anchor",
         choices=("first", "truth", "survey"),
         default="first",
-        help="first: the first pose is the origin; truth: the map, as it is, fitted to the truth; survey: every key "
-        "sphere where the truth has it, as after a surveyed drive (%(default)s)",
+        help="first: base_link at the start is the origin; truth: the map as it is, fitted to the truth; survey: every "
+        "key sphere where the truth has it, as after a surveyed drive (%(default)s)",
     )
     parser.add_argument("--rig", type=Path, metavar="F", help="rig file, for a bag with the cameras of a rig")
     parser.add_argument(

@@ -58,6 +58,7 @@ def map_facts(reader: MapReader) -> dict[str, Any]:
         "software": info.software,
         "source": info.source,
         "frame": info.header.frame_id,
+        "origin": reader.origin,
         "key_spheres": len(graph),
         "edges": len(graph.edges),
         "loops": sum(edge.is_loop for edge in graph.edges),

@@ -18,6 +18,7 @@ from sphere_nav.geometry.se3 import SE3
 from sphere_nav.params import param, parameters
 
 ROW_STEPS = 6  # each divides the error of the row by the rows of a readout over the image motion within it
+SAME_ROW = 1e-6  # rows, a change after which the next one is rounding
 MAX_READOUT_S = 0.2
 
 
@@ -47,16 +48,23 @@ def row_share(v: ArrayLike, rows: int) -> Array:
     return (np.asarray(v, dtype=np.float64) - 0.5 * (rows - 1)) / rows
 
 
-def project_rolling(camera: Camera, points: ArrayLike, twist: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+def project_rolling(
+    camera: Camera, points: ArrayLike, twist: ArrayLike, same_row: float = SAME_ROW
+) -> tuple[Array, NDArray[np.bool_]]:
     """Project points (N, 3), given in the camera of the middle row, to pixels (N, 2) and whether each is inside.
 
-    The row decides where the camera was, and that decides the row: found by fixed-point iteration.
+    The row decides where the camera was, and that decides the row: found by fixed-point iteration, until no row changes
+    by more than `same_row`.
     """
     p = np.asarray(points, dtype=np.float64)
-    pixels, _ = camera.project(p)
+    pixels, is_inside = camera.project(p)
+    if not np.any(twist):
+        return pixels, is_inside
     for _ in range(ROW_STEPS):
-        share = np.nan_to_num(row_share(pixels[:, 1], camera.height))
+        share, before = np.nan_to_num(row_share(pixels[:, 1], camera.height)), pixels
         pixels, _ = camera.project(_moved_back(p, share, twist))
+        if not np.any(np.abs(pixels - before)[:, 1] > same_row):
+            break
     return pixels, inside(pixels, camera)
 
 

@@ -21,6 +21,7 @@ from sphere_mapping.ros.rgbd_intake import RgbdInstant
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline.constants import DEPTH_LEVELS, MAX_TURN, NUM_PAIRS, PARALLAX
+from sphere_nav.offline.mapping.drive import MappedDrive
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.node import ManagedNode
@@ -70,14 +71,13 @@ class RgbdCollector(ManagedNode):
             self.found[instant.stamp_ns] = instant
 
 
-def refine_depth(bag: BagReader, values: dict[str, Any], remap: dict[str, str], mapper: Mapper) -> DepthEstimate:
+def refine_depth(bag: BagReader, values: dict[str, Any], remap: dict[str, str], drive: MappedDrive) -> DepthEstimate:
     """Return where the depth camera sits by a drive that was mapped with these parameters and topics.
 
     ValueError where it has too few pairs of images with motion between.
     """
-    stamps, poses = zip(*mapper.trajectory(), strict=True)
-    way = Trajectory(np.array(stamps, np.int64), SE3(np.stack([pose.matrix for pose in poses])))
-    chosen = choose_pairs(way, _typical_range(mapper))
+    way = drive.trajectory(is_base=False)
+    chosen = choose_pairs(way, _typical_range(drive.node.mapper))
     if len(chosen) < MIN_PAIRS:
         raise ValueError(
             f"{bag.path}: expected at least {MIN_PAIRS} pairs of images with motion between, found {len(chosen)}: move "
@@ -99,10 +99,10 @@ def refine_depth(bag: BagReader, values: dict[str, Any], remap: dict[str, str], 
     return DepthEstimate(_refine(pairs, one), one.T_image_depth)
 
 
-def judge_depth(bag: BagReader, values: dict[str, Any], remap: dict[str, str], mapper: Mapper) -> str:
+def judge_depth(bag: BagReader, values: dict[str, Any], remap: dict[str, str], drive: MappedDrive) -> str:
     """Return one line where a mapped drive contradicts the depth camera it was mapped with, else nothing."""
     try:
-        verdict = refine_depth(bag, values, remap, mapper).verdict
+        verdict = refine_depth(bag, values, remap, drive).verdict
     except ValueError:  # too few pairs, or none: it says nothing
         return ""
     return f"{verdict}: sphere_nav refine-camera BAG -o depth.yaml" if verdict else ""

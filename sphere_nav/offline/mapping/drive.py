@@ -14,10 +14,13 @@ from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline.constants import EDGE_FACTOR, MAX_CONTRADICTED, MAX_SURVEY_SIGMAS, SURVEY_SIGMA
 from sphere_nav.offline.evaluation import TRUTH_TOPICS, evaluate_poses
 from sphere_nav.offline.pose_bags import read_poses
+from sphere_nav.offline.registering import REMEDY
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.spheres.graph import Edge, SphereGraph
 
 NUM_NAMED = 3  # motions that are told by name
+MAX_LOST = 0.5  # share of the spheres above which a drive was not mapped
+MIN_WAY_M = 0.1  # of a drive whose drift is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +42,11 @@ class MappedDrive:
     depth: str = ""  # and of the depth camera, where it sits elsewhere
 
     def trajectory(self, *, is_base: bool) -> Trajectory:
-        """Return the pose of every placed sphere, or that of the vehicle, as the corrected graph has it."""
-        T_sphere_body = self.node.T_base_sphere.inverse() if is_base else SE3.identity()
+        """Return the pose of the camera (body axes) of every placed sphere, or the vehicle's, as the graph has it."""
+        mount = self.node.mount
+        T_sphere_pose = mount.T_base_sphere.inverse() if is_base else mount.T_sphere_body
         stamps, poses = zip(*self.node.mapper.trajectory(), strict=True)
-        matrices = np.stack([(T_map_sphere @ T_sphere_body).matrix for T_map_sphere in poses])
+        matrices = np.stack([(T_map_sphere @ T_sphere_pose).matrix for T_map_sphere in poses])
         return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
 
     def anchor_graph(self, anchor: str, truth: Truth | None, source: str) -> tuple[SE3, SphereGraph, list[str]]:
@@ -60,7 +64,9 @@ class MappedDrive:
         graph = graph.with_poses({node.id: T_fitted_map @ node.T_map_sphere for node in graph})
         if anchor == "truth":
             return T_fitted_map, graph, []
-        surveyed = move_to_truth(graph, truth, self.node.T_base_sphere)
+        mount = self.node.mount
+        T_pose_sphere = mount.T_base_sphere if truth.is_base else mount.T_sphere_body.inverse()
+        surveyed = move_to_truth(graph, truth.poses, T_pose_sphere)
         return T_fitted_map, surveyed, check_survey(graph, surveyed, source)
 
     def anchor(self, truth: Truth) -> SE3 | None:
@@ -75,6 +81,17 @@ class MappedDrive:
         at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
         return fit_poses(at.T_map_body, mine.T_map_body[known]) if known.any() else None
 
+    @property
+    def loss(self) -> str:
+        """One line where most spheres were lost and what would help, else nothing."""
+        total = self.num_lost + len(self.trajectory(is_base=False))
+        if self.num_lost <= MAX_LOST * total:
+            return ""
+        return (
+            f"expected most of {total} spheres placed, found {self.num_lost} lost ({self.num_lost / total:.0%}): "
+            f"{REMEDY}, or recorded odometry, would help"
+        )
+
     def summary(self, truth: Truth | None) -> list[str]:
         """Return what is printed."""
         mapper, placed = self.node.mapper, self.trajectory(is_base=False)
@@ -85,7 +102,7 @@ class MappedDrive:
         )
         lines += [self.depth] if self.depth else []
         lines += [f"refused: {self.refusal}"] if self.refusal else []
-        if truth is None or (T_truth_map := self.anchor(truth)) is None:
+        if truth is None or self.loss or (T_truth_map := self.anchor(truth)) is None:
             return lines
         estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
         judged = evaluate_poses(estimate, truth.poses, is_interpolated=True)
@@ -95,7 +112,9 @@ class MappedDrive:
             f"against the truth from the first pose on: median {1e3 * error['median']:.1f} mm, "
             f"max {1e3 * error['max']:.1f} mm, median {turn['median']:.2f} deg, max {turn['max']:.2f} deg"
         )
-        lines.append(f"drift at the end: {1e3 * end:.1f} mm in {length:.2f} m ({100 * end / max(length, 1e-9):.2f} %)")
+        if length < MIN_WAY_M:
+            return lines
+        lines.append(f"drift at the end: {1e3 * end:.1f} mm in {length:.2f} m ({100 * end / length:.2f} %)")
         return lines
 
 
@@ -112,14 +131,13 @@ def fit_poses(theirs: SE3, ours: SE3) -> SE3:
     return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))
 
 
-def move_to_truth(graph: SphereGraph, truth: Truth, T_base_sphere: SE3) -> SphereGraph:
+def move_to_truth(graph: SphereGraph, truth: Trajectory, T_pose_sphere: SE3) -> SphereGraph:
     """Return the graph with every key sphere at its true pose, where that is known at its stamp."""
-    T_body_sphere = T_base_sphere if truth.is_base else SE3.identity()
     poses = {}
     for node in graph:
-        at, known = truth.poses.at([node.stamp_ns], max_gap_ns=round(1e9))
+        at, known = truth.at([node.stamp_ns], max_gap_ns=round(1e9))
         if known.all():
-            poses[node.id] = at.T_map_body[0] @ T_body_sphere
+            poses[node.id] = at.T_map_body[0] @ T_pose_sphere
     return graph.with_poses(poses)
 
 

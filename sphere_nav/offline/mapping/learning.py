@@ -7,6 +7,7 @@ the map that is extended; anchor it to the truth; merge redundant key spheres; c
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
 from typing import cast
@@ -22,6 +23,8 @@ from sphere_nav.offline.mapping.workers import NUM_THREADS, Workers, limit_threa
 from sphere_nav.ros.bags import BagError
 from sphere_nav.ros.maps.reader import MapDetails, MapReader, MapWriter
 from sphere_nav.ros.maps.writer import MAP_FRAME, Stored
+
+ORIGINS = {"truth": "the true poses of the drive", "survey": "the survey of its key spheres"}
 
 
 def learn(arguments: argparse.Namespace) -> int:
@@ -61,16 +64,20 @@ def finish_map(
         source, frame = f"{base.info.source} + {source}", base.info.header.frame_id
     truth = truth_of(arguments.bag)
     T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, truth, str(arguments.bag))
+    origin = base.origin if base is not None else ORIGINS.get(arguments.anchor, mapper.origin)
     ways = [drive.trajectory(is_base=is_base).moved(T_new_map) for is_base in (False, True)]
     if mapper.params.key.merge:
         merged = merge(graph, ways[0].positions, base.graph.nodes if base is not None else ())
         told += [f"{len(merged.replaced)} key spheres merged with others of their places"] if merged.replaced else []
         graph = merged.graph
-    details = details_of(graph, drive.node.params.mapper, source, frame, writer.details.rig)
+    details = details_of(graph, drive.node.params.mapper, source, frame, writer.details.rig, origin)
     writer.finish(graph, details, index, stored)
     for path, way in zip((arguments.trajectory, arguments.taught), ways, strict=True):
         if path:
             write_tum(path, way, details.map_id)
     size = sum(file.stat().st_size for file in arguments.output.iterdir())
-    print("\n".join([*drive.summary(truth), *told, *warnings, f"map: {arguments.output}, {size / 1e6:.1f} MB"]))
-    return 0
+    made = f"map: {arguments.output}, {size / 1e6:.1f} MB; its frame: {origin}"
+    print("\n".join([*drive.summary(truth), *told, *warnings, made]))
+    if drive.loss:
+        print(f"sphere_nav map: {arguments.bag}: {drive.loss}", file=sys.stderr)
+    return 1 if drive.loss else 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from tqdm import tqdm
@@ -26,6 +27,7 @@ from sphere_nav.offline.mapping.workers import NUM_THREADS, Workers
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay, required_topics
 
+IMU_NS = 1_000_000_000  # of the bag's beginning: its first image may come before the IMU
 Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted name, topics of the bag by ours
 
 
@@ -41,19 +43,20 @@ def map_bag(arguments: argparse.Namespace, store: SphereStore, first: int, worke
 
     with BagReader(arguments.bag) as bag:
         chosen, kind = topics.choose_topics(bag, arguments), arguments.input
+        imu = topics.find_imu(bag, chosen)
         if kind == "auto":
             kind = find_input(bag, chosen, has_rig=arguments.rig is not None)
         if kind == CAMERAS:
             stitcher = stitcher_values(bag, chosen, arguments)
-            drive = replay_mapper(bag, begin, values | {"input": "sphere"}, {}, stitcher, workers=workers)
+            drive = replay_mapper(bag, begin, values | {"input": "sphere"}, imu, stitcher, workers=workers)
         else:
             found = topics.find_topics(bag, TOPICS[kind], chosen)
             slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
             values = {"slack_s": slack_s} | values | {"input": kind}
             pair, stereo = find_field(bag, values, found) if kind == "stereo" else (None, "")
-            drive = replay_mapper(bag, begin, values, found, pair=pair)
+            drive = replay_mapper(bag, begin, values, imu | found, pair=pair)
             drive.stereo = stereo
-            drive.depth = judge_depth(bag, values, found, drive.node.mapper) if kind == "rgbd" else ""
+            drive.depth = judge_depth(bag, values, found, drive) if kind == "rgbd" else ""
     if not drive.node.mapper.tracks:
         reason = drive.refusal or "no complete instant"
         raise BagError(f"{arguments.bag}: expected spheres to map, found none: {reason}")
@@ -78,6 +81,7 @@ def replay_mapper(
     node = bus.add(SphereMapper, values, remap)
     assert isinstance(node, SphereMapper)
     node.mapper = begin(node.params.mapper)
+    hear_beginning(bag, node, remap.get("imu", ""))
     if pair is not None:
         node.intake.stereo.use(pair)
     total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
@@ -100,6 +104,19 @@ def replay_mapper(
             if health.problem:
                 reasons.append(f"{name}: {health.problem} ({health.num_missing} times)")
     return MappedDrive(node, node.num_lost, "; ".join(reasons))
+
+
+def hear_beginning(bag: BagReader, node: SphereMapper, imu: str) -> None:
+    """Tell a node what fixes the frame of its map, before it sees the first image: mounts, and the IMU about then."""
+    if topics.TF_STATIC_TOPIC in bag.topics:
+        for _, _, message in bag.messages([topics.TF_STATIC_TOPIC]):
+            for transform in message.transforms:
+                with suppress(ValueError):  # the replay reports it
+                    node.tf.tree.add(transform, is_static=True)
+    if imu in bag.topics:
+        first, _ = bag.time_range
+        for _, _, message in bag.messages([imu], end_ns=first + IMU_NS):
+            node.vehicle.on_imu(message)
 
 
 def stitcher_values(bag: BagReader, chosen: dict[str, str], arguments: argparse.Namespace) -> Node:

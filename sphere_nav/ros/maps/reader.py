@@ -35,6 +35,7 @@ from sphere_nav.ros.maps.writer import (
     GROWTH,
     INFO,
     KINDS,
+    ORIGIN,
     SPHERE,
     SPHERE_FRAME,
     MapDetails,
@@ -56,6 +57,7 @@ __all__ = [
     "GROWTH",
     "INFO",
     "KINDS",
+    "ORIGIN",
     "SPHERE",
     "MapDetails",
     "MapReader",
@@ -158,6 +160,11 @@ class MapReader:
             except ValueError as error:
                 raise BagError(f"{self.path}: features of key sphere {sphere_id}: {error}") from None
         return index
+
+    @property
+    def origin(self) -> str:
+        """What fixes the frame of the map, in words; a map that does not say so has that of its first sphere."""
+        return str(self.parameters.get(ORIGIN) or "the first sphere")
 
     def read_growth(self) -> int:
         """Read what was noted while the map grew, which nothing but its salvage needs; return how much. BagError."""

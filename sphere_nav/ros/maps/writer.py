@@ -48,6 +48,7 @@ KINDS: dict[str, type[Any]] = {
     GROWTH: KeySphereGraph,
 }
 MAP_FRAME, SPHERE_FRAME = "map", "sphere_link"
+ORIGIN = "origin"  # among the parameters: what fixes the frame of the map, in words
 CHUNK_SIZE = 1 << 24  # bytes of a chunk of small spheres or features; a sphere is one, whatever it takes
 MORE = 1.2  # growth of a graph after which it is written whole again
 

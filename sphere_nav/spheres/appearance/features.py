@@ -21,6 +21,7 @@ SIZE = 128  # numbers of a descriptor
 SCALE = 500.0  # of a descriptor's square roots, which are 0...1 and rarely above a half, as bytes
 MAX_FEATURES = 500  # the strongest of an image
 MAX_WHOLE, MAX_PARTIAL = 82.0, 130.0  # px per radian of a whole sphere and of other images; SIFT doubles them
+FINE = 3.0  # times as many in images taken shortly after each other: what is seen again from nearby is finer
 MIN_SIDE = 64  # px that an image keeps
 SEAM = 64  # px by which a whole sphere is continued on either side
 MAX_ELEVATION = np.radians(60.0)
@@ -60,9 +61,9 @@ class Features:
         return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1.0)
 
 
-def features_of_sphere(sphere: Sphere) -> Features:
-    """Return the features of an augmented sphere, whole or partial, with their ranges."""
-    return features_of_image(sphere.gray, sphere.camera, sphere.range_m, sphere.is_seen)
+def features_of_sphere(sphere: Sphere, *, is_fine: bool = False) -> Features:
+    """Return the features of an augmented sphere, whole or partial, with their ranges; `is_fine` as of an image."""
+    return features_of_image(sphere.gray, sphere.camera, sphere.range_m, sphere.is_seen, is_fine=is_fine)
 
 
 def features_of_image(
@@ -71,9 +72,14 @@ def features_of_image(
     range_m: Floats | None = None,
     is_seen: NDArray[np.bool_] | None = None,
     max_features: int = MAX_FEATURES,
+    *,
+    is_fine: bool = False,
 ) -> Features:
-    """Return the strongest features of a grey image (H, W); `range_m` (H, W) in metres, `is_seen` what shows."""
-    shrink = _shrink(camera)
+    """Return the strongest features of a grey image (H, W); `range_m` (H, W) in metres, `is_seen` what shows.
+
+    `is_fine`: those that are seen again from nearby, more of them and more exact, but not from metres apart.
+    """
+    shrink = _shrink(camera, is_fine=is_fine)
     size = camera.width // shrink, camera.height // shrink
     image = np.clip(np.rint(cv2.resize(gray, size, interpolation=cv2.INTER_AREA)), 0, 255).astype(np.uint8)
     scale = np.array([camera.width, camera.height]) / size
@@ -101,10 +107,10 @@ def features_of_image(
     return Features(rays[kept].astype(np.float32), known.astype(np.float32), _roots(raw[kept]))
 
 
-def _shrink(camera: Camera) -> int:
+def _shrink(camera: Camera, *, is_fine: bool = False) -> int:
     """Return the whole factor by which an image is made smaller: what is seen from metres apart is not finer."""
     is_whole = isinstance(camera, Spherical) and camera.is_whole
-    limit = MAX_WHOLE if is_whole else MAX_PARTIAL
+    limit = (MAX_WHOLE if is_whole else MAX_PARTIAL) * (FINE if is_fine else 1.0)
     factor = 1
     while camera.pixels_per_radian / factor > limit and min(camera.width, camera.height) // (2 * factor) >= MIN_SIDE:
         factor *= 2

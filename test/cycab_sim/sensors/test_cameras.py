@@ -16,6 +16,13 @@ def test_the_forward_camera_looks_forward_and_a_little_down():
     np.testing.assert_allclose(mount.T_base_camera.translation, [1.0, 0.0, 1.6])
 
 
+def test_the_forward_camera_may_be_upside_down_or_on_its_side():
+    for roll_deg, down in ((180.0, [0.0, 0.0, 1.0]), (90.0, [0.0, 1.0, 0.0])):
+        mount = forward_camera(SimCameraParams(pitch_deg=0.0, roll_deg=roll_deg), ImagingParams())
+        np.testing.assert_allclose(mount.T_base_camera.rotation[:, 2], [1.0, 0.0, 0.0], atol=1e-12)
+        np.testing.assert_allclose(mount.T_base_camera.rotation[:, 1], down, atol=1e-12)
+
+
 def test_a_panorama_has_body_axes():
     params = SimCameraParams(model="panorama", width=720, height=360, pitch_deg=0.0)
     mount = forward_camera(params, ImagingParams(vignetting=0.3))

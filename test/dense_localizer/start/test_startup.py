@@ -7,13 +7,15 @@ from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
 from dense_localizer.references.reference import References
 from dense_localizer.start.search import PoseSearch
-from dense_localizer.start.startup import Startup, candidate_poses, decide
+from dense_localizer.start.startup import Startup, candidate_poses, decide, find_attitude
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import KeySphere
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_map
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
@@ -36,6 +38,41 @@ def test_the_camera_is_found_anywhere_at_any_heading(room, room_map, pose):
     assert start.candidate is not None
     distance, angle = start.candidate.T_map_camera.distance(pose)
     assert (distance, angle) < (0.015, 0.008)  # as in tracking
+
+
+@pytest.mark.parametrize("roll_deg", [45.0, 90.0, 180.0, -70.0])
+@pytest.mark.parametrize("has_features", [True, False])
+def test_a_camera_turned_about_its_axis_is_found(room, room_map, monkeypatch, roll_deg, has_features):
+    if not has_features:
+        monkeypatch.setattr(room_map, "appearance", AppearanceIndex)
+    references, pose = References(room_map, PARAMS), at(0.2, 0.1, 0.4) @ about_axis(roll_deg)
+    images = [RigImage(pyramid_at(room, pose))]
+    poses = Startup(references, PARAMS).propose_turned(images)
+    start = decide([locate(images, references, PARAMS, Prediction.guess(pose)) for pose in poses], PARAMS.start)
+    assert start.candidate is not None
+    assert start.candidate.T_map_camera.distance(pose) < (0.015, 0.008)
+
+
+@pytest.mark.parametrize(("roll_deg", "pitch_deg"), [(0.0, 35.0), (180.0, 0.0), (90.0, -20.0)])
+def test_a_camera_is_found_at_once_where_its_mounting_is_known(room, room_map, roll_deg, pitch_deg):
+    T_base_body = SE3.from_angles(*np.radians([roll_deg, pitch_deg, 0.0]), [0.1, 0.0, 0.2]) @ T_BODY_OPTICAL
+    references, pose = References(room_map, PARAMS), SE3.from_planar(-0.7, 0.1, 1.9) @ T_base_body
+    images = [RigImage(pyramid_at(room, pose))]
+    poses = Startup(references, PARAMS).propose(images, T_base_body)
+    start = decide([locate(images, references, PARAMS, Prediction.guess(pose)) for pose in poses], PARAMS.start)
+    assert start.candidate is not None
+    assert start.candidate.T_map_camera.distance(pose) < (0.015, 0.008)
+
+
+def test_a_mounting_of_optical_axes_says_nothing_of_upright(room):
+    image = RigImage(pyramid_at(room, at(0.0)))
+    np.testing.assert_array_equal(find_attitude(image, SE3.identity()).matrix, np.eye(4))
+    turned = find_attitude(image, SE3.from_angles(0.3, -0.2, 2.0, [1.0, 0.0, 0.0]) @ T_BODY_OPTICAL)
+    np.testing.assert_allclose(turned.angles, [0.3, -0.2, 0.0], atol=1e-12)
+
+
+def about_axis(roll_deg):
+    return SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, np.radians(roll_deg)])
 
 
 def test_a_partial_sphere_is_found_beside_its_heading(room):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -56,13 +58,23 @@ def test_the_growth_holds_what_drift_does_by_monte_carlo():
 @pytest.mark.parametrize(("way", "turn_deg", "is_near"), [(0.19, 2.9, True), (0.21, 0.0, False), (0.0, 3.1, False)])
 def test_an_image_is_new_after_a_way_or_a_turn_of_three_degrees(way, turn_deg, is_near, sign):
     image = observe(1.0 + 0.6 * way * sign, 1.0 - 0.8 * way * sign, np.radians(turn_deg) * sign)
-    assert reckoning().is_near(image) == is_near
+    assert reckoning().is_near(image, is_sure=True) == is_near
 
 
 def test_nothing_is_near_before_the_first_image():
     found = DeadReckoning(MclInputParams(), MotionParams())
-    assert not found.is_near(observe(0.0, 0.0, 0.0))
+    assert not found.is_near(observe(0.0, 0.0, 0.0), is_sure=True)
     assert (found.best, found.quality, found.age(9 * 10**9)) == (None, 0.0, 0.0)
+
+
+def test_a_standstill_by_odometry_alone_is_looked_at_at_first_and_once_a_second():
+    found, second = reckoning(), 10**9
+    first, soon, later = (replace(observe(1.0, 1.0, 0.0), stamp_ns=stamp) for stamp in (2, 2 + second // 2, 2 + second))
+    assert not found.is_near(first, is_sure=False)
+    found.update(CONFIRMED, first, is_confirmed=True)
+    assert found.is_near(soon, is_sure=False)
+    assert not found.is_near(later, is_sure=False)
+    assert found.is_near(later, is_sure=True)
 
 
 def test_age_is_in_seconds_and_never_negative():

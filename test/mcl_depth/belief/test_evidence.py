@@ -7,14 +7,24 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Evidence, chance_of_lead, chance_over, find_maxima
+from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.constants import APART, COST, FORGETTING, MIN_PLACES
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.localization.status import FINE, Finding, Reason
 
+SLIP = Finding(Reason.JUMP_REJECTED)
 EDGE, SIDE, NUM_HEADINGS, RATE = 0.5, 40, 36, 1e-3
+
+
+def seen(T_odom_level=None, finding=FINE, **flags):
+    """An image with its odometry, and what it has against it; of what it shows only `Images` tells."""
+    image = Observation(np.zeros((8, 16), np.uint8), Spherical(16, 8), 1, np.eye(3), T_odom_level)
+    return Reconciled(image, finding, **flags)
 
 
 def grid_of(side=SIDE, capacity=10**6):
@@ -214,7 +224,7 @@ def test_a_large_map_is_compared_at_every_second_cell():
 def proofs(evidence, grid, seeds, poses, pose_of_belief, odometry):
     """What the evidence says of images that show each pose, or no pose."""
     asked = zip(seeds, poses, odometry, strict=True)
-    return [evidence.prove(Images(grid, s, p, 9.0), pose_of_belief, o, is_held=False) for s, p, o in asked]
+    return [evidence.prove(Images(grid, s, p, 9.0), pose_of_belief, seen(o), is_held=False) for s, p, o in asked]
 
 
 def test_a_small_map_is_proven_against_the_mirrored_drive():
@@ -240,7 +250,7 @@ def test_a_room_that_looks_like_its_mirror_image_proves_nothing():
 
 def test_a_room_has_too_few_places_to_tell_chance_and_that_is_said():
     grid = grid_of(5)
-    found = Evidence(grid, RATE).prove(Images(grid, 1), np.zeros(3), None, is_held=False)
+    found = Evidence(grid, RATE).prove(Images(grid, 1), np.zeros(3), seen(), is_held=False)
     assert (found.p_chance, found.is_small) == (1.0, True)
 
 
@@ -274,10 +284,34 @@ def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():
     evidence, pose, away = Evidence(grid, RATE), np.array([6.0, 5.0, 0.0]), np.array([15.0, 12.0, 2.0])
 
     def doubts(seeds, place):
-        return [evidence.prove(Images(grid, s, place, 9.0), pose, None, is_held=True).p_chance for s in seeds]
+        return [evidence.prove(Images(grid, s, place, 9.0), pose, seen(), is_held=True).p_chance for s in seeds]
 
     assert max(doubts(range(40), pose)) < 0.5
     assert np.argmax(np.array(doubts(range(40, 50), away)) > 0.5) in range(2, 5)  # the third to the fifth image
+
+
+def test_a_held_place_is_doubted_after_a_contradiction_until_images_confirm_it_as_they_do_a_start():
+    grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
+    evidence = Evidence(grid, RATE)
+
+    def doubts(place, first, images):
+        for number, image in enumerate(images, first):
+            evidence.prove(Images(grid, number, place, 9.0), pose, image, is_held=True)
+        return evidence.doubt
+
+    assert doubts(pose, 0, [seen()] * 3) is FINE
+    assert doubts(pose, 3, [seen(finding=SLIP), seen()]) is SLIP
+    assert doubts(pose, 5, [seen()] * 6) is FINE
+    assert doubts(None, 11, [seen(finding=SLIP), *[seen()] * 3]) is SLIP
+
+
+def test_a_place_that_images_do_not_follow_from_is_a_start_on_trial():
+    grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
+    evidence = Evidence(grid, RATE)
+    evidence.prove(Images(grid, 0, pose, 9.0), pose, seen(), is_held=True)
+    lost = evidence.prove(Images(grid, 1, None), pose, seen(finding=SLIP, is_known=False), is_held=True)
+    assert evidence.is_on_trial
+    assert (lost.is_held, lost.p_chance > 0.1) == (False, True)
 
 
 @pytest.mark.parametrize("pose", [[0.1, 0.1, 0.0], [19.9, 10.0, 3.0], [-4.0, 10.0, 0.0], [30.0, 30.0, 0.0]])
@@ -292,5 +326,5 @@ def test_a_place_at_the_edge_or_off_the_map_is_watched_by_what_is_there(pose):
         assert (row >= 0) == is_inside
         if is_inside:
             np.testing.assert_allclose(grid.positions[row], position)
-    proof = Evidence(grid, RATE).prove(Images(grid, 3), np.array(pose), None, is_held=True)
+    proof = Evidence(grid, RATE).prove(Images(grid, 3), np.array(pose), seen(), is_held=True)
     assert 0.0 <= proof.p_chance < 0.5

@@ -93,9 +93,9 @@ def test_a_place_is_carried_on_by_odometry_in_its_own_heading():
     reckoning.update(best, observe(1.0, 1), is_confirmed=True)
     np.testing.assert_allclose(reckoning.propagate(observe(3.0, 2))[0], [5.0, 7.0, np.pi / 2], atol=1e-12)
     np.testing.assert_allclose(reckoning.propagate(observe(3.0, 2, odometry=False))[0], best.pose)
-    assert reckoning.is_near(observe(1.1, 2))
-    assert not reckoning.is_near(observe(1.3, 2))
-    assert not reckoning.is_near(observe(1.0, 2, odometry=False))
+    assert reckoning.is_near(observe(1.1, 2), is_sure=True)
+    assert not reckoning.is_near(observe(1.3, 2), is_sure=True)
+    assert not reckoning.is_near(observe(1.0, 2, odometry=False), is_sure=True)
 
 
 def test_age_counts_from_the_image_that_confirmed_the_place():
@@ -116,4 +116,4 @@ def test_a_doubtful_image_swaps_no_place_and_doubt_grows_on_the_way():
     pose, covariance = reckoning.propagate(observe(4.0, 3))
     np.testing.assert_allclose(pose, [4.0, 0.0, 0.0])
     assert np.all(np.diag(covariance) > 0.01)
-    assert reckoning.is_near(observe(1.05, 3))  # it was looked at all the same
+    assert reckoning.is_near(observe(1.05, 3), is_sure=True)  # it was looked at all the same

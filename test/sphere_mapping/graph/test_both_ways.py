@@ -4,10 +4,20 @@ import numpy as np
 import pytest
 
 from sphere_mapping.constants import MAX_GAP
-from sphere_mapping.graph.both_ways import agree, confirm, is_denied, measure_motion
+from sphere_mapping.graph.both_ways import (
+    FEATURES,
+    ONE_WAY,
+    agree,
+    confirm,
+    find_motion,
+    is_denied,
+    measure_motion,
+    why_denied,
+)
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.photometric import register
 from sphere_nav.spheres.appearance.pose import FeaturePose
 from worlds.room import sharp_room
 
@@ -77,5 +87,36 @@ def test_features_are_heard_only_where_there_are_enough(num_inliers, is_wrong):
     found = measure_motion(A, B, MOTION, PARAMS)
     assert found is not None
     elsewhere = FeaturePose(SE3.identity(), num_inliers)
-    assert is_denied(found, elsewhere) == is_wrong
-    assert not is_denied(found, None)
+    assert is_denied(found.T_a_b, elsewhere) == is_wrong
+    assert not is_denied(found.T_a_b, None)
+
+
+FAR = SE3.exp([-0.9, 0.7, 0.1, 0.0, 0.05, 1.9])  # a stride and a half turn, of which nothing is known
+
+
+def test_a_motion_of_which_nothing_is_known_is_found_and_proven():
+    c = PreparedSphere(ROOM.sphere(HERE @ FAR, Spherical(512, 256), 3), PARAMS)
+    a = PreparedSphere(ROOM.sphere(HERE, Spherical(512, 256), 1), PARAMS)
+    assert register(c.pyramid, [a.at(SE3.identity())], SE3.identity(), PARAMS).T_world_camera.distance(FAR)[0] > 0.3
+    found = find_motion(a, c, PARAMS)
+    assert found is not None
+    assert found.T_a_b.distance(FAR)[0] < 0.01
+    assert found.T_a_b.distance(FAR)[1] < np.radians(0.2)
+    wrong = replace(c.sphere, range_m=(1.5 * c.sphere.range_m).astype(np.float32))
+    assert find_motion(a, PreparedSphere(wrong, PARAMS), PARAMS) is None  # the way back goes elsewhere
+
+
+def test_features_of_another_room_prove_no_motion():
+    other = PreparedSphere(sharp_room(seed=5).sphere(HERE @ MOTION, Spherical(512, 256)), PARAMS)
+    assert find_motion(PreparedSphere(ROOM.sphere(HERE, Spherical(512, 256)), PARAMS), other, PARAMS) is None
+
+
+def test_what_nothing_foretold_is_held_against_the_way_back_and_against_features():
+    forward = align_sphere(B, [A.at(SE3.identity())], [MOTION], PARAMS)
+    wrong = replace(forward, T_world_camera=MOTION @ SE3.exp([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    bare = PreparedSphere(replace(B.sphere, range_m=np.full_like(B.sphere.range_m, np.nan)), PARAMS)
+    for is_expected in (True, False):
+        assert why_denied(A, B, forward, PARAMS, is_expected=is_expected) == ""
+        assert why_denied(A, B, wrong, PARAMS, is_expected=is_expected) == ONE_WAY
+        assert why_denied(A, bare, forward, PARAMS, is_expected=is_expected) == ""  # no range, no way back
+        assert why_denied(A, bare, wrong, PARAMS, is_expected=is_expected) == ("" if is_expected else FEATURES)

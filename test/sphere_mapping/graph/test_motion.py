@@ -1,6 +1,6 @@
 import numpy as np
 
-from sphere_mapping.constants import MAX_EXTRAPOLATION
+from sphere_mapping.constants import CONTRADICTED, MAX_EXTRAPOLATION
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_nav.geometry import SE3
 
@@ -84,3 +84,24 @@ def test_an_expectation_allows_four_deviations_and_is_sharp_up_to_20_cm_and_a_te
         for share, is_allowed in ((3.99, True), (4.01, False)):
             assert expected.allows(SE3.exp([0.0, share * sigmas[0], 0.0, 0.0, 0.0, 0.0])) == is_allowed
             assert expected.allows(SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, share * sigmas[1]])) == is_allowed
+
+
+def test_a_motion_is_known_by_odometry_or_for_as_long_as_one_sphere_takes():
+    assert not DriveMotion().expect(5).is_known
+    first = DriveMotion()
+    first.update(Placed(0, SE3.identity(), SE3.identity()))
+    assert not first.expect(100).is_known  # the first pair of a drive
+    assert first.expect(100, STEP).is_known
+    assert [moving().expect(stamp).is_known for stamp in (200, 300, 351)] == [True, True, False]
+
+
+def test_odometry_that_spheres_in_a_row_contradict_is_not_believed():
+    prior = moving((SE3.identity(), STEP))
+    reset = SE3.from_planar(50.0, 0.0, 0.0)
+    for _ in range(CONTRADICTED):
+        close(prior.expect(200, reset).T_map_sphere, reset)
+        prior.lose()
+    close(prior.expect(200, reset).T_map_sphere, STEP @ STEP)
+    prior.update(Placed(200, STEP @ STEP, reset))
+    close(prior.expect(300, reset @ STEP).T_map_sphere, STEP @ STEP @ STEP)
+    assert not prior.expect(300).is_known  # how it came there is not how it goes on

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
 
+from sphere_mapping.constants import CONTRADICTED
+from sphere_mapping.graph.both_ways import ONE_WAY
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.tracking import INNOVATION, ONE_WAY, SphereTracker
+from sphere_mapping.graph.tracking import INNOVATION, SphereTracker
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import SphereGraph
@@ -81,3 +83,30 @@ def test_an_edge_that_one_way_measured_alone_is_wide():
         assert edge.T_a_b.distance(STEP)[0] < 0.005
         informations.append(np.trace(edge.information))
     assert informations[1] < 0.2 * informations[0]
+
+
+FAR = SE3.exp([-0.8, 0.6, 0.1, 0.0, 0.05, 1.4])
+
+
+def test_the_first_motion_of_a_drive_may_be_any():
+    tracker, graph = started(1)
+    found = tracker.align(prepared(FAR, 1), None, graph)
+    assert found.is_converged
+    assert found.T_world_camera.distance(FAR)[0] < 0.02
+
+
+def test_a_known_motion_costs_no_features():
+    tracker, graph = started(3)
+    current = prepared(POSES[3], 3)
+    assert tracker.align(current, None, graph).is_converged
+    assert "fine_features" not in current.__dict__
+
+
+def test_what_spheres_in_a_row_contradict_is_not_expected_any_longer():
+    tracker, graph = started(2)
+    for number in range(CONTRADICTED):
+        assert tracker.align(prepared(FAR, 2 + number), None, graph).reason
+        tracker.motion.lose()
+    found = tracker.align(prepared(FAR, 2 + CONTRADICTED), None, graph)
+    assert found.is_converged
+    assert found.T_world_camera.distance(FAR)[0] < 0.02

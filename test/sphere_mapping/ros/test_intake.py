@@ -52,9 +52,9 @@ def caught(kind, *messages, **values):
 )
 def test_every_kind_gives_spheres_with_stamp_and_frame(kind, source, frame_id, is_optical):
     node = caught(kind, *source(3))
-    ((found, frame, optical, _),) = node.caught
+    ((found, mount, _),) = node.caught
     assert found.stamp_ns == 1_300_000_000
-    assert (frame, optical) == (frame_id, is_optical)
+    assert (mount.frame_id, mount.is_optical) == (frame_id, is_optical)
     # spheres and RGB-D 0.81; stereo 0.495: its far walls are less sure than 1.5 %, see test_stereo
     assert found.measured.mean() > (0.48 if kind == "stereo" else 0.75)
     assert {wanted.topic for wanted in node.inputs} == {*TOPICS[kind], *([DEPTH_INFO] if kind == "rgbd" else [])}
@@ -100,6 +100,18 @@ def test_depth_of_a_camera_beside_gives_the_same_range():
     assert np.mean(errors > 0.02) < 0.02  # at edges, which the two cameras see from different places
 
 
+def test_depth_of_a_camera_beside_bears_a_rolling_shutter():
+    messages = dict(rgbd(0))
+    _, depth_m = ROOM.rgbd(DEPTH_CAMERA, optical(pose(0)) @ T_IMAGE_DEPTH)
+    messages["depth/image_raw"] = array_to_image(depth_m, stamp(0), "depth_optical", "32FC1")
+    info = (DEPTH_INFO, camera_to_info(DEPTH_CAMERA, stamp(0), "depth_optical"))
+    ((rolled, _, _, unroll),) = caught("rgbd", info, *messages.items(), **{"camera.readout": 0.02}).caught
+    straight = unroll(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+    both = rolled.measured & straight.measured
+    assert both.sum() > 0.6 * rolled.measured.sum()
+    assert 1e-4 < np.median(np.abs(straight.range_m[both] / rolled.range_m[both] - 1)) < 0.05
+
+
 def test_registered_depth_is_registered_anew_where_its_pose_is_given():
     ((right, *_),) = caught("rgbd", *rgbd(0)).caught
     _, depth_m = ROOM.rgbd(CAMERA, optical(pose(0)) @ T_IMAGE_DEPTH)
@@ -134,8 +146,8 @@ def compress(topic, message):
 def test_compressed_images_give_the_sphere_of_raw_ones(kind, source):
     ((raw, *_),) = caught(kind, *source(3)).caught
     node = caught(kind, *(compress(*item) for item in source(3)), transport="compressed")
-    ((found, frame, *_),) = node.caught
-    assert frame == FRAME
+    ((found, mount, _),) = node.caught
+    assert mount.frame_id == FRAME
     np.testing.assert_array_equal(found.image, raw.image)
     both = found.measured & raw.measured
     assert both.sum() > 0.99 * raw.measured.sum()

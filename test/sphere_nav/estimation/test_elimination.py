@@ -50,3 +50,21 @@ def test_the_covariance_is_the_scatter_of_many_drives(rng):
         found.append(shared)
         told.append(np.diagonal(Elimination(at_end, NO_PRIOR, shared).covariance()))
     np.testing.assert_allclose(np.mean(told, axis=0) / np.var(found, axis=0), 1.0, atol=0.35)
+
+
+def test_images_that_err_alike_count_once(rng):
+    runs = parts_of(rng, np.zeros(SHARED), 5, 1.0)
+    each = np.diagonal(Elimination(runs, NO_PRIOR, np.zeros(SHARED)).covariance())
+    copies = Elimination([part for part in runs for _ in range(4)], NO_PRIOR, np.zeros(SHARED))
+    np.testing.assert_allclose(np.diagonal(copies.covariance(num_blocks=5)), each, rtol=1e-6)
+    assert np.all(np.diagonal(copies.covariance()) < 0.5 * each)
+
+
+def test_information_grows_by_what_is_taken_for_a_parameter(rng):
+    J = rng.normal(size=(200, SHARED + OWN))
+    J[:, 3] = J[:, 0] + 0.05 * J[:, 3]  # of its own, nearly the first shared one
+    part = Part(J.T @ J, np.zeros(SHARED + OWN), 200, 1.0)
+    reduced = Elimination([part, part], NO_PRIOR, np.zeros(SHARED))
+    told = [reduced.information_without(0, column) for column in (None, 1, 2, 3, 4)]
+    assert told[3] > 100.0 * told[0]
+    np.testing.assert_allclose([told[1], told[2], told[4]], told[0], rtol=0.2)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.constants import WINDOW_LEVELS
-from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
+from sphere_mapping.acquisition.partial.window import full_width_for, magnification, upright_axes, window_of
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -59,3 +59,18 @@ def test_magnification_is_that_of_the_corner_of_a_pinhole():
     window = window_of(CAMERA, T_BODY_OPTICAL, 4000)
     corner = np.hypot(320.5, 240.5) / 500  # tangent of the angle; the radial scale of a pinhole is f (1 + tan^2)
     assert magnification(CAMERA, window) == pytest.approx(500 * (1 + corner**2) / window.pixels_per_radian, rel=1e-9)
+
+
+@pytest.mark.parametrize("angles", [(np.pi, 0.0, 0.0), (np.pi / 2, 0.0, 2.0), (0.2, 0.6, -1.0)])
+def test_spheres_are_upright_on_the_vehicle_with_the_camera_in_the_middle(angles):
+    T_base_body = SE3.from_angles(*angles, [0.4, 0.0, 1.1])
+    T_sphere_body = upright_axes(T_base_body, CAMERA)
+    T_base_sphere = T_base_body @ T_sphere_body.inverse()
+    np.testing.assert_allclose(T_base_sphere.rotation[:, 2], [0.0, 0.0, 1.0], atol=1e-12)
+    assert T_sphere_body.yaw == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(T_base_sphere.translation, T_base_body.translation)
+
+
+def test_spheres_have_the_axes_of_a_camera_that_is_nearly_upright_or_looks_into_a_pole():
+    for angles in ((0.0, 0.0, 2.0), (0.0, 0.09, 0.0), (0.0, 1.2, 0.0), (np.pi, -np.pi / 2, 0.0)):
+        np.testing.assert_array_equal(upright_axes(SE3.from_angles(*angles, np.zeros(3)), CAMERA).matrix, np.eye(4))

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from sphere_nav.cli.demo.demo import OTHER_DAY, Demo, has_ended, new_folder, result_table
+from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, Demo, has_ended, new_folder, result_table
 from sphere_nav.cli.demo.report import DriveErrors
 
 
 def verdict(tmp_path, lateral, share, has_finished=True):
-    demo = Demo(tmp_path / "demo", 1, "straight", 46)
+    demo = Demo(tmp_path / "demo", 1, "straight", 46, {})
     demo.end, demo.has_finished = "follower FINISHED", has_finished
     path = np.zeros((3, 2))
     return demo, demo.result(DriveErrors(path, path, np.arange(3.0), np.array(lateral), np.zeros(3), share), 7)
@@ -49,10 +49,10 @@ def test_the_last_result_is_kept(tmp_path):
 
 
 def test_the_tour_is_long_and_meets_another_day(tmp_path):
-    demo = Demo(tmp_path / "demo", 1, "tour", 46, is_busy=True)
+    demo = Demo(tmp_path / "demo", 1, "tour", 46, BUSY)
     assert round(demo.length) == 490
     assert demo.simulation["world"] == "city"
     assert demo.simulation["traffic.is_busy"]
-    assert "traffic.is_busy" not in Demo(tmp_path / "plain", 1, "straight", 46).simulation
+    assert "traffic.is_busy" not in Demo(tmp_path / "plain", 1, "straight", 46, {}).simulation
     assert demo.simulation["traffic.is_on"]
     assert {"traffic.seed", "light.clouds"} <= set(OTHER_DAY)

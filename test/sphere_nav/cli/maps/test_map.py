@@ -9,6 +9,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from sensor_msgs.msg import Imu
+from tf2_msgs.msg import TFMessage
+
 from mcl_depth.geometry.ply import read_ply
 from sphere_mapping.graph.graph_file import read_graph
 from sphere_mapping.graph.pose_graph import from_spheres
@@ -20,6 +23,9 @@ from sphere_nav.cli.maps.map_export import WRITERS
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_map_id, read_tum
 from sphere_nav.offline.mapping.sphere_source import sphere_of_bag
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.conversions import header
 from sphere_nav.ros.maps.reader import open_map
 from worlds.recordings import (
     BASELINE,
@@ -29,9 +35,11 @@ from worlds.recordings import (
     ROOM,
     START_NS,
     T_BASE_CAMERA,
+    mount,
     pose,
     rgbd,
     sphere,
+    stamp,
     stereo,
     truth,
     truth_of_base,
@@ -92,10 +100,51 @@ def test_after_a_survey_every_key_sphere_is_where_the_truth_has_it(kind, bags, t
             np.testing.assert_allclose(node.T_map_sphere.matrix, pose(number).matrix, atol=1e-9)
 
 
-def test_without_an_anchor_the_first_sphere_is_the_origin(bags, tmp_path):
-    assert call("map", bags["rgbd"], "-o", tmp_path / "m") == 0
+def test_without_an_anchor_the_vehicle_at_its_start_is_the_origin(bags, tmp_path, capsys):
+    assert call("map", bags["rgbd"], "-o", tmp_path / "m", "--taught", tmp_path / "t.tum") == 0
     with open_map(tmp_path / "m") as reader:
-        np.testing.assert_allclose(reader.graph[0].T_map_sphere.matrix, np.eye(4), atol=1e-9)
+        np.testing.assert_allclose(reader.graph[0].T_map_sphere.matrix, T_BASE_CAMERA.matrix, atol=1e-9)
+        assert reader.origin == "base_link at the first sphere, level by the mounting"
+    np.testing.assert_allclose(read_tum(tmp_path / "t.tum").T_map_body.matrix[0], np.eye(4), atol=1e-9)
+    assert call("map-info", tmp_path / "m") == 0
+    assert "origin                base_link at the first sphere" in capsys.readouterr().out
+
+
+def test_mounts_and_gravity_that_a_bag_tells_after_its_first_image_fix_the_frame(tmp_path):
+    R_level_base = SE3.from_angles(0.03, -0.05, 0.0, np.zeros(3)).rotation
+    with BagWriter(tmp_path / "bag") as bag:
+        for number in range(3):
+            for topic, message in rgbd(number):
+                bag.add_topic(topic, type(message), qos.STATE)
+                bag.write(topic, message, stamp(number))
+        bag.add_topic("/tf_static", TFMessage, qos.LATCHED)
+        bag.write("/tf_static", mount(), stamp(2) + 1)
+        bag.add_topic("/imu/data", Imu, qos.SENSOR)
+        for number in range(20):
+            message = Imu(header=header(stamp(0) + number * 10_000_000, "base_link"))
+            vector = message.linear_acceleration
+            vector.x, vector.y, vector.z = map(float, 9.8 * R_level_base[2])
+            bag.write("/imu/data", message, stamp(0) + 1 + number * 10_000_000)
+    assert call("map", tmp_path / "bag", "-o", tmp_path / "m", "--taught", tmp_path / "t.tum") == 0
+    first = read_tum(tmp_path / "t.tum").T_map_body[0]
+    np.testing.assert_allclose(first.matrix, SE3.from_parts(R_level_base, np.zeros(3)).matrix, atol=1e-6)
+
+
+def test_a_drive_that_is_lost_is_no_success(tmp_path, capsys):
+    """One image of our room, then a camera that is covered."""
+
+    def covered(number):
+        for topic, message in rgbd(number):
+            if number and topic.startswith("image_raw"):
+                message.data = bytes(len(message.data))
+            yield topic, message
+
+    bag = write_bag(tmp_path / "bag", covered, truth, numbers=range(4))
+    assert call("map", bag, "-o", tmp_path / "m") == 1
+    said = capsys.readouterr()
+    assert "1 spheres placed, 3 lost" in said.out
+    assert "drift" not in said.out
+    assert f"sphere_nav map: {bag}: expected most of 4 spheres placed, found 3 lost (75%)" in said.err
 
 
 def test_the_same_bag_gives_the_same_map(bags, tmp_path):

@@ -5,6 +5,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from sphere_mapping.ros.mount import Mount
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline.mapping import drive as mapped
@@ -25,7 +26,8 @@ def truth_of(poses):
 @pytest.fixture
 def drive():
     mapper = SimpleNamespace(trajectory=lambda: zip(STAMPS, WAY, strict=True), graph=[None] * 3, num_loops=1)
-    return MappedDrive(SimpleNamespace(mapper=mapper, T_base_sphere=SE3.from_planar(0.4, 0.0, 0.0)), num_lost=2)
+    mount = Mount("camera", False, SE3.from_planar(0.4, 0.0, 0.0))
+    return MappedDrive(SimpleNamespace(mapper=mapper, mount=mount), num_lost=2)
 
 
 def test_a_drive_is_laid_on_its_truth_by_its_first_pose_or_by_all(drive):
@@ -48,6 +50,19 @@ def test_what_is_told_counts_and_compares(drive):
     drive.node.mapper.num_loops, drive.stereo, drive.depth, drive.refusal = 0, "stereo: ...", "depth: ...", "3 of depth"
     counted = lines[0].replace("1 loops", "0 loops")
     assert drive.summary(None) == ["stereo: ...", counted, "depth: ...", "refused: 3 of depth"]
+
+
+def test_a_drive_that_is_lost_says_so_and_tells_no_drift(drive):
+    assert drive.loss == ""
+    drive.num_lost = 5
+    assert drive.loss == ""  # half of them
+    drive.num_lost = 6
+    assert drive.loss.startswith("expected most of 11 spheres placed, found 6 lost (55%): smaller steps")
+    assert "odometry" in drive.loss
+    assert len(drive.summary(truth_of(WAY))) == 1
+    drive.num_lost = 0
+    drive.node.mapper.trajectory = lambda: zip(STAMPS, [WAY[1]] * 5, strict=True)
+    assert "drift" not in drive.summary(truth_of([WAY[1]] * 5))[-1]  # it has not moved
 
 
 def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatch):

@@ -47,6 +47,7 @@ class Finished:
         self.indices = index, other
         mapper = SimpleNamespace(
             keep_end=lambda: self.told.append("end"), close_loops=lambda run: self.told.append("loops"), num_loops=2,
+            origin="",
             appearance=index, params=SimpleNamespace(key=SimpleNamespace(merge=True)),
         )  # fmt: skip
         graph = SphereGraph([KeySphere(0, 0, SE3.identity())])
@@ -76,16 +77,20 @@ def test_what_is_finished_is_written_and_told(monkeypatch, tmp_path, capsys):
     end = Finished(monkeypatch, tmp_path, {5: 0, 6: 0})
     assert end.run() == 0
     assert end.told == ["end", "loops"]
-    assert end.written == [(("parameters", "drive", "map", "name: ring"), end.indices[0], ())]
-    said = ["2 loops", "2 key spheres merged with others of their places", "warned", f"map: {tmp_path}, 1.2 MB"]
+    details = "parameters", "drive", "map", "name: ring", "the true poses of the drive"
+    assert end.written == [(details, end.indices[0], ())]
+    made = f"map: {tmp_path}, 1.2 MB; its frame: the true poses of the drive"
+    said = ["2 loops", "2 key spheres merged with others of their places", "warned", made]
     assert capsys.readouterr().out.splitlines() == said
 
 
 def test_an_extension_keeps_what_the_map_has_stored(monkeypatch, tmp_path, capsys):
     end = Finished(monkeypatch, tmp_path, {})
     info = SimpleNamespace(source="first", header=SimpleNamespace(frame_id="site"))
-    base = SimpleNamespace(graph=SimpleNamespace(nodes=[0]), stored=lambda: ("stored",), info=info)
+    base = SimpleNamespace(graph=SimpleNamespace(nodes=[0]), stored=lambda: ("stored",), info=info, origin="a mast")
     assert end.run(base, no_loops=True) == 0
     assert end.told == ["end"]
-    assert end.written == [(("parameters", "first + drive", "site", "name: ring"), end.indices[1], ("stored",))]
-    assert capsys.readouterr().out.splitlines() == ["2 loops", "joined", "warned", f"map: {tmp_path}, 1.2 MB"]
+    details = "parameters", "first + drive", "site", "name: ring", "a mast"
+    assert end.written == [(details, end.indices[1], ("stored",))]
+    said = ["2 loops", "joined", "warned", f"map: {tmp_path}, 1.2 MB; its frame: a mast"]
+    assert capsys.readouterr().out.splitlines() == said

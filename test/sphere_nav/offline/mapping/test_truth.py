@@ -4,7 +4,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.offline.mapping.drive import Truth, fit_poses, move_to_truth, truth_of
+from sphere_nav.offline.mapping.drive import fit_poses, move_to_truth, truth_of
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from worlds.recordings import pose, stamp, stereo, truth, truth_of_base, write_bag
 
@@ -14,7 +14,7 @@ def test_the_map_moves_to_the_truth_where_that_is_known(tmp_path):
     known = truth_of(tmp_path / "camera")
     assert not known.is_base
     nodes = [KeySphere(0, stamp(1), SE3.identity()), KeySphere(1, stamp(99), SE3.identity())]
-    moved = {node.id: node.T_map_sphere for node in move_to_truth(SphereGraph(nodes, []), known, SE3.identity())}
+    moved = {node.id: node.T_map_sphere for node in move_to_truth(SphereGraph(nodes, []), known.poses, SE3.identity())}
     np.testing.assert_allclose(moved[0].matrix, pose(1).matrix, atol=1e-9)
     np.testing.assert_allclose(moved[1].matrix, np.eye(4))
 
@@ -42,8 +42,9 @@ def test_key_spheres_move_to_their_true_poses_where_these_are_known():
     nodes = [KeySphere(k, int(s * 1e9), SE3.from_planar(9.0, 9.0, 0.0)) for k, s in enumerate((0.5, 2.0, 3.0, 7.0))]
     T_base_sphere = SE3.exp([0.2, 0.0, 1.0, 0.0, 0.0, 0.1])
     for is_base in (False, True):
-        found = move_to_truth(SphereGraph(nodes), Truth(truth, is_base), T_base_sphere)
-        expected = SE3.from_planar(0.5, 1.0, 0.5) @ (T_base_sphere if is_base else SE3.identity())
+        T_pose_sphere = T_base_sphere if is_base else SE3.identity()
+        found = move_to_truth(SphereGraph(nodes), truth, T_pose_sphere)
+        expected = SE3.from_planar(0.5, 1.0, 0.5) @ T_pose_sphere
         np.testing.assert_allclose(found[0].T_map_sphere.matrix, expected.matrix, atol=1e-9)
         assert found[1].T_map_sphere.translation[0] != 9.0
         for lost in (2, 3):  # between rows two seconds apart, and behind the last

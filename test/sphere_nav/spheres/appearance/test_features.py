@@ -87,6 +87,14 @@ def test_an_image_is_made_smaller_until_its_pixels_are_coarse_enough(camera, fac
     assert _shrink(camera) == factor
 
 
+@pytest.mark.parametrize(
+    ("camera", "factor"), [(Spherical(2048, 1024), 2), (Pinhole(1226, 370, 707.0, 707.0, 613.0, 185.0), 2)]
+)
+def test_features_of_images_taken_nearby_are_finer(camera, factor):
+    assert _shrink(camera, is_fine=True) == factor
+    assert _shrink(camera) > factor
+
+
 def test_the_strongest_features_are_kept_and_none_at_the_poles():
     image = ROOM.sphere(AT, CAMERA).image
     noise = np.random.default_rng(0).normal(size=(256, 512)).astype(np.float32)

@@ -1,0 +1,253 @@
+"""Does the camera move as odometry says? The images tell, and what they tell is held against odometry.
+
+The last image that was compared with the map, levelled, with the range that the map has where it was taken, is a
+reference as a key sphere is one (M15 section 2.1); the image of now is aligned with it directly. So wheels that stand
+while the vehicle is pushed, or that slip, are seen within an image or two, and an image that cannot be aligned is that
+of a vehicle that was carried off.
+
+Odometry and images are independent, so the square of their difference by both covariances is chi^2 of three degrees of
+freedom while neither is broken: a contradiction is what exceeds its quantile. Where they agree, their weighted mean is
+the motion; where they do not, it is that of the images, as far as they could be aligned well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.belief.estimate import Observation
+from mcl_depth.belief.motion_model import MotionModel, compose_planar, planar_pose, relative_motion
+from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.constants import (
+    CONTRADICTION,
+    IMAGE_DRIFT,
+    IMAGE_FORGETTING,
+    IMAGE_SIGMA,
+    MAX_SCALE_ERROR,
+    MAX_USUAL_WAYS,
+    MIN_MOUNTING_ERROR,
+    MIN_NCC,
+    SAME_PLACE,
+    SCALE_WAY_M,
+    SHARP_M,
+    WHEEL_SIGMA,
+)
+from mcl_depth.likeness.depth_map import DepthMap
+from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import PLANAR, Array
+from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference, register
+
+REMEDY = "check the wheels, who resets odometry, and whether the vehicle was carried"
+REMEDY_MOUNTING = "check the yaw of the camera's mounting and the axes of odometry"
+UNKNOWN_VARIANCE = 1e6  # m2, rad2
+REGISTRATION = RegistrationParams(pyramid=PyramidParams(num_levels=4, min_side=12))
+
+
+@dataclass(frozen=True)
+class ImageStep:
+    """Motion (3,) of `level` in its own axes: forward m, left m, yaw rad, with covariance (3, 3); how well it fits."""
+
+    motion: Array
+    covariance: Array
+    ncc: float
+
+
+@dataclass(frozen=True)
+class Reconciled:
+    """An observation with odometry that the images agree with, and what they had against it.
+
+    `is_known`: the motion, by the images or as nothing is against odometry; `is_verified`: images confirm it.
+    `hint`: what images of a place that is not held have against odometry.
+    """
+
+    observation: Observation
+    finding: Finding = FINE
+    is_known: bool = True
+    is_verified: bool = False
+    hint: Finding = FINE
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the images show another motion."""
+        return self.finding is not FINE
+
+
+class ImageMotion:
+    """Measures the motion since one image that it keeps."""
+
+    def __init__(self, depth_map: DepthMap) -> None:
+        self._map = depth_map
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the image."""
+        self._view: View | None = None
+
+    def keep(self, gray: NDArray[np.float32], is_seen: NDArray[np.bool_], pose: Array) -> None:
+        """Measure from this levelled image (H, W) on, taken at a pose (3,) of the map."""
+        range_m = self._map.ranges_from(pose)
+        self._view = None
+        if range_m is not None:
+            range_m[~is_seen] = np.nan
+            self._view = View(prepare_reference(gray, range_m, self._map.camera, REGISTRATION), SE3.identity())
+
+    def measure(self, observation: Observation, guess: Array) -> ImageStep | None:
+        """Return the motion since the image that was kept, from a first guess (3,); None where there is none.
+
+        One that was not found has no weight; how well the image fits there tells whether it is of another place.
+        """
+        if self._view is None:
+            return None
+        image = observation.image if observation.image.dtype == np.uint8 else observation.image.astype(np.float32)
+        pyramid = build_pyramid(image, observation.camera, REGISTRATION.pyramid)
+        T_level_camera = SE3.from_parts(observation.rotation, np.zeros(3))
+        T_before_level = SE3.from_planar(*(float(value) for value in guess))
+        found = register(pyramid, [self._view], T_before_level @ T_level_camera, REGISTRATION)
+        if not found.is_converged:
+            return ImageStep(guess, np.diag(np.full(3, UNKNOWN_VARIANCE)), found.ncc)
+        motion = planar_pose(found.T_world_camera @ T_level_camera.inverse())
+        Ad = T_level_camera.adjoint()
+        covariance = (Ad @ found.covariance @ Ad.T)[PLANAR] + image_covariance(_way(motion))
+        return ImageStep(motion, covariance, found.ncc)
+
+
+def image_covariance(way: float) -> Array:
+    """Return what the covariance (3, 3) of an alignment omits after a way in m: errors of range, tilt and traffic."""
+    return np.diag(IMAGE_SIGMA**2 + (IMAGE_DRIFT * way) ** 2)
+
+
+class OdometryCheck:
+    """Holds odometry against the images; `reconcile` gives odometry that goes on as both say."""
+
+    def __init__(self, depth_map: DepthMap, noise: MotionModel) -> None:
+        self._images, self._noise = ImageMotion(depth_map), noise
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with another stream of images and odometry."""
+        self._noise.reset()
+        self.forget()
+        self._reference: tuple[Array, Array] | None = None  # odometry at the image that is kept: as it came, reconciled
+        self._now: tuple[Array, Array] | None = None  # the same of the last image
+
+    def forget(self) -> None:
+        """Forget the image: odometry is believed until two of them are compared."""
+        self._images.reset()
+        self._usual_ncc = self._usual_way = 0.0
+        self._fit: tuple[float, Array, Array] | None = (
+            None  # of the last image: correlation, motions by odometry, images
+        )
+        self.scale = ScaleCheck(self._noise.way_share)
+
+    def keep(self, gray: NDArray[np.float32], is_seen: NDArray[np.bool_], pose: Array | None) -> None:
+        """Measure from the last image on, levelled (H, W), at a pose (3,) of the map; None: no place is held."""
+        self._reference = self._now
+        if self._fit is not None:
+            share, (ncc, motion, seen) = IMAGE_FORGETTING if self._usual_ncc else 1.0, self._fit
+            self._usual_ncc += share * (ncc - self._usual_ncc)
+            self._usual_way += share * (_way(motion) - self._usual_way)
+            if ncc >= MIN_NCC:
+                self.scale.add(motion, seen)
+        if pose is None:
+            self._images.reset()
+        else:
+            self._images.keep(gray, is_seen, pose)
+
+    def reconcile(self, observation: Observation, *, is_held: bool) -> Reconciled:
+        """Return an observation with odometry that images and odometry agree on, and what they disagree on.
+
+        The range around a place that is not held (`is_held`) is a guess: what images say with it is but a hint.
+        """
+        if observation.T_odom_level is None:
+            self._now = None
+            return Reconciled(observation)
+        raw = planar_pose(observation.T_odom_level)
+        if self._reference is None:
+            self._now = raw, raw
+            return Reconciled(observation)
+        before, base = self._reference
+        motion = relative_motion(before, raw)
+        finding, fused, is_known, is_verified = self._compare(observation, motion)
+        self._now = raw, compose_planar(base[None], fused if is_held else motion)[0]
+        observation = replace(observation, T_odom_level=SE3.from_planar(*(float(value) for value in self._now[1])))
+        return (
+            Reconciled(observation, finding, is_known, is_verified)
+            if is_held
+            else Reconciled(observation, hint=finding)
+        )
+
+    def _compare(self, observation: Observation, motion: Array) -> tuple[Finding, Array, bool, bool]:
+        """Return what the images have against a motion (3,) by odometry, the motion by both, is_known, is_verified.
+
+        An image that cannot be aligned says something only where such images usually can.
+        """
+        self._fit = None
+        step, way = self._images.measure(observation, motion), _way(motion)
+        if step is None:
+            return FINE, motion, True, False
+        if step.ncc < MIN_NCC and (self._usual_ncc < MIN_NCC or way > MAX_USUAL_WAYS * self._usual_way + SAME_PLACE):
+            self._fit = step.ncc, motion, step.motion
+            return FINE, motion, True, False
+        if step.ncc < MIN_NCC:
+            detail = "the image does not follow from the last one: correlation"
+            return Finding(Reason.JUMP_REJECTED, step.ncc, MIN_NCC, detail, REMEDY), motion, False, False
+        C_odometry = np.diag(self._noise.sigmas(motion, WHEEL_SIGMA) ** 2)
+        difference = step.motion - motion
+        difference[2] = float(wrap_angle(difference[2]))
+        square = squared_mahalanobis(difference, C_odometry + step.covariance)
+        if square > CONTRADICTION:
+            words, remedy = describe_difference(motion, step.motion)
+            limit = float(np.sqrt(CONTRADICTION))
+            return Finding(Reason.JUMP_REJECTED, float(np.sqrt(square)), limit, words, remedy), step.motion, True, False
+        self._fit = step.ncc, motion, step.motion
+        is_sharp = float(np.linalg.eigvalsh(step.covariance[:2, :2])[-1]) < SHARP_M**2
+        return FINE, motion + C_odometry @ np.linalg.solve(C_odometry + step.covariance, difference), True, is_sharp
+
+
+class ScaleCheck:
+    """Is the map as large as odometry says? Ways by images, whose range is the map's, against those of the wheels."""
+
+    def __init__(self, way_share: float) -> None:
+        self._way_share, self._product, self._square, self._fourth, self._way = way_share, 0.0, 0.0, 0.0, 0.0
+
+    def add(self, motion: Array, seen: Array) -> None:
+        """Add a motion (3,) by odometry and the same by the images."""
+        square = float(motion[:2] @ motion[:2])
+        self._product += float(motion[:2] @ seen[:2])
+        self._square, self._fourth, self._way = (
+            self._square + square,
+            self._fourth + square**2,
+            self._way + _way(motion),
+        )
+
+    @property
+    def value(self) -> float:
+        """Size of the map by that of the world as odometry has it; 1 before `SCALE_WAY_M` were driven."""
+        return self._product / self._square if self._way >= SCALE_WAY_M else 1.0
+
+    @property
+    def warning(self) -> str:
+        """One line where the map is surely of another size; else empty."""
+        sigma = self._way_share * float(np.sqrt(self._fourth)) / max(self._square, 1e-9)
+        if abs(self.value - 1.0) < MAX_SCALE_ERROR + 2.0 * sigma:
+            return ""
+        found = f"found {self.value:.3f} +- {sigma:.3f} over {self._way:.0f} m"
+        bound = f"expected 1 within {MAX_SCALE_ERROR:g}"
+        return f"scale of the map by odometry: {bound}, {found}: check its unit, or the wheels"
+
+
+def describe_difference(motion: Array, seen: Array) -> tuple[str, str]:
+    """Return how a motion (3,) by odometry and that by images differ, in words, and what to check."""
+    words, remedy = f"odometry says {_way(motion):.2f} m, the images {_way(seen):.2f} m", REMEDY
+    angle = float(wrap_angle(np.arctan2(seen[1], seen[0]) - np.arctan2(motion[1], motion[0])))
+    if min(_way(motion), _way(seen)) > SHARP_M and abs(angle) > MIN_MOUNTING_ERROR:
+        words, remedy = f"{words} at {np.degrees(angle):+.0f} deg to it", REMEDY_MOUNTING
+    return f"{words}: sigmas", remedy
+
+
+def _way(motion: Array) -> float:
+    return float(np.hypot(motion[0], motion[1]))

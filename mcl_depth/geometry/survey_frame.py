@@ -1,0 +1,197 @@
+"""The frame of a surveyor's file -> that of the map: metres, z up, near the origin.
+
+Surveys come in metres, feet or millimetres, some drawing programs write kilometres or y up, and coordinates of a state
+or of UTM are millions: float32 has steps of half a metre there. So a unit is found (as the file declares it, else by
+the extent), the axis that the ground lies across, and a shift in whole hundreds of metres, which goes with the map as
+its origin. Whatever is done is said in one line.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.constants import (
+    FAR_FROM_ORIGIN_M,
+    FLOOR_STEP,
+    LARGE_EXTENT_M,
+    LEAST_STANDING,
+    MAX_COORDINATE_M,
+    MAX_HEADER,
+    MAX_LONELY,
+    MIN_POINTS,
+    ORIGIN_STEP_M,
+    SMALL_EXTENT,
+    SURVEY_SAMPLES,
+    UP_RATIO,
+)
+from mcl_depth.params import SurveyParams
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file
+
+METERS = {"m": 1.0, "ft": 0.3048, "us-ft": 1200.0 / 3937.0, "km": 1000.0, "mm": 0.001}
+NAMES = {"m": "metres", "ft": "feet", "us-ft": "US survey feet", "km": "kilometres", "mm": "millimetres"}
+GEO_KEYS, LINEAR_UNITS, VERTICAL_UNITS = 34735, 3076, 4099  # GeoTIFF: the record, its keys of units
+EPSG_UNITS = {9001: "m", 9002: "ft", 9003: "us-ft", 9036: "km"}
+ROTATIONS = {"z": np.eye(3), "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])}
+
+
+@dataclass(frozen=True)
+class SurveyFrame:
+    """How coordinates of a file become those of the map: R (3, 3) times metres a unit, less the origin (3,) m."""
+
+    unit: str
+    up: str
+    origin: Array
+    words: str  # what was done and why; empty where a file is used as it is
+
+    def apply(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return points (N, 3) m of the map."""
+        if not self.words:
+            return np.asarray(points, np.float64)
+        return METERS[self.unit] * np.asarray(points, np.float64) @ ROTATIONS[self.up].T - self.origin
+
+
+def find_frame(
+    points: NDArray[np.floating], params: SurveyParams, name: str, declared: str = "", *, is_mesh: bool = False
+) -> SurveyFrame:
+    """Return the frame of a file's points (N, 3); `declared` is the unit that the file itself tells.
+
+    Vertices of a mesh are too few to tell the axis that points up.
+
+    ValueError where the coordinates are degrees, or nothing stands on the ground.
+    """
+    finite = points[np.isfinite(points).all(axis=1)]
+    origin = _read_origin(params.origin)
+    if not len(finite):
+        return SurveyFrame("m", "z", np.zeros(3), "")
+    low, high = finite.min(axis=0).astype(np.float64), finite.max(axis=0).astype(np.float64)
+    sample = finite[:: max(len(finite) // SURVEY_SAMPLES, 1)] - low
+    is_large = len(finite) >= MIN_POINTS
+    unit, why = params.unit, "as was set"
+    if unit == "auto":
+        unit, why = (declared, "as the file declares") if declared else ("m", "")
+        if is_large and not declared:
+            _refuse_degrees(low, high, name)
+            unit, why = _guess_unit(finite - low, high - low)
+    meters = METERS[unit]
+    up = params.up
+    if up == "auto":
+        up = _find_up(meters * sample) if is_large and not is_mesh else "z"
+    if is_large and not is_mesh:
+        _refuse_plain(meters * sample @ ROTATIONS[up].T, name)
+    words = [] if unit == "m" else [f"taken as {NAMES[unit]} ({why})"]
+    words += ["y is up (the ground lies across it)"] if up == "y" and params.up == "auto" else []
+    corners = meters * np.array([low, high]) @ ROTATIONS[up].T
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    if origin is None:
+        origin, far = np.zeros(3), max(FAR_FROM_ORIGIN_M, 20.0 * float((high - low).max()))
+        if is_large and min(far, MAX_COORDINATE_M) < np.abs([low, high])[:, :2].max() <= MAX_COORDINATE_M:
+            origin[:2] = np.floor(low[:2] / ORIGIN_STEP_M) * ORIGIN_STEP_M
+    if origin.any():
+        words.append("its origin is E,N,H = " + ",".join(f"{value:.12g}" for value in origin) + " m")
+    if not words and up == "z":
+        return SurveyFrame("m", "z", np.zeros(3), "")
+    return SurveyFrame(unit, up, origin, f"{name}: " + "; ".join(words or ["y is up (as was set)"]))
+
+
+def declared_unit(path: Path) -> str:
+    """Return the unit that the header of a .las or .laz tells, by WKT or GeoTIFF keys; empty where it does not."""
+    with open_file(path, "map", MAX_ARRAY_BYTES) as file:
+        head = file.read(MAX_HEADER)
+    if head[:4] != b"LASF" or len(head) < 104:
+        return ""
+    head = head[: int.from_bytes(head[96:100], "little")]
+    for name, factor in reversed(re.findall(rb'UNIT\["([^"]+)",\s*([0-9.eE+-]+)', head)):
+        if b"degree" not in name.lower():
+            return next((unit for unit, meters in METERS.items() if abs(float(factor) / meters - 1.0) < 1e-7), "")
+    place = head.find(b"LASF_Projection")
+    while place >= 0:
+        record, length = (int.from_bytes(head[place + 16 + 2 * i : place + 18 + 2 * i], "little") for i in range(2))
+        if record == GEO_KEYS:
+            begin = place + 52
+            keys = np.frombuffer(head[begin : begin + length // 8 * 8], "<u2").reshape(-1, 4)
+            found = {int(key): int(value) for key, where, _, value in keys[1:] if where == 0}
+            return EPSG_UNITS.get(found.get(LINEAR_UNITS, found.get(VERTICAL_UNITS, 0)), "")
+        place = head.find(b"LASF_Projection", place + 16)
+    return ""
+
+
+def _read_origin(text: str) -> Array | None:
+    if not text:
+        return None
+    try:
+        numbers = np.array([float(word) for word in text.split(",")])
+        if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):
+            raise ValueError
+    except ValueError:
+        raise ValueError(f"survey.origin: expected E,N,H in m, found {text!r}") from None
+    return numbers
+
+
+def _refuse_degrees(low: Array, high: Array, name: str) -> None:
+    extent = high - low
+    is_globe = np.all(np.abs([low, high])[:, :2] <= [180.0, 90.0]) and extent[:2].max() < 1.0
+    if is_globe and extent[2] > 10.0 * extent[:2].max() and extent[2] > 1.0:
+        found = f"an extent of {extent[0]:.2g} x {extent[1]:.2g} x {extent[2]:.2g}"
+        raise ValueError(f"{name}: points: expected metres, found {found}: longitude and latitude? project it first")
+
+
+def _guess_unit(points: NDArray[np.floating], extent: Array) -> tuple[str, str]:
+    """Return the unit by the extent of points (N, 3), all positive: a place to drive is 1 m to some km wide."""
+    widest = float(extent.max())
+    if widest < SMALL_EXTENT:
+        return "km", f"{widest:.3g} wide"
+    if widest > LARGE_EXTENT_M and lonely_share(points) > MAX_LONELY and lonely_share(points / 1000.0) <= MAX_LONELY:
+        return "mm", f"{widest:.3g} wide and the points that far from each other"
+    return "m", ""
+
+
+def lonely_share(points: NDArray[np.floating]) -> float:
+    """Return the share of points (N, 3), all positive, that are alone in their cube of a metre."""
+    cells = np.floor(points).astype(np.uint64)
+    keys = (cells[:, 0] << np.uint64(42)) ^ (cells[:, 1] << np.uint64(21)) ^ cells[:, 2]
+    return float(np.count_nonzero(np.unique(keys, return_counts=True)[1] == 1)) / len(points)
+
+
+def _find_up(points: NDArray[np.floating]) -> str:
+    """Return z, or y where far more of a floor lies across y: area (m2) over which the lowest points go on evenly."""
+    area = {up: _floor_area(points @ rotation.T) for up, rotation in ROTATIONS.items()}
+    return "y" if area["y"] > UP_RATIO * area["z"] else "z"
+
+
+def _floor_area(points: NDArray[np.floating]) -> float:
+    lowest, shape, cell = _columns(points)[:3]
+    grid = np.full(shape, np.nan)
+    grid.ravel()[lowest[0]] = lowest[1]
+    with np.errstate(invalid="ignore"):
+        is_even = [np.abs(np.diff(grid, axis=axis)) < 0.3 * cell for axis in (0, 1)]
+    return 0.5 * cell**2 * float(sum(np.count_nonzero(part) for part in is_even))
+
+
+def _refuse_plain(points: NDArray[np.floating], name: str) -> None:
+    """Refuse a plain: nothing that a camera could see stands on it."""
+    _, _, cell, spans = _columns(points)
+    share = float(np.mean(spans > cell))
+    if share < LEAST_STANDING:
+        found = f"{share:.2%} of squares of {cell:.2g} m with anything higher than that"
+        raise ValueError(f"{name}: points: expected walls or the like above the ground, found {found}")
+
+
+def _columns(points: NDArray[np.floating]) -> tuple[tuple[NDArray[np.int64], Array], tuple[int, int], float, Array]:
+    """Return columns with points, as index and lowest z, the shape of the grid, its step in m, and what each spans."""
+    points = points - points.min(axis=0)
+    extent = points.max(axis=0)
+    cell = max(FLOOR_STEP, float(np.sqrt(8.0 * extent[0] * extent[1] / len(points))), float(extent.max()) / 4000.0)
+    cells = np.floor(points[:, :2] / cell).astype(np.int64)
+    shape = int(cells[:, 0].max()) + 1, int(cells[:, 1].max()) + 1
+    keys = cells[:, 0] * shape[1] + cells[:, 1]
+    order = np.argsort(keys, kind="stable")
+    first = np.flatnonzero(np.append(True, np.diff(keys[order]) > 0))
+    z = points[order, 2].astype(np.float64)
+    lowest = np.minimum.reduceat(z, first)
+    return (keys[order][first], lowest), shape, cell, np.maximum.reduceat(z, first) - lowest

@@ -1,0 +1,231 @@
+"""READ FIRST for whether a refined camera is believed: each half of the drive is judged by the other one.
+
+A lens that fits the images it was found by proves nothing. The drive is cut in two. What one half finds must explain
+the images of the other half better than the given lens does (a likelihood ratio, robust, pose and light of each image
+adjusted under either lens), and both halves must find about the same. Consecutive images err alike, so that evidence
+and scatter are counted by runs of images, with Student's t. Where either fails the given lens stays, and what the drive
+does not tell apart is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import norm, t
+
+from rig_calibration.constants import (
+    APART,
+    BLAMED,
+    FALSE_ALARM,
+    LENS_GRID,
+    MIN_HALF,
+    MIN_OWN_STEP,
+    MIN_PIXELS,
+    MIN_SIGMA,
+    NUM_RUNS,
+    OWN_STEPS,
+)
+from rig_calibration.drive.drive_image import DriveImage, ImageState, differentiate, weigh_part
+from rig_calibration.drive.drive_lens import MAP, Lens
+from rig_calibration.drive.refinement import RefinedCamera, refine_camera
+from sphere_nav.estimation.robust import HUBER, weigh
+from sphere_nav.geometry.arrays import Array
+
+OWN = ("the place to the side", "the height", "the distance along the view", "the tilt", "the pan", "the roll")
+WORDS = {
+    "fx": "focal length",
+    "fy": "focal length",
+    "cx": "principal point",
+    "cy": "principal point",
+    "readout": "readout time",
+    "map_fx": "the focal length of the lens that made the map",
+    "map_fy": "the focal length of the lens that made the map",
+    "map_cx": "the principal point of the lens that made the map",
+    "map_cy": "the principal point of the lens that made the map",
+    "map_k1": "the distortion of the lens that made the map",
+    "map_k2": "the distortion of the lens that made the map",
+}
+SIGMAS = 3.0  # that a standard deviation is to hold for, as it does of a normal error
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """What a drive found, and what its halves say of it."""
+
+    found: RefinedCamera
+    halves: tuple[Lens, Lens]
+    evidence: float  # Student's t of the held-out likelihood ratio against the given lens
+    limit: float  # that it must exceed
+    moved_px: float  # rms over the image, between the given lens and what the halves found
+    apart_px: float  # the same between both halves
+    max_readout: float  # s, the time between two images
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is refused; empty where it is accepted."""
+        return tuple(self._reasons())
+
+    def _reasons(self) -> Iterator[str]:
+        if self.evidence < self.limit:
+            yield (
+                f"held-out images: expected what one half of the drive finds to explain the other half better than the "
+                f"given lens, t >= {self.limit:.1f} (false alarm {FALSE_ALARM:.1%}), found {self.evidence:.1f}"
+            )
+        if self.apart_px > APART * self.moved_px:
+            yield (
+                f"halves of the drive: expected lenses within {APART * self.moved_px:.2f} px of each other, half of "
+                f"how far they are off the given one, found {self.apart_px:.2f} px ({self._farthest()})"
+            )
+        if self.found.lens.readout > self.max_readout:
+            found, most = 1e3 * self.found.lens.readout, 1e3 * self.max_readout
+            yield f"readout: expected at most {most:.1f} ms, the time between two images, found {found:.1f} ms"
+
+    def _farthest(self) -> str:
+        """Return the parameter by which the halves differ most, by what was known beforehand."""
+        first, second = (lens.values[:MAP] for lens in self.halves)
+        index = int(np.argmax(np.abs(first - second) / self.found.prior_sigma[:MAP]))
+        return f"{self.found.names[index]} {first[index]:.5g} and {second[index]:.5g}"
+
+    @property
+    def unobserved(self) -> tuple[str, ...]:
+        """Parameters of the camera that the drive does not tell."""
+        return tuple(name for name in self.found.unobserved if name in self.found.names[:MAP])
+
+    def weak(self) -> Iterator[str]:
+        """Yield what the drive does not tell apart: the worst known parameter, and all that are not observed."""
+        sigma = np.sqrt(np.diagonal(self.found.covariance))[:MAP] / self.found.prior_sigma[:MAP]
+        names = self.found.names
+        unobserved = [k for k in range(MAP) if names[k] in self.unobserved]
+        yield from dict.fromkeys(tell_apart(self.found, k) for k in unobserved or [int(np.argmax(sigma))])
+
+
+def prove(images: Sequence[DriveImage], given: Lens, max_readout: float = np.inf) -> Proof:
+    """Refine the camera by a drive and judge each half by the other one.
+
+    Images in the order of the drive. What the drive does not tell stays as it was given. ValueError with fewer images
+    than six.
+    """
+    if len(images) < 2 * MIN_HALF:
+        expected = f"expected at least {2 * MIN_HALF} images that are localised, three a half"
+        raise ValueError(f"drive: {expected}, found {len(images)}")
+    given = given.beside_map(any(image.T_map_optical is not None for image in images))
+    found = refine_camera(images, given, num_blocks=2 * NUM_RUNS)
+    held = tuple(name for name in found.unobserved if name in given.names[:MAP])
+    if held:
+        found = refine_camera(images, given, (found.lens, found.states), held, 2 * NUM_RUNS)
+    middle = len(images) // 2
+    parts = [(images[:middle], found.states[:middle]), (images[middle:], found.states[middle:])]
+    halves = [refine_camera(part, given, (found.lens, states), held).lens for part, states in parts]
+    gains = [
+        run.mean()
+        for (part, states), lens in zip(parts, reversed(halves), strict=True)
+        for run in np.array_split(compare(part, states, given, lens), min(NUM_RUNS, len(part)))
+    ]
+    deviation = max(float(np.std(gains, ddof=1)) / np.sqrt(len(gains)), 1e-12)
+    speed = float(np.sqrt(np.mean([image_speed(image, given) ** 2 for image in images])))
+    moved = [lens_distance(given, lens, speed) for lens in halves]
+    return Proof(
+        _widen(found, halves, len(gains), held),
+        (halves[0], halves[1]),
+        float(np.mean(gains)) / deviation,
+        float(t.ppf(1.0 - FALSE_ALARM, len(gains) - 1)),
+        float(np.mean(moved)),
+        lens_distance(halves[0], halves[1], speed),
+        max_readout,
+    )
+
+
+def _widen(found: RefinedCamera, halves: Sequence[Lens], num_runs: int, held: Sequence[str]) -> RefinedCamera:
+    """Return what was found with the covariance of few runs, and as wide as the halves differ; `held` as before."""
+    few = float(t.ppf(norm.cdf(SIGMAS), num_runs - 1)) / SIGMAS
+    off = 0.5 * (halves[0].values - halves[1].values)
+    covariance = few**2 * found.covariance + np.outer(off, off)
+    is_held = np.array([name in held for name in found.names])
+    covariance[is_held] = covariance[:, is_held] = 0.0
+    covariance[is_held, is_held] = found.prior_sigma[is_held] ** 2
+    return replace(found, covariance=covariance)
+
+
+def compare(images: Sequence[DriveImage], states: Sequence[ImageState], given: Lens, lens: Lens) -> Array:
+    """Return by how much a pixel of each image (N,) is likelier, in the mean, under `lens` than under `given`.
+
+    The negative logarithm of Huber's likelihood; both by the same scale, the residuals' under the given lens. In the
+    map as it is: that is what will be driven in, whatever the lens that made it.
+    """
+    given, lens = given.beside_map(False), lens.beside_map(False)
+    gains = np.zeros(len(images))
+    for k, (image, state) in enumerate(zip(images, states, strict=True)):
+        before, after = (settle(image, state, one) for one in (given, lens))
+        if min(len(before), len(after)) >= MIN_PIXELS:
+            _, sigma = weigh(before, HUBER, MIN_SIGMA)
+            gains[k] = _cost(before, sigma) - _cost(after, sigma)
+    return gains
+
+
+def settle(image: DriveImage, state: ImageState, lens: Lens) -> Array:
+    """Return the residuals (N,) of an image under a lens, its pose and light adjusted from coarse to full size."""
+    for level in range(min(1, len(image.levels) - 1), -1, -1):
+        least = np.inf
+        for _ in range(OWN_STEPS):
+            residual, J = differentiate(image, state, lens, level)
+            part = weigh_part(residual, J[:, len(lens.names) :])
+            cost = _cost(residual, part.sigma)
+            if part.num_pixels == 0 or cost > (1.0 - MIN_OWN_STEP) * least:
+                break
+            step = -np.linalg.solve(part.H + 1e-9 * np.eye(len(part.g)), part.g)
+            least, state = cost, state.moved(np.asarray(step, np.float64))
+    return differentiate(image, state, lens, 0)[0]
+
+
+def _cost(residual: Array, sigma: float) -> float:
+    """Return the mean of Huber's rho of residuals (N,) over sigma."""
+    size = np.abs(residual) / sigma
+    return float(np.mean(np.where(size <= HUBER, 0.5 * size**2, HUBER * (size - 0.5 * HUBER))))
+
+
+def lens_distance(a: Lens, b: Lens, speed: float = 0.0) -> float:
+    """Return by how many pixels (rms over the image) two lenses differ, less what a turn of the camera undoes.
+
+    Their readouts count by how far rows move at an image speed in px/s.
+    """
+    u, v = (np.linspace(0, size - 1, n) for size, n in zip((a.camera.width, a.camera.height), LENS_GRID, strict=True))
+    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    rays = a.camera.unproject(pixels)
+    known = np.all(np.isfinite(rays), axis=1)
+    rays, pixels = rays[known], pixels[known]
+    off = b.camera.project(rays)[0] - pixels
+    known = np.all(np.isfinite(off), axis=1)
+    rays, off = rays[known], off[known].ravel()
+    turn = np.cross(np.eye(3)[:, None], rays).transpose(1, 2, 0)  # (N, 3, turn)
+    J = (b.camera.J_project(rays) @ turn).reshape(-1, 3)
+    off = off - J @ np.linalg.lstsq(J, off, rcond=None)[0]
+    rows = speed * (a.readout - b.readout) / np.sqrt(12.0)  # rms of shares that are even in -1/2...1/2
+    return float(np.sqrt(2.0 * np.mean(off**2) + rows**2))
+
+
+def image_speed(image: DriveImage, lens: Lens) -> float:
+    """Return how fast an image moves, in px/s, by its velocity and the typical distance of what it shows."""
+    points = image.levels[-1].points_map - image.T_map_camera.translation
+    way, turn = np.linalg.norm(image.velocity.reshape(2, 3), axis=1)
+    near = float(np.median(np.linalg.norm(points, axis=1))) if len(points) else np.inf
+    return float(lens.camera.pixels_per_radian * np.hypot(turn, way / near))
+
+
+def tell_apart(found: RefinedCamera, index: int) -> str:
+    """Say what a shared parameter is taken for: what, were it known, would tell the most of it."""
+    shared, equations = len(found.names), found.equations
+    known = equations.information_without(index, None)
+    others = [k for k in range(shared + len(OWN)) if k != index]
+    told = [equations.information_without(index, k) / known for k in others]
+    best = int(np.argmax(told))
+    what = _word(found.names[index])
+    if told[best] < BLAMED:
+        return f"{what}: the images hardly show it"
+    name = OWN[others[best] - shared] if others[best] >= shared else _word(found.names[others[best]])
+    return f"{what} and {name} are not told apart" if name != what else f"{what}: its two parts are not told apart"
+
+
+def _word(name: str) -> str:
+    return WORDS.get(name, "distortion")

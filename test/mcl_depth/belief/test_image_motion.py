@@ -1,0 +1,120 @@
+"""Odometry against the images: a drive along a wall with pillars, every motion known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcl_depth.belief.estimate import Observation
+from mcl_depth.belief.image_motion import ImageStep, OdometryCheck, ScaleCheck
+from mcl_depth.belief.motion_model import MotionModel, planar_pose
+from mcl_depth.params import MotionParams
+from sphere_nav.geometry import SE3, Spherical
+
+CAMERA = Spherical(180, 90)
+HALF = np.array([4.0, 3.0, 2.0])  # m, of a room around the origin
+GRID = np.stack(np.meshgrid(np.arange(180), np.arange(90)), axis=-1)
+
+
+def ranges_at(x, y):
+    """The range (H, W) to the walls of the room."""
+    rays, place = CAMERA.unproject(GRID), np.array([x, y, 0.0])
+    with np.errstate(divide="ignore"):
+        return np.min((np.sign(rays) * HALF - place) / rays, axis=-1).astype(np.float32)
+
+
+def image_at(x, y):
+    """The room's walls with their pattern, as a camera of heading 0 sees them."""
+    points = np.array([x, y, 0.0]) + ranges_at(x, y)[..., None] * CAMERA.unproject(GRID)
+    pattern = np.sin(points @ [2.1, 1.3, 0.7]) + np.sin(points @ [-0.9, 2.3, 1.9]) + np.cos(points @ [1.7, -1.1, 2.7])
+    return (128.0 + 40.0 * pattern).astype(np.float32)
+
+
+class Room:
+    camera = CAMERA
+
+    def ranges_from(self, pose):
+        return ranges_at(pose[0], pose[1])
+
+
+def observe(image, odometry):
+    return Observation(image, CAMERA, 1, np.eye(3), odometry and SE3.from_planar(*odometry))
+
+
+@pytest.fixture
+def check():
+    """What has seen two images half a metre apart, the second of them at (0.5, 0) and kept."""
+    found = OdometryCheck(Room(), MotionModel(MotionParams()))
+    for x in (0.0, 0.5):
+        found.reconcile(observe(image_at(x, 0.0), (x, 0.0, 0.0)), is_held=True)
+        found.keep(image_at(x, 0.0), np.ones((90, 180), np.bool_), np.array([x, 0.0, 0.0]))
+    return found
+
+
+def test_odometry_that_is_right_is_confirmed(check):
+    seen = check.reconcile(observe(image_at(1.0, 0.0), (1.0, 0.0, 0.0)), is_held=True)
+    assert (seen.is_contradicted, seen.is_verified) == (False, True)
+    np.testing.assert_allclose(planar_pose(seen.observation.T_odom_level), [1.0, 0.0, 0.0], atol=0.02)
+
+
+@pytest.mark.parametrize("odometry", [(0.5, 0.0, 0.0), (1.5, 0.0, 0.0), (1.0, 0.0, 0.2), (0.9, 0.4, 0.0)])
+def test_wheels_that_stand_race_turn_or_slide_are_contradicted_and_the_motion_is_that_of_the_images(check, odometry):
+    seen = check.reconcile(observe(image_at(1.0, 0.0), odometry), is_held=True)
+    assert seen.is_contradicted
+    assert seen.is_known
+    np.testing.assert_allclose(planar_pose(seen.observation.T_odom_level), [1.0, 0.0, 0.0], atol=0.03)
+
+
+def test_a_little_slip_is_no_contradiction_and_is_weighed(check):
+    seen = check.reconcile(observe(image_at(1.0, 0.0), (1.06, 0.0, 0.0)), is_held=True)
+    assert not seen.is_contradicted
+    assert 1.0 < planar_pose(seen.observation.T_odom_level)[0] < 1.06
+
+
+def test_reconciled_odometry_goes_on_from_where_it_was(check):
+    check.reconcile(observe(image_at(1.0, 0.0), (0.5, 0.0, 0.0)), is_held=True)
+    check.keep(image_at(1.0, 0.0), np.ones((90, 180), np.bool_), np.array([1.0, 0.0, 0.0]))
+    seen = check.reconcile(observe(image_at(1.4, 0.0), (0.9, 0.0, 0.0)), is_held=True)
+    assert not seen.is_contradicted
+    np.testing.assert_allclose(planar_pose(seen.observation.T_odom_level), [1.4, 0.0, 0.0], atol=0.04)
+
+
+def test_an_image_of_another_place_leaves_the_motion_unknown_unless_images_never_fitted(check):
+    strange = np.random.default_rng(0).uniform(0, 255, (90, 180)).astype(np.float32)
+    seen = check.reconcile(observe(strange, (1.0, 0.0, 0.0)), is_held=True)
+    assert (seen.is_contradicted, seen.is_known) == (True, False)
+    check.forget()
+    check.keep(image_at(0.5, 0.0), np.ones((90, 180), np.bool_), np.array([0.5, 0.0, 0.0]))
+    assert not check.reconcile(observe(strange, (1.0, 0.0, 0.0)), is_held=True).is_contradicted
+
+
+@pytest.mark.parametrize(("sigma", "is_verified"), [(0.05, True), (1.0, False)])
+def test_images_that_do_not_tell_the_motion_confirm_no_standstill(check, monkeypatch, sigma, is_verified):
+    step = ImageStep(np.zeros(3), np.diag([sigma**2, 1e-4, 1e-4]), 0.95)  # along an even wall
+    monkeypatch.setattr(check._images, "measure", lambda observation, guess: step)
+    seen = check.reconcile(observe(image_at(0.5, 0.0), (0.5, 0.0, 0.0)), is_held=True)
+    assert (seen.is_contradicted, seen.is_verified) == (False, is_verified)
+
+
+def test_without_odometry_or_a_place_nothing_is_compared(check):
+    assert check.reconcile(observe(image_at(1.0, 0.0), None), is_held=True).observation.T_odom_level is None
+    check.keep(image_at(1.0, 0.0), np.ones((90, 180), np.bool_), None)
+    assert not check.reconcile(observe(image_at(3.0, 0.0), (0.5, 0.0, 0.0)), is_held=True).is_contradicted
+
+
+def test_images_that_move_across_odometry_name_the_mounting(check):
+    seen = check.reconcile(observe(image_at(1.0, 0.0), (0.5, -0.5, 0.0)), is_held=False)
+    assert not seen.is_contradicted
+    assert "the images 0.50 m at +90 deg to it" in seen.hint.detail
+    assert "mounting" in seen.hint.advice
+    np.testing.assert_allclose(planar_pose(seen.observation.T_odom_level), [0.5, -0.5, 0.0], atol=1e-3)
+
+
+@pytest.mark.parametrize(("size", "is_told"), [(1.0, False), (1.01, False), (1.1, True), (0.95, True)])
+def test_a_map_of_another_size_is_told_after_some_way(size, is_told):
+    rng, scale = np.random.default_rng(2), ScaleCheck(0.05)
+    for number in range(60):
+        assert number >= 25 or not scale.warning
+        scale.add(np.array([1.0 + 0.05 * rng.standard_normal(), 0.0, 0.0]), np.array([size, 0.0, 0.0]))
+    assert bool(scale.warning) == is_told
+    assert scale.value == pytest.approx(size, abs=0.02)

@@ -1,0 +1,107 @@
+"""A surveyor's file: units, the axis that points up, a shift; the cloud that comes out is always the same street."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from mcl_depth.geometry.files import read_geometry
+from mcl_depth.geometry.survey_frame import find_frame
+from mcl_depth.params import SurveyParams
+
+UTM = np.array([500_213.4, 5_412_345.6, 212.0])
+WKT = 'PROJCS["a",GEOGCS["b",UNIT["degree",0.0174532925199433]],UNIT["US survey foot",0.304800609601219]]'
+
+
+def street() -> np.ndarray:
+    """A street of 60 x 20 m with a house on either side, a point every 0.4 m; z up, near the origin."""
+    x, y = np.meshgrid(np.arange(0, 60, 0.4), np.arange(0, 20, 0.4))
+    ground = np.column_stack([x.ravel(), y.ravel(), 0.02 * x.ravel()])
+    x, z = np.meshgrid(np.arange(5, 55, 0.4), np.arange(0.4, 8, 0.4))
+    walls = [np.column_stack([x.ravel(), np.full(x.size, y), z.ravel() + 0.02 * x.ravel()]) for y in (2.0, 18.0)]
+    return np.concatenate([ground, *walls])
+
+
+STREET = street()
+
+
+def read(path: Path, points: np.ndarray, **survey: str):
+    np.save(path / "a.npy", points)
+    return read_geometry(path / "a.npy", SurveyParams(**survey))
+
+
+def test_a_cloud_in_meters_near_the_origin_is_used_as_it_is(tmp_path: Path) -> None:
+    found = read(tmp_path, STREET)
+    assert (found.warnings, found.origin) == ((), (0.0, 0.0, 0.0))
+    np.testing.assert_allclose(found.points, STREET, atol=1e-5)
+
+
+def test_a_tile_in_utm_is_shifted_by_whole_hundreds_and_says_so(tmp_path: Path) -> None:
+    found = read(tmp_path, STREET + UTM)
+    assert found.origin == (500_200.0, 5_412_300.0, 0.0)
+    assert "its origin is E,N,H = 500200,5412300,0 m" in found.warnings[0]
+    np.testing.assert_allclose(found.points + np.array(found.origin), STREET + UTM, atol=1e-4)
+
+
+def test_the_origin_can_be_given(tmp_path: Path) -> None:
+    found = read(tmp_path, STREET + UTM, origin="500213.4,5412345.6,212")
+    np.testing.assert_allclose(found.points, STREET, atol=1e-4)
+    with pytest.raises(ValueError, match=r"survey\.origin: expected E,N,H in m, found '1,2'"):
+        read(tmp_path, STREET, origin="1,2")
+
+
+@pytest.mark.parametrize(("unit", "meters"), [("km", 1000.0), ("mm", 0.001)])
+def test_the_unit_is_found_by_the_extent_and_named(tmp_path: Path, unit: str, meters: float) -> None:
+    found = read(tmp_path, STREET / meters)
+    assert {"km": "kilometres", "mm": "millimetres"}[unit] in found.warnings[0]
+    np.testing.assert_allclose(found.points, STREET, atol=1e-3)
+
+
+@pytest.mark.parametrize("record", ["wkt", "keys"])
+def test_feet_are_those_that_the_file_declares(tmp_path: Path, record: str) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = np.full(3, 0.001)
+    if record == "wkt":
+        header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "", WKT.encode()))
+    else:
+        keys = np.array([[1, 1, 0, 1], [3076, 0, 1, 9003]], "<u2")
+        header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "", keys.tobytes()))
+    tile = laspy.LasData(header)
+    tile.x, tile.y, tile.z = (STREET / 0.304800609601219).T
+    for name in ("a.las", "a.laz"):
+        tile.write(tmp_path / name)
+        found = read_geometry(tmp_path / name)
+        assert "US survey feet (as the file declares)" in found.warnings[0]
+        np.testing.assert_allclose(found.points, STREET, atol=2e-3)
+
+
+def test_a_cloud_with_y_up_is_turned(tmp_path: Path) -> None:
+    found = read(tmp_path, STREET[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
+    assert "y is up" in found.warnings[0]
+    np.testing.assert_allclose(found.points, STREET, atol=1e-4)
+    assert read(tmp_path, STREET, up="y").points[:, 2].max() == pytest.approx(STREET[:, 1].max())
+
+
+def test_a_plain_and_degrees_are_refused_in_one_line(tmp_path: Path) -> None:
+    plain = STREET * [1.0, 1.0, 0.0] + np.random.default_rng(0).normal(0, 0.02, STREET.shape)
+    with pytest.raises(ValueError, match=r"a\.npy: points: expected walls or the like above the ground, found 0\.00%"):
+        read(tmp_path, plain)
+    with pytest.raises(ValueError, match="longitude and latitude"):
+        read(tmp_path, STREET * [1e-5, 1e-5, 1.0] + [8.4, 49.0, 100.0])
+
+
+def test_few_points_are_left_alone() -> None:
+    assert find_frame(STREET[:50] * 1e-6, SurveyParams(), "a").words == ""
+
+
+def test_an_e57_is_read_where_its_reader_is_installed_and_else_says_what_to_install(tmp_path: Path) -> None:
+    (tmp_path / "a.e57").write_bytes(b"ASTM-E57")
+    with pytest.raises(ValueError, match=r"a\.e57: expected (a whole \.e57|pye57 for)"):
+        read_geometry(tmp_path / "a.e57")
+    pye57 = pytest.importorskip("pye57")
+    with pye57.E57(str(tmp_path / "b.e57"), mode="w") as file:
+        file.write_scan_raw({f"cartesian{axis}": column for axis, column in zip("XYZ", STREET.T, strict=True)})
+    np.testing.assert_allclose(read_geometry(tmp_path / "b.e57").points, STREET, atol=1e-4)

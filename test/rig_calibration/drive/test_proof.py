@@ -1,0 +1,101 @@
+"""A refined lens is believed where each half of the drive shows it in the other one, and nowhere else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rig_calibration.drive import proof
+from rig_calibration.drive.drive_image import collect
+from rig_calibration.drive.drive_lens import MAP, Lens
+from rig_calibration.drive.proof import lens_distance, prove
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.photometric import View, build_pyramid, prepare_reference
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from worlds.room import Room
+
+CAMERA = Pinhole(160, 120, 100.0, 101.0, 80.0, 59.0, (-0.1, 0.02, 0.0, 0.0))
+OTHER = replace(CAMERA, fx=106.0, fy=106.0)
+SPHERE = Spherical(1024, 512)
+WINDOW = Spherical(512, 256, 1024, 256, 128)
+READOUT_S, SPEED = 0.03, 0.6
+
+
+@pytest.fixture(scope="module")
+def rooms():
+    """The room, and views of it: the whole sphere, and the window of a camera whose focal length is 4 % off."""
+    room = Room()
+    image, range_m = room.render(SPHERE, SE3.identity())
+    whole = View(prepare_reference(image, range_m, SPHERE), SE3.identity())
+    stretched = np.diag([1.0, 1.04, 1.04])  # what a lens that is said to be shorter than it is makes of the room
+
+    rays = WINDOW.unproject(np.stack(np.meshgrid(np.arange(512.0), np.arange(256.0)), axis=-1))
+    true = rays @ np.linalg.inv(stretched)
+    gray, true_range = room.cast(np.zeros(3), true / np.linalg.norm(true, axis=-1, keepdims=True))
+    range_m = true_range / np.linalg.norm(true, axis=-1)  # the same distance along the axis
+    partial = View(prepare_reference(gray.astype(np.float32), range_m.astype(np.float32), WINDOW), SE3.identity())
+    return room, whole, partial
+
+
+def drive(rooms, view, cameras, given, turn=0.1):
+    """Images by one camera after the other, at places that are known to 1 cm and half a degree."""
+    rng = np.random.default_rng(5)
+    images = []
+    for camera in cameras:
+        truth = SE3.exp(rng.normal(size=6) * (0.3, 0.3, 0.1, turn, turn, turn)) @ T_BODY_OPTICAL
+        velocity = rng.normal(size=6) * SPEED
+        gray = rooms[0].render_rolling(camera, truth, READOUT_S * velocity)
+        gray += rng.normal(0.0, 2.0, gray.shape)
+        pyramid = build_pyramid(np.clip(gray, 0, 255).astype(np.float32), given)
+        images.append(collect(pyramid, view, truth @ SE3.exp(0.01 * rng.normal(size=6)), velocity))
+    return images
+
+
+@pytest.fixture(autouse=True)
+def few_pixels(monkeypatch):
+    monkeypatch.setattr("rig_calibration.drive.drive_image.NUM_LENS_PIXELS", 1_000)
+
+
+def off_in_sigmas(judged, truth):
+    sigma = np.sqrt(np.diagonal(judged.found.covariance))[:MAP]
+    return np.abs(judged.found.lens.values[:MAP] - truth.values) / sigma
+
+
+def test_a_wrong_lens_is_replaced(rooms):
+    judged = prove(drive(rooms, rooms[1], [CAMERA] * 8, OTHER), Lens.of(OTHER))
+    assert judged.reasons == ()
+    assert off_in_sigmas(judged, Lens.of(CAMERA, READOUT_S)).max() < 3.0
+    assert judged.found.lens.camera.fx == pytest.approx(CAMERA.fx, rel=0.005)
+
+
+def test_a_right_lens_stays(rooms):
+    judged = prove(drive(rooms, rooms[1], [CAMERA] * 8, CAMERA), Lens.of(CAMERA, READOUT_S))
+    assert any("held-out images" in reason for reason in judged.reasons)
+
+
+def test_halves_of_two_lenses_are_refused(rooms):
+    between = replace(CAMERA, fx=103.0, fy=103.0)
+    images = drive(rooms, rooms[1], [CAMERA] * 4 + [OTHER] * 4, between)
+    judged = prove(images, Lens.of(between, READOUT_S), max_readout=0.02)
+    assert any("halves of the drive" in reason for reason in judged.reasons)
+    assert any("time between two images, found" in reason for reason in judged.reasons)
+
+
+def test_a_lens_in_a_map_of_a_wrong_lens_is_as_uncertain_as_that_one(rooms):
+    judged = prove(drive(rooms, rooms[2], [CAMERA] * 8, CAMERA, turn=0.03), Lens.of(CAMERA, READOUT_S))
+    relative = judged.found.deviations["fx"] / CAMERA.fx
+    assert off_in_sigmas(judged, Lens.of(CAMERA, READOUT_S)).max() < 3.0
+    assert relative > 0.01
+    assert any("lens that made the map" in proof.tell_apart(judged.found, k) for k in (0, 1))
+
+
+def test_a_turn_is_no_difference_of_lenses():
+    shifted = replace(CAMERA, cx=CAMERA.cx + 0.5)
+    assert lens_distance(Lens.of(CAMERA), Lens.of(shifted)) < 0.25
+    assert lens_distance(Lens.of(CAMERA), Lens.of(OTHER)) > 1.0
+    assert lens_distance(Lens.of(CAMERA), Lens.of(CAMERA, 0.03), speed=100.0) == pytest.approx(3.0 / np.sqrt(12.0))
+
+
+def test_five_images_are_too_few(rooms):
+    with pytest.raises(ValueError, match="expected at least 6 images"):
+        prove(drive(rooms, rooms[1], [CAMERA] * 5, CAMERA), Lens.of(CAMERA))
