@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dense_localizer.judge.candidate import PoseCandidate
 from sphere_nav.geometry import Camera
+from sphere_nav.photometric.pixels.reference import pixels_of
 
 NEUTRAL = 128
 
@@ -25,11 +26,12 @@ def residual_image(image: NDArray[Any], camera: Camera, candidate: PoseCandidate
     picture = np.full((camera.height, camera.width), NEUTRAL, np.uint8)
     level = view.reference.levels[0]
     T_camera_reference = shown.pose(candidate.T_map_camera).inverse() @ view.T_world_reference
-    pixels, is_visible = camera.project(T_camera_reference.apply(level.points.T))
+    known = pixels_of(level.squares.near(T_camera_reference, camera))  # all of a key sphere would stay with it
+    pixels, is_visible = camera.project(T_camera_reference.apply(known[:3].T))
     u, v = np.rint(pixels[is_visible]).astype(np.int64).T
     inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     u, v = u[inside], v[inside]
     seen = candidate.alignment.gains[0] * image[v, u].astype(np.float32) + candidate.alignment.biases[0]
-    difference = seen - level.intensity[is_visible][inside]
+    difference = seen - known[3, is_visible][inside]
     picture[v, u] = np.clip(NEUTRAL + 0.5 * difference, 0, 255)
     return picture

@@ -23,7 +23,7 @@ from sphere_nav.photometric.align.projection import Floats
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.pyramid import Image, Level, check_image, level_cameras, pad_of
-from sphere_nav.photometric.pixels.squares import Squares, Steps
+from sphere_nav.photometric.pixels.squares import Seen, Squares, Steps
 
 ROWS = 64  # that are looked at at once
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # of a pixel, by which a row begins after the one above it
@@ -87,10 +87,14 @@ class ReferenceLevel:
 
     @cached_property
     def _all(self) -> Floats:
-        seen = self.squares.all()
-        rows = seen.pool.reshape(-1, BLOCK // SIDE, SIDE)[seen.places]
-        pixels = rows.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
-        return np.ascontiguousarray(pixels[:, ~np.isnan(pixels[2])])
+        return pixels_of(self.squares.all())
+
+
+def pixels_of(seen: Seen) -> Floats:
+    """Return points in m, grey levels and gradients (7, N) of some squares."""
+    rows = seen.pool.reshape(-1, BLOCK // SIDE, SIDE)[seen.places]
+    pixels = rows.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
+    return np.ascontiguousarray(pixels[:, ~np.isnan(pixels[2])])
 
 
 @dataclass(frozen=True)

@@ -161,7 +161,10 @@ def test_the_residual_is_gray_where_image_and_map_agree(room, room_map):
     image[20:50, 30:60] = 250
     pyramid = build_pyramid(image, PINHOLE, PARAMS.registration.pyramid)
     candidate = locate([RigImage(pyramid)], References(room_map, PARAMS), PARAMS, Prediction.guess(pose))
+    reference = candidate.images[0].views[0].reference
+    before = reference.num_bytes, sum(map(len, map(vars, reference.levels)))
     picture = residual_image(image, PINHOLE, candidate)
+    assert (reference.num_bytes, sum(map(len, map(vars, reference.levels)))) == before  # nothing stays for the picture
     assert picture.shape == (120, 160)
     assert np.median(np.abs(picture.astype(int) - 128)) <= 3
     changed = picture[25:45, 35:55]
