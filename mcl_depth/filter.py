@@ -13,7 +13,7 @@ from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Belief, Estimate, Observation, level_pose, pose_covariance
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.hypotheses import Lineage, find_hypotheses
-from mcl_depth.belief.image_motion import OdometryCheck, Reconciled
+from mcl_depth.belief.image_motion import Reconciled, ReconciledOdometry
 from mcl_depth.belief.motion_model import MotionModel, sample_motion
 from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_similarity
 from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
@@ -40,7 +40,7 @@ class Filter:
         self._input = InputCheck(params.input)
         self._motion = MotionModel(params.motion)
         self._reckoning = DeadReckoning(params.input, params.motion)
-        self.odometry = OdometryCheck(depth_map, self._motion)
+        self.odometry = ReconciledOdometry(depth_map, self._motion)
         self.evidence = Evidence(SurveyGrid(depth_map, area.middles), params.state.max_chance)
         self._states = StateMachine(params.state)
         self.lineage = Lineage()

@@ -120,7 +120,7 @@ def image_covariance(way: float) -> Array:
     return np.diag(IMAGE_SIGMA**2 + (IMAGE_DRIFT * way) ** 2)
 
 
-class OdometryCheck:
+class ReconciledOdometry:
     """Holds odometry against the images; `reconcile` gives odometry that goes on as both say."""
 
     def __init__(self, depth_map: DepthMap, noise: MotionModel) -> None:

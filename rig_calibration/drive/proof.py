@@ -51,7 +51,7 @@ SIGMAS = 3.0  # that a standard deviation is to hold for, as it does of a normal
 
 
 @dataclass(frozen=True, eq=False)
-class Proof:
+class LensProof:
     """What a drive found, and what its halves say of it."""
 
     found: RefinedCamera
@@ -101,7 +101,7 @@ class Proof:
         yield from dict.fromkeys(tell_apart(self.found, k) for k in unobserved or [int(np.argmax(sigma))])
 
 
-def prove(images: Sequence[DriveImage], given: Lens, max_readout: float = np.inf) -> Proof:
+def prove(images: Sequence[DriveImage], given: Lens, max_readout: float = np.inf) -> LensProof:
     """Refine the camera by a drive and judge each half by the other one.
 
     Images in the order of the drive. What the drive does not tell stays as it was given. ValueError with fewer images
@@ -121,12 +121,12 @@ def prove(images: Sequence[DriveImage], given: Lens, max_readout: float = np.inf
     gains = [
         run.mean()
         for (part, states), lens in zip(parts, reversed(halves), strict=True)
-        for run in np.array_split(compare(part, states, given, lens), min(NUM_RUNS, len(part)))
+        for run in np.array_split(likelihood_ratio(part, states, given, lens), min(NUM_RUNS, len(part)))
     ]
     deviation = max(float(np.std(gains, ddof=1)) / np.sqrt(len(gains)), 1e-12)
-    speed = float(np.sqrt(np.mean([image_speed(image, given) ** 2 for image in images])))
+    speed = float(np.sqrt(np.mean([speed_in_image(image, given) ** 2 for image in images])))
     moved = [lens_distance(given, lens, speed) for lens in halves]
-    return Proof(
+    return LensProof(
         _widen(found, halves, len(gains), held),
         (halves[0], halves[1]),
         float(np.mean(gains)) / deviation,
@@ -148,7 +148,7 @@ def _widen(found: RefinedCamera, halves: Sequence[Lens], num_runs: int, held: Se
     return replace(found, covariance=covariance)
 
 
-def compare(images: Sequence[DriveImage], states: Sequence[ImageState], given: Lens, lens: Lens) -> Array:
+def likelihood_ratio(images: Sequence[DriveImage], states: Sequence[ImageState], given: Lens, lens: Lens) -> Array:
     """Return by how much a pixel of each image (N,) is likelier, in the mean, under `lens` than under `given`.
 
     The negative logarithm of Huber's likelihood; both by the same scale, the residuals' under the given lens. In the
@@ -157,14 +157,14 @@ def compare(images: Sequence[DriveImage], states: Sequence[ImageState], given: L
     given, lens = given.beside_map(False), lens.beside_map(False)
     gains = np.zeros(len(images))
     for k, (image, state) in enumerate(zip(images, states, strict=True)):
-        before, after = (settle(image, state, one) for one in (given, lens))
+        before, after = (settle_image(image, state, one) for one in (given, lens))
         if min(len(before), len(after)) >= MIN_PIXELS:
             _, sigma = weigh(before, HUBER, MIN_SIGMA)
             gains[k] = _cost(before, sigma) - _cost(after, sigma)
     return gains
 
 
-def settle(image: DriveImage, state: ImageState, lens: Lens) -> Array:
+def settle_image(image: DriveImage, state: ImageState, lens: Lens) -> Array:
     """Return the residuals (N,) of an image under a lens, its pose and light adjusted from coarse to full size."""
     for level in range(min(1, len(image.levels) - 1), -1, -1):
         least = np.inf
@@ -205,7 +205,7 @@ def lens_distance(a: Lens, b: Lens, speed: float = 0.0) -> float:
     return float(np.sqrt(2.0 * np.mean(off**2) + rows**2))
 
 
-def image_speed(image: DriveImage, lens: Lens) -> float:
+def speed_in_image(image: DriveImage, lens: Lens) -> float:
     """Return how fast an image moves, in px/s, by its velocity and the typical distance of what it shows."""
     points = image.levels[-1].points_map - image.T_map_camera.translation
     way, turn = np.linalg.norm(image.velocity.reshape(2, 3), axis=1)

@@ -41,7 +41,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class Upright:
     """Up (3,) in axes of the base, a unit vector, and what says so."""
 
     up_base: Array
@@ -74,7 +74,7 @@ class ImuSample:
     up: Array | None = None
 
 
-def find_gravity(samples: Sequence[ImuSample], R_base_imu: Array) -> Level | None:
+def find_gravity(samples: Sequence[ImuSample], R_base_imu: Array) -> Upright | None:
     """Return the level by samples around one instant; None where they are too few, or in motion without orientation."""
     if len(samples) >= MIN_STILL:
         force, rate = (np.stack([getattr(one, name) for one in samples]) for name in ("force", "rate"))
@@ -82,12 +82,12 @@ def find_gravity(samples: Sequence[ImuSample], R_base_imu: Array) -> Level | Non
         is_gravity = abs(np.linalg.norm(mean) - GRAVITY) < STILL_FORCE and np.all(force.std(axis=0) < STILL_FORCE)
         is_steady = np.linalg.norm(halves[1] - halves[0]) < STILL_DRIFT
         if is_gravity and is_steady and np.sqrt(np.mean(np.sum(rate**2, axis=1))) < STILL_RATE:
-            return Level(_unit(R_base_imu @ mean), BY_REST)
+            return Upright(_unit(R_base_imu @ mean), BY_REST)
     ups = [one.up for one in samples if one.up is not None]
-    return Level(_unit(R_base_imu @ np.mean(ups, axis=0)), BY_ORIENTATION) if ups else None
+    return Upright(_unit(R_base_imu @ np.mean(ups, axis=0)), BY_ORIENTATION) if ups else None
 
 
-def find_ground(points_base: Array, eye_base: Array, max_tilt_rad: float) -> Level | None:
+def find_ground(points_base: Array, eye_base: Array, max_tilt_rad: float) -> Upright | None:
     """Return the level by the lowest plane of points (N, 3) m seen from `eye_base` (3,), axes of the base.
 
     None where there is no such plane, or where it is as level as it can tell.
@@ -108,7 +108,7 @@ def find_ground(points_base: Array, eye_base: Array, max_tilt_rad: float) -> Lev
     sigma_m = float(np.sqrt(np.mean(off[is_near] ** 2)))
     if spread < GROUND_SPREAD * float(np.median(range_m[is_near])):
         return None
-    level = Level(normal, BY_GROUND)
+    level = Upright(normal, BY_GROUND)
     sigma = GROUND_FLOOR_RAD + sigma_m / spread / np.sqrt(max(is_near.sum() / INDEPENDENT, 1.0))
     return level if GROUND_SIGMAS * sigma < level.tilt_rad <= max_tilt_rad else None
 

@@ -11,7 +11,7 @@ from sphere_nav_msgs.msg import AugmentedSphere
 
 from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
-from sphere_mapping.ros.mount import Mount
+from sphere_mapping.ros.mount import CameraMount
 from sphere_mapping.ros.rgbd_intake import DEPTH, DEPTH_INFO, OnRgbd, RgbdIntake
 from sphere_mapping.ros.stereo_intake import OnPair, Report, StereoIntake, report_nothing
 from sphere_nav.geometry import SE3
@@ -34,9 +34,9 @@ def with_driver_input(params: SphereMapperParams) -> SphereMapperParams:
 
 
 # The sphere, where its camera is, and how to make it anew by the velocity of the camera.
-OnSphere = Callable[[Sphere, Mount, Unroll | None], None]
+OnSphere = Callable[[Sphere, CameraMount, Unroll | None], None]
 FindMount = Callable[[str, bool], SE3]
-Made = tuple[Sphere, Mount, Unroll | None]
+Made = tuple[Sphere, CameraMount, Unroll | None]
 
 TOPICS: dict[str, tuple[str, ...]] = {
     "sphere": ("sphere",),
@@ -90,7 +90,7 @@ class Intake:
         """Forget half-complete instants: the clock jumped."""
         self._sync.clear()
 
-    def _on_sphere(self, sphere: Sphere, mount: Mount, unroll: Unroll | None = None) -> None:
+    def _on_sphere(self, sphere: Sphere, mount: CameraMount, unroll: Unroll | None = None) -> None:
         if not sphere.measured.any():
             topic = next(name for name in reversed(TOPICS[self._params.input]) if "info" not in name)
             raise ValueError(f"{topic}: range or depth: expected some measured pixels, found none")
@@ -116,8 +116,8 @@ class Intake:
         left, right = (self._info(f"{side}/camera_info") for side in ("left", "right"))
         return self.stereo.make(instant, self._mount(self._frame_id, is_optical=True), left, right)
 
-    def _mount(self, frame_id: str, *, is_optical: bool) -> Mount:
-        return Mount(frame_id, is_optical, self._find_mount(frame_id, is_optical))
+    def _mount(self, frame_id: str, *, is_optical: bool) -> CameraMount:
+        return CameraMount(frame_id, is_optical, self._find_mount(frame_id, is_optical))
 
     def _info(self, topic: str) -> CameraInfo:
         if topic not in self._infos:

@@ -13,7 +13,7 @@ import numpy as np
 from sensor_msgs.msg import Imu
 
 from sphere_mapping.constants import GRAVITY_S, GROUND_LEAN_RAD, MAX_LEAN_RAD, MOUNT_WAIT_S
-from sphere_mapping.graph.level import UP, ImuSample, Level, find_gravity, find_ground
+from sphere_mapping.graph.level import UP, ImuSample, Upright, find_gravity, find_ground
 from sphere_mapping.params import SphereMapperParams
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.ros import conversions, qos
@@ -29,7 +29,7 @@ POINTS_STEP = 4  # every how many rows and columns of the first sphere the groun
 
 
 @dataclass(frozen=True, eq=False)
-class Mount:
+class CameraMount:
     """A camera on the base: its frame, whether that is optical, its pose in body axes (x ahead, y left, z up).
 
     T_sphere_body: the same in the axes of its spheres, which are upright on the base where the lens allows it.
@@ -78,7 +78,7 @@ class VehicleFrame:
         has_imu = bool(self._samples) or not self._endpoints.publishers_of("imu")
         return not (self._is_mounted and has_imu)
 
-    def begin(self, sphere: Sphere, mount: Mount) -> tuple[SE3, str]:
+    def begin(self, sphere: Sphere, mount: CameraMount) -> tuple[SE3, str]:
         """Return T_map_base where the map begins, and what says which way is up; the IMU is not heard any more."""
         self._endpoints.remove_subscription(self._imu)
         is_optical_base = mount.is_optical and mount.frame_id == self._params.base_frame  # against REP 103, but done
@@ -88,7 +88,7 @@ class VehicleFrame:
         if level is None:
             limit = GROUND_LEAN_RAD if self._is_mounted else MAX_LEAN_RAD
             points = T_body_sphere.apply(sphere.points(POINTS_STEP)[0])
-            level = find_ground(points, T_body_sphere.translation, limit) or Level(UP)
+            level = find_ground(points, T_body_sphere.translation, limit) or Upright(UP)
         return level.T_map_base @ T_base_body.inverse(), level.source
 
     def on_imu(self, message: Imu) -> None:
@@ -106,7 +106,7 @@ class VehicleFrame:
         if np.all(np.isfinite([force, rate])) and (up is not None or np.any(force)):
             self._samples.append(ImuSample(stamp_ns, force, rate, up))
 
-    def _find_gravity(self, stamp_ns: int, mount: Mount, T_base_body: SE3) -> Level | None:
+    def _find_gravity(self, stamp_ns: int, mount: CameraMount, T_base_body: SE3) -> Upright | None:
         near = [one for one in self._samples if abs(one.stamp_ns - stamp_ns) <= GRAVITY_S * 1e9]
         if not near:
             return None
@@ -124,7 +124,7 @@ class VehicleFrame:
             return None
         return level
 
-    def _place(self, mount: Mount) -> SE3:
+    def _place(self, mount: CameraMount) -> SE3:
         """Return T_base_imu: as /tf says of the base, else of the camera."""
         base, frame = self._params.base_frame, self._imu_frame
         if frame in ("", base):

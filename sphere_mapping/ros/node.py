@@ -16,7 +16,7 @@ from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake, with_driver_input
-from sphere_mapping.ros.mount import Mount, VehicleFrame
+from sphere_mapping.ros.mount import CameraMount, VehicleFrame
 from sphere_mapping.ros.saving import Journal, save
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.warm_up import warm_up
@@ -48,7 +48,7 @@ class SphereMapper(ManagedNode):
         self.journal = Journal(self.params, self.log.info) if self.shell.is_live else None
         self.mapper = Mapper(self.params.mapper, store=self.journal)
         self.points = MapCloud(self.params.cloud, lambda sphere_id: self.mapper.load_sphere(sphere_id))
-        self.num_lost, self.num_changes, self.mount = 0, 0, Mount("", False, SE3.identity())
+        self.num_lost, self.num_changes, self.mount = 0, 0, CameraMount("", False, SE3.identity())
         self.graph = self.add_publisher("graph", KeySphereGraph, qos.LATCHED)
         self.markers = self.add_publisher("graph/markers", MarkerArray, qos.LATCHED)
         self.cloud = self.add_publisher("map_cloud", PointCloud2, qos.LATCHED)
@@ -80,7 +80,7 @@ class SphereMapper(ManagedNode):
         """The latest sphere on the vehicle."""
         return self.mount.T_base_sphere
 
-    def on_sphere(self, sphere: Sphere, mount: Mount, unroll: Unroll | None = None) -> None:
+    def on_sphere(self, sphere: Sphere, mount: CameraMount, unroll: Unroll | None = None) -> None:
         """Map a sphere, tell what changed."""
         self.mount = mount
         if not self.mapper.tracks and not self.begin_map(sphere):

@@ -15,7 +15,7 @@ from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_f
 from sphere_mapping.acquisition.partial.window import upright_axes
 from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
-from sphere_mapping.ros.mount import Mount
+from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.ros import conversions
 from sphere_nav.ros.camera.mounting import read_mounting
@@ -56,8 +56,8 @@ class RgbdIntake:
         self._T_given = read_mounting(params.depth_pose, "depth_pose")
 
     def make(
-        self, instant: Instant, mount: Mount, info: CameraInfo, depth_info: CameraInfo | None
-    ) -> tuple[Sphere, Mount, Unroll | None] | None:
+        self, instant: Instant, mount: CameraMount, info: CameraInfo, depth_info: CameraInfo | None
+    ) -> tuple[Sphere, CameraMount, Unroll | None] | None:
         """Return the sphere of an instant and how it is made anew by a velocity; None where `on_rgbd` takes it."""
         found = self._convert(instant, mount.frame_id, info, depth_info)
         if self._on_rgbd is not None:

@@ -13,7 +13,7 @@ from sphere_mapping.acquisition.partial.window import upright_axes
 from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
 from sphere_mapping.params import MapperParams
-from sphere_mapping.ros.mount import Mount
+from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros import conversions
 from sphere_nav.ros.camera.synchronizer import Instant
@@ -49,8 +49,8 @@ class StereoIntake:
         self._pair = pair
 
     def make(
-        self, instant: Instant, mount: Mount, left_info: CameraInfo, right_info: CameraInfo
-    ) -> tuple[Sphere, Mount, None] | None:
+        self, instant: Instant, mount: CameraMount, left_info: CameraInfo, right_info: CameraInfo
+    ) -> tuple[Sphere, CameraMount, None] | None:
         """Return the sphere of an instant; None where `on_pair` takes its images."""
         if self._pair is None:
             self._pair = StereoPair(open_pair(left_info, right_info, self._lookup))

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from rig_calibration.drive.proof import Proof
+from rig_calibration.drive.proof import LensProof
 from sphere_nav.offline import topics
 from sphere_nav.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, run_depth, text_of
 from sphere_nav.offline.settings import add_settings
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def report_camera(proof: Proof) -> Iterator[str]:
+def report_camera(proof: LensProof) -> Iterator[str]:
     """Yield what is printed."""
     found = proof.found
     yield f"{len(found.states)} images, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels"

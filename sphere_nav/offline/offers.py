@@ -39,7 +39,7 @@ class Offer:
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class OpenedBag:
     """An open bag and what has been found in it.
 
     `chosen` are the topics that the user named, by ours; `rig` his rig file, `mounting` where he says the camera sits.
@@ -53,7 +53,7 @@ class Recording:
     mounting: str = ""
 
     @classmethod
-    def of(cls, bag: BagReader, chosen: dict[str, str], rig: Path | None = None, mounting: str = "") -> Recording:
+    def of(cls, bag: BagReader, chosen: dict[str, str], rig: Path | None = None, mounting: str = "") -> OpenedBag:
         """Look at the topics and the frames of a bag."""
         return cls(bag, read_streams(bag), topics.read_frames(bag), chosen, rig, mounting)
 
@@ -85,19 +85,19 @@ class Recording:
             raise BagError(f"{other}: expected {expected}, found {1e3 * found_s:.0f} ms at the nearest")
 
 
-def find_offers(recording: Recording) -> list[Offer]:
+def find_offers(recording: OpenedBag) -> list[Offer]:
     """Return what can be done with a bag: map, localise, mcl."""
     return [offer_map(recording), offer_localize(recording), offer_mcl(recording)]
 
 
-def offer_map(recording: Recording) -> Offer:
+def offer_map(recording: OpenedBag) -> Offer:
     """Return how to map: from spheres, colour and depth, a stereo pair, or the cameras of a rig."""
     streams, bag = recording.streams, recording.bag
     command = ["sphere_nav", "map", str(bag.path), "-o", f"{bag.path.stem}_map"]
     if any(stream.type == SPHERE for stream in streams):
         return Offer("map", command + topics.options_of(recording.find(("sphere",))), note="from spheres")
     reasons = []
-    kinds = (RGBD, "from colour and depth", check_depth), (STEREO, "from a stereo pair", check_pair)
+    kinds = (RGBD, "from colour and depth", check_depth_topics), (STEREO, "from a stereo pair", check_pair)
     for wanted, note, check in kinds:
         try:
             found = recording.find(wanted)
@@ -114,7 +114,7 @@ def offer_map(recording: Recording) -> Offer:
     return Offer("map", missing="; ".join(dict.fromkeys(reasons)))
 
 
-def check_depth(recording: Recording, found: dict[str, str]) -> None:
+def check_depth_topics(recording: OpenedBag, found: dict[str, str]) -> None:
     """Raise BagError for depth that cannot be registered to the images, or is of other instants."""
     if "depth/camera_info" in found:
         by_name = {stream.topic: stream for stream in recording.streams}
@@ -124,14 +124,14 @@ def check_depth(recording: Recording, found: dict[str, str]) -> None:
     recording.check_stamps(found["image_raw"], found["depth/image_raw"])
 
 
-def check_pair(recording: Recording, found: dict[str, str]) -> None:
+def check_pair(recording: OpenedBag, found: dict[str, str]) -> None:
     """Raise ValueError for a pair whose calibrations tell no baseline, or that was not taken together."""
     left, right = (recording.first(found[f"{side}/camera_info"]) for side in ("left", "right"))
     open_pair(left, right, recording.frames.lookup)
     recording.check_stamps(found["left/image_raw"], found["right/image_raw"])
 
 
-def _offer_rig(recording: Recording, command: list[str]) -> Offer:
+def _offer_rig(recording: OpenedBag, command: list[str]) -> Offer:
     """Return how to map by several cameras, named as in the rig file, or as their topics differ."""
     views = find_views(recording.streams, has_pairs=True)
     if recording.rig is None:
@@ -150,7 +150,7 @@ def _offer_rig(recording: Recording, command: list[str]) -> Offer:
     return Offer("map", [*command, "--rig", str(recording.rig), *words], note=note)
 
 
-def offer_localize(recording: Recording) -> Offer:
+def offer_localize(recording: OpenedBag) -> Offer:
     """Return how to localise by one camera, or by several that sit on one vehicle."""
     bag, odometry = recording.bag, recording.odometry
     command = ["sphere_nav", "localize", MAP, str(bag.path), "-o", f"{bag.path.stem}.tum"]
@@ -169,7 +169,7 @@ def offer_localize(recording: Recording) -> Offer:
 PANORAMA_NOTE = "ready, if the images, which have no camera_info, are whole spheres (equirectangular)"
 
 
-def _camera_words(recording: Recording) -> tuple[list[str], bool]:
+def _camera_words(recording: OpenedBag) -> tuple[list[str], bool]:
     """Return the options that name camera and odometry, and whether the camera's lens is known for sure."""
     odometry = find_odometry(recording.streams)
     named = {"odom": odometry} if odometry else {}
@@ -185,7 +185,7 @@ def _camera_words(recording: Recording) -> tuple[list[str], bool]:
     return topics.options_of(named | found), True
 
 
-def _offer_cameras(recording: Recording, command: list[str], views: Sequence[Stream]) -> Offer:
+def _offer_cameras(recording: OpenedBag, command: list[str], views: Sequence[Stream]) -> Offer:
     """Return how to localise by all cameras: lenses and places by the bag, or of many without by the map of the rig.
 
     BagError where neither tells them.
@@ -207,7 +207,7 @@ def _offer_cameras(recording: Recording, command: list[str], views: Sequence[Str
     return Offer("localize", command + words, note=f"ready, by {len(views)} cameras")
 
 
-def offer_mcl(recording: Recording) -> Offer:
+def offer_mcl(recording: OpenedBag) -> Offer:
     """Return how to localise in bare geometry."""
     bag = recording.bag
     try:

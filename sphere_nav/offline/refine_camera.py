@@ -21,7 +21,7 @@ from rig_calibration.drive.depth_pose import RefinedDepth
 from rig_calibration.drive.drive_image import DriveImage, collect
 from rig_calibration.drive.drive_lens import Lens
 from rig_calibration.drive.mounting import NAMES, Mounting, find_mounting
-from rig_calibration.drive.proof import Proof, lens_distance, prove
+from rig_calibration.drive.proof import LensProof, lens_distance, prove
 from rig_calibration.drive.refinement import refine_camera
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.intake import TOPICS
@@ -77,7 +77,7 @@ class RecordedDrive:
         self.odometry = self._recorded.odometry
         self.located = Located(np.empty(0, np.int64), ())
 
-    def refine(self, sphere_map: MapReader) -> Proof:
+    def refine(self, sphere_map: MapReader) -> LensProof:
         """Localise the drive with the lens found so far and refine it, in turn; then judge it by halves of the drive.
 
         Poses that were found by a lens that is far off are far off themselves.
@@ -137,7 +137,7 @@ class RecordedDrive:
             yield stamp, conversions.image_to_gray(message)
 
 
-def text_of(proof: Proof, frame_id: str, mounting: Mounting | None) -> str:
+def text_of(proof: LensProof, frame_id: str, mounting: Mounting | None) -> str:
     """Return the calibration file: that of camera_info_manager, with readout, deviations and mounting beside."""
     found = proof.found
     info = camera_to_info(found.lens.camera, 0, frame_id)

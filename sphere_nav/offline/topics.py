@@ -23,7 +23,7 @@ from sphere_nav.ros.bags.streams import (
     find_odometry,
     find_rig,
     info_of,
-    is_good,
+    is_usable,
     read_streams,
 )
 from sphere_nav.ros.bags.writer import absolute
@@ -113,7 +113,7 @@ def find_wanted(streams: Sequence[Stream], wanted: Iterable[str], chosen: dict[s
     """Return the bag's topic for each of ours: as the user named it, as a driver is known to, or as it is found."""
     wanted = tuple(wanted)
     if not chosen:
-        have = [stream.topic for stream in streams if is_good(stream)]
+        have = [stream.topic for stream in streams if is_usable(stream)]
         named = (driver.find(have) for driver in find_drivers(streams) if set(wanted) <= set(driver.topics))
         chosen = {ours: topic for ours, topic in next(named, {}).items() if ours.split("/")[0] in _first_words(wanted)}
     return find_inputs(streams, wanted, chosen)

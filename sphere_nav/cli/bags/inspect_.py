@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from sphere_nav.offline import topics
-from sphere_nav.offline.offers import Recording, find_offers
+from sphere_nav.offline.offers import OpenedBag, find_offers
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.camera.mounting import read_mounting
@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the topics and the offers; 1 if the bag is good for none of the jobs."""
     with BagReader(arguments.bag) as bag:
         chosen = topics.choose_topics(bag, arguments)
-        recording = Recording.of(bag, chosen, arguments.rig, arguments.mounting)
+        recording = OpenedBag.of(bag, chosen, arguments.rig, arguments.mounting)
         streams, (first, last) = recording.streams, bag.time_range
         mounting = describe_mountings(recording.frames, streams, arguments.mounting)
         offers = find_offers(recording)

@@ -56,7 +56,7 @@ def is_depth(encoding: str, topic: str) -> bool:
     return pixels in DEPTH_ENCODINGS or "compressedDepth" in encoding or has_word
 
 
-def examine(found: Sequence[tuple[int, Any]], kind: str, topic: str) -> Shown:
+def examine_samples(found: Sequence[tuple[int, Any]], kind: str, topic: str) -> Shown:
     """Return what messages (time of recording in ns, message) of a type show; the first that is good counts."""
     shown = Shown()
     for _, message in found:

@@ -25,7 +25,7 @@ from sphere_nav.ros.bags.samples import (
     VIDEO,
     WITH_FRAME,
     Shown,
-    examine,
+    examine_samples,
     is_depth,
 )
 from sphere_nav.ros.bags.writer import absolute
@@ -111,12 +111,12 @@ def find_inputs(
             near = difflib.get_close_matches(topic, by_name, n=1)
             found_there = f"no such one (is {near[0]} meant?)" if near else ", ".join(by_name) or "none"
             raise BagError(f"{name}: expected topic {topic}, found {found_there}")
-        if not is_good(by_name[topic]):
+        if not is_usable(by_name[topic]):
             raise BagError(f"{name}: {_names([by_name[topic]])}")
         if name.endswith("image_raw") and not by_name[topic].is_image:
             raise BagError(f"{name}: {topic}: expected images, found {by_name[topic].type}")
     wanted = tuple(wanted)
-    found = {name: absolute(name) for name in wanted if is_good(by_name.get(absolute(name)))} | found
+    found = {name: absolute(name) for name in wanted if is_usable(by_name.get(absolute(name)))} | found
     if "sphere" in wanted and "sphere" not in found:
         found["sphere"] = _only([s for s in streams if s.type == SPHERE], "spheres", "--remap sphere:=TOPIC").topic
     elif "depth/image_raw" in wanted:
@@ -128,7 +128,7 @@ def find_inputs(
     if "camera_info" in wanted:
         image = by_name[found["image_raw"]]
         if "camera_info" in found:
-            check_info(by_name[found["camera_info"]], image)
+            check_calibration(by_name[found["camera_info"]], image)
         else:
             found["camera_info"] = info_of(image, streams, "--info").topic
     return {name: found[name] for name in (*wanted, *(set(found) - set(wanted)))}
@@ -147,7 +147,7 @@ def info_of(image: Stream, streams: Sequence[Stream], option: str, *, is_pair: b
     beside = image.base.rsplit("/", 1)[0] + "/camera_info"
     for info in infos:
         if info.topic == beside:
-            check_info(info, image, is_pair=is_pair)
+            check_calibration(info, image, is_pair=is_pair)
             return info
     fitting = [info for info in infos if info.size == image.size or not image.width]
     if infos and not fitting:
@@ -156,11 +156,11 @@ def info_of(image: Stream, streams: Sequence[Stream], option: str, *, is_pair: b
         raise BagError(f"topics: expected one topic with {expected}, found {sizes}; choose it by {option}")
     fitting = [i for i in fitting if i.frame_id == image.frame_id] or fitting
     info = _only([i for i in fitting if not i.problem] or fitting, f"camera_info of {image.topic}", option)
-    check_info(info, image, is_pair=is_pair)
+    check_calibration(info, image, is_pair=is_pair)
     return info
 
 
-def check_info(info: Stream, image: Stream, *, is_pair: bool = False) -> None:
+def check_calibration(info: Stream, image: Stream, *, is_pair: bool = False) -> None:
     """Raise BagError where a calibration is none, or is that of images of another size."""
     if info.type == CAMERA_INFO and info.problem and not (is_pair and info.is_projected):
         raise BagError(f"topics: {info.topic}: {info.problem}")
@@ -229,7 +229,7 @@ def _find_stereo(streams: Sequence[Stream], found: dict[str, str]) -> dict[str, 
     found = found | {"left/image_raw": left.topic, "right/image_raw": right.topic}
     for side, image in (("left", left), ("right", right)):
         if f"{side}/camera_info" in found:
-            check_info(by_name[found[f"{side}/camera_info"]], image, is_pair=True)
+            check_calibration(by_name[found[f"{side}/camera_info"]], image, is_pair=True)
         else:
             found[f"{side}/camera_info"] = info_of(image, streams, f"--{side}-info", is_pair=True).topic
     return found
@@ -301,7 +301,7 @@ def _names(streams: Iterable[Stream]) -> str:
     return ", ".join(broken or [stream.topic for stream in streams]) or "none"
 
 
-def is_good(stream: Stream | None) -> bool:
+def is_usable(stream: Stream | None) -> bool:
     """Whether there is a topic that is neither a video nor images of no use."""
     return stream is not None and stream.type not in VIDEO and not (stream.problem and stream.is_image)
 
@@ -311,5 +311,5 @@ def _stream(bag: BagReader, info: TopicInfo, seconds: float) -> Stream:
     shown = Shown()
     if info.type in WITH_FRAME:
         sampled = islice(bag.messages([info.name]), NUM_SAMPLES)
-        shown = examine([(item.stamp_ns, item.message) for item in sampled], info.type, info.name)
+        shown = examine_samples([(item.stamp_ns, item.message) for item in sampled], info.type, info.name)
     return Stream(info.name, info.type, info.count, rate, **vars(shown))

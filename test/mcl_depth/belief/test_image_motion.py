@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.image_motion import ImageStep, OdometryCheck, ScaleCheck
+from mcl_depth.belief.image_motion import ImageStep, ReconciledOdometry, ScaleCheck
 from mcl_depth.belief.motion_model import MotionModel, planar_pose
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3, Spherical
@@ -44,7 +44,7 @@ def observe(image, odometry):
 @pytest.fixture
 def check():
     """What has seen two images half a metre apart, the second of them at (0.5, 0) and kept."""
-    found = OdometryCheck(Room(), MotionModel(MotionParams()))
+    found = ReconciledOdometry(Room(), MotionModel(MotionParams()))
     for x in (0.0, 0.5):
         found.reconcile(observe(image_at(x, 0.0), (x, 0.0, 0.0)), is_held=True)
         found.keep(image_at(x, 0.0), np.ones((90, 180), np.bool_), np.array([x, 0.0, 0.0]))

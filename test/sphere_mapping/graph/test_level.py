@@ -9,7 +9,7 @@ from sphere_mapping.graph.level import (
     BY_REST,
     UP,
     ImuSample,
-    Level,
+    Upright,
     find_gravity,
     find_ground,
 )
@@ -48,18 +48,18 @@ def test_few_samples_say_nothing(rng):
 
 
 def test_the_map_begins_at_the_base_level_and_ahead():
-    T_map_base = Level(LEAN.T @ UP).T_map_base
+    T_map_base = Upright(LEAN.T @ UP).T_map_base
     np.testing.assert_allclose(T_map_base.rotation @ (LEAN.T @ UP), UP, atol=1e-12)
     assert (float(T_map_base.yaw), *T_map_base.translation) == pytest.approx((0.0, 0.0, 0.0, 0.0), abs=1e-12)
     np.testing.assert_allclose(T_map_base.angles[:2], SE3.from_parts(LEAN, np.zeros(3)).angles[:2], atol=1e-9)
-    np.testing.assert_array_equal(Level(UP).T_map_base.matrix, np.eye(4))
+    np.testing.assert_array_equal(Upright(UP).T_map_base.matrix, np.eye(4))
 
 
 def scene(rng, up_base, noise=0.01):
     """Points (N, 3) of a floor 1.4 m below the eye, and of a wall ahead."""
     floor = np.column_stack([rng.uniform(1, 6, 6000), rng.uniform(-2, 2, 6000), np.zeros(6000)])
     wall = np.column_stack([np.full(6000, 6.0), rng.uniform(-2, 2, 6000), rng.uniform(0, 3, 6000)])
-    points = np.concatenate([floor, wall]) @ Level(up_base).T_map_base.rotation
+    points = np.concatenate([floor, wall]) @ Upright(up_base).T_map_base.rotation
     away = points - EYE
     return points + noise * rng.standard_normal((len(points), 1)) * away / np.linalg.norm(away, axis=1, keepdims=True)
 

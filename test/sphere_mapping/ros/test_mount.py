@@ -11,7 +11,7 @@ from sensor_msgs.msg import Imu
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_mapping.params import SphereMapperParams
-from sphere_mapping.ros.mount import Mount, VehicleFrame
+from sphere_mapping.ros.mount import CameraMount, VehicleFrame
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import header
 from sphere_nav.ros.tf import TransformTree
@@ -84,7 +84,7 @@ def test_an_imu_without_a_place_or_in_another_frame_does_not_level_the_map():
         T_base_body = vehicle.frame.find(FRAME, True)
         for number in range(20):
             vehicle.hear(stamp(0) + number * SECOND // 100, frame_id=frame_id)  # of an optical frame: up is ahead
-        T_map_base, source = begin(vehicle, Mount(FRAME, True, T_base_body))
+        T_map_base, source = begin(vehicle, CameraMount(FRAME, True, T_base_body))
         np.testing.assert_allclose(T_map_base.matrix, np.eye(4), atol=1e-9)
         assert source == "the mounting"
         assert "imu: not used to level the map" in vehicle.said[-1]
@@ -97,7 +97,7 @@ def test_an_optical_frame_as_base_begins_a_map_whose_z_is_up():
     vehicle.tree.add(mount().transforms[1], is_static=True)
     T_base_body = vehicle.frame.find(FRAME, True)
     np.testing.assert_allclose(T_base_body.matrix, T_BODY_OPTICAL.inverse().matrix, atol=1e-12)
-    T_map_base, _ = begin(vehicle, Mount(FRAME, True, T_base_body))
+    T_map_base, _ = begin(vehicle, CameraMount(FRAME, True, T_base_body))
     np.testing.assert_allclose(T_map_base.matrix, T_BODY_OPTICAL.matrix, atol=1e-12)
 
 

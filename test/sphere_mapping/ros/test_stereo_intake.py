@@ -10,7 +10,7 @@ from sensor_msgs.msg import CameraInfo
 from sphere_mapping.acquisition.stereo.stereo_field import RowFit, StereoField
 from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
 from sphere_mapping.params import MapperParams
-from sphere_mapping.ros.mount import Mount
+from sphere_mapping.ros.mount import CameraMount
 from sphere_mapping.ros.stereo_intake import StereoIntake, describe_rows, open_pair, report_nothing
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros.camera.synchronizer import Instant
@@ -94,7 +94,7 @@ def test_a_known_pair_corrects_the_images_from_the_first_on():
     intake = StereoIntake(MapperParams(), unknown, report_nothing, lambda *seen: caught.append(seen))
     geometry = PairGeometry(camera, camera, np.eye(3), np.eye(3), camera, 0.3)
     intake.use(StereoPair(geometry, StereoField(rows=(3.0, 0, 0, 0, 0, 0))))
-    assert intake.make(instant, Mount("l", True, SE3.identity()), *told) is None
+    assert intake.make(instant, CameraMount("l", True, SE3.identity()), *told) is None
     left, right, _ = caught[0]
     np.testing.assert_array_equal(left, image)
     np.testing.assert_array_equal(right[10:200], image[10:200] + 3)  # what belongs at a row is three rows below

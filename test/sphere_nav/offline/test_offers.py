@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 
 from sphere_nav.geometry import SE3
 from sphere_nav.offline import offers, topics
-from sphere_nav.offline.offers import Recording, offer_localize, offer_map, offer_mcl
+from sphere_nav.offline.offers import OpenedBag, offer_localize, offer_map, offer_mcl
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.samples import CAMERA_INFO, IMAGE, ODOMETRY, SPHERE, SPHERE_INFO
 from sphere_nav.ros.bags.streams import Stream
@@ -38,7 +38,7 @@ def frames(*edges, is_static=True):
 
 
 def recording(*streams, tree=None, **values):
-    return Recording(SimpleNamespace(path=Path("drive")), streams, tree or TransformTree(), {}, **values)
+    return OpenedBag(SimpleNamespace(path=Path("drive")), streams, tree or TransformTree(), {}, **values)
 
 
 MOUNTED = frames(*(("base_link", name) for name in NAMES))

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_mapping.ros.mount import Mount
+from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline.mapping import drive as mapped
@@ -26,7 +26,7 @@ def truth_of(poses):
 @pytest.fixture
 def drive():
     mapper = SimpleNamespace(trajectory=lambda: zip(STAMPS, WAY, strict=True), graph=[None] * 3, num_loops=1)
-    mount = Mount("camera", False, SE3.from_planar(0.4, 0.0, 0.0))
+    mount = CameraMount("camera", False, SE3.from_planar(0.4, 0.0, 0.0))
     return MappedDrive(SimpleNamespace(mapper=mapper, mount=mount), num_lost=2)
 
 

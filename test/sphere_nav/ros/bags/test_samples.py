@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 from sensor_msgs.msg import CompressedImage
 
 from sphere_nav.geometry import Pinhole
-from sphere_nav.ros.bags.samples import CAMERA_INFO, COMPRESSED, IMAGE, examine
+from sphere_nav.ros.bags.samples import CAMERA_INFO, COMPRESSED, IMAGE, examine_samples
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, decompress
 from sphere_nav.ros.conversions.stamps import header
 
@@ -22,12 +22,12 @@ PNG = cv2.imencode(".png", DEPTH)[1].tobytes()
 
 
 def raw(pixels, encoding, topic="/a", stamps=(SECOND, 2 * SECOND)):
-    return examine([(s, array_to_image(pixels, s, "a", encoding)) for s in stamps], IMAGE, topic)
+    return examine_samples([(s, array_to_image(pixels, s, "a", encoding)) for s in stamps], IMAGE, topic)
 
 
 def packed(data, format_, topic="/a/compressed"):
     messages = [(s, CompressedImage(header=header(s, "a"), format=format_, data=data)) for s in (SECOND, 2 * SECOND)]
-    return examine(messages, COMPRESSED, topic)
+    return examine_samples(messages, COMPRESSED, topic)
 
 
 def test_a_good_image_shows_its_frame_size_and_encoding():
@@ -39,8 +39,8 @@ def test_one_good_message_is_enough():
     good = array_to_image(GRAY, 2 * SECOND, "a", "mono8")
     bad = array_to_image(GRAY, SECOND, "a", "mono8")
     bad.encoding = "nv12"
-    assert examine([(1, bad), (2, good)], IMAGE, "/a").problem == ""
-    assert "encoding: expected one of" in examine([(1, bad), (2, bad)], IMAGE, "/a").problem
+    assert examine_samples([(1, bad), (2, good)], IMAGE, "/a").problem == ""
+    assert "encoding: expected one of" in examine_samples([(1, bad), (2, bad)], IMAGE, "/a").problem
 
 
 @pytest.mark.parametrize(
@@ -79,22 +79,22 @@ def test_depth_that_measures_nothing_is_a_problem():
 )
 def test_stamps_that_are_none_are_a_problem(stamps, words):
     messages = [(number, array_to_image(GRAY, stamp, "a", "mono8")) for number, stamp in enumerate(stamps)]
-    assert words in examine(messages, IMAGE, "/a").problem
+    assert words in examine_samples(messages, IMAGE, "/a").problem
 
 
 def test_stamps_ahead_of_the_recorder_are_measured_by_the_least_lead():
     messages = [(time, array_to_image(GRAY, time + lead, "a", "mono8")) for time, lead in ((1, 900), (500, 300))]
-    assert examine(messages, IMAGE, "/a").lead_ns == 300
+    assert examine_samples(messages, IMAGE, "/a").lead_ns == 300
     late = [(time, array_to_image(GRAY, time - 5, "a", "mono8")) for time in (10, 20)]
-    assert examine(late, IMAGE, "/a").lead_ns == 0
+    assert examine_samples(late, IMAGE, "/a").lead_ns == 0
 
 
 def test_a_calibration_has_the_size_of_its_images():
     info = camera_to_info(Pinhole(640, 480, 500.0, 500.0, 319.5, 239.5), SECOND, "a")
     info.binning_x = info.binning_y = 2
-    shown = examine([(1, info)], CAMERA_INFO, "/camera_info")
+    shown = examine_samples([(1, info)], CAMERA_INFO, "/camera_info")
     assert (shown.width, shown.height, shown.problem, shown.is_projected) == (320, 240, "", True)
     info.k = [0.0] * 9
-    shown = examine([(1, info)], CAMERA_INFO, "/camera_info")
+    shown = examine_samples([(1, info)], CAMERA_INFO, "/camera_info")
     assert "found focal length 0" in shown.problem
     assert shown.is_projected
