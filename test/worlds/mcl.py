@@ -62,9 +62,13 @@ def drive(count=12) -> list[SE3]:
 
 
 class Eye:
-    """What the panoramic camera sees: surfaces are the brighter the nearer to the middle, with a little noise."""
+    """What the panoramic camera sees: surfaces are the brighter the nearer to the middle, with a little noise.
 
-    def __init__(self) -> None:
+    `is_lit`: the nearer to a lamp on the camera, which moves with it.
+    """
+
+    def __init__(self, *, is_lit: bool = False) -> None:
+        self._is_lit = is_lit
         self._synthesizer = DepthSynthesizer(room(), SynthesisParams(num_columns=COLUMNS))
         self.camera = self._synthesizer.camera
 
@@ -73,7 +77,11 @@ class Eye:
         depth = self._synthesizer.synthesize_many([[*eye.translation[:2], HEIGHT]])[0]
         place = np.array([*eye.translation[:2], HEIGHT])
         middle = np.linalg.norm(place + depth[..., None] * self.camera.unproject(pixel_grid(self.camera)), axis=-1)
-        bright = np.roll(255.0 / (1.0 + 0.3 * middle), round(float(eye.yaw) / (2 * np.pi) * COLUMNS), axis=1)
+        bright = np.roll(
+            255.0 / (1.0 + 0.3 * (depth if self._is_lit else middle)),
+            round(float(eye.yaw) / (2 * np.pi) * COLUMNS),
+            axis=1,
+        )
         noise = np.random.default_rng(int(1e6 * abs(eye.translation[0]))).normal(0.0, 2.0, bright.shape)
         return np.clip(bright + noise, 0, 255).astype(np.uint8)
 

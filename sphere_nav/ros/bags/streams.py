@@ -124,7 +124,8 @@ def find_inputs(
     elif "left/image_raw" in wanted:
         found = _find_stereo(streams, found)
     elif "image_raw" in wanted and "image_raw" not in found:
-        found["image_raw"] = _only(find_views(streams), "images (image_raw)", "--image").topic
+        broken = [stream for stream in streams if stream.is_image or stream.type in VIDEO]
+        found["image_raw"] = _only(find_views(streams), "images (image_raw)", "--image", broken).topic
     if "camera_info" in wanted:
         image = by_name[found["image_raw"]]
         if "camera_info" in found:
@@ -287,9 +288,10 @@ def _only_pair(pairs: Sequence[tuple[Stream, Stream]], options: str = "--image, 
     return left[0]
 
 
-def _only(streams: Sequence[Stream], what: str, option: str) -> Stream:
+def _only(streams: Sequence[Stream], what: str, option: str, broken: Sequence[Stream] = ()) -> Stream:
     if len(streams) != 1:
-        raise BagError(f"topics: expected one topic with {what}, found {_names(streams)}; choose it by {option}")
+        found = _names(streams or broken)
+        raise BagError(f"topics: expected one topic with {what}, found {found}; choose it by {option}")
     return streams[0]
 
 

@@ -40,7 +40,7 @@ def homing_in_a_room(monkeypatch):
 
 @pytest.fixture(scope="module")
 def eye():
-    return Eye()
+    return Eye(is_lit=True)
 
 
 @pytest.fixture(scope="module")

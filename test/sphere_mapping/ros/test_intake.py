@@ -105,7 +105,7 @@ def test_depth_of_a_camera_beside_bears_a_rolling_shutter():
     _, depth_m = ROOM.rgbd(DEPTH_CAMERA, optical(pose(0)) @ T_IMAGE_DEPTH)
     messages["depth/image_raw"] = array_to_image(depth_m, stamp(0), "depth_optical", "32FC1")
     info = (DEPTH_INFO, camera_to_info(DEPTH_CAMERA, stamp(0), "depth_optical"))
-    ((rolled, _, _, unroll),) = caught("rgbd", info, *messages.items(), **{"camera.readout": 0.02}).caught
+    ((rolled, _, unroll),) = caught("rgbd", info, *messages.items(), **{"camera.readout": 0.02}).caught
     straight = unroll(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
     both = rolled.measured & straight.measured
     assert both.sum() > 0.6 * rolled.measured.sum()

@@ -1,6 +1,5 @@
 """What commands do with their words and figures, without bags and maps."""
 
-from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -95,7 +94,9 @@ def sphere_map(tmp_path, length=0.0, num_nodes=3):
     (tmp_path / "map" / "a").write_bytes(bytes(3_000_000))
     texts = {"map_id": "id", "software": "s", "source": "drive", "rig": "r", "format_version": 2}
     info = SimpleNamespace(header=SimpleNamespace(frame_id="map"), length=length, **texts)
-    return SimpleNamespace(graph=graph, info=info, path=tmp_path / "map", load_sphere=lambda sphere_id: sphere)
+    return SimpleNamespace(
+        graph=graph, info=info, origin="", path=tmp_path / "map", load_sphere=lambda sphere_id: sphere
+    )
 
 
 def test_the_facts_about_a_map(tmp_path):
@@ -164,58 +165,65 @@ def test_the_velocity_of_an_image_is_that_of_its_neighbours():
     np.testing.assert_allclose(located.trajectory().T_map_body.matrix[2], poses[2].matrix)
 
 
-def refined(fx, fy, unobserved=()):
-    lens = Lens.of(Pinhole(64, 48, fx, fy, 31.0, 23.0, CAMERA.distortion), 0.0125)
-    deviations = {name: (k + 1) / 8 for k, name in enumerate(lens.names)}
-    figures = {"states": [0] * 7, "num_pixels": 99, "residual": 2.25}
-    return SimpleNamespace(lens=lens, unobserved=unobserved, deviations=deviations, **figures)
+def lens(fx, fy):
+    return Lens.of(Pinhole(64, 48, fx, fy, 31.0, 23.0, CAMERA.distortion), 0.0125)
+
+
+def proven(fx, fy, unobserved=()):
+    found = lens(fx, fy)
+    deviations = {name: (k + 1) / 8 for k, name in enumerate(found.names)}
+    refined = SimpleNamespace(lens=found, deviations=deviations, states=[0] * 7, num_pixels=99, residual=2.25)
+    figures = {"evidence": 9.5, "limit": 4.25, "moved_px": 2.5, "apart_px": 0.5}
+    return SimpleNamespace(found=refined, unobserved=unobserved, **figures)
 
 
 @pytest.mark.parametrize(
     ("lengths", "num_rounds"),
-    [
-        ([(50.0, 51.0 * 1.00009)], 1),
-        ([(50.0, 51.0 * 1.00011), (50.0, 51.0 * 1.00011)], 2),
-        ([(50.0 * 0.9998, 51.0), (50.0 * 0.9998, 51.0)], 2),
-        ([(55.0, 51.0), (57.0, 51.0), (58.0, 51.0), (59.0, 51.0), (60.0, 51.0)], 4),
-    ],
+    [([(51.0, 51.0)], 1), ([(60.0, 61.0), (60.5, 61.0)], 2), ([(60.0, 61.0), (80.0, 61.0), (100.0, 61.0)], 3)],
 )
-def test_it_refines_until_the_focal_length_stays_within_a_ten_thousandth(tmp_path, monkeypatch, lengths, num_rounds):
-    asked = []
+def test_it_localizes_and_refines_until_the_lens_stays_or_for_three_rounds(monkeypatch, lengths, num_rounds):
+    asked, judged = [], []
 
     class Drive(refine_camera.RecordedDrive):
-        def __init__(self, arguments):
-            self._arguments = arguments
-            self.camera, self.frame_id, self.odometry = CAMERA, "front", ""
-            self.located = refine_camera.Located(np.empty(0, np.int64), ())
+        def __init__(self):
+            self._arguments, self.camera = SimpleNamespace(readout=0.0125), CAMERA
+            self.located = refine_camera.Located(np.array([0, 40, 70], np.int64) * 10**6, ())
 
-        def _refine_once(self, sphere_map, lens):
-            asked.append(lens.values[:2].tolist())
-            return refined(*lengths[len(asked) - 1])
+        def _locate(self, sphere_map, given):
+            asked.append(given.values[:2].tolist())
+            return [len(asked)]
 
-    monkeypatch.setattr(command, "RecordedDrive", Drive)
-    monkeypatch.setattr(command, "open_map", lambda path: nullcontext(path))
-    words = {"map": "map", "source": "bag", "readout": 0.0, "mounting": "", "overwrite": False}
-    arguments = SimpleNamespace(output=tmp_path / "a.yaml", **words)
-    assert command.run(arguments) == 0
-    assert asked[0] == [50.0, 51.0]
-    assert asked[1:] == [list(pair) for pair in lengths[: num_rounds - 1]]
+    monkeypatch.setattr(
+        refine_camera, "refine_camera", lambda images, given: SimpleNamespace(lens=lens(*lengths[images[0] - 1]))
+    )
+    monkeypatch.setattr(refine_camera, "prove", lambda *words: judged.append(words))
+    Drive().refine("map")
+    assert asked == [[50.0, 51.0], *map(list, lengths[: num_rounds - 1])]
+    ((images, given, period),) = judged
+    assert (images, given.values[:2].tolist(), given.readout) == ([num_rounds], [50.0, 51.0], 0.0125)
+    assert period == pytest.approx(0.03)  # the shortest time between two images
+
+
+def test_a_calibration_is_not_overwritten(tmp_path):
+    (tmp_path / "a.yaml").write_text("mine")
     with pytest.raises(ValueError, match="expected no such file, found one"):
-        command.run(arguments)
+        command.run(SimpleNamespace(output=tmp_path / "a.yaml", overwrite=False))
 
 
 def test_the_calibration_file_is_that_of_ros():
-    found = yaml.safe_load(refine_camera.text_of(refined(50.0, 51.0), "front", None))
+    found = yaml.safe_load(refine_camera.text_of(proven(50.0, 51.0), "front", None))
     assert (found["image_width"], found["image_height"], found["camera_name"]) == (64, 48, "front")
     assert found["camera_matrix"] == {"rows": 3, "cols": 3, "data": [50.0, 0, 31.0, 0, 51.0, 23.0, 0, 0, 1.0]}
     assert found["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": [0.1, 0.2, 0.3, 0.4, 0.0]}
     assert (found["projection_matrix"]["rows"], found["projection_matrix"]["cols"]) == (3, 4)
     assert (found["readout"], found["standard_deviations"]["fy"]) == (0.0125, 0.25)
-    lines = list(command.report_camera(refined(50.0, 51.0, ("cx",)), "out"))
-    assert lines[0] == "7 images, 99 pixels, residual 2.2 grey levels -> out"
+    assert found["held_out"] == {"evidence": 9.5, "limit": 4.25, "moved_px": 2.5, "apart_px": 0.5}
+    lines = list(command.report_camera(proven(50.0, 51.0, ("cx",))))
+    assert lines[0] == "7 images, 99 pixels, residual 2.2 grey levels"
     assert lines[3].split() == ["cx", "31.00000", "+-", "0.37500", "NOT", "OBSERVED", "by", "this", "drive"]
+    assert lines[-2].startswith("held-out halves of the drive: t 9.5 for it, more than 4.2 is proof")
     assert lines[-1].startswith("record surfaces near and far")
-    *_, last = command.report_camera(refined(50.0, 51.0, ("readout",)), "out")
+    *_, last = command.report_camera(proven(50.0, 51.0, ("readout",)))
     assert last.startswith("the readout shows in motion")
 
 

@@ -55,7 +55,7 @@ class Finished:
         self.drive = SimpleNamespace(
             node=SimpleNamespace(mapper=mapper, params=SimpleNamespace(mapper="parameters")),
             trajectory=lambda is_base: trajectory, anchor_graph=lambda *words: (SE3.identity(), graph, ["warned"]),
-            summary=lambda truth: ["2 loops"],
+            summary=lambda truth: ["2 loops"], loss="",
         )  # fmt: skip
         monkeypatch.setattr(learning, "truth_of", lambda bag: None)
         monkeypatch.setattr(learning, "merge", lambda *words: SimpleNamespace(graph=graph, replaced=replaced))
