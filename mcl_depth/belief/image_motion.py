@@ -138,9 +138,7 @@ class ReconciledOdometry:
         """Forget the image: odometry is believed until two of them are compared."""
         self._images.reset()
         self._usual_ncc = self._usual_way = 0.0
-        self._fit: tuple[float, Array, Array] | None = (
-            None  # of the last image: correlation, motions by odometry, images
-        )
+        self._fit: tuple[float, Array, Array] | None = None  # of the last image: correlation, motion by odometry, images
         self.scale = ScaleCheck(self._noise.way_share)
 
     def keep(self, gray: NDArray[np.float32], is_seen: NDArray[np.bool_], pose: Array | None) -> None:
@@ -218,11 +216,9 @@ class ScaleCheck:
         """Add a motion (3,) by odometry and the same by the images."""
         square = float(motion[:2] @ motion[:2])
         self._product += float(motion[:2] @ seen[:2])
-        self._square, self._fourth, self._way = (
-            self._square + square,
-            self._fourth + square**2,
-            self._way + _way(motion),
-        )
+        self._square += square
+        self._fourth += square**2
+        self._way += _way(motion)
 
     @property
     def value(self) -> float:

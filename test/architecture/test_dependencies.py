@@ -28,11 +28,8 @@ THIRD_PARTY = {
     "lz4": ("lz4", "python3-lz4"),
     "zstandard": ("zstandard", "python3-zstandard"),
 }
-OPTIONAL = {
-    "distributed",
-    "pye57",
-    "viser",
-}  # imported where it is used, which says what to install; no part of the ROS package
+# imported where it is used, which says what to install; no part of the ROS package
+OPTIONAL = {"distributed", "pye57", "viser"}
 KNOWN_TO_ROS = ROS | {"ament_index_python", "launch", "launch_ros"}
 
 
