@@ -138,7 +138,7 @@ class ReconciledOdometry:
         """Forget the image: odometry is believed until two of them are compared."""
         self._images.reset()
         self._usual_ncc = self._usual_way = 0.0
-        self._fit: tuple[float, Array, Array] | None = None  # of the last image: correlation, motion by odometry, images
+        self._fit: tuple[float, Array, Array] | None = None  # of the last image: correlation, both motions
         self.scale = ScaleCheck(self._noise.way_share)
 
     def keep(self, gray: NDArray[np.float32], is_seen: NDArray[np.bool_], pose: Array | None) -> None:
