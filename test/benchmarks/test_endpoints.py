@@ -12,6 +12,7 @@ pytest.importorskip("rclpy")
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import State
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
@@ -61,22 +62,28 @@ GUARD = next(case for case in CASES if case.node_class.NAME == "command_guard")
 def test_lies_kill_no_node_and_the_end_of_a_front_and_the_silence_of_a_loop_are_seen(monkeypatch):
     monkeypatch.setattr(endpoints, "ANSWER", 3.0)
     monkeypatch.setattr(endpoints, "HEALTH", 1.5)
-    one, stopped = Interrogation._one, []
+    one, examine, stopped = Interrogation._one, Interrogation._examine, []
 
-    def lie_and_hit(self):
-        loop, number = self._victim.process.pid, self.outcome.num_lies
-        if number == 30:
+    def lie_and_kill(self):
+        if self.outcome.num_lies == 30:
             assert not self._victim.death
-            os.kill(front_of(loop), signal.SIGKILL)
-        if number == 300:
-            time.sleep(endpoints.HEALTH)  # it tells what it has heard
-            stopped.append(loop)
-            os.kill(loop, signal.SIGSTOP)
-        if loop in stopped:
-            time.sleep(0.1)  # its last words grow old
+            os.kill(front_of(self._victim.process.pid), signal.SIGKILL)
         one(self)
 
-    monkeypatch.setattr(Interrogation, "_one", lie_and_hit)
+    def stop_and_examine(self):
+        if (
+            self.outcome.num_lies > 100
+            and not stopped
+            and self._activate(endpoints.ANSWER) == State.PRIMARY_STATE_ACTIVE
+        ):
+            stopped.append(self._victim.process.pid)
+            os.kill(stopped[0], signal.SIGSTOP)
+            self._await_health(["nobody"], 0.0, 0.5)  # what it had told before
+            time.sleep(endpoints.HEALTH)
+        examine(self)
+
+    monkeypatch.setattr(Interrogation, "_one", lie_and_kill)
+    monkeypatch.setattr(Interrogation, "_examine", stop_and_examine)
     (outcome,) = interrogate([GUARD], 330, seed=4, clocks=[True])
     assert ["ended with 1" in text for text in outcome.deaths] == [True]
     assert ["no diagnostics for 3 s" in text for text in outcome.silences] == [True]
