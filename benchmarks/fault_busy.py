@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.synchronize import Event as EventOfProcesses
 from pathlib import Path
@@ -86,16 +86,11 @@ def front_of(pid: int) -> int:
     return int(Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()[0])
 
 
-def take_precedence() -> None:
-    """Serve the base first, as a computer of its own would; not what it starts."""
-    for thread in os.listdir("/proc/self/task"):
-        with suppress(PermissionError):
-            os.sched_setscheduler(int(thread), os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(BASE_PRIORITY))
-
-
 def observe(name: str, gate: EventOfProcesses) -> Seen:
     """Drive, let the crowd begin and then a fault, and look what comes."""
     import rclpy
+
+    from path_follower.ros.loop_process import take_precedence
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "path.csv"
@@ -105,7 +100,8 @@ def observe(name: str, gate: EventOfProcesses) -> Seen:
         process = subprocess.Popen([sys.executable, "-P", "-c", code, *arguments])
         rclpy.init()
         base = Base()
-        take_precedence()
+        # as a computer of its own would serve the base, but not what it starts
+        take_precedence(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, BASE_PRIORITY)
         try:
             base.drive_off()
             gate.set()

@@ -118,6 +118,15 @@ class Messages:
 Write = Callable[[Path, Messages, Iterable[Item]], Path]  # a path without ending -> the bag that was written there
 
 
+def _write_all(writer: Any, store: Any, serialize: Any, items: Iterable[Item]) -> None:
+    """Write messages by a writer of rosbags, each topic with a connection of its own."""
+    known: dict[str, Any] = {}
+    for topic, kind, ns, message in items:
+        if topic not in known:
+            known[topic] = writer.add_connection(topic, kind, typestore=store)
+        writer.write(known[topic], ns, serialize(message, kind))
+
+
 def ros2(storage: str = "mcap", mode: str = "", *, is_lone: bool = False, has_metadata: bool = True) -> Write:
     """Return a writer of rosbag2 folders by rosbags; `mode`: file or message, that is compressed."""
 
@@ -127,11 +136,7 @@ def ros2(storage: str = "mcap", mode: str = "", *, is_lone: bool = False, has_me
         if mode:
             writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
         with writer:
-            known: dict[str, Any] = {}
-            for topic, kind, ns, message in items:
-                if topic not in known:
-                    known[topic] = writer.add_connection(topic, kind, typestore=make.store)
-                writer.write(known[topic], ns, make.store.serialize_cdr(message, kind))
+            _write_all(writer, make.store, make.store.serialize_cdr, items)
         if not has_metadata:
             (path / "metadata.yaml").unlink()
         return next(file for file in path.iterdir() if file.suffix in (".db3", ".mcap")) if is_lone else path
@@ -148,11 +153,7 @@ def ros1(compression: str = "") -> Write:
         if compression:
             writer.set_compression(Ros1Writer.CompressionFormat[compression.upper()])
         with writer:
-            known: dict[str, Any] = {}
-            for topic, kind, ns, message in items:
-                if topic not in known:
-                    known[topic] = writer.add_connection(topic, kind, typestore=make.store)
-                writer.write(known[topic], ns, make.store.serialize_ros1(message, kind))
+            _write_all(writer, make.store, make.store.serialize_ros1, items)
         return path
 
     return write

@@ -96,7 +96,7 @@ def _front(words: Sequence[str], start: Front, stopped: Future) -> Iterator[Conn
 
 def _serve(server: LoopServer, connection: Connection, stopped: Future) -> int:
     server.executor = executor = GuardedExecutor(server.failures)
-    _take_precedence()
+    take_precedence()
     threading.Thread(target=_listen, args=(connection, server, executor), daemon=True).start()
     try:
         return executor.spin_until(stopped)
@@ -105,11 +105,11 @@ def _serve(server: LoopServer, connection: Connection, stopped: Future) -> int:
         executor.shutdown(timeout_sec=0.2)
 
 
-def _take_precedence() -> None:
+def take_precedence(policy: int = os.SCHED_FIFO, priority: int = PRIORITY) -> None:
     """Be served first: all threads, those that wait for a signal or the front's end among them, and what they start."""
     for thread in map(int, os.listdir("/proc/self/task")):
         try:
-            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(PRIORITY))
+            os.sched_setscheduler(thread, policy, os.sched_param(priority))
         except PermissionError:
             with suppress(PermissionError):
                 os.setpriority(os.PRIO_PROCESS, thread, NICE)

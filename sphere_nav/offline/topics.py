@@ -127,7 +127,10 @@ def find_topics(bag: BagReader, wanted: Iterable[str], chosen: dict[str, str]) -
     """Return the bag's topic for every one of ours; odometry where there is any."""
     streams = read_streams(bag)
     with _name_bag(bag):
-        found = find_wanted(streams, wanted, chosen)
+        return _beside_odometry(streams, find_wanted(streams, wanted, chosen))
+
+
+def _beside_odometry(streams: Sequence[Stream], found: dict[str, str]) -> dict[str, str]:
     odometry = find_odometry(streams)
     return ({"odom": odometry} if odometry else {}) | found
 
@@ -178,7 +181,7 @@ def find_camera_topics(bag: BagReader, chosen: Mapping[str, str], *, has_lenses:
     BagError, with the option to give, for a topic that is not there, or images without any calibration.
     """
     streams = read_streams(bag)
-    by_name, odometry = {stream.topic: stream for stream in streams}, find_odometry(streams)
+    by_name = {stream.topic: stream for stream in streams}
     with _name_bag(bag):
         found = find_inputs(streams, (), chosen)
         for name in () if has_lenses else camera_names(chosen):
@@ -186,7 +189,7 @@ def find_camera_topics(bag: BagReader, chosen: Mapping[str, str], *, has_lenses:
             if info not in found and f"cameras/{name}/sphere_info" not in found:
                 image = by_name[found[f"cameras/{name}/image_raw"]]
                 found[info] = info_of(image, streams, f"--remap {info}:=TOPIC").topic
-    return ({"odom": odometry} if odometry else {}) | found
+    return _beside_odometry(streams, found)
 
 
 def find_lens_topics(streams: Sequence[Stream], find: Callable[[Sequence[str]], dict[str, str]]) -> dict[str, str]:
@@ -218,8 +221,7 @@ def find_localizer_topics(bag: BagReader, arguments: argparse.Namespace) -> dict
     streams = read_streams(bag)
     with _name_bag(bag):
         found = find_lens_topics(streams, lambda wanted: find_wanted(streams, wanted, chosen))
-    odometry = find_odometry(streams)
-    return ({"odom": odometry} if odometry else {}) | found
+    return _beside_odometry(streams, found)
 
 
 def note_mounting(bag: BagReader, image: str, arguments: argparse.Namespace) -> str:
