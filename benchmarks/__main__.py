@@ -51,6 +51,7 @@ BENCHMARKS = {
     "mcl_wrong_map": "benchmarks.mcl_wrong_map",
     "mcl_kidnap": "benchmarks.mcl_kidnap",
     "contradictions": "benchmarks.contradictions",
+    "survey_tiles": "benchmarks.survey_tiles",
     "mcl_cameras": "benchmarks.mcl_cameras",
     "mcl_ramp": "benchmarks.mcl_ramp",
     "mcl_corridor": "benchmarks.mcl_corridor",

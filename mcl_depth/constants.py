@@ -144,6 +144,10 @@ MAX_ELEMENTS = 50_000_000  # squares of a grid, or samples of a surface
 INDEX_BITS = 20  # of a voxel along an axis; three of them make one int64
 MAX_BLOCKS = 1 << 25  # of columns, in the rectangle around the cloud
 LARGE_EXTENT_M, MIN_POINTS, MAX_LONELY = 1_000.0, 100, 0.5  # a wider cloud of more points; share alone in a cubic metre
+# Surveys larger than memory (geometry/test_tiles)
+MAX_KEPT = 6_000_000  # points, 150 MB: a square kilometre of ground and walls at half a metre
+FINEST_SHARE = 2.0**-17  # of the extent: the first cubes are a centimetre of a kilometre
+GROWTH = 2.0**0.5  # of cubes: half as many have a piece of a surface
 # The frame of a survey (geometry/test_survey_frame)
 SURVEY_SAMPLES = 400_000  # points by which axes are found
 FLOOR_STEP, UP_RATIO = 0.5, 1.5  # m, of the squares of a floor; by how much the other one must be larger

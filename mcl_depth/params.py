@@ -126,7 +126,7 @@ class FilterParams:
 class MclDepthParams(FilterParams, NodeParams):
     """Everything that the node needs (`node.py`)."""
 
-    cloud: str = param("", "map: .ply, .pcd, .las, .npy, a floor plan .csv, or a folder of key spheres; empty: wait")
+    cloud: str = param("", "map: .ply, .pcd, .las, .npy, plan .csv, a folder of tiles or key spheres; empty: wait")
     roll_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
     pitch_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
     survey: SurveyParams = group(SurveyParams)

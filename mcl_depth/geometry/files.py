@@ -10,42 +10,90 @@ from numpy.typing import NDArray
 
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.geometry.floor_plan import read_floor_plan
-from mcl_depth.geometry.las import read_las
+from mcl_depth.geometry.las import count_las, read_las
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
-from mcl_depth.geometry.survey_frame import declared_unit, find_frame
+from mcl_depth.geometry.survey_frame import SurveyFrame, declared_unit, find_frame, survey_box
+from mcl_depth.geometry.tiles import Thinner, within
 from mcl_depth.params import SurveyParams
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.isolated import read_isolated
 from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file, read_npy
 
-ENDINGS = (".ply", ".pcd", ".las", ".laz", ".npy", ".e57", ".csv")
+TILE_ENDINGS = (".ply", ".pcd", ".las", ".laz", ".npy", ".e57")
+ENDINGS = (*TILE_ENDINGS, ".csv")
 E57_BYTES, E57_RATIO, E57_S = 1 << 30, 24, 30.0  # memory of its process, beside that by the size of the file; seconds
 
 
-def read_geometry(path: str | Path, survey: SurveyParams | None = None) -> Cloud | TriangleMesh:
+def read_geometry(
+    path: str | Path, survey: SurveyParams | None = None, limits: Array | None = None
+) -> Cloud | TriangleMesh:
     """Read .ply (points, or a mesh where there are faces), .pcd, .las, .laz, .npy (N, 3+), .e57, or a floor plan .csv.
 
     Points come in metres, z up, near the origin (`survey_frame.py`); what was done to them is among the warnings.
-    ValueError in one line where the file is damaged, absurd, empty, of another kind, or not there.
+    A folder is one of tiles. ValueError in one line where a file is damaged, absurd, empty, of another kind, or absent.
     """
     path, survey = Path(path), survey or SurveyParams()
+    if path.is_dir():
+        return _read_tiles(path, survey, limits)
     open_file(path, f"map ({', '.join(ENDINGS)})", MAX_ARRAY_BYTES).close()  # no FIFO, no device
     if path.suffix.lower() == ".csv":
         return read_floor_plan(path)
     points, triangles, unit = _read_points(path)
-    name, is_mesh = str(path), len(triangles) > 0
-    frame = find_frame(points, survey, name, unit, is_mesh=is_mesh)
-    points = frame.apply(points)
-    made = mesh_from_faces(points, triangles, name) if is_mesh else cloud_from_points(points, name)
+    frame = find_frame(points, survey, str(path), unit, is_mesh=len(triangles) > 0)
+    return _tell_share(_in_frame(points, triangles, frame, path), [path])
+
+
+def _in_frame(
+    points: NDArray[np.floating], triangles: NDArray[np.int64], frame: SurveyFrame, path: Path
+) -> Cloud | TriangleMesh:
+    points, name = frame.apply(points), str(path)
+    made = mesh_from_faces(points, triangles, name) if len(triangles) else cloud_from_points(points, name)
     notes = (*made.warnings, frame.words) if frame.words else made.warnings
     return replace(
         made, warnings=notes, origin=(float(frame.origin[0]), float(frame.origin[1]), float(frame.origin[2]))
     )
 
 
-def _read_points(path: Path) -> tuple[NDArray[np.floating], NDArray[np.int64], str]:
-    """Return points (N, 3) as the file has them, triangles (T, 3), and the unit that it declares, if any."""
+def _read_tiles(folder: Path, survey: SurveyParams, limits: Array | None) -> Cloud | TriangleMesh:
+    """Return the points of all tiles in a folder, as far as a map of `limits` (x0, y0, x1, y1) m needs them."""
+    kept, units = Thinner(), dict[str, Path]()
+    tiles = sorted(path for path in folder.iterdir() if path.suffix.lower() in TILE_ENDINGS)
+    if not tiles:
+        raise ValueError(f"{folder}: expected tiles ({', '.join(TILE_ENDINGS)}), found none")
+    for tile in tiles:
+        unit = survey.unit if survey.unit != "auto" else declared_unit(tile)
+        box = survey_box(survey, limits, unit)
+        points, _, declared = _read_points(tile, box)
+        kept.add(points if box is None else points[within(points, box)])
+        units.setdefault(unit or declared, tile)
+    if len(units) > 1:
+        (first, second), (one, other) = list(units)[:2], list(units.values())[:2]
+        raise ValueError(
+            f"{folder}: tiles: expected one unit, found {first or 'none declared'} in {one.name}"
+            f" and {second or 'none declared'} in {other.name}; survey.unit says which"
+        )
+    points = kept.points()
+    made = _in_frame(
+        points, np.zeros((0, 3), np.int64), find_frame(points, survey, str(folder), next(iter(units))), folder
+    )
+    return _tell_share(made, tiles)
+
+
+def _tell_share(made: Cloud | TriangleMesh, files: list[Path]) -> Cloud | TriangleMesh:
+    """Say how many of a survey's points are used, where those are not all."""
+    total = sum(count_las(path) for path in files if path.suffix.lower() in (".las", ".laz"))
+    if isinstance(made, TriangleMesh) or total <= len(made):
+        return made
+    return replace(made, warnings=(*made.warnings, f"{made.name}: {len(made)} of {total} points, evenly over space"))
+
+
+def _read_points(path: Path, box: Array | None = None) -> tuple[NDArray[np.floating], NDArray[np.int64], str]:
+    """Return points (N, 3) as the file has them, triangles (T, 3), and the unit that it declares, if any.
+
+    Of a .las, only what lies within `box` (x0, y0, x1, y1).
+    """
     nothing = np.zeros((0, 3), np.int64)
     match path.suffix.lower():
         case ".ply":
@@ -53,7 +101,7 @@ def _read_points(path: Path) -> tuple[NDArray[np.floating], NDArray[np.int64], s
         case ".pcd":
             return read_pcd(path), nothing, ""
         case ".las" | ".laz":
-            return read_las(path), nothing, declared_unit(path)
+            return read_las(path, box), nothing, declared_unit(path)
         case ".e57":
             return _read_e57(path), nothing, "m"
         case ".npy":

@@ -12,6 +12,9 @@ import laspy
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import MAX_KEPT
+from mcl_depth.geometry.tiles import Thinner
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.isolated import read_isolated
 from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file
 
@@ -19,6 +22,7 @@ CHUNK_BYTES = 1 << 25  # of points unpacked at once
 HEADER, LAST = 375, 227  # bytes of the longest header, that of version 1.4, and of the shortest
 RECORDS = ((100, 54), (243, 60))  # where a header counts its variable records, and the least bytes of one
 BEGIN, FORMAT, LENGTH, COUNT, LONG_COUNT = 96, 104, 105, 107, 247  # where the header tells of the points
+EXTENT = 179  # where it tells the largest and least x, then y, of the points
 PACKED = 0x80  # of the format's byte, in a .laz
 MAX_PACKING = 100  # LAZ packs a point into no less than this share of its bytes
 BACKEND = laspy.LazBackend.LazrsParallel  # the other one reads on beyond the last point
@@ -27,23 +31,28 @@ RESULT_BYTES = 24  # of a point: three float64
 READ_S, BYTES_PER_S = 30.0, 1e6  # a process is given that time, and more by the size of the file
 
 
-def read_las(path: Path) -> NDArray[np.float64]:
-    """Return points (N, 3) float64 in the coordinates of the file."""
+def read_las(path: Path, box: Array | None = None) -> NDArray[np.float64]:
+    """Return points (N, 3) float64 in the coordinates of the file; of more than MAX_KEPT some, evenly over space.
+
+    `box` (x0, y0, x1, y1), in these coordinates, is all that is read.
+    """
     size = path.stat().st_size
-    with open_file(path, "map", MAX_ARRAY_BYTES) as file:
-        start = file.read(HEADER) or b""
-    if start[:4] != b"LASF" or len(start) < LAST:
-        raise ValueError(f"{path}: header: expected 'LASF' and {LAST} bytes, found {len(start)}: {start[:4]!r}")
-    count, length = _check_start(path, start, size)
+    start, count, length = _start_of(path)
+    x1, x0, y1, y0 = np.frombuffer(start, "<f8", 4, EXTENT)
+    if box is not None and (x1 < box[0] or x0 > box[2] or y1 < box[1] or y0 > box[3]):
+        return np.zeros((0, 3))
+    words = [] if box is None else [repr(float(value)) for value in box]
     if start[FORMAT] < PACKED:
-        return read_points(path)
-    max_bytes = 4 * CHUNK_BYTES + (4 * RESULT_BYTES + length) * count
-    points: NDArray[np.float64] = read_isolated(read_points, path, max_bytes, READ_S + size / BYTES_PER_S)
+        return read_points(path, *words)
+    max_bytes = 4 * CHUNK_BYTES + (4 * RESULT_BYTES + length) * min(count, 2 * MAX_KEPT)
+    points: NDArray[np.float64] = read_isolated(read_points, path, max_bytes, READ_S + size / BYTES_PER_S, *words)
     return points
 
 
-def read_points(path: Path) -> NDArray[np.float64]:
+def read_points(path: Path, *box: str) -> NDArray[np.float64]:
     """Return points (N, 3) float64; what lazrs does not expect may end the process."""
+    kept = Thinner(np.array([float(word) for word in box]) if box else None)
+    num_read = 0
     try:
         with laspy.open(path, laz_backend=BACKEND) as reader:
             header = reader.header
@@ -51,7 +60,9 @@ def read_points(path: Path) -> NDArray[np.float64]:
             if header.are_points_compressed:
                 _check_chunks(path, header, path.stat().st_size)
             steps = reader.chunk_iterator(max(CHUNK_BYTES // header.point_format.size, 1))
-            parts = [np.column_stack([part.x, part.y, part.z]) for part in steps]
+            for part in steps:
+                kept.add(np.column_stack([part.x, part.y, part.z]))
+                num_read += len(part)
     except (laspy.LaspyException, OSError, ValueError, RuntimeError, OverflowError, IndexError, KeyError) as error:
         text = " ".join(str(error).split()).removeprefix("IoError: ")
         raise ValueError(
@@ -61,10 +72,23 @@ def read_points(path: Path) -> NDArray[np.float64]:
         if isinstance(error, (KeyboardInterrupt, SystemExit, MemoryError)):
             raise
         raise ValueError(f"{path}: points: expected LAZ, found damage") from None
-    points = np.concatenate(parts) if parts else np.zeros((0, 3))
-    if len(points) != header.point_count:
-        raise ValueError(f"{path}: points: expected {header.point_count}, found {len(points)}")
-    return points.astype(np.float64, copy=False)
+    if num_read != header.point_count:
+        raise ValueError(f"{path}: points: expected {header.point_count}, found {num_read}")
+    return kept.points()
+
+
+def count_las(path: Path) -> int:
+    """Return the number of points that a file says it has; ValueError where it cannot have them."""
+    return _start_of(path)[1]
+
+
+def _start_of(path: Path) -> tuple[bytes, int, int]:
+    """Return the first bytes, the number of points and the bytes of one."""
+    with open_file(path, "map", MAX_ARRAY_BYTES) as file:
+        start = file.read(HEADER) or b""
+    if start[:4] != b"LASF" or len(start) < LAST:
+        raise ValueError(f"{path}: header: expected 'LASF' and {LAST} bytes, found {len(start)}: {start[:4]!r}")
+    return start, *_check_start(path, start, path.stat().st_size)
 
 
 def _check_start(path: Path, start: bytes, size: int) -> tuple[int, int]:

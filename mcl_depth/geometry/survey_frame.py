@@ -121,6 +121,17 @@ def declared_unit(path: Path) -> str:
     return ""
 
 
+def survey_box(survey: SurveyParams, limits: Array | None, unit: str) -> Array | None:
+    """Return what of a file counts for a map of `limits` (x0, y0, x1, y1) m: its box, in the unit of the file.
+
+    None, all of it, where origin, unit and axis are only found by all of its points.
+    """
+    origin = _read_origin(survey.origin)
+    if limits is None or origin is None or not unit or survey.up == "y":
+        return None
+    return np.asarray((limits + np.tile(origin[:2], 2)) / METERS[unit])
+
+
 def _read_origin(text: str) -> Array | None:
     if not text:
         return None

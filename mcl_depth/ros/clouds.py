@@ -14,10 +14,11 @@ from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.srv import LoadCloud
 
 from mcl_depth.filter import Filter
+from mcl_depth.geometry.area import limits_of
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points, thin_cloud
-from mcl_depth.geometry.files import read_geometry
+from mcl_depth.geometry.files import TILE_ENDINGS, read_geometry
 from mcl_depth.geometry.mesh import TriangleMesh
-from mcl_depth.params import MclDepthParams, SurveyParams
+from mcl_depth.params import MclDepthParams
 from mcl_depth.site import Site
 from mcl_depth.status import REMEDIES
 from sphere_nav.localization.status import FINE, Finding, Reason, State, Status, status_of
@@ -45,7 +46,7 @@ class GeometryLoader:
         self._share = 1.0  # of its depth images that are made
         self._origin = endpoints.add_publisher("map_origin", PointStamped, qos.LATCHED)
         if params.cloud:
-            self.use(read_map(params.cloud, params.survey), map_id=find_map_id(params.cloud))
+            self.use(read_map(params.cloud, params), map_id=find_map_id(params.cloud))
         endpoints.add_service("~/load_cloud", LoadCloud, self.on_load_cloud)
         endpoints.add_subscription("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
 
@@ -105,7 +106,7 @@ class GeometryLoader:
         try:
             if not (math.isfinite(request.voxel_size) and request.voxel_size >= 0.0):
                 raise ValueError(f"voxel_size: expected 0 m or more, found {request.voxel_size:g}")
-            geometry = read_map(request.path, self._declared.survey)
+            geometry = read_map(request.path, self._declared)
             voxel_m = request.voxel_size or self._declared.synthesis.voxel_m
             num_points = count_points(geometry, voxel_m)  # before it is in force: thinning may refuse it
             self.use(geometry, request.voxel_size, find_map_id(request.path))
@@ -130,16 +131,23 @@ def count_points(geometry: Cloud | TriangleMesh, voxel_m: float) -> int:
 
 def find_map_id(path: str) -> str:
     """Return the name of a map of key spheres; empty for a file."""
-    if not Path(path).is_dir():
+    if not _is_map(path):
         return ""
     with open_map(path) as reader:
         return str(reader.info.map_id)
 
 
-def read_map(path: str, survey: SurveyParams | None = None) -> Cloud | TriangleMesh:
-    """Return the geometry of a file, or of a folder of key spheres."""
-    if not Path(path).is_dir():
-        return read_geometry(path, survey)
+def _is_map(path: str) -> bool:
+    folder = Path(path)
+    return folder.is_dir() and not any(file.suffix.lower() in TILE_ENDINGS for file in folder.iterdir())
+
+
+def read_map(path: str, params: MclDepthParams | None = None) -> Cloud | TriangleMesh:
+    """Return the geometry of a file, of a folder of tiles, or of one of key spheres."""
+    params = params or MclDepthParams()
+    if not _is_map(path):
+        limits, reach = limits_of(params.area.limits), params.synthesis.max_range_m
+        return read_geometry(path, params.survey, None if limits is None else limits + reach * np.array([-1, -1, 1, 1]))
     parts = [np.zeros((0, 3), np.float32)]
     with open_map(path) as reader:
         for node in reader.graph:

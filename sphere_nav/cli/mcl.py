@@ -12,7 +12,8 @@ from sphere_nav.ros.bags.replay import OfflineBus
 
 HELP = """\
 Find the camera of a bag in bare geometry, from nowhere, or around --initial-pose: a room or two have too few places to
-prove one of them. CLOUD is .ply, .pcd, .las, .laz, .npy, .e57, a floor plan .csv, or a map made by `sphere_nav map`.
+prove one of them. CLOUD is .ply, .pcd, .las, .laz, .npy, .e57, a floor plan .csv, a folder of
+tiles, or a map made by `sphere_nav map`.
 The poses of base_link in the states TRACKING and DEGRADED are written as a TUM file.
 
 examples:

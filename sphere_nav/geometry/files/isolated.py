@@ -23,8 +23,8 @@ REFUSED = 3  # exit status: one line says why
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
 
 
-def read_isolated(read: Callable[[Path], Any], path: Path, max_bytes: int, seconds: float) -> Any:
-    """Return the array that `read(path)` returns in a process of its own; `read` is a function of a module.
+def read_isolated(read: Callable[..., Any], path: Path, max_bytes: int, seconds: float, *more: str) -> Any:
+    """Return the array that `read(path, *more)` returns in a process of its own; `read` is a function of a module.
 
     ValueError where it refuses the file, needs more than `max_bytes` of memory (or of result) or more than `seconds`,
     or ends the process.
@@ -39,6 +39,7 @@ def read_isolated(read: Callable[[Path], Any], path: Path, max_bytes: int, secon
             folder,
             str(max_bytes),
             str(int(seconds) + 1),
+            *more,
         ]
         environment = os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         try:
@@ -62,7 +63,7 @@ def read_isolated(read: Callable[[Path], Any], path: Path, max_bytes: int, secon
         return np.load(Path(folder, "array.npy"), allow_pickle=False)
 
 
-def _main(module: str, function: str, path: str, folder: str, max_bytes: str, seconds: str) -> int:
+def _main(module: str, function: str, path: str, folder: str, max_bytes: str, seconds: str, *more: str) -> int:
     limits = {
         resource.RLIMIT_AS: START_BYTES + int(max_bytes),
         resource.RLIMIT_CPU: int(seconds),
@@ -76,7 +77,7 @@ def _main(module: str, function: str, path: str, folder: str, max_bytes: str, se
     import numpy as np
 
     try:
-        np.save(Path(folder, "array.npy"), getattr(import_module(module), function)(Path(path)))
+        np.save(Path(folder, "array.npy"), getattr(import_module(module), function)(Path(path), *more))
     except MemoryError:
         line = f"{path}: expected a file that unpacks within {int(max_bytes) >> 20} MB, found one that does not"
     except (ValueError, OSError) as error:

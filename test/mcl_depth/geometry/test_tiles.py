@@ -1,0 +1,141 @@
+"""Surveys larger than memory: what is kept of many points, and of tiles in a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from mcl_depth.geometry import files, las
+from mcl_depth.geometry.files import read_geometry
+from mcl_depth.geometry.tiles import Thinner
+from mcl_depth.params import SurveyParams
+
+ORIGIN = np.array([500_000.0, 5_400_000.0, 0.0])
+RNG = np.random.default_rng(5)
+
+
+def walls(x0: float = 0.0) -> np.ndarray:
+    """Return ground of 100 x 100 m and a wall, in UTM."""
+    ground = RNG.uniform([x0, 0, 0], [x0 + 100, 100, 0.1], (20_000, 3))
+    return ORIGIN + np.concatenate([ground, RNG.uniform([x0 + 50, 0, 0], [x0 + 50.1, 100, 20], (5_000, 3))])
+
+
+def write_las(path: Path, points: np.ndarray, unit: int = 0) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = np.full(3, 0.001), ORIGIN
+    if unit:
+        keys = np.array([[1, 1, 0, 1], [3076, 0, 1, unit]], "<u2")
+        header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "", keys.tobytes()))
+    tile = laspy.LasData(header)
+    tile.x, tile.y, tile.z = points.T
+    tile.write(path)
+
+
+def test_few_points_are_kept_as_they_came():
+    points = RNG.normal(size=(1000, 3))
+    kept = Thinner(most=1000)
+    kept.add(points[:400])
+    kept.add(points[400:])
+    assert kept.side == 0.0
+    np.testing.assert_array_equal(kept.points(), points)
+
+
+def test_of_many_points_one_of_every_cube_is_kept_whatever_comes_at_once():
+    points = RNG.uniform(0, 50, (40_000, 3)) + ORIGIN
+    dense = np.concatenate([points, RNG.uniform(0, 1, (40_000, 3)) + ORIGIN])  # half of them in one corner
+    kept = Thinner(most=10_000)
+    for first in range(0, len(dense), 777):
+        kept.add(dense[first : first + 777])
+    found = kept.points()
+    assert 2000 < len(found) <= 10_000
+    cubes = np.floor((found - kept._corner) / kept.side)
+    assert len(np.unique(cubes, axis=0)) == len(cubes)
+    in_corner = np.all(found - ORIGIN < 1.0, axis=1).mean()
+    assert in_corner < 0.01  # where half of the points lay
+    low, high = (found - ORIGIN).min(axis=0), (found - ORIGIN).max(axis=0)
+    assert np.all(low < 3.0)
+    assert np.all(high > 47.0)
+
+
+def test_far_tiles_are_no_lump():
+    kept = Thinner(most=1000)
+    for step in range(6):  # each a thousand times farther than the first is wide
+        kept.add(RNG.uniform(0, 1, (600, 3)) + 1000.0 * step)
+    reached = np.unique(np.round(kept.points()[:, 0] / 1000.0))
+    np.testing.assert_array_equal(reached, np.arange(6))
+
+
+def test_points_that_are_equal_and_ones_that_are_none_end():
+    kept = Thinner(most=100)
+    kept.add(np.ones((1000, 3)))
+    kept.add(np.full((1000, 3), np.nan))
+    kept.add(np.full((1000, 3), np.inf))
+    assert len(kept.points()) <= 100
+    np.testing.assert_array_equal(np.unique(kept.points(), axis=0)[0], np.ones(3))
+    kept.add(RNG.normal(size=(1000, 3)))
+    assert len(kept.points()) > 10
+
+
+def test_no_two_cubes_have_one_number():
+    kept = Thinner(most=100)
+    kept.add(np.repeat([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], 60, axis=0))
+    step, far = 2.0**-17, 16.0  # the next cube along x, and as many cubes along y as have a number
+    kept.add(np.repeat([[step, 0.0, 0.0], [0.0, far, 0.0]], 60, axis=0))
+    assert [0.0, far, 0.0] in kept.points().tolist()
+
+
+def test_a_box_bounds_what_counts():
+    kept = Thinner(np.array([0.0, 0.0, 10.0, 10.0]))
+    kept.add(RNG.uniform(-20, 20, (5000, 3)))
+    found = kept.points()
+    assert 200 < len(found) < 500
+    assert found[:, :2].min() >= 0.0
+    assert found[:, :2].max() <= 10.0
+
+
+def test_tiles_of_a_folder_are_one_cloud_with_one_origin(tmp_path: Path):
+    parts = [walls(0.0), walls(100.0)]
+    write_las(tmp_path / "a.laz", parts[0])
+    write_las(tmp_path / "b.las", parts[1])
+    np.save(tmp_path / "c.npy", walls(200.0))
+    (tmp_path / "readme.txt").write_text("of no use")
+    cloud = read_geometry(tmp_path)
+    assert (len(cloud.points), cloud.origin) == (75_000, (500_000.0, 5_400_000.0, 0.0))
+    assert len(cloud.warnings) == 1  # the origin
+    np.testing.assert_allclose(cloud.points[:25_000], parts[0] - ORIGIN, atol=2e-3)
+
+
+def test_of_large_tiles_as_much_is_kept_as_memory_allows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    for module in (las, files):
+        monkeypatch.setattr(module, "Thinner", lambda box=None: Thinner(box, 8000))
+    write_las(tmp_path / "a.las", walls())
+    cloud = read_geometry(tmp_path)
+    assert 2000 < len(cloud.points) <= 8000
+    assert cloud.warnings[-1] == f"{tmp_path}: {len(cloud)} of 25000 points, evenly over space"
+    assert read_geometry(tmp_path / "a.las").warnings[-1].endswith("of 25000 points, evenly over space")
+    assert np.ptp(cloud.points, axis=0) == pytest.approx([100.0, 100.0, 20.0], abs=1.0)
+
+
+def test_only_what_the_area_needs_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    for number in range(3):
+        write_las(tmp_path / f"{number}.laz", walls(100.0 * number), 9001)
+    read, around = [], read_geometry.__globals__["read_las"].__globals__["read_isolated"]
+    monkeypatch.setattr(las, "read_isolated", lambda *words: read.append(words[1].name) or around(*words))
+    survey = SurveyParams(origin="500000,5400000,0")
+    cloud = read_geometry(tmp_path, survey, np.array([20.0, 30.0, 80.0, 90.0]))
+    assert read == ["0.laz"]  # the others lie beside it, as their headers tell
+    np.testing.assert_allclose(cloud.box[0][:2], [20, 30], atol=0.5)
+    np.testing.assert_allclose(cloud.box[1][:2], [80, 90], atol=0.5)
+
+
+def test_tiles_of_two_units_and_a_folder_without_any_are_refused(tmp_path: Path):
+    with pytest.raises(ValueError, match=r"expected tiles .*, found none"):
+        read_geometry(tmp_path)
+    write_las(tmp_path / "a.las", walls(), 9001)
+    write_las(tmp_path / "b.las", walls(), 9002)
+    with pytest.raises(ValueError, match=r"expected one unit, found m in a\.las and ft in b\.las; survey\.unit says"):
+        read_geometry(tmp_path)
+    assert len(read_geometry(tmp_path, SurveyParams(unit="m")).points) == 50_000
