@@ -86,13 +86,7 @@ class LidarParams:
     """The cloud of a LiDAR (topic points)."""
 
     max_age_s: float = param(0.06, "largest time between a cloud and an instant that it serves", "s", low=0.0)
-    has_mount: bool = param(False, "the LiDAR is mounted as below where /tf does not tell")
-    x: float = param(0.0, "place in the frame of the rig, forward", "m")
-    y: float = param(0.0, "place in the frame of the rig, to the left", "m")
-    z: float = param(0.0, "place in the frame of the rig, up", "m")
-    roll_deg: float = param(0.0, "turn about the forward axis, first", "deg", low=-360.0, high=360.0)
-    pitch_deg: float = param(0.0, "turn about the axis to the left, second", "deg", low=-360.0, high=360.0)
-    yaw_deg: float = param(0.0, "turn about the upward axis, last", "deg", low=-360.0, high=360.0)
+    mounting: str = param("", "LiDAR on rig_frame, x,y,z,roll,pitch,yaw (m, rad) or a YAML, where /tf does not tell")
 
 
 @parameters

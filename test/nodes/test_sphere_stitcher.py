@@ -225,8 +225,7 @@ def cloud_of_scene(bench, stamp):
 
 @pytest.mark.parametrize("way", ["tf", "mount"])
 def test_a_lidar_is_placed_by_tf_or_by_its_mount(rig_path, way):
-    mount = {"has_mount": True, "x": 0.4, "y": -0.2, "z": 0.3, "yaw_deg": float(np.degrees(1.0))}
-    values = {f"cloud.{name}": value for name, value in mount.items()} if way == "mount" else {}
+    values = {"cloud.mounting": "0.4,-0.2,0.3,0,0,1.0"} if way == "mount" else {}
     bench = Bench(rig=rig_path, has_cloud=True, **{"stitch.range": "none"}, **values)
     if way == "tf":
         told = [
@@ -249,7 +248,7 @@ def test_a_lidar_without_a_place_is_refused_and_spheres_go_on(rig_path):
     bench.pass_time(1000 * MS)
     bench.send("points", cloud_of_scene(bench, 1000 * MS))
     assert "tf: frame lidar: expected one of" in bench.refusals()
-    assert "cloud.has_mount" in bench.refusals()
+    assert "cloud.mounting" in bench.refusals()
     bench.shoot(1000 * MS, IMAGES[0])
     bench.pass_time(1500 * MS)
     assert len(bench.spheres) == 1

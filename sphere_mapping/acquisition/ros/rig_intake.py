@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from sphere_mapping.acquisition.params import LidarParams, SphereStitcherParams
+from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.range.lens_check import check_info
 from sphere_nav.geometry import SE3, Rig
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth, read_rgb
+from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 from sphere_nav.ros.tf import TransformError
@@ -78,6 +79,7 @@ class RigIntake:
         on_instants: Callable[[list[RigInstant]], None],
     ) -> None:
         self.rig, self.params = rig, params
+        self._T_rig_lidar = read_mounting(params.cloud.mounting, "cloud.mounting")
         self._now_ns, self._lookup, self._on_instants = now_ns, lookup, on_instants
         self.clouds, self._has_points = Clouds(params.cloud.max_age_s), True
         depths = tuple(name + DEPTH for name in rig.names) if params.has_depth else ()
@@ -149,15 +151,15 @@ class RigIntake:
 
     def _mount_at(self, frame: str, stamp: int) -> SE3:
         """Return T_rig_points: what /tf says, else the mount of the parameters."""
-        p, rig_frame = self.params.cloud, self.params.rig_frame
+        rig_frame = self.params.rig_frame
         if frame in ("", rig_frame):
             return SE3.identity()
         try:
             return self._lookup(rig_frame, frame, stamp)
         except TransformError as error:
-            if not p.has_mount:
-                raise ValueError(f"{error}; cloud.has_mount: expected /tf or true, found neither") from None
-            return mount_of(p)
+            if self._T_rig_lidar is None:
+                raise ValueError(f"{error}; expected it on /tf or in cloud.mounting, found neither") from None
+            return self._T_rig_lidar
 
     def _put(self, stream: str, message: AnyImage, image: NDArray[Any]) -> None:
         self._hand_out(self.sync.put(stream, conversions.stamp_ns(message), image, self._now_ns()))
@@ -172,9 +174,3 @@ class RigIntake:
         points = self.clouds.at(instant.stamp_ns) if self.params.has_cloud else None
         self._has_points = points is not None
         return RigInstant(instant, images, depths, points)
-
-
-def mount_of(params: LidarParams) -> SE3:
-    """Return T_rig_points of the parameters: turned about x, then y, then z, all of the rig."""
-    roll, pitch, yaw = np.radians([params.roll_deg, params.pitch_deg, params.yaw_deg])
-    return SE3.from_angles(roll, pitch, yaw, [params.x, params.y, params.z])

@@ -5,9 +5,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_mapping.acquisition.params import LidarParams, SphereStitcherParams
-from sphere_mapping.acquisition.ros.rig_intake import Clouds, RigIntake, mount_of
-from sphere_nav.params import build
+from sphere_mapping.acquisition.params import SphereStitcherParams
+from sphere_mapping.acquisition.ros.rig_intake import Clouds, RigIntake
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, cloud_to_message
 from sphere_nav.ros.node import ERROR, OK, WARN, ManagedNode
@@ -114,10 +113,3 @@ def test_the_nearest_in_time_is_taken_within_the_limit():
     assert not clouds.has_since(201 * MS)
     clouds.clear()
     assert clouds.at(100 * MS) is None
-
-
-def test_the_mount_is_turned_about_the_axes_of_the_rig():
-    """Looking to the left (yaw 90) and rolled: forward of the LiDAR is the rig's left, its left points up."""
-    mount = mount_of(build(LidarParams, {"x": 1.0, "z": 2.0, "yaw_deg": 90.0, "roll_deg": 90.0}))
-    found = mount.apply(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
-    np.testing.assert_allclose(found, [[1.0, 1.0, 2.0], [1.0, 0.0, 3.0]], atol=1e-12)
