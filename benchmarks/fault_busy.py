@@ -2,7 +2,8 @@
 
 The base keeps the last command, as one without a time-out of its own does. Poses come ten times a second. Busy, from
 when it drives: calls, parameters, paths of 20,000 and 1,000,000 poses, transforms and scans of megabytes, as fast as
-two processes can send them; loaded: four processes a core that do nothing but compute.
+two processes can send them; loaded: four processes a core that do nothing but compute; deaf: a listener of all that
+the follower publishes hangs, and acknowledges nothing more.
 """
 
 from __future__ import annotations
@@ -34,6 +35,23 @@ HELP = "stops of real processes over DDS: alone, with every call and topic flood
 RUN = 2.0  # s of driving before a fault, in which the silence of commands is measured
 BASE_PRIORITY = 5  # real time, below the loops it is driven by
 AFTER = 3.0  # s in which zero must come
+ENDING = 1.0  # s for a process to end by itself
+LISTEN = """
+import rclpy
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Path
+from rclpy.qos import QoSProfile
+from sphere_nav_msgs.msg import FollowerStatus, TrackingError
+
+rclpy.init()
+node = rclpy.create_node("deaf")
+kinds = {"cmd_vel": Twist, "tracking_error": TrackingError, "path_follower/status": FollowerStatus}
+for topic, kind in kinds.items():
+    node.create_subscription(kind, topic, lambda message: None, QoSProfile(depth=10))
+rclpy.spin_once(node, timeout_sec=0.5)
+print(flush=True)
+rclpy.spin(node)
+"""
 
 
 @dataclass(frozen=True)
@@ -125,7 +143,7 @@ def observe(name: str, gate: EventOfProcesses) -> Seen:
             process.wait()
 
 
-# --- what keeps the machine busy
+# --- what keeps the machine busy, or the listeners waiting
 @contextmanager
 def crowd(*targets: Callable[[EventOfProcesses], None]) -> Iterator[EventOfProcesses]:
     """Run functions in processes of their own; each goes on while the event that this yields is set."""
@@ -138,6 +156,8 @@ def crowd(*targets: Callable[[EventOfProcesses], None]) -> Iterator[EventOfProce
         yield gate
     finally:
         for process in processes:
+            process.terminate()  # who has children ends them
+            process.join(ENDING)
             process.kill()
             process.join()
 
@@ -147,6 +167,28 @@ def compute(gate: EventOfProcesses) -> None:
     while gate.wait():
         for _ in range(100_000):
             pass
+
+
+def hang(gate: EventOfProcesses) -> None:
+    """Stop a process that listens reliably, as a debugger or a full disk would."""
+    children: list[subprocess.Popen[bytes]] = []
+
+    def end(*_: object) -> None:
+        for child in children:
+            child.kill()
+            child.wait()
+        sys.exit(0)
+
+    signal.signal(signal.SIGTERM, end)
+    while gate.wait():
+        with subprocess.Popen([sys.executable, "-P", "-c", LISTEN], stdout=subprocess.PIPE) as child:
+            children[:] = [child]
+            assert child.stdout is not None
+            child.stdout.readline()
+            child.send_signal(signal.SIGSTOP)
+            while gate.is_set():
+                time.sleep(0.05)
+            child.kill()
 
 
 def big_path(count: int) -> bytes:
@@ -229,6 +271,7 @@ CONDITIONS: dict[str, tuple[Callable[[EventOfProcesses], None], ...]] = {
     "alone": (),
     "busy": (flood_topics, flood_services),
     "loaded": (compute,) * 4 * (os.cpu_count() or 1),
+    "deaf": (hang,),
 }
 
 
