@@ -2,9 +2,34 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
-from sphere_nav.params import group, param, parameters
+from sphere_nav.params import build, group, leaves, param, parameters, to_mapping
+
+CONDITIONS: Mapping[str, Mapping[str, Any]] = {
+    # hours are solar; an exposure brings the mean grey level of the town near that of the default light
+    "low_sun": {"light.day": 265, "light.hour": 17.2, "light.exposure": 2.2},
+    "overcast": {"light.day": 120, "light.hour": 10.0, "light.overcast": 1.0, "light.exposure": 1.6},
+    "wet": {"light.day": 120, "light.hour": 15.0, "light.overcast": 0.9, "season.wet": 1.0, "light.exposure": 1.8},
+    "autumn": {"light.day": 300, "light.hour": 10.0, "light.exposure": 1.2, "season.leaves": "yellow"},
+    "winter": {"light.day": 355, "light.hour": 11.0, "light.exposure": 1.4, "season.leaves": "none"},
+    "snow": {
+        "light.day": 20, "light.hour": 13.0, "light.overcast": 0.7, "light.exposure": 1.6,
+        "season.leaves": "none", "season.snow": 0.8,
+    },
+    "dusk": {
+        "light.day": 265, "light.hour": 18.35, "light.has_street_lamps": True, "light.torch": 3000.0,
+        "light.exposure": 450.0, "imaging.noise": 2.0,
+    },
+    "night_lamps": {
+        "light.day": 300, "light.hour": 22.0, "light.has_street_lamps": True, "light.torch": 3000.0,
+        "light.exposure": 900.0, "imaging.noise": 3.0,
+    },
+    "night_torch": {
+        "light.day": 300, "light.hour": 22.0, "light.torch": 6000.0, "light.exposure": 900.0, "imaging.noise": 3.0,
+    },
+}  # fmt: skip
 
 
 @parameters
@@ -18,11 +43,27 @@ class LightParams:
     hour: float = param(
         0.0, "solar time in hours that decides where the sun is; 0: the two angles do", low=0.0, high=24.0
     )
+    day: int = param(
+        0, "day of the year of that hour, on which the sun sets; 0: end of May, it does not", low=0, high=366
+    )
     hour_rate: float = param(0.0, "hours that pass in a second of simulated time", low=0.0, high=1.0)
     clouds: float = param(0.0, "share of the sun's light that passing clouds take", low=0.0, high=1.0)
+    overcast: float = param(0.0, "share of the sky behind a closed layer of clouds", low=0.0, high=1.0)
+    has_street_lamps: bool = param(False, "whether street lamps and some windows are lit")
+    torch: float = param(0.0, "light of the head lamp on the car's nose", "cd", low=0.0, high=1e6)
 
     cloud_period: ClassVar[float] = 90.0  # from cloud to cloud, about, s
     gamma: ClassVar[float] = 2.2  # grey level = 255 radiance^(1/gamma)
+
+
+@parameters
+class SeasonParams:
+    """What days and weather change in a world whose buildings stay."""
+
+    leaves: str = param("green", "of the trees", choices=("green", "yellow", "none"))
+    parked: int = param(0, "other cars are parked, elsewhere along the same kerbs; 0: those of the seed", low=0)
+    wet: float = param(0.0, "water on the ground: darker, and a mirror where it stands", low=0.0, high=1.0)
+    snow: float = param(0.0, "share of open, upward surfaces that is white; its depth is not drawn", low=0.0, high=1.0)
 
 
 @parameters
@@ -232,6 +273,9 @@ class SimParams:
     path: str = param(
         "two_turns", "path to start on and to teach, in the town", choices=("two_turns", "block", "straight")
     )
+    condition: str = param(
+        "", "light and season by name, for what is not set otherwise; empty: as set", choices=("", *CONDITIONS)
+    )
     has_stamped_command: bool = param(True, "cmd_vel is TwistStamped, not Twist")
     clock: ClockParams = group(ClockParams)
     teach: TeachParams = group(TeachParams)
@@ -245,5 +289,14 @@ class SimParams:
     imu: ImuParams = group(ImuParams)
     scan: ScanParams = group(ScanParams)
     light: LightParams = group(LightParams)
+    season: SeasonParams = group(SeasonParams)
     traffic: TrafficParams = group(TrafficParams)
     render: RenderParams = group(RenderParams)
+
+
+def in_condition(params: SimParams) -> SimParams:
+    """Return parameters with those of their condition wherever they stand at the default."""
+    default = {leaf.name: leaf.default for leaf in leaves(SimParams)}
+    values = to_mapping(params)
+    named = CONDITIONS.get(params.condition, {})
+    return build(SimParams, values | {name: value for name, value in named.items() if values[name] == default[name]})

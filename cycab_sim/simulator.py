@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cycab_sim.driver import PurePursuitDriver
-from cycab_sim.params import CameraRigParams, SimParams, SphereParams
+from cycab_sim.params import CameraRigParams, SimParams, SphereParams, in_condition
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.rendering.sky import is_constant, light_at
 from cycab_sim.sensors.cameras import forward_camera, roof_sphere
@@ -28,6 +28,7 @@ from cycab_sim.sensors.rigs import make_rig, rig_camera_names, rig_mounts
 from cycab_sim.sensors.scanner import Scan, Scanner
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelOdometry
 from cycab_sim.world.paths import arc
+from cycab_sim.world.season import change_season
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3, Camera
@@ -37,17 +38,19 @@ NAMES = ("odom", "imu", "scan", "camera", "sphere", "rig")
 START_NS = SECOND  # a stamp of 0 means 'no time' in ROS
 CAR_POINTS = 8  # along the car, from which traffic keeps off
 CAMERA_ROOM = 0.3  # around a camera that is anywhere, m
+T_BASE_TORCH = SE3.from_parts(np.eye(3), [1.5, 0.0, 0.7]) @ SE3.exp([0.0, 0.0, 0.0, 0.0, np.radians(3.0), 0.0])
 
 
 class Simulator:
     """A world, a Cycab in it, and the sensors on the Cycab."""
 
     def __init__(self, params: SimParams | None = None) -> None:
-        self.params = p = params or SimParams()
-        self.world = build_world(p.world, p.seed, p.path)
+        self.params = p = in_condition(params or SimParams())
+        world = build_world(p.world, p.seed, p.path)
+        self.world = replace(world, mesh=change_season(world.mesh, p.season, p.seed))
         self.traffic = Traffic(self.world, p.traffic, p.seed) if p.traffic.is_on else None
         bounds = self.world.bounds if self.world.is_wide else None
-        self.renderer = Renderer(self.world.mesh, p.render, p.light, self.traffic, bounds)
+        self.renderer = Renderer(self.world.mesh, p.render, p.light, self.traffic, bounds, season=p.season)
         self.path = self.world.path
         self.driver = PurePursuitDriver(self.path, p.teach, p.noise_seed)
         x, y, yaw = map(float, self.path.at(0.0)[:3])
@@ -146,6 +149,7 @@ class Simulator:
         Nobody of the traffic stands where the camera is.
         """
         self._light_and_move(self.time_ns, T_world_camera.translation[None, :2], CAMERA_ROOM)
+        self.renderer.torch = self.T_world_base @ T_BASE_TORCH
         self._scene_of = None
         levels, range_m = self.renderer.render(camera, T_world_camera, is_gray)
         return expose(levels, 0.0, 0.0, ()), range_m
@@ -162,6 +166,7 @@ class Simulator:
             along = np.linspace(-p.rear, p.front, CAR_POINTS)
             middle = T_world_base.apply(np.stack([along, 0.0 * along, 0.0 * along], axis=1))[:, :2]
             self._light_and_move(moment[0], middle, p.width / 2)
+            self.renderer.torch = T_world_base @ T_BASE_TORCH
             self._scene_of = moment
         return T_world_base
 

@@ -12,18 +12,19 @@ import os
 import threading
 from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import ArrayLike, NDArray
 
-from cycab_sim.params import LightParams, RenderParams
+from cycab_sim.params import LightParams, RenderParams, SeasonParams
 from cycab_sim.rendering import kernels
 from cycab_sim.rendering.embree import MovingScene, PacketScene, find_library
 from cycab_sim.rendering.shadows import ShadowMap
 from cycab_sim.rendering.sky import SkyLight, light_at
+from cycab_sim.rendering.weather import View, Weather
 from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture.kernels import dress, locate_surfaces
@@ -58,6 +59,7 @@ CURVE_SIZE = 4096
 MAX_CAMERAS = 16  # lenses whose rays are kept
 NO_HIT = -1
 MAX_TEXELS = 4000  # of a side of the shadow map of a wide world
+LEAVE = 0.01  # a mirrored ray begins so far from the ground, m
 SUN_STEP = np.radians(0.2)  # of the shadows of a sun that moves
 
 
@@ -74,7 +76,7 @@ class Renderer:
     """Draws a mesh from any camera; holds the ray caster, the shadow map and the rays of the cameras seen so far.
 
     `traffic` moves, see `move`; shadows reach as far as the bounds (x0, y0, x1, y1) m, where they are given;
-    num_threads share an image, 0: one a core.
+    num_threads share an image, 0: one a core. `torch` is where the head lamp of `light` is, x along its beam.
     """
 
     def __init__(
@@ -85,8 +87,10 @@ class Renderer:
         traffic: Traffic | None = None,
         bounds: tuple[float, float, float, float] | None = None,
         num_threads: int = 0,
+        season: SeasonParams | None = None,
     ) -> None:
         self.params = params
+        self.torch: SE3 | None = None
         self._scene = EmbreeScene(robust=True)
         self._keep = TriangleMesh(self._scene, mesh.triangles)
         self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds the tree, not thread-safe
@@ -99,7 +103,11 @@ class Renderer:
         self._lenses: OrderedDict[Camera, tuple[Floats, Floats]] = OrderedDict()
         self._light = light
         self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
-        self._shadows = ShadowMap(self._scene, _shadow_square(params, bounds), light, _middle(mesh, bounds), self._pool)
+        (extent, texel), middle = _shadow_square(params, bounds), _middle(mesh, bounds)
+        self._shadows = ShadowMap(self._scene, (extent, texel), light, middle, self._pool)
+        self._weather = Weather(self.mesh, mesh, light, season or SeasonParams())
+        overhead = replace(light, has_shadows=True)
+        self._weather.cover(lambda a: ShadowMap(self._scene, (extent, max(a, texel)), overhead, middle, self._pool))
         self._now = light_at(light, 0.0, 0)
 
     def illuminate(self, light: SkyLight) -> None:
@@ -174,14 +182,48 @@ class Renderer:
         if outside.any():
             triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
 
-    def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, depths: Floats, color: Floats) -> None:
+    def _shade(
+        self,
+        origin: NDArray[np.float64],
+        hits: Hits,
+        cone: Floats,
+        depths: Floats,
+        color: Floats,
+        is_mirror: bool = False,
+    ) -> None:
         m, s, now = self.mesh, self._shadows, self._now
         lamps = s.sun, now.sun_color, now.sky_color, now.sky_gain
+        view = View(origin, hits.rays, hits.ranges, hits.triangles, cone)
         paint_rays(m, origin, hits.rays, hits.ranges, hits.triangles, cone, color)
+        self._weather.change(view, now, color)
+        albedo = color.copy() if self._weather.has_lamps else color
         kernels.light(
             origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
             lamps, depths, s.texel, s.corner, s.T_sun_world, color,
         )  # fmt: skip
+        self._weather.add_lamps(view, albedo, color, self.torch, self.measure)
+        if not is_mirror:
+            self._weather.mirror(view, color, self._look_back)
+
+    def _look_back(self, below: NDArray[np.float64], rays: Floats, starts: Floats, cone: Floats) -> Floats:
+        """Return the radiance (N, 3) of unit rays (N, 3) that leave level ground at `starts` (N, 3) m.
+
+        `below` (3,) is the viewer mirrored by the ground, from whom the distance to what they meet is the whole way.
+        """
+        found = self._scene.run(starts + np.float32(LEAVE) * rays, rays, query="INTERSECT", output=1)
+        triangles = found["primID"].astype(np.int32)
+        is_hit = triangles != NO_HIT
+        way = (
+            starts + np.where(is_hit, found["tfar"], 1.0)[:, None].astype(np.float32) * rays - below.astype(np.float32)
+        )
+        ranges = np.linalg.norm(way, axis=1)
+        seen = np.where(is_hit[:, None], way / ranges[:, None], rays).astype(np.float32)
+        ranges = np.where(is_hit, ranges, np.inf).astype(np.float32)
+        if self._moving is not None:  # all of it is above the ground
+            self._moving.cast_nearer(below, seen, triangles, ranges)
+        color = np.empty_like(rays)
+        self._shade(below, Hits(seen, triangles, ranges), cone, self._shadows.depths, color, is_mirror=True)
+        return color
 
     def _refine(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, hits: Hits, color: Floats) -> None:
         """Look again with n x n rays at pixels where surfaces meet."""

@@ -47,6 +47,7 @@ def add_lamp(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     add_prism(mesh, at, 0.055, height, finishes.METAL)
     mesh.box([-0.03, -0.03, height - 0.08], [1.1, 0.06, 0.08], finishes.METAL, at)
     mesh.box([0.75, -0.12, height - 0.18], [0.5, 0.24, 0.12], finishes.painted_metal((0.55, 0.55, 0.5)), at)
+    mesh.lamps.append(moved(np.array([1.0, 0.0, height - 0.25]), at))
 
 
 def add_traffic_sign(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:

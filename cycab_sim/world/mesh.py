@@ -39,7 +39,8 @@ class Mesh:
     """Triangles (T, 3, 3) f32 m, their normals (T, 3) f32 and surfaces (T,) i32, and one row per surface.
 
     frames (S, 3, 4) f32 world to surface (u along, v up, w out), kinds (S, 2) i32 material and seed,
-    params (S, 6) f32, colours (S, 2, 3) f32, is_clutter (S,) bool: what comes and goes, as parked cars
+    params (S, 6) f32, colours (S, 2, 3) f32, is_clutter (S,) bool: what comes and goes, as parked cars;
+    is_parked (S,) bool: cars that stand; slots (P, 4, 4): where they may; lamps (L, 3) m: where street lamps shine
     """
 
     triangles: NDArray[np.float32]
@@ -50,6 +51,9 @@ class Mesh:
     params: NDArray[np.float32]
     colors: NDArray[np.float32]
     is_clutter: NDArray[np.bool_]
+    is_parked: NDArray[np.bool_]
+    slots: Array
+    lamps: Array
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
@@ -66,8 +70,11 @@ class MeshBuilder:
 
     rng: np.random.Generator
     is_clutter: bool = False  # whether what is added now comes and goes
+    is_parked: bool = False  # whether it is a parked car
+    slots: list[Array] = field(default_factory=list)  # placements (4, 4) where a car may be parked
+    lamps: list[Array] = field(default_factory=list)  # points (3,) below the heads of street lamps
     height: Callable[[Array], Array] | None = None  # of the ground, m, at x (N,): everything stands on it
-    _clutter: list[bool] = field(default_factory=list)
+    _clutter: list[tuple[bool, bool]] = field(default_factory=list)
     _triangles: list[Array] = field(default_factory=list)
     _surfaces: list[NDArray[np.int64]] = field(default_factory=list)
     _corners: list[Array] = field(default_factory=list)
@@ -101,6 +108,11 @@ class MeshBuilder:
         quads = np.asarray(low) + BOX_FACES * np.asarray(size)
         self.panels(quads if placement is None else moved(quads, placement), finish)
 
+    @property
+    def num_surfaces(self) -> int:
+        """Number of surfaces so far."""
+        return self._count
+
     def build(self) -> Mesh:
         """Return everything collected as arrays."""
         triangles, corners = np.concatenate(self._triangles), np.stack(self._corners)
@@ -121,12 +133,15 @@ class MeshBuilder:
                 [(*f.params, *(0.0,) * (NUM_PARAMS - len(f.params))) for f, _ in self._finishes], np.float32
             ),
             colors=np.array([(f.color, f.second) for f, _ in self._finishes], np.float32),
-            is_clutter=np.array(self._clutter, bool),
+            is_clutter=np.array([is_clutter for is_clutter, _ in self._clutter], bool),
+            is_parked=np.array([is_parked for _, is_parked in self._clutter], bool),
+            slots=np.array(self.slots, np.float64).reshape(-1, 4, 4),
+            lamps=np.array(self.lamps, np.float64).reshape(-1, 3),
         )
 
     def _new_surface(self, frame: Array, finish: Finish) -> None:
         self._corners.append(frame)
-        self._clutter.append(self.is_clutter)
+        self._clutter.append((self.is_clutter, self.is_parked))
         self._finishes.append((finish, int(self.rng.integers(1, 1 << 20))))
         self._count += 1
 

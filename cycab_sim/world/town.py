@@ -158,11 +158,12 @@ def furnish(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, sides
             continue
         x = rng.uniform(6.0, 9.0)
         while x < length - 7.5 and side == "s":  # x along the kerb, y < 0 is the road
+            mesh.slots.append(at @ placed(x, -1.05, 0.0))
             if rng.random() < 0.55:
                 flip = np.pi if rng.random() < 0.3 else 0.0
-                mesh.is_clutter = True
+                mesh.is_clutter = mesh.is_parked = True
                 furniture.add_car(mesh, at @ placed(x, -1.05, flip + rng.normal(0.0, 0.02)), rng)
-                mesh.is_clutter = False
+                mesh.is_clutter = mesh.is_parked = False
             x += rng.uniform(5.3, 7.5)
         for x in np.arange(rng.uniform(1.5, 4.0), length - 1.0, 4.5):
             add_on_pavement(mesh, at @ placed(x + rng.uniform(-1.0, 1.0), 0.0, 0.0, KERB_HEIGHT), rng)

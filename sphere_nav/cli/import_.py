@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +16,9 @@ from sphere_nav.offline.importing.frames import describe_folder, guess_format
 from sphere_nav.offline.importing.images import open_images
 from sphere_nav.offline.importing.kitti import KittiRecording
 from sphere_nav.offline.importing.recording import Recording
-from sphere_nav.offline.importing.rgbd import DepthCamera, open_seven_scenes, open_tum
+from sphere_nav.offline.importing.rgbd import DepthCamera, open_openloris, open_rover, open_seven_scenes, open_tum
 from sphere_nav.offline.importing.spherical import open_spherical
+from sphere_nav.offline.importing.stereo import open_euroc, open_four_seasons
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
 
@@ -27,6 +28,10 @@ Turn a recorded data set into an MCAP bag with our topics.
   seven_scenes  Microsoft 7-Scenes: image_raw, camera_info, depth/image_raw (registered to the colour image)
   tum           TUM RGB-D: the same; a sequence with rgb.txt, or a pair img_prev.png, img_curr.png, ...
   kitti         KITTI odometry: left/image_raw, left/camera_info, right/image_raw, right/camera_info
+  openloris     OpenLORIS-Scene (package): the same, by colour and aligned_depth, on the robot's base_link
+  rover         ROVER: the same, by the D435i; its truth, the place of a prism, is no pose and is left out
+  euroc         EuRoC MAV, TUM-VI (ASL folder with mav0): left/image_raw, right/image_raw with camera_info
+  four_seasons  4Seasons: the same, undistorted; the folder calibration inside the recording's or beside it
   spherical     rgbd360 rings of eight sensors, or equirectangular image_*.png with range_*.png: sphere
   images        image files or videos. Of a rig (--rig; each camera a folder or video of its name):
                 cameras/<name>/image_raw. Of one camera (--camera, or a rig file of one): image_raw. Of a stereo pair
@@ -46,12 +51,13 @@ examples:
   sphere_nav import images pair -o drive --camera 707.1,707.1,601.9,183.1 --baseline 0.537
   sphere_nav import images panoramas -o spheres --baseline 0.2
 """
-FORMATS = ("seven_scenes", "tum", "kitti", "spherical", "images")
+FORMATS = ("seven_scenes", "tum", "openloris", "rover", "kitti", "euroc", "four_seasons", "spherical", "images")
 KINECT_SIZE = (640, 480)
 LENSES = {  # fx, fy, cx, cy in px, as the data sets' pages tell them
     "seven_scenes": (525.0, 525.0, 320.0, 240.0),
     "seven_scenes depth": (585.0, 585.0, 320.0, 240.0),
     "tum": (525.0, 525.0, 319.5, 239.5),
+    "rover": (596.195, 593.141, 327.046, 245.161, 0.07561608, -0.208873, -0.00233474, 0.00401036),
 }
 LENS = "FX,FY,CX,CY[,K1,K2,P1,P2,K3,K4,K5,K6]"
 TUM_UNITS = 5000.0
@@ -69,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
-    rgbd = parser.add_argument_group("seven_scenes, tum, images")
+    rgbd = parser.add_argument_group("seven_scenes, tum, rover, images")
     rgbd.add_argument(
         "--camera",
         type=number_list(4, 12),
@@ -144,12 +150,19 @@ def run(arguments: argparse.Namespace) -> int:
 
 def open_recording(arguments: argparse.Namespace) -> Recording:
     """Open the data set that the arguments name."""
-    if arguments.format == "kitti":
-        return KittiRecording(arguments.folder)
+    readers: dict[str, Callable[[Path], Recording]] = {
+        "kitti": KittiRecording,
+        "euroc": open_euroc,
+        "four_seasons": open_four_seasons,
+        "openloris": open_openloris,
+        "spherical": open_spherical,
+    }
+    if arguments.format in readers:
+        return readers[arguments.format](arguments.folder)
+    if arguments.format == "rover":
+        return open_rover(arguments.folder, kinect_camera(arguments.camera or LENSES["rover"]))
     if arguments.format == "images":
         return open_images(arguments.folder, arguments.rig, arguments.camera, arguments.baseline, arguments.fps)
-    if arguments.format == "spherical":
-        return open_spherical(arguments.folder)
     if arguments.format == "tum":
         return open_tum(arguments.folder, kinect_camera(arguments.camera or LENSES["tum"]), arguments.depth_units)
     rotation = SE3.exp((0.0, 0.0, 0.0, *np.radians(arguments.rotation))).rotation

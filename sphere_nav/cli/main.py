@@ -44,6 +44,7 @@ COMMANDS = (
     Subcommand("map-info", "maps.map_info", "tell what is in a map"),
     Subcommand("map-verify", "maps.map_verify", "check every sphere of a map, salvage a damaged one"),
     Subcommand("map-export", "maps.map_export", "write a map as point cloud, graph or trajectory"),
+    Subcommand("map-migrate", "maps.map_migrate", "make a map of an earlier version readable"),
     Subcommand("map-forget", "maps.map_forget", "make a new map without what drives have rejected again and again"),
     Subcommand("view", "view.view", "look around in a map, in a web browser"),
     Subcommand("evaluate", "evaluate", "compare estimated poses with the truth"),

@@ -32,6 +32,7 @@ UNITS = {
     "ms": "_ms",
     "B": "",
     "MB": "_mb",
+    "cd": "",
 }
 """Units in use, each with the ending of a name that promises it."""
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from cycab_sim.params import SimParams
+from cycab_sim.params import CONDITIONS, SimParams
 from cycab_sim.sensors.rigs import rig_camera_names
 from cycab_sim.world.worlds import build_world
 from sphere_nav.cli.demo.plots import plot_errors, plot_top_view
@@ -39,6 +39,7 @@ examples:
   sphere_nav demo --seed 7 --path block --output out/seven
   sphere_nav demo --path tour --traffic
   sphere_nav demo --mounting inverted
+  sphere_nav demo --condition overcast
 """
 MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within it)
 MIN_DRIVEN = 0.95  # share of the path that must be driven
@@ -94,13 +95,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mounting", default="upright", choices=tuple(MOUNTINGS), help="how the driving camera sits (%(default)s)"
     )
+    parser.add_argument(
+        "--condition", default="", choices=("", *CONDITIONS), metavar="NAME",
+        help=f"light and season of the second drive: {', '.join(CONDITIONS)} (as in the first, with clouds)",
+    )  # fmt: skip
     parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Do the whole job, print the table of errors, write everything that was made."""
     more = (BUSY if arguments.traffic else {}) | MOUNTINGS[arguments.mounting]
-    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain, more)
+    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain, more, arguments.condition)
     try:
         demo.teach()
         demo.map()
@@ -114,11 +119,14 @@ def run(arguments: argparse.Namespace) -> int:
 class Demo:
     """One run: its folder, its domain, and how long each stage took."""
 
-    def __init__(self, output: Path, seed: int, path: str, domain: int | None, more: Mapping[str, Any]) -> None:
-        """`more`: parameters of the simulator that are not those of every demo."""
+    def __init__(
+        self, output: Path, seed: int, path: str, domain: int | None, more: Mapping[str, Any], condition: str = ""
+    ) -> None:
+        """`more`: parameters of the simulator that are not those of every demo; `condition`: of the second drive."""
         self.folder = new_folder(output)
         self.domain = 50 + os.getpid() % 50 if domain is None else domain
         place = TOUR if path == "tour" else {"path": path}
+        self.other_day = OTHER_DAY | {"condition": condition}
         self.simulation = SIMULATION | {"seed": seed} | place | dict(more)
         params = build(SimParams, self.simulation)
         self.length = build_world(params.world, params.seed, params.path).path.length
@@ -183,7 +191,8 @@ class Demo:
             )
             watch.wait_for_nodes()
             processes.start(
-                "cycab_sim", self.simulation | OTHER_DAY | LOCK_STEP | {"mode": "drive", "clock.pause_at": PAUSE_AT}
+                "cycab_sim",
+                self.simulation | self.other_day | LOCK_STEP | {"mode": "drive", "clock.pause_at": PAUSE_AT},
             )
             watch.wait("localisation", lambda: watch.is_paused, is_moving=False)
             watch.call("path_follower/start")

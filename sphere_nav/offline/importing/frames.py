@@ -18,6 +18,10 @@ VIDEOS = {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v"}
 SIGNS: dict[str, tuple[tuple[str, ...], ...]] = {
     "seven_scenes": (("frame-*.depth.png",),),
     "tum": (("rgb.txt",), ("img_curr*.png", "img_prev*.png")),
+    "openloris": (("color.txt", "aligned_depth.txt"),),
+    "rover": (("*D435i",), ("d435i", "t265")),
+    "euroc": (("mav0",), ("cam0", "cam1", "imu0")),
+    "four_seasons": (("undistorted_images", "times.txt"),),
     "kitti": (("calib.txt", "image_0"), ("calib.txt", "image_2"), ("calib.txt", "image_l")),
     "spherical": (("sphere_*", "Extrinsics"), ("image_*.png", "range_*.png"), ("image_*.jpg", "range_*.png")),
 }  # format -> alternatives, of which all names must be there

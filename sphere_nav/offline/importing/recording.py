@@ -48,9 +48,9 @@ def body_from_optical(T_world_optical: SE3, *, is_world_optical: bool) -> SE3:
     return T_map_optical @ T_BODY_OPTICAL.inverse()
 
 
-def camera_transforms(stamp: int, cameras: dict[str, SE3]) -> list[TransformStamped]:
+def camera_transforms(stamp: int, cameras: dict[str, SE3], T_base_camera: SE3 | None = None) -> list[TransformStamped]:
     """Return base_link -> camera_link (identity) -> the optical frames, whose poses T_camera_optical are given."""
-    frames = [se3_to_transform(SE3.identity(), stamp, BASE_FRAME, CAMERA_FRAME)]
+    frames = [se3_to_transform(T_base_camera or SE3.identity(), stamp, BASE_FRAME, CAMERA_FRAME)]
     return frames + [se3_to_transform(T, stamp, CAMERA_FRAME, name) for name, T in cameras.items()]
 
 

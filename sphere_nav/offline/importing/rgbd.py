@@ -1,4 +1,4 @@
-"""RGB-D recordings: Microsoft 7-Scenes and TUM."""
+"""RGB-D recordings: Microsoft 7-Scenes, TUM, and of many days OpenLORIS and ROVER."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.geometry.files.untrusted import parse_stamp_ns, read_text
+from sphere_nav.geometry.files.opencv_file import load_opencv
+from sphere_nav.geometry.files.untrusted import number as number_of
+from sphere_nav.geometry.files.untrusted import parse_stamp_ns, read_text, required
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.offline.constants import MAX_PAIR_GAP_NS
 from sphere_nav.offline.importing.recording import (
@@ -35,6 +37,8 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 KINECT_HZ = 30.0
 MILLIMETERS = 1000.0  # depth units per m
+D435 = "d400_color_optical_frame"  # of OpenLORIS: its colour camera, to which aligned_depth is registered
+ROVER_FOLDERS = ("intelrealsense_D435i", "realsense_D435i", "d435i")
 FAR = np.iinfo(np.uint16).max  # invalid in 7-Scenes
 
 
@@ -68,14 +72,15 @@ class RgbdRecording:
         *,
         is_world_optical: bool = False,
         truth_name: str = "",
+        T_base_camera: SE3 | None = None,
     ) -> None:
         self.frames, self.camera, self.depth_units, self.depth_camera = frames, camera, depth_units, depth_camera
         self.is_world_optical, self.truth_name = is_world_optical, truth_name
-        self.num_frames = len(frames)
+        self.num_frames, self.T_base_camera = len(frames), T_base_camera
 
     def static_transforms(self, stamp: int) -> list[TransformStamped]:
         """Return base_link -> camera_link -> camera_optical."""
-        return camera_transforms(stamp, {OPTICAL_FRAME: T_BODY_OPTICAL})
+        return camera_transforms(stamp, {OPTICAL_FRAME: T_BODY_OPTICAL}, self.T_base_camera)
 
     def stamp_ns(self, index: int) -> int:
         """Return the stamp of a frame."""
@@ -179,6 +184,85 @@ def _tum_pair(folder: Path) -> list[Frame]:
 def _tum_sequence(folder: Path) -> list[Frame]:
     images, depths = _read_list(folder / "rgb.txt"), _read_list(folder / "depth.txt")
     truth = read_tum(folder / "groundtruth.txt") if (folder / "groundtruth.txt").exists() else None
+    return _pair_up(folder, images, depths, truth)
+
+
+def open_openloris(folder: Path) -> RgbdRecording:
+    """Open color.txt, aligned_depth.txt (mm), sensors.yaml, trans_matrix.yaml and groundtruth.txt, of the base."""
+    images, depths = (_read_list(require_folder(folder) / name) for name in ("color.txt", "aligned_depth.txt"))
+    sensors, path = load_opencv(folder / "sensors.yaml"), folder / "sensors.yaml"
+    fields = ("width", "height", "intrinsics")
+    values = required(required(sensors, str(path), [D435])[D435], f"{path}: {D435}", fields)
+    lens = [number_of(value, f"{path}: intrinsics") for value in _data(values["intrinsics"], path)]
+    distortion = [number_of(v, f"{path}: distortion") for v in _data(values.get("distortion_coefficients"), path)]
+    if len(lens) != 4:
+        raise ValueError(f"{path}: intrinsics: expected fx cx fy cy, found {len(lens)} numbers")
+    fx, cx, fy, cy = lens
+    size = [int(number_of(values[name], f"{path}: {name}")) for name in ("width", "height")]
+    camera = Pinhole(size[0], size[1], fx, fy, cx, cy, tuple(distortion))
+    T_base_optical = _mounting(folder / "trans_matrix.yaml")
+    truth = None
+    if (folder / "groundtruth.txt").is_file():
+        base = read_tum(folder / "groundtruth.txt")
+        truth = Trajectory(base.stamps_ns, base.T_map_body @ T_base_optical)
+    frames = _pair_up(folder, images, depths, truth)
+    T_base_camera = T_base_optical @ T_BODY_OPTICAL.inverse()
+    name = "groundtruth.txt" if any(frame.T_world_optical is not None for frame in frames) else ""
+    return RgbdRecording(frames, camera, MILLIMETERS, truth_name=name, T_base_camera=T_base_camera)
+
+
+def open_rover(folder: Path, camera: Pinhole) -> RgbdRecording:
+    """Open rgb and depth (mm, registered) of the D435i of ROVER, images named by their stamps in s.
+
+    Its truth is the place of a prism on the vehicle, no pose of a camera: it is left out.
+    """
+    require_folder(folder)
+    inner = next((folder / name for name in ROVER_FOLDERS if (folder / name / "rgb").is_dir()), folder)
+    images, depths = (_stamped(require_folder(inner / name)) for name in ("rgb", "depth"))
+    return RgbdRecording(_pair_up(inner, images, depths, None), camera, MILLIMETERS)
+
+
+def _mounting(path: Path) -> SE3:
+    """Return T_base_optical of the colour camera from a list of parent_frame, child_frame and matrix."""
+    found = required(load_opencv(path), str(path), ["trans_matrix"])["trans_matrix"]
+    rows = [required(row, f"{path}: trans_matrix", ("parent_frame", "child_frame", "matrix")) for row in found or ()]
+    frame, T_frame_optical = D435, SE3.identity()
+    for _ in rows:
+        if frame == "base_link":
+            break
+        row = next((row for row in rows if row["child_frame"] == frame), None)
+        values = [number_of(value, f"{path}: matrix") for value in _data(row and row["matrix"], path)]
+        if row is None or len(values) != 16:
+            raise ValueError(f"{path}: expected a matrix of 4 x 4 from {frame} towards base_link, found none")
+        T_frame_optical = SE3.from_matrix(np.reshape(values, (4, 4)), tolerance=2e-3) @ T_frame_optical
+        frame = str(row["parent_frame"])
+    if frame != "base_link":
+        raise ValueError(f"{path}: expected a way from {D435} to base_link, found none")
+    return T_frame_optical
+
+
+def _data(found: Any, path: Path) -> list[Any]:
+    """Return the numbers of an OpenCV matrix, none where there is none."""
+    if found is None:
+        return []
+    data = required(found, str(path), ["data"])["data"]
+    if not isinstance(data, list):
+        raise ValueError(f"{path}: data: expected a list of numbers, found {str(data)[:40]}")
+    return data
+
+
+def _stamped(folder: Path) -> list[tuple[int, str]]:
+    """Return the stamps, ns, and names below the parent of image files named by their stamps in s."""
+    names = sorted(folder.glob("*.png"), key=lambda path: parse_stamp_ns(path.stem, f"{path}: name"))
+    if not names:
+        raise ValueError(f"{folder}: expected images, found none")
+    return [(parse_stamp_ns(path.stem, f"{path}: name"), f"{folder.name}/{path.name}") for path in names]
+
+
+def _pair_up(
+    folder: Path, images: list[tuple[int, str]], depths: list[tuple[int, str]], truth: Trajectory | None
+) -> list[Frame]:
+    """Return each image with the depth that is nearest in time, where that is near."""
     depth_stamps = np.array([stamp for stamp, _ in depths], dtype=np.int64)
     frames = []
     for stamp, image in images:
@@ -187,7 +271,7 @@ def _tum_sequence(folder: Path) -> list[Frame]:
             pose = None if truth is None else _pose_at(truth, stamp)
             frames.append(Frame(stamp, folder / image, folder / depths[nearest][1], pose))
     if not frames:
-        raise ValueError(f"{folder / 'depth.txt'}: expected stamps within {MAX_PAIR_GAP_NS} ns of rgb.txt, found none")
+        raise ValueError(f"{folder}: expected depth within {MAX_PAIR_GAP_NS} ns of an image, found none")
     return frames
 
 

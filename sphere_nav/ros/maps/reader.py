@@ -185,7 +185,9 @@ class MapReader:
         info: MapInfo = list(self._bag.messages([INFO]))[-1].message
         if info.format_version != MapInfo.FORMAT_VERSION:
             found = info.format_version
-            raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
+            is_old = 0 < found < MapInfo.FORMAT_VERSION
+            remedy = f"; sphere_nav map-migrate {self.path} -o NEW" if is_old else ""
+            raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}{remedy}")
         if info.num_spheres > (most := LIMITS["map"]):
             raise BagError(f"{self.path}: num_spheres: expected at most {most}, found {info.num_spheres}")
         return info

@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from cycab_sim.params import SimParams, in_condition
 from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, Demo, has_ended, new_folder, result_table
 from sphere_nav.cli.demo.report import DriveErrors
+from sphere_nav.params import build
 
 
 def verdict(tmp_path, lateral, share, has_finished=True):
@@ -56,3 +58,12 @@ def test_the_tour_is_long_and_meets_another_day(tmp_path):
     assert "traffic.is_busy" not in Demo(tmp_path / "plain", 1, "straight", 46, {}).simulation
     assert demo.simulation["traffic.is_on"]
     assert {"traffic.seed", "light.clouds"} <= set(OTHER_DAY)
+
+
+def test_the_second_drive_alone_has_a_condition(tmp_path):
+    demo = Demo(tmp_path / "demo", 1, "straight", 46, {}, "night_lamps")
+    assert "condition" not in demo.simulation
+    params = in_condition(build(SimParams, demo.simulation | demo.other_day))
+    assert params.light.has_street_lamps
+    assert params.imaging.noise == 3.0
+    assert params.light.clouds == OTHER_DAY["light.clouds"]

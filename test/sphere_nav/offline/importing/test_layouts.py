@@ -11,6 +11,10 @@ FILES = {
     "tum": ("rgb.txt",),
     "kitti": ("calib.txt", "image_0/000000.png"),
     "spherical": ("image_0.png", "range_0.png"),
+    "openloris": ("color.txt", "aligned_depth.txt"),
+    "rover": ("intelrealsense_D435i/rgb/1.5.png",),
+    "euroc": ("mav0/cam0/data.csv",),
+    "four_seasons": ("undistorted_images/cam0/1.png", "times.txt"),
 }
 
 

@@ -1,0 +1,1 @@
+"""What lamps reach, as a kernel."""

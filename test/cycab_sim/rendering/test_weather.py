@@ -1,0 +1,118 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cycab_sim.params import LightParams, RenderParams, SeasonParams
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.sensors.cameras import OPTICAL
+from cycab_sim.world.texture import kernels as materials
+from sphere_nav.geometry import SE3, Pinhole
+
+CAMERA = Pinhole(160, 120, 95.0, 95.0, 79.5, 59.5)
+QUICK = RenderParams(shadow_texel=0.3, supersampling=1)
+NEAR = (-14.0, -14.0, 14.0, 14.0)
+NIGHT = LightParams(day=300, hour=23.0, exposure=300.0)
+DOWN = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), [2.0, 0.0, 12.0])  # looks down from above the box, x to the right
+AHEAD = SE3.from_parts(OPTICAL, [0.0, 0.0, 1.5])
+
+
+def radiance(mesh, light=NIGHT, season=None, pose=AHEAD, torch=None):
+    """Return the radiance (H, W, 3) before the exposure, in the unit of the light, and the range (H, W) m."""
+    renderer = Renderer(mesh, QUICK, light, bounds=NEAR, season=season)
+    renderer.torch = torch
+    image, range_m = renderer.render(CAMERA, pose)
+    return (image / 255.0) ** 2.2 / light.exposure, range_m
+
+
+def test_a_lamp_falls_off_with_the_square_of_the_distance(box_mesh):
+    light = replace(NIGHT, torch=200.0)
+    dark, _ = radiance(box_mesh)
+    levels = []
+    for away in (1.5, 3.0, 4.5):  # the near face of the box is x = 5, the beam meets it upright
+        lit, _ = radiance(box_mesh, light, torch=SE3.from_parts(np.eye(3), [5.0 - away, 0.0, 1.5]))
+        levels.append(np.median((lit - dark)[55:65, 75:85, 1]))
+    np.testing.assert_allclose(np.array(levels) / levels[0], [1.0, 1 / 4, 1 / 9], rtol=0.03)
+
+
+def test_what_stands_before_a_lamp_takes_its_light(box_mesh):
+    torch = SE3.from_parts(np.eye(3), [0.0, 0.0, 1.0])
+    lit, range_m = radiance(box_mesh, replace(NIGHT, torch=2000.0), pose=DOWN, torch=torch)
+    dark, _ = radiance(box_mesh, pose=DOWN)
+    rays = CAMERA.unproject(np.stack(np.meshgrid(np.arange(160.0), np.arange(120.0)), axis=-1))
+    x, y, z = np.moveaxis(DOWN.apply((rays * range_m[..., None]).reshape(-1, 3)).reshape(120, 160, 3), -1, 0)
+    before = (z < 0.01) & (np.abs(y) < 0.6) & (x > 2.0) & (x < 4.5)
+    behind = (z < 0.01) & (np.abs(y) < 0.6) & (x > 7.5) & (x < 10.0)
+    assert np.median((lit - dark)[before]) > 1e-5
+    assert np.abs((lit - dark)[behind]).max() < 1e-9
+
+
+def test_street_lamps_are_brightest_below_themselves(box_mesh):
+    lamps = replace(box_mesh, lamps=np.array([[-4.0, 0.0, 5.0]]))
+    pose = SE3.from_parts(DOWN.rotation, [-4.0, 0.0, 12.0])
+    lit, _ = radiance(lamps, replace(NIGHT, has_street_lamps=True), pose=pose)
+    row = lit[59, :, 1].reshape(-1, 10).mean(axis=1)  # along x, 1.3 m each
+    assert np.argmax(row) in (7, 8)
+    assert row[7] > 3.0 * row[0]  # at 10 m
+
+
+def test_snow_lies_on_upward_faces_only_and_changes_no_range(box_mesh):
+    light = LightParams(has_shadows=False)
+    bare, range_m = radiance(box_mesh, light)
+    snowy, same = radiance(box_mesh, light, SeasonParams(snow=1.0))
+    np.testing.assert_array_equal(range_m, same)
+    points = range_m[..., None] * CAMERA.unproject(np.stack(np.meshgrid(np.arange(160.0), np.arange(120.0)), axis=-1))
+    on_ground = np.abs(points[..., 1] - 1.5) < 1e-3
+    on_face = np.isfinite(range_m) & ~on_ground
+    np.testing.assert_array_equal(bare[on_face], snowy[on_face])
+    assert np.median((snowy / bare)[on_ground]) > 3.0
+
+
+def test_snow_and_rain_do_not_fall_under_a_roof(box_mesh):
+    lifted = box_mesh.triangles.copy()
+    lifted[lifted[:, :, 0].min(axis=1) >= 4.9] += np.array([0.0, 0.0, 2.0], np.float32)  # the box hangs in the air
+    mesh = replace(box_mesh, triangles=lifted)
+    pose = SE3.from_parts(OPTICAL, [1.0, 0.0, 1.0])
+    bare, range_m = radiance(mesh, LightParams(has_shadows=False), pose=pose)
+    snowy, _ = radiance(mesh, LightParams(has_shadows=False), SeasonParams(snow=1.0), pose=pose)
+    rays = CAMERA.unproject(np.stack(np.meshgrid(np.arange(160.0), np.arange(120.0)), axis=-1))
+    y, x = -(rays[..., 0] * range_m), 1.0 + rays[..., 2] * range_m
+    on_ground = np.abs(rays[..., 1] * range_m - 1.0) < 1e-3
+    below = on_ground & (np.abs(y) < 0.7) & (x > 5.4) & (x < 6.6)
+    assert below.sum() > 20
+    np.testing.assert_array_equal(bare[below], snowy[below])
+
+
+def test_wet_ground_is_darker_and_mirrors_what_stands_on_it(box_mesh):
+    light = LightParams(overcast=1.0, hour=12.0, day=100)
+    dry, range_m = radiance(box_mesh, light)
+    wet, same = radiance(box_mesh, light, SeasonParams(wet=1.0))
+    np.testing.assert_array_equal(range_m, same)
+    assert 0.45 < np.median((wet / dry)[100:, :, 1]) < 0.75  # at the feet
+    colors = box_mesh.colors.copy()
+    colors[box_mesh.kinds[:, 0] == materials.PLASTER] = 0.0  # the box
+    mirrored, _ = radiance(replace(box_mesh, colors=colors), light, SeasonParams(wet=1.0))
+    grazing, beside = (slice(90, 96), slice(72, 88)), (slice(90, 96), slice(5, 30))  # before the box, and away from it
+    assert mirrored[grazing].mean() < 0.97 * wet[grazing].mean()  # a black box is seen in the ground
+    np.testing.assert_allclose(mirrored[beside], wet[beside], rtol=1e-6)
+
+
+def test_an_overcast_sky_is_gray_brightest_overhead_and_without_shadows(box_mesh):
+    up = SE3.exp([0.0, 0.0, 0.0, 0.0, -0.6, 0.0]) @ AHEAD
+    sky, range_m = radiance(box_mesh, LightParams(overcast=1.0), pose=up)
+    assert np.all(np.isinf(range_m[:40]))
+    assert np.abs(sky[:40] / sky[:40].mean(axis=2, keepdims=True) - 1.0).max() < 0.02
+    assert sky[0].mean() > 1.15 * sky[39].mean()
+    shadowless, _ = radiance(box_mesh, LightParams(overcast=1.0, has_shadows=False))
+    np.testing.assert_array_equal(radiance(box_mesh, LightParams(overcast=1.0))[0], shadowless)
+
+
+@pytest.mark.parametrize("season", [SeasonParams(wet=0.7), SeasonParams(snow=0.5)])
+def test_an_image_of_weather_is_the_same_for_one_thread_and_two(box_mesh, season):
+    light = replace(NIGHT, torch=500.0, overcast=0.5)
+    images = []
+    for num in (1, 2):
+        drawn = Renderer(box_mesh, QUICK, light, bounds=NEAR, num_threads=num, season=season)
+        drawn.torch = SE3.from_parts(np.eye(3), [0.0, 0.0, 1.0])
+        images.append(drawn.render(CAMERA, AHEAD)[0])
+    np.testing.assert_array_equal(*images)
