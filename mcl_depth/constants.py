@@ -146,7 +146,7 @@ MAX_BLOCKS = 1 << 25  # of columns, in the rectangle around the cloud
 LARGE_EXTENT_M, MIN_POINTS, MAX_LONELY = 1_000.0, 100, 0.5  # a wider cloud of more points; share alone in a cubic metre
 # Surveys larger than memory (geometry/test_tiles)
 MAX_KEPT = 6_000_000  # points, 150 MB: a square kilometre of ground and walls at half a metre
-FINEST_SHARE = 2.0**-17  # of the extent: the first cubes are a centimetre of a kilometre
+FINEST_SHARE = 2.0**-15  # of the extent: the first cubes are three centimetres of a kilometre
 GROWTH = 2.0**0.5  # of cubes: half as many have a piece of a surface
 # The frame of a survey (geometry/test_survey_frame)
 SURVEY_SAMPLES = 400_000  # points by which axes are found

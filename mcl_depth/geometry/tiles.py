@@ -46,29 +46,31 @@ class Thinner:
 
     def _thin(self, limit: int) -> None:
         """Keep the first point of every cube, so wide that no more than so many are left; NaN and infinity go."""
-        points = np.concatenate(self._parts)
-        points = points[np.isfinite(points).all(axis=1)]
+        points, self._parts = np.concatenate(self._parts), []
+        is_finite = np.isfinite(points).all(axis=1)
+        points = points if is_finite.all() else points[is_finite]
         if self.side == 0.0:
             self._corner = points.min(axis=0, initial=np.inf)
             self.side = FINEST_SHARE * float(np.max(np.ptp(points, axis=0), initial=0.0))
-        offsets = points - self._corner
-        while self.side > 0.0 and float(np.abs(offsets).max(initial=0.0)) >= self.side * 2**INDEX_BITS:
+        farthest = max(float(np.abs(points[:, i] - self._corner[i]).max(initial=0.0)) for i in range(3))
+        while self.side > 0.0 and farthest >= self.side * 2**INDEX_BITS:
             self.side *= 2.0  # until all cubes have a number
         while True:
-            kept = points[_first_of_cubes(offsets, self.side)]
+            kept = points[self._first_of_cubes(points)]
             if len(kept) <= limit or self.side == 0.0:
                 break
             self.side *= GROWTH
         self._parts, self._num_kept = [kept], len(kept)
 
-
-def _first_of_cubes(points: NDArray[np.float64], side: float) -> NDArray[np.int64]:
-    """Return the indices, ascending, of the points (N, 3) that are the first in their cube."""
-    if side == 0.0:  # all of them are one point
-        return np.arange(min(len(points), 1))
-    cubes = np.floor(points / side).astype(np.int64) + 2**INDEX_BITS
-    bits = INDEX_BITS + 1
-    return np.sort(np.unique((cubes[:, 0] << 2 * bits) | (cubes[:, 1] << bits) | cubes[:, 2], return_index=True)[1])
+    def _first_of_cubes(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the indices, ascending, of the points (N, 3) that are the first in their cube."""
+        if self.side == 0.0:  # all of them are one point
+            return np.arange(min(len(points), 1))
+        keys = np.zeros(len(points), np.int64)
+        for axis, corner in zip(points.T, self._corner, strict=True):  # one after the other: a third of the memory
+            keys <<= INDEX_BITS + 1
+            keys |= np.floor((axis - corner) / self.side).astype(np.int64) + 2**INDEX_BITS
+        return np.sort(np.unique(keys, return_index=True)[1])
 
 
 def within(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:

@@ -82,7 +82,7 @@ def test_points_that_are_equal_and_ones_that_are_none_end():
 def test_no_two_cubes_have_one_number():
     kept = Thinner(most=100)
     kept.add(np.repeat([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], 60, axis=0))
-    step, far = 2.0**-17, 16.0  # the next cube along x, and as many cubes along y as have a number
+    step, far = 2.0**-15, 64.0  # the next cube along x, and as many cubes along y as have a number
     kept.add(np.repeat([[step, 0.0, 0.0], [0.0, far, 0.0]], 60, axis=0))
     assert [0.0, far, 0.0] in kept.points().tolist()
 
