@@ -20,14 +20,15 @@ from typing import Any
 START_BYTES = 1 << 30  # of addresses that Python, NumPy and a library reserve before they read
 MAX_LINE = 2000  # characters of a refusal
 REFUSED = 3  # exit status: one line says why
+PATIENCE = 5  # times the seconds of computing that it may take, on a busy machine
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
 
 
 def read_isolated(read: Callable[..., Any], path: Path, max_bytes: int, seconds: float, *more: str) -> Any:
     """Return the array that `read(path, *more)` returns in a process of its own; `read` is a function of a module.
 
-    ValueError where it refuses the file, needs more than `max_bytes` of memory (or of result) or more than `seconds`,
-    or ends the process.
+    ValueError where it refuses the file, needs more than `max_bytes` of memory (or of result) or more than `seconds`
+    of computing, or ends the process.
     """
     import numpy as np  # not before the limits are set, in the other process
 
@@ -49,12 +50,13 @@ def read_isolated(read: Callable[..., Any], path: Path, max_bytes: int, seconds:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-                timeout=seconds,
+                timeout=PATIENCE * seconds,
                 start_new_session=True,  # Ctrl-C is for this process, which ends the other one
                 check=False,
             ).returncode
         except subprocess.TimeoutExpired:
-            raise ValueError(f"{path}: expected a file that is read within {seconds:.0f} s, found no end") from None
+            limit = f"{PATIENCE * seconds:.0f} s"
+            raise ValueError(f"{path}: expected a file that is read within {limit}, found no end") from None
         if status == REFUSED:
             raise ValueError(Path(folder, "refusal").read_text(encoding="utf-8")[:MAX_LINE])
         if status != 0:
