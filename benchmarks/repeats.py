@@ -101,7 +101,8 @@ def find_recordings(folder: Path, work: Path) -> list[Path]:
 
 def follow(bags: Sequence[Path], work: Path, wrong_m: float) -> tuple[list[tuple[str, ...]], list[str]]:
     """Return a row for each recording, and notes; the map grows by each that can be joined to it."""
-    rows, notes = [], []
+    rows: list[tuple[str, ...]] = []
+    notes: list[str] = []
     first = newest = work / "map_0"
     has_truth = true_poses(bags[0]) is not None
     call("map", bags[0], "-o", first, *(("--anchor", "truth") if has_truth else ()))
