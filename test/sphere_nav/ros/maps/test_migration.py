@@ -106,6 +106,12 @@ def test_fields_that_have_come_since_stand_at_their_defaults():
     assert (message.id, message.stamp.nanosec, message.pose.position.z, message.region_radius) == (7, 4, 3.0, 0.0)
 
 
+def test_a_definition_that_would_fill_the_memory_is_refused():
+    hostile = "sphere_nav_msgs/E[100000000] x\n" + "=" * 80 + "\nMSG: sphere_nav_msgs/E\nuint8 k\n"
+    with pytest.raises(ValueError, match="an array of a fixed size above 64"):
+        decode_by(hostile, bytes(68), KeySphereVertex)
+
+
 def test_damage_and_what_is_no_map_are_refused_and_leave_nothing(tmp_path):
     data = (FORMATS / "format_1" / "map.mcap").read_bytes()
     with (FORMATS / "format_1" / "map.mcap").open("rb") as file:
