@@ -21,6 +21,7 @@ BENCHMARKS = {
     "frame_to_frame": "benchmarks.frame_to_frame",
     "first_motion": "benchmarks.first_motion",
     "end_to_end": "benchmarks.end_to_end",
+    "repeats": "benchmarks.repeats",
     "faults": "benchmarks.faults",
     "busy": "benchmarks.fault_busy",
     "doubts": "benchmarks.doubts",
@@ -71,7 +72,11 @@ def main() -> int:
     modules = {name: importlib.import_module(path) for name, path in BENCHMARKS.items()}
     parser = _parser(modules)
     options = parser.parse_args()
-    options.names = options.names or list(BENCHMARKS)
+    folders = [name for name in options.names if name not in BENCHMARKS and Path(name).is_dir()]
+    options.folders = [Path(name) for name in folders]
+    options.names = [name for name in options.names if name not in folders] or list(BENCHMARKS)
+    if folders and options.names != ["repeats"]:
+        parser.error(f"DIR: expected with repeats alone, found {folders[0]}")
     if unknown := [name for name in options.names if name not in BENCHMARKS]:
         parser.error(f"NAME: expected one of {', '.join(BENCHMARKS)}, found {unknown[0]}")
     if options.json and len(options.names) != 1:
@@ -88,7 +93,7 @@ def _parser(modules: dict[str, ModuleType]) -> argparse.ArgumentParser:
         epilog="example: python -m benchmarks frame_to_frame --data ../shared/data/rgbd/redkitchen --gaps 1 10",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("names", nargs="*", metavar="NAME", help="benchmarks to run (all)")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="benchmarks to run (all); for repeats a folder, too")
     parser.add_argument("--quick", action="store_true", help="fewer runs, for a first look")
     parser.add_argument(
         "--threads",

@@ -39,6 +39,7 @@ from sphere_nav.ros.camera.drivers import read_driver
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.maps.check import salvage_map
+from sphere_nav.ros.maps.migration import migrate_map
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.spheres.graph import KeySphere
@@ -163,9 +164,9 @@ def _bag_targets(samples: Samples) -> list[Target]:
         with open_map(path) as reader:
             _check_spheres(_load_all(reader), spheres)
 
-    def read_salvaged_map(path: Path) -> None:
+    def read_made(make: Callable[[Path, Path], object], path: Path) -> None:
         target = path.with_name(f"saved{abs(hash(path.read_bytes()))}")
-        salvage_map(path, target)
+        make(path, target)
         with open_map(target) as reader:
             _check_spheres(_load_all(reader), spheres)
         for file in target.iterdir():
@@ -207,7 +208,8 @@ def _bag_targets(samples: Samples) -> list[Target]:
         Target("bag, packed file", partial(read_folder, file), 0.5),
         *(_file_target(f"bag, ROS 1 {path.stem}", path, read_foreign_bag, 0.5) for path in ros1),
         _file_target("map", samples.map / "map.mcap", read_map),
-        _file_target("map, salvage", samples.map / "map.mcap", read_salvaged_map, 0.3),
+        _file_target("map, salvage", samples.map / "map.mcap", partial(read_made, salvage_map), 0.3),
+        _file_target("map, migration", samples.map / "map.mcap", partial(read_made, migrate_map), 0.3),
     ]
 
 

@@ -10,14 +10,16 @@ import numpy as np
 
 from benchmarks.machine import describe
 from benchmarks.report import Report, Table
-from cycab_sim.params import LightParams, RenderParams, TrafficParams
+from cycab_sim.params import CONDITIONS, LightParams, RenderParams, SimParams, TrafficParams, in_condition
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.cameras import OPTICAL
+from cycab_sim.simulator import T_BASE_TORCH
+from cycab_sim.world.season import change_season
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import World, build_world
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, Spherical
 
-HELP = "the simulator's images: pixels per second and core for each kind of camera, with and without traffic"
+HELP = "the simulator's images: pixels per second and core for each kind of camera, with traffic, in each condition"
 PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the taught path
 CAMERAS: dict[str, Camera] = {
     "pinhole 512 x 384": Pinhole(512, 384, 305.0, 305.0, 255.5, 191.5),
@@ -50,9 +52,11 @@ def run(options: argparse.Namespace) -> Report:
                 (name, f"{len(traffic.actors)}", f"{len(traffic.mesh.triangles)}", _move_time(renderer, traffic))
             )
         rows += [(name, what, *_measure(renderer, world, c, options.quick)) for what, c in CAMERAS.items()]
+    lights = [(name or "default", *_measure_condition(name, options.quick)) for name in ("", *CONDITIONS)]
     columns = ("world", "camera", "pixels per second and core", "microseconds per pixel", "ms per image")
     tables = [
         Table("One thread, RGB", columns, rows),
+        Table("Conditions: one thread, town, pinhole 512 x 384, RGB", ("condition", *columns[2:]), lights),
         Table("Moving the traffic to another instant", ("world", "actors", "triangles", "ms"), moves),
     ]
     return Report("rendering", tables, notes=[describe(options.threads)])
@@ -69,6 +73,15 @@ def _measure(renderer: Renderer, world: World, camera: Camera, is_quick: bool) -
 
     each = _median_time(draw, 2 if is_quick else len(PLACES))  # the first time, the rays of the lens are made
     return f"{num / each:.3g}", f"{1e6 * each / num:.2f}", f"{1e3 * each:.0f}"
+
+
+def _measure_condition(name: str, is_quick: bool) -> tuple[str, str, str]:
+    params, world = in_condition(SimParams(condition=name)), build_world("town", 1)
+    mesh = change_season(world.mesh, params.season, 1)
+    renderer = Renderer(mesh, RenderParams(), params.light, num_threads=1, season=params.season)
+    x, y, yaw, _ = world.path.at(np.array(0.5 * world.path.length))
+    renderer.torch = SE3.from_planar(float(x), float(y), float(yaw)) @ T_BASE_TORCH
+    return _measure(renderer, world, CAMERAS["pinhole 512 x 384"], is_quick)
 
 
 def _move_time(renderer: Renderer, traffic: Traffic) -> str:

@@ -48,7 +48,7 @@ LAMP_REACH = 22.0  # beyond, the light of a street lamp is left out; it fades fr
 BOUNCE = 0.4  # light that a lit town gives back from everywhere, lx
 HEAD, HEAD_SIZE = 2000.0, 0.4  # a lamp's glass, lx of a white surface as bright; surfaces this near it shine, m
 WINDOWS, PANE = 0.2, 60.0  # share of the windows that are lit, and what a lit pane is like, lx of a white surface
-BEAM = np.cos(np.radians([50.0, 25.0]))  # half angles of a head lamp: its light ends, and is full
+BEAM = np.cos(np.radians([42.0, 8.0]))  # half angles of a head lamp: its light ends, and is full
 TORCH_COLOR = np.array([1.05, 1.0, 0.88], np.float32)
 CLEAR, NEARLY = 0.03, 0.002  # a ray from a lamp may end so far before a surface, m, and as a share of its length
 

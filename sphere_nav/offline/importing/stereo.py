@@ -107,8 +107,8 @@ def _asl_camera(path: Path) -> tuple[Camera, SE3]:
     names = ("T_BS", "resolution", "intrinsics", "distortion_model", "distortion_coefficients")
     values = required(load_opencv(path), str(path), names)
     width, height = (round(value) for value in _numbers(values["resolution"], 2, f"{path}: resolution"))
-    lens = _numbers(values["intrinsics"], 4, f"{path}: intrinsics")
-    distortion = tuple(_numbers(values["distortion_coefficients"], 4, f"{path}: distortion_coefficients"))
+    fx, fy, cx, cy = _numbers(values["intrinsics"], 4, f"{path}: intrinsics")
+    k1, k2, k3, k4 = _numbers(values["distortion_coefficients"], 4, f"{path}: distortion_coefficients")
     models: dict[str, type[Pinhole] | type[Fisheye]] = {"radial-tangential": Pinhole, "equidistant": Fisheye}
     if values["distortion_model"] not in models:
         found = repr(values["distortion_model"])[:40]
@@ -116,7 +116,8 @@ def _asl_camera(path: Path) -> tuple[Camera, SE3]:
     matrix = _numbers(required(values["T_BS"], f"{path}: T_BS", ["data"])["data"], 16, f"{path}: T_BS")
     try:
         T_body_camera = SE3.from_matrix(np.reshape(matrix, (4, 4)), tolerance=2e-3)
-        return models[values["distortion_model"]](width, height, *lens, distortion), T_body_camera
+        model = models[values["distortion_model"]]
+        return model(width, height, fx, fy, cx, cy, (k1, k2, k3, k4)), T_body_camera
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

@@ -7,6 +7,7 @@ adds a step here where old values mean something else, and a map of the format b
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -41,6 +42,7 @@ from sphere_nav.spheres.sphere import Sphere
 
 MARK = b"224-255 = filled"  # in the definition of a sphere whose deviations mark what was filled
 MAX_DEFINITION = 1 << 16  # bytes of the definition of a message
+MAX_ARRAY = 64  # elements of a fixed array in one; a covariance has 36
 
 
 @dataclass(frozen=True)
@@ -184,6 +186,8 @@ def decode_by(definition: str, data: bytes, kind: type[Any]) -> Any:
 
     Fields that it did not have stand at their defaults; those that are gone are dropped.
     """
+    if any(int(size) > MAX_ARRAY for size in re.findall(r"\[<?=?(\d{1,20})\]", definition)):
+        raise ValueError(f"an array of a fixed size above {MAX_ARRAY}")  # which would be made before any byte is read
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(definition, type_name(kind)))
     return _adopt(kind(), store.deserialize_cdr(data, type_name(kind)))
