@@ -19,7 +19,7 @@ WALL = 12000  # cost beside the first and the last hypothesis
 NUM_TERMS = 7  # of a step: whether cameras see, degrees of freedom, g g, g e, e e, px by x squared, gradient squared
 NUM_SUMS = 10  # over cameras: 1, I, I I, G, G G, G I, du, dv, du^2 + dv^2, squared gradient
 INDEPENDENT = 1.69  # squared 1.3: errors of neighbors are not independent (`constants.STD_FACTOR`)
-CHUNK = 256  # columns that are worked on at a time, so that what is between stays in the cache
+CHUNK = 128  # columns that are worked on at a time, so that what is between stays in the cache
 
 
 @njit(**OPTIONS)
@@ -261,8 +261,8 @@ def _bend(n, table, side, at, fu, fv, ds, dt, scale, u, v, du, dv):
 
 
 @njit(**OPTIONS)
-def _look(n, image, size, u, v, du, dv, ok, first, sums):
-    """Sample a camera at n pixels u, v and add to sums (NUM_SUMS, W)."""
+def _look(n, image, size, u, v, du, dv, ok, sums, own):
+    """Sample a camera at n pixels u, v; add to sums (NUM_SUMS, n), write 1 (0: not seen), I and G to own (3, n)."""
     one, zero, no_level = np.float32(1.0), np.float32(0.0), np.float32(NO_LEVEL)
     stride, last_u, last_v = np.int32(size[1]), np.float32(size[1] - 2), np.float32(size[0] - 2)
     for i in range(n):
@@ -280,24 +280,28 @@ def _look(n, image, size, u, v, du, dv, ok, first, sums):
         slope = gx * du[i] + gy * dv[i]
         value *= m
         a, b = du[i] * m, dv[i] * m
-        j = first + i
-        sums[0, j] += m
-        sums[1, j] += value
-        sums[2, j] += value * value
-        sums[3, j] += slope
-        sums[4, j] += slope * slope
-        sums[5, j] += slope * value
-        sums[6, j] += a
-        sums[7, j] += b
-        sums[8, j] += a * a + b * b
-        sums[9, j] += gx * gx + gy * gy
+        own[0, i], own[1, i], own[2, i] = m, value, slope
+        sums[0, i] += m
+        sums[1, i] += value
+        sums[2, i] += value * value
+        sums[3, i] += slope
+        sums[4, i] += slope * slope
+        sums[5, i] += slope * value
+        sums[6, i] += a
+        sums[7, i] += b
+        sums[8, i] += a * a + b * b
+        sums[9, i] += gx * gx + gy * gy
 
 
 @njit(**OPTIONS)
-def _close(sums, terms):
-    """Write the terms (NUM_TERMS, W) of a row from the sums (NUM_SUMS, W) over its cameras: all beside their means."""
+def _close(sums, own, terms):
+    """Write the terms (NUM_TERMS + 2 C, W) of a row from the sums over its cameras, all beside their means.
+
+    own (C, 3, W): of each camera; the last 2 C terms are its level and its slope beside the mean of all.
+    """
     one, zero = np.float32(1.0), np.float32(0.0)
-    for u in range(terms.shape[1]):
+    width = sums.shape[1]
+    for u in range(width):
         m = sums[0, u]
         n, share = (one if m > np.float32(1.5) else zero), one / max(m, one)
         terms[0, u] = n
@@ -307,6 +311,14 @@ def _close(sums, terms):
         terms[4, u] = (sums[2, u] - sums[1, u] * sums[1, u] * share) * n
         terms[5, u] = (sums[8, u] - (sums[6, u] * sums[6, u] + sums[7, u] * sums[7, u]) * share) * n
         terms[6, u] = sums[9, u] * share * n
+        sums[1, u] *= share
+        sums[3, u] *= share
+    for c in range(len(own)):
+        seen, level, slope = own[c]
+        for u in range(width):
+            m = seen[u] * terms[0, u]
+            terms[NUM_TERMS + 2 * c, u] = (level[u] - sums[1, u]) * m
+            terms[NUM_TERMS + 2 * c + 1, u] = (slope[u] - sums[3, u]) * m
 
 
 @njit(**OPTIONS)
@@ -331,6 +343,13 @@ def _settle(sums, before, start, limits, out, std, left):
     limit_px, least, noise, prior_px, max_px, calibration, dependent = limits
     zero, one, nan, tiny = np.float32(0.0), np.float32(1.0), np.float32(np.nan), np.float32(1e-9)
     factor = np.float32(INDEPENDENT)
+    for c in range(NUM_TERMS, len(sums), 2):  # exposures of cameras are never quite equal
+        level, slope = sums[c], sums[c + 1]
+        for u in range(out.size):
+            share = one / max(sums[0, u], one)
+            sums[2, u] -= slope[u] * slope[u] * share
+            sums[3, u] -= slope[u] * level[u] * share
+            sums[4, u] -= level[u] * level[u] * share
     for u in range(out.size):
         n, x = sums[0, u], before[u]
         is_known = (x == x) & (n >= least)
@@ -353,10 +372,11 @@ def _settle(sums, before, start, limits, out, std, left):
 
 
 @njit(**OPTIONS)
-def _compare_row(x, v, directions, images, lens, runs, spare, at, sums):
-    """Add what the cameras of `runs` (N, 3) i32 (camera, first column, beyond the last one) show along row v to sums.
+def _compare_row(x, v, directions, images, lens, runs, spare, at, sums, own):
+    """Sum what the cameras of `runs` (N, 3) i32 (camera, first column, beyond the last one) show along row v.
 
-    x (W,) f32; directions, images, lens: of `align`; spare (9, CHUNK) f32 and at (CHUNK,) i32 hold what is between.
+    x (W,) f32; directions, images, lens: of `align`; spare (9, CHUNK) f32 and at (CHUNK,) i32 hold what is between;
+    sums (NUM_SUMS, W), own (C, 3, W): of `_look`.
     """
     azimuths, elevations = directions
     levels, starts, sizes, scales = images
@@ -366,13 +386,17 @@ def _compare_row(x, v, directions, images, lens, runs, spare, at, sums):
     for n in range(len(runs)):
         c, end = runs[n, 0], runs[n, 2]
         for a in range(runs[n, 1], end, CHUNK):
-            e = min(a + CHUNK, end)
+            e, is_known = min(a + CHUNK, end), False
+            for i in range(a, e):
+                is_known |= x[i] == x[i]
+            if not is_known:
+                continue
             _place(
                 x[a:e], azimuths[:, a:e], elevations[:, v], rotations[c], centers[c], extents[c], side,
                 at, fu, fv, ds, dt, ok,
             )  # fmt: skip
             _bend(e - a, tables[c], side, at, fu, fv, ds, dt, scales[c], pu, pv, du, dv)
-            _look(e - a, levels[starts[c] :], sizes[c], pu, pv, du, dv, ok, a, sums)
+            _look(e - a, levels[starts[c] :], sizes[c], pu, pv, du, dv, ok, sums[:, a:e], own[c, :, a:e])
 
 
 @njit(**OPTIONS)
@@ -389,25 +413,23 @@ def align(x, start, directions, images, lens, runs, first_runs, radius, every, l
     common. rows (2,): first, beyond the last. out, std, left (H, W) f32: moved x, its deviation, and the squared
     misalignment in px that would explain what is left.
 
-    With levels I_c and slopes g_c = dI_c / dx, both less their mean over the cameras c, the step minimizes the sum over
-    block and cameras of (I_c + g_c dx)^2 / noise.
+    With levels I_c and slopes g_c = dI_c / dx, less their means over the cameras c and, of each camera, over the block,
+    the step minimizes the sum over block and cameras of (I_c + g_c dx)^2 / noise.
     """
     height, width = x.shape
     size = 2 * radius + 1
-    ring = np.zeros((size, NUM_TERMS, width), np.float32)
-    sums, wide = np.zeros((NUM_TERMS, width), np.float32), np.zeros((NUM_TERMS, width), np.float32)
-    cameras, spare, at = (
-        np.zeros((NUM_SUMS, width), np.float32),
-        np.zeros((9, CHUNK), np.float32),
-        np.zeros(CHUNK, np.int32),
-    )
+    number = NUM_TERMS + 2 * len(images[1])
+    ring, sums = np.zeros((size, number, width), np.float32), np.zeros((number, width), np.float32)
+    wide, over = np.zeros((number, width), np.float32), np.zeros((NUM_SUMS, width), np.float32)
+    own = np.zeros((len(images[1]), 3, width), np.float32)
+    spare, at = np.zeros((9, CHUNK), np.float32), np.zeros(CHUNK, np.int32)
     for v in range(rows[0] - radius, rows[1] + radius):
         slot = ring[v % size]
         if v >= 0 and v < height and v % every == 0:
-            cameras[:] = 0
-            own = runs[first_runs[v] : first_runs[v + 1]]
-            _compare_row(x[v], v, directions, images, lens, own, spare, at, cameras)
-            _close(cameras, slot)
+            over[:], own[:, 0] = 0, 0
+            seen = runs[first_runs[v] : first_runs[v + 1]]
+            _compare_row(x[v], v, directions, images, lens, seen, spare, at, over, own)
+            _close(over, own, slot)
         else:
             slot[:] = 0
         o = v - radius
@@ -417,6 +439,6 @@ def align(x, start, directions, images, lens, runs, first_runs, radius, every, l
                 total, row = sums.ravel(), ring[j].ravel()
                 for i in range(total.size):
                     total[i] += row[i]
-            for k in range(NUM_TERMS):
+            for k in range(number):
                 _sum_along(sums[k], radius, wide[k])
             _settle(wide, x[o], start[o], limits, out[o], std[o], left[o])

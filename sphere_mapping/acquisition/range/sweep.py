@@ -119,8 +119,8 @@ class SphereSweep:
         if self.warning or len(grays) < 2:
             return StereoRange()
         sight = self._kept(tuple(view.name for view in self._views if view.name in grays))
-        levels = self._levels_of(grays)
-        inverse = self._match(levels[-1], sight)
+        levels, matched = self._levels_of(grays)
+        inverse = self._match(matched, sight)
         std = np.full_like(inverse, np.nan)
         for k in reversed(range(len(self._levels))):
             if k < len(self._levels) - 1:
@@ -128,24 +128,26 @@ class SphereSweep:
             inverse, std = self._refine(k, levels[k], inverse, sight)
         return StereoRange([self._range_of(inverse, std)])
 
-    def _levels_of(self, grays: Mapping[str, Image]) -> list[Levels]:
-        """Return the levels of all cameras less their mean around, in one buffer for each level of the sphere."""
+    def _levels_of(self, grays: Mapping[str, Image]) -> tuple[list[Levels], Levels]:
+        """Return the levels of all cameras in one buffer for each level of the sphere; and those to be matched."""
         found = [np.full(level.starts[-1], UNSEEN, np.int16) for level in self._levels]
+        matched = found[-1].copy()
 
         def work(c: int) -> None:
-            image = grays[self._views[c].name].astype(np.int16) * (2 * SCALE)  # a bit more than is kept
-            halved = 0
+            image, halved = grays[self._views[c].name].astype(np.int16) * SCALE, 0
             for level, buffer in zip(self._levels, found, strict=True):
                 for _ in range(level.halvings[c] - halved):
                     image = cv2.pyrDown(image)
-                halved = level.halvings[c]
-                own = _without_mean(image, halved)
-                own[level.is_dead[c]] = UNSEEN
-                buffer[level.starts[c] : level.starts[c + 1]] = own.ravel()
+                halved, own = level.halvings[c], slice(level.starts[c], level.starts[c + 1])
+                blurred = image.copy() if halved else cv2.GaussianBlur(image, (0, 0), LEVEL_BLUR_PX)
+                blurred[level.is_dead[c]] = UNSEEN
+                buffer[own] = blurred.ravel()
+            less = image - cv2.blur(image, (2 * COST_RADIUS + 1,) * 2)  # exposures are never quite equal
+            less[self._levels[-1].is_dead[c]] = UNSEEN
+            matched[own] = less.ravel()
 
-        present = [c for c, view in enumerate(self._views) if view.name in grays]
-        in_threads(work, present, self._jobs)
-        return found
+        in_threads(work, [c for c, view in enumerate(self._views) if view.name in grays], self._jobs)
+        return found, matched
 
     def _match(self, images: Levels, sight: Sight) -> Plane:
         """Return the inverse range (h, w) at the coarsest level, NaN at edges and where nothing is clearly the best."""
@@ -220,14 +222,6 @@ class SphereSweep:
         except IndexError:
             kinds = (np.uint8, np.int16, np.int16, np.int16)
             return Volumes(*(np.empty((*shape, NUM_HYPOTHESES), kind) for kind in kinds))
-
-
-def _without_mean(image: Levels, halved: int) -> Levels:
-    """Return levels less the mean around them, in units of SCALE: exposures of cameras are never quite equal."""
-    image = image >> 1
-    side = (2 * COST_RADIUS + 1,) * 2
-    less = image - cv2.blur(image, side)
-    return cv2.GaussianBlur(less, (0, 0), LEVEL_BLUR_PX) if halved == 0 else less
 
 
 def _strips(height: int) -> list[tuple[int, int]]:
