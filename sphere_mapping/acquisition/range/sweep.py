@@ -31,7 +31,6 @@ from sphere_mapping.acquisition.constants import (
     MAX_RESIDUAL,
     MAX_ROW_STEP,
     MAX_SWEEP_WIDTH,
-    MIN_COST_RATIO,
     MIN_RANGE_SHARE,
     MIN_SAMPLED_SHARE,
     MIN_SWEEP_MARGIN,
@@ -41,6 +40,7 @@ from sphere_mapping.acquisition.constants import (
     SMOOTH_BETWEEN,
     SMOOTH_LAST,
     START_STD_PX,
+    SWEEP_COST_RATIO,
     SWEEP_EDGE_PX,
     SWEEP_FLOOR,
     SWEEP_PENALTIES,
@@ -160,7 +160,7 @@ class SphereSweep:
         volumes.total[:] = 0
         sum_paths(volumes.block, *np.array(SWEEP_PENALTIES, np.int16), volumes.total)
         found, floor = np.empty(shape, np.float32), SWEEP_FLOOR * (2 * COST_RADIUS + 1) ** 2
-        choose(volumes.total, volumes.wide, *np.array([floor, MIN_COST_RATIO, MIN_SWEEP_MARGIN], np.float32), found)
+        choose(volumes.total, volumes.wide, *np.array([floor, SWEEP_COST_RATIO, MIN_SWEEP_MARGIN], np.float32), found)
         self._spare.append(volumes)
         found = _smooth(found, REFINE_RADIUS - 1)
         found[at_jumps(found, SWEEP_EDGE_PX[0], is_whole=True) | at_unknown(found, is_whole=True)] = np.nan
