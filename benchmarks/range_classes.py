@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -123,7 +124,7 @@ def _room(kind: str, seed: int, options: argparse.Namespace) -> Seen:
     return Seen(scene.rig, scene.images, truth, classes)
 
 
-def classify(levels: Image, truth: Plane, whole: Spherical, T_world_sphere: SE3) -> NDArray[np.int8]:
+def classify(levels: NDArray[Any], truth: Plane, whole: Spherical, T_world_sphere: SE3) -> NDArray[np.int8]:
     """Return the class (H, W) of what a sphere truly shows (H, W, 3) at its true range; the last ones take precedence.
 
     What has no detail is bare, whatever it is made of; what is dark is unlit.
