@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.params import StitchParams
+from sphere_mapping.acquisition.range import kernels, sweep
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Rig, RigCamera
 from sphere_nav.params import build
@@ -91,3 +92,9 @@ def test_other_exposures_change_little(stitcher, images, found):
     both = np.isfinite(other) & np.isfinite(found[0])
     assert both.sum() > 0.7 * np.isfinite(found[0]).sum()
     assert np.median(np.abs(other[both] / found[0][both] - 1)) < 0.01
+
+
+def test_the_first_image_compiles_nothing_after_the_warm_up(found):
+    sweep.warm_up()
+    used = (kernels.sweep, kernels.sum_blocks, kernels.sum_paths, kernels.choose, kernels.align)
+    assert [len(kernel.signatures) for kernel in used] == [1] * len(used)
