@@ -34,6 +34,7 @@ BENCHMARKS = {
     "stitching": "benchmarks.stitching",
     "mapping_times": "benchmarks.mapping_times",
     "range_honesty": "benchmarks.range_honesty",
+    "range_classes": "benchmarks.range_classes",
     "lens_drive": "benchmarks.lens_drive",
     "lens_rigs": "benchmarks.lens_rigs",
     "pose_graphs": "benchmarks.pose_graphs",

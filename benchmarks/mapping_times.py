@@ -24,7 +24,8 @@ from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from sphere_mapping.acquisition.constants import NUM_INSTANTS
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.range import fusion, pairs, vertical
+from sphere_mapping.acquisition.range import fusion, vertical
+from sphere_mapping.acquisition.range.sweep import SphereSweep
 from sphere_mapping.acquisition.stitching import stitcher as stitching
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_mapping.mapper import Mapper
@@ -35,10 +36,10 @@ from sphere_nav.ros.maps.writer import MapWriter
 HELP = "CPU time of a sphere from six images to the map by stage, and the size of a key sphere"
 WIDTH = 2048
 INSTANTS, QUICK_INSTANTS, SPACING = 9, 5, 1.2  # m
-WITHOUT_S, WITH_S, KEY_MB = 0.6, 0.8, 8.0
-STAGES: dict[str, tuple[tuple[Any, str], ...]] = {  # of stitching, by what they are in the paper: modules and names
+WITHOUT_S, WITH_S, KEY_MB = {"vertical": 0.6, "ring": 0.8}, {"vertical": 0.8, "ring": 1.1}, 8.0
+STAGES: dict[str, tuple[tuple[Any, str], ...]] = {  # of stitching, by what they are in the paper: where, and names
     "joining images": ((stitching, "blend"), (vertical, "blend")),
-    "matching": ((vertical, "match_columns"), (pairs, "range_of_pairs")),
+    "matching": ((vertical, "match_columns"), (SphereSweep, "find")),
     "range and common centre": (
         (vertical, "range_from_disparity"),
         (vertical, "to_common_center"),
@@ -146,7 +147,7 @@ def _bounds(kind: str, seconds: Mapping[str, list[float]], megabytes: float) -> 
     ]
     what = f"{kind}: CPU of a {WIDTH} x {WIDTH // 2} sphere from six images to the map"
     return [
-        Bound(f"{what}, no key sphere", WITHOUT_S, found[0], "s"),
-        Bound(f"{what}, a key sphere", WITH_S, found[1], "s"),
+        Bound(f"{what}, no key sphere", WITHOUT_S[kind], found[0], "s"),
+        Bound(f"{what}, a key sphere", WITH_S[kind], found[1], "s"),
         Bound(f"{kind}: a key sphere of {WIDTH} x {WIDTH // 2} in the map", KEY_MB, megabytes, "MB"),
     ]

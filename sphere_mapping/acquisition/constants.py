@@ -13,10 +13,14 @@ from sphere_nav.geometry import Spherical
 # Everywhere
 VERY_FAR_M = 1e6  # taken for a direction's point where no range is: parallax vanishes (stitching/test_layouts)
 GRID_STEP = 8  # px between the entries of tables that are interpolated (light/test_light, stitching/test_stitcher)
-VIEW_GRID = Spherical(128, 64)  # directions in which the views of two cameras are compared (range/test_pairs)
-MIN_SHARED_VIEW = 0.03  # of all directions, seen by both cameras of a pair (range/test_pairs, test_lens_check)
+VIEW_GRID = Spherical(128, 64)  # directions in which the views of two cameras are compared (range/test_sweep_tables)
+MIN_SHARED_VIEW = 0.03  # of all directions, seen by both cameras of a pair (range/test_sweep_tables, test_lens_check)
 MAX_RATIO = 0.75  # distance of a match over that of the second best: Lowe 2004 has 0.8 (range/test_rectification)
-MIN_BASELINE_M = {"levels": 0.01, "side": 0.02, "stereo": 1e-3}  # below, centers are one (test_layouts, test_pairs)
+MIN_BASELINE_M = {
+    "levels": 0.01,
+    "side": 0.02,
+    "stereo": 1e-3,
+}  # below, centers are one (test_layouts)
 
 # Exposures and colors (light/test_exposure, light/test_light)
 EXPOSED = (10, 245)  # grey levels between which cameras are compared
@@ -118,17 +122,36 @@ MAX_RESIDUAL = 1.0  # grey-level variance left in a block, by that of noise and 
 STD_FACTOR = 1.3  # errors of neighbors are not independent: of the deviation that the residual alone gives
 SMOOTH = np.array([1.0, 0.03], np.float32)  # px, and by the disparity: neighbors that differ more are not averaged
 
-# Range from disparity (range/test_vertical, range/test_pairs)
+# Range from disparity (range/test_vertical)
 FAR_M = 120.0  # what is surely farther is known to be far
 MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
 MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, so different images do not match
 MAX_SINE = 0.9  # of the largest disparity
 BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
-HALF_VIEW_DEG = (75.0, 50.0)  # half of the view of a pair across and along its baseline
-PAIR_EDGE_PX = EDGE_PX + 1  # what one pair leaves out another one may see
-MIN_VOTES = 0.4  # of the pairs that see a direction, must agree on its range
 EXCHANGED = (0.08, 3.0)  # share of pixels that match exchanged, and by that as given: they are (test_plausibility)
 ORDER_COLUMNS = 320  # px, at which the order is looked at
+
+# Sweep on the sphere, chosen in towns 61 and 62 and rooms 1 and 2 of `range_classes` (range/test_sweep)
+MAX_SWEEP_WIDTH = 640  # columns up to which all hypotheses are compared; wider spheres are halved
+SWEEP_RADIUS = 2  # px, half side of the blocks that are smoothed; that of those that are compared is COST_RADIUS
+SWEEP_PENALTIES = (60, 600)  # of a step to the next hypothesis, to any other, in eighths of a grey level of a block
+SWEEP_COST_RATIO = 1.16  # of the least cost elsewhere to that of the match
+SWEEP_FLOOR = 10  # eighths of a grey level added to each difference, so that noise decides nothing
+MIN_SWEEP_MARGIN = 1.05  # of the second smoothed cost to the least
+SWEEP_EDGE_PX = (1, 2)  # kept off jumps, at the coarsest level and at half of the finest
+COARSE_STEPS = 2  # of alignment at the coarsest level; finer ones start near enough for one
+MAX_ROW_STEP = 3  # between the rows that finer levels sample: blocks of neighboring rows tell nearly the same
+SWEEP_STEP_PX, START_STD_PX = 0.7, 3.0  # most of one step; standard deviation of where it starts
+MIN_SAMPLED_SHARE = 0.4  # of a block's samples must have a range and be seen by two cameras
+DEPENDENT_SHARE = 0.1  # of what noise does not explain: common to a block, so that no number of pixels averages it
+SMOOTH_BETWEEN, SMOOTH_LAST = 4, 5  # px, half side of what is averaged between levels, and at the end
+LEVEL_BLUR_PX = 0.6  # of full-size images: linear interpolation of sharper ones is biased to whole pixels
+# (range/test_sweep_tables)
+MAX_VIEWS, FAINT_STRETCH = 4, 1.55  # cameras that see a direction; more stretched than this they count if needed
+SIGHT_M = 2.0  # range from which on a camera must see what it sees of a direction
+ERODED_PX = 2  # kept off borders and masks, at each level
+TABLE_SIDE, MAX_HALF_TANGENT = 513, 4.0  # entries of a lens's table a side; tangent of half the angle off the axis
+HYPOTHESIS_PX = (0.7, 1.25)  # least and largest step of hypotheses, px of the coarsest level between neighbors
 
 # Fusion (range/test_fusion)
 AGREEMENT_SIGMAS = 3.0  # sources, and pieces of a plane, that differ by more do not see the same: 1 in 370 by chance

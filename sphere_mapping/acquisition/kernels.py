@@ -8,7 +8,6 @@ from numba import config, set_num_threads
 from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
 
 SCALE = 16.0  # pyramids are int16 with four bits below the point
-ONE_SURFACE = 1.1  # ratio of ranges around a pixel up to which they are of one surface
 NUM_DISPARITIES = 48  # searched at each level: a constant, so that the loops over them become vectors
 COST_CAP = 200  # quarter grey levels: the largest difference of two pixels that counts
 ELSEWHERE = np.where(np.abs(np.subtract.outer(*[np.arange(NUM_DISPARITIES)] * 2)) <= 2, 32767, -32768).astype(np.int16)
@@ -467,74 +466,6 @@ def splat_with_std(u, v, range_m, std_m, half, wraps, nearest, nearest_std):
 
 
 @njit(**OPTIONS)
-def place_window(range_m, rays, pixels, offset, nearest, places):
-    """Write where a sphere has ranges (h, w) f32 seen from a place beside its centre to places (3, h, w) f32.
-
-    Column, row and range from the centre; NaN where there is none. rays (h, w, 3) f32: directions in the frame of the
-    sphere; pixels (h, w, 2) f32: where the sphere (H, W) has these directions; offset (3,) f32: the place, m. nearest
-    (H, W) f32, which starts as +Inf, becomes the least range from the centre of the four pixels around each place.
-    """
-    height, width = nearest.shape
-    x0, y0, z0 = offset[0], offset[1], offset[2]
-    per_column, per_row = np.float32(width / (2 * np.pi)), np.float32(height / np.pi)
-    for i in range(range_m.shape[0]):
-        for j in range(range_m.shape[1]):
-            r = range_m[i, j]
-            places[2, i, j] = np.nan
-            if not (r < 1e9):
-                continue
-            x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
-            px, py, pz = r * x + x0, r * y + y0, r * z + z0
-            level, across = np.sqrt(x * x + y * y), np.sqrt(px * px + py * py)
-            u = pixels[i, j, 0] - small_angle(x * py - y * px, x * px + y * py) * per_column
-            v = pixels[i, j, 1] - small_angle(level * pz - z * across, level * across + z * pz) * per_row
-            distance = np.sqrt(across * across + pz * pz)
-            places[0, i, j], places[1, i, j], places[2, i, j] = u, v, distance
-            column, row = int(np.floor(u)), int(np.floor(v))
-            for b in range(max(row, 0), min(row + 2, height)):
-                for dx in range(2):
-                    a = (column + dx) % width
-                    nearest[b, a] = min(nearest[b, a], distance)
-
-
-@njit(**OPTIONS)
-def mean_of_window(places, relative_std, nearest, sums, range_m, std_m):
-    """Write mean and deviation (H, W) f32 of what a window has at each pixel of a sphere and is not behind the nearest.
-
-    places, nearest: of `place_window`; relative_std (h, w) f32: by range. A range counts in the four pixels around its
-    own, the more the nearer. sums (H, W, 4) f32, zeros: weight, and weighted range, relative std, and square beyond the
-    nearest, which is of a slanted surface within a pixel.
-    """
-    height, width = nearest.shape
-    one, least = np.float32(1.0), np.float32(1e-3)
-    for i in range(places.shape[1]):
-        for j in range(places.shape[2]):
-            u, v, distance = places[0, i, j], places[1, i, j], places[2, i, j]
-            if np.isnan(distance):
-                continue
-            column, row = int(np.floor(u)), int(np.floor(v))
-            for b in range(max(row, 0), min(row + 2, height)):
-                for dx in range(2):
-                    a = (column + dx) % width
-                    if distance <= nearest[b, a] * ONE_SURFACE:
-                        weight = (one - abs(u - column - dx)) * (one - abs(v - b)) + least
-                        total = sums[b, a]
-                        total[0] += weight
-                        total[1] += weight * distance
-                        total[2] += weight * relative_std[i, j]
-                        total[3] += weight * (distance - nearest[b, a]) ** 2
-    for v in range(height):
-        for u in range(width):
-            weight = sums[v, u, 0]
-            range_m[v, u], std_m[v, u] = np.nan, np.nan
-            if weight > 0:
-                mean, relative = sums[v, u, 1] / weight, sums[v, u, 2] / weight
-                spread = max(sums[v, u, 3] / weight - (mean - nearest[v, u]) ** 2, np.float32(0.0))
-                range_m[v, u] = mean
-                std_m[v, u] = np.sqrt((mean * relative) ** 2 + spread)
-
-
-@njit(**OPTIONS)
 def fuse(ranges, stds, max_deviations, contradiction, share, range_m, std_m):
     """Write the mean by inverse variance, and its deviation (H, W) f32, of what agrees with the surest of N sources.
 
@@ -570,33 +501,6 @@ def fuse(ranges, stds, max_deviations, contradiction, share, range_m, std_m):
             is_known = (total[u] > zero) & (denied[u] == zero)
             range_m[v, u] = weighted[u] / total[u] if is_known else (inf if best[u] == inf else nan)
             std_m[v, u] = one / np.sqrt(total[u]) if is_known else nan
-
-
-@njit(**OPTIONS)
-def count_votes(ranges, stds, sees, max_deviations, least, range_m, std_m):
-    """Forget range_m (H, W) f32, fused, where too few of N sources that see a direction agree; std_m is the surest's.
-
-    ranges, stds (N, H, W) f32; sees: N planes (H, W) bool; least: share of those that see it. Row by row as `fuse`.
-    """
-    number, height, width = ranges.shape
-    zero, one, inf, nan = np.float32(0.0), np.float32(1.0), np.float32(np.inf), np.float32(np.nan)
-    rows = np.empty((3, width), np.float32)
-    surest, votes, voters = rows[0], rows[1], rows[2]
-    for v in range(height):
-        rows[0], rows[1:] = inf, zero
-        for k in range(number):
-            for u in range(width):
-                surest[u] = stds[k, v, u] if stds[k, v, u] < surest[u] else surest[u]
-                voters[u] += one if sees[k, v, u] else zero
-        for k in range(number):
-            for u in range(width):
-                r, s = ranges[k, v, u], stds[k, v, u]
-                is_near = abs(r - range_m[v, u]) <= max_deviations * np.sqrt(s * s + surest[u] * surest[u])
-                votes[u] += one if is_near | ((r == inf) & (range_m[v, u] == inf)) else zero
-        for u in range(width):
-            is_agreed = votes[u] >= least * voters[u]
-            range_m[v, u] = range_m[v, u] if is_agreed else nan
-            std_m[v, u] = surest[u] if is_agreed & (range_m[v, u] < inf) else nan
 
 
 @njit(**OPTIONS)
@@ -774,16 +678,8 @@ def warm_up() -> None:
     stretch(out, out.copy(), plane, np.float32(0.1))
     line = np.zeros(1, np.float32)
     splat_with_std(line, line, line, line, 0, True, plane.copy(), plane.copy())
-    rays, pixels, places = (
-        np.ones((4, 4, 3), np.float32),
-        np.zeros((4, 4, 2), np.float32),
-        np.zeros((3, 4, 4), np.float32),
-    )
-    place_window(plane, rays, pixels, np.zeros(3, np.float32), plane.copy(), places)
-    mean_of_window(places, plane, plane.copy(), np.zeros((4, 4, 4), np.float32), out, out.copy())
     sources = np.ones((1, 4, 4), np.float32)
     fuse(sources, sources, np.float32(3.0), np.float32(3.0), np.float32(0.1), out, out.copy())
-    count_votes(sources, sources, np.ones((1, 4, 4), np.bool_), np.float32(3.0), np.float32(0.4), out, out.copy())
     at, pieces = np.zeros((1, 2), np.int32), np.zeros((1, 7))
     match_outline(plane, plane, at, np.ones((1, 2, 2), np.bool_), 0, np.zeros(4), pieces)
     unit, owner = np.zeros((2, 4), np.float32), np.zeros((4, 4), np.int8)

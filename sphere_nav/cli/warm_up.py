@@ -15,6 +15,7 @@ from cycab_sim.warm_up import warm_up as warm_up_simulator
 from mcl_depth.params import FilterParams
 from mcl_depth.warm_up import warm_up as warm_up_mcl
 from sphere_mapping.acquisition import kernels as acquisition
+from sphere_mapping.acquisition.range.sweep import warm_up as warm_up_sweep
 from sphere_nav import kernel_cache, photometric
 from sphere_nav.kernel_cache.folder import PACKAGES, cache_folder, cache_root, remove_old
 from sphere_nav.view_synthesis.warm_up import warm_up as warm_up_view
@@ -31,7 +32,13 @@ def warm_up_registration() -> None:
     warm_up_view()
 
 
-PARTS = (warm_up_mcl_depth, warm_up_registration, warm_up_simulator, acquisition.warm_up)  # the longest first
+def warm_up_acquisition() -> None:
+    """Of both kinds of rigs."""
+    acquisition.warm_up()
+    warm_up_sweep()
+
+
+PARTS = (warm_up_mcl_depth, warm_up_registration, warm_up_simulator, warm_up_acquisition)  # the longest first
 
 
 def main() -> int:

@@ -50,11 +50,7 @@ def fuse_sources(sources: Sequence[Ranged]) -> Ranged:
         raise ValueError("range: expected at least one source, found none")
     if len(sources) == 1:
         return sources[0]
-    return fuse_planes(*(np.stack([source[k] for source in sources]) for k in range(2)))
-
-
-def fuse_planes(ranges: Plane, stds: Plane) -> Ranged:
-    """Return what `fuse_sources` does, of ranges and deviations (N, H, W)."""
+    ranges, stds = (np.stack([source[k] for source in sources]) for k in range(2))
     limits = np.array([AGREEMENT_SIGMAS, *CONTRADICTION], np.float32)
     range_m, std_m = np.empty_like(ranges[0]), np.empty_like(stds[0])
     fuse(ranges, stds, *limits, range_m, std_m)

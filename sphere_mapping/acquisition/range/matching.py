@@ -94,7 +94,6 @@ def match_columns(
     params: MatchParams,
     is_usable: NDArray[np.bool_],
     jobs: int = 1,
-    edge_px: int = EDGE_PX,
 ) -> Disparity:
     """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
     halvings = max(int(np.ceil(np.log2((search.full_width or top.shape[1]) / MAX_WIDTH))), 0)
@@ -106,7 +105,7 @@ def match_columns(
         coarser = None if found is None else _interpolate(found, shape, search.is_whole)
         if k >= halvings:
             matched, coarser = matches.check_level(k, coarser)
-            start = _keep_sure(matched, search, edge_px)
+            start = _keep_sure(matched, search)
         else:
             assert coarser is not None
             start = _start_again(start, coarser.value)
@@ -196,10 +195,10 @@ def _first_at(search: Search, level: int) -> int:
     return int(np.floor(search.first_px / 2**level))
 
 
-def _keep_sure(matched: Plane, search: Search, edge_px: int) -> Plane:
+def _keep_sure(matched: Plane, search: Search) -> Plane:
     """Return matches without stairs, and none near jumps and unknown regions."""
     found = _smooth_around(matched, search.is_whole)
-    near_jump = at_jumps(found, edge_px, is_whole=search.is_whole)
+    near_jump = at_jumps(found, EDGE_PX, is_whole=search.is_whole)
     found[near_jump | at_unknown(found, is_whole=search.is_whole)] = np.nan
     return found
 

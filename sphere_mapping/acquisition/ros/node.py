@@ -14,6 +14,7 @@ from tf2_msgs.msg import TFMessage
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.range.rectification import rectify
+from sphere_mapping.acquisition.range.sweep import warm_up as warm_up_sweep
 from sphere_mapping.acquisition.ros.rig_intake import RigInstant, RigIntake
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_mapping.acquisition.stitching.views import masks_of
@@ -49,6 +50,7 @@ class SphereStitcher(ManagedNode):
     def configure(self) -> None:
         """Read the rig, compute its tables, open topics."""
         kernels.warm_up()
+        warm_up_sweep()
         self.intake: RigIntake | None = None
         self.sphere = self.add_publisher("sphere", AugmentedSphere, qos.LARGE)
         self.preview = self.add_publisher("sphere/preview/compressed", CompressedImage, qos.SENSOR)

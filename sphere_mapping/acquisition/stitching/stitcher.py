@@ -1,9 +1,9 @@
 """READ FIRST. The images of a rig at one instant -> an augmented sphere (M15 section 4.3).
 
 For each instant: make the light of all images equal; find the range (a vertical rig draws a top and a bottom sphere,
-matches them along their columns, triangulates, and moves the range to the common centre; a rig of one level does so in
-pairs of neighbors); fuse it with what depth cameras and a LiDAR measure; blend the images, each pixel taken from where
-its point is seen. A camera that is missing leaves a hole.
+matches them along their columns, triangulates, and moves the range to the common centre; any other rig compares all
+cameras that see a direction, on the sphere itself); fuse it with what depth cameras and a LiDAR measure; blend the
+images, each pixel taken from where its point is seen. A camera that is missing leaves a hole.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from sphere_mapping.acquisition.range.fusion import (
     range_from_depth,
 )
 from sphere_mapping.acquisition.range.lens_check import check_lenses
-from sphere_mapping.acquisition.range.pairs import PairwiseStereo
 from sphere_mapping.acquisition.range.rectification import Matches, matches_of
+from sphere_mapping.acquisition.range.sweep import SphereSweep
 from sphere_mapping.acquisition.range.vertical import VerticalStereo
 from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.layouts import Layouts
@@ -62,9 +62,9 @@ class Stitcher:
         groups = {part.name: part.exposure_group or f"alone {part.name}" for part in rig.cameras}
         blending, views = self.params.blend, list(self.layouts.views.values())
         self._light = Light(views, groups, blending.distance_m, blending.max_gain) if blending.has_gains else None
-        self.stereo: VerticalStereo | PairwiseStereo | None = None
+        self.stereo: VerticalStereo | SphereSweep | None = None
         if self.params.range != "none":
-            kind = VerticalStereo if rig.is_vertical else PairwiseStereo
+            kind = VerticalStereo if rig.is_vertical else SphereSweep
             self.stereo = kind(self.layouts, self.params, jobs)
         self.warning = self.stereo.warning if self.stereo is not None else ""
         self._has_lenses = False  # whether they are checked; once is enough: lenses do not change

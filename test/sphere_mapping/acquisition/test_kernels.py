@@ -81,31 +81,6 @@ def test_a_level_starts_where_the_coarser_one_has_aligned_near_its_match():
     np.testing.assert_array_equal(start, np.float32([[4.2, 4.0, np.nan, np.nan], [4.0, 3.9, np.nan, np.nan]]))
 
 
-def test_what_a_window_sees_from_beside_lies_where_the_center_sees_it():
-    """A wall 4 m ahead, seen from 0.2 m to the left."""
-    height, width = 90, 180
-    v, u = np.mgrid[30:60, 70:110].astype(np.float32)
-    azimuth, elevation = (0.5 - (u + 0.5) / width) * 2 * np.pi, (0.5 - (v + 0.5) / height) * np.pi
-    rays = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], -1)
-    rays, pixels = np.ascontiguousarray(rays, np.float32), np.ascontiguousarray(np.stack([u, v], -1))
-    range_m = (4.0 / rays[..., 0]).astype(np.float32)
-    range_m[0, 0] = np.inf
-    nearest, places = np.full((height, width), np.inf, np.float32), np.empty((3, *v.shape), np.float32)
-    kernels.place_window(range_m, rays, pixels, np.float32([0.0, 0.2, 0.0]), nearest, places)
-    found, std = np.empty_like(nearest), np.empty_like(nearest)
-    relative = np.full_like(range_m, 0.01)
-    kernels.mean_of_window(places, relative, nearest, np.zeros((height, width, 4), np.float32), found, std)
-    known = np.isfinite(found)
-    assert known[33:57, 75:100].all()
-    assert not known[:, :60].any()
-    known[:, 100:] = False  # the rim holds what lies beside its pixels only
-    known[:33], known[57:], known[:, :76] = False, False, False
-    rows, columns = np.nonzero(known)
-    ahead = np.cos((0.5 - (rows + 0.5) / height) * np.pi) * np.cos((0.5 - (columns + 0.5) / width) * 2 * np.pi)
-    np.testing.assert_allclose(found[known] * ahead, 4.0, rtol=0.02)
-    assert (std[known] >= 0.0099 * found[known]).all()
-
-
 def test_unknown_disparity_stays_unknown():
     level = np.full((20, 20), 100, np.uint8)
     start = np.full((20, 20), np.nan, np.float32)
@@ -412,27 +387,6 @@ def test_ranges_of_a_wall_move_to_the_common_center():
     assert np.isposinf(found[20, 50:60]).all()
     is_same = is_moved & (owner[at] == owner)  # over the seam it is the other camera's range
     assert np.abs(found[is_same] - 5.0).max() < 0.05  # to first order in 0.33 m / 5 m, and half a pixel
-
-
-def test_votes_are_counted_as_numpy_does():
-    """Five sources: what fewer than 40 % of those that see a direction agree on is forgotten."""
-    rng = np.random.default_rng(16)
-    ranges = np.stack([some_unknown((7, 12), 20 + k, 4.0, 6.0, 0.2) for k in range(5)])
-    stds = rng.uniform(0.05, 0.2, ranges.shape).astype(np.float32)
-    stds[np.isnan(ranges)] = np.nan
-    sees = np.isfinite(ranges) | (rng.random(ranges.shape) < 0.3)
-    ranges[:4, 0, :6] = np.inf
-    range_m = np.nanmedian(ranges, axis=0).astype(np.float32)
-    std_m, before = np.empty_like(range_m), range_m.copy()
-    kernels.count_votes(ranges, stds, sees, np.float32(3.0), np.float32(0.4), range_m, std_m)
-    surest = np.fmin.reduce(stds)
-    with np.errstate(invalid="ignore"):
-        is_near = np.abs(ranges - before) <= 3 * np.hypot(stds, surest)
-    votes = (is_near | (np.isinf(ranges) & np.isinf(before))).sum(axis=0)
-    is_agreed = votes >= np.float32(0.4) * sees.sum(axis=0).astype(np.float32)
-    np.testing.assert_array_equal(range_m, np.where(is_agreed, before, np.nan).astype(np.float32))
-    np.testing.assert_array_equal(std_m, np.where(is_agreed & (before < np.inf), surest, np.nan).astype(np.float32))
-    assert 0.02 < np.mean(~is_agreed) < 0.5
 
 
 def test_a_piece_of_outline_is_matched_as_numpy_matches_it():

@@ -88,8 +88,8 @@ def test_wrong_images_are_refused_by_name(stitcher, images):
 def test_two_cameras_side_by_side_give_range():
     poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.15, -0.15)]
     rig = Rig(tuple(RigCamera(name, LENS, pose) for name, pose in zip("ab", poses, strict=True)))
-    stitcher = Stitcher(rig, build(StitchParams, {"width": WIDTH}))
-    assert [(pair.first, pair.second) for pair in stitcher.stereo.pairs] == [("a", "b")]
+    stitcher = Stitcher(rig, build(StitchParams, {"width": WIDTH, "match.noise": 0.5}))
+    assert stitcher.warning == ""
     found = stitcher.stitch({part.name: seen(part) for part in rig.cameras}).sphere
     assert found.measured.mean() > 0.2
     assert np.nanmedian(np.abs(found.range_m[found.measured] - RADIUS)) / RADIUS < 0.03

@@ -1,0 +1,253 @@
+"""Range of cameras that look different ways: one sweep on the sphere over all that see a direction.
+
+At the coarsest level every direction is tried at NUM_HYPOTHESES inverse ranges: each camera that sees it is sampled
+there from its own image, and the levels of all pairs, less their mean around, are compared. These costs are smoothed
+semi-globally (Hirschmueller 2008); one that is not clearly the least of its block is no match. From there on, level by
+level, Gauss-Newton steps move the inverse range of every block until all its cameras show the same. Nothing is
+rectified, no window is moved onto the sphere, nothing is to be joined. The deviation is by the slopes of the levels and
+by what is left; edges, what does not fit and what is not clear are NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.constants import (
+    COARSE_STEPS,
+    COST_RADIUS,
+    DEPENDENT_SHARE,
+    FAR_M,
+    GRID_STEP,
+    LEAST_NOISE,
+    LEVEL_BLUR_PX,
+    MAX_REFINEMENT,
+    MAX_RESIDUAL,
+    MAX_ROW_STEP,
+    MAX_SWEEP_WIDTH,
+    MIN_RANGE_SHARE,
+    MIN_SAMPLED_SHARE,
+    MIN_SWEEP_MARGIN,
+    NUM_STRIPS,
+    REFINE_RADIUS,
+    SMOOTH,
+    SMOOTH_BETWEEN,
+    SMOOTH_LAST,
+    START_STD_PX,
+    SWEEP_COST_RATIO,
+    SWEEP_EDGE_PX,
+    SWEEP_FLOOR,
+    SWEEP_PENALTIES,
+    SWEEP_RADIUS,
+    SWEEP_STEP_PX,
+)
+from sphere_mapping.acquisition.kernels import smooth
+from sphere_mapping.acquisition.params import StitchParams
+from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange
+from sphere_mapping.acquisition.range.kernels import (
+    NUM_HYPOTHESES,
+    SCALE,
+    UNSEEN,
+    align,
+    choose,
+    sum_blocks,
+    sum_paths,
+    sweep,
+)
+from sphere_mapping.acquisition.range.levels import at_jumps, at_unknown
+from sphere_mapping.acquisition.range.semi_global import in_threads
+from sphere_mapping.acquisition.range.sweep_tables import (
+    Sight,
+    hypotheses_of,
+    hypothesis_table,
+    lens_tables,
+    level_of,
+    sharpness,
+    sight_of,
+    why_no_range,
+)
+from sphere_mapping.acquisition.stitching.layouts import MAX_LAYOUTS, Layouts
+from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera, Spherical
+from sphere_nav.params import build
+
+Image = NDArray[np.uint8]
+Plane = NDArray[np.float32]
+Levels = NDArray[np.int16]
+
+
+@dataclass(frozen=True, eq=False)
+class Volumes:
+    """Costs of all hypotheses (H, W, K): of a pixel, of blocks of two sizes, of smoothed paths."""
+
+    cost: NDArray[np.uint8]
+    block: NDArray[np.int16]
+    wide: NDArray[np.int16]
+    total: NDArray[np.int16]
+
+
+class SphereSweep:
+    """Range of a rig of one level. `warning`: why there will be none, empty where there will be."""
+
+    is_checked = True  # there is no order to check
+
+    def __init__(self, layouts: Layouts, params: StitchParams, jobs: int) -> None:
+        self._params, self._jobs = params, jobs
+        self._views = list(layouts.views.values())
+        self.warning = why_no_range(layouts.rig, layouts.views)
+        if self.warning:
+            return
+        num_halvings = max(int(np.ceil(np.log2(layouts.whole.width / MAX_SWEEP_WIDTH))), 0)
+        wholes = [Spherical(layouts.whole.width >> k, layouts.whole.height >> k) for k in range(num_halvings + 1)]
+        self._levels = [level_of(whole, self._views) for whole in wholes]
+        self._first, self._step = hypotheses_of(self._views, wholes[-1], params.match.nearest_m)
+        self._table = hypothesis_table(self._views, self._levels[-1], self._first, self._step)
+        poses = [view.T_sphere_camera for view in self._views]
+        rotations = np.stack([pose.rotation.T for pose in poses]).astype(np.float32)
+        centers = np.stack([pose.rotation.T @ pose.translation for pose in poses]).astype(np.float32)
+        self._lens = (rotations, centers, *lens_tables(self._views))
+        self._stretch = sharpness(self._views, wholes[-1])
+        self._kept: Callable[[tuple[str, ...]], Sight] = lru_cache(MAX_LAYOUTS)(self._find_sight)
+        self._spare: list[Volumes] = []  # volumes are kept: new memory costs as much as the sums
+
+    def find(self, grays: Mapping[str, Image]) -> StereoRange:
+        """Return the range from the grey images of one instant, by camera."""
+        if self.warning or len(grays) < 2:
+            return StereoRange()
+        sight = self._kept(tuple(view.name for view in self._views if view.name in grays))
+        levels, matched = self._levels_of(grays)
+        inverse = self._match(matched, sight)
+        std = np.full_like(inverse, np.nan)
+        for k in reversed(range(len(self._levels))):
+            if k < len(self._levels) - 1:
+                inverse = _double(inverse)
+            inverse, std = self._refine(k, levels[k], inverse, sight)
+        return StereoRange([self._range_of(inverse, std)])
+
+    def _levels_of(self, grays: Mapping[str, Image]) -> tuple[list[Levels], Levels]:
+        """Return the levels of all cameras in one buffer for each level of the sphere; and those to be matched."""
+        found = [np.full(level.starts[-1], UNSEEN, np.int16) for level in self._levels]
+        matched = found[-1].copy()
+
+        def work(c: int) -> None:
+            image, halved = grays[self._views[c].name].astype(np.int16) * SCALE, 0
+            for level, buffer in zip(self._levels, found, strict=True):
+                for _ in range(level.halvings[c] - halved):
+                    image = cv2.pyrDown(image)
+                halved, own = level.halvings[c], slice(level.starts[c], level.starts[c + 1])
+                blurred = image.copy() if halved else cv2.GaussianBlur(image, (0, 0), LEVEL_BLUR_PX)
+                blurred[level.is_dead[c]] = UNSEEN
+                buffer[own] = blurred.ravel()
+            less = image - cv2.blur(image, (2 * COST_RADIUS + 1,) * 2)  # exposures are never quite equal
+            less[self._levels[-1].is_dead[c]] = UNSEEN
+            matched[own] = less.ravel()
+
+        in_threads(work, [c for c, view in enumerate(self._views) if view.name in grays], self._jobs)
+        return found, matched
+
+    def _match(self, images: Levels, sight: Sight) -> Plane:
+        """Return the inverse range (h, w) at the coarsest level, NaN at edges and where nothing is clearly the best."""
+        level, shape = self._levels[-1], sight.numbers.shape
+        volumes = self._take_volumes(shape)
+        tables = (self._table, GRID_STEP, images, level.starts, level.sizes, sight.cameras, sight.numbers)
+        in_threads(lambda rows: sweep(*tables, *rows, volumes.cost), _strips(shape[0]), self._jobs)
+        sum_blocks(volumes.cost, SWEEP_RADIUS, volumes.block)
+        sum_blocks(volumes.cost, COST_RADIUS, volumes.wide)
+        volumes.total[:] = 0
+        sum_paths(volumes.block, *np.array(SWEEP_PENALTIES, np.int16), volumes.total)
+        found, floor = np.empty(shape, np.float32), SWEEP_FLOOR * (2 * COST_RADIUS + 1) ** 2
+        choose(volumes.total, volumes.wide, *np.array([floor, SWEEP_COST_RATIO, MIN_SWEEP_MARGIN], np.float32), found)
+        self._spare.append(volumes)
+        found = _smooth(found, REFINE_RADIUS - 1)
+        found[at_jumps(found, SWEEP_EDGE_PX[0], is_whole=True) | at_unknown(found, is_whole=True)] = np.nan
+        return (np.float32(self._first) + found * np.float32(self._step)).astype(np.float32)
+
+    def _refine(self, k: int, images: Levels, start: Plane, sight: Sight) -> tuple[Plane, Plane]:
+        """Return inverse range and deviation (H, W) of a level, from where the coarser one has ended."""
+        from_coarsest, found = len(self._levels) - 1 - k, start
+        std, left = np.empty_like(start), np.empty_like(start)
+        for _ in range(COARSE_STEPS if from_coarsest == 0 else 1):
+            found = self._align(k, images, (found, start), sight, (std, left))
+        does_fit = left <= MAX_RESIDUAL
+        px = np.float32(self._step / 2**from_coarsest)  # about a pixel of the coarsest level, at this one
+        if k > 0:
+            found = np.where(does_fit, found, start)  # a finer level, whose blocks are smaller, may tell
+            return _smooth(found / px, SMOOTH_BETWEEN) * px, std
+        std[~does_fit] = np.nan
+        found[np.isnan(std)] = np.nan
+        found = _smooth(found / px, SMOOTH_LAST)
+        if from_coarsest > 0:
+            half = np.ascontiguousarray(found[::2, ::2] * np.float32(0.5))
+            is_edge = at_jumps(half, SWEEP_EDGE_PX[1], is_whole=True)
+            found[np.repeat(np.repeat(is_edge, 2, axis=0), 2, axis=1)] = np.nan
+        return found * px, std
+
+    def _align(self, k: int, images: Levels, before: tuple[Plane, Plane], sight: Sight, rest: Sequence[Plane]) -> Plane:
+        """Return inverse range (H, W) moved by a step, from itself and its start; write deviation and what is left."""
+        level, match, out = self._levels[k], self._params.match, np.empty_like(before[0])
+        every = min(len(self._levels) - k, MAX_ROW_STEP)  # rows next to each other tell nearly the same
+        noise = SCALE * max(match.noise / 2 ** min(level.halvings), min(match.noise, LEAST_NOISE))
+        least = MIN_SAMPLED_SHARE * (2 * REFINE_RADIUS + 1) ** 2 / every
+        own = (SWEEP_STEP_PX, least, noise**2, START_STD_PX, MAX_REFINEMENT, match.calibration_px, DEPENDENT_SHARE)
+        limits, pictures = np.array(own, np.float32), (images, level.starts, level.sizes, level.scales)
+        given = (*before, level.directions, pictures, self._lens, sight.runs[k], sight.first_runs[k])
+        numbers = (REFINE_RADIUS, every, limits)
+        in_threads(lambda rows: align(*given, *numbers, rows, out, *rest), _strips(len(out)), self._jobs)
+        return out
+
+    def _range_of(self, inverse: Plane, std: Plane) -> Ranged:
+        """Return range and deviation (H, W) of inverse ones; what is surely beyond FAR_M is far."""
+        match, two = self._params.match, np.float32(2.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            range_m = np.float32(1.0) / inverse
+            std_m = std * range_m * range_m
+            is_far = inverse + two * std < np.float32(1.0 / FAR_M)
+            is_good = (inverse > two * std) & (std_m <= np.float32(match.max_relative_std) * range_m)
+            is_good &= range_m >= np.float32(MIN_RANGE_SHARE * match.nearest_m)
+        range_m[~is_good], std_m[~is_good | is_far] = np.nan, np.nan
+        range_m[is_far] = np.inf
+        return range_m, std_m
+
+    def _find_sight(self, present: Sequence[str]) -> Sight:
+        is_present = np.array([view.name in present for view in self._views])
+        return sight_of(self._stretch, is_present, self._levels)
+
+    def _take_volumes(self, shape: tuple[int, ...]) -> Volumes:
+        try:
+            return self._spare.pop()  # threads may stitch at the same time
+        except IndexError:
+            kinds = (np.uint8, np.int16, np.int16, np.int16)
+            return Volumes(*(np.empty((*shape, NUM_HYPOTHESES), kind) for kind in kinds))
+
+
+def _strips(height: int) -> list[tuple[int, int]]:
+    """Return the first row, and that beyond the last, of NUM_STRIPS strips; results do not depend on them."""
+    edges = np.linspace(0, height, NUM_STRIPS + 1).astype(int)
+    return [(int(first), int(last)) for first, last in pairwise(edges)]
+
+
+def _double(inverse: Plane) -> Plane:
+    """Return a plane (2 h, 2 w) whose pixels have twice the size: linear between, NaN beside NaN."""
+    padded = cv2.copyMakeBorder(inverse, 0, 0, 2, 2, cv2.BORDER_WRAP)
+    return np.ascontiguousarray(cv2.resize(padded, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[:, 4:-4])
+
+
+def _smooth(values: Plane, radius: int) -> Plane:
+    """Return the mean of what differs little over 2 radius + 1 rows and columns, which wrap around."""
+    padded = cv2.copyMakeBorder(values, 0, 0, 2 * radius, 2 * radius, cv2.BORDER_WRAP)
+    out = np.empty_like(padded)
+    smooth(padded, radius, SMOOTH[0], SMOOTH[1], np.empty_like(padded), out)
+    return np.ascontiguousarray(out[:, 2 * radius : -2 * radius])
+
+
+def warm_up() -> None:
+    """Compile on a tiny rig, so that the first image does not wait."""
+    lens, axes = Fisheye(32, 32, 10.0, 10.0, 15.5, 15.5), [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+    poses = {"left": SE3.from_parts(axes, [0.0, 0.1, 0.0]), "right": SE3.from_parts(axes, [0.0, -0.1, 0.0])}
+    rig, params = Rig(tuple(RigCamera(name, lens, T) for name, T in poses.items())), build(StitchParams, {"width": 64})
+    SphereSweep(Layouts(rig, params, {}), params, 1).find({name: np.zeros((32, 32), np.uint8) for name in poses})

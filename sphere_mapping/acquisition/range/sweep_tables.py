@@ -1,0 +1,218 @@
+"""What the sweep on the sphere knows of a rig before any image: where each camera of whatever model has a direction.
+
+A camera model is asked for pixels when the tables are made and never again, so that every central camera will do. Its
+lens is a table over the tangents of half the angle off the axis (stereographic), in which pixels hardly bend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.constants import (
+    ERODED_PX,
+    FAINT_STRETCH,
+    GRID_STEP,
+    HYPOTHESIS_PX,
+    MAX_HALF_TANGENT,
+    MAX_VIEWS,
+    MIN_BASELINE_M,
+    MIN_SHARED_VIEW,
+    SIGHT_M,
+    TABLE_SIDE,
+    VERY_FAR_M,
+    VIEW_GRID,
+)
+from sphere_mapping.acquisition.range.kernels import NUM_HYPOTHESES
+from sphere_mapping.acquisition.stitching.views import RigView
+from sphere_nav.geometry import Rig, Spherical
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
+
+Plane = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int32]
+BEFORE = 1  # hypotheses beyond infinity
+AFTER = 2  # nearest ones, which have no neighbors to be compared with
+
+
+@dataclass(frozen=True, eq=False)
+class SweepLevel:
+    """A level of the sphere, and of the images that are sampled there, all cameras one after the other.
+
+    directions: sine and cosine of azimuths (2, W) and elevations (2, H). halvings (C,): of each camera's images; starts
+    (C,), sizes (C, 2): where they are in the buffer, rows and columns; is_dead (C, h, w): pixels without use.
+    """
+
+    whole: Spherical
+    directions: tuple[Plane, Plane]
+    halvings: tuple[int, ...]
+    starts: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    scales: Plane
+    is_dead: tuple[Flags, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """Which cameras see a direction of the coarsest level: indices (H, W, N) i8, the least stretched first; how many.
+
+    runs, first_runs: for each level, the finest first, which columns of a row a camera sees (`kernels.align`).
+    """
+
+    cameras: NDArray[np.int8]
+    numbers: NDArray[np.int8]
+    runs: tuple[Indices, ...]
+    first_runs: tuple[Indices, ...]
+
+
+def level_of(whole: Spherical, views: Sequence[RigView]) -> SweepLevel:
+    """Return a level whose images are about as fine as the sphere is."""
+    azimuth = (0.5 - (np.arange(whole.width) + 0.5) / whole.width) * 2 * np.pi
+    elevation = (0.5 - (np.arange(whole.height) + 0.5) / whole.height) * np.pi
+    halvings, is_dead = [], []
+    for view in views:
+        finer = view.camera.pixels_per_radian / whole.pixels_per_radian
+        halvings.append(max(round(np.log2(finer)), 0))
+        step = 2 ** halvings[-1]
+        border_px = view.border[::step, ::step] * view.camera.pixels_per_radian / step
+        is_dead.append(border_px <= ERODED_PX)
+    sizes = np.array([dead.shape for dead in is_dead], np.int64)
+    starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
+    directions = [np.stack([np.sin(angle), np.cos(angle)]).astype(np.float32) for angle in (azimuth, elevation)]
+    scales = np.array([0.5**halved for halved in halvings], np.float32)
+    return SweepLevel(whole, (directions[0], directions[1]), tuple(halvings), starts, sizes, scales, tuple(is_dead))
+
+
+def lens_tables(views: Sequence[RigView]) -> tuple[Plane, Plane]:
+    """Return extents (C, 2) and tables (C, S S, 2) of the cameras' lenses, as `kernels.align` takes them."""
+    extents, tables = [], []
+    for view in views:
+        rays = pixel_rays(view.camera)[view.border > 0]
+        largest = np.sqrt(np.max((1 - rays[:, 2]) / np.maximum(1 + rays[:, 2], 1e-3), initial=1e-3))
+        largest = min(1.05 * float(largest), MAX_HALF_TANGENT)
+        grid = np.linspace(-largest, largest, TABLE_SIDE)
+        s, t = np.meshgrid(grid, grid)
+        square = s * s + t * t
+        points = np.stack([2 * s, 2 * t, 1 - square], axis=-1)
+        tables.append(_pixels(view, points).reshape(-1, 2))
+        extents.append((largest, (TABLE_SIDE - 1) / (2 * largest)))
+    return np.array(extents, np.float32), np.stack(tables)
+
+
+def hypotheses_of(views: Sequence[RigView], coarsest: Spherical, nearest_m: float) -> tuple[float, float]:
+    """Return the first inverse range (1/m) that is looked for, and the step to the next one.
+
+    They reach to the nearest range wanted, where neighbors among the cameras then see steps of about a pixel.
+    """
+    centers = [view.T_sphere_camera.translation for view in views]
+    apart = [[float(np.linalg.norm(a - b)) for b in centers if np.linalg.norm(a - b) > 0] for a in centers]
+    baseline_m = float(np.median([min(one, default=1.0) for one in apart]))
+    least, most = (px / (baseline_m * coarsest.pixels_per_radian) for px in HYPOTHESIS_PX)
+    step = min(max(1.0 / (nearest_m * (NUM_HYPOTHESES - BEFORE - AFTER)), least), most)
+    return -BEFORE * step, step
+
+
+def hypothesis_table(views: Sequence[RigView], level: SweepLevel, first: float, step: float) -> Plane:
+    """Return the pixels (gh, C, gw, 2, K) of the cameras in every GRID_STEP-th direction at all hypotheses."""
+    whole = level.whole
+    rows, columns = (np.arange(0, side + GRID_STEP, GRID_STEP) for side in (whole.height, whole.width))
+    rays = whole.unproject(np.stack(np.meshgrid(columns, rows), axis=-1).astype(np.float64))
+    table = np.empty((rows.size, len(views), columns.size, 2, NUM_HYPOTHESES), np.float32)
+    for c, view in enumerate(views):
+        for k in range(NUM_HYPOTHESES):
+            table[:, c, :, :, k] = _pixels(view, _seen_from(view, rays, first + k * step)) * level.scales[c]
+    return table
+
+
+def sharpness(views: Sequence[RigView], whole: Spherical) -> Plane:
+    """Return how much each camera stretches each direction (C, H, W), by its axis; Inf where it does not see it.
+
+    Far from the axis of a wide lens a pixel covers another angle, so that what is fine there is coarse elsewhere and
+    levels do not compare. The worst of very far and SIGHT_M counts.
+    """
+    rays = pixel_rays(whole)
+    found = np.zeros((len(views), whole.height, whole.width), np.float32)
+    for own, view in zip(found, views, strict=True):
+        for inverse in (1.0 / VERY_FAR_M, 1.0 / SIGHT_M):
+            points = _seen_from(view, rays, inverse)
+            points /= np.linalg.norm(points, axis=-1, keepdims=True)
+            J = view.camera.J_project(points)
+            squares = J @ np.swapaxes(J, -1, -2)  # (H, W, 2, 2)
+            mean = 0.5 * (squares[..., 0, 0] + squares[..., 1, 1])
+            off = np.hypot(0.5 * (squares[..., 0, 0] - squares[..., 1, 1]), squares[..., 0, 1])
+            stretch = np.sqrt(mean + off) / view.camera.pixels_per_radian
+            is_seen = view.project(rays / inverse)[2] > 0
+            own[...] = np.maximum(own, np.where(is_seen & np.isfinite(stretch), stretch, np.inf))
+    return found
+
+
+def sight_of(stretch: Plane, is_present: Flags, levels: Sequence[SweepLevel]) -> Sight:
+    """Return which of the cameras present (C,) see what: those that stretch little, at least two where two see it."""
+    stretch = np.where(is_present[:, None, None], stretch, np.float32(np.inf))
+    order = np.argsort(stretch, axis=0, kind="stable")[:MAX_VIEWS]
+    chosen = np.take_along_axis(stretch, order, axis=0)
+    numbers = np.maximum((chosen <= FAINT_STRETCH).sum(axis=0), np.minimum(np.isfinite(chosen).sum(axis=0), 2))
+    is_used = np.arange(len(order))[:, None, None] < numbers
+    sees = np.stack([((order == c) & is_used).any(axis=0) for c in range(len(stretch))])
+    runs = [_runs(sees, len(levels) - 1 - k) for k in range(len(levels))]
+    cameras = np.ascontiguousarray(np.moveaxis(order, 0, -1)).astype(np.int8)
+    return Sight(cameras, numbers.astype(np.int8), tuple(run[0] for run in runs), tuple(run[1] for run in runs))
+
+
+def why_no_range(rig: Rig, rig_views: dict[str, RigView]) -> str:
+    """Return why no two cameras measure range: the pair that comes nearest, and what it lacks; empty: some do."""
+    if len(rig.cameras) < 2:
+        return f"rig {rig.name}: no range from stereo: expected two cameras, found {len(rig.cameras)}"
+    shares, apart = {}, {}
+    for a, b in combinations(rig.cameras, 2):
+        apart[a.name, b.name] = float(np.linalg.norm(a.T_rig_camera.translation - b.T_rig_camera.translation))
+        shares[a.name, b.name] = shared_view(rig_views[a.name], rig_views[b.name])
+        if apart[a.name, b.name] >= MIN_BASELINE_M["side"] and shares[a.name, b.name] >= MIN_SHARED_VIEW:
+            return ""
+    best = max(shares, key=lambda names: shares[names])
+    names = ", ".join(best)
+    lack = f"centres {MIN_BASELINE_M['side']} m apart, found {apart[best]:.3f} m ({names})"
+    if shares[best] < MIN_SHARED_VIEW:
+        lack = f"{MIN_SHARED_VIEW:.0%} of the sphere seen by two cameras, found {shares[best]:.1%} at most ({names})"
+    return f"rig {rig.name}: no range from stereo: expected {lack}"
+
+
+def shared_view(a: RigView, b: RigView) -> float:
+    """Return the share of all directions that both cameras see."""
+    rays = pixel_rays(VIEW_GRID)
+    weight = np.hypot(rays[..., 0], rays[..., 1])  # columns are narrower towards the poles
+    both = (a.project(rays * VERY_FAR_M)[2] > 0) & (b.project(rays * VERY_FAR_M)[2] > 0)
+    return float(weight[both].sum() / weight.sum())
+
+
+def _seen_from(view: RigView, rays: Array, inverse: float) -> Array:
+    """Return points (..., 3) of a camera's frame, by their range, that the sphere has along rays."""
+    T = view.T_sphere_camera
+    return (rays - inverse * T.translation) @ T.rotation
+
+
+def _pixels(view: RigView, points: Array) -> Plane:
+    """Return pixels (..., 2) of points in the frame of a camera; far outside where it has none."""
+    return np.nan_to_num(view.camera.project(points)[0], nan=-1e4, posinf=-1e4, neginf=-1e4).astype(np.float32)
+
+
+def _runs(sees: Flags, halvings: int) -> tuple[Indices, Indices]:
+    """Return runs (N, 3), row by row: camera, first column, beyond the last one, and the first (H + 1,) of each row.
+
+    sees (C, h, w), of a sphere that has been halved so often.
+    """
+    edges = np.diff(np.pad(sees, ((0, 0), (0, 0), (1, 1))).astype(np.int8), axis=2)
+    cameras, rows, begins = np.nonzero(edges == 1)
+    ends = np.nonzero(edges == -1)[2]
+    order = np.lexsort((begins, cameras, rows))
+    scale = 1 << halvings
+    own = np.stack([cameras, begins * scale, ends * scale], axis=1)[order].astype(np.int32)
+    counts = np.bincount(rows, minlength=sees.shape[1])
+    parts = np.split(own, np.cumsum(counts)[:-1])
+    repeated = np.concatenate([part for part in parts for _ in range(scale)])
+    return repeated, np.concatenate([[0], np.cumsum(np.repeat(counts, scale))]).astype(np.int32)

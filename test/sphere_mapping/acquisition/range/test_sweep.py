@@ -1,0 +1,100 @@
+"""Cameras of several models in a ring within a textured sphere: range by all that see a direction, or none."""
+
+import numpy as np
+import pytest
+
+from sphere_mapping.acquisition.params import StitchParams
+from sphere_mapping.acquisition.range import kernels, sweep
+from sphere_mapping.acquisition.stitching.stitcher import Stitcher
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Rig, RigCamera
+from sphere_nav.params import build
+from worlds.rig import LENS, OPTICAL, WIDTH, seen, truth
+
+OTHER = DoubleSphere(160, 160, 44.0, 44.0, 79.5, 79.5, 0.3, 0.55)
+BENT = Fisheye(160, 150, 46.0, 47.0, 80.5, 74.5, (-0.02, 0.002, 0.0, 0.0))
+PARAMS = build(StitchParams, {"width": WIDTH, "match.noise": 0.5})
+
+
+@pytest.fixture(scope="module")
+def ring():
+    parts = []
+    for k in range(6):
+        pose = SE3.from_planar(0.0, 0.0, k * np.pi / 3) @ SE3.from_parts(OPTICAL, [0.3, 0.0, 0.0])
+        parts.append(RigCamera(f"c{k}", (LENS, OTHER, BENT)[k % 3], pose))
+    return Rig(tuple(parts))
+
+
+@pytest.fixture(scope="module")
+def images(ring):
+    return {part.name: seen(part) for part in ring.cameras}
+
+
+@pytest.fixture(scope="module")
+def stitcher(ring):
+    return Stitcher(ring, PARAMS)
+
+
+@pytest.fixture(scope="module")
+def found(stitcher, images):
+    return stitcher.stereo.find(images).measured[0]
+
+
+def test_range_is_that_of_the_scene_and_so_is_its_deviation(stitcher, found):
+    range_m, std_m = found
+    _, expected = truth(stitcher)
+    known = np.isfinite(range_m)
+    middle = np.abs(np.arange(WIDTH // 2) - WIDTH / 4) < WIDTH / 8  # within 45 degrees of the horizon
+    assert known[middle].mean() > 0.6
+    error = np.abs(range_m - expected)[known]
+    assert np.median(error / expected[known]) < 0.015
+    assert np.mean(error > 3 * std_m[known]) < 0.02
+    assert (std_m[known] <= 0.08 * range_m[known] * 1.001).all()
+
+
+def test_the_same_twice_and_whatever_the_number_of_threads(ring, images, found):
+    again = Stitcher(ring, PARAMS, jobs=3).stereo
+    for other in (again.find(images).measured[0], again.find(images).measured[0]):
+        np.testing.assert_array_equal(other[0], found[0])
+        np.testing.assert_array_equal(other[1], found[1])
+
+
+def test_no_seam_where_the_columns_wrap_around(found):
+    known = np.isfinite(found[0])[WIDTH // 8 : 3 * WIDTH // 8]
+    shares = [np.roll(known, 4 - first, axis=1)[:, :8].mean() for first in range(0, WIDTH, 8)]
+    assert shares[0] > np.median(shares) - 0.2  # four columns to either side of the seam
+
+
+def test_a_camera_that_is_missing_or_masked_measures_nothing(ring, stitcher, images, found):
+    rest = {name: image for name, image in images.items() if name in ("c0", "c1", "c2")}
+    fewer = np.isfinite(stitcher.stereo.find(rest).measured[0][0])
+    assert 0 < fewer.mean() < 0.8 * np.isfinite(found[0]).mean()
+    assert stitcher.stereo.find({"c0": images["c0"]}).measured == []
+    below = np.full((160, 160), 255, np.uint8)
+    below[90:] = 0  # the vehicle
+    masks = {name: below[: image.shape[0], : image.shape[1]] for name, image in images.items()}
+    known = np.isfinite(Stitcher(ring, PARAMS, masks).stereo.find(images).measured[0][0])
+    assert not known[85:].any()
+    assert known[40:60].mean() > 0.4
+
+
+def test_what_is_bare_or_noise_is_not_measured(stitcher, images):
+    bare = {name: np.full_like(image, 120) for name, image in images.items()}
+    assert np.isnan(stitcher.stereo.find(bare).measured[0][0]).all()
+    rng = np.random.default_rng(2)
+    noise = {name: rng.integers(60, 190, image.shape).astype(np.uint8) for name, image in images.items()}
+    assert np.isfinite(stitcher.stereo.find(noise).measured[0][0]).mean() < 0.01
+
+
+def test_other_exposures_change_little(stitcher, images, found):
+    """Levels count beside the mean around them, so that a brighter camera does not measure otherwise."""
+    bright = {name: (image * (1.0 if name != "c1" else 0.9) + 5).astype(np.uint8) for name, image in images.items()}
+    other = stitcher.stereo.find(bright).measured[0][0]
+    both = np.isfinite(other) & np.isfinite(found[0])
+    assert both.sum() > 0.7 * np.isfinite(found[0]).sum()
+    assert np.median(np.abs(other[both] / found[0][both] - 1)) < 0.01
+
+
+def test_the_first_image_compiles_nothing_after_the_warm_up(found):
+    sweep.warm_up()
+    used = (kernels.sweep, kernels.sum_blocks, kernels.sum_paths, kernels.choose, kernels.align)
+    assert [len(kernel.signatures) for kernel in used] == [1] * len(used)
