@@ -152,12 +152,12 @@ def _take(joined: Joined, reader: MapReader, record: SegmentRecord, place: _Plac
             return ids[sphere_id], SE3.identity()
         return ids[place.anchor], part[place.anchor].T_map_sphere.inverse() @ part[sphere_id].T_map_sphere
 
+    for edge in place.edges:
+        graph.connect(replace(edge, b=ids[edge.b]))
     for edge in part.edges:
         a, T_a_before = seen_from(edge.a)
         if edge.b in ids and a != ids[edge.b] and (edge.a in ids or not edge.is_loop):
             graph.connect(replace(edge, a=a, b=ids[edge.b], T_a_b=T_a_before @ edge.T_a_b))
-    for edge in place.edges:
-        graph.connect(replace(edge, b=ids[edge.b]))
     for track in record.tracks:
         if track.stamp_ns > newest_ns:
             key_id, T_key_before = seen_from(track.key_id)

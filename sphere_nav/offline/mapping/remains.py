@@ -8,7 +8,6 @@ a killed run may be there, `segment_0003.partial`, which is mended or mapped aga
 from __future__ import annotations
 
 import fcntl
-import json
 import shutil
 import tempfile
 import time
@@ -20,7 +19,14 @@ from typing import BinaryIO
 from sphere_nav.geometry.files.untrusted import load_json, read_text, required
 from sphere_nav.offline.mapping.joining import Bridge, Joined, Part, join
 from sphere_nav.offline.mapping.plan import Plan
-from sphere_nav.offline.mapping.segment_work import SegmentRecord, SegmentTask, map_segment, read_record
+from sphere_nav.offline.mapping.segment_work import (
+    NEW,
+    SegmentRecord,
+    SegmentTask,
+    map_segment,
+    read_record,
+    write_json,
+)
 from sphere_nav.offline.mapping.segments import Segment
 from sphere_nav.offline.mapping.workers import Workers
 from sphere_nav.ros.bags import BagError
@@ -48,9 +54,9 @@ class Remains:
     def begin(self, plan: Plan, *, is_resumed: bool) -> None:
         """Make the folder, or go on with it; BagError where it is another run's, or was not asked for."""
         file = self.folder / PLAN
-        if not self.folder.exists():
-            self.folder.mkdir(parents=True)
-            file.write_text(json.dumps(plan.options, indent=1) + "\n", encoding="utf-8")
+        if not self.folder.exists() or (is_resumed and all(one.suffix == NEW for one in self.folder.iterdir())):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            write_json(file, plan.options)
         elif not is_resumed:
             raise BagError(
                 f"{self.folder}: the remains of an interrupted run: --resume goes on from them, 'sphere_nav map-verify "

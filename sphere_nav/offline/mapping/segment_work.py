@@ -22,6 +22,7 @@ from sphere_nav.offline.mapping.segments import Segment
 from sphere_nav.offline.mapping.workers import limit_threads
 from sphere_nav.ros.maps.writer import MapWriter
 
+NEW = ".new"  # ends the name of a file that is not whole
 _ALONE = threading.Lock()  # kernels and file handles of a process serve one segment at a time
 
 
@@ -65,7 +66,12 @@ def write_record(path: Path, record: SegmentRecord) -> None:
         "mount_poses": [T.matrix.ravel().tolist() for T in (mount.T_base_body, mount.T_sphere_body)],
         "origin": record.origin,
     }
-    new = path.with_name(path.name + ".new")
+    write_json(path, content)
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write values; the file is there as a whole or not at all."""
+    new = path.with_name(path.name + NEW)
     with new.open("w", encoding="utf-8") as file:
         json.dump(content, file)
         file.flush()
