@@ -1,6 +1,7 @@
 """Whatever ends `sphere_nav map`, what is mapped stays, and goes on to the very map of a run that nothing ended."""
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -93,33 +94,28 @@ def same(path, whole):
 
 
 def test_killed_or_out_of_disk_it_leaves_a_map_and_resumes(bag, whole, tmp_path):
-    """The third: when the map of the first segment is whole, but not its record."""
-    ends = [("add", 2, "kill", -9), ("add", 5, "kill", -9), ("finish", 1, "kill", -9), ("", 70_000, "full", 1)]
-    forks = subprocess.Popen(
-        [sys.executable, "-c", FORKS, str(SEGMENT)], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    lines, expected = [], []
-    for number, (name, limit, how, status) in enumerate(ends):
-        words = ["map", str(bag), "-o", str(tmp_path / f"map_{number}"), *SETTINGS]
-        partial = str(tmp_path / f"map_{number}.partial")
-        salvage = ["map-verify", partial, "--salvage", str(tmp_path / f"mended_{number}")]
-        lines += [(name, limit, how, words), ("", 0, "", salvage), ("", 0, "", [*words, "--resume"])]
-        expected += [status, 0, 0]
-    said, errors = forks.communicate("".join(json.dumps(line) + "\n" for line in lines), timeout=120)
-    found = [int(word) for word in said.split() if word.lstrip("-").isdigit()]
-    assert [line for line in said.splitlines() if line.lstrip("-").isdigit()] == list(map(str, expected)), errors
-    assert found
-    for number, num_kept in enumerate((2, 4, 3)):
-        with open_map(tmp_path / f"mended_{number}") as reader:
-            assert len(reader.graph) >= num_kept
-    for number in range(len(ends)):
-        assert same(tmp_path / f"map_{number}", whole)
-    told = next(line for line in errors.splitlines() if "key spheres stay" in line)
+    """In a segment; when the map of a segment is whole, but not its record; with a limit of the size of files."""
+    ends = [("add", 5, "kill", -9, 4), ("finish", 1, "kill", -9, 3), ("", 70_000, "full", 1, 1)]
+    outputs = [tmp_path / f"map_{number}" for number in range(len(ends))]
+    lines = [
+        json.dumps([*end[:3], ["map", str(bag), "-o", str(path), *SETTINGS]]) + "\n"
+        for end, path in zip(ends, outputs, strict=True)
+    ]
+    forks = [sys.executable, "-c", FORKS, str(SEGMENT)]
+    done = subprocess.run(forks, input="".join(lines), capture_output=True, text=True, timeout=240, check=True)
+    assert done.stdout.split() == [str(end[3]) for end in ends], done.stderr
+    told = next(line for line in done.stderr.splitlines() if "key spheres stay" in line)
     assert "File too large" in told
-    assert f"stay in {tmp_path / 'map_3'}.partial: sphere_nav map {bag}" in told
+    assert f"stay in {outputs[-1]}.partial: sphere_nav map {bag}" in told
     assert told.endswith("--resume")
-    assert not list(tmp_path.glob("*.partial"))
+    for end, path in zip(ends, outputs, strict=True):
+        assert call("map-verify", f"{path}.partial", "--salvage", tmp_path / "mended") == 0
+        with open_map(tmp_path / "mended") as reader:
+            assert len(reader.graph) >= end[4]
+        shutil.rmtree(tmp_path / "mended")
+        assert call("map", bag, "-o", path, "--resume") == 0
+        assert same(path, whole)
+    assert sorted(tmp_path.iterdir()) == outputs
 
 
 def test_interrupted_it_says_how_it_goes_on_by_the_same_words(bag, whole, tmp_path, monkeypatch, capsys):
@@ -160,3 +156,12 @@ def test_what_cannot_be_read_of_the_bag_is_left_out_and_told(bag, tmp_path, caps
     assert f"{NUM_SPHERES - 1} spheres placed, 0 lost" in said
     assert said.count(f"chunk at byte {index.chunk_start_offset}") == 1
     assert "not readable, left out" in said
+
+
+def test_a_dask_cluster_makes_the_same_map(bag, whole, tmp_path, capsys):
+    distributed = pytest.importorskip("distributed")
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster:
+        assert call("map", bag, "-o", tmp_path / "map", "--scheduler", cluster.scheduler_address) == 0
+    assert f"{NUM_SPHERES} spheres placed, 0 lost" in capsys.readouterr().out
+    assert same(tmp_path / "map", whole)
