@@ -16,7 +16,7 @@ OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as l
 DEFAULT_HZ = 10.0  # of images without stamps; KITTI's scanner turns so fast
 MAX_PAIR_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
 
-# A drive in segments (mapping/test_segments; `python -m benchmarks segments` chose them)
+# A drive in segments (mapping/test_segments, docs/notes/mapping_in_pieces.md)
 SEGMENT = 100  # instants of one, about: what is mapped again after a crash, and what one worker does at a time
 WARM_UP = 4  # instants before it, from which its motion is known: three do, and one may be lost
 LEAD_NS = 500_000_000  # of recording before these, for odometry, and so that their instants are complete
