@@ -1,8 +1,9 @@
 """The maps of a drive's segments, one after the other -> one graph, in the frame of the first one.
 
-Two segments share the instant that the one ends and the other begins with: a key sphere of both, so that nothing is
-left to measure. Where it was lost, the next key spheres are aligned with the last one, or looked up in all that is
-joined, as one drive is joined to the map of another.
+Two segments share the instant that the one ends and the other begins with: a key sphere of both. It is one more link of
+the chain than a whole drive would have, so the key spheres before and after it are aligned with each other, too. Where
+it was lost, the next key spheres are aligned with the last one, or looked up in all that is joined, as one drive is
+joined to the map of another.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from sphere_mapping.graph.extension import Submap, find_joins, place_of_drive
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.verification import Run
+from sphere_mapping.graph.verification import LoopTrial, Run, verify
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.offline.constants import MAX_BRIDGED
@@ -68,6 +69,7 @@ class Joined:
     tracks: list[Track] = field(default_factory=list)
     index: AppearanceIndex = field(default_factory=lambda: AppearanceIndex(CompactFeatures()))
     sources: dict[int, tuple[Path, int]] = field(default_factory=dict)
+    seams: list[tuple[int, int]] = field(default_factory=list)  # key spheres before and after a shared one
     num_lost: int = 0
     _open: dict[Path, MapReader] = field(default_factory=dict)
 
@@ -127,6 +129,8 @@ def join(parts: Sequence[Part], first_id: int = 0, bridge: Bridge | None = None)
             joined.num_lost += sum(track.stamp_ns > newest for track in part.record.tracks)
         else:
             _take(joined, reader, part.record, place)
+    if bridge is not None and joined.seams:
+        _span(joined, bridge)
     return joined
 
 
@@ -139,6 +143,8 @@ def _take(joined: Joined, reader: MapReader, record: SegmentRecord, place: _Plac
     ids = {node.id: max(graph.nodes, default=place.newest - 1) + 1 + k for k, node in enumerate(fresh)}
     if is_shared:
         ids[place.anchor] = place.newest
+    if is_shared and fresh and place.newest - 1 in graph.nodes:
+        joined.seams.append((place.newest - 1, ids[fresh[0].id]))
     features = reader.appearance().features
     for node in fresh:
         T_joined_sphere = place.T_joined_part @ node.T_map_sphere
@@ -164,6 +170,20 @@ def _take(joined: Joined, reader: MapReader, record: SegmentRecord, place: _Plac
             joined.tracks.append(Track(track.stamp_ns, key_id, T_key_before @ track.T_key_sphere))
     if len(place.edges) > 1:
         joined.graph = optimize_map(graph).graph
+
+
+def _span(joined: Joined, bridge: Bridge) -> None:
+    """Measure the motions across the shared key spheres, and adjust all."""
+    params, graph, load = bridge.params.registration, joined.graph, joined.load
+
+    def trial(older: int, newer: int) -> LoopTrial:
+        T_older_newer = graph[older].T_map_sphere.inverse() @ graph[newer].T_map_sphere
+        return LoopTrial(newer, load(newer), ((older, load(older), T_older_newer),), params)
+
+    found = bridge.run(verify, (trial(*seam) for seam in joined.seams))
+    edges = [replace(edge, is_loop=False) for edge in found if edge is not None]
+    if edges:
+        joined.graph = optimize_map(graph.with_edges(edges)).graph
 
 
 def _shared(graph: SphereGraph, part: SphereGraph) -> _Place | None:

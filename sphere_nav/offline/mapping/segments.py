@@ -54,11 +54,11 @@ class Segment:
 def cut(bag: BagReader, topic: str) -> list[Segment]:
     """Return the segments of a drive by the images, or spheres, on a topic: of like duration, about `SEGMENT` each."""
     count = bag.topics[topic].count
-    total = max(round(count / SEGMENT), 1)
+    total = 1 if bag.is_packed else max(round(count / SEGMENT), 1)
     begin, end = next(bag.raw([topic])).stamp_ns, bag.time_range[1]
     found = list(_instants(bag, topic, [begin + (end - begin) * number // total for number in range(1, total)]))
     if total == 1 or len(found) < total - 1 or any(a[1] >= b[1] for a, b in pairwise(found)):
-        return [Segment()]  # short, or of stamps that go back
+        return [Segment()]  # short, to be unpacked for each segment, or of stamps that go back
     warm = (2 * WARM_UP + 1) * (end - begin) // (2 * count)
     cuts = [(0, 0, None, None), *((stamp - warm, stamp, at - warm - LEAD_NS, at + TAIL_NS) for at, stamp in found)]
     return [

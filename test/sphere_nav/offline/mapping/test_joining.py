@@ -1,13 +1,13 @@
 """Maps of segments become one graph: by the instant that they share, else by what can be aligned."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
-import itertools
 
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
@@ -34,9 +34,7 @@ def part_of(path, spheres, numbers, *, num_lost=0):
     """Write the map of a segment in the frame of its first sphere; its tracks are its key spheres."""
     first = WAY[numbers[0]].inverse()
     nodes = [KeySphere(k, (n + 1) * SECOND, first @ WAY[n], spheres[n], 1.0) for k, n in enumerate(numbers)]
-    edges = [
-        Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, np.eye(6)) for a, b in itertools.pairwise(nodes)
-    ]
+    edges = [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, np.eye(6)) for a, b in pairwise(nodes)]
     tracks = [Track(node.stamp_ns, node.id, SE3.identity()) for node in nodes]
     return Part(save_map(path, SphereGraph(nodes, edges)), SegmentRecord(tracks, num_lost))
 
@@ -100,3 +98,20 @@ def test_a_segment_without_key_spheres_is_passed_over(spheres, tmp_path):
     (tmp_path / "a" / "map.mcap").unlink()
     with pytest.raises(BagError, match=r"map\.mcap"):
         joined.load(0)
+
+
+def test_the_key_spheres_before_and_after_the_shared_one_are_aligned_too(spheres, tmp_path):
+    """The edge from the shared one is off by 5 cm; the one across it takes most of that back."""
+    parts = [part_of(tmp_path / "a", spheres, [0, 1, 2, 3]), part_of(tmp_path / "b", spheres, [3, 4, 5, 6])]
+    off = SE3.from_planar(0.05, 0.0, 0.0)
+    nodes = [KeySphere(k, (k + 4) * SECOND, WAY[3].inverse() @ WAY[k + 3], spheres[k + 3], 1.0) for k in range(4)]
+    moved = [replace(node, T_map_sphere=off @ node.T_map_sphere) if node.id else node for node in nodes]
+    edges = [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, np.eye(6)) for a, b in pairwise(moved)]
+    parts[1] = replace(parts[1], path=save_map(tmp_path / "c", SphereGraph(moved, edges)))
+    bare, spanned = join(parts).graph, join(parts, bridge=Bridge(MapperParams())).graph
+    expected = WAY[2].inverse() @ WAY[4]
+    errors = [(one[2].T_map_sphere.inverse() @ one[4].T_map_sphere).distance(expected)[0] for one in (bare, spanned)]
+    assert errors[0] == pytest.approx(0.05)
+    assert errors[1] < 0.01
+    assert [(edge.a, edge.b) for edge in spanned.edges if edge not in bare.edges][-1] == (2, 4)
+    assert not any(edge.is_loop for edge in spanned.edges)

@@ -1,10 +1,11 @@
 """A drive is cut by what it holds, in segments that share an instant."""
 
+from itertools import pairwise
+
 import pytest
 
 pytest.importorskip("rclpy")
 
-import itertools
 
 from sphere_nav.offline.mapping import segments
 from sphere_nav.offline.mapping.segments import END_NS, LEAD_NS, WARM_UP, Segment, cut
@@ -28,7 +29,7 @@ def test_each_segment_begins_with_the_instant_that_the_one_before_ends_with(tmp_
     assert [one.is_last for one in found] == [False, False, False, True]
     assert found[0].first_ns == 0
     assert found[-1].last_ns == END_NS
-    for before, after in itertools.pairwise(found):
+    for before, after in pairwise(found):
         assert before.last_ns == after.first_ns
         assert (after.first_ns - START_NS) % PERIOD_NS == 0
         assert 8 * PERIOD_NS <= before.last_ns - max(before.first_ns, START_NS) <= 12 * PERIOD_NS
