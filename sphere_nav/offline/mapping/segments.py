@@ -54,7 +54,7 @@ class Segment:
 def cut(bag: BagReader, topic: str) -> list[Segment]:
     """Return the segments of a drive by the images, or spheres, on a topic: of like duration, about `SEGMENT` each."""
     count = bag.topics[topic].count
-    total = 1 if bag.is_packed else max(round(count / SEGMENT), 1)
+    total = 1 if bag.is_packed else number_of(count)
     begin, end = next(bag.raw([topic])).stamp_ns, bag.time_range[1]
     found = list(_instants(bag, topic, [begin + (end - begin) * number // total for number in range(1, total)]))
     if total == 1 or len(found) < total - 1 or any(a[1] >= b[1] for a, b in pairwise(found)):
@@ -65,6 +65,12 @@ def cut(bag: BagReader, topic: str) -> list[Segment]:
         Segment(number, total, *this[:2], after[1], this[2], after[3])
         for number, (this, after) in enumerate(pairwise([*cuts, (0, END_NS, None, None)]))
     ]
+
+
+def number_of(count: int) -> int:
+    """Return in how many segments so many instants are cut: from four on, so many that 2 or 4 workers end together."""
+    number = max(round(count / SEGMENT), 1)
+    return number if number < 3 else 4 * round(number / 4)
 
 
 def _instants(bag: BagReader, topic: str, starts_ns: Iterable[int]) -> Iterator[tuple[int, int]]:

@@ -40,6 +40,14 @@ def test_each_segment_begins_with_the_instant_that_the_one_before_ends_with(tmp_
     assert found[-1].end_ns is None
 
 
+def test_two_or_four_workers_end_together_and_segments_are_of_like_length():
+    assert [segments.number_of(count) for count in (1, 149, 151, 249, 251, 410, 549)] == [1, 1, 2, 2, 4, 4, 4]
+    for count in range(251, 5000):
+        number = segments.number_of(count)
+        assert number % 4 == 0
+        assert 60 <= count / number <= 140
+
+
 def test_a_short_drive_is_one_segment(tmp_path, monkeypatch):
     path = write_bag(tmp_path / "bag", truth, numbers=range(14))
     assert cut_of(path, 10, monkeypatch) == [Segment()]
