@@ -16,6 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from tqdm import tqdm
+
 from sphere_nav.geometry.files.untrusted import load_json, read_text, required
 from sphere_nav.offline.mapping.joining import Bridge, Joined, Part, join
 from sphere_nav.offline.mapping.plan import Plan
@@ -56,7 +58,11 @@ class Remains:
         file = self.folder / PLAN
         if not self.folder.exists() or (is_resumed and all(one.suffix == NEW for one in self.folder.iterdir())):
             self.folder.mkdir(parents=True, exist_ok=True)
-            write_json(file, plan.options)
+            try:
+                write_json(file, plan.options)
+            except OSError:
+                self.remove()
+                raise
         elif not is_resumed:
             raise BagError(
                 f"{self.folder}: the remains of an interrupted run: --resume goes on from them, 'sphere_nav map-verify "
@@ -84,7 +90,9 @@ class Remains:
             plan = plan.with_rig()
         is_here = len(missing) == 1 or not workers.is_apart
         tasks = (SegmentTask(plan.recipe, segment, self.folder.resolve(), is_here) for segment in missing)
-        for _ in workers.run(map_segment, tasks):
+        done = workers.run(map_segment, tasks)
+        is_hidden = True if is_here else None
+        for _ in tqdm(done, "map", len(missing), unit="segment", leave=False, disable=is_hidden):
             pass
         return [read_record(self._record(segment.name)) for segment in plan.segments]
 

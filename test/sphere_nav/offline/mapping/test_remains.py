@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.offline.mapping import segments
+from sphere_nav.offline.mapping import remains, segments
 from sphere_nav.ros.bags import BagReader, BagWriter
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.reader import open_map
@@ -138,6 +138,16 @@ def test_interrupted_it_says_how_it_goes_on_by_the_same_words(bag, whole, tmp_pa
     assert call("map", bag, "-o", tmp_path / "map", "--resume") == 0
     assert same(tmp_path / "map", whole)
     assert [file.name for file in tmp_path.iterdir()] == ["map"]
+
+
+def test_where_nothing_can_be_written_nothing_is_left(bag, tmp_path, monkeypatch, capsys):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(remains, "write_json", full)
+    assert call("map", bag, "-o", tmp_path / "map") == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_cannot_be_read_of_the_bag_is_left_out_and_told(bag, tmp_path, capsys):
