@@ -46,6 +46,7 @@ BENCHMARKS = {
     "key_spheres": "benchmarks.key_spheres",
     "pixel_choice": "benchmarks.pixel_choice",
     "map_jobs": "benchmarks.map_jobs",
+    "nothing_lost": "benchmarks.nothing_lost",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",

@@ -61,6 +61,7 @@ sphere_nav plot result -o result.png
 | `expected parent A, found a second one, B` | two publishers move one frame | remove one; B is used 1 s after A ended |
 | `expected a calibrated camera` | `camera_info` is all zero | [calibrate](calibration.md) |
 | a command prints one line, exit code 2 | file, field, expected, found | as it says; `SPHERE_NAV_DEBUG=1` shows where |
+| `... key spheres stay in MAP.partial` | `map` was interrupted, or the disk is full | free space, then `--resume` |
 
 ## The localiser
 

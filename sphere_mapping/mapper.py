@@ -25,7 +25,6 @@ from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
-FIRST_SPHERE = "the first sphere"
 Given = tuple[Sphere, SE3 | None, Unroll | None]  # what `add` is given
 
 
@@ -37,7 +36,7 @@ class Mapper:
     ) -> None:
         self.params = params or MapperParams()
         self.num_loops, self.first_id = 0, 0
-        self.T_map_first, self.origin = T_map_first or SE3.identity(), FIRST_SPHERE
+        self.T_map_first, self.origin = T_map_first or SE3.identity(), "the first sphere"
         self._spheres = SphereCache(store)
         self._begin()
 
@@ -49,10 +48,7 @@ class Mapper:
         self._lost: Given | None = None
 
     def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
-        """Map one sphere; `odometry` is its pose T_odom_sphere where a vehicle offers one.
-
-        `unroll` makes the sphere of a rolling shutter anew by the camera's velocity.
-        """
+        """Map one sphere; `odometry` is its T_odom_sphere; `unroll` makes that of a rolling shutter by its velocity."""
         current = PreparedSphere(sphere, self.params.registration)
         if self._tracker.last is None:
             self._unroll_first = unroll
@@ -72,12 +68,12 @@ class Mapper:
         reason = self._tracker.why_key(alignment, self.graph)
         return self._update(current, alignment.T_world_camera, odometry, alignment, reason)
 
-    def keep_end(self) -> bool:
-        """Keep the last sphere of a drive where the newest key sphere is half its reach away; return whether it was."""
+    def keep_end(self, *, is_near: bool = False) -> bool:
+        """Keep the last sphere if it `is_near` or the newest key sphere is half its reach away; say whether it was."""
         if self._tracker.last is None:
             return False
         self._unroll_first = None  # a first sphere that nothing followed stays as it is
-        is_kept = self._tracker.is_far(self.graph) and self._keep_last()
+        is_kept = (is_near or self._tracker.is_far(self.graph)) and self._keep_last()
         self._spheres.flush(self.graph)
         return is_kept
 
@@ -88,6 +84,10 @@ class Mapper:
             self._correct(with_loops(self.graph, loops))
             self._optimum = IncrementalOptimum()
         return len(loops)
+
+    def take_over(self, graph: SphereGraph, tracks: list[Track], index: AppearanceIndex, num_loops: int) -> None:
+        """Hold what was mapped in pieces; only loops may still be closed."""
+        self.graph, self.tracks, self._loops.index, self.num_loops = graph, tracks, index, num_loops
 
     def trajectory(self) -> Iterator[tuple[int, SE3]]:
         """Yield stamp and T_map_sphere of every placed sphere, in order, as the graph now has it."""

@@ -138,7 +138,7 @@ class SphereTracker:
 
     def follow(self, before: SphereGraph, corrected: SphereGraph) -> None:
         """Move with the newest key sphere, which a correction of the graph has moved."""
-        newest = self.references[0][0]
+        newest = self.references[0][0] if self.references else next(iter(before.nodes))
         self.motion.transform(corrected[newest].T_map_sphere @ before[newest].T_map_sphere.inverse())
 
     def replace_first(self, sphere: Sphere) -> None:

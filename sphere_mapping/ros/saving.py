@@ -4,7 +4,7 @@ Each key sphere is written to the journal when it is kept, and leaves the memory
 `journal.partial` below the node's map folder (with a number where one is left over): what a crash leaves is a map that
 `sphere_nav map-verify --salvage` mends. `save_map` copies it under the name asked for, as it stands, and the journal
 goes on; at an orderly end it goes where all of it was saved, else it becomes a map itself. Where it cannot be written
-(a full disk) the key spheres stay in memory from there on, and the node maps on.
+(a full disk) the key spheres stay in memory from there on, and the node maps on; the end of it tries once more.
 """
 
 from __future__ import annotations
@@ -80,17 +80,32 @@ class Journal:
 
     def close(self, mapper: Mapper) -> None:
         """End an orderly run: what was not saved becomes a map, so that nothing is lost."""
-        writer, self._writer = self._writer, None
-        if writer is None:
+        writer, graph = self._writer, mapper.graph
+        if (writer is None and not self._unwritten) or self._is_saved:
+            if writer is not None:
+                writer.discard()
             return
-        if self._is_saved:
+        try:
+            path = self._finish(writer, mapper)
+        except (OSError, ValueError) as error:
+            kept = f"; the others are in {writer.path}{PARTIAL}" if writer is not None else ""
+            self._tell(f"{error}: {len(self._unwritten)} key spheres are lost{kept}")
+            return
+        self._tell(f"{len(graph)} key spheres were not saved: they are the map {path}")
+
+    def _finish(self, writer: MapWriter | None, mapper: Mapper) -> Path:
+        """Complete the journal, or write it anew where it could not take all: there may be space again."""
+        graph, seen = mapper.graph, mapper.appearance
+        if writer is not None and not self._has_failed:
+            try:
+                return writer.finish(graph, self._details(graph), seen)
+            finally:
+                writer.leave()
+        path = journal_path(Path(self._params.map_folder))
+        save_map(path, graph, self._details(graph), load_sphere=self.load, appearance=seen)
+        if writer is not None:
             writer.discard()
-            return
-        if self._has_failed:
-            self._tell(f"{len(self._unwritten)} key spheres are lost; the others are in {writer.path}{PARTIAL}")
-            return
-        path = writer.finish(mapper.graph, self._details(mapper.graph), mapper.appearance)
-        self._tell(f"{len(mapper.graph)} key spheres were not saved: they are the map {path}")
+        return path
 
     def _begun(self) -> MapWriter:
         if self._writer is None:

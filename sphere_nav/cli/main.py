@@ -79,6 +79,7 @@ def _dispatch(words: list[str]) -> int:
     if words and words[0] in commands:
         module = importlib.import_module(f"sphere_nav.cli.{commands[words[0]].module}")
         arguments = _parser(words[0], module).parse_args(words[1:])
+        arguments.words = words
         with _log_at_the_end():
             return int(module.run(arguments) or 0)
     if not words or words[0] in ("-h", "--help", "help"):

@@ -31,7 +31,7 @@ from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline import topics
 from sphere_nav.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S, REFINE_ROUNDS, SETTLED_PX
 from sphere_nav.offline.mapping.depth_drive import describe_components, refine_depth
-from sphere_nav.offline.mapping.replay_mapper import replay_mapper
+from sphere_nav.offline.mapping.replay_mapper import Recipe, replay_mapper
 from sphere_nav.offline.mapping.sphere_source import find_input
 from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.offline.recorded_camera import RecordedCamera
@@ -42,7 +42,7 @@ from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.camera.mounting import NAMES as POSE
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import camera_to_info
-from sphere_nav.ros.maps.reader import MapReader
+from sphere_nav.ros.maps.reader import MapDetails, MapReader
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,8 +211,8 @@ def run_depth(arguments: argparse.Namespace) -> int:
             raise BagError(f"{arguments.source}: expected images with depth where no MAP is given, found {kind}")
         found = topics.find_topics(bag, TOPICS["rgbd"], chosen)
         values = {"slack_s": topics.pairing_slack(bag, found["image_raw"])} | values
-        drive = replay_mapper(bag, Mapper, values, found)
-        if not drive.node.mapper.tracks:
+        drive = replay_mapper(Recipe(arguments.source, values, found, MapDetails()), Mapper)
+        if not drive.mapper.tracks:
             raise BagError(f"{arguments.source}: expected images to align, found none: {drive.refusal}")
         estimate = refine_depth(bag, values, found, drive)
     arguments.output.write_text(depth_file_text(estimate.found), encoding="utf-8")

@@ -18,8 +18,10 @@ The bag holds spheres; or images, camera_info and depth; or a stereo pair with b
 rectified by D, R and P or by /tf_static; what the images themselves show to be off is told and corrected); or, with
 --rig, the cameras of a rig, which go through the node sphere_stitcher. Topics of any names are found by type, name,
 frame and size (`sphere_nav inspect BAG` shows how), or named by options. The map frame is that of base_link at the
-first sphere, level by an IMU of the bag or by the ground. The result is the same for every number of jobs. Where an
-RGB-D drive contradicts the place of its depth camera, one line says so (`sphere_nav refine-camera --help`).
+first sphere, level by an IMU of the bag or by the ground. A drive is mapped in segments of about 100 instants: the map
+is the same for every number of jobs, and what is mapped stays in MAP.partial whatever happens, until the map is whole;
+--resume goes on from there. What cannot be read of the bag is left out and told. Where an RGB-D drive contradicts the
+place of its depth camera, one line says so (`sphere_nav refine-camera --help`).
 
 examples:
   sphere_nav map kitchen -o kitchen_map
@@ -29,7 +31,8 @@ examples:
   sphere_nav map kitchen -o kitchen_map --set depth_pose=depth.yaml
   sphere_nav map drive -o drive_map --anchor survey
   sphere_nav map second_drive -o both_maps --extend drive_map
-  sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048
+  sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048 --jobs 2
+  sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048 --jobs 2 --resume
   sphere_nav map six_cameras -o drive_map --rig old_rig.yaml --set-stitcher rectify.num_instants=5
   sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.nearest_m=2
 """
@@ -44,6 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
     parser.add_argument(
+        "--resume", action="store_true", help="go on from what an interrupted run of the same words has left, if any"
+    )
+    parser.add_argument(
         "--anchor",
         choices=("first", "truth", "survey"),
         default="first",
@@ -57,10 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     topics.add_options(parser)
     parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
     parser.add_argument(
-        "--jobs", type=_positive, default=1, metavar="N", help="processes that stitch and look for loops (%(default)s)"
+        "--jobs", type=_positive, default=1, metavar="N", help="processes that map segments of the drive (%(default)s)"
     )
     parser.add_argument(
-        "--scheduler", default="", metavar="ADDRESS", help="do that on a Dask cluster (needs distributed)"
+        "--scheduler", default="", metavar="ADDRESS", help="do that on a Dask cluster that sees bag and map's folder"
     )
     parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
     parser.add_argument("--taught", type=Path, metavar="F", help="write the vehicle's poses, for path_follower (TUM)")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from sphere_nav.offline.mapping.remains import Remains, is_run
 from sphere_nav.ros.maps.check import salvage_map, verify_map
 from sphere_nav.ros.maps.reader import open_map
 
@@ -29,7 +30,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Check, or salvage."""
     if arguments.salvage:
         with tqdm(desc="salvage", unit="message", leave=False, disable=None) as bar:
-            kept = salvage_map(arguments.map, arguments.salvage, bar.update)
+            if is_run(arguments.map):
+                kept = Remains(arguments.salvage, arguments.map).salvage()
+            else:
+                kept = salvage_map(arguments.map, arguments.salvage, bar.update)
         print(f"{arguments.salvage}: {kept} key spheres saved")
         return 0
     with open_map(arguments.map) as reader:

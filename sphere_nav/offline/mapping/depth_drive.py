@@ -77,7 +77,7 @@ def refine_depth(bag: BagReader, values: dict[str, Any], remap: dict[str, str], 
     ValueError where it has too few pairs of images with motion between.
     """
     way = drive.trajectory(is_base=False)
-    chosen = choose_pairs(way, _typical_range(drive.node.mapper))
+    chosen = choose_pairs(way, _typical_range(drive.mapper))
     if len(chosen) < MIN_PAIRS:
         raise ValueError(
             f"{bag.path}: expected at least {MIN_PAIRS} pairs of images with motion between, found {len(chosen)}: move "

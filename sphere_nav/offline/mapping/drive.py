@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from sphere_mapping.ros.node import SphereMapper
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.trajectory import Trajectory
@@ -33,19 +34,24 @@ class Truth:
 
 @dataclass(eq=False)
 class MappedDrive:
-    """The node after the last message of the bag."""
+    """What was mapped, by what camera, and what was not.
 
-    node: SphereMapper
+    refused: how often, by the words with {n} in the place of the number. damages: what cannot be read of the bag.
+    """
+
+    mapper: Mapper
+    mount: CameraMount
     num_lost: int = 0
-    refusal: str = ""
+    refused: dict[str, int] = field(default_factory=dict)
+    damages: list[str] = field(default_factory=list)
     stereo: str = ""  # what was found of the pair
     depth: str = ""  # and of the depth camera, where it sits elsewhere
 
     def trajectory(self, *, is_base: bool) -> Trajectory:
         """Return the pose of the camera (body axes) of every placed sphere, or the vehicle's, as the graph has it."""
-        mount = self.node.mount
+        mount = self.mount
         T_sphere_pose = mount.T_base_sphere.inverse() if is_base else mount.T_sphere_body
-        stamps, poses = zip(*self.node.mapper.trajectory(), strict=True)
+        stamps, poses = zip(*self.mapper.trajectory(), strict=True)
         matrices = np.stack([(T_map_sphere @ T_sphere_pose).matrix for T_map_sphere in poses])
         return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
 
@@ -54,7 +60,7 @@ class MappedDrive:
 
         anchor: first, truth or survey, as of `sphere_nav map`. BagError where the truth is asked for and not known.
         """
-        graph = self.node.mapper.graph
+        graph = self.mapper.graph
         if anchor == "first":
             return SE3.identity(), graph, []
         T_fitted_map = self.fit(truth) if truth is not None else None
@@ -64,7 +70,7 @@ class MappedDrive:
         graph = graph.with_poses({node.id: T_fitted_map @ node.T_map_sphere for node in graph})
         if anchor == "truth":
             return T_fitted_map, graph, []
-        mount = self.node.mount
+        mount = self.mount
         T_pose_sphere = mount.T_base_sphere if truth.is_base else mount.T_sphere_body.inverse()
         surveyed = move_to_truth(graph, truth.poses, T_pose_sphere)
         return T_fitted_map, surveyed, check_survey(graph, surveyed, source)
@@ -82,6 +88,11 @@ class MappedDrive:
         return fit_poses(at.T_map_body, mine.T_map_body[known]) if known.any() else None
 
     @property
+    def refusal(self) -> str:
+        """What was refused, and why, in one line."""
+        return "; ".join(words.replace("{n}", str(number)) for words, number in self.refused.items())
+
+    @property
     def loss(self) -> str:
         """One line where most spheres were lost and what would help, else nothing."""
         total = self.num_lost + len(self.trajectory(is_base=False))
@@ -94,7 +105,7 @@ class MappedDrive:
 
     def summary(self, truth: Truth | None) -> list[str]:
         """Return what is printed."""
-        mapper, placed = self.node.mapper, self.trajectory(is_base=False)
+        mapper, placed = self.mapper, self.trajectory(is_base=False)
         lines = [self.stereo] if self.stereo else []
         lines.append(
             f"{len(placed)} spheres placed, {self.num_lost} lost, {len(mapper.graph)} kept, {mapper.num_loops} loops "
@@ -102,6 +113,7 @@ class MappedDrive:
         )
         lines += [self.depth] if self.depth else []
         lines += [f"refused: {self.refusal}"] if self.refusal else []
+        lines += [f"not readable, left out: {'; '.join(self.damages)}"] if self.damages else []
         if truth is None or self.loss or (T_truth_map := self.anchor(truth)) is None:
             return lines
         estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
@@ -120,9 +132,9 @@ class MappedDrive:
 
 def truth_of(path: Path) -> Truth | None:
     """Return the true poses of a bag, None where it has none."""
-    with BagReader(path) as bag:
+    with BagReader(path, damages=[]) as bag:
         topics = [topic for topic in TRUTH_TOPICS if "/" + topic in bag.topics and bag.topics["/" + topic].count]
-    return Truth(read_poses(path, (topics[0],)), is_base=topics[0].endswith("odometry")) if topics else None
+    return Truth(read_poses(path, (topics[0],), []), is_base=topics[0].endswith("odometry")) if topics else None
 
 
 def fit_poses(theirs: SE3, ours: SE3) -> SE3:

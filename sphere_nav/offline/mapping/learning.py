@@ -1,60 +1,102 @@
 """READ FIRST. The learning phase, offline: a drive through the very callbacks of the nodes -> a map.
 
-Replay the bag to the mapper, behind the stitcher where it holds the cameras of a rig; close loops; join the drive to
-the map that is extended; anchor it to the truth; merge redundant key spheres; complete the map, and report.
+Plan what is mapped by what; map each segment of the drive, behind the stitcher where it holds the cameras of a rig;
+join the segments; close loops; join the drive to the map that is extended; anchor it to the truth; merge redundant key
+spheres; complete the map, and report. Whatever ends it before, what is mapped stays, and `--resume` goes on from it.
 """
 
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Iterable
 from contextlib import ExitStack
+from itertools import chain
 from typing import cast
 
 from sphere_mapping.graph.merging import merge
+from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.saving import details_of
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.offline.mapping.drive import MappedDrive, truth_of
 from sphere_nav.offline.mapping.extension import extend, open_base
-from sphere_nav.offline.mapping.replay_mapper import map_bag
+from sphere_nav.offline.mapping.joining import Bridge, Joined
+from sphere_nav.offline.mapping.plan import Plan, make_plan
+from sphere_nav.offline.mapping.remains import Remains
+from sphere_nav.offline.mapping.segment_work import SegmentRecord
 from sphere_nav.offline.mapping.workers import NUM_THREADS, Workers, limit_threads
 from sphere_nav.ros.bags import BagError
-from sphere_nav.ros.maps.reader import MapDetails, MapReader, MapWriter
-from sphere_nav.ros.maps.writer import MAP_FRAME, Stored
+from sphere_nav.ros.maps.reader import MapReader
+from sphere_nav.ros.maps.writer import MAP_FRAME, Stored, check_free
+from sphere_nav.ros.service import one_line
 
 ORIGINS = {"truth": "the true poses of the drive", "survey": "the survey of its key spheres"}
+INTERRUPTED = 130  # exit status
 
 
 def learn(arguments: argparse.Namespace) -> int:
-    """Map what the bag holds; each key sphere is written as it is kept."""
+    """Map what the bag holds; what is mapped of it stays until the map is complete."""
     if arguments.output.exists() and not arguments.overwrite:
         raise BagError(f"{arguments.output}: expected no such file or folder, found one: --overwrite replaces a map")
     if arguments.extend and arguments.anchor != "first":
         raise BagError(f"--anchor: expected first, as --extend keeps the frame of its map, found {arguments.anchor}")
+    check_free(arguments.output, is_overwriting=arguments.overwrite)
     limit_threads(NUM_THREADS)
     rig = read_text(arguments.rig, "rig file", MAX_FILE_BYTES) if arguments.rig else ""
     with ExitStack() as stack:
-        workers = stack.enter_context(Workers(arguments.jobs, arguments.scheduler))
         base = stack.enter_context(open_base(arguments.extend, arguments.output, rig)) if arguments.extend else None
-        details = MapDetails(source=arguments.bag.name, rig=rig)
-        writer = MapWriter(arguments.output, details, is_overwriting=arguments.overwrite)
+        plan, remains = make_plan(arguments, rig), Remains(arguments.output)
+        stack.callback(remains.close)
         try:
-            drive = map_bag(arguments, writer, max(base.graph.nodes) + 1 if base is not None else 0, workers)
-            return finish_map(arguments, drive, writer, base, workers)
-        except (ValueError, OSError):  # an interrupted run leaves what it has, for `map-verify --salvage`
-            writer.discard()
-            raise
+            remains.begin(plan, is_resumed=arguments.resume)
+            with Workers(arguments.jobs, arguments.scheduler) as workers:
+                return map_plan(arguments, plan, remains, base, workers)
+        except (ValueError, OSError, KeyboardInterrupt) as error:
+            return keep(arguments, remains, error)
+
+
+def map_plan(
+    arguments: argparse.Namespace, plan: Plan, remains: Remains, base: MapReader | None, workers: Workers
+) -> int:
+    """Map the segments of a drive, join them, complete the map."""
+    records = remains.map(plan, workers)
+    params, first_id = plan.params.mapper, max(base.graph.nodes) + 1 if base is not None else 0
+    joined = remains.join(plan, records, first_id, Bridge(params, workers.run))
+    drive = drive_of(plan, records, joined)
+    if not drive.mapper.tracks:
+        reason = drive.refusal or "no complete instant"
+        raise BagError(f"{arguments.bag}: expected spheres to map, found none: {reason}")
+    plan.judge(drive)
+    return finish_map(arguments, drive, remains, base, joined, workers, plan.recipe.details.rig)
+
+
+def drive_of(plan: Plan, records: list[SegmentRecord], joined: Joined) -> MappedDrive:
+    """Return what was mapped in segments as one drive."""
+    mapper = Mapper(plan.params.mapper, store=joined)
+    mapper.take_over(joined.graph, joined.tracks, joined.index, sum(record.num_loops for record in records))
+    mapper.origin = records[0].origin
+    refused: dict[str, int] = {}
+    for words, number in chain.from_iterable(record.refused.items() for record in records):
+        refused[words] = refused.get(words, 0) + number
+    damages = list(dict.fromkeys(chain.from_iterable(record.damages for record in records)))
+    mount = next((record.mount for record in records if record.tracks), records[0].mount)
+    return MappedDrive(mapper, mount, joined.num_lost, refused, damages)
 
 
 def finish_map(
-    arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter, base: MapReader | None, workers: Workers
+    arguments: argparse.Namespace,
+    drive: MappedDrive,
+    remains: Remains,
+    base: MapReader | None,
+    joined: Joined,
+    workers: Workers,
+    rig: str,
 ) -> int:
     """Close loops, join the drive to a map, compare with the truth, complete the map."""
-    mapper, told = drive.node.mapper, list[str]()
+    mapper, told = drive.mapper, list[str]()
     source, frame, stored = arguments.bag.name, MAP_FRAME, cast("Iterable[Stored]", ())
-    mapper.keep_end()
     if not arguments.no_loops:
         mapper.close_loops(workers.run)
     index = mapper.appearance
@@ -70,8 +112,9 @@ def finish_map(
         merged = merge(graph, ways[0].positions, base.graph.nodes if base is not None else ())
         told += [f"{len(merged.replaced)} key spheres merged with others of their places"] if merged.replaced else []
         graph = merged.graph
-    details = details_of(graph, drive.node.params.mapper, source, frame, writer.details.rig, origin)
-    writer.finish(graph, details, index, stored)
+    details = details_of(graph, mapper.params, source, frame, rig, origin)
+    remains.complete(graph, details, index, chain(stored, joined.stored()))
+    joined.close()
     for path, way in zip((arguments.trajectory, arguments.taught), ways, strict=True):
         if path:
             write_tum(path, way, details.map_id)
@@ -81,3 +124,21 @@ def finish_map(
     if drive.loss:
         print(f"sphere_nav map: {arguments.bag}: {drive.loss}", file=sys.stderr)
     return 1 if drive.loss else 0
+
+
+def keep(arguments: argparse.Namespace, remains: Remains, error: BaseException) -> int:
+    """Say in one line what stays of a run that ended before its time, and how it goes on; return the exit status.
+
+    Where nothing was mapped nothing stays, and the error is raised again.
+    """
+    if not remains.is_ours:
+        raise error
+    number = remains.num_spheres
+    if not number:
+        remains.remove()
+        raise error
+    words = [word for word in arguments.words if word != "--resume"]
+    command = shlex.join(["sphere_nav", *words, "--resume"])
+    why = "interrupted" if isinstance(error, KeyboardInterrupt) else one_line(error)
+    print(f"sphere_nav map: {why}; {number} key spheres stay in {remains.folder}: {command}", file=sys.stderr)
+    return INTERRUPTED if isinstance(error, KeyboardInterrupt) else 1

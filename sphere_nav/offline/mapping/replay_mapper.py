@@ -1,109 +1,141 @@
-"""A bag played to the node `sphere_mapper`, behind the stitcher where the bag holds the cameras of a rig."""
+"""A segment of a bag played to `sphere_mapper`, behind the stitcher where the bag holds the cameras of a rig."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from std_msgs.msg import Header
 from tqdm import tqdm
 
 from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
-from sphere_mapping.graph.store import SphereStore
+from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
-from sphere_mapping.ros.intake import TOPICS
+from sphere_mapping.ros.mount import CameraMount
 from sphere_mapping.ros.node import SphereMapper
-from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.offline import topics
-from sphere_nav.offline.constants import OFFLINE_DEADLINE_S
-from sphere_nav.offline.mapping.depth_drive import judge_depth
 from sphere_nav.offline.mapping.drive import MappedDrive
-from sphere_nav.offline.mapping.sphere_source import CAMERAS, find_input
-from sphere_nav.offline.mapping.stereo_drive import find_field
-from sphere_nav.offline.mapping.stitcher_ahead import StitcherAhead, stitch_apart
-from sphere_nav.offline.mapping.workers import NUM_THREADS, Workers
-from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.offline.mapping.segments import Segment
+from sphere_nav.offline.mapping.stitcher_ahead import LearnedRig, Node, StitcherAhead
+from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay, required_topics
+from sphere_nav.ros.maps.writer import MapDetails
+from sphere_nav.spheres.sphere import Sphere
 
 IMU_NS = 1_000_000_000  # of the bag's beginning: its first image may come before the IMU
-Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted name, topics of the bag by ours
+HEARD = "/sphere_mapper/heard"  # each sphere, so that a replay can end
 
 
-def map_bag(arguments: argparse.Namespace, store: SphereStore, first: int, workers: Workers) -> MappedDrive:
-    """Return the bag mapped from what it holds, ids from `first` on; BagError where no sphere comes of it."""
-    given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
-    values = given | arguments.settings
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """By what every segment of a drive is mapped: the bag, parameters and topics, and what is known of the cameras."""
 
-    def begin(params: MapperParams) -> Mapper:
-        mapper = Mapper(params, store=store)
-        mapper.first_id = first
-        return mapper
+    bag: Path
+    values: Mapping[str, Any]
+    remap: dict[str, str]
+    details: MapDetails
+    stitcher: Node | None = None
+    pair: StereoPair | None = None
+    rig: LearnedRig | None = None
+    held: tuple[str, ...] = ()  # topics of calibrations that are told now and then
 
-    with BagReader(arguments.bag) as bag:
-        chosen, kind = topics.choose_topics(bag, arguments), arguments.input
-        imu = topics.find_imu(bag, chosen)
-        if kind == "auto":
-            kind = find_input(bag, chosen, has_rig=arguments.rig is not None)
-        if kind == CAMERAS:
-            stitcher = stitcher_values(bag, chosen, arguments)
-            drive = replay_mapper(bag, begin, values | {"input": "sphere"}, imu, stitcher, workers=workers)
-        else:
-            found = topics.find_topics(bag, TOPICS[kind], chosen)
-            slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
-            values = {"slack_s": slack_s} | values | {"input": kind}
-            pair, stereo = find_field(bag, values, found) if kind == "stereo" else (None, "")
-            drive = replay_mapper(bag, begin, values, imu | found, pair=pair)
-            drive.stereo = stereo
-            drive.depth = judge_depth(bag, values, found, drive) if kind == "rgbd" else ""
-    if not drive.node.mapper.tracks:
-        reason = drive.refusal or "no complete instant"
-        raise BagError(f"{arguments.bag}: expected spheres to map, found none: {reason}")
-    return drive
+
+class SegmentMapper(SphereMapper):
+    """The mapper of one segment; the frame of all but the first one is that of its first sphere."""
+
+    segment = Segment()
+
+    def configure(self) -> None:
+        """Tell each sphere."""
+        super().configure()
+        self.is_done, self._is_begun = False, False
+        self.heard = self.add_publisher(HEARD, Header)
+
+    def on_sphere(self, sphere: Sphere, mount: CameraMount, unroll: Unroll | None = None) -> None:
+        """Map a sphere of the segment; the first one that is placed becomes a key sphere."""
+        segment = self.segment
+        self.is_done = sphere.stamp_ns >= segment.last_ns
+        if segment.warm_ns <= sphere.stamp_ns <= segment.last_ns:
+            super().on_sphere(sphere, mount, unroll)
+            tracks = self.mapper.tracks
+            if sphere.stamp_ns <= segment.first_ns:
+                self.num_lost = 0  # the segment before counts it
+            if not self._is_begun and tracks and tracks[-1].stamp_ns >= segment.first_ns and not segment.is_first:
+                self._is_begun = True
+                self.mapper.keep_end(is_near=True)
+        self.heard.publish(Header())
+
+    def begin_map(self, sphere: Sphere) -> bool:
+        """Begin the map with the first segment, any other one where its first sphere is."""
+        return super().begin_map(sphere) if self.segment.is_first else True
 
 
 def replay_mapper(
-    bag: BagReader,
-    begin: Callable[[MapperParams], Mapper],
-    values: dict[str, Any],
-    remap: dict[str, str],
-    stitcher: Node | None = None,
-    pair: StereoPair | None = None,
-    workers: Workers | None = None,
+    recipe: Recipe, begin: Callable[[MapperParams], Mapper], segment: Segment | None = None, *, is_shown: bool = True
 ) -> MappedDrive:
-    """Play a bag to a mapper, behind a stitcher where that is given, or with a stereo pair's correction."""
-    bus = OfflineBus(captured=set())
-    stitching = None if stitcher is None else bus.add(StitcherAhead, *stitcher)
-    if stitcher is not None and workers is not None and workers.executor is not None:
-        assert isinstance(stitching, StitcherAhead)
-        stitching.coming_from = stitch_apart(bag.path, *stitcher, workers.executor, workers.num_ahead)
-    node = bus.add(SphereMapper, values, remap)
-    assert isinstance(node, SphereMapper)
-    node.mapper = begin(node.params.mapper)
-    hear_beginning(bag, node, remap.get("imu", ""))
-    if pair is not None:
-        node.intake.stereo.use(pair)
-    total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
+    """Play a bag, or a segment of it, to a mapper; `is_shown`: with a bar."""
+    segment, damages = segment or Segment(), list[str]()
+    bus = OfflineBus(captured={HEARD})
+    stitching = add_stitcher(bus, recipe, segment)
+    node = bus.add(SegmentMapper, recipe.values, recipe.remap)
+    assert isinstance(node, SegmentMapper)
+    node.segment, node.mapper = segment, begin(node.params.mapper)
     try:
-        with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
-            for _ in replay(bag, bus, progress=bar.update):
+        with BagReader(recipe.bag, damages=damages) as bag:
+            hear_beginning(bag, node, recipe.remap.get("imu", ""))
+            if recipe.pair is not None:
+                node.intake.stereo.use(recipe.pair)
+            play(bag, bus, segment, recipe.held, is_shown=is_shown)
+        if stitching is not None:
+            stitching.finish_open()
+            stitching.publish_last()
+            for _ in bus.settle():
                 pass
-            if isinstance(stitching, StitcherAhead):
-                stitching.finish_open()
-                stitching.publish_last()
-                for _ in bus.settle():
-                    pass
     finally:
         if stitching is not None:
             stitching.cleanup()
+    return MappedDrive(node.mapper, node.mount, node.num_lost, refusals(node, stitching), damages)
+
+
+def add_stitcher(bus: OfflineBus, recipe: Recipe, segment: Segment) -> StitcherAhead | None:
+    """Put the stitcher before the mapper where there is a rig; a later segment begins with what is known of it."""
+    if recipe.stitcher is None:
+        return None
+    values, remap = recipe.stitcher
+    known = None if segment.is_first else recipe.rig
+    node = bus.add(StitcherAhead, values if known is None else values | {"rectify.num_instants": 0}, remap)
+    assert isinstance(node, StitcherAhead)
+    node.segment = segment
+    if known is not None:
+        node.know(known)
+    return node
+
+
+def play(bag: BagReader, bus: OfflineBus, segment: Segment, held: tuple[str, ...], *, is_shown: bool) -> None:
+    """Play a segment of a bag."""
+    total = sum(bag.topics[topic].count for topic in required_topics(bag, bus)) // segment.total
+    name = f"map {segment.number + 1}/{segment.total}" if segment.total > 1 else "map"
+    is_hidden = None if is_shown else True
+    with tqdm(total=total, desc=name, unit="message", leave=False, disable=is_hidden) as bar:
+        limits = {"start_ns": segment.begin_ns, "end_ns": segment.end_ns}
+        for _ in replay(bag, bus, **limits, held=held, progress=bar.update):
+            if any(node.is_done for node in bus.nodes if isinstance(node, SegmentMapper)):
+                break
+
+
+def refusals(node: SphereMapper, stitching: StitcherAhead | None) -> dict[str, int]:
+    """Return how often something was refused or missing, by the words with {n} in the place of the number."""
     inputs = [*node.inputs, *(stitching.inputs if stitching else ())]
-    reasons = [f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in inputs if w.num_refused]
-    if isinstance(stitching, StitcherAhead) and stitching.intake is not None:
+    found = {f"{{n}} of {one.topic}: {one.last_refusal}": one.num_refused for one in inputs if one.num_refused}
+    if stitching is not None and stitching.intake is not None:
         for name, health in stitching.intake.sync.health.items():
             if health.problem:
-                reasons.append(f"{name}: {health.problem} ({health.num_missing} times)")
-    return MappedDrive(node, node.num_lost, "; ".join(reasons))
+                found[f"{name}: {health.problem} ({{n}} times)"] = health.num_missing
+    return found
 
 
 def hear_beginning(bag: BagReader, node: SphereMapper, imu: str) -> None:
@@ -117,12 +149,3 @@ def hear_beginning(bag: BagReader, node: SphereMapper, imu: str) -> None:
         first, _ = bag.time_range
         for _, _, message in bag.messages([imu], end_ns=first + IMU_NS):
             node.vehicle.on_imu(message)
-
-
-def stitcher_values(bag: BagReader, chosen: dict[str, str], arguments: argparse.Namespace) -> Node:
-    """Return parameters and topics of the stitcher for a bag with cameras; BagError where bag and rig do not fit."""
-    if arguments.rig is None:
-        raise BagError(f"{bag.path}: expected --rig with the rig file of its cameras, found none")
-    remap = topics.find_rig_topics(bag, read_rig(arguments.rig).names, chosen)
-    values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | arguments.set_stitcher
-    return values | {"rig": str(arguments.rig), "transport": "raw", "jobs": NUM_THREADS}, remap

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from itertools import chain, islice
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 from types import TracebackType
 from typing import Any, Self
 
@@ -37,13 +41,18 @@ class Workers:
         return AHEAD * max(number, 1)
 
     @property
+    def is_apart(self) -> bool:
+        """Whether pieces of work are done elsewhere."""
+        return self._client is not None or self._jobs > 1
+
+    @property
     def executor(self) -> Executor | None:
         """What does the work."""
         if self._executor is None and self._client is not None:
             self._executor = self._client.get_executor(pure=False)
         elif self._executor is None and self._jobs > 1:
             context = get_context("spawn")  # a fork would inherit half of the threads
-            self._executor = ProcessPoolExecutor(self._jobs, context, limit_threads)
+            self._executor = ProcessPoolExecutor(self._jobs, context, begin_worker)
         return self._executor
 
     def run(self, function: Callable[[Any], Any], questions: Iterable[Any]) -> Iterator[Any]:
@@ -58,9 +67,11 @@ class Workers:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
-        if self._executor is not None:
+        if isinstance(self._executor, ProcessPoolExecutor):
+            for worker in list((self._executor._processes or {}).values()) if kind is not None else ():
+                worker.terminate()  # what it works on is of no use any more
             self._executor.shutdown(cancel_futures=True)
-        if self._client is not None:
+        if self._client is not None:  # which has no such shutdown; what is not begun is forgotten with it
             self._client.close()
 
 
@@ -74,6 +85,20 @@ def connect(scheduler: str) -> Any:
         return Client(scheduler, timeout=CONNECT_S)
     except (OSError, ValueError) as error:
         raise ValueError(f"--scheduler {scheduler}: expected a Dask scheduler, found none: {error}") from None
+
+
+def begin_worker() -> None:
+    """Leave the cores to the others, Ctrl-C to the process that has made this one, and end with it, however it ends."""
+    limit_threads()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+    assert parent is not None
+
+    def follow() -> None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 def limit_threads(number: int = 1) -> None:

@@ -20,10 +20,13 @@ OVERHEAD = 300  # bytes of memory of a message beside its data
 
 
 class McapFile:
-    """An MCAP file with its summary; BagError if it is none, or not complete."""
+    """An MCAP file with its summary; BagError if it is none, or not complete.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    `damages` takes a line for each chunk that cannot be read, which is passed over then; without it that is a BagError.
+    """
+
+    def __init__(self, path: Path, damages: list[str] | None = None) -> None:
+        self.path, self._damages = path, damages
         try:
             self.stream = open_file(path, "bag", MAX_FILE)
         except OSError as error:
@@ -76,7 +79,7 @@ class McapFile:
         while queue:
             _, offset, _, item = heapq.heappop(queue)
             if isinstance(item, ChunkIndex):
-                for place, (channel, message) in enumerate(self._chunk(offset)):
+                for place, (channel, message) in enumerate(self._readable(offset)):
                     if (channels is None or channel.id in channels) and start <= message.log_time <= end:
                         heapq.heappush(queue, (message.log_time, offset, place, (channel, message)))
                         held += len(message.data) + OVERHEAD
@@ -91,6 +94,15 @@ class McapFile:
                 held -= len(message.data) + OVERHEAD
             if channels is None or channel.id in channels:
                 yield channel, message
+
+    def _readable(self, place: int) -> Iterator[tuple[Channel, Message]]:
+        try:
+            yield from self._chunk(place)
+        except BagError as error:
+            if self._damages is None:
+                raise
+            if (told := str(self._name(error))) not in self._damages:
+                self._damages.append(told)
 
     def _chunk(self, place: int, *, is_view: bool = False) -> Iterator[tuple[Channel, Message]]:
         for record in records_at(self.stream, place, self.size, is_view=is_view):

@@ -29,10 +29,13 @@ class BagReader:
         bag.require("image_raw", Image)
         for topic, stamp_ns, message in bag.messages(["image_raw", "camera_info"]):
             ...
+
+    `damages` takes a line for each chunk of an MCAP file, and each message of a replay, that cannot be read; they are
+    passed over then.
     """
 
-    def __init__(self, path: str | Path, *, is_empty_allowed: bool = False) -> None:
-        self.path = Path(path)
+    def __init__(self, path: str | Path, *, is_empty_allowed: bool = False, damages: list[str] | None = None) -> None:
+        self.path, self.damages = Path(path), damages
         self.files: list[McapFile] = []
         self._foreign: Any = None  # a ForeignBag
         self._view: PlainView | None = None  # where it is compressed
@@ -57,7 +60,7 @@ class BagReader:
 
             self._foreign = ForeignBag(source)
         else:
-            self.files += [McapFile(name) for name in _mcap_files(source, information)]
+            self.files += [McapFile(name, damages=self.damages) for name in _mcap_files(source, information)]
         self.topics = self._foreign.topics if self._foreign else self._read_topics()
         for info in self.topics.values():
             if not (info.name + info.type).isprintable():
@@ -72,6 +75,11 @@ class BagReader:
             if self._view is None:
                 raise
             raise BagError(str(error).replace(str(self._view.path), str(self.path))) from None
+
+    @property
+    def is_packed(self) -> bool:
+        """Whether it was unpacked to be opened, as each further reader would do again."""
+        return self._view is not None
 
     @property
     def num_messages(self) -> int:

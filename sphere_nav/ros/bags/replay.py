@@ -26,7 +26,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from sphere_nav.params import build
 from sphere_nav.ros.bags.playback import is_latched
 from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.bags.recorded import Recorded
+from sphere_nav.ros.bags.recorded import BagError, Recorded
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter, absolute
 from sphere_nav.ros.clocks import MAX_AHEAD_NS
@@ -210,26 +210,37 @@ def replay(
     *,
     start_ns: int | None = None,
     end_ns: int | None = None,
+    held: Collection[str] = (),
     progress: Callable[[int], None] = lambda step: None,
 ) -> Iterator[Recorded]:
     """Play a bag to the nodes of a bus and yield what they publish; `progress(1)` after every message delivered.
 
     Only topics that some node listens to are read; one that is required and not there raises BagError. Latched topics
-    such as /tf_static hold from before `start_ns`. A recorder's clock that was behind the stamps of a sensor is put
-    right: nodes would refuse what is ahead of their clock.
+    such as /tf_static, and those `held`, hold from before `start_ns`. A recorder's clock that was behind the stamps of
+    a sensor is put right: nodes would refuse what is ahead of their clock.
     """
     topics = required_topics(bag, bus)
     lead_ns = find_lead(bag, topics)
     yield from bus.settle()
-    for topic, stamp, data in chain(_latched_before(bag, topics, start_ns), bag.raw(topics, start_ns, end_ns)):
+    before = _latched_before(bag, topics, held, start_ns)
+    for topic, stamp, data in chain(before, bag.raw(topics, start_ns, end_ns)):
         yield from bus.advance(stamp + lead_ns)
         for wanted in bus.listeners[topic]:
-            if not wanted.raw and is_compressed(bag, topic, wanted.kind):
-                deliver_decompressed(wanted, bag.decode(topic, data, CompressedImage))
-            else:
-                wanted.deliver(data if wanted.raw else bag.decode(topic, data, wanted.kind))
+            try:
+                _deliver(bag, topic, data, wanted)
+            except BagError as error:
+                if bag.damages is None:
+                    raise
+                bag.damages.append(f"{error}, recorded at {stamp} ns")
         yield from bus.settle()
         progress(1)
+
+
+def _deliver(bag: BagReader, topic: str, data: bytes, wanted: Subscription) -> None:
+    if not wanted.raw and is_compressed(bag, topic, wanted.kind):
+        deliver_decompressed(wanted, bag.decode(topic, data, CompressedImage))
+    else:
+        wanted.deliver(data if wanted.raw else bag.decode(topic, data, wanted.kind))
 
 
 def find_lead(bag: BagReader, topics: Collection[str]) -> int:
@@ -238,8 +249,10 @@ def find_lead(bag: BagReader, topics: Collection[str]) -> int:
     return lead_ns if lead_ns > MAX_AHEAD_NS else 0
 
 
-def _latched_before(bag: BagReader, topics: list[str], start_ns: int | None) -> Iterator[Recorded]:
-    latched = [name for name in topics if is_latched(bag.topics[name])]
+def _latched_before(
+    bag: BagReader, topics: list[str], held: Collection[str], start_ns: int | None
+) -> Iterator[Recorded]:
+    latched = [name for name in topics if is_latched(bag.topics[name]) or name in held]
     if start_ns is not None and latched:
         yield from bag.raw(latched, end_ns=start_ns - 1)
 

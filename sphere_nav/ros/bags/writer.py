@@ -230,11 +230,15 @@ class BagWriter:
     def discard(self) -> None:
         """Remove what was written."""
         if self._is_open:
-            self._is_open = False
-            self._file.close()
-            self._index.close()
+            self.leave()
             shutil.rmtree(self.partial, ignore_errors=True)
-            self._lock.close()
+
+    def leave(self) -> None:
+        """Write no more; what was written stays, for `salvage`."""
+        self._is_open = False
+        for file in (self._file, self._index, self._lock):
+            with suppress(OSError):  # of a full disk, which has been told
+                file.close()
 
     def __enter__(self) -> Self:
         return self

@@ -62,7 +62,7 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
     source = Path(source)
     file = source / FILE_NAME if source.is_dir() else source
     spheres, graphs, infos = _readable(file, progress)
-    if not spheres and not graphs:
+    if not spheres:
         raise BagError(f"{file}: expected readable parts of a map of format {MapInfo.FORMAT_VERSION}, found none")
     if not graphs:
         raise BagError(f"{file}: {len(spheres)} key spheres are readable, but not the graph that says where they are")

@@ -11,6 +11,7 @@ import os
 import tempfile
 import weakref
 from collections.abc import Iterator, Mapping, MutableMapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,8 @@ class Spool:
 
     def close(self) -> None:
         """Forget all."""
-        self._close()
+        with suppress(OSError):  # of a full disk, which has been told
+            self._close()
 
 
 LAYOUT = np.dtype([("ray", "<f4", 3), ("range", "<f4"), ("descriptor", "u1", SIZE)])

@@ -7,10 +7,9 @@ that a process killed at any moment leaves a map that `salvage_map` mends, its l
 from __future__ import annotations
 
 import dataclasses
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate, chain, pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -96,15 +95,14 @@ class MapWriter:
         self._small = Spool(self._bag.partial)
 
     def add(self, node: KeySphere, edges: Sequence[Edge], sphere: Sphere) -> None:
-        """Write a key sphere and the edges that it came with."""
+        """Write a key sphere, before it where it is and the edges that it came with: what can be read has a place."""
         self._begin(SphereGraph([node]))
+        if node.id not in self._told:
+            ends = [KeySphere(end, 0, node.T_map_sphere) for edge in edges for end in (edge.a, edge.b)]
+            growth = SphereGraph(({end.id: end for end in ends} | {node.id: node}).values(), edges)
+            self._bag.write(GROWTH, _graph_message(growth, self.details), node.stamp_ns)
+            self._bag.end_chunk()
         self._write_sphere(node, sphere)
-        if node.id in self._told:
-            return
-        ends = [KeySphere(end, 0, node.T_map_sphere) for edge in edges for end in (edge.a, edge.b) if end != node.id]
-        growth = SphereGraph({end.id: end for end in [node, *ends]}.values(), edges)
-        self._bag.write(GROWTH, _graph_message(growth, self.details), node.stamp_ns)
-        self._bag.end_chunk()
 
     def tell(self, graph: SphereGraph) -> None:
         """Write the graph as it is after a correction; not each time, or the file would be mostly graphs."""
@@ -129,26 +127,15 @@ class MapWriter:
         self._small.add(serialize_to_store(small))
         self._bag.end_chunk()
 
-    def stored(self) -> Iterator[Stored]:
-        """Yield every key sphere that was added, whole and small, in order of their ids."""
-        for place, small in zip(self._places.values(), self._small, strict=True):
-            yield self._message_at(place), deserialize(small, AugmentedSphere, str(self.path))
-
     def finish(
-        self,
-        graph: SphereGraph,
-        details: MapDetails | None = None,
-        appearance: AppearanceIndex | None = None,
-        base: Iterable[Stored] = (),
+        self, graph: SphereGraph, details: MapDetails | None = None, appearance: AppearanceIndex | None = None
     ) -> Path:
-        """Complete the map with the graph that holds, of the spheres that were added; return its path.
-
-        Where it has not all of them, or others from a map `base`, it is written anew from what is stored.
-        """
+        """Complete the map with the graph that holds, of the spheres that were added; return its path."""
         self.details = details or self.details
         nodes = sorted(graph, key=lambda node: node.id)
         if [node.id for node in nodes] != list(self._places):
-            return self._finish_anew(graph, appearance, chain(base, self.stored()))
+            found = f"found {len(self._places)} written"
+            raise BagError(f"{self.path}: graph: expected {len(nodes)} key spheres, {found}")
         for stamp, small in zip(_in_order(nodes), self._small, strict=True):
             self._bag.write_bytes(COARSE, small, stamp)
         self._bag.end_chunk()
@@ -159,12 +146,17 @@ class MapWriter:
         self._bag.write(INFO, _info(graph, self.details), last)
         self._bag.write(GRAPH, _graph_message(graph, self.details), last)
         target = self._bag.close()
-        return _replace(target, self.path) if target != self.path else self.path
+        return replace_map(target, self.path) if target != self.path else self.path
 
     def discard(self) -> None:
         """Remove what was written."""
         self._small.close()
         self._bag.discard()
+
+    def leave(self) -> None:
+        """Write no more; what was written stays, for `salvage_map`."""
+        self._small.close()
+        self._bag.leave()
 
     def _begin(self, graph: SphereGraph) -> None:
         if not self._bag.num_messages:
@@ -181,22 +173,6 @@ class MapWriter:
         data = next(record.data for record in records if isinstance(record, Message))
         message: AugmentedSphere = deserialize(data, AugmentedSphere, str(self.path))
         return message
-
-    def _finish_anew(self, graph: SphereGraph, appearance: AppearanceIndex | None, spheres: Iterable[Stored]) -> Path:
-        """Complete a map beside this one, put it in its place."""
-        ids = sorted(graph.nodes)
-        with tempfile.TemporaryDirectory(prefix=f"{self.path.name}.", dir=self.path.parent) as folder:
-            new = MapWriter(Path(folder) / self.path.name, self.details, image_encoding=self._encoding)
-            new.tell(graph)
-            for stored in spheres:
-                if int(stored[0].id) in graph.nodes:
-                    new.copy(stored)
-            if list(new._places) != ids:
-                new.discard()
-                raise BagError(f"{self.path}: graph: expected {len(ids)} key spheres, found {len(new._places)} written")
-            target = new.finish(graph, appearance=appearance)
-            self.discard()
-            return _replace(target, self.path) if self.path.exists() else target.rename(self.path)
 
     def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
         known = appearance.features if appearance is not None else {}
@@ -234,6 +210,22 @@ def save_map(
                 raise BagError(f"{path}: key sphere {node.id}: expected its picture in memory, found none")
             writer.add(node, [], sphere)
             progress(1)
+        return writer.finish(graph, appearance=appearance)
+    except BaseException:
+        writer.discard()
+        raise
+
+
+def write_stored(
+    path: Path, graph: SphereGraph, details: MapDetails, appearance: AppearanceIndex | None, spheres: Iterable[Stored]
+) -> Path:
+    """Write a map of those of some key spheres, in order of their ids, that are in the graph; return its path."""
+    writer = MapWriter(path, details)
+    try:
+        writer.tell(graph)
+        for stored in spheres:
+            if int(stored[0].id) in graph.nodes:
+                writer.copy(stored)
         return writer.finish(graph, appearance=appearance)
     except BaseException:
         writer.discard()
@@ -278,7 +270,7 @@ def _length(nodes: list[KeySphere]) -> float:
     return float(sum(first.T_map_sphere.distance(second.T_map_sphere)[0] for first, second in steps))
 
 
-def _replace(new: Path, path: Path) -> Path:
+def replace_map(new: Path, path: Path) -> Path:
     """Put a complete map in the place of an old one; other files in its folder stay.
 
     Each file takes the place of the old one at once, the map first: whatever happens in between, there is a whole map.

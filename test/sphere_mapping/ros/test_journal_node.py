@@ -1,9 +1,11 @@
 """Key spheres on disk as they are kept."""
 
 import os
+import resource
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from sphere_mapping.ros.saving import Journal, journal_path
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.params import build
+from sphere_nav.ros.maps.check import salvage_map
 from sphere_nav.ros.maps.reader import open_map, save_map
 from worlds.room import wide_room
 
@@ -84,22 +87,43 @@ def test_what_was_not_saved_becomes_a_map(tmp_path, told):
     assert journal_path(tmp_path) == tmp_path / "journal_2"  # nothing is overwritten
 
 
-def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
+@contextmanager
+def full_disk():
+    """A limit of the size of files that the first key sphere is within and the second is not."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
+
+def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told):
     whole = drive(journal_in(tmp_path / "first"))
-    monkeypatch.setattr("sphere_nav.ros.maps.writer.MapWriter.tell", full)
-    monkeypatch.setattr("sphere_nav.ros.maps.writer.MapWriter.add", full)
-    journal = journal_in(tmp_path / "second", told)
-    mapper = drive(journal)
-    assert "No space left on device: key spheres stay in memory" in told[1]
-    assert len(told) == 2  # once
-    np.testing.assert_array_equal(mapper.load_sphere(1).image, whole.load_sphere(1).image)
-    monkeypatch.undo()
-    path = save_map(tmp_path / "room", mapper.graph, load_sphere=mapper.load_sphere, appearance=mapper.appearance)
-    with open_map(path) as reader:
+    with full_disk():
+        journal = journal_in(tmp_path / "second", told)
+        mapper = drive(journal)
+        assert "File too large" in told[1]
+        assert "key spheres stay in memory; free space, save_map" in told[1]
+        assert len(told) == 2  # once
+    for sphere_id in whole.graph.nodes:
+        np.testing.assert_array_equal(mapper.load_sphere(sphere_id).image, whole.load_sphere(sphere_id).image)
+    assert salvage_map(tmp_path / "second" / "journal.partial", tmp_path / "mended") >= 1
+    journal.close(mapper)  # there is space again
+    assert told[2].endswith(f"they are the map {tmp_path / 'second' / 'journal_2'}")
+    assert [entry.name for entry in (tmp_path / "second").iterdir()] == ["journal_2"]
+    with open_map(tmp_path / "second" / "journal_2") as reader:
         assert len(reader.graph) == len(whole.graph)
+
+
+def test_what_a_disk_never_took_is_told_at_the_end(tmp_path, told):
+    with full_disk():
+        journal = journal_in(tmp_path, told)
+        mapper = drive(journal)
+        journal.close(mapper)
+    assert "File too large" in told[-1]
+    assert f"key spheres are lost; the others are in {tmp_path / 'journal.partial'}" in told[-1]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["journal.partial"]
 
 
 def test_a_run_without_spheres_leaves_nothing(tmp_path, told):

@@ -27,7 +27,7 @@ def truth_of(poses):
 def drive():
     mapper = SimpleNamespace(trajectory=lambda: zip(STAMPS, WAY, strict=True), graph=[None] * 3, num_loops=1)
     mount = CameraMount("camera", False, SE3.from_planar(0.4, 0.0, 0.0))
-    return MappedDrive(SimpleNamespace(mapper=mapper, mount=mount), num_lost=2)
+    return MappedDrive(mapper, mount, num_lost=2)
 
 
 def test_a_drive_is_laid_on_its_truth_by_its_first_pose_or_by_all(drive):
@@ -47,9 +47,11 @@ def test_what_is_told_counts_and_compares(drive):
     lines = drive.summary(truth_of(WAY))
     assert lines[0].startswith("5 spheres placed, 2 lost, 3 kept, 1 loops closed")
     assert "median 0.0 mm, max 0.0 mm" in lines[1]
-    drive.node.mapper.num_loops, drive.stereo, drive.depth, drive.refusal = 0, "stereo: ...", "depth: ...", "3 of depth"
+    drive.mapper.num_loops, drive.stereo, drive.depth = 0, "stereo: ...", "depth: ..."
+    drive.refused, drive.damages = {"{n} of depth": 3}, ["chunk 7", "chunk 9"]
     counted = lines[0].replace("1 loops", "0 loops")
-    assert drive.summary(None) == ["stereo: ...", counted, "depth: ...", "refused: 3 of depth"]
+    left_out = "not readable, left out: chunk 7; chunk 9"
+    assert drive.summary(None) == ["stereo: ...", counted, "depth: ...", "refused: 3 of depth", left_out]
 
 
 def test_a_drive_that_is_lost_says_so_and_tells_no_drift(drive):
@@ -61,13 +63,13 @@ def test_a_drive_that_is_lost_says_so_and_tells_no_drift(drive):
     assert "odometry" in drive.loss
     assert len(drive.summary(truth_of(WAY))) == 1
     drive.num_lost = 0
-    drive.node.mapper.trajectory = lambda: zip(STAMPS, [WAY[1]] * 5, strict=True)
+    drive.mapper.trajectory = lambda: zip(STAMPS, [WAY[1]] * 5, strict=True)
     assert "drift" not in drive.summary(truth_of([WAY[1]] * 5))[-1]  # it has not moved
 
 
 def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatch):
     graph = SphereGraph([KeySphere(k, stamp, pose) for k, (stamp, pose) in enumerate(zip(STAMPS, WAY, strict=True))])
-    drive.node.mapper.graph, truth = graph, truth_of(WAY)
+    drive.mapper.graph, truth = graph, truth_of(WAY)
     T, found, warnings = drive.anchor_graph("first", truth, "here/drive")
     assert (T.matrix.tolist(), warnings) == (np.eye(4).tolist(), [])
     assert found is graph

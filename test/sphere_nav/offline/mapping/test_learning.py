@@ -9,14 +9,16 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_nav.geometry import SE3
-from sphere_nav.offline.mapping import learning, replay_mapper
-from sphere_nav.offline.mapping.replay_mapper import stitcher_values
+from sphere_nav.offline.mapping import learning, plan
+from sphere_nav.offline.mapping.plan import stitcher_values
 from sphere_nav.ros.bags import BagError
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 
 
 def arguments(**values):
-    return SimpleNamespace(**({"anchor": "truth", "bag": Path("here/drive"), "rig": None} | values))
+    return SimpleNamespace(
+        **({"anchor": "truth", "bag": Path("here/drive"), "rig": None, "jobs": 1, "scheduler": ""} | values)
+    )
 
 
 def test_cameras_need_the_file_of_their_rig():
@@ -25,8 +27,8 @@ def test_cameras_need_the_file_of_their_rig():
 
 
 def test_the_stitcher_of_a_bag_has_the_processes_of_the_command_and_waits_for_late_images(tmp_path, monkeypatch):
-    monkeypatch.setattr(replay_mapper, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
-    monkeypatch.setattr(replay_mapper.topics, "find_rig_topics", lambda bag, names, chosen: dict.fromkeys(names, "/x"))
+    monkeypatch.setattr(plan, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
+    monkeypatch.setattr(plan.topics, "find_rig_topics", lambda bag, names, chosen: dict.fromkeys(names, "/x"))
     given = arguments(rig=tmp_path / "rig.yaml", set_stitcher={"stitch.width": 256, "jobs": 9})
     values, remap = stitcher_values(SimpleNamespace(path="drive"), {}, given)
     assert remap == {"a": "/x", "b": "/x"}
@@ -35,6 +37,8 @@ def test_the_stitcher_of_a_bag_has_the_processes_of_the_command_and_waits_for_la
     }  # fmt: skip
     given.set_stitcher = {"sync.deadline_s": 3.0}
     assert stitcher_values(SimpleNamespace(path="drive"), {}, given)[0]["sync.deadline_s"] == 3.0
+    given.jobs = 2
+    assert stitcher_values(SimpleNamespace(path="drive"), {}, given)[0]["jobs"] == 1  # beside another process
 
 
 class Finished:
@@ -46,39 +50,37 @@ class Finished:
         index, other = object(), object()
         self.indices = index, other
         mapper = SimpleNamespace(
-            keep_end=lambda: self.told.append("end"), close_loops=lambda run: self.told.append("loops"), num_loops=2,
-            origin="",
-            appearance=index, params=SimpleNamespace(key=SimpleNamespace(merge=True)),
+            close_loops=lambda run: self.told.append("loops"), num_loops=2, origin="", appearance=index,
+            params=SimpleNamespace(key=SimpleNamespace(merge=True)),
         )  # fmt: skip
         graph = SphereGraph([KeySphere(0, 0, SE3.identity())])
         trajectory = SimpleNamespace(moved=lambda T: SimpleNamespace(positions=np.zeros((1, 3))))
         self.drive = SimpleNamespace(
-            node=SimpleNamespace(mapper=mapper, params=SimpleNamespace(mapper="parameters")),
-            trajectory=lambda is_base: trajectory, anchor_graph=lambda *words: (SE3.identity(), graph, ["warned"]),
+            mapper=mapper, trajectory=lambda is_base: trajectory,
+            anchor_graph=lambda *words: (SE3.identity(), graph, ["warned"]),
             summary=lambda truth: ["2 loops"], loss="",
         )  # fmt: skip
         monkeypatch.setattr(learning, "truth_of", lambda bag: None)
         monkeypatch.setattr(learning, "merge", lambda *words: SimpleNamespace(graph=graph, replaced=replaced))
-        monkeypatch.setattr(learning, "details_of", lambda graph, *words: words)
+        monkeypatch.setattr(learning, "details_of", lambda graph, params, *words: words)
         extended = SimpleNamespace(index=other, told="joined")
         monkeypatch.setattr(learning, "extend", lambda base, mapper, run: extended)
-        self.writer = SimpleNamespace(
-            details=SimpleNamespace(rig="name: ring"),
-            finish=lambda graph, details, index, stored: self.written.append((details, index, tuple(stored))),
+        self.remains = SimpleNamespace(
+            complete=lambda graph, details, index, stored: self.written.append((details, index, tuple(stored))),
         )
 
     def run(self, base=None, **values):
         words = {"no_loops": False, "trajectory": None, "taught": None, "output": self.folder} | values
-        workers = SimpleNamespace(run=map)
-        return learning.finish_map(arguments(**words), self.drive, self.writer, base, workers)
+        workers, joined = SimpleNamespace(run=map), SimpleNamespace(stored=lambda: ("own",), close=lambda: None)
+        return learning.finish_map(arguments(**words), self.drive, self.remains, base, joined, workers, "name: ring")
 
 
 def test_what_is_finished_is_written_and_told(monkeypatch, tmp_path, capsys):
     end = Finished(monkeypatch, tmp_path, {5: 0, 6: 0})
     assert end.run() == 0
-    assert end.told == ["end", "loops"]
-    details = "parameters", "drive", "map", "name: ring", "the true poses of the drive"
-    assert end.written == [(details, end.indices[0], ())]
+    assert end.told == ["loops"]
+    details = "drive", "map", "name: ring", "the true poses of the drive"
+    assert end.written == [(details, end.indices[0], ("own",))]
     made = f"map: {tmp_path}, 1.2 MB; its frame: the true poses of the drive"
     said = ["2 loops", "2 key spheres merged with others of their places", "warned", made]
     assert capsys.readouterr().out.splitlines() == said
@@ -89,8 +91,8 @@ def test_an_extension_keeps_what_the_map_has_stored(monkeypatch, tmp_path, capsy
     info = SimpleNamespace(source="first", header=SimpleNamespace(frame_id="site"))
     base = SimpleNamespace(graph=SimpleNamespace(nodes=[0]), stored=lambda: ("stored",), info=info, origin="a mast")
     assert end.run(base, no_loops=True) == 0
-    assert end.told == ["end"]
-    details = "parameters", "first + drive", "site", "name: ring", "a mast"
-    assert end.written == [(details, end.indices[1], ("stored",))]
+    assert end.told == []
+    details = "first + drive", "site", "name: ring", "a mast"
+    assert end.written == [(details, end.indices[1], ("stored", "own"))]
     said = ["2 loops", "joined", "warned", f"map: {tmp_path}, 1.2 MB; its frame: a mast"]
     assert capsys.readouterr().out.splitlines() == said

@@ -6,13 +6,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_nav.offline.mapping import stitcher_ahead
-from sphere_nav.offline.mapping.stitcher_ahead import Scout, StitcherAhead
+from sphere_nav.offline.mapping.segments import Segment
+from sphere_nav.offline.mapping.stitcher_ahead import StitcherAhead
 
 
-def make(stitch, kind=StitcherAhead):
+def make(stitch):
     """Return a stitcher without a rig, and the list of what it publishes."""
-    node, published = kind.__new__(kind), []
+    node, published = StitcherAhead.__new__(StitcherAhead), []
     node.pool, node.coming = ThreadPoolExecutor(1), deque()
     node.stitcher = SimpleNamespace(stitch=stitch)
     node.publish = published.append
@@ -44,23 +44,18 @@ def test_what_cannot_be_stitched_is_told_where_its_sphere_is_due():
     assert published == []
 
 
-def test_a_scout_sends_instants_elsewhere_once_nothing_more_is_learned(monkeypatch):
-    scout, _ = make(None, Scout)
-    stitched, sent = [], []
+def test_only_what_is_of_the_segment_is_stitched():
+    stitched = []
 
     def stitch(images, stamp, points, depths):
         stitched.append(stamp)
-        scout.stitcher.is_settled = len(stitched) == 3
         return SimpleNamespace(sphere=stamp)
 
-    scout.stitcher = SimpleNamespace(stitch=stitch, is_settled=False)
-    scout.executor = SimpleNamespace(submit=lambda function, task: sent.append((function, task.stamp_ns, task.recipe)))
-    monkeypatch.setattr(stitcher_ahead, "recipe_of", lambda stitcher: b"learned")
-    for stamp in range(5):
-        scout.stitch(instant(stamp))
-    assert stitched == [0, 1, 2]
-    assert sent == [(stitcher_ahead.stitch_task, 3, b"learned"), (stitcher_ahead.stitch_task, 4, b"learned")]
-    assert [future.result() for future in list(scout.coming)[:3]] == [0, 1, 2]
+    node, published = make(stitch)
+    node.segment = Segment(1, 3, warm_ns=2, first_ns=3, last_ns=4)
+    for stamp in range(1, 7):
+        node.stitch(instant(stamp))
+    assert stitched == published == [2, 3, 4]  # the last one with the first instant after the segment
 
 
 def test_its_thread_ends_with_it():

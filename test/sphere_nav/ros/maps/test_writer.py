@@ -14,7 +14,8 @@ from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.bags.mcap_salvage import Salvage
 from sphere_nav.ros.maps import writer as map_writer
 from sphere_nav.ros.maps.check import salvage_map, verify_map
-from sphere_nav.ros.maps.reader import COARSE, FILE_NAME, GROWTH, MapDetails, MapWriter, open_map, save_map
+from sphere_nav.ros.maps.reader import COARSE, FILE_NAME, SPHERE, MapDetails, MapWriter, open_map, save_map
+from sphere_nav.ros.maps.writer import write_stored
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import SphereGraph
@@ -111,31 +112,32 @@ def test_an_existing_map_is_replaced_only_by_a_complete_one(sphere_graph, tmp_pa
     assert [entry.name for entry in tmp_path.iterdir()] == ["map"]
 
 
-def test_a_map_of_some_of_the_spheres_and_of_those_of_another_map_is_written_anew(sphere_graph, tmp_path):
+def test_a_map_is_written_of_some_of_the_spheres_of_others(sphere_graph, tmp_path):
     def shifted(by):
         nodes = [replace(node, id=node.id + by) for node in sphere_graph]
         return SphereGraph(nodes, [replace(edge, a=edge.a + by, b=edge.b + by) for edge in sphere_graph.edges])
 
+    newer = shifted(100)
     save_map(tmp_path / "base", sphere_graph)
-    for name, is_there in (("fresh", False), ("replaced", True)):
-        if is_there:
-            save_map(tmp_path / name, sphere_graph)
-        newer = shifted(100)
-        writer = MapWriter(tmp_path / name, is_overwriting=is_there)
-        grow(writer, newer)
-        dropped = max(newer.nodes)
-        nodes = [*sphere_graph, *(node for node in newer if node.id != dropped)]
-        edges = [edge for edge in [*sphere_graph.edges, *newer.edges] if dropped not in (edge.a, edge.b)]
-        with open_map(tmp_path / "base") as base:
-            assert writer.finish(SphereGraph(nodes, edges), DETAILS, base=base.stored()) == tmp_path / name
-        assert verify_map(tmp_path / name) == []
-        with open_map(tmp_path / name) as found:
-            assert list(found.graph.nodes) == sorted(node.id for node in nodes)
-            assert found.info.map_id == "yard"
-            for node in nodes:
-                np.testing.assert_array_equal(found.load_sphere(node.id).image, node.sphere.image)
-            assert found.coarse_spheres().keys() == found.graph.nodes.keys() == found.appearance().words.keys()
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["base", "fresh", "replaced"]
+    save_map(tmp_path / "newer", newer)
+    dropped = max(newer.nodes)
+    nodes = [*sphere_graph, *(node for node in newer if node.id != dropped)]
+    graph = SphereGraph(
+        nodes, [edge for edge in [*sphere_graph.edges, *newer.edges] if dropped not in (edge.a, edge.b)]
+    )
+    with open_map(tmp_path / "base") as base, open_map(tmp_path / "newer") as other:
+        stored = [*base.stored(), *other.stored()]
+    assert write_stored(tmp_path / "both", graph, DETAILS, None, stored) == tmp_path / "both"
+    assert verify_map(tmp_path / "both") == []
+    with open_map(tmp_path / "both") as found:
+        assert list(found.graph.nodes) == sorted(node.id for node in nodes)
+        assert found.info.map_id == "yard"
+        for node in nodes:
+            np.testing.assert_array_equal(found.load_sphere(node.id).image, node.sphere.image)
+        assert found.coarse_spheres().keys() == found.graph.nodes.keys() == found.appearance().words.keys()
+    with pytest.raises(BagError, match="graph: expected 5 key spheres, found 3 written"):
+        write_stored(tmp_path / "none", graph, DETAILS, None, stored[:3])
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["base", "both", "newer"]
 
 
 @pytest.mark.parametrize("num_kept", [1, 2, 3])
@@ -183,11 +185,11 @@ def test_a_process_killed_while_its_map_grows_leaves_one_that_can_be_mended(sphe
         os.kill(child, signal.SIGKILL)
         assert os.WIFSIGNALED(os.waitpid(child, 0)[1])
         mended = tmp_path / f"mended_{number}"
-        num_placed = sum(topic == GROWTH for topic in topics_of(file))  # a sphere comes before its place
-        if num_placed == 0:
-            with pytest.raises(BagError, match=r"expected readable parts|not the graph"):
+        num_written = sum(topic == SPHERE for topic in topics_of(file))  # each after the place where it is
+        if num_written == 0:
+            with pytest.raises(BagError, match="expected readable parts"):
                 salvage_map(file.parent, mended)
         else:
-            assert salvage_map(file.parent, mended) >= num_placed
+            assert salvage_map(file.parent, mended) == num_written
             assert verify_map(mended) == []
         shutil.rmtree(tmp_path / "map.partial")
