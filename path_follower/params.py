@@ -12,9 +12,13 @@ class VehicleParams:
     """The car and what it must never be asked for."""
 
     wheelbase: float = param(1.2, "distance between the axles", "m", low=0.05)
+    rear_steering: float = param(
+        0.0, "tan of the rear wheels' angle, against that of the front wheels, as a share of it", low=0.0, high=1.0
+    )
     max_speed: float = param(2.0, "largest speed, forward and reverse", "m/s", low=0.05)
     max_acceleration: float = param(0.8, "largest gain of speed", "m/s^2", low=0.01)
     max_deceleration: float = param(0.8, "largest loss of speed in ordinary driving", "m/s^2", low=0.01)
+    max_jerk: float = param(2.0, "largest change of acceleration in ordinary driving", "m/s^3", low=0.1)
     stop_deceleration: float = param(4.0, "loss of speed in a stop for safety", "m/s^2", low=0.01)
     max_steering_angle: float = param(
         0.45, "largest steering angle of the (virtual) front wheel", "rad", low=0.01, high=1.4
@@ -25,9 +29,18 @@ class VehicleParams:
     width: float = param(1.2, "width of the body", "m", low=0.05)
 
     @property
+    def virtual_wheelbase(self) -> float:
+        """Wheelbase of the car, steered in front alone, that drives the same curves, m.
+
+        With tan(rear) = -s tan(front) all circles have their centre beside one point of the body, which moves along
+        the axis of the vehicle: s / (1 + s) wheelbases ahead of the rear axle. It is the place of the base frame.
+        """
+        return self.wheelbase / (1.0 + self.rear_steering)
+
+    @property
     def max_curvature(self) -> float:
-        """Largest curvature of the rear-axle path that the steering angle allows, 1/m."""
-        return math.tan(self.max_steering_angle) / self.wheelbase
+        """Largest curvature of the path that the steering angle allows, 1/m."""
+        return math.tan(self.max_steering_angle) / self.virtual_wheelbase
 
 
 @parameters
