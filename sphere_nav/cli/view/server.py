@@ -72,12 +72,12 @@ FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
 IDLE_S = 0.5
 
 
-def import_viser() -> Any:
+def import_viser(command: str = "view") -> Any:
     """Return the module; ValueError with what to type where it is missing."""
     try:
         import viser
     except ImportError:
-        raise ValueError(f"view: expected the package viser, found none: {INSTALL}") from None
+        raise ValueError(f"{command}: expected the package viser, found none: {INSTALL}") from None
     return viser
 
 
