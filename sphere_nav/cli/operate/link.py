@@ -180,7 +180,8 @@ class Link:
 
         Nothing is published while it is not pressed: then the vehicle does not depend on this page.
         """
-        begin = time.monotonic()
+        begin, (status, _) = time.monotonic(), self.seen.told("follower")
+        is_standing = status is not None and status.state in AT_REST
         with self._lock:
             if self._emergency is None:
                 self._emergency = self.node.create_publisher(Bool, "emergency_stop", qos.LATCHED)
@@ -190,7 +191,9 @@ class Link:
             stop.call_async(Trigger.Request())
         if self._goal is not None:
             self._goal.cancel_goal_async()
-        confirmed = self._confirmed(lambda status: status.reason == "EMERGENCY_STOP" or status.state in AT_REST)
+        confirmed = self._confirmed(
+            lambda status: status.reason == "EMERGENCY_STOP" or (is_standing and status.state in AT_REST)
+        )
         return f"emergency stop: {confirmed} after {time.monotonic() - begin:.2f} s"
 
     def release_emergency(self) -> str:

@@ -29,7 +29,8 @@ CAR, CAR_OLD, PATH = (200, 30, 30), (140, 140, 140), (40, 90, 160)
 TRAIL, SPHERES, PLACE = (220, 120, 30), (150, 150, 150), (20, 130, 60)
 BODY_M = (1.9, 1.2, 0.6)  # of the box that stands for the vehicle, as the Cycab
 OLD_S = 1.0  # after which a pose is shown in grey
-ABOVE_M = 25.0  # of the camera at the beginning
+ABOVE_M, STEP_M = 25.0, 0.5  # of the camera at the beginning; by which the map moves
+WINDOW_PX = 240.0  # from above, of the window with the emergency stop: below what a browser reports
 NO_PATH, NO_PLACE = "(no path here)", "(no places heard)"
 
 
@@ -108,6 +109,7 @@ class Desk:
         self.page, self.client, self.link, self.teaching = page, client, page.link, page.teaching
         self._drawn: dict[str, int] = {}
         self._places: list[Place] = []
+        self._middle = np.zeros(3)  # of what the map shows
         client.camera.position, client.camera.look_at = (-3.0, 0.0, ABOVE_M), (0.0, 0.0, 0.0)
         self._add_stops()
         tabs = client.gui.add_tab_group()
@@ -129,9 +131,11 @@ class Desk:
         window = gui.add_panel()
         with window.add_tab("emergency"):
             self._emergencies.append(gui.add_button("EMERGENCY STOP", color="red", icon="hand-stop"))
-        window.float(x=20.0, y=20.0, width=220.0)
-        for button in self._emergencies:
-            button.on_click(lambda _: self._emergency())
+        window.float(x=20.0, y=WINDOW_PX, width=220.0)
+        for button in self._emergencies:  # pressed once more it is still pressed: two quick clicks release nothing
+            button.on_click(lambda _: self._do(self.link.press_emergency))
+        self._release = gui.add_button("release the emergency stop", visible=self.link.is_pressed)
+        self._release.on_click(lambda _: self._do(self.link.release_emergency))
         self._banner = gui.add_html(banner(self.link.seen))
         for name, color in (("start", "green"), ("pause", "yellow"), ("resume", "green"), ("stop", "orange")):
             button = gui.add_button(name, color=color)
@@ -144,6 +148,7 @@ class Desk:
         gui.add_button("load path").on_click(lambda _: self._do(self._load_path))
         self._place = gui.add_dropdown("place", [NO_PLACE])
         gui.add_button("go there").on_click(lambda _: self._do(self._go))
+        self._follows = gui.add_checkbox("map moves with the vehicle", True)
         self._is_watched = gui.add_checkbox("stop the vehicle when this page is lost (dead-man switch)", False)
 
     def _add_teach(self) -> None:
@@ -172,9 +177,6 @@ class Desk:
             self.link.seen.say(act())
         except (ValueError, OSError) as error:
             self.link.seen.say(str(error))
-
-    def _emergency(self) -> None:
-        self._do(self.link.release_emergency if self.link.is_pressed else self.link.press_emergency)
 
     def _load_path(self) -> str:
         if self._path.value == NO_PATH:
@@ -206,15 +208,22 @@ class Desk:
                     self._show_pictures()
                 if self._is_watched.value and time.monotonic() - alive_s > 0.5 * ALIVE_S:
                     alive_s = time.monotonic()
-                    self.client.local_storage.get_item(TOKEN_KEY, timeout=ALIVE_S)  # only a page that lives answers
+                    self._ask_for_life()
                 time.sleep(PERIOD_S)
-        except (RuntimeError, TimeoutError):
-            pass  # it has left, or does not answer
+        except RuntimeError:
+            pass  # it has left
         finally:
             if self._shows_pictures.value:
                 self.link.watch_pictures(False)
             if self._is_watched.value and not self.page.is_closed:
-                self._do(lambda: f"the page with the dead-man switch is lost: {self.link.command('stop')}")
+                self._do(lambda: f"dead-man switch: the page is lost: {self.link.command('stop')}")
+
+    def _ask_for_life(self) -> None:
+        """Ask the browser something that only a page that lives can answer; stop where it does not."""
+        try:
+            self.client.local_storage.get_item(TOKEN_KEY, timeout=ALIVE_S)
+        except TimeoutError:
+            self._do(lambda: f"dead-man switch: the page is silent for {ALIVE_S:g} s: {self.link.command('stop')}")
 
     def _show(self) -> None:
         seen = self.link.seen
@@ -223,7 +232,8 @@ class Desk:
         set_if_new(self._health, "content", health(seen))
         set_if_new(self._job, "content", f"`{self.teaching.describe()}`" if self.teaching.describe() else "")
         for button in self._emergencies:
-            set_if_new(button, "label", "release emergency stop" if self.link.is_pressed else "EMERGENCY STOP")
+            set_if_new(button, "label", "EMERGENCY STOP is pressed" if self.link.is_pressed else "EMERGENCY STOP")
+        set_if_new(self._release, "visible", self.link.is_pressed)
         set_if_new(self._path, "options", tuple(self.teaching.paths or [NO_PATH]))
         set_if_new(self._recorded, "options", tuple(self.teaching.drives or [NO_PATH]))
         self._show_places(seen.told("places")[0] or [])
@@ -242,7 +252,9 @@ class Desk:
         self._drawn[name] = mark
         line = pieces(points, height)
         if len(line):
-            self.client.scene.add_line_segments(f"/{name}", points=line, colors=color, line_width=3.0)
+            self.client.scene.add_line_segments(
+                f"/{name}", points=line, colors=color, thickness=3.0, thickness_units="screen"
+            )
 
     def _show_spheres(self, points: Any) -> None:
         if points is None or not len(points) or self._drawn.get("spheres") == len(points):
@@ -274,8 +286,20 @@ class Desk:
             self._drawn["car"] = hash(color)
             self._car = scene.add_box("/car", color=color, dimensions=BODY_M, opacity=0.8)
         self._car.position, self._car.wxyz = ahead, turned
+        if self._follows.value:
+            self._move_map(np.array([x, y, 0.0]))
         outline = pieces(ellipse(x, y, covariance), BODY_M[2] + 0.05)
-        scene.add_line_segments("/covariance", points=outline, colors=color, line_width=2.0)
+        scene.add_line_segments("/covariance", points=outline, colors=color, thickness=2.0, thickness_units="screen")
+
+    def _move_map(self, place: Any) -> None:
+        """Move the view as the vehicle moves; how it is turned and how near it is, the mouse says."""
+        step = place - self._middle
+        if np.hypot(*step[:2]) < STEP_M:
+            return
+        camera, self._middle = self.client.camera, place
+        with self.client.atomic():
+            position, look_at = np.array(camera.position) + step, np.array(camera.look_at) + step
+            camera.position, camera.look_at = position, look_at
 
     def _show_pictures(self) -> None:
         for name, shown in self._pictures.items():

@@ -15,6 +15,7 @@ from sphere_nav.cli.demo.processes import node_command, python_command
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 MAPPING = "from sphere_nav.cli.main import main; sys.exit(main(sys.argv[1:]))"
 PATHS = (".tum", ".csv", ".yaml", ".geojson")
+LOG_HEAD = re.compile(r"(\[[^\]]*\] ){2}\[[^\]]*\]: ")  # level, stamp and node of a line in the log
 MAX_LINE = 200
 
 
@@ -120,4 +121,5 @@ class Teaching:
                 lines = log.read().decode("utf-8", "replace").replace("\r", "\n").split("\n")
         except OSError:
             return ""
-        return next((line.strip()[:MAX_LINE] for line in reversed(lines) if line.strip()), "")
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        return LOG_HEAD.sub("", last)[:MAX_LINE]

@@ -63,7 +63,7 @@ class Minimap:
         return picture
 
 
-INSTALL = "pip install 'viser>=1.0,<2'"
+INSTALL = "pip install 'viser>=1.1,<2'"
 MAX_SIDE = 800  # px, of a view; the browser enlarges it
 FAR_M, LOOK_M = 500.0, 1.0  # clipping of the graph; distance of the point about which the mouse turns
 KEY_RADIUS_M, HOLE = 0.08, 60
