@@ -24,8 +24,8 @@ class VehicleParams:
         0.45, "largest steering angle of the (virtual) front wheel", "rad", low=0.01, high=1.4
     )
     max_steering_rate: float = param(0.7, "largest rate of the steering angle", "rad/s", low=0.01)
-    front: float = param(1.55, "from the rear axle to the front end of the body", "m", low=0.0)
-    rear: float = param(0.35, "from the rear axle to the rear end of the body", "m", low=0.0)
+    front: float = param(1.55, "from the base frame to the front end of the body", "m", low=0.0)
+    rear: float = param(0.35, "from the base frame to the rear end of the body", "m", low=0.0)
     width: float = param(1.2, "width of the body", "m", low=0.05)
 
     @property
@@ -150,12 +150,14 @@ class PathFollowerParams(FollowerParams):
     """Everything that the node needs."""
 
     map_frame: str = param("map", "frame of the poses and of the path")
-    base_frame: str = param("base_link", "frame of the vehicle, at the rear axle's middle")
+    base_frame: str = param(
+        "base_link", "frame of the vehicle, at the middle of the axle that does not steer; both steer: path_follower.md"
+    )
     source: str = param(
         "pose",
         "what the vehicle drives by: its pose, an odometry in the map, or directions of mcl_depth (homing)",
         choices=("pose", "odometry", "homing"),
     )
-    trajectory: str = param("", "file of the trajectory (.csv, .tum) to load at the start")
+    trajectory: str = param("", "file of the trajectory (.csv, .tum, .yaml, .geojson) to load at the start")
     enable_stamped_cmd_vel: bool = param(False, "cmd_vel is a TwistStamped, with the stamp of the pose it answers")
     is_quiet_when_idle: bool = param(False, "send no commands before the first start, so that others may drive")

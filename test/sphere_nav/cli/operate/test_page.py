@@ -24,6 +24,7 @@ from sphere_nav.ros import qos
 from worlds.page_client import WAIT_S, PageClient
 
 TOKEN = "a token of the yard"
+SWITCH = "stop the vehicle when this page is lost (dead-man switch)"
 STATES = {"start": "DRIVING", "resume": "DRIVING", "pause": "PAUSED", "stop": "STOPPED"}
 
 
@@ -176,13 +177,16 @@ def test_with_the_dead_mans_switch_a_lost_page_stops_the_vehicle(follower, enter
     page = enter()
     page.click("start")
     page.wait_for("start: DRIVING")
-    page.set("stop the vehicle when this page is lost (dead-man switch)", True)
+    page.set(SWITCH, True)
     time.sleep(1.5)
     assert follower.state == "DRIVING"  # a page that lives may go on
     page.is_silent = is_silent
     if not is_silent:
         page.close()
     wait_until(lambda: follower.state == "STOPPED")
+    if is_silent:
+        page.set(SWITCH, False)
+        time.sleep(1.2)  # what it was asked last
 
 
 def test_the_emergency_stop_is_published_while_it_is_pressed_and_stays_so_when_pressed_twice(yard, follower, enter):
@@ -207,7 +211,7 @@ def test_a_button_on_the_vehicle_is_not_released_by_a_page(yard, follower):
     link = yard[1]
     button = follower.node.create_publisher(Bool, "emergency_stop", qos.LATCHED)
     wait_until(lambda: link.node.count_publishers("/emergency_stop") == 1)
-    assert "STOPPED" in link.press_emergency()
+    link.press_emergency()
     wait_until(lambda: follower.emergency)
     assert "/path_follower decides" in link.release_emergency()
     assert set(follower.emergency) == {True}
