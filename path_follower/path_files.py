@@ -188,9 +188,8 @@ def _read_geojson(file: Path) -> Given:
         parts.append((xy, yaw, np.full(len(xy), speed)))
     if not parts:
         raise ValueError(f"{file}: expected a LineString or a MultiLineString, found none")
-    return Given(
-        *(np.concatenate(column) for column in zip(*parts, strict=True)), map_id=_word(found, "map_id", str(file))
-    )
+    xy, yaw, speeds = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Given(xy, yaw, speeds, map_id=_word(found, "map_id", str(file)))
 
 
 def _check_crs(file: Path, found: Any) -> None:

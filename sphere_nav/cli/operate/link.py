@@ -51,7 +51,8 @@ class Link:
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain_id)
         self.node = rclpy.create_node("operator_page", namespace=namespace, context=self._context)
-        self._image_topic, self._pictures, self._num_watching = image_topic, [], 0
+        self._image_topic, self._num_watching = image_topic, 0
+        self._pictures: list[Any] = []
         self._emergency: Any = None
         self._goal: Any = None
         self._lock = threading.Lock()

@@ -41,7 +41,7 @@ class OperatorPage:
         """An empty `token`: none is asked for."""
         viser = import_viser("operate")
 
-        class Server(viser.ViserServer):  # type: ignore[misc, name-defined]
+        class Server(viser.ViserServer):  # type: ignore[name-defined]
             def request_share_url(self, verbose: bool = True) -> str | None:
                 """Refuse: no page of a vehicle goes through a tunnel of others because a browser asks for it."""
                 return None
