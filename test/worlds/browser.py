@@ -86,15 +86,18 @@ class Browser:
         return place is not None
 
     def fill(self, words, number=0):
-        """Write into a visible text field, in place of what is there."""
+        """Write into a visible text field, in place of what is there; return whether there is one."""
         script = f"""(() => {{
             const field = [...document.querySelectorAll("input")].filter(
                 (e) => e.type == "text" && e.offsetParent && !e.readOnly && !e.value.startsWith("ws:"))[{number}];
-            field.focus(); field.select();
+            if (field) {{ field.focus(); field.select(); }}
+            return !!field;
         }})()"""
-        self.call("Runtime.evaluate", expression=script)
-        self.call("Input.insertText", text=words)
-        time.sleep(0.3)
+        is_there = bool(self.call("Runtime.evaluate", expression=script, returnByValue=True)["result"].get("value"))
+        if is_there:
+            self.call("Input.insertText", text=words)
+            time.sleep(0.3)
+        return is_there
 
     def close(self):
         """End it."""

@@ -21,6 +21,7 @@ from sphere_nav.cli.operate.link import Link
 from sphere_nav.cli.operate.page import OperatorPage
 from sphere_nav.cli.operate.teaching import Teaching
 from sphere_nav.ros import qos
+from worlds.browser import Browser, find_browser
 from worlds.page_client import WAIT_S, PageClient
 
 TOKEN = "a token of the yard"
@@ -116,7 +117,7 @@ def enter(yard):
 
 
 def wait_until(holds):
-    end = time.monotonic() + WAIT_S
+    end = time.monotonic() + 3.0 * WAIT_S
     while not holds():
         assert time.monotonic() < end
         time.sleep(0.02)
@@ -226,3 +227,26 @@ def test_a_follower_that_says_nothing_confirms_nothing(yard, follower, monkeypat
     finally:
         del follower.do
     assert "nobody offers dense_localizer/load_map" in yard[1].load_map("campus")
+
+
+def test_in_a_browser_it_is_driven_by_the_mouse_and_the_emergency_stop_stays_in_sight(yard, follower):
+    program = find_browser()
+    if program is None:
+        pytest.skip("no chromium here")
+    browser = Browser(program)
+    try:
+        browser.call("Page.navigate", url=f"http://127.0.0.1:{yard[2].port}")
+        wait_until(lambda: "needs the token" in browser.text())
+        wait_until(lambda: browser.fill(TOKEN))
+        wait_until(lambda: browser.click("enter") or "EMERGENCY" in browser.text())
+        wait_until(lambda: browser.text().count("EMERGENCY STOP") == 2)
+        assert browser.click("teach", "[role=tab]")  # scrolls the panel down
+        wait_until(lambda: browser.click("localise in its map"))
+        assert browser.click("start")
+        wait_until(lambda: "start: DRIVING" in browser.text())
+        assert browser.click("EMERGENCY STOP")
+        wait_until(lambda: True in follower.emergency)
+        wait_until(lambda: browser.click("release the emergency stop"))
+        wait_until(lambda: follower.emergency[-1] is False)
+    finally:
+        browser.close()
