@@ -232,10 +232,10 @@ def test_race_tracks_at_a_quarter_of_their_size(kit, shared_data, tmp_path, trac
 
     start = (path.x[0], path.y[0], path.yaw[0])
     world = kit.World(position_noise=0.02, yaw_noise=0.005, latency=0.1)
-    drive = kit.run(Follower(params, path), start, world, seconds=150.0)
+    drive = kit.run(Follower(params, path), start, world, seconds=75.0)
     kit.assert_within_limits(drive, params)
     assert drive.final.state is FollowerState.DRIVING
-    assert drive.final.progress > 250
+    assert drive.final.progress > 120
     assert drive.rmse < 0.02
 
 
