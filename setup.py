@@ -44,7 +44,7 @@ setup(
     python_requires=">=3.11",
     install_requires=["setuptools"],  # the rest: package.xml for rosdep, requirements.txt for wheels
     # without pytest colcon runs unittest, finds nothing and reports success
-    extras_require={"test": ["pytest"], "view": ["viser>=1.0,<2"], "cluster": ["distributed"]},
+    extras_require={"test": ["pytest"], "view": ["viser>=1.1,<2"], "cluster": ["distributed"]},
     zip_safe=False,
     entry_points={"console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()]},
 )

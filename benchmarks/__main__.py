@@ -28,6 +28,7 @@ BENCHMARKS = {
     "lifecycle": "benchmarks.lifecycle",
     "localizer_faults": "benchmarks.localizer_faults",
     "rendering": "benchmarks.rendering",
+    "following": "benchmarks.following",
     "long_drive": "benchmarks.long_drive",
     "mounting": "benchmarks.mounting",
     "calibration": "benchmarks.calibration",

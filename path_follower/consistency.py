@@ -191,7 +191,7 @@ class MotionConsistency:
         if last is None:
             return Reckoning(speed=self._predictor.travel(time_ns, time_ns)[1].speed)
         step, before, after = self._predictor.travel(last.time_ns, time_ns)
-        return last.commanded.moved(step, before, after, self.params.vehicle.wheelbase)
+        return last.commanded.moved(step, before, after, self.params.vehicle.virtual_wheelbase)
 
     def _wheels(self, time_ns: int) -> Reckoning | None:
         """Return the odometry at a time; what it has driven since the last pose adds to its errors."""

@@ -10,7 +10,7 @@ from path_follower.constants import GOAL_TOLERANCE, SEARCH_WINDOW
 from path_follower.modes import FollowerState
 from path_follower.path import Pose2
 from path_follower.reasons import FINE, StopReason, StopVerdict
-from path_follower.speed import bounded_speed, speed_law
+from path_follower.speed import bounded_speed, eased_speed, speed_law
 from path_follower.steering import curvature_law, errors_of
 from path_follower.vehicle import Motion, braked
 from sphere_nav.localization.status import State
@@ -54,7 +54,7 @@ class Follower(Arming):
         return self._command(now_ns, motion, None, status)
 
     def _command(self, now_ns: int, motion: Motion, tracking: TrackingError | None, status: FollowerReport) -> Command:
-        yaw_rate = motion.yaw_rate(self.params.vehicle.wheelbase)
+        yaw_rate = motion.yaw_rate(self.params.vehicle.virtual_wheelbase)
         return Command(now_ns, motion.speed, yaw_rate, motion.steering_angle, tracking, status)
 
     def _status(self) -> FollowerReport:
@@ -104,7 +104,7 @@ class Follower(Arming):
 
     def _law(self, tracking: TrackingError | None) -> tuple[float, float | None]:
         """Return speed and curvature by eq. 25; no curvature: the wheels stay."""
-        if tracking is None:
+        if tracking is None or self.path is None:
             return 0.0, None
         curvature = curvature_law(tracking.reference, tracking.errors, self.params.steering, self.limiter.last.speed)
         if not self.mode.is_driving:
@@ -112,4 +112,6 @@ class Follower(Arming):
         speed = speed_law(tracking.reference, tracking.errors.longitudinal, self.params.speed)
         is_starting = self.limiter.is_starting(curvature)
         slow = self.params.speed.slow if self.watch.is_slow else self.params.vehicle.max_speed
+        coming = eased_speed(self.path, tracking, self.limiter.last, self.limiter.gain, self.params.vehicle)
+        slow = min(slow, max(coming, self.params.speed.creep))
         return bounded_speed(speed, tracking, self.params, slow=slow, is_starting=is_starting), curvature

@@ -92,7 +92,7 @@ class HomingFollower(Follower):
         if self.direction is None or not self.mode.is_driving:
             return 0.0, None
         age = min(max(now_ns - self.watch.pose_ns, 0) / 1e9, MAX_POSE_AGE)
-        turned = self.limiter.last.yaw_rate(self.params.vehicle.wheelbase) * age
+        turned = self.limiter.last.yaw_rate(self.params.vehicle.virtual_wheelbase) * age
         angle = min(max(self.direction - turned, -math.pi / 2), math.pi / 2)
         curvature = 2.0 * math.sin(angle) / self.params.homing.look_ahead
         slow = self.params.speed.slow if self.watch.state == State.DEGRADED else self.params.homing.speed

@@ -40,7 +40,7 @@ def points_in_way(
 
 def points_on_arc(points: Array, steering_angle: float, distance: float, params: FollowerParams) -> int:
     """Count points (N, 2) of the vehicle's frame in the footprints of the next `distance` m with the wheel as it is."""
-    motion, wheelbase = Motion(1.0, steering_angle), params.vehicle.wheelbase
+    motion, wheelbase = Motion(1.0, steering_angle), params.vehicle.virtual_wheelbase
     return _count(points, (drive(ORIGIN, motion, wheelbase, float(ahead)) for ahead in _steps(distance)), params)
 
 
@@ -53,7 +53,7 @@ def swept_places(motion: Motion, params: FollowerParams) -> Array:
     half = body.width / 2.0 + params.safety.obstacle_margin
     end, across = (body.front if sign > 0 else -body.rear), np.linspace(-half, half, ACROSS)
     along = _steps(stopping_distance(params.speed.cruise, params))
-    here = [drive(ORIGIN, Motion(sign, motion.steering_angle), body.wheelbase, float(way)) for way in along]
+    here = [drive(ORIGIN, Motion(sign, motion.steering_angle), body.virtual_wheelbase, float(way)) for way in along]
     x, y, yaw = (np.array(column)[:, None] for column in zip(*here, strict=True))
     cosine, sine = np.cos(yaw), np.sin(yaw)
     return np.stack([x + end * cosine - across * sine, y + end * sine + across * cosine], axis=-1).reshape(-1, 2)

@@ -12,22 +12,35 @@ class VehicleParams:
     """The car and what it must never be asked for."""
 
     wheelbase: float = param(1.2, "distance between the axles", "m", low=0.05)
+    rear_steering: float = param(
+        0.0, "tan of the rear wheels' angle, against that of the front wheels, as a share of it", low=0.0, high=1.0
+    )
     max_speed: float = param(2.0, "largest speed, forward and reverse", "m/s", low=0.05)
     max_acceleration: float = param(0.8, "largest gain of speed", "m/s^2", low=0.01)
     max_deceleration: float = param(0.8, "largest loss of speed in ordinary driving", "m/s^2", low=0.01)
+    max_jerk: float = param(2.0, "largest change of acceleration in ordinary driving", "m/s^3", low=0.1)
     stop_deceleration: float = param(4.0, "loss of speed in a stop for safety", "m/s^2", low=0.01)
     max_steering_angle: float = param(
         0.45, "largest steering angle of the (virtual) front wheel", "rad", low=0.01, high=1.4
     )
     max_steering_rate: float = param(0.7, "largest rate of the steering angle", "rad/s", low=0.01)
-    front: float = param(1.55, "from the rear axle to the front end of the body", "m", low=0.0)
-    rear: float = param(0.35, "from the rear axle to the rear end of the body", "m", low=0.0)
+    front: float = param(1.55, "from the base frame to the front end of the body", "m", low=0.0)
+    rear: float = param(0.35, "from the base frame to the rear end of the body", "m", low=0.0)
     width: float = param(1.2, "width of the body", "m", low=0.05)
 
     @property
+    def virtual_wheelbase(self) -> float:
+        """Wheelbase of the car, steered in front alone, that drives the same curves, m.
+
+        With tan(rear) = -s tan(front) all circles have their centre beside one point of the body, which moves along
+        the axis of the vehicle: s / (1 + s) wheelbases ahead of the rear axle. It is the place of the base frame.
+        """
+        return self.wheelbase / (1.0 + self.rear_steering)
+
+    @property
     def max_curvature(self) -> float:
-        """Largest curvature of the rear-axle path that the steering angle allows, 1/m."""
-        return math.tan(self.max_steering_angle) / self.wheelbase
+        """Largest curvature of the path that the steering angle allows, 1/m."""
+        return math.tan(self.max_steering_angle) / self.virtual_wheelbase
 
 
 @parameters
@@ -137,12 +150,14 @@ class PathFollowerParams(FollowerParams):
     """Everything that the node needs."""
 
     map_frame: str = param("map", "frame of the poses and of the path")
-    base_frame: str = param("base_link", "frame of the vehicle, at the rear axle's middle")
+    base_frame: str = param(
+        "base_link", "frame of the vehicle, at the middle of the axle that does not steer; both steer: path_follower.md"
+    )
     source: str = param(
         "pose",
         "what the vehicle drives by: its pose, an odometry in the map, or directions of mcl_depth (homing)",
         choices=("pose", "odometry", "homing"),
     )
-    trajectory: str = param("", "file of the trajectory (.csv, .tum) to load at the start")
+    trajectory: str = param("", "file of the trajectory (.csv, .tum, .yaml, .geojson) to load at the start")
     enable_stamped_cmd_vel: bool = param(False, "cmd_vel is a TwistStamped, with the stamp of the pose it answers")
     is_quiet_when_idle: bool = param(False, "send no commands before the first start, so that others may drive")

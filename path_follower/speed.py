@@ -7,7 +7,8 @@ import numpy as np
 from path_follower.command import TrackingError
 from path_follower.constants import EPSILON, GOAL_TOLERANCE
 from path_follower.params import FollowerParams, SpeedParams, VehicleParams
-from path_follower.path import ReferencePoint
+from path_follower.path import ReferencePath, ReferencePoint
+from path_follower.vehicle import Motion
 from sphere_nav.geometry.arrays import Array
 
 
@@ -15,6 +16,20 @@ def speed_law(reference: ReferencePoint, e_x: float, params: SpeedParams) -> flo
     """Return U = U* - k_x (|U*| + epsilon) e_x (eq. 25) in m/s, never against the direction of the segment."""
     speed = reference.speed - params.k_x * (abs(reference.speed) + EPSILON) * e_x
     return reference.direction * max(0.0, reference.direction * speed)
+
+
+def eased_speed(
+    path: ReferencePath, tracking: TrackingError, last: Motion, gain: float, vehicle: VehicleParams
+) -> float:
+    """Return the largest speed for which braking has to begin now, in m/s; `gain` m/s^2 is that of the last command.
+
+    With bounded jerk j a speed that falls by d is followed late: by (g + d)^2 / (2 j d) until a gain g has become a
+    loss d, and by d / (2 j) for being about to ease into the speed of the moment. So it is read that much earlier.
+    """
+    loss, jerk, rising = vehicle.max_deceleration, vehicle.max_jerk, max(gain, 0.0)
+    late = ((rising + loss) ** 2 / loss + loss) / (2.0 * jerk)
+    lead = (abs(last.speed) + rising**2 / (2.0 * jerk)) * late
+    return abs(path.at(tracking.reference.arc_length + lead, tracking.location.segment).speed)
 
 
 def bounded_speed(
@@ -31,10 +46,10 @@ def bounded_speed(
 def speed_limits(way: Array, bend: Array, driving: SpeedParams, vehicle: VehicleParams) -> Array:
     """Return the largest speed (N,) by cruise speed, lateral acceleration and steering rate on a curve.
 
-    `way` (N,) m, `bend` (N,) 1/m. Steering angle and curvature are tied by tan(angle) = wheelbase * curvature.
+    `way` (N,) m, `bend` (N,) 1/m. Steering angle and curvature are tied by tan(angle) = virtual wheelbase * curvature.
     """
     lateral = np.sqrt(driving.lateral_acceleration / np.maximum(np.abs(bend), 1e-6))
-    angle = np.arctan(vehicle.wheelbase * bend)
+    angle = np.arctan(vehicle.virtual_wheelbase * bend)
     turning = np.abs(np.gradient(angle, way)) if len(way) > 2 else np.zeros(len(way))
     by_rate = vehicle.max_steering_rate / np.maximum(turning, 1e-6)
     limit = np.minimum(np.minimum(lateral, by_rate), min(driving.cruise, vehicle.max_speed))

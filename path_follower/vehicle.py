@@ -1,4 +1,7 @@
-"""The car: kinematics of the rear axle, limits of every command, and where it will be when a command acts."""
+"""The car: kinematics of the base point, limits of every command, and where it will be when a command acts.
+
+The base point is the middle of the rear axle; with steered rear wheels see `VehicleParams.virtual_wheelbase`.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,16 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from path_follower.constants import HISTORY_NS, MAX_POSE_AGE, MAX_RUN_NS, MAX_STEP_NS, PREDICTION_STEP, STANDING, TURNED
+from path_follower.constants import (
+    HISTORY_NS,
+    JERK_STEP,
+    MAX_POSE_AGE,
+    MAX_RUN_NS,
+    MAX_STEP_NS,
+    PREDICTION_STEP,
+    STANDING,
+    TURNED,
+)
 from path_follower.params import ActuationParams, VehicleParams
 from path_follower.path import Pose2
 
@@ -50,6 +62,7 @@ class Limiter:
         self.is_launch = True
         self.last = STANDSTILL
         self.last_ns: int | None = None
+        self.gain = 0.0  # m/s^2 of the magnitude of the speed, in the last command
 
     def limit(self, speed: float, curvature: float | None, now_ns: int, *, is_hard: bool) -> Motion:
         """Return the nearest motion that is allowed: m/s, 1/m (None: the wheels stay); `is_hard`: a stop for safety.
@@ -60,10 +73,9 @@ class Limiter:
         if self.last_ns is not None and now_ns < self.last_ns:
             self.last_ns = now_ns  # a stamp had run ahead: what follows must not wait for it
         seconds = 0.0 if self.last_ns is None else min(max(now_ns - self.last_ns, 0), MAX_STEP_NS) / 1e9
-        deceleration = limits.stop_deceleration if is_hard else limits.max_deceleration
         wanted = self.last.steering_angle if curvature is None else self._angle(curvature)
         goal = _clip(speed, limits.max_speed) if math.isfinite(speed) else 0.0
-        new_speed = self._towards(goal, seconds, deceleration)
+        new_speed = self._towards(goal, seconds, is_hard=is_hard)
         angle = self.last.steering_angle
         if new_speed != 0.0:
             step = limits.max_steering_rate * seconds
@@ -73,7 +85,7 @@ class Limiter:
 
     def stand(self) -> None:
         """Begin again at standstill, the wheels as they are."""
-        self.last = Motion(0.0, self.last.steering_angle)
+        self.last, self.gain = Motion(0.0, self.last.steering_angle), 0.0
 
     def is_starting(self, curvature: float) -> bool:
         """Return whether the vehicle sets off from standstill and its wheels do not yet stand as a curvature asks."""
@@ -84,16 +96,36 @@ class Limiter:
     def _angle(self, curvature: float) -> float:
         if not math.isfinite(curvature):
             return self.last.steering_angle
-        return _clip(math.atan(self.params.wheelbase * curvature), self.params.max_steering_angle)
+        return _clip(math.atan(self.params.virtual_wheelbase * curvature), self.params.max_steering_angle)
 
-    def _towards(self, goal: float, seconds: float, deceleration: float) -> float:
-        now = self.last.speed
-        if now * goal < 0.0:
-            goal = 0.0
-        if abs(goal) >= abs(now):
-            step = self.params.max_acceleration * seconds
-            return math.copysign(min(abs(goal), abs(now) + step), goal)
-        return math.copysign(max(abs(goal), abs(now) - deceleration * seconds), now)
+    def _towards(self, goal: float, seconds: float, *, is_hard: bool) -> float:
+        """Return the speed after a time, eased into the goal; a stop for safety brakes at once."""
+        sign, speed = math.copysign(1.0, self.last.speed or goal), abs(self.last.speed)
+        goal = max(0.0, sign * goal)
+        if is_hard:
+            self.gain = 0.0
+            return sign * max(min(goal, speed), speed - self.params.stop_deceleration * seconds)
+        count = math.ceil(seconds / JERK_STEP)
+        for _ in range(count):
+            speed = self._ease(speed, goal, seconds / count)
+        return sign * speed
+
+    def _ease(self, speed: float, goal: float, seconds: float) -> float:
+        """Return the speed after one step of the fastest way to the goal that ends there with no acceleration left.
+
+        A gain g that falls by c = j h in each step h still changes the speed by at most (g + c / 2)^2 / (2 j). The
+        wanted gain is the g for which that is what is left; the last step goes to the goal itself.
+        """
+        p, left = self.params, goal - speed
+        change = p.max_jerk * seconds
+        eased = math.sqrt(2.0 * p.max_jerk * abs(left)) - 0.5 * change
+        wanted = math.copysign(eased, left) if abs(left) > change * seconds else left / seconds
+        wanted = min(max(wanted, -p.max_deceleration), p.max_acceleration)
+        self.gain = min(max(wanted, self.gain - change), self.gain + change)
+        if speed + self.gain * seconds <= 0.0:
+            self.gain = 0.0
+            return 0.0
+        return min(speed + self.gain * seconds, p.max_speed)
 
 
 class Predictor:
@@ -172,7 +204,7 @@ class Predictor:
             command = self._command_at(now - dead_ns)
             speed += (command.speed - speed) * _share(seconds, self.actuation.speed_lag)
             angle += (command.steering_angle - angle) * _share(seconds, self.actuation.steering_lag)
-            pose = drive(pose, Motion(speed, angle), self.vehicle.wheelbase, seconds)
+            pose = drive(pose, Motion(speed, angle), self.vehicle.virtual_wheelbase, seconds)
             now = end
         return Motion(speed, angle), pose
 

@@ -24,6 +24,10 @@ ALLOWED = {
     ("mcl_depth/geometry/las.py", "path.open"): "the header; `open_file` has seen what it is",
     ("sphere_nav/cli/demo/processes.py", "(self.folder / f'{node}.log').read_text"): "a log that the demo writes",
     ("sphere_nav/cli/demo/processes.py", "path.read_text"): "of the kernel",
+    (
+        "sphere_nav/cli/operate/teaching.py",
+        "(self.folder / f'{self.name}.{self._job}.log').open",
+    ): "the end of a log that its own process writes",
     ("sphere_nav/geometry/files/encoded.py", "np.fromfile"): "in a process of its own, with limits",
     ("sphere_nav/geometry/files/isolated.py", "Path(folder, 'refusal').read_text"): "what its own process has written",
     ("sphere_nav/geometry/files/isolated.py", "np.load"): "what its own process has written",

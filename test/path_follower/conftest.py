@@ -31,6 +31,7 @@ class World:
     speed_scale: float = 1.0  # wheel radius error
     steering_bias: float = 0.0  # rad
     wheelbase: float = 1.2
+    rear_steering: float = 0.0  # tan of the rear wheels' angle over that of the front wheels, to the other side
     seed: int = 0
 
 
@@ -57,15 +58,20 @@ class Drive:
 
 
 class Car:
-    """Rear-axle bicycle; a Twist is executed as real cars do: the wheels turn to atan(wheelbase yaw rate / speed)."""
+    """A bicycle, its axles steered or not; a Twist is executed as real cars do: the wheels turn to its curvature.
+
+    Each axle moves as its wheels point: the velocity of the rear one and the yaw rate follow from that, the base point
+    (the pose) from them. `speed` is that of the base point.
+    """
 
     def __init__(self, pose, world):
         self.pose, self.world = Pose2(*pose), world
         self.speed = self.angle = 0.0
+        self.base = world.wheelbase / (1.0 + world.rear_steering)  # what a Twist says of the front wheels
         self.orders = deque([(-1.0, 0.0, 0.0)])
 
     def order(self, now, speed, yaw_rate):
-        wanted = self.orders[-1][2] if abs(speed) < 1e-6 else math.atan(self.world.wheelbase * yaw_rate / speed)
+        wanted = self.orders[-1][2] if abs(speed) < 1e-6 else math.atan(self.base * yaw_rate / speed)
         self.orders.append((now, speed, wanted))
 
     def drive(self, now, seconds):
@@ -77,11 +83,18 @@ class Car:
             _, speed, angle = self.orders[0]
             self.speed += (speed * world.speed_scale - self.speed) * share(world.speed_lag)
             self.angle += (angle + world.steering_bias - self.angle) * share(world.steering_lag)
-            yaw_rate = self.speed * math.tan(self.angle) / world.wheelbase
-            middle = self.pose.yaw + yaw_rate * FINE_STEP / 2
-            way = self.speed * FINE_STEP
-            x, y = self.pose.x + way * math.cos(middle), self.pose.y + way * math.sin(middle)
-            self.pose = Pose2(x, y, self.pose.yaw + yaw_rate * FINE_STEP)
+            self.move(math.tan(self.angle), -world.rear_steering * math.tan(self.angle))
+
+    def move(self, front, rear):
+        """Drive one step; `front`, `rear`: tan of the wheels' angles. Both axles are as fast along the body."""
+        ahead = self.world.wheelbase - self.base  # of the base point, from the rear axle
+        yaw_rate = self.speed * (front - rear) / self.world.wheelbase
+        middle = self.pose.yaw + yaw_rate * FINE_STEP / 2
+        sideways = self.speed * rear + yaw_rate * ahead  # of the base point
+        dx, dy = self.speed * FINE_STEP, sideways * FINE_STEP
+        x = self.pose.x + dx * math.cos(middle) - dy * math.sin(middle)
+        y = self.pose.y + dx * math.sin(middle) + dy * math.cos(middle)
+        self.pose = Pose2(x, y, self.pose.yaw + yaw_rate * FINE_STEP)
 
 
 def share(lag):
@@ -158,7 +171,11 @@ def assert_within_limits(drive, params):
     assert gain.min() >= -vehicle.stop_deceleration - 1e-6
     assert np.abs(np.diff(angle) / np.diff(time)).max() <= vehicle.max_steering_rate + 1e-6
     assert np.all(speed[1:] * speed[:-1] >= 0)  # a change of direction passes through standstill
-    np.testing.assert_allclose(yaw_rate, speed * np.tan(angle) / vehicle.wheelbase, atol=1e-12)
+    np.testing.assert_allclose(yaw_rate, speed * np.tan(angle) / vehicle.virtual_wheelbase, atol=1e-12)
+    is_gentle = np.array([c.status.verdict.is_gentle for c in drive.commands])
+    middle, is_eased = 0.5 * (time[1:] + time[:-1]), is_gentle[1:] & is_gentle[:-1]
+    jerk = np.abs(np.diff(np.diff(speed) / np.diff(time)) / np.diff(middle))[is_eased[1:] & is_eased[:-1]]
+    assert not len(jerk) or jerk.max() <= vehicle.max_jerk + 1e-6
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,37 @@ def test_two_turns_at_walking_speed_without_the_peaks_of_m15(kit, two_turns):
     assert max(command.speed for command in drive.commands) == pytest.approx(1.4, abs=1e-3)  # e_x of a polygon
 
 
+def test_steered_rear_wheels_drive_the_same_curves_and_narrower_ones(kit):
+    car = VehicleParams(rear_steering=0.8)  # as the Cycab: 1.2 m steer as 0.67 m
+    assert VehicleParams().max_curvature < 0.5 < car.max_curvature
+    narrow = kit.course((6, 0), (4, 0.5), (-3, -0.5), (6, 0.3))
+    drive = kit.follow(narrow, kit.World(rear_steering=0.8), FollowerParams(vehicle=car))
+    assert_arrived(drive)
+    assert drive.worst < 0.03  # as tight as it gets: nothing is left to correct with
+    unaware = kit.follow(kit.course((5, 0), (6, 0.2), (5, 0)), kit.World(rear_steering=0.8))
+    assert unaware.worst < 0.02  # a Twist says yaw rates, not wheels
+
+
+def test_a_joint_of_two_paths_is_continuous_in_curvature(kit):
+    first, second = kit.course((8, 0)), kit.course((8, 0.2), start=(8.05, 0.04, 0.05))
+    path = kit.make_path(np.vstack([first, second])[:, :2], FollowerParams())
+    bends = np.abs(np.diff(path.curvature)) / np.diff(path.arc_length)
+    assert bends.max() < 0.6  # 1/m^2; as given it leaps by 0.2 1/m
+    angle_rate = np.abs(np.gradient(np.arctan(1.2 * path.curvature), path.arc_length)) * path.speed
+    assert angle_rate.max() <= VehicleParams().max_steering_rate + 1e-6
+    drive = kit.follow(np.vstack([first, second]))
+    assert_arrived(drive)
+    assert drive.worst < 0.01
+
+
+def test_a_bend_is_entered_at_the_speed_of_its_lateral_acceleration(kit):
+    params = FollowerParams(speed=SpeedParams(cruise=3.0), vehicle=VehicleParams(max_speed=3.0))
+    drive = kit.follow(kit.course((20, 0), (12, 0.25), (15, 0)), params=params)
+    sideways = [abs(command.speed * command.yaw_rate) for command in drive.commands]
+    assert max(command.speed for command in drive.commands) > 2.8
+    assert 0.95 < max(sideways) < 1.1  # m/s^2; the wheels correct a little
+
+
 def test_the_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit, two_turns):
     as_printed = FollowerParams(
         steering=SteeringParams(distance=1.0), actuation=ActuationParams(steering_lag=0.0, speed_lag=0.0)
@@ -201,10 +232,10 @@ def test_race_tracks_at_a_quarter_of_their_size(kit, shared_data, tmp_path, trac
 
     start = (path.x[0], path.y[0], path.yaw[0])
     world = kit.World(position_noise=0.02, yaw_noise=0.005, latency=0.1)
-    drive = kit.run(Follower(params, path), start, world, seconds=150.0)
+    drive = kit.run(Follower(params, path), start, world, seconds=75.0)
     kit.assert_within_limits(drive, params)
     assert drive.final.state is FollowerState.DRIVING
-    assert drive.final.progress > 250
+    assert drive.final.progress > 120
     assert drive.rmse < 0.02
 
 

@@ -1,9 +1,12 @@
 """Trajectories in files: there and back, and what is wrong with a file."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 
-from path_follower.params import FollowerParams
+from path_follower.params import FollowerParams, PathFollowerParams
 from path_follower.path_files import read_path
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
@@ -86,7 +89,7 @@ def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path, text, messag
 
 
 def test_other_files_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"expected a \.csv or \.tum file, found \.pkl"):
+    with pytest.raises(ValueError, match=r"expected a \.csv, \.tum, \.yaml or \.geojson file, found \.pkl"):
         read_path(tmp_path / "path.pkl", PARAMS)
     with pytest.raises(ValueError, match=r"none\.csv: expected a file of points, found no such file"):
         read_path(tmp_path / "none.csv", PARAMS)
@@ -96,3 +99,88 @@ def test_stamps_in_nanoseconds_are_named(tmp_path):
     (tmp_path / "ns.tum").write_text("1700000000000000000 0 0 0 0 0 0 1\n1700000001000000000 1 0 0 0 0 0 1\n")
     with pytest.raises(ValueError, match=r"ns\.tum:1: stamp: expected seconds from 0 to 2\^31, .* \(nanoseconds\?\)"):
         read_path(tmp_path / "ns.tum", PARAMS)
+
+
+PATH = """\
+header: {stamp: {sec: 0, nanosec: 0}, frame_id: map}
+poses:
+- pose: {position: {x: 0.0, y: 1.0, z: 0.0}, orientation: {x: 0.0, y: 0.0, z: 0.0, w: 1.0}}
+- pose: {position: {x: 2.0, y: 1.0, z: 0.0}, orientation: {x: 0.0, y: 0.0, z: 0.0, w: 1.0}}
+- pose: {position: {x: 1.0, y: 1.0, z: 0.0}, orientation: {x: 0.0, y: 0.0, z: 0.0, w: 1.0}}
+---
+"""
+
+
+def test_yaml_holds_points_or_a_path_as_it_is_echoed(tmp_path):
+    (tmp_path / "path.yaml").write_text(PATH)
+    path = read_path(tmp_path / "path.yaml", PathFollowerParams())
+    assert [segment.direction for segment in path.segments] == [1, -1]
+    assert path.y == pytest.approx(1.0)
+    (tmp_path / "path.yml").write_text("map_id: yard\npoints:\n- [0, 0, 0, 0.5]\n- [3, 0, 0, 0.5]\n- [6, 0, 0, 0.9]\n")
+    path = read_path(tmp_path / "path.yml", PARAMS)
+    assert (path.map_id, path.length) == ("yard", pytest.approx(6.0))
+    assert path.at(2.0, 0).speed == pytest.approx(0.5)
+    (tmp_path / "ring.yaml").write_text("{is_closed: true, points: [[0, 0], [9, 0], [9, 9], [0, 9]]}")
+    assert read_path(tmp_path / "ring.yaml", PARAMS).is_closed
+
+
+LOCAL = {"crs": {"type": "name", "properties": {"name": "local"}}}
+AHEAD, BACK = [[0, 0], [5, 0], [10, 0]], [[10, 0], [7, 0.1], [4, 0]]
+
+
+def line(coordinates, kind="LineString", **properties):
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "properties": properties, "geometry": geometry}
+
+
+def test_geojson_holds_lines_forward_and_backward(tmp_path):
+    file = tmp_path / "path.geojson"
+    gate = {"type": "Feature", "properties": {"id": "gate"}, "geometry": {"type": "Point", "coordinates": [0, 0]}}
+    features = [gate, line(AHEAD, speed=0.7), line(BACK, reverse=True)]
+    file.write_text(json.dumps({"type": "FeatureCollection", "features": features, "map_id": "yard", **LOCAL}))
+    path = read_path(file, PARAMS)
+    assert [segment.direction for segment in path.segments] == [1, -1]
+    assert (path.length, path.map_id) == (pytest.approx(16.0, abs=0.05), "yard")
+    assert path.at(3.0, 0).speed == pytest.approx(0.7)
+    assert path.at(12.0, 1).speed < -0.9
+    file.write_text(json.dumps({"type": "MultiLineString", "coordinates": [AHEAD, [[10, 0], [20, 0]]], **LOCAL}))
+    assert read_path(file, PARAMS).length == pytest.approx(20.0)
+
+
+EARTH = {"crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}}
+
+
+@pytest.mark.parametrize(
+    ("ending", "found", "message"),
+    [
+        ("geojson", line(AHEAD), "crs.properties.name: expected that of a frame in metres, as 'local', found none"),
+        ("geojson", line(AHEAD) | EARTH, "found 'urn:ogc:def:crs:OGC:1.3:CRS84': longitude and latitude"),
+        (
+            "geojson",
+            line(AHEAD) | {"crs": {"properties": {"name": "EPSG:4326"}}},
+            "'EPSG:4326': longitude and latitude",
+        ),
+        ("geojson", line([0, 0], "Point") | LOCAL, "expected a LineString or a MultiLineString, found none"),
+        (
+            "geojson",
+            line([AHEAD, [[11, 0], [12, 0]]], "MultiLineString") | LOCAL,
+            "where the last line ends, found one 1 m",
+        ),
+        ("geojson", line([[0, 0], [1, "x"]]) | LOCAL, "expected a finite number, found 'x'"),
+        ("geojson", line(AHEAD, reverse=1) | LOCAL, "reverse: expected true or false, found 1"),
+        ("geojson", [1], "expected the fields type, found [1]"),
+        ("yaml", {"points": []}, "points: expected a list of 1 to"),
+        ("yaml", {"points": [[0, 0], [1]]}, "points[1]: expected 2 numbers, found 1"),
+        ("yaml", {"points": [{"x": 1}]}, "points[0]: expected [x, y], [x, y, yaw] or [x, y, yaw, speed]"),
+        ("yaml", {"points": AHEAD, "frame": "odom"}, "frame: expected 'map', found 'odom'"),
+        ("yaml", {"poses": [{"pose": {"position": {"x": 0}}}]}, "poses[0].orientation: expected a value, found none"),
+        ("yaml", {"waypoints": []}, "path.yaml.points: expected a value, found none"),
+    ],
+)
+def test_what_is_wrong_with_yaml_or_geojson_is_one_line(tmp_path, ending, found, message):
+    file = tmp_path / f"path.{ending}"
+    file.write_text(json.dumps(found))
+    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+        read_path(file, PathFollowerParams())
+    assert str(caught.value).startswith(str(file))
+    assert "\n" not in str(caught.value)

@@ -10,7 +10,7 @@ from path_follower.params import ActuationParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.vehicle import Limiter, Motion, Predictor, drive
 
-CAR = VehicleParams(max_acceleration=0.7, max_deceleration=1.1)  # unequal: exchanged ones are noticed
+CAR = VehicleParams(max_acceleration=0.7, max_deceleration=1.1, max_jerk=1e6)  # unequal: exchanged ones are noticed
 STEP = 50_000_000
 
 
@@ -52,6 +52,34 @@ def test_nothing_passes_a_limit_whatever_is_asked():
             assert motion.steering_angle == last.steering_angle
             assert motion.yaw_rate(CAR.wheelbase) == 0.0
         last = motion
+
+
+@pytest.mark.parametrize("step", [STEP, 37_000_000, 25_000_000])
+def test_a_speed_is_eased_into_and_out_of(step):
+    car = VehicleParams(max_acceleration=0.7, max_deceleration=1.1, max_jerk=2.0)
+    limiter, speeds, seconds = Limiter(car), [0.0], step / 1e9
+    goals = [goal for goal, lasts in ((1.5, 5), (0.4, 3), (-0.6, 5), (0.0, 3)) for _ in range(round(lasts / seconds))]
+    for k, goal in enumerate(goals):
+        speeds.append(limiter.limit(goal, 0.0, k * step, is_hard=False).speed)
+        assert abs(speeds[-1]) <= 1.5 + 1e-9
+    for end, goal in ((5, 1.5), (8, 0.4), (13, -0.6), (16, 0.0)):
+        assert speeds[round(end / seconds)] == pytest.approx(goal, abs=1e-4)
+    gain = np.diff(np.abs(speeds[1:])) / seconds
+    assert gain.max() == pytest.approx(0.7, abs=0.01)
+    assert gain.min() == pytest.approx(-1.1, abs=0.06)
+    jerk = np.diff(speeds[1:], 2) / seconds**2
+    assert np.abs(jerk).max() <= 2.0 + 1e-6
+    assert np.abs(jerk).max() > 1.9
+    reached = np.argmax(np.array(speeds) > 1.49) * seconds  # 1.5 / 0.7 + 0.7 / 2 seconds at best
+    assert reached == pytest.approx(1.5 / 0.7 + 0.35, abs=0.2)
+
+
+def test_a_stop_for_safety_is_not_eased():
+    limiter = Limiter(VehicleParams())
+    limiter.limit(0.0, 0.0, 0, is_hard=False)
+    limiter.last, limiter.gain = Motion(1.5, 0.0), 0.8
+    assert limiter.limit(0.0, 0.0, STEP, is_hard=True).speed == pytest.approx(1.3)
+    assert limiter.limit(1.5, 0.0, 2 * STEP, is_hard=False).speed == pytest.approx(1.3, abs=0.01)
 
 
 def test_without_a_curvature_the_wheels_stay():
@@ -146,14 +174,14 @@ def test_a_pose_is_predicted_over_half_a_second_and_commands_are_kept_for_three(
     assert now - predictor.commands[0][0] == pytest.approx(3.0e9, abs=2 * STEP)
 
 
-@pytest.mark.parametrize(("is_hard", "loss"), [(False, 1.1), (True, 4.0)])
-def test_a_stop_uses_the_deceleration_that_it_may_and_a_start_the_acceleration(is_hard, loss):
+@pytest.mark.parametrize(("is_hard", "loss", "gain"), [(False, 1.1, 0.7), (True, 4.0, 0.0)])
+def test_a_stop_uses_the_deceleration_that_it_may_and_a_start_the_acceleration(is_hard, loss, gain):
     limiter = Limiter(CAR)
     limiter.limit(0.0, 0.0, 0, is_hard=False)
     limiter.last = Motion(-1.5, 0.0)
     assert limiter.limit(0.0, 0.0, STEP, is_hard=is_hard).speed == pytest.approx(-1.5 + loss * 0.05)
     limiter.last = Motion(0.5, 0.0)
-    assert limiter.limit(2.0, 0.0, 2 * STEP, is_hard=is_hard).speed == pytest.approx(0.5 + 0.7 * 0.05)
+    assert limiter.limit(2.0, 0.0, 2 * STEP, is_hard=is_hard).speed == pytest.approx(0.5 + gain * 0.05)
 
 
 def test_a_long_silence_between_commands_counts_as_a_fifth_of_a_second():

@@ -65,6 +65,40 @@ class Browser:
         time.sleep(seconds)
         self.call("Input.dispatchKeyEvent", type="keyUp", **code)
 
+    def text(self):
+        """Return what can be read on the page."""
+        return self.call("Runtime.evaluate", expression="document.body.innerText")["result"].get("value") or ""
+
+    def click(self, words, kind="button"):
+        """Click with the mouse on the first visible element of a kind with just these words; whether there is one."""
+        script = f"""(() => {{
+            const found = [...document.querySelectorAll({json.dumps(kind)})].filter(
+                (e) => (e.innerText || e.value || "").trim() == {json.dumps(words)} && e.offsetParent);
+            if (!found.length) return null;
+            found[0].scrollIntoView({{block: "center"}});
+            const box = found[0].getBoundingClientRect();
+            return [box.x + box.width / 2, box.y + box.height / 2];
+        }})()"""
+        place = self.call("Runtime.evaluate", expression=script, returnByValue=True)["result"].get("value")
+        for event in ("mousePressed", "mouseReleased") if place else ():
+            x, y = place
+            self.call("Input.dispatchMouseEvent", type=event, x=x, y=y, button="left", clickCount=1)
+        return place is not None
+
+    def fill(self, words, number=0):
+        """Write into a visible text field, in place of what is there; return whether there is one."""
+        script = f"""(() => {{
+            const field = [...document.querySelectorAll("input")].filter(
+                (e) => e.type == "text" && e.offsetParent && !e.readOnly && !e.value.startsWith("ws:"))[{number}];
+            if (field) {{ field.focus(); field.select(); }}
+            return !!field;
+        }})()"""
+        is_there = bool(self.call("Runtime.evaluate", expression=script, returnByValue=True)["result"].get("value"))
+        if is_there:
+            self.call("Input.insertText", text=words)
+            time.sleep(0.3)
+        return is_there
+
     def close(self):
         """End it."""
         self._socket.close()

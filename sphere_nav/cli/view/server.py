@@ -63,7 +63,7 @@ class Minimap:
         return picture
 
 
-INSTALL = "pip install 'viser>=1.0,<2'"
+INSTALL = "pip install 'viser>=1.1,<2'"
 MAX_SIDE = 800  # px, of a view; the browser enlarges it
 FAR_M, LOOK_M = 500.0, 1.0  # clipping of the graph; distance of the point about which the mouse turns
 KEY_RADIUS_M, HOLE = 0.08, 60
@@ -72,12 +72,12 @@ FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
 IDLE_S = 0.5
 
 
-def import_viser() -> Any:
+def import_viser(command: str = "view") -> Any:
     """Return the module; ValueError with what to type where it is missing."""
     try:
         import viser
     except ImportError:
-        raise ValueError(f"view: expected the package viser, found none: {INSTALL}") from None
+        raise ValueError(f"{command}: expected the package viser, found none: {INSTALL}") from None
     return viser
 
 

@@ -1,0 +1,79 @@
+"""What the page shows: states in words, ages, places, the ellipse of a covariance."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sphere_nav.cli.operate import words
+from sphere_nav.cli.operate.words import Seen, banner, ellipse, health, log_of, pieces, places_of
+
+STOPPED = SimpleNamespace(
+    state="STOPPED", reason="OFF_PATH", value=1.25, limit=1.0, remedy="bring it <onto> the path", progress=3.0
+)
+STOPPED.distance_to_end = 7.0
+
+
+def test_state_reason_and_remedy_are_told_and_what_is_old_is_unknown(monkeypatch):
+    seen = Seen()
+    assert banner(seen).count("nothing heard") == 2
+    seen.hear("follower", STOPPED)
+    text = banner(seen)
+    assert "OFF_PATH 1.25, limit 1" in text
+    assert "bring it &lt;onto&gt; the path" in text
+    assert "3.0 m driven, 7.0 m to the end" in text
+    feedback = {"state": "DRIVING", "edge": "a-b", "next_place": "gate", "distance_remaining": 41.4}
+    seen.hear("mission", SimpleNamespace(**feedback, time_remaining=30.0))
+    assert "mission: DRIVING on a-b, 41 m, 30 s to gate" in banner(seen)
+    now = words.time.monotonic()
+    monkeypatch.setattr(words.time, "monotonic", lambda: now + 9.0)
+    text = banner(seen)
+    assert "UNKNOWN" in text
+    assert "silent for 9 s" in text
+    assert "OFF_PATH" not in text
+
+
+def test_diagnostics_show_first_what_is_wrong(monkeypatch):
+    seen, now = Seen(), words.time.monotonic()
+    assert "nothing heard" in health(seen)
+    seen.hear("diagnostics", {"a": (0, "fine", now), "b": (2, "no images", now), "c": (0, "fine", now - 60.0)})
+    text = health(seen)
+    assert text.index("STALE") < text.index("ERROR") < text.index("OK")
+    assert "b: no images" in text
+
+
+def test_the_log_keeps_the_newest_lines():
+    seen = Seen()
+    for k in range(20):
+        seen.say(f"line <{k}>")
+    text = log_of(seen)
+    assert text.count("line") == words.MAX_TOLD
+    assert text.index("&lt;19&gt;") < text.index("&lt;18&gt;")
+
+
+def test_places_are_the_points_with_an_id():
+    gate = {"type": "Feature", "properties": {"id": "g", "name": "gate"}}
+    features = [gate | {"geometry": {"type": "Point", "coordinates": [1, 2]}}]
+    features += [{"type": "Feature", "properties": {"id": 7}, "geometry": {"type": "Point", "coordinates": [3, 4]}}]
+    features += [{"type": "Feature", "properties": {}, "geometry": {"type": "LineString", "coordinates": []}}]
+    found = places_of(json.dumps({"type": "FeatureCollection", "features": features}))
+    assert found == [("g", "gate", 1.0, 2.0), ("7", "7", 3.0, 4.0)]
+    with pytest.raises(ValueError, match="network: expected JSON"):
+        places_of("{")
+
+
+def test_the_ellipse_has_two_deviations_along_its_axes():
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    points = ellipse(5.0, 3.0, turn @ np.diag([0.09, 0.01]) @ turn.T) - (5.0, 3.0)
+    along, across = np.abs(points @ turn).max(axis=0)
+    assert (along, across) == (pytest.approx(0.6, abs=0.01), pytest.approx(0.2, abs=0.01))
+
+
+def test_long_lines_are_thinned_from_end_to_end():
+    line = np.column_stack([np.arange(9000.0), np.zeros(9000)])
+    found = pieces(line, 0.5)
+    assert len(found) < words.MAX_DRAWN
+    assert found[0, 0].tolist() == [0.0, 0.0, 0.5]
+    assert found[-1, 1].tolist() == [8999.0, 0.0, 0.5]
+    assert len(pieces(line[:1], 0.0)) == 0

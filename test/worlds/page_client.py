@@ -1,0 +1,89 @@
+"""A browser's side of a viser page, without a browser: what it shows by label, clicks, its local storage."""
+
+import threading
+import time
+
+WAIT_S = 10.0
+
+
+class PageClient:
+    """One connection; `storage` outlives it, as that of a browser does."""
+
+    def __init__(self, port, storage=None):
+        import msgspec
+        import viser
+        import zstandard
+        from websockets.sync.client import connect
+
+        self._codec, self._zstd = msgspec.msgpack, zstandard.ZstdDecompressor()
+        self.storage = {} if storage is None else storage
+        self.parts, self.is_silent = {}, False  # shown, by uuid; silent: it answers nothing any more
+        url, protocols = f"ws://127.0.0.1:{port}", [f"viser-v{viser.__version__}"]
+        self._socket = connect(url, subprotocols=protocols, max_size=None, open_timeout=WAIT_S)
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+        lens = {"fov": 1.0, "near": 0.01, "far": 1000.0, "image_height": 600, "image_width": 800}
+        pose = {"wxyz": (1, 0, 0, 0), "position": (0, 0, 9), "look_at": (0, 0, 0), "up_direction": (0, 0, 1)}
+        self._send("ViewerCameraMessage", **lens, **pose)  # a browser counts from then on
+
+    def _listen(self):
+        from websockets.exceptions import ConnectionClosed
+
+        try:
+            for frame in self._socket:
+                size = int.from_bytes(frame[8:16], "little")
+                for message in self._codec.decode(self._zstd.decompress(frame[16 : 16 + size]))["messages"]:
+                    self._take(message)
+        except ConnectionClosed:
+            pass
+
+    def _take(self, message):
+        kind = message["type"]
+        if kind == "LocalStorageSetItemMessage":
+            self.storage[message["key"]] = message["value"]
+        elif kind == "LocalStorageGetItemRequestMessage" and not self.is_silent:
+            value, uuid = self.storage.get(message["key"]), message["request_uuid"]
+            self._send("LocalStorageGetItemResponseMessage", request_uuid=uuid, value=value, error=None)
+        elif kind == "GuiRemoveMessage":
+            self.parts.pop(message["uuid"], None)
+        elif kind == "GuiUpdateMessage":
+            self.parts.setdefault(message["uuid"], {}).update(message["updates"])
+        elif kind.startswith("Gui") and "props" in message:
+            self.parts[message["uuid"]] = dict(message["props"]) | {"kind": kind}
+
+    def _send(self, kind, **fields):
+        self._socket.send(self._codec.encode({"type": kind, **fields}))
+
+    def find(self, label):
+        """Return the uuid of what has this label; None while nothing has."""
+        return next((uuid for uuid, part in list(self.parts.items()) if part.get("label") == label), None)
+
+    def text(self):
+        """Return what can be read."""
+        fields = ("label", "content", "_markdown")
+        return "\n".join(str(part[field]) for part in list(self.parts.values()) for field in fields if field in part)
+
+    def wait_for(self, words):
+        """Wait until something can be read."""
+        end = time.monotonic() + WAIT_S
+        while words not in self.text():
+            assert time.monotonic() < end, f"waited for {words!r} in vain, found {self.text()}"
+            time.sleep(0.02)
+
+    def set(self, label, value):
+        """Change a value, or click a button (True)."""
+        self.wait_for(label)
+        self.forge(self.find(label), value)
+
+    def click(self, label):
+        """Click a button."""
+        self.set(label, True)
+
+    def forge(self, uuid, value):
+        """Say that a value has changed, whether it is shown here or not."""
+        self._send("GuiUpdateMessage", uuid=uuid, updates={"value": value})
+
+    def close(self):
+        """Leave."""
+        self._socket.close()
+        self._thread.join(WAIT_S)
