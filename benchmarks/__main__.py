@@ -28,6 +28,7 @@ BENCHMARKS = {
     "localizer_faults": "benchmarks.localizer_faults",
     "rendering": "benchmarks.rendering",
     "long_drive": "benchmarks.long_drive",
+    "join": "benchmarks.join",
     "mounting": "benchmarks.mounting",
     "calibration": "benchmarks.calibration",
     "stitching": "benchmarks.stitching",

@@ -28,6 +28,7 @@ CALL_PATIENCE = 5.0  # s for an answer of the follower
 STEADY = 1.0  # s of TRACKING before a start
 RETRY = 3.0  # s between two starts before something that is in the way
 BEHIND_FRONT = 0.7  # m before the front within which an obstacle stands: margin and braking way
+SMOOTHED = 0.005  # share of its length that smoothing may take from a path
 ADVANCED = 0.3  # m of progress that make an obstacle another one
 
 MAX_NAME = 64  # characters of a place
