@@ -29,6 +29,7 @@ BENCHMARKS = {
     "rendering": "benchmarks.rendering",
     "long_drive": "benchmarks.long_drive",
     "join": "benchmarks.join",
+    "missions": "benchmarks.missions",
     "mounting": "benchmarks.mounting",
     "calibration": "benchmarks.calibration",
     "stitching": "benchmarks.stitching",

@@ -81,8 +81,13 @@ def run(options: argparse.Namespace) -> Report:
     avoidable = [join for join in joins if join.unavoidable + CONTROL <= GROWTH * abs(join.left)]
     kept = sum(join.growth <= GROWTH for join in avoidable)
     more = max(join.worst - join.unavoidable for join in joins)
-    rows = [(f"{j.left:+.2f}", f"{math.degrees(j.turned):+.0f}", f"{j.way:.1f}", f"{j.worst:.2f}", f"{j.growth:.2f}") for j in joins]
-    report.tables.append(Table("starts", ("left m", "turned deg", "on the path after m", "largest offset m", "growth"), rows))
+    rows = [
+        (f"{j.left:+.2f}", f"{math.degrees(j.turned):+.0f}", f"{j.way:.1f}", f"{j.worst:.2f}", f"{j.growth:.2f}")
+        for j in joins
+    ]
+    report.tables.append(
+        Table("starts", ("left m", "turned deg", "on the path after m", "largest offset m", "growth"), rows)
+    )
     report.bounds += [
         Bound(f"join: on the path within {WITHIN:.0f} m, of {count}", count, sum(j.way <= WITHIN for j in joins), "", is_minimum=True),
         Bound(f"join: never beyond 1.2 x the offset, of {len(avoidable)} where a car can", len(avoidable), kept, "", is_minimum=True),
@@ -103,7 +108,9 @@ def straight_and_bends() -> Network:
 def draw(rng: np.random.Generator, network: Network) -> tuple[Spot, float, float]:
     """Return a spot of the path, m to the left of it and rad turned."""
     edge = next(iter(network.edges.values()))
-    return Spot(edge.id, float(rng.uniform(0.0, edge.length - 30.0))), *map(float, rng.uniform((-REACH, -TURNED), (REACH, TURNED)))
+    return Spot(edge.id, float(rng.uniform(0.0, edge.length - 30.0))), *map(
+        float, rng.uniform((-REACH, -TURNED), (REACH, TURNED))
+    )
 
 
 def drive_onto(network: Network, spot: Spot, left: float, turned: float, rng: np.random.Generator) -> Join:
@@ -112,7 +119,9 @@ def drive_onto(network: Network, spot: Spot, left: float, turned: float, rng: np
     at = edge.curve.pose(spot.s)
     pose = Pose2(at.x - left * math.sin(at.yaw), at.y + left * math.cos(at.yaw), at.yaw + turned)
     found = network.locate(pose, REACH + 0.05, TURNED + 0.05)[0]
-    course = make_course(network, plan(network, [found], [Spot(edge.id, edge.length)], cruise=1.4).legs, pose, PARAMS.vehicle)
+    course = make_course(
+        network, plan(network, [found], [Spot(edge.id, edge.length)], cruise=1.4).legs, pose, PARAMS.vehicle
+    )
     points = np.stack([course.x, course.y], axis=-1)
     follower = Follower(PARAMS, make_path(points, course.yaw, course.speed, PARAMS))
     car = Vehicle(VehicleState(*pose), CarParams(), ActuatorParams())

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from path_follower.path import Pose2, wrap
-from path_follower.routes.constants import BLEND, LANE, MAX_APART, MIN_SHARED, PAST, SAME_HEADING, SNAP, STEP
+from path_follower.routes.constants import ALIKE, BLEND, LANE, MAX_APART, MIN_SHARED, PAST, SAME_HEADING, SNAP, STEP
 from path_follower.routes.network import Curve, Edge, Indices, Network, Node, headings, join_curves
 from sphere_nav.geometry.arrays import Array
 
@@ -102,7 +102,7 @@ def even_curve(x: Array, y: Array, yaw: Array, speed: Array) -> Curve:
 
 # --- alongside
 def _add_drive(strands: list[_Strand], drive: Drive) -> None:
-    runs = _tidy(_runs_of(strands, drive.curve), drive.curve)
+    runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
     base, number = len(strands), {}
     for run in runs:
         if run.on == OWN:
@@ -157,16 +157,32 @@ def _runs_of(strands: Sequence[_Strand], curve: Curve) -> list[_Run]:
         near = {k: (off[point], at[point]) for k, (off, at) in enumerate(found) if at[point] >= 0}
         if own[1][point] >= 0:
             near[HERE] = (own[0][point], own[1][point])
+        last = int(runs[-1].at[-1]) if runs else -1
+        if on != OWN and (ahead := _ahead(curve if on == HERE else strands[on].curve, curve, point, last)) >= 0:
+            near[on] = (0.0, ahead)
         if on not in near:
             on = min(near, key=lambda k: float(near[k][0])) if near else OWN
         at = int(near[on][1]) if on != OWN else -1
-        is_next = runs and runs[-1].on == on and (on == OWN or abs(at - int(runs[-1].at[-1])) <= 2.0 / STEP)
+        is_next = runs and runs[-1].on == on and (on == OWN or abs(at - last) <= 2.0 / STEP)
         if is_next:
             runs[-1].last = point
             runs[-1].at = np.append(runs[-1].at, at)
         else:
             runs.append(_Run(on, point, point, np.array([at], dtype=np.intp)))
     return runs
+
+
+def _ahead(there: Curve, curve: Curve, point: int, last: int) -> int:
+    """Return where a point of a drive is on the curve that it follows, just ahead of the last one; -1: off its lane."""
+    at = np.arange(last, min(last + round(1.0 / STEP), len(there)), dtype=np.intp)
+    off = np.hypot(there.x[at] - curve.x[point], there.y[at] - curve.y[point])
+    best = int(at[np.argmin(off)])
+    turned = abs(wrap(float(there.yaw[best] - curve.yaw[point])))
+    return (
+        best
+        if off.min() <= LANE and turned <= SAME_HEADING and (there is not curve or point - best > PAST / STEP)
+        else -1
+    )
 
 
 def _features(curve: Curve) -> Array:
@@ -202,7 +218,7 @@ def _alongside_itself(curve: Curve) -> tuple[Array, Indices]:
     return off, found
 
 
-def _tidy(runs: list[_Run], curve: Curve) -> list[_Run]:
+def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: Curve) -> list[_Run]:
     """Close gaps between runs along the same curve, drop short ones, join neighbours."""
     closed: list[_Run] = []
     for number, run in enumerate(runs):
@@ -211,7 +227,9 @@ def _tidy(runs: list[_Run], curve: Curve) -> list[_Run]:
         if run.on == OWN and before is not None and after is not None and before.on == after.on != OWN:
             gone = int(after.at[0]) - int(before.at[-1])
             if run.count <= MAX_APART / STEP and abs(gone - run.count) <= 2.0 / STEP:
-                run = replace(run, on=before.on, at=np.linspace(before.at[-1], after.at[0], run.count + 2)[1:-1].astype(np.intp))
+                run = replace(
+                    run, on=before.on, at=np.linspace(before.at[-1], after.at[0], run.count + 2)[1:-1].astype(np.intp)
+                )
         closed.append(run)
     kept = [
         replace(run, on=OWN)
@@ -219,7 +237,7 @@ def _tidy(runs: list[_Run], curve: Curve) -> list[_Run]:
         else run
         for run in _joined(closed)
     ]
-    return _with_changes(_joined(kept))
+    return _with_changes(strands, _joined(kept))
 
 
 def _joined(runs: Iterable[_Run]) -> list[_Run]:
@@ -233,13 +251,13 @@ def _joined(runs: Iterable[_Run]) -> list[_Run]:
     return joined
 
 
-def _with_changes(runs: list[_Run]) -> list[_Run]:
-    """Put a curve of its own between two runs that follow each other on different curves: a change of lane, or a branch."""
+def _with_changes(strands: Sequence[_Strand], runs: list[_Run]) -> list[_Run]:
+    """Put a curve of its own between runs that follow each other on curves that are not connected: a change of lane."""
     half = round(MIN_SHARED / STEP)
     result: list[_Run] = []
     for run in runs:
         last = result[-1] if result else None
-        if last is not None and last.on != OWN and run.on != OWN:
+        if last is not None and last.on != OWN and run.on != OWN and not _are_connected(strands, last, run):
             before, after = min(half, last.count - 1), min(half, run.count - 1)
             first, end = last.last + 1 - before, run.first + after - 1
             result[-1] = replace(last, last=first - 1, at=last.at[: last.count - before])
@@ -247,6 +265,17 @@ def _with_changes(runs: list[_Run]) -> list[_Run]:
             run = replace(run, first=end + 1, at=run.at[after:])
         result.append(run)
     return result
+
+
+def _are_connected(strands: Sequence[_Strand], last: _Run, run: _Run) -> bool:
+    """Whether the curve of one run ends on that of the other, or begins there, about where the drive changes over."""
+    if HERE in (last.on, run.on):
+        return False
+    near = (BLEND + 2.0) / STEP
+    end, begin = strands[last.on].end, strands[run.on].begin
+    is_end = end is not None and end.strand == run.on and abs(int(run.at[0]) - end.at) <= near
+    is_begin = begin is not None and begin.strand == last.on and abs(int(last.at[-1]) - begin.at) <= near
+    return (is_end and len(strands[last.on].curve) - int(last.at[-1]) <= near) or (is_begin and int(run.at[0]) <= near)
 
 
 # --- branches
@@ -271,16 +300,14 @@ def _anchors(
     return begin, end
 
 
-def _best(
-    strands: Sequence[_Strand], curve: Curve, run: _Run, offsets: range, *, is_late: bool
-) -> tuple[int, int]:
+def _best(strands: Sequence[_Strand], curve: Curve, run: _Run, offsets: range, *, is_late: bool) -> tuple[int, int]:
     """Return the point of the drive, and that of the curve, where both are most alike in pose and curvature."""
     there = curve if run.on == HERE else strands[run.on].curve
     points, at = run.first + np.array(offsets), run.at[np.array(offsets)]
     off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
     turned = np.abs((there.yaw[at] - curve.yaw[points] + np.pi) % (2.0 * np.pi) - np.pi)
     cost = off + 3.0 * turned + 4.0 * np.abs(there.bend[at] - curve.bend[points])
-    near = np.flatnonzero(cost <= cost.min() + 0.02)
+    near = np.flatnonzero(cost <= cost.min() + ALIKE)
     best = int(near[-1] if is_late else near[0])
     found = int(at[best])
     end = 0 if found <= SNAP else len(there) - 1 if found >= len(there) - 1 - SNAP and run.on != HERE else found

@@ -9,6 +9,7 @@ MIN_SHARED = 5.0  # m alongside that make a shared edge: a crossing at a flat an
 MAX_APART = 3.0  # m beside each other and back that are the same lane still
 BLEND = 8.0  # m before and behind a branch over which a drive goes over to the curve of the other
 PAST = 10.0  # m that a drive goes on before it can meet itself
+ALIKE = 0.1  # m, rad / 3, 1/m / 4: points that are this much less alike than the best are as good for a branch
 STEP = 0.1  # m between points
 SNAP = 3  # points from the end of a curve that are its end
 

@@ -75,9 +75,7 @@ def _first_run(legs: Sequence[Leg]) -> float:
     return run
 
 
-def _joined(
-    table: Array, direction: int, run: float, pose: Pose2, vehicle: VehicleParams
-) -> tuple[Array, float]:
+def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: VehicleParams) -> tuple[Array, float]:
     """Return the points with their beginning replaced by the way onto them, and how much longer that is."""
     base = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
     curve = Curve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])

@@ -128,11 +128,11 @@ class Mission:
         is_ours = length > 0.0 and abs(total - length) < 1.0 + SMOOTHED * length
         return view.progress * length / total if is_ours and total > 0.0 else None
 
-    def answer(self, failure: str, now: float) -> None:
-        """Take the answer of the follower to the request; an empty text: it was done."""
-        if self._pending is None:
+    def answer(self, request: Request, failure: str, now: float) -> None:
+        """Take the answer of the follower to a request; an empty text: it was done. One that was given up counts no more."""
+        if self._pending is None or self._pending[0] is not request:
             return
-        request, self._pending = self._pending[0], None
+        self._pending = None
         if failure:
             self._refused(request, failure, now)
         elif request.name in ("start", "resume", "stop"):
@@ -148,6 +148,7 @@ class Mission:
         self.spots_of(goal)
         is_under_way = self.goal is not None and self.state is not MissionState.IDLE
         self.goal, self.laps_left, self.driven, self.outcome = goal, goal.laps, 0.0, None
+        self._retry_at = 0.0
         self.course, self.progress, self._lap_legs = None, 0.0, (0, 0)
         self._obstacle, self._ending, self._is_restored = None, None, False
         self._go(MissionState.STOPPING if is_under_way else MissionState.WAITING, now)
@@ -214,9 +215,11 @@ class Mission:
             return self._adopt(now)
         if self._obstacle is not None:
             return self._at_obstacle(now)
+        if now < self._retry_at:
+            return None
         self.reason = self._lacks(now)
         self._steady_since = None if self.reason else now if self._steady_since is None else self._steady_since
-        if self.reason or now - (self._steady_since or now) < STEADY or now < self._retry_at:
+        if self.reason or now - (self._steady_since or now) < STEADY:
             return None
         try:
             self.course = self._plan(now)
@@ -251,7 +254,9 @@ class Mission:
         if view is None or now - view.at > self.params.max_silence:
             if now - self._since > self.params.max_silence:
                 self._go(MissionState.HELD, now, "no status of path_follower: see that it runs, then call resume")
-        elif view.state == FollowerState.FINISHED and self.progress > (self.course.length if self.course else 0.0) - 1.0:
+        elif (
+            view.state == FollowerState.FINISHED and self.progress > (self.course.length if self.course else 0.0) - 1.0
+        ):
             self._arrive(now)
         elif view.state == FollowerState.PAUSED:
             self._go(MissionState.PAUSED, now, "path_follower was paused: call resume")
@@ -269,7 +274,8 @@ class Mission:
         if view.reason == StopReason.OBSTACLE:
             if self._obstacle is None or self.progress > self._obstacle[1] + ADVANCED:
                 self._obstacle = (now, self.progress)
-            self._go(MissionState.WAITING, now, text)
+            advice = f"goes on when it has gone, and looks for another way after {self.params.patience:g} s"
+            self._go(MissionState.WAITING, now, f"{view.reason}: {advice}")
             self._retry_at = now + RETRY
         elif view.reason in WAITED_FOR and self.params.is_resuming:
             self._go(MissionState.WAITING, now, text)
@@ -374,7 +380,9 @@ class Mission:
         closed, cruise = self.closed_now(now), self.params.cruise
         starts = self.network.locate(self.pose[0], self.params.reach, self.params.max_turn)
         if not starts:
-            raise ValueError(f"no way: expected a vehicle within {self.params.reach:g} m of the network, heading along it")
+            raise ValueError(
+                f"no way: expected a vehicle within {self.params.reach:g} m of the network, heading along it"
+            )
         while True:
             route = plan(self.network, starts, self.spots_of(self.goal), cruise=cruise, closed=closed)
             whole = with_laps(self.network, route, self.laps_left, cruise=cruise, closed=closed)

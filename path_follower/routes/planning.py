@@ -61,6 +61,9 @@ def plan(
     `is_round`: to where it starts, once around. Edges that are closed are not driven; a vehicle that stands on one may
     leave it backwards, where that is allowed.
     """
+    starts = list(starts)
+    if not starts:
+        raise ValueError("no way: expected a start on the network, found none")
     targets: dict[int, list[float]] = {}
     for goal in goals:
         targets.setdefault(goal.edge, []).append(goal.s)
@@ -71,11 +74,14 @@ def plan(
         for direction in _directions(edge):
             if edge.id not in closed or direction < 0:
                 leg = Leg(edge.id, direction, spot.s, edge.length if direction > 0 else 0.0)
-                for cost, reached, is_end in _reach(edge, leg, targets, cruise, 0.0 if is_round else AT_PLACE, is_round):
+                for cost, reached, is_end in _reach(
+                    edge, leg, targets, cruise, 0.0 if is_round else AT_PLACE, is_round
+                ):
                     heapq.heappush(queue, (cost, count, is_end, reached, None))
                     count += 1
     if not queue:
-        raise ValueError("no way: expected a start on the network, on an edge that is open or may be left backwards")
+        stands = ", ".join(str(spot.edge) for spot in starts)
+        raise ValueError(f"no way: it stands on edge {stands}, which is closed and may not be left backwards")
     done: set[tuple[int, int]] = set()
     while queue:
         cost, _, is_end, leg, trail = heapq.heappop(queue)
