@@ -20,6 +20,7 @@ from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import ActuatorParams, CarParams
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
+from cycab_sim.world.paths import Path, Piece, turn
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
@@ -29,7 +30,6 @@ from path_follower.routes.building import Drive, build_network, even_curve
 from path_follower.routes.course import make_course
 from path_follower.routes.network import Network, Spot
 from path_follower.routes.planning import plan
-from cycab_sim.world.paths import Path, Piece, turn
 
 HELP = "starts beside a taught path: is the car on it within 10 m, and how far beside it meanwhile?"
 STARTS, QUICK = 50, 10
@@ -79,7 +79,6 @@ def run(options: argparse.Namespace) -> Report:
     joins = [drive_onto(network, *draw(rng, network), rng) for _ in range(count)]
     report = Report("join", notes=[describe(options.threads), __doc__ or ""])
     avoidable = [join for join in joins if join.unavoidable + CONTROL <= GROWTH * abs(join.left)]
-    kept = sum(join.growth <= GROWTH for join in avoidable)
     more = max(join.worst - join.unavoidable for join in joins)
     rows = [
         (f"{j.left:+.2f}", f"{math.degrees(j.turned):+.0f}", f"{j.way:.1f}", f"{j.worst:.2f}", f"{j.growth:.2f}")
@@ -89,12 +88,17 @@ def run(options: argparse.Namespace) -> Report:
         Table("starts", ("left m", "turned deg", "on the path after m", "largest offset m", "growth"), rows)
     )
     report.bounds += [
-        Bound(f"join: on the path within {WITHIN:.0f} m, of {count}", count, sum(j.way <= WITHIN for j in joins), "", is_minimum=True),
-        Bound(f"join: never beyond 1.2 x the offset, of {len(avoidable)} where a car can", len(avoidable), kept, "", is_minimum=True),
+        at_least(f"join: on the path within {WITHIN:.0f} m", [j.way <= WITHIN for j in joins]),
+        at_least("join: never beyond 1.2 x the offset where a car can", [j.growth <= GROWTH for j in avoidable]),
         Bound("join: beyond what full lock reaches", CONTROL, more, "m"),
-        Bound(f"join: never beyond 1.2 x the offset, all {count}", count, sum(j.growth <= GROWTH for j in joins), "", is_minimum=True),
-    ]  # fmt: skip
+        at_least("join: never beyond 1.2 x the offset, all starts", [j.growth <= GROWTH for j in joins]),
+    ]
     return report
+
+
+def at_least(what: str, kept: list[bool]) -> Bound:
+    """Return the bound that all of them are kept."""
+    return Bound(f"{what}, of {len(kept)}", len(kept), sum(kept), "", is_minimum=True)
 
 
 def straight_and_bends() -> Network:
@@ -108,9 +112,8 @@ def straight_and_bends() -> Network:
 def draw(rng: np.random.Generator, network: Network) -> tuple[Spot, float, float]:
     """Return a spot of the path, m to the left of it and rad turned."""
     edge = next(iter(network.edges.values()))
-    return Spot(edge.id, float(rng.uniform(0.0, edge.length - 30.0))), *map(
-        float, rng.uniform((-REACH, -TURNED), (REACH, TURNED))
-    )
+    spot = Spot(edge.id, float(rng.uniform(0.0, edge.length - 30.0)))
+    return spot, float(rng.uniform(-REACH, REACH)), float(rng.uniform(-TURNED, TURNED))
 
 
 def drive_onto(network: Network, spot: Spot, left: float, turned: float, rng: np.random.Generator) -> Join:

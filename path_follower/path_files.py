@@ -6,6 +6,7 @@ import math
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,25 +27,35 @@ COLUMNS = {
 USUAL_ORDER = ("x", "y", "yaw", "speed")
 
 
+class Columns(NamedTuple):
+    """Points (N, 2), headings (N,), speeds (N,) and standard deviations across the way (N,), where a file has them."""
+
+    points: Array
+    yaw: Array | None
+    speed: Array | None
+    deviation: Array | None = None
+
+
 def read_path(path: str | os.PathLike[str], params: FollowerParams, *, is_closed: bool = False) -> ReferencePath:
     """Read a `.csv` or `.tum` file; ValueError in one line: file, line, field, expected, found."""
     file = Path(path)
+    columns = read_columns(file)
+    try:
+        return make_path(*columns[:3], params, is_closed=is_closed, map_id=read_map_id(file))
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+
+
+def read_columns(file: Path) -> Columns:
+    """Read what a `.csv` or `.tum` file says of its points; ValueError in one line."""
     if file.suffix == ".tum":
         taught = read_tum(file)
         xy = taught.positions[:, :2]
-        columns: tuple[Array, Array | None, Array | None] = (
-            xy,
-            np.asarray(taught.T_map_body.yaw),
-            taught_speeds(xy, taught.stamps_ns),
-        )
-    elif file.suffix == ".csv":
-        columns = _read_csv(file)
-    else:
-        raise ValueError(f"{file}: expected a .csv or .tum file, found {file.suffix or 'no ending'}")
-    try:
-        return make_path(*columns, params, is_closed=is_closed, map_id=read_map_id(file))
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
+        deviation = None if taught.covariances is None else np.sqrt(np.maximum(taught.covariances[:, 1, 1], 0.0))
+        return Columns(xy, np.asarray(taught.T_map_body.yaw), taught_speeds(xy, taught.stamps_ns), deviation)
+    if file.suffix == ".csv":
+        return Columns(*_read_csv(file))
+    raise ValueError(f"{file}: expected a .csv or .tum file, found {file.suffix or 'no ending'}")
 
 
 def make_path(

@@ -1,4 +1,4 @@
-"""The node `route_navigator`: named places of a network of taught paths in, one path at a time for path_follower out."""
+"""The node `route_navigator`: a place of a network of taught paths in, one path at a time for path_follower out."""
 
 from __future__ import annotations
 

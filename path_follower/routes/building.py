@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -26,7 +27,7 @@ TURN_SCALE = 2.0  # m of distance that a chord of headings counts: 15 deg count 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A taught curve, driven forward (1) or backwards (-1), and how well it was localised: m across (N,), NaN unknown."""
+    """A taught curve, driven forward (1) or backwards (-1); `deviation` (N,) m across as localised, NaN unknown."""
 
     curve: Curve
     direction: int = 1
@@ -103,7 +104,7 @@ def even_curve(x: Array, y: Array, yaw: Array, speed: Array) -> Curve:
 # --- alongside
 def _add_drive(strands: list[_Strand], drive: Drive) -> None:
     runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
-    base, number = len(strands), {}
+    base, number = len(strands), dict[int, int]()
     for run in runs:
         if run.on == OWN:
             number[id(run)] = base + len(number)
@@ -233,7 +234,7 @@ def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: Curve) -> list[_R
         closed.append(run)
     kept = [
         replace(run, on=OWN)
-        if run.on != OWN and run.count < MIN_SHARED / STEP and 0 < run.first and run.last < len(curve) - 1
+        if run.on != OWN and run.count < MIN_SHARED / STEP and run.first > 0 and run.last < len(curve) - 1
         else run
         for run in _joined(closed)
     ]
@@ -282,7 +283,7 @@ def _are_connected(strands: Sequence[_Strand], last: _Run, run: _Run) -> bool:
 def _anchors(
     strands: Sequence[_Strand], curve: Curve, runs: Sequence[_Run], index: int
 ) -> tuple[tuple[int, int | None], tuple[int, int | None]]:
-    """Return where a run of its own begins and ends on the drive, and on the curves before and behind it; None: nowhere."""
+    """Return where a run of its own begins and ends: on the drive, and on the curve before or behind; None: on none."""
     run = runs[index]
     if run.on != OWN:
         return (run.first, None), (run.last, None)
@@ -381,7 +382,7 @@ def _cut(strands: Sequence[_Strand], map_id: str, width: float) -> Network:
         ways = np.stack([strand.is_forward, strand.is_reverse])
         changes = np.flatnonzero(np.any(ways[:, 1:] != ways[:, :-1], axis=0)) + 1
         ends = sorted({0, len(strand.curve) - 1, *strand.cuts, *changes.tolist()})
-        for first, last in zip(ends, ends[1:], strict=False):
+        for first, last in pairwise(ends):
             pieces.append((node(index, first), node(index, last), _edge_of(strand, first, last, width)))
     home = node(0, 0)
     edges = {number: replace(edge, id=number, start=a, end=b) for number, (a, b, edge) in enumerate(pieces)}

@@ -25,7 +25,7 @@ from sphere_nav.geometry.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Points (N,) in order of driving; `ends` (K,) is the arc length at which each leg ends, the joining is in the first."""
+    """Points (N,) in order of driving; `ends` (K,) are the arc lengths at which legs end; joining is in the first."""
 
     x: Array
     y: Array
@@ -45,7 +45,7 @@ class Course:
 
 
 def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehicle: VehicleParams) -> Course:
-    """Return the path of legs, from a pose beside their beginning where one is given; ValueError where it cannot join."""
+    """Return the path of legs, from a pose beside their beginning if given; ValueError where it cannot join."""
     points: list[Array] = []
     ends: list[float] = []
     way = 0.0

@@ -123,13 +123,13 @@ class Mission:
             self.progress = max(self.progress, way)
 
     def _way_of(self, view: FollowerView) -> float | None:
-        """Return how far the follower is on the course, m; None where it drives another path. It smooths what it loads."""
+        """Return how far the follower is on the course in m, which it has smoothed; None: it drives another path."""
         total, length = view.progress + view.distance_to_end, self.course.length if self.course is not None else 0.0
         is_ours = length > 0.0 and abs(total - length) < 1.0 + SMOOTHED * length
         return view.progress * length / total if is_ours and total > 0.0 else None
 
     def answer(self, request: Request, failure: str, now: float) -> None:
-        """Take the answer of the follower to a request; an empty text: it was done. One that was given up counts no more."""
+        """Take the answer to a request, empty: it was done; one that was given up counts no more."""
         if self._pending is None or self._pending[0] is not request:
             return
         self._pending = None
@@ -176,7 +176,7 @@ class Mission:
         return ""
 
     def close(self, name: str, is_closed: bool, now: float) -> None:
-        """Close an edge, or open it; a mission that would come to it takes another way. ValueError for an unknown one."""
+        """Close an edge, or open it; a mission that would come to it takes another way. ValueError: unknown edge."""
         edge = int(name.lstrip("-")) if name.lstrip("-").isdigit() else -1
         if edge not in self.network.edges:
             raise ValueError(f"edge: expected one of {', '.join(map(str, self.network.edges))}, found {name!r}")

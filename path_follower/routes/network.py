@@ -17,7 +17,7 @@ from sphere_nav.geometry.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Points (N,) in the order in which the vehicle heads, N >= 2: m, m, rad unwrapped, and m/s where known, else NaN."""
+    """Points (N,), N >= 2, in the order in which the vehicle heads: m, m, rad unwrapped, m/s (NaN: unknown)."""
 
     x: Array
     y: Array
@@ -89,7 +89,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class Spot:
-    """A place on an edge, m from its start; what is beside it as the edge heads, and how much turned, where it was looked for."""
+    """A place on an edge, m from its start; where one was looked for: m that it is to the left, rad turned."""
 
     edge: int
     s: float

@@ -74,15 +74,15 @@ def _node_feature(network: Network, node: Node) -> dict[str, Any]:
 def _edge_feature(edge: Edge) -> dict[str, Any]:
     c = edge.curve
     known = c.speed[np.isfinite(c.speed)]
-    metadata = {"length": round(edge.length, 3), "width": round(edge.width, 3), "drives": edge.num_drives}
+    metadata: dict[str, Any] = {"length": round(edge.length, 3), "width": round(edge.width, 3), "drives": edge.num_drives}
     metadata |= {"forward": edge.is_forward, "reverse": edge.is_reverse}
     metadata |= {"abs_speed_limit": round(float(known.max()), 3)} if len(known) else {}
     metadata |= {"deviation": round(edge.deviation, 4)} if math.isfinite(edge.deviation) else {}
     curve = {name: _column(values) for name, values in zip(COLUMNS, (c.x, c.y, c.yaw, c.speed), strict=True)}
     start, end = (edge.start, edge.end) if edge.is_forward else (edge.end, edge.start)
-    properties = {"id": edge.id, "startid": start, "endid": end, "cost": round(edge.seconds(2.0), 3)}
+    properties: dict[str, Any] = {"id": edge.id, "startid": start, "endid": end, "cost": round(edge.seconds(2.0), 3)}
     properties |= {"overridable": True, "metadata": metadata, "curve": curve}
-    points = [list(pair) for pair in zip(curve["x"][::5], curve["y"][::5], strict=True)]
+    points: list[list[Any]] = [list(pair) for pair in zip(curve["x"][::5], curve["y"][::5], strict=True)]
     return {"type": "Feature", "geometry": _line([*points, [curve["x"][-1], curve["y"][-1]]]), "properties": properties}
 
 
@@ -94,7 +94,7 @@ def _twin_feature(edge: Edge, number: int) -> dict[str, Any]:
     return {"type": "Feature", "geometry": _line(lines[0][::-1]), "properties": properties}
 
 
-def _line(points: list[list[float]]) -> dict[str, Any]:
+def _line(points: list[list[Any]]) -> dict[str, Any]:
     return {"type": "MultiLineString", "coordinates": [points]}
 
 
@@ -127,7 +127,7 @@ def from_geojson(text: str, where: str = "network") -> Network:
             raise ValueError(f"{at}.properties.id: expected a number that is not taken, found {key} again")
         if kind == "Point":
             nodes[key] = _read_node(feature, key, at)
-            places |= {name: key for name in _names(fields, at)}
+            places |= dict.fromkeys(_names(fields, at), key)
         else:
             edges[key] = _read_edge(fields, key, f"{at}.properties")
     if not nodes or not edges:

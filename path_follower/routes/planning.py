@@ -16,7 +16,7 @@ from path_follower.routes.network import Edge, Network, Spot
 
 @dataclass(frozen=True)
 class Leg:
-    """A part of an edge: from `first` to `last` m of it; `direction` -1: backwards, from the larger to the smaller one."""
+    """A part of an edge, from `first` to `last` m of it; `direction` -1: backwards, `first` is the larger one."""
 
     edge: int
     direction: int
@@ -102,7 +102,7 @@ def plan(
     raise ValueError(f"no way: no edges lead there from here{named}")
 
 
-_Trail = tuple[Leg, "_Trail"] | None  # type: ignore[misc]
+_Trail = tuple[Leg, "_Trail"] | None
 
 
 def _directions(edge: Edge) -> list[int]:

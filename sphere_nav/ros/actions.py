@@ -8,7 +8,7 @@ request, the goal is rejected; where it raises on an accepted one, the goal is a
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 from rclpy.action import ActionServer
 from rclpy.action.server import CancelResponse, GoalResponse, ServerGoalHandle
@@ -70,8 +70,8 @@ class GuardedActionServer(ActionServer):
                 check(request)
             except Exception as error:
                 report(f"{name}: goal rejected", error)
-                return cast("GoalResponse", GoalResponse.REJECT)
-            return cast("GoalResponse", GoalResponse.ACCEPT)
+                return GoalResponse.REJECT
+            return GoalResponse.ACCEPT
 
         def end(handle: ServerGoalHandle) -> CancelResponse:
             goal = self._goals.get(bytes(handle.goal_id.uuid))
@@ -80,7 +80,7 @@ class GuardedActionServer(ActionServer):
                     cancel(goal)
             except Exception as error:
                 report(f"{name}: cancel", error)
-            return cast("CancelResponse", CancelResponse.ACCEPT)
+            return CancelResponse.ACCEPT
 
         super().__init__(node, kind, name, self._nothing, goal_callback=accept, cancel_callback=end)
 

@@ -69,7 +69,7 @@ class OfflineClient:
         """Answer at once."""
         node_name, _, service = self._name.strip("/").rpartition("/")
         for node in self._bus.nodes:
-            if node.NAME == node_name and isinstance(node.shell, OfflineShell) and service in node.shell.services:
+            if node_name == node.NAME and isinstance(node.shell, OfflineShell) and service in node.shell.services:
                 answer(node.shell.call(service, request), "")
                 return
         answer(None, f"/{node_name}/{service}: no such service: see that its node runs")
