@@ -331,7 +331,7 @@ class Town:
             along = math.cos(state.yaw) * dx + math.sin(state.yaw) * dy
             across = math.cos(state.yaw) * dy - math.sin(state.yaw) * dx
             is_touched = -0.35 - WALKER < along < 1.55 + WALKER and abs(across) < 0.6 + WALKER
-            driven.contacts += is_touched and abs(state.speed) > 0.02
+            driven.contacts += int(is_touched and abs(state.speed) > 0.02)
         if mission.course is None or abs(state.speed) < 0.05 or mission.progress < 10.0:
             self._count_stop(driven)
             return

@@ -17,7 +17,18 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from path_follower.path import Pose2, wrap
-from path_follower.routes.constants import ALIKE, BLEND, LANE, MAX_APART, MIN_SHARED, PAST, SAME_HEADING, SNAP, STEP
+from path_follower.routes.constants import (
+    ALIKE,
+    BLEND,
+    LANE,
+    MAX_APART,
+    MIN_SHARED,
+    PAST,
+    SAME_HEADING,
+    SNAP,
+    STEP,
+    STUB,
+)
 from path_follower.routes.network import Curve, Edge, Indices, Network, Node, headings, join_curves
 from sphere_nav.geometry.arrays import Array
 
@@ -131,9 +142,11 @@ def _add_drive(strands: list[_Strand], drive: Drive) -> None:
             (_, before), (_, after) = anchors[index]
             if before is not None:
                 strand.begin = resolve(runs[index - 1], before)
-                _blend(strand, strands[strand.begin.strand], strand.begin.at, is_begin=True)
             if after is not None:
                 strand.end = resolve(runs[index + 1], after)
+            if strand.begin is not None:
+                _blend(strand, strands[strand.begin.strand], strand.begin.at, is_begin=True)
+            if strand.end is not None:
                 _blend(strand, strands[strand.end.strand], strand.end.at, is_begin=False)
             for anchor in (strand.begin, strand.end):
                 if anchor is not None:
@@ -238,7 +251,12 @@ def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: Curve) -> list[_R
         else run
         for run in _joined(closed)
     ]
-    return _with_changes(strands, _joined(kept))
+    whole = _joined(kept)
+    while len(whole) > 1 and whole[0].on == OWN and whole[0].count < STUB / STEP:
+        whole = whole[1:]
+    while len(whole) > 1 and whole[-1].on == OWN and whole[-1].count < STUB / STEP:
+        whole = whole[:-1]
+    return _with_changes(strands, whole)
 
 
 def _joined(runs: Iterable[_Run]) -> list[_Run]:
@@ -290,14 +308,17 @@ def _anchors(
     begin: tuple[int, int | None] = (run.first, None)
     end: tuple[int, int | None] = (run.last, None)
     window = round(BLEND / STEP)
+    missing = max(0, window - run.count)  # a short one begins sooner and ends later, so that there is room to blend
     if index > 0:
         other = runs[index - 1]
         share = other.count if index < 2 else (other.count + 1) // 2
-        begin = _best(strands, curve, other, range(max(0, other.count - min(window, share)), other.count), is_late=True)
+        late = max(1, other.count - missing)
+        begin = _best(strands, curve, other, range(max(0, late - min(window, share)), late), is_late=True)
     if index + 1 < len(runs):
         other = runs[index + 1]
         share = other.count if index + 2 >= len(runs) else (other.count + 1) // 2
-        end = _best(strands, curve, other, range(min(window, share)), is_late=False)
+        early = min(missing, other.count - 1)
+        end = _best(strands, curve, other, range(early, min(early + min(window, share), other.count)), is_late=False)
     return begin, end
 
 
@@ -329,7 +350,8 @@ def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
     slope = sign * math.tan(wrap(target.yaw - yaw))
     bend = float(other.curve.bend[at] - curve.bend[here])
     way = curve.arc if is_begin else curve.length - curve.arc
-    span = max(min(BLEND, curve.length / 2.0), 1e-6)
+    is_between = strand.begin is not None and strand.end is not None
+    span = max(min(BLEND, curve.length / (2.0 if is_between else 1.0)), 1e-6)
     shift = fade(np.minimum(way / span, 1.0), left, slope * span, bend * span**2)
     along = ahead * fade(np.minimum(way / span, 1.0), 1.0, 0.0, 0.0)
     x = curve.x - shift * np.sin(curve.yaw) + along * np.cos(curve.yaw)

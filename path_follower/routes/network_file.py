@@ -74,7 +74,8 @@ def _node_feature(network: Network, node: Node) -> dict[str, Any]:
 def _edge_feature(edge: Edge) -> dict[str, Any]:
     c = edge.curve
     known = c.speed[np.isfinite(c.speed)]
-    metadata: dict[str, Any] = {"length": round(edge.length, 3), "width": round(edge.width, 3), "drives": edge.num_drives}
+    metadata: dict[str, Any] = {"length": round(edge.length, 3), "width": round(edge.width, 3)}
+    metadata["drives"] = edge.num_drives
     metadata |= {"forward": edge.is_forward, "reverse": edge.is_reverse}
     metadata |= {"abs_speed_limit": round(float(known.max()), 3)} if len(known) else {}
     metadata |= {"deviation": round(edge.deviation, 4)} if math.isfinite(edge.deviation) else {}
