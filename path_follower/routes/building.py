@@ -9,7 +9,7 @@ and goes over to what was driven within some metres. Curves are then cut at the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -114,51 +114,47 @@ def even_curve(x: Array, y: Array, yaw: Array, speed: Array) -> Curve:
 
 # --- alongside
 def _add_drive(strands: list[_Strand], drive: Drive) -> None:
+    """Add what a drive does not share as curves of their own; note on the others that it came by."""
     runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
-    base, number = len(strands), dict[int, int]()
-    for run in runs:
-        if run.on == OWN:
-            number[id(run)] = base + len(number)
     anchors = [_anchors(strands, drive.curve, runs, index) for index in range(len(runs))]
-    spans = [(max(0, a[0][0]), a[1][0]) if run.on == OWN else (0, 0) for run, a in zip(runs, anchors, strict=True)]
-
-    def resolve(run: _Run, at: int) -> _Anchor:
-        if run.on != HERE:
-            return _Anchor(run.on, at)
-        for other, (first, last) in zip(runs, spans, strict=True):
-            if other.on == OWN and first <= at <= last:
-                return _Anchor(number[id(other)], at - first)
-            if other.on != OWN and other.first <= at <= other.last:
-                return resolve(other, int(other.at[at - other.first]))
-        owner = min((r for r in runs if r.on == OWN), key=lambda r: min(abs(r.first - at), abs(r.last - at)))
-        return _Anchor(number[id(owner)], min(max(at - owner.first, 0), owner.count - 1))
-
-    for run, span in zip(runs, spans, strict=True):
-        if run.on == OWN:
-            strands.append(_Strand.of(drive, *span))
-    for index, run in enumerate(runs):
-        if run.on == OWN:
-            strand = strands[number[id(run)]]
-            (_, before), (_, after) = anchors[index]
-            if before is not None:
-                strand.begin = resolve(runs[index - 1], before)
-            if after is not None:
-                strand.end = resolve(runs[index + 1], after)
-            if strand.begin is not None:
-                _blend(strand, strands[strand.begin.strand], strand.begin.at, is_begin=True)
-            if strand.end is not None:
-                _blend(strand, strands[strand.end.strand], strand.end.at, is_begin=False)
-            for anchor in (strand.begin, strand.end):
-                if anchor is not None:
-                    strands[anchor.strand].cuts.add(anchor.at)
-        else:
-            passed = set()
-            for offset in range(run.count):
-                anchor = resolve(run, int(run.at[offset]))
+    own = [index for index, run in enumerate(runs) if run.on == OWN]
+    pieces = {
+        index: (len(strands) + count, anchors[index][0][0], anchors[index][1][0]) for count, index in enumerate(own)
+    }
+    for _, first, last in pieces.values():
+        strands.append(_Strand.of(drive, first, last))
+    for index, (number, _, _) in pieces.items():
+        strand, ((_, before), (_, after)) = strands[number], anchors[index]
+        strand.begin = None if before is None else _resolve(runs, pieces, runs[index - 1], before)
+        strand.end = None if after is None else _resolve(runs, pieces, runs[index + 1], after)
+        for anchor, is_begin in ((strand.begin, True), (strand.end, False)):
+            if anchor is not None:
+                _blend(strand, strands[anchor.strand], anchor.at, is_begin=is_begin)
+                strands[anchor.strand].cuts.add(anchor.at)
+    for run in runs:
+        if run.on != OWN:
+            passed = [_resolve(runs, pieces, run, int(at)) for at in run.at]
+            for offset, anchor in enumerate(passed):
                 _note(strands[anchor.strand], anchor.at, drive, run.first + offset)
-                passed.add(anchor)
-            for anchor in passed:
+            for anchor in set(passed):
                 strands[anchor.strand].count[anchor.at] += 1
+
+
+def _resolve(runs: Sequence[_Run], pieces: Mapping[int, tuple[int, int, int]], run: _Run, at: int) -> _Anchor:
+    """Return the point of a curve that a run lies on; of what the drive itself did, where that has gone.
+
+    `pieces`: number, first and last point of the curves that runs of its own have become.
+    """
+    if run.on != HERE:
+        return _Anchor(run.on, at)
+    for number, first, last in pieces.values():
+        if first <= at <= last:
+            return _Anchor(number, at - first)
+    for other in runs:
+        if other.on != OWN and other.first <= at <= other.last:
+            return _resolve(runs, pieces, other, int(other.at[at - other.first]))
+    number, first, last = min(pieces.values(), key=lambda piece: min(abs(piece[1] - at), abs(piece[2] - at)))
+    return _Anchor(number, min(max(at - first, 0), last - first))
 
 
 def _runs_of(strands: Sequence[_Strand], curve: Curve) -> list[_Run]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from path_follower.params import VehicleParams
 from sphere_nav.params import group, param, parameters
 
@@ -18,9 +16,7 @@ class MissionParams:
     reach: float = param(
         1.0, "largest distance of the vehicle, or of a goal, from the network", "m", low=0.05, high=3.0
     )
-    max_turn: float = param(
-        math.radians(20.0), "largest difference to the heading of the network", "rad", low=0.02, high=0.8
-    )
+    max_turn: float = param(0.35, "largest difference to the heading of the network, 20 deg", "rad", low=0.02, high=0.8)
     patience: float = param(15.0, "how long an obstacle may stand before another way is taken", "s", low=0.0)
     memory: float = param(300.0, "how long an edge counts as closed for an obstacle", "s", low=0.0)
     max_silence: float = param(

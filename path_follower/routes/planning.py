@@ -61,27 +61,11 @@ def plan(
     `is_round`: to where it starts, once around. Edges that are closed are not driven; a vehicle that stands on one may
     leave it backwards, where that is allowed.
     """
-    starts = list(starts)
-    if not starts:
-        raise ValueError("no way: expected a start on the network, found none")
     targets: dict[int, list[float]] = {}
     for goal in goals:
         targets.setdefault(goal.edge, []).append(goal.s)
-    queue: list[tuple[float, int, bool, Leg, _Trail]] = []
-    count = 0
-    for spot in starts:
-        edge = network.edges[spot.edge]
-        for direction in _directions(edge):
-            if edge.id not in closed or direction < 0:
-                leg = Leg(edge.id, direction, spot.s, edge.length if direction > 0 else 0.0)
-                for cost, reached, is_end in _reach(
-                    edge, leg, targets, cruise, 0.0 if is_round else AT_PLACE, is_round
-                ):
-                    heapq.heappush(queue, (cost, count, is_end, reached, None))
-                    count += 1
-    if not queue:
-        stands = ", ".join(str(spot.edge) for spot in starts)
-        raise ValueError(f"no way: it stands on edge {stands}, which is closed and may not be left backwards")
+    queue = _first(network, list(starts), targets, cruise, closed, is_round=is_round)
+    count = len(queue)
     done: set[tuple[int, int]] = set()
     while queue:
         cost, _, is_end, leg, trail = heapq.heappop(queue)
@@ -103,6 +87,34 @@ def plan(
 
 
 _Trail = tuple[Leg, "_Trail"] | None
+
+
+def _first(
+    network: Network,
+    starts: list[Spot],
+    targets: dict[int, list[float]],
+    cruise: float,
+    closed: Collection[int],
+    *,
+    is_round: bool,
+) -> list[tuple[float, int, bool, Leg, _Trail]]:
+    """Return the queue of legs that begin at a start: cost, number, whether it ends there, leg, what came before."""
+    queue: list[tuple[float, int, bool, Leg, _Trail]] = []
+    for spot in starts:
+        edge = network.edges[spot.edge]
+        for direction in _directions(edge):
+            if edge.id not in closed or direction < 0:
+                leg = Leg(edge.id, direction, spot.s, edge.length if direction > 0 else 0.0)
+                for cost, reached, is_end in _reach(
+                    edge, leg, targets, cruise, 0.0 if is_round else AT_PLACE, is_round
+                ):
+                    heapq.heappush(queue, (cost, len(queue), is_end, reached, None))
+    if not starts:
+        raise ValueError("no way: expected a start on the network, found none")
+    if not queue:
+        stands = ", ".join(str(spot.edge) for spot in starts)
+        raise ValueError(f"no way: it stands on edge {stands}, which is closed and may not be left backwards")
+    return queue
 
 
 def _directions(edge: Edge) -> list[int]:
