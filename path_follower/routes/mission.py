@@ -28,6 +28,7 @@ from sphere_nav.localization.status import State
 
 UNDER_WAY = (FollowerState.DRIVING, FollowerState.SLOW, FollowerState.PAUSED, FollowerState.STOPPING)
 WAITED_FOR = (*MISSING, StopReason.LOCALISATION_DEGRADED)
+RETRIED = (*WAITED_FOR, StopReason.OBSTACLE, StopReason.POSE_UNCERTAIN, "the vehicle is still braking")
 
 
 class MissionState(enum.StrEnum):
@@ -335,14 +336,19 @@ class Mission:
         self._stay(now)
 
     def _refused(self, request: Request, failure: str, now: float) -> None:
-        """What the follower would not do: a start is tried again, whatever else waits for somebody."""
+        """What the follower would not do: for what is missing it is asked again, all else waits for somebody.
+
+        A vehicle must not drive off because an emergency stop was released.
+        """
         if request.name == "stop" and self._ending is not None:
             self._conclude(False, f"{self._ending}; {failure}", now)
         elif self.state is MissionState.STOPPING:
             self._go(MissionState.HELD, now, f"{failure}: then call resume")
-        elif request.name == "start":
+        elif request.name == "start" and (failure.partition(":")[0] in RETRIED or "no such service" in failure):
             self._go(MissionState.WAITING, now, failure)
             self._retry_at = now + RETRY
+        elif request.name == "start":
+            self._go(MissionState.HELD, now, failure.replace("call start", "call resume"))
         elif request.name == "resume":
             self._go(MissionState.PAUSED, now, failure)
         elif request.name == "load":

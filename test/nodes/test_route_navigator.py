@@ -20,6 +20,7 @@ from sphere_nav_msgs.srv import CloseEdge, PlanRoute
 
 from benchmarks.missions import Offered
 from path_follower.path import Pose2
+from path_follower.ros import navigator_node
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
 from path_follower.routes.building import Drive, build_network, even_curve
@@ -184,6 +185,20 @@ def test_the_network_is_shown_and_another_map_is_not_driven_in(trip):
 def test_without_a_network_it_does_not_start(tmp_path):
     with pytest.raises(ValueError, match="network: expected a map with routes"):
         OfflineBus().add(RouteNavigator, {"state": str(tmp_path)})
+
+
+def test_a_pose_of_nav2_is_driven_to(folder, monkeypatch):
+    """Its messages are not among the wheels: an action with a pose stands for NavigateToPose."""
+    monkeypatch.setattr(navigator_node, "NavigateToPose", Navigate)
+    trip = Trip(folder)
+    check, begin, _ = trip.navigator.shell.actions["navigate_to_pose"]
+    asked = Offered(Navigate.Goal(pose=se3_to_pose_stamped(SE3.from_planar(30.0, 0.1, 0), 0, "map")))
+    check(asked.request)
+    begin(asked)
+    trip.live(40.0, lambda: asked.result is not None)
+    assert asked.result == Navigate.Result()
+    assert trip.pose.x == pytest.approx(30.0, abs=0.15)
+    assert asked.feedback == []
 
 
 class Car(Node):

@@ -212,15 +212,41 @@ def test_a_follower_that_does_not_answer_holds_the_mission(trip):
     assert "does not answer" in trip.mission.reason
 
 
-def test_a_start_that_is_refused_is_tried_again(trip):
+@pytest.mark.parametrize(
+    "refusal", ["NOT_LOCALISED: wait", "SCAN_TIMEOUT: no scan yet", "the vehicle is still braking"]
+)
+def test_a_start_that_is_refused_for_what_is_missing_is_tried_again(trip, refusal):
     trip.mission.begin(GOAL, trip.now)
     while trip.asked[-1:] != ["load"]:
         trip.live()
-    trip.refusal = "EMERGENCY_STOP: release it"
+    trip.refusal = refusal
     trip.live(1.0)
-    assert (trip.mission.state, trip.mission.reason) == (MissionState.WAITING, "EMERGENCY_STOP: release it")
+    assert (trip.mission.state, trip.mission.reason) == (MissionState.WAITING, refusal)
     trip.refusal = ""
     assert trip.live(RETRY + 2 * STEADY) == ["load", "start"]
+
+
+def test_an_emergency_stop_that_is_released_starts_nothing(trip):
+    trip.drive_off()
+    trip.stop("EMERGENCY_STOP")
+    trip.refusal = "EMERGENCY_STOP: release the emergency stop, then call start"
+    trip.mission.resume(trip.now)
+    trip.is_answering = False
+    trip.live()
+    trip.mission.answer(trip.mission._pending[0], "", trip.now)  # stop is never refused
+    trip.is_answering, trip.state = True, "STOPPED"
+    while trip.asked[-1:] != ["load"]:
+        trip.live()
+        trip.refusal = "" if trip.asked[-1:] == ["stop"] else "EMERGENCY_STOP: release it, then call start"
+    trip.live(1.0)
+    assert (trip.mission.state, trip.mission.reason) == (
+        MissionState.HELD,
+        "EMERGENCY_STOP: release it, then call resume",
+    )
+    trip.refusal = ""
+    assert trip.live(60.0) == []
+    trip.mission.resume(trip.now)
+    assert trip.live(2 * STEADY) == ["stop", "load", "start"]
 
 
 def test_pause_and_resume(trip):
