@@ -261,8 +261,10 @@ class Town:
             answer = self.shell.call("close_edge", request)
             assert answer.success, answer.message
         else:
+            pose = self.network.edges[leg.edge].curve.pose(leg.first + (0.6 * leg.length if self.is_near else 2.0))
+            if math.hypot(pose.x - self.car.state.x, pose.y - self.car.state.y) < ROOM:
+                return ""  # nothing falls from the sky before the car: the next edge, later
             self.is_near = not self.is_near
-            pose = self.network.edges[leg.edge].curve.pose(leg.first + (2.0 if self.is_near else 0.6 * leg.length))
             self.walkers.append((np.array(pose[:2]), 1 << 62))
         return f"{leg.edge} by {closing}"
 
