@@ -68,6 +68,12 @@ def test_a_crossing_is_no_branch(drive, angle):
     assert len(network.nodes) == 4
 
 
+@pytest.mark.parametrize(("angle", "edges"), [(11.0, 3), (19.0, 2)])
+def test_a_drive_that_begins_on_a_road_is_a_branch_where_it_heads_alike(drive, angle, edges):
+    network = build_network([drive((60, 0)), drive((40, 0), start=(20.0, 0.0, math.radians(angle)))])
+    assert len(network.edges) == edges
+
+
 def test_drives_that_only_touch_for_a_moment_share_nothing(drive):
     short = 2 * math.sqrt(2 * 40.0 * LANE)  # of an arc of 40 m radius that comes within a lane
     assert short < 2 * MIN_SHARED + 5

@@ -56,12 +56,12 @@ def test_a_joint_bends_no_more_than_what_was_driven(drive):
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_a_join_is_feasible_and_short(drive, rng, direction):
-    """From 200 starts: within the car's curvature, on the path within 10 m, no further off than full lock allows."""
+    """From 80 starts: within the car's curvature, on the path within 10 m, no further off than full lock allows."""
     (edge,) = build_network([drive((60, 0))]).edges.values()
     c, order = edge.curve, slice(None, None, direction)
     curve = Curve(c.x[order], c.y[order], c.yaw[order], c.speed[order])
     limit = math.tan(TURN_SHARE * VEHICLE.max_steering_angle) / VEHICLE.wheelbase
-    for left, turned in rng.uniform((-REACH, -TURNED), (REACH, TURNED), (200, 2)):
+    for left, turned in rng.uniform((-REACH, -TURNED), (REACH, TURNED), (80, 2)):
         pose = beside(curve, 0.0, left, turned)
         poses, s = join(curve, direction, pose, VEHICLE, JOIN_WITHIN)
         assert tuple(poses[0]) == pytest.approx(pose)
