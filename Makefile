@@ -76,7 +76,7 @@ $(STAMPS)/tf2_msgs: $(wildcard cmake/tf2_msgs/* cmake/tf2_msgs/msg/*) $(STAMPS)/
 	@scripts/build_interfaces.sh cmake/tf2_msgs $(VENV)
 	@touch $@
 
-$(STAMPS)/msg_defs: $(wildcard msg_defs/* msg_defs/msg/* msg_defs/srv/*) $(STAMPS)/wheels cmake/wheel_includes.cmake
+$(STAMPS)/msg_defs: $(wildcard msg_defs/* msg_defs/msg/* msg_defs/srv/* msg_defs/action/*) $(STAMPS)/wheels cmake/wheel_includes.cmake
 	@echo "env: building sphere_nav_msgs"
 	@scripts/build_interfaces.sh msg_defs $(VENV)
 	@touch $@

@@ -20,6 +20,7 @@ EXECUTABLES = {
     "dense_localizer": "dense_localizer.ros.node",
     "mcl_depth": "mcl_depth.ros.node",
     "path_follower": "path_follower.ros.node",
+    "route_navigator": "path_follower.ros.navigator_node",
     "command_guard": "path_follower.ros.guard_node",
     "cycab_sim": "cycab_sim.ros.node",
     "bag_recorder": "sphere_nav.ros.bags.recorder_node",

@@ -30,6 +30,8 @@ BENCHMARKS = {
     "rendering": "benchmarks.rendering",
     "following": "benchmarks.following",
     "long_drive": "benchmarks.long_drive",
+    "join": "benchmarks.join",
+    "missions": "benchmarks.missions",
     "mounting": "benchmarks.mounting",
     "calibration": "benchmarks.calibration",
     "stitching": "benchmarks.stitching",

@@ -24,6 +24,10 @@ from mcl_depth.ros.node import MclDepthNode
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
 from path_follower.ros.node import PathFollowerNode
+from path_follower.routes.mission import Mission
+from path_follower.routes.mission_file import read_mission
+from path_follower.routes.network_file import read_network
+from path_follower.routes.params import MissionParams
 from rig_calibration.boards.board import read_boards
 from sphere_mapping.graph.graph_file import read_graph
 from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
@@ -117,6 +121,11 @@ def _text_targets(samples: Samples) -> list[Target]:
     def read_placed(path: Path) -> Any:
         return place_rig(read_foreign_cameras([path]), "camera", path).cameras
 
+    network = read_network(samples.routes)
+
+    def read_state(path: Path) -> Any:
+        read_mission(path, Mission(network, MissionParams(), params.vehicle), 0.0)
+
     readers: dict[str, tuple[Path, Callable[[Path], Any]]] = {
         "rig": (samples.rig, lambda path: [camera.camera for camera in read_rig(path).cameras]),
         "kalibr": (samples.kalibr, read_placed),
@@ -132,6 +141,8 @@ def _text_targets(samples: Samples) -> list[Target]:
         "boards": (samples.boards, read_boards),
         "rejections": (samples.rejections, lambda path: read_rejections(path, "yard")),
         "graph": (samples.g2o, read_graph),
+        "routes": (samples.routes, read_network),
+        "mission": (samples.mission, read_state),
         "image bmp": (samples.bmp, recording.read_image),
         "image png": (samples.png, recording.read_image),
         "image jpg": (samples.jpg, recording.read_image),

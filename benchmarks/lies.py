@@ -47,10 +47,19 @@ MAX_DEPTH_LENGTH = 3  # elements of sequences of messages, each of which is fill
 CHANCE_OF_NOW = 0.4  # of a stamp: otherwise most messages are refused for it alone
 
 
+PARTS = {"SendGoal": "SendGoalService", "GetResult": "GetResultService", "FeedbackMessage": "FeedbackMessage"}
+
+
 def interface_class(name: str) -> type[Any]:
-    """Return the class of a type by its name, `std_msgs/msg/String`."""
+    """Return the class of a type by its name, `std_msgs/msg/String`; the parts of an action, too."""
     package, kind, word = name.split("/")
-    found: type[Any] = getattr(importlib.import_module(f"{package}.{kind}"), word)
+    module = importlib.import_module(f"{package}.{kind}")
+    if kind == "action" and not hasattr(module, word):
+        name, _, part = word.partition("_")
+        action = getattr(module, name)
+        implied: type[Any] = getattr(action.Impl, PARTS[part]) if part in PARTS else getattr(action, part)
+        return implied
+    found: type[Any] = getattr(module, word)
     return found
 
 

@@ -13,7 +13,7 @@ from geometry_msgs.msg import Twist
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, LocalizationStatus
+from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, LocalizationStatus, NavigatorStatus
 from std_msgs.msg import String, UInt64
 
 from cycab_sim.params import CameraRigParams
@@ -22,7 +22,11 @@ from cycab_sim.sensors.rigs import make_rig
 from dense_localizer.ros.node import DenseLocalizerNode
 from mcl_depth.ros.node import MclDepthNode
 from path_follower.ros.guard_node import CommandGuard
+from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
+from path_follower.routes.building import Drive, build_network
+from path_follower.routes.network import Curve
+from path_follower.routes.network_file import write_network
 from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.geometry import Pinhole, Rig, Spherical
@@ -103,6 +107,14 @@ def rig_in(folder: Path) -> dict[str, Any]:
     return {"rig": str(folder / "rig.yaml"), "stitch.width": 128}
 
 
+def routes_in(folder: Path) -> dict[str, Any]:
+    """Return the parameters of a navigator on one road of 20 m."""
+    if not (folder / "routes.geojson").exists():
+        x = np.linspace(0.0, 20.0, 201)
+        write_network(folder / "routes.geojson", build_network([Drive(Curve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
+    return {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
+
+
 def next_in(folder: Path) -> dict[str, Any]:
     """Return the parameters of a recorder that writes where nothing is yet."""
     return {"topics": "text", "output": str(folder / str(len(list(folder.iterdir()))))}
@@ -112,6 +124,7 @@ CASES = (
     Case(DenseLocalizerNode, "status", LocalizationStatus, sends=view),
     Case(MclDepthNode, "status", LocalizationStatus, sends=view),
     Case(PathFollowerNode, "path_follower/heartbeat", UInt64, qos.COMMAND),
+    Case(RouteNavigator, "route_navigator/status", NavigatorStatus, qos.LATCHED, routes_in),
     Case(CommandGuard, "cmd_vel", Twist, qos.COMMAND),
     Case(BagPlayer, "text", String, values=bag_in),
     Case(BagRecorder, "", None, values=next_in, sends=lambda: {"text": String(data="hello")}),

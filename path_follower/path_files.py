@@ -40,7 +40,10 @@ GEOGRAPHIC = re.compile(r"CRS\s*:?8[34]|EPSG:+4\d{3}\b|WGS\s*84", re.IGNORECASE)
 
 
 class Given(NamedTuple):
-    """What a file holds: points (N, 2) m, headings (N,) rad and speeds (N,) m/s where known, and of which map."""
+    """What a file holds: points (N, 2) m, headings (N,) rad and speeds (N,) m/s where known, and of which map.
+
+    `deviation` (N,) m: standard deviations across the way.
+    """
 
     points: Array
     yaw: Array | None = None
@@ -48,17 +51,13 @@ class Given(NamedTuple):
     is_closed: bool = False
     map_id: str = ""
     frame: str = ""  # empty where the file does not say
+    deviation: Array | None = None
 
 
 def read_path(path: str | os.PathLike[str], params: FollowerParams, *, is_closed: bool = False) -> ReferencePath:
     """Read a file by its ending; ValueError in one line: file, line or field, expected, found."""
     file = Path(path)
-    readers = {".csv": _read_csv, ".tum": _read_tum, ".yaml": _read_yaml, ".yml": _read_yaml}
-    readers |= {".geojson": _read_geojson, ".json": _read_geojson}
-    if file.suffix not in readers:
-        expected = "a .csv, .tum, .yaml or .geojson file"
-        raise ValueError(f"{file}: expected {expected}, found {file.suffix or 'no ending'}")
-    given = readers[file.suffix](file)
+    given = read_given(file)
     expected_frame = params.map_frame if isinstance(params, PathFollowerParams) else given.frame
     if given.frame not in ("", expected_frame):
         raise ValueError(f"{file}: frame: expected {expected_frame!r}, found {short(given.frame)}")
@@ -67,6 +66,16 @@ def read_path(path: str | os.PathLike[str], params: FollowerParams, *, is_closed
         return make_path(given.points, given.yaw, given.speed, params, is_closed=is_ring, map_id=given.map_id)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
+
+
+def read_given(file: Path) -> Given:
+    """Read what a file says of its points, by its ending; ValueError in one line."""
+    readers = {".csv": _read_csv, ".tum": _read_tum, ".yaml": _read_yaml, ".yml": _read_yaml}
+    readers |= {".geojson": _read_geojson, ".json": _read_geojson}
+    if file.suffix not in readers:
+        expected = "a .csv, .tum, .yaml or .geojson file"
+        raise ValueError(f"{file}: expected {expected}, found {file.suffix or 'no ending'}")
+    return readers[file.suffix](file)
 
 
 def make_path(
@@ -89,7 +98,8 @@ def _read_tum(file: Path) -> Given:
     taught = read_tum(file)
     xy = taught.positions[:, :2]
     yaw = np.asarray(taught.T_map_body.yaw)
-    return Given(xy, yaw, taught_speeds(xy, taught.stamps_ns), map_id=read_map_id(file))
+    deviation = None if taught.covariances is None else np.sqrt(np.maximum(taught.covariances[:, 1, 1], 0.0))
+    return Given(xy, yaw, taught_speeds(xy, taught.stamps_ns), map_id=read_map_id(file), deviation=deviation)
 
 
 def _read_csv(file: Path) -> Given:

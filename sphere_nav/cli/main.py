@@ -46,6 +46,7 @@ COMMANDS = (
     Subcommand("map-export", "maps.map_export", "write a map as point cloud, graph or trajectory"),
     Subcommand("map-migrate", "maps.map_migrate", "make a map of an earlier version readable"),
     Subcommand("map-forget", "maps.map_forget", "make a new map without what drives have rejected again and again"),
+    Subcommand("route", "route", "make a network of taught paths with named places, plan ways on it"),
     Subcommand("view", "view.view", "look around in a map, in a web browser"),
     Subcommand("evaluate", "evaluate", "compare estimated poses with the truth"),
     Subcommand("plot", "plot", "draw what a localiser said: path, errors, states, timings"),

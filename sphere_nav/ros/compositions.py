@@ -35,6 +35,7 @@ RESTART_AFTER: Mapping[str, float | None] = {  # s from the end of a node to its
     "mcl_depth": 2.0,
     "sphere_stitcher": 2.0,
     "bag_recorder": 2.0,
+    "route_navigator": 2.0,  # the follower drives on meanwhile; its mission survives
     "sphere_mapper": None,  # the map is in its memory
     "path_follower": None,  # an operator must see it
     "cycab_sim": None,  # the clock of all
@@ -174,11 +175,12 @@ def _localisation(values: Values) -> list[NodeStart]:
 
 
 def _navigation(values: Values) -> list[NodeStart]:
+    routes = [_node(values, "route_navigator", {"network": values["routes"]})] if values["routes"] else []
     if not _is(values, "guard"):
-        return [_localizer(values), _follower(values, values["cmd_vel"])]
+        return [_localizer(values), _follower(values, values["cmd_vel"]), *routes]
     stamped = {"is_stamped": _is(values, "stamped_cmd_vel")}
     guard = _node(values, "command_guard", stamped, {"cmd_vel": values["cmd_vel"]})
-    return [_localizer(values), _follower(values, "cmd_vel_in"), guard]
+    return [_localizer(values), _follower(values, "cmd_vel_in"), guard, *routes]
 
 
 def _mcl(values: Values) -> list[NodeStart]:
@@ -264,8 +266,14 @@ LOCALISATION = {
     **ODOM,
     **TIMED,
 }
+ROUTES = {
+    "routes": Argument(
+        "", "network of taught paths, or a map that has one, for missions by route_navigator; empty: none", is_file=True
+    )
+}
 NAVIGATION = {
     **LOCALISATION,
+    **ROUTES,
     "trajectory": Argument(
         "", "file of the trajectory to follow; empty: by the service load_trajectory or a topic", is_file=True
     ),
@@ -329,6 +337,7 @@ COMPOSITIONS = {
             "traffic": Argument("false", "cars, cyclists and pedestrians in the streets", FLAG),
             "map": Argument("", "map to localise in; empty: the simulator alone", is_file=True),
             "trajectory": Argument("", "file of the trajectory to follow", is_file=True),
+            **ROUTES,
             "record": Argument("", "bag to record everything into; empty: none"),
             **COMMON,
         },

@@ -48,6 +48,13 @@ class Publisher(Protocol):
         ...
 
 
+class Client(Protocol):
+    """A service of another node."""
+
+    def call(self, request: Any, answer: Callable[[Any, str], None]) -> None:
+        """Ask; `answer` gets the response and an empty text, or None and why there is none. It may come at once."""
+
+
 class Shell(Protocol):
     """What is beneath a node: DDS (`live.LiveShell`) or a bag (`replay.OfflineShell`)."""
 
@@ -82,6 +89,20 @@ class Shell(Protocol):
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Offer a service."""
+
+    def add_client(self, name: str, kind: type[Any]) -> Client:
+        """Call a service of another node."""
+        ...
+
+    def add_action(
+        self,
+        name: str,
+        kind: type[Any],
+        check: Callable[[Any], None],
+        begin: Callable[[Any], None],
+        cancel: Callable[[Any], None],
+    ) -> None:
+        """Offer an action."""
 
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
         """Call back regularly."""
@@ -166,6 +187,27 @@ class Endpoints:
             self.log.error(text, every=REQUEST_PERIOD, key=f"service {failure}")
 
         self._shell.add_service(name, kind, answer_always(handler, name, report))
+
+    def add_client(self, name: str, kind: type[Any]) -> Client:
+        """Call a service of another node, `name` relative and remappable; never waits."""
+        return self._shell.add_client(name, kind)
+
+    def add_action(
+        self,
+        name: str,
+        kind: type[Any],
+        *,
+        check: Callable[[Any], None],
+        begin: Callable[[Any], None],
+        cancel: Callable[[Any], None],
+    ) -> None:
+        """Offer an action.
+
+        `check(request)` raises ValueError for a goal that is rejected; `begin(goal)` starts one, of which another may
+        be under way; `cancel(goal)` asks for its end. A goal is ended by `goal.finish`, told of by `goal.publish`
+        (see `sphere_nav.ros.actions.Goal`).
+        """
+        self._shell.add_action(name, kind, check, begin, cancel)
 
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
         """Call back every so many seconds of the node's clock, or of the wall's."""

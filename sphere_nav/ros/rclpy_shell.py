@@ -8,6 +8,7 @@ from copy import copy
 from typing import Any, cast
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.client import Client
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -17,10 +18,12 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sphere_nav.ros import qos
+from sphere_nav.ros.actions import GuardedActionServer
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints, Log
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.interfaces import type_name
+from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
 
 HEALTH_PERIOD = 1.0  # s
@@ -48,6 +51,20 @@ class LivePublisher:
     def wait_for_acknowledgement(self, seconds: float) -> bool:
         """Wait until every reliable subscription has all messages; False when the time is over."""
         return self._publisher.wait_for_all_acked(Duration(seconds=seconds))
+
+
+class LiveClient:
+    """A client that answers at once where nobody offers its service."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+
+    def call(self, request: Any, answer: Callable[[Any, str], None]) -> None:
+        """Send a request; the answer comes by the executor."""
+        if not self._client.service_is_ready():
+            answer(None, f"{self._client.service_name}: no such service: see that its node runs")
+            return
+        self._client.call_async(request).add_done_callback(lambda done: answer(done.result(), ""))
 
 
 class RclpyShell(Node):
@@ -165,6 +182,31 @@ class RclpyShell(Node):
         """Make a service, `~/name` below the node's own name; it answers while the node is inactive, too."""
         service = self.create_service(kind, name, handler)
         self._entities.append(lambda: self.destroy_service(service))
+
+    def add_client(self, name: str, kind: type[Any]) -> LiveClient:
+        """Make a client of a service."""
+        client = self.create_client(kind, name)
+        self._entities.append(lambda: self.destroy_client(client))
+        return LiveClient(client)
+
+    def add_action(
+        self,
+        name: str,
+        kind: type[Any],
+        check: Callable[[Any], None],
+        begin: Callable[[Any], None],
+        cancel: Callable[[Any], None],
+    ) -> None:
+        """Make an action server; what its callbacks raise is counted as of any callback."""
+
+        def report(where: str, error: BaseException) -> None:
+            if isinstance(error, ValueError):
+                self.log.warning(f"{where}: {one_line(error)}", every=JUMP_PERIOD)
+            else:
+                self.failures.add(error, where)
+
+        server = GuardedActionServer(self, kind, name, check=check, begin=begin, cancel=cancel, report=report)
+        self._entities.append(server.destroy)
 
     def remove_subscription(self, wanted: Subscription) -> None:
         """Unsubscribe."""

@@ -43,6 +43,7 @@ ROS = {
     "geometry_msgs",
     "lifecycle_msgs",
     "nav_msgs",
+    "nav2_msgs",
     "rosgraph_msgs",
     "sensor_msgs",
     "sphere_nav_msgs",

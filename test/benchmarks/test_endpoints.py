@@ -94,7 +94,13 @@ def test_lies_kill_no_node_and_the_end_of_a_front_and_the_silence_of_a_loop_are_
     assert not rclpy.ok()
 
 
-@pytest.mark.parametrize("kind", [Image, PoseStamped, interface_class("rcl_interfaces/srv/SetParameters").Request])
+REQUESTS = [
+    interface_class(name).Request
+    for name in ("rcl_interfaces/srv/SetParameters", "sphere_nav_msgs/action/Navigate_SendGoal")
+]
+
+
+@pytest.mark.parametrize("kind", [Image, PoseStamped, *REQUESTS])
 def test_lies_fill_every_field_with_all_sorts(kind):
     liar = Liar(np.random.default_rng(1), ["gain"])
     texts = {repr(liar.message(kind)) for _ in range(100)}

@@ -41,6 +41,7 @@ SETS: dict[str, frozenset[str]] = {
             "geometry_msgs/msg/TwistStamped",
             "nav_msgs/msg/Path",
             "sphere_nav_msgs/msg/FollowerStatus",
+            "sphere_nav_msgs/msg/NavigatorStatus",
             "sphere_nav_msgs/msg/ReferenceTrajectory",
             "sphere_nav_msgs/msg/TrackingError",
         }

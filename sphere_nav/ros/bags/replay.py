@@ -59,6 +59,22 @@ class OfflinePublisher:
         return len(self._bus.listeners.get(self._topic, ())) + self._bus.is_captured(self._topic)
 
 
+class OfflineClient:
+    """Calls a service of a node of the bus."""
+
+    def __init__(self, bus: OfflineBus, name: str) -> None:
+        self._bus, self._name = bus, name
+
+    def call(self, request: Any, answer: Callable[[Any, str], None]) -> None:
+        """Answer at once."""
+        node_name, _, service = self._name.strip("/").rpartition("/")
+        for node in self._bus.nodes:
+            if node_name == node.NAME and isinstance(node.shell, OfflineShell) and service in node.shell.services:
+                answer(node.shell.call(service, request), "")
+                return
+        answer(None, f"/{node_name}/{service}: no such service: see that its node runs")
+
+
 class OfflineShell:
     """What a node of a replay talks to."""
 
@@ -70,6 +86,7 @@ class OfflineShell:
         self.log: Log = ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9)
         self._node_name = name
         self.services: dict[str, tuple[type[Any], Callable[[Any, Any], Any]]] = {}
+        self.actions: dict[str, tuple[Callable[[Any], None], Callable[[Any], None], Callable[[Any], None]]] = {}
 
     def read_parameters(self, cls: type[Any]) -> Any:
         """Return the parameters object; unknown names and values out of range raise ValueError."""
@@ -103,6 +120,21 @@ class OfflineShell:
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Keep a service for `call`."""
         self.services[name.removeprefix("~/")] = (kind, handler)
+
+    def add_client(self, name: str, kind: type[Any]) -> OfflineClient:
+        """Call a service of another node of the bus, `node/service`."""
+        return OfflineClient(self._bus, name)
+
+    def add_action(
+        self,
+        name: str,
+        kind: type[Any],
+        check: Callable[[Any], None],
+        begin: Callable[[Any], None],
+        cancel: Callable[[Any], None],
+    ) -> None:
+        """Keep an action for `self.actions[name]`: check, begin and cancel."""
+        self.actions[name] = (check, begin, cancel)
 
     def take_waiting(self, wanted: Subscription) -> None:
         """Do nothing: on the bus nothing waits."""

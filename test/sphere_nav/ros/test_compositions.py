@@ -20,6 +20,7 @@ from worlds.rig import vertical_rig
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 BY_NAME = {node.NAME: node for node in NODES}
 GIVEN = {"map": "campus", "cloud": "town.ply", "bag": "drive", "rig": "rig.yaml", "record": "out", "guard": "true"}
+GIVEN["routes"] = "campus"
 ABSOLUTE = {"/tf", "/tf_static", "/clock"}
 
 

@@ -1,0 +1,304 @@
+"""The node `route_navigator`: a place of a network of taught paths in, one path at a time for path_follower out."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from sphere_nav_msgs.action import Navigate
+from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus, NavigatorStatus
+from sphere_nav_msgs.srv import CloseEdge, LoadTrajectory, PlanRoute
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from path_follower.path import Pose2
+from path_follower.routes.constants import TICK
+from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState, Request
+from path_follower.routes.mission_file import read_mission, state_folder, write_course, write_mission
+from path_follower.routes.network_file import network_path, read_network, to_geojson
+from path_follower.routes.params import RouteNavigatorParams
+from path_follower.routes.planning import plan
+from sphere_nav.geometry.files.untrusted import number
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.actions import Goal as ActionGoal
+from sphere_nav.ros.conversions import driving, header
+from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.run import run
+from sphere_nav.ros.service import one_line
+
+try:
+    from nav2_msgs.action import NavigateToPose
+except ImportError:  # not among the wheels, but where Nav2 is
+    NavigateToPose = None
+
+FOLLOWER = "path_follower"
+STATUS_PERIOD = 1.0  # s between two equal messages
+NAV2_FAILED = 9001  # error_code of NavigateToPose; 9000 to 9099 are the navigator's
+
+
+class RouteNavigator(ManagedNode):
+    """Converts, asks the mission, converts back."""
+
+    NAME = "route_navigator"
+    PARAMS = RouteNavigatorParams
+    LARGE_MESSAGES = True
+    params: RouteNavigatorParams
+
+    def configure(self) -> None:
+        """Read the network and what a mission left; open topics, services and actions."""
+        p = self.params
+        if not p.network:
+            raise ValueError(
+                "network: expected a map with routes, or a .geojson file, found none: sphere_nav route build"
+            )
+        self.network = read_network(network_path(Path(p.network)))
+        self.mission = Mission(self.network, p.mission, p.vehicle)
+        self.folder = state_folder(p.state)
+        self.state_file = self.folder / "mission.json"
+        self.goals: list[tuple[ActionGoal, Any]] = []  # those of the mission, each with what makes its result
+        self.said: tuple[Any, ...] = ()
+        self.said_at, self.kept = -1e9, ""
+        self._restore()
+        self.shown = self.add_publisher("~/network", String, qos.LATCHED)
+        self.status = self.add_publisher("~/status", NavigatorStatus, qos.LATCHED)
+        self.add_subscription("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE)
+        self.add_subscription("status", LocalizationStatus, self.on_localizer, qos.STATE)
+        self.add_subscription(f"{FOLLOWER}/status", FollowerStatus, self.on_follower, qos.STATE)
+        self.calls = {
+            name: self.endpoints.add_client(f"{FOLLOWER}/{name}", Trigger)
+            for name in ("start", "stop", "pause", "resume")
+        }
+        self.load = self.endpoints.add_client(f"{FOLLOWER}/load_trajectory", LoadTrajectory)
+        self.add_service("~/pause", Trigger, self.on_pause)
+        self.add_service("~/resume", Trigger, self.on_resume)
+        self.add_service("~/close_edge", CloseEdge, self.on_close)
+        self.add_service("~/plan", PlanRoute, self.on_plan)
+        offers = [("navigate", Navigate, self._goal, self._result)]
+        if NavigateToPose is not None:
+            offers.append(("navigate_to_pose", NavigateToPose, self._nav2_goal, self._nav2_result))
+        for name, kind, read, result in offers:
+            check, begin = partial(self.check_goal, read), partial(self.begin_goal, read, result)
+            self.endpoints.add_action(name, kind, check=check, begin=begin, cancel=self.cancel_goal)
+        self.add_timer(TICK, self.on_tick)
+
+    def activate(self) -> None:
+        """Show the network."""
+        self.shown.publish(String(data=to_geojson(self.network, is_dense=False)))
+        self.tell()
+
+    def deactivate(self) -> None:
+        """Leave the follower as it is: a mission survives."""
+        self.keep()
+
+    def now(self) -> float:
+        """Return seconds of a clock that no stamp moves."""
+        return self.own_ns() / 1e9
+
+    # --- what comes in
+    def on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        """Take a pose."""
+        T_map_base, _ = conversions.pose_with_covariance_to_se3(message, self.params.map_frame)
+        self.mission.see_pose(Pose2.of(T_map_base), self.now())
+
+    def on_localizer(self, message: LocalizationStatus) -> None:
+        """Take the state of the localiser; in another map than that of the network it is as good as none."""
+        ours, theirs = self.network.map_id, message.map_id
+        is_other = bool(ours and theirs and ours != theirs)
+        self.mission.see_localizer(
+            f"in map {theirs}, the network is of {ours}" if is_other else message.state, self.now()
+        )
+
+    def on_follower(self, message: FollowerStatus) -> None:
+        """Take what the follower says."""
+        _, (progress, left) = driving.message_to_progress(message)
+        view = FollowerView(message.state, message.reason, message.remedy, progress, left, self.now())
+        self.mission.see_follower(view)
+
+    def on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Pause."""
+        response.message = self.mission.pause(self.now())
+        response.success = not response.message
+        return response
+
+    def on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Resume."""
+        response.message = self.mission.resume(self.now())
+        response.success = not response.message
+        return response
+
+    def on_close(self, request: CloseEdge.Request, response: CloseEdge.Response) -> CloseEdge.Response:
+        """Close or open an edge."""
+        self.mission.close(request.edge, request.closed, self.now())
+        response.success = True
+        response.message = f"edge {request.edge} is {'closed' if request.closed else 'open'}"
+        return response
+
+    def on_plan(self, request: PlanRoute.Request, response: PlanRoute.Response) -> PlanRoute.Response:
+        """Tell the way to a place."""
+        mission, p = self.mission, self.params.mission
+        if request.start:
+            starts = self.network.spots_of(self.network.node_of(request.start))
+        elif mission.pose is None:
+            raise ValueError("start: expected a place, or a pose of the vehicle, found neither")
+        else:
+            starts = self.network.locate(mission.pose[0], p.reach, p.max_turn)
+        goals = mission.spots_of(Goal(request.place))
+        route = plan(self.network, starts, goals, cruise=p.cruise, closed=mission.closed_now(self.now()))
+        response.success, response.edges = True, [leg.name for leg in route.legs]
+        response.length, response.duration = route.length, route.seconds
+        return response
+
+    # --- goals
+    def check_goal(self, read: Any, request: Any) -> None:
+        """Raise ValueError for a goal that is not on the network."""
+        self.mission.spots_of(read(request))
+
+    def begin_goal(self, read: Any, result: Any, goal: ActionGoal) -> None:
+        """Drive to a goal; the one under way is aborted: this one replaces it."""
+        self.finish_goals(False, "replaced by a new goal")
+        self.mission.begin(read(goal.request), self.now())
+        self.goals.append((goal, result))
+        self.tell()
+
+    def cancel_goal(self, goal: ActionGoal) -> None:
+        """Stop, then end."""
+        if any(goal is own for own, _ in self.goals):
+            self.mission.cancel("canceled", self.now())
+
+    def _goal(self, request: Navigate.Goal) -> Goal:
+        wait = number(request.wait_s, "wait_s")
+        if wait < 0.0:
+            raise ValueError(f"wait_s: expected 0 or more, found {wait:g}")
+        if request.place:
+            return Goal(request.place, None, int(request.laps), wait)
+        return Goal("", self._pose(request.pose), int(request.laps), wait)
+
+    def _pose(self, message: PoseStamped) -> Pose2:
+        driving.check_frames(message, self.params.map_frame)
+        return Pose2.of(conversions.pose_to_se3(message.pose))
+
+    def _result(self, success: bool, reason: str, distance: float) -> Navigate.Result:
+        return Navigate.Result(success=success, reason=reason, distance=distance)
+
+    def _nav2_goal(self, request: Any) -> Goal:
+        return Goal("", self._pose(request.pose))
+
+    def _nav2_result(self, success: bool, reason: str, distance: float) -> Any:
+        result = NavigateToPose.Result()
+        if hasattr(result, "error_code"):
+            result.error_code = 0 if success else NAV2_FAILED
+        if hasattr(result, "error_msg"):  # since Kilted
+            result.error_msg = reason
+        return result
+
+    def finish_goals(self, success: bool, reason: str, distance: float | None = None) -> None:
+        """End the goals of the mission."""
+        driven = self.mission.driven + self.mission.progress if distance is None else distance
+        while self.goals:
+            goal, result = self.goals.pop()
+            goal.finish(result(success, reason, driven), success=success)
+
+    # --- what goes out
+    def on_tick(self) -> None:
+        """Ask the mission what to do, and tell how it goes."""
+        mission, now = self.mission, self.now()
+        request = mission.tick(now)
+        if request is not None:
+            self.ask(request)
+        outcome, mission.outcome = mission.outcome, None
+        if outcome is not None:
+            self.result = outcome.reason
+            (self.log.info if outcome.success else self.log.warning)(f"mission: {outcome.reason or 'arrived'}")
+            self.finish_goals(outcome.success, outcome.reason, outcome.distance)
+        for goal, result in self.goals:
+            if result == self._result:
+                goal.publish(self.feedback())
+        self.tell()
+
+    def ask(self, request: Request) -> None:
+        """Ask the follower; its answer comes when it comes."""
+
+        def answer(response: Any, failure: str) -> None:
+            refusal = failure or ("" if response.success else response.message or "refused")
+            self.mission.answer(request, refusal, self.now())
+
+        if request.course is None:
+            self.calls[request.name].call(Trigger.Request(), answer)
+            return
+        file = self.folder / "course.csv"
+        try:
+            write_course(file, request.course, self.network.map_id, self.params.vehicle.max_speed)
+        except OSError as error:
+            self.mission.answer(request, one_line(error), self.now())
+            return
+        self.load.call(LoadTrajectory.Request(path=str(file)), answer)
+
+    def feedback(self) -> Navigate.Feedback:
+        """Return how the mission goes."""
+        mission = self.mission
+        return Navigate.Feedback(
+            edge="" if mission.leg is None else str(mission.leg.edge),
+            next_place=mission.next_place,
+            distance_remaining=mission.distance_remaining,
+            time_remaining=mission.time_remaining,
+            state=str(mission.state),
+        )
+
+    def tell(self) -> None:
+        """Publish the status, on every change and once a second; keep on disk what survives."""
+        mission, now, how = self.mission, self.now(), self.feedback()
+        closed = [str(edge) for edge in sorted(mission.closed_now(now))]
+        news = (mission.state, mission.reason, mission.goal, how.edge, how.next_place, *closed)
+        if news == self.said and now - self.said_at < STATUS_PERIOD:
+            return
+        if news[:2] != self.said[:2]:
+            is_standing = mission.state in (MissionState.HELD, MissionState.WAITING)
+            text = f"{mission.state} {mission.reason}".strip()
+            self.report("mission", WARN if is_standing and mission.reason else OK, text)
+            self.log.info(text)
+        self.said, self.said_at = news, now
+        self.status.publish(
+            NavigatorStatus(
+                header=header(self.now_ns(), self.params.map_frame),
+                state=str(mission.state),
+                reason=mission.reason,
+                place="" if mission.goal is None else mission.goal.place,
+                edge=how.edge,
+                next_place=how.next_place,
+                distance_remaining=how.distance_remaining,
+                time_remaining=how.time_remaining,
+                laps_remaining=min(mission.laps_left, 65535),
+                closed_edges=closed,
+                last_result=self.result,
+                map_id=self.network.map_id,
+            )
+        )
+        self.keep()
+
+    # --- over a restart
+    def _restore(self) -> None:
+        self.result = ""
+        if not self.state_file.exists():
+            return
+        try:
+            read_mission(self.state_file, self.mission, self.now())
+        except ValueError as error:
+            self.log.warning(f"no mission is taken over: {one_line(error)}")
+
+    def keep(self) -> None:
+        """Write what survives, where it has changed."""
+        text = repr(self.mission.snapshot())
+        if text == self.kept:
+            return
+        try:
+            write_mission(self.state_file, self.mission)
+            self.kept = text
+        except OSError as error:
+            self.log.warning(f"a mission would not survive a restart: {one_line(error)}", every=60.0)
+
+
+def main() -> int:
+    """Run the node."""
+    return run(RouteNavigator)

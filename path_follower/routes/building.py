@@ -1,0 +1,456 @@
+"""From drives to a network: what two drives share is one edge; where they part or meet is a branch.
+
+Drives are taken one after the other. Each of its points is compared, in position and heading, with the curves that are
+there already, and with what the drive itself did before. Runs alongside keep the curve that was there first. What is
+left becomes a curve of its own, which begins and ends on the other ones: at the branch it has their pose and curvature
+and goes over to what was driven within some metres. Curves are then cut at the branches.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from path_follower.path import Pose2, wrap
+from path_follower.routes.constants import (
+    ALIKE,
+    BLEND,
+    LANE,
+    MAX_APART,
+    MIN_SHARED,
+    PAST,
+    SAME_HEADING,
+    SNAP,
+    STEP,
+    STUB,
+)
+from path_follower.routes.network import Curve, Edge, Indices, Network, Node, headings, join_curves
+from sphere_nav.geometry.arrays import Array
+
+OWN, HERE = -1, -2  # of a run: on no curve that was there; on what the drive itself did before
+TURN_SCALE = 2.0  # m of distance that a chord of headings counts: 15 deg count as 0.5 m
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """A taught curve, driven forward (1) or backwards (-1); `deviation` (N,) m across as localised, NaN unknown."""
+
+    curve: Curve
+    direction: int = 1
+    deviation: Array | None = None
+
+
+@dataclass
+class _Run:
+    """Points first ... last of a drive that lie alongside points `at` of a curve, or on none."""
+
+    on: int
+    first: int
+    last: int
+    at: Indices
+
+    @property
+    def count(self) -> int:
+        return self.last - self.first + 1
+
+
+@dataclass(frozen=True)
+class _Anchor:
+    """A point of a curve where another one begins or ends."""
+
+    strand: int
+    at: int
+
+
+@dataclass(eq=False)
+class _Strand:
+    """A curve of the network before it is cut, and for each point what the drives say of it."""
+
+    curve: Curve
+    is_forward: Array
+    is_reverse: Array
+    deviation: Array
+    count: Array
+    low: Array
+    high: Array
+    begin: _Anchor | None = None
+    end: _Anchor | None = None
+    cuts: set[int] = field(default_factory=set)
+
+    @classmethod
+    def of(cls, drive: Drive, first: int, last: int) -> _Strand:
+        part = slice(first, last + 1)
+        c, count = drive.curve, last - first + 1
+        curve = Curve(c.x[part].copy(), c.y[part].copy(), c.yaw[part].copy(), c.speed[part].copy())
+        deviation = np.full(count, np.nan) if drive.deviation is None else drive.deviation[part].copy()
+        ways = (np.full(count, drive.direction > 0), np.full(count, drive.direction < 0))
+        return cls(curve, *ways, deviation, np.ones(count, int), np.zeros(count), np.zeros(count))
+
+    def pose(self, at: int) -> Pose2:
+        return Pose2(float(self.curve.x[at]), float(self.curve.y[at]), float(self.curve.yaw[at]))
+
+
+def build_network(drives: Sequence[Drive], map_id: str = "", width: float = 0.0) -> Network:
+    """Return the network of drives; the first of them begins at the place `home`. `width` m of the vehicle's body."""
+    if not drives:
+        raise ValueError("network: expected drives, found none")
+    strands: list[_Strand] = []
+    for drive in drives:
+        _add_drive(strands, drive)
+    return _cut(strands, map_id, width)
+
+
+def even_curve(x: Array, y: Array, yaw: Array, speed: Array) -> Curve:
+    """Return a curve with a point every STEP m, at least two."""
+    curve = Curve(x, y, np.unwrap(yaw), speed)
+    s = np.linspace(0.0, curve.length, max(2, round(curve.length / STEP) + 1))
+    return Curve(*(np.interp(s, curve.arc, values) for values in (curve.x, curve.y, curve.yaw, curve.speed)))
+
+
+# --- alongside
+def _add_drive(strands: list[_Strand], drive: Drive) -> None:
+    """Add what a drive does not share as curves of their own; note on the others that it came by."""
+    runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
+    anchors = [_anchors(strands, drive.curve, runs, index) for index in range(len(runs))]
+    own = [index for index, run in enumerate(runs) if run.on == OWN]
+    pieces = {
+        index: (len(strands) + count, anchors[index][0][0], anchors[index][1][0]) for count, index in enumerate(own)
+    }
+    for _, first, last in pieces.values():
+        strands.append(_Strand.of(drive, first, last))
+    for index, (number, _, _) in pieces.items():
+        strand, ((_, before), (_, after)) = strands[number], anchors[index]
+        strand.begin = None if before is None else _resolve(runs, pieces, runs[index - 1], before)
+        strand.end = None if after is None else _resolve(runs, pieces, runs[index + 1], after)
+        for anchor, is_begin in ((strand.begin, True), (strand.end, False)):
+            if anchor is not None:
+                _blend(strand, strands[anchor.strand], anchor.at, is_begin=is_begin)
+                strands[anchor.strand].cuts.add(anchor.at)
+    for run in runs:
+        if run.on != OWN:
+            passed = [_resolve(runs, pieces, run, int(at)) for at in run.at]
+            for offset, anchor in enumerate(passed):
+                _note(strands[anchor.strand], anchor.at, drive, run.first + offset)
+            for anchor in set(passed):
+                strands[anchor.strand].count[anchor.at] += 1
+
+
+def _resolve(runs: Sequence[_Run], pieces: Mapping[int, tuple[int, int, int]], run: _Run, at: int) -> _Anchor:
+    """Return the point of a curve that a run lies on; of what the drive itself did, where that has gone.
+
+    `pieces`: number, first and last point of the curves that runs of its own have become.
+    """
+    if run.on != HERE:
+        return _Anchor(run.on, at)
+    for number, first, last in pieces.values():
+        if first <= at <= last:
+            return _Anchor(number, at - first)
+    for other in runs:
+        if other.on != OWN and other.first <= at <= other.last:
+            return _resolve(runs, pieces, other, int(other.at[at - other.first]))
+    number, first, last = min(pieces.values(), key=lambda piece: min(abs(piece[1] - at), abs(piece[2] - at)))
+    return _Anchor(number, min(max(at - first, 0), last - first))
+
+
+def _runs_of(strands: Sequence[_Strand], curve: Curve) -> list[_Run]:
+    """Return runs of points that lie alongside the same curve; one that is followed is kept as long as it is near."""
+    found = [_alongside(strand.curve, curve) for strand in strands]
+    own = _alongside_itself(curve)
+    runs: list[_Run] = []
+    on = OWN
+    for point in range(len(curve)):
+        near = {k: (off[point], at[point]) for k, (off, at) in enumerate(found) if at[point] >= 0}
+        if own[1][point] >= 0:
+            near[HERE] = (own[0][point], own[1][point])
+        last = int(runs[-1].at[-1]) if runs else -1
+        if on != OWN and (ahead := _ahead(curve if on == HERE else strands[on].curve, curve, point, last)) >= 0:
+            near[on] = (0.0, ahead)
+        if on not in near:
+            on = min(near, key=lambda k: float(near[k][0])) if near else OWN
+        at = int(near[on][1]) if on != OWN else -1
+        is_next = runs and runs[-1].on == on and (on == OWN or abs(at - last) <= 2.0 / STEP)
+        if is_next:
+            runs[-1].last = point
+            runs[-1].at = np.append(runs[-1].at, at)
+        else:
+            runs.append(_Run(on, point, point, np.array([at], dtype=np.intp)))
+    return runs
+
+
+def _ahead(there: Curve, curve: Curve, point: int, last: int) -> int:
+    """Return where a point of a drive is on the curve that it follows, just ahead of the last one; -1: off its lane."""
+    at = np.arange(last, min(last + round(1.0 / STEP), len(there)), dtype=np.intp)
+    off = np.hypot(there.x[at] - curve.x[point], there.y[at] - curve.y[point])
+    best = int(at[np.argmin(off)])
+    turned = abs(wrap(float(there.yaw[best] - curve.yaw[point])))
+    return (
+        best
+        if off.min() <= LANE and turned <= SAME_HEADING and (there is not curve or point - best > PAST / STEP)
+        else -1
+    )
+
+
+def _features(curve: Curve) -> Array:
+    turned = (TURN_SCALE * np.cos(curve.yaw), TURN_SCALE * np.sin(curve.yaw))
+    return np.stack([curve.x, curve.y, *turned], axis=-1)
+
+
+def _alongside(there: Curve, curve: Curve) -> tuple[Array, Indices]:
+    """Return the distance of each point of a curve from another one, and the index there, -1: not on its lane."""
+    reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
+    _, at = cKDTree(_features(there)).query(_features(curve), distance_upper_bound=reach)
+    return _on_lane(there, curve, np.where(at < len(there), at, -1).astype(np.intp), np.arange(len(curve)))
+
+
+def _on_lane(there: Curve, curve: Curve, at: Indices, points: Indices) -> tuple[Array, Indices]:
+    off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
+    turned = np.abs((there.yaw[at] - curve.yaw[points] + np.pi) % (2.0 * np.pi) - np.pi)
+    is_near = (at >= 0) & (off <= LANE) & (turned <= SAME_HEADING)
+    return np.where(is_near, off, np.inf), np.where(is_near, at, -1)
+
+
+def _alongside_itself(curve: Curve) -> tuple[Array, Indices]:
+    """The same of a curve and what it did at least PAST m before."""
+    off, found = np.full(len(curve), np.inf), np.full(len(curve), -1, dtype=np.intp)
+    past, block = round(PAST / STEP), round(5.0 / STEP)
+    features = _features(curve)
+    reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
+    for begin in range(past + 1, len(curve), block):
+        points = np.arange(begin, min(begin + block, len(curve)))
+        known = begin - past
+        _, at = cKDTree(features[:known]).query(features[points], distance_upper_bound=reach)
+        off[points], found[points] = _on_lane(curve, curve, np.where(at < known, at, -1).astype(np.intp), points)
+    return off, found
+
+
+def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: Curve) -> list[_Run]:
+    """Close gaps between runs along the same curve, drop short ones, join neighbours."""
+    closed: list[_Run] = []
+    for number, run in enumerate(runs):
+        after = runs[number + 1] if number + 1 < len(runs) else None
+        before = closed[-1] if closed else None
+        if run.on == OWN and before is not None and after is not None and before.on == after.on != OWN:
+            gone = int(after.at[0]) - int(before.at[-1])
+            if run.count <= MAX_APART / STEP and abs(gone - run.count) <= 2.0 / STEP:
+                run = replace(
+                    run, on=before.on, at=np.linspace(before.at[-1], after.at[0], run.count + 2)[1:-1].astype(np.intp)
+                )
+        closed.append(run)
+    kept = [
+        replace(run, on=OWN)
+        if run.on != OWN and run.count < MIN_SHARED / STEP and run.first > 0 and run.last < len(curve) - 1
+        else run
+        for run in _joined(closed)
+    ]
+    whole = _joined(kept)
+    while len(whole) > 1 and whole[0].on == OWN and whole[0].count < STUB / STEP:
+        whole = whole[1:]
+    while len(whole) > 1 and whole[-1].on == OWN and whole[-1].count < STUB / STEP:
+        whole = whole[:-1]
+    return _with_changes(strands, whole)
+
+
+def _joined(runs: Iterable[_Run]) -> list[_Run]:
+    joined: list[_Run] = []
+    for run in runs:
+        last = joined[-1] if joined else None
+        if last is not None and last.on == run.on and (run.on == OWN or 0 <= run.at[0] - last.at[-1] <= 2.0 / STEP):
+            joined[-1] = _Run(run.on, last.first, run.last, np.concatenate([last.at, run.at]))
+        else:
+            joined.append(run)
+    return joined
+
+
+def _with_changes(strands: Sequence[_Strand], runs: list[_Run]) -> list[_Run]:
+    """Put a curve of its own between runs that follow each other on curves that are not connected: a change of lane."""
+    half = round(MIN_SHARED / STEP)
+    result: list[_Run] = []
+    for run in runs:
+        last = result[-1] if result else None
+        if last is not None and last.on != OWN and run.on != OWN and not _are_connected(strands, last, run):
+            before, after = min(half, last.count - 1), min(half, run.count - 1)
+            first, end = last.last + 1 - before, run.first + after - 1
+            result[-1] = replace(last, last=first - 1, at=last.at[: last.count - before])
+            result.append(_Run(OWN, first, end, np.full(end - first + 1, -1, dtype=np.intp)))
+            run = replace(run, first=end + 1, at=run.at[after:])
+        result.append(run)
+    return result
+
+
+def _are_connected(strands: Sequence[_Strand], last: _Run, run: _Run) -> bool:
+    """Whether the curve of one run ends on that of the other, or begins there, about where the drive changes over."""
+    if HERE in (last.on, run.on):
+        return False
+    near = (BLEND + 2.0) / STEP
+    end, begin = strands[last.on].end, strands[run.on].begin
+    is_end = end is not None and end.strand == run.on and abs(int(run.at[0]) - end.at) <= near
+    is_begin = begin is not None and begin.strand == last.on and abs(int(last.at[-1]) - begin.at) <= near
+    return (is_end and len(strands[last.on].curve) - int(last.at[-1]) <= near) or (is_begin and int(run.at[0]) <= near)
+
+
+# --- branches
+def _anchors(
+    strands: Sequence[_Strand], curve: Curve, runs: Sequence[_Run], index: int
+) -> tuple[tuple[int, int | None], tuple[int, int | None]]:
+    """Return where a run of its own begins and ends: on the drive, and on the curve before or behind; None: on none."""
+    run = runs[index]
+    if run.on != OWN:
+        return (run.first, None), (run.last, None)
+    begin: tuple[int, int | None] = (run.first, None)
+    end: tuple[int, int | None] = (run.last, None)
+    window = round(BLEND / STEP)
+    missing = max(0, window - run.count)  # a short one begins sooner and ends later, so that there is room to blend
+    if index > 0:
+        other = runs[index - 1]
+        share = other.count if index < 2 else (other.count + 1) // 2
+        late = max(1, other.count - missing)
+        begin = _best(strands, curve, other, range(max(0, late - min(window, share)), late), is_late=True)
+    if index + 1 < len(runs):
+        other = runs[index + 1]
+        share = other.count if index + 2 >= len(runs) else (other.count + 1) // 2
+        early = min(missing, other.count - 1)
+        end = _best(strands, curve, other, range(early, min(early + min(window, share), other.count)), is_late=False)
+    return begin, end
+
+
+def _best(strands: Sequence[_Strand], curve: Curve, run: _Run, offsets: range, *, is_late: bool) -> tuple[int, int]:
+    """Return the point of the drive, and that of the curve, where both are most alike in pose and curvature."""
+    there = curve if run.on == HERE else strands[run.on].curve
+    points, at = run.first + np.array(offsets), run.at[np.array(offsets)]
+    off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
+    turned = np.abs((there.yaw[at] - curve.yaw[points] + np.pi) % (2.0 * np.pi) - np.pi)
+    cost = off + 3.0 * turned + 4.0 * np.abs(there.bend[at] - curve.bend[points])
+    near = np.flatnonzero(cost <= cost.min() + ALIKE)
+    best = int(near[-1] if is_late else near[0])
+    found = int(at[best])
+    end = 0 if found <= SNAP else len(there) - 1 if found >= len(there) - 1 - SNAP and run.on != HERE else found
+    return int(points[best]), end
+
+
+def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
+    """Let a curve begin (or end) with the pose and curvature of a point of another one.
+
+    The offset from what was driven fades out over BLEND m by the polynomial of fifth degree that has it, its slope and
+    its curvature at the branch, and none of them at the other end.
+    """
+    curve, sign = strand.curve, 1.0 if is_begin else -1.0
+    here, target = (0 if is_begin else len(curve) - 1), other.pose(at)
+    yaw = float(curve.yaw[here])
+    dx, dy = target.x - float(curve.x[here]), target.y - float(curve.y[here])
+    left, ahead = math.cos(yaw) * dy - math.sin(yaw) * dx, math.cos(yaw) * dx + math.sin(yaw) * dy
+    slope = sign * math.tan(wrap(target.yaw - yaw))
+    bend = float(other.curve.bend[at] - curve.bend[here])
+    way = curve.arc if is_begin else curve.length - curve.arc
+    is_between = strand.begin is not None and strand.end is not None
+    span = max(min(BLEND, curve.length / (2.0 if is_between else 1.0)), 1e-6)
+    shift = fade(np.minimum(way / span, 1.0), left, slope * span, bend * span**2)
+    along = ahead * fade(np.minimum(way / span, 1.0), 1.0, 0.0, 0.0)
+    x = curve.x - shift * np.sin(curve.yaw) + along * np.cos(curve.yaw)
+    y = curve.y + shift * np.cos(curve.yaw) + along * np.sin(curve.yaw)
+    faded = way < span
+    turned = headings(x, y, target.yaw if is_begin else None, None if is_begin else target.yaw)
+    turned = np.where(faded, curve.yaw + (turned - curve.yaw + np.pi) % (2.0 * np.pi) - np.pi, curve.yaw)
+    strand.curve = Curve(x, y, np.unwrap(turned), curve.speed)
+
+
+def fade(u: Array, value: float, slope: float, bend: float) -> Array:
+    """Return the polynomial of fifth degree with this value, slope and second derivative at 0, and zero ones at 1."""
+    u2, u3, u4, u5 = u**2, u**3, u**4, u**5
+    faded: Array = value * (1 - 10 * u3 + 15 * u4 - 6 * u5) + slope * (u - 6 * u3 + 8 * u4 - 3 * u5)
+    faded += 0.5 * bend * (u2 - 3 * u3 + 3 * u4 - u5)
+    return faded
+
+
+def _note(strand: _Strand, at: int, drive: Drive, point: int) -> None:
+    """Remember that a drive came by: how fast, how well localised, how far beside."""
+    curve = strand.curve
+    curve.speed[at] = np.fmax(curve.speed[at], drive.curve.speed[point])
+    if drive.deviation is not None:
+        strand.deviation[at] = np.fmax(strand.deviation[at], drive.deviation[point])
+    dx, dy = drive.curve.x[point] - curve.x[at], drive.curve.y[point] - curve.y[at]
+    left = math.cos(curve.yaw[at]) * dy - math.sin(curve.yaw[at]) * dx
+    strand.low[at], strand.high[at] = min(strand.low[at], left), max(strand.high[at], left)
+    strand.is_forward[at] |= drive.direction > 0
+    strand.is_reverse[at] |= drive.direction < 0
+
+
+# --- nodes and edges
+def _cut(strands: Sequence[_Strand], map_id: str, width: float) -> Network:
+    """Return the network of curves that are cut at their branches; nodes that nothing branches at are left out."""
+    numbers: dict[tuple[int, int], int] = {}
+    nodes: dict[int, Node] = {}
+
+    def node(strand: int, at: int) -> int:
+        item = strands[strand]
+        anchor = item.begin if at == 0 else item.end if at == len(item.curve) - 1 else None
+        if anchor is not None and (anchor.strand, anchor.at) != (strand, at):
+            return node(anchor.strand, anchor.at)
+        if (strand, at) not in numbers:
+            numbers[strand, at] = len(numbers)
+            nodes[numbers[strand, at]] = Node(numbers[strand, at], item.pose(at))
+        return numbers[strand, at]
+
+    pieces = []
+    for index, strand in enumerate(strands):
+        ways = np.stack([strand.is_forward, strand.is_reverse])
+        changes = np.flatnonzero(np.any(ways[:, 1:] != ways[:, :-1], axis=0)) + 1
+        ends = sorted({0, len(strand.curve) - 1, *strand.cuts, *changes.tolist()})
+        for first, last in pairwise(ends):
+            pieces.append((node(index, first), node(index, last), _edge_of(strand, first, last, width)))
+    home = node(0, 0)
+    edges = {number: replace(edge, id=number, start=a, end=b) for number, (a, b, edge) in enumerate(pieces)}
+    network = Network(nodes, edges, {"home": home}, map_id)
+    return _renumbered(_dissolved(network))
+
+
+def _edge_of(strand: _Strand, first: int, last: int, width: float) -> Edge:
+    part, c = slice(first, last + 1), strand.curve
+    curve = Curve(c.x[part], c.y[part], c.yaw[part], c.speed[part])
+    known = strand.deviation[part][np.isfinite(strand.deviation[part])]
+    return Edge(
+        id=-1,
+        start=-1,
+        end=-1,
+        curve=curve,
+        width=width + float(np.max(strand.high[part]) - np.min(strand.low[part])),
+        is_forward=bool(strand.is_forward[(first + last) // 2]),
+        is_reverse=bool(strand.is_reverse[(first + last) // 2]),
+        deviation=float(np.percentile(known, 95)) if len(known) else math.nan,
+        num_drives=int(np.median(strand.count[part])),
+    )
+
+
+def _dissolved(network: Network) -> Network:
+    """Join edges at nodes where there is only one way on, driven alike, unless the node is a place."""
+    edges, nodes = dict(network.edges), dict(network.nodes)
+    for number in list(nodes):
+        before = [edge for edge in edges.values() if edge.end == number]
+        after = [edge for edge in edges.values() if edge.start == number]
+        if len(before) != 1 or len(after) != 1 or network.name_of(number) or before[0] is after[0]:
+            continue
+        a, b = before[0], after[0]
+        if (a.is_forward, a.is_reverse) != (b.is_forward, b.is_reverse):
+            continue
+        deviation = float(np.fmax(a.deviation, b.deviation))
+        joined = replace(
+            a, end=b.end, curve=join_curves([a.curve, b.curve]), width=max(a.width, b.width), deviation=deviation
+        )
+        edges[a.id] = joined
+        del edges[b.id], nodes[number]
+    return replace(network, nodes=nodes, edges=edges)
+
+
+def _renumbered(network: Network) -> Network:
+    """Number nodes, then edges, from 1: no number stands for both, as Nav2's Route Server wants it."""
+    names = {old: new for new, old in enumerate(network.nodes, 1)}
+    nodes = {names[node.id]: replace(node, id=names[node.id]) for node in network.nodes.values()}
+    edges = {
+        number: replace(edge, id=number, start=names[edge.start], end=names[edge.end])
+        for number, edge in enumerate(network.edges.values(), len(names) + 1)
+    }
+    return replace(network, nodes=nodes, edges=edges, places={k: names[v] for k, v in network.places.items()})

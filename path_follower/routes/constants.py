@@ -1,0 +1,38 @@
+"""Numbers that networks and ways depend on, with unit, origin and the test that notices a change."""
+
+import math
+
+# Network (test_building): of streets with lanes of 3 m, and drives that repeat within a few decimetres
+LANE = 0.6  # m: drives closer than this, heading alike, are on the same lane
+SAME_HEADING = math.radians(15.0)  # between drives on the same lane
+MIN_SHARED = 5.0  # m alongside that make a shared edge: a crossing at a flat angle of 15 deg is alongside for 4 m
+MAX_APART = 3.0  # m beside each other and back that are the same lane still
+BLEND = 8.0  # m before and behind a branch over which a drive goes over to the curve of the other
+PAST = 10.0  # m that a drive goes on before it can meet itself
+ALIKE = 0.1  # m, rad / 3, 1/m / 4: points that are this much less alike than the best are as good for a branch
+STEP = 0.1  # m between points
+STUB = 3.0  # m that a drive begins before, or goes on behind, what it shares: less is left out
+SNAP = 3  # points from the end of a curve that are its end
+
+# Ways (test_planning)
+REVERSE_COST, CUSP_COST = 3.0, 5.0  # times the time driven backwards; s for a change of direction
+AT_PLACE = 0.5  # m before or behind a place within which a vehicle is there
+
+# Joining (test_course)
+JOIN_WITHIN = 10.0  # m within which it is on the path
+JOINED = (0.03, math.radians(2.0))  # m, rad: on the path
+TURN_SHARE = 0.95  # of the car's curvature that a join takes: the rest is for control
+TURN_RATE = 1.2  # 1/m of steering angle a metre, rad: at 0.6 m/s the wheels turn at 0.7 rad/s
+
+# Missions (test_mission)
+TICK = 0.2  # s
+CALL_PATIENCE = 5.0  # s for an answer of the follower
+STEADY = 1.0  # s of TRACKING before a start
+RETRY = 3.0  # s between two starts before something that is in the way
+BEHIND_FRONT = 0.7  # m before the front within which an obstacle stands: margin and braking way
+SMOOTHED = 0.005  # share of its length that smoothing may take from a path
+ADVANCED = 0.3  # m of progress that make an obstacle another one
+
+MAX_NAME = 64  # characters of a place
+MAX_BYTES = 256 << 20  # of a network file: 10 km are about 6 MB
+MAX_ITEMS = 100_000  # nodes, or edges

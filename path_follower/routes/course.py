@@ -1,0 +1,123 @@
+"""One path of a way over the network, from where the vehicle stands: points, headings and speeds for the follower.
+
+Joining: the beginning of the path is the way of a car that is steered onto it by the law of the follower (its poles
+belong to the way, not to time, see `steering.py`), with the wheel turning at a limited rate a metre and no further than
+a share of what the car can. So the curve is feasible, the offset falls without overshoot, and where the vehicle heads
+away from the path it grows no more than that curvature makes it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from path_follower.constants import MAX_HEADING_ERROR, MAX_POINTS
+from path_follower.params import SteeringParams, VehicleParams
+from path_follower.path import Pose2, wrap
+from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_RATE, TURN_SHARE
+from path_follower.routes.network import Curve, Network
+from path_follower.routes.planning import Leg
+from sphere_nav.geometry.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Points (N,) in order of driving; `ends` (K,) are the arc lengths at which legs end; joining is in the first."""
+
+    x: Array
+    y: Array
+    yaw: Array  # of the vehicle, not of the way
+    speed: Array
+    legs: tuple[Leg, ...]
+    ends: tuple[float, ...]
+
+    @property
+    def length(self) -> float:
+        """Way in m."""
+        return self.ends[-1]
+
+    def leg_at(self, way: float) -> int:
+        """Return which leg a vehicle is on that has driven this far."""
+        return min(int(np.searchsorted(self.ends, way, side="right")), len(self.legs) - 1)
+
+
+def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehicle: VehicleParams) -> Course:
+    """Return the path of legs, from a pose beside their beginning if given; ValueError where it cannot join."""
+    points: list[Array] = []
+    ends: list[float] = []
+    way = 0.0
+    for number, leg in enumerate(legs):
+        part = network.edges[leg.edge].curve.part(min(leg.first, leg.last), max(leg.first, leg.last))
+        columns = np.stack([part.x, part.y, part.yaw, part.speed], axis=-1)[:: leg.direction]
+        way += leg.length
+        points.append(columns[1:] if number else columns)
+        ends.append(way)
+    table = np.concatenate(points)
+    if pose is not None:
+        table, change = _joined(table, legs[0].direction, _first_run(legs), pose, vehicle)
+        ends = [end + change for end in ends]
+    if len(table) > MAX_POINTS:
+        raise ValueError(f"way: expected at most {MAX_POINTS} points, found {len(table)}: fewer laps")
+    x, y, yaw, speed = table.T
+    return Course(x, y, yaw, speed, tuple(legs), tuple(ends))
+
+
+def _first_run(legs: Sequence[Leg]) -> float:
+    """Return how far it is to the first change of direction, or to the end."""
+    run = 0.0
+    for leg in legs:
+        if leg.direction != legs[0].direction:
+            break
+        run += leg.length
+    return run
+
+
+def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: VehicleParams) -> tuple[Array, float]:
+    """Return the points with their beginning replaced by the way onto them, and how much longer that is."""
+    base = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
+    curve = Curve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
+    poses, s = join(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
+    rest = table[base > s + STEP / 2]
+    speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, table[:, 3])
+    joined = np.concatenate([np.column_stack([poses, speed]), rest])
+    change = float(np.sum(np.hypot(*np.diff(joined[:, :2], axis=0).T))) - float(base[-1])
+    return joined, change
+
+
+def join(curve: Curve, direction: int, pose: Pose2, vehicle: VehicleParams, reach: float) -> tuple[Array, float]:
+    """Return poses (K, 3) every STEP m from a pose onto a curve in order of driving, and the arc length where they end.
+
+    ValueError where the vehicle is not on the curve within `reach` m of it; a shorter one is followed to its end.
+    """
+    law, limit = SteeringParams(), TURN_SHARE * vehicle.max_steering_angle
+    bend = direction * np.gradient(curve.yaw, np.maximum(curve.arc, 1e-9 * np.arange(len(curve))))
+    x, y, yaw, s = pose.x, pose.y, pose.yaw, 0.0
+    angle: float | None = None  # of the wheel: it may stand anyhow before the start
+    poses = [(x, y, yaw)]
+    while True:
+        there = curve.pose(s)
+        dx, dy = x - there.x, y - there.y
+        s += math.cos(there.yaw) * dx * direction + math.sin(there.yaw) * dy * direction
+        s = min(max(s, 0.0), curve.length)
+        there = curve.pose(s)
+        left = math.cos(there.yaw) * (y - there.y) - math.sin(there.yaw) * (x - there.x)
+        turned = wrap(yaw - there.yaw)
+        if abs(left) <= JOINED[0] and abs(turned) <= JOINED[1]:
+            return np.array(poses), s
+        if s >= reach - 1e-6:
+            found = f"{abs(left):.2f} m and {math.degrees(abs(turned)):.0f} deg beside it after {reach:.1f} m"
+            raise ValueError(f"way: expected a vehicle that can drive onto the path, found {found}: bring it closer")
+        error = min(max(turned, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
+        wanted = float(np.interp(s, curve.arc, bend)) - law.k_y * left - direction * law.k_psi * math.tan(error)
+        wheel = math.atan(vehicle.wheelbase * wanted)
+        if angle is not None:
+            wheel = min(max(wheel, angle - TURN_RATE * STEP), angle + TURN_RATE * STEP)
+        angle = min(max(wheel, -limit), limit)
+        turn = direction * STEP * math.tan(angle) / vehicle.wheelbase
+        x += direction * STEP * math.cos(yaw + turn / 2)
+        y += direction * STEP * math.sin(yaw + turn / 2)
+        yaw += turn
+        poses.append((x, y, yaw))

@@ -1,0 +1,487 @@
+"""READ FIRST of the navigator. A mission: what a vehicle is told to do, and what the follower is asked for next.
+
+Nothing here knows ROS or time: poses, states and answers are handed in, `tick` returns one request to the follower at a
+time. The whole remaining way goes to the follower as one path, so that nothing stops at joints; another way means a
+stop, a new path, a start. Stops, limits and obstacles are the follower's business.
+
+A vehicle moves by itself again only where what was missing is back, where an obstacle has gone, or on another way than
+one that is blocked; whatever else stops the follower holds the mission until `resume`.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from path_follower.modes import FollowerState
+from path_follower.params import VehicleParams
+from path_follower.path import Pose2
+from path_follower.reasons import MISSING, StopReason
+from path_follower.routes.constants import ADVANCED, BEHIND_FRONT, CALL_PATIENCE, RETRY, SMOOTHED, STEADY
+from path_follower.routes.course import Course, make_course
+from path_follower.routes.network import Network, Spot
+from path_follower.routes.params import MissionParams
+from path_follower.routes.planning import Leg, Route, plan, with_laps
+from sphere_nav.localization.status import State
+
+UNDER_WAY = (FollowerState.DRIVING, FollowerState.SLOW, FollowerState.PAUSED, FollowerState.STOPPING)
+WAITED_FOR = (*MISSING, StopReason.LOCALISATION_DEGRADED)
+RETRIED = (*WAITED_FOR, StopReason.OBSTACLE, StopReason.POSE_UNCERTAIN, "the vehicle is still braking")
+
+
+class MissionState(enum.StrEnum):
+    """The words of NavigatorStatus."""
+
+    IDLE = "IDLE"
+    WAITING = "WAITING"
+    STARTING = "STARTING"
+    DRIVING = "DRIVING"
+    STOPPING = "STOPPING"
+    PAUSED = "PAUSED"
+    HELD = "HELD"
+    STAYING = "STAYING"
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Where to: a place, or a pose on the network; rounds after that, and s to stay there."""
+
+    place: str = ""
+    pose: Pose2 | None = None
+    laps: int = 0
+    wait: float = 0.0
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the follower is asked for: load, start, stop, pause or resume; a course to load."""
+
+    name: str
+    course: Course | None = None
+
+
+@dataclass(frozen=True)
+class FollowerView:
+    """What the follower says of itself, m and s."""
+
+    state: str
+    reason: str = ""
+    remedy: str = ""
+    progress: float = 0.0
+    distance_to_end: float = 0.0
+    at: float = 0.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a mission ended, in one line, and how far it drove in m."""
+
+    success: bool
+    reason: str
+    distance: float
+
+
+class Mission:
+    """One mission at a time; give it what happens, ask it what to do."""
+
+    def __init__(self, network: Network, params: MissionParams, vehicle: VehicleParams) -> None:
+        """Begin without a mission, all edges open."""
+        self.network, self.params, self.vehicle = network, params, vehicle
+        self.state, self.reason = MissionState.IDLE, ""
+        self.goal: Goal | None = None
+        self.outcome: Outcome | None = None  # of a mission that has ended; whoever tells it takes it away
+        self.closed: set[int] = set()
+        self.blocked: dict[int, float] = {}  # edges with an obstacle, and until when they count as closed
+        self.view: FollowerView | None = None
+        self.course: Course | None = None
+        self.pose: tuple[Pose2, float] | None = None
+        self.localizer: tuple[str, float] | None = None
+        self.laps_left, self.driven, self.progress = 0, 0.0, 0.0
+        self._route: Route | None = None
+        self._lap_legs = (0, 0)  # legs to the goal, legs of a round
+        self._pending: tuple[Request, float] | None = None
+        self._ending: str | None = None  # why the mission ends once the vehicle stands
+        self._is_restored = self._is_stopped = False
+        self._since = self._retry_at = self._asked_at = 0.0
+        self._steady_since: float | None = None
+        self._obstacle: tuple[float, float] | None = None  # since when, at which progress
+
+    # --- what happens
+    def see_pose(self, pose: Pose2, now: float) -> None:
+        """Take a pose."""
+        self.pose = (pose, now)
+
+    def see_localizer(self, state: str, now: float) -> None:
+        """Take the state of the localiser."""
+        self.localizer = (state, now)
+
+    def see_follower(self, view: FollowerView) -> None:
+        """Take what the follower says."""
+        self.view = view
+        if self.state is not MissionState.STARTING and (way := self._way_of(view)) is not None:
+            self.progress = max(self.progress, way)
+
+    def _way_of(self, view: FollowerView) -> float | None:
+        """Return how far the follower is on the course in m, which it has smoothed; None: it drives another path."""
+        total, length = view.progress + view.distance_to_end, self.course.length if self.course is not None else 0.0
+        is_ours = length > 0.0 and abs(total - length) < 1.0 + SMOOTHED * length
+        return view.progress * length / total if is_ours and total > 0.0 else None
+
+    def answer(self, request: Request, failure: str, now: float) -> None:
+        """Take the answer to a request, empty: it was done; one that was given up counts no more."""
+        if self._pending is None or self._pending[0] is not request:
+            return
+        self._pending = None
+        if failure:
+            self._refused(request, failure, now)
+        elif request.name in ("start", "resume", "stop"):
+            self.view = None  # what it said before
+            if request.name == "stop":
+                self._is_stopped = True
+            elif self.state in (MissionState.STARTING, MissionState.WAITING):
+                self._go(MissionState.DRIVING, now)
+
+    # --- what an operator asks for; every answer is one line, empty where it is done
+    def begin(self, goal: Goal, now: float) -> None:
+        """Drive to a goal, in place of the one there was; ValueError for one that does not exist."""
+        self.spots_of(goal)
+        is_under_way = self.goal is not None and self.state is not MissionState.IDLE
+        self.goal, self.laps_left, self.driven, self.outcome = goal, goal.laps, 0.0, None
+        self._retry_at = 0.0
+        self.course, self.progress, self._lap_legs = None, 0.0, (0, 0)
+        self._obstacle, self._ending, self._is_restored = None, None, False
+        self._go(MissionState.STOPPING if is_under_way else MissionState.WAITING, now)
+
+    def cancel(self, why: str, now: float) -> None:
+        """End the mission once the vehicle stands."""
+        if self.goal is not None:
+            self._ending = why
+            self._go(MissionState.STOPPING, now)
+
+    def pause(self, now: float) -> str:
+        """Stand until `resume`."""
+        if self.state not in (MissionState.DRIVING, MissionState.WAITING, MissionState.STARTING):
+            return f"nothing to pause: {self.state}"
+        self._go(MissionState.PAUSED, now, "call resume")
+        return ""
+
+    def resume(self, now: float) -> str:
+        """Go on after a pause, or after a stop that was looked at."""
+        if self.state not in (MissionState.PAUSED, MissionState.HELD):
+            return f"nothing to resume: {self.state}"
+        is_paused = self.view is not None and self.view.state == FollowerState.PAUSED
+        self._is_restored = False
+        self._go(MissionState.STARTING if is_paused else MissionState.STOPPING, now)
+        return ""
+
+    def close(self, name: str, is_closed: bool, now: float) -> None:
+        """Close an edge, or open it; a mission that would come to it takes another way. ValueError: unknown edge."""
+        edge = int(name.lstrip("-")) if name.lstrip("-").isdigit() else -1
+        if edge not in self.network.edges:
+            raise ValueError(f"edge: expected one of {', '.join(map(str, self.network.edges))}, found {name!r}")
+        self.blocked.pop(edge, None)
+        (self.closed.add if is_closed else self.closed.discard)(edge)
+        ahead = self.course.legs[self.course.leg_at(self.progress) :] if self.course else ()
+        is_driven = self.state in (MissionState.DRIVING, MissionState.STARTING)
+        if is_closed and is_driven and edge in {leg.edge for leg in ahead}:
+            self._go(MissionState.STOPPING, now, f"edge {edge} was closed: another way is taken")
+
+    # --- what to do
+    def tick(self, now: float) -> Request | None:
+        """Return what the follower is to be asked for now; None: nothing, or it has yet to answer."""
+        if self._pending is not None:
+            if now - self._pending[1] > CALL_PATIENCE:
+                self._pending = None
+                self._go(MissionState.HELD, now, "path_follower does not answer: see that it runs, then call resume")
+            return None
+        if self.goal is None:
+            return None
+        steps: dict[MissionState, Callable[[float], Request | None]] = {
+            MissionState.WAITING: self._wait,
+            MissionState.STARTING: self._start,
+            MissionState.DRIVING: self._drive,
+            MissionState.STOPPING: self._stop,
+            MissionState.PAUSED: self._stand,
+            MissionState.STAYING: self._stay,
+        }
+        request = steps[self.state](now) if self.state in steps else None
+        self._pending = (request, now) if request is not None else None
+        return request
+
+    def _wait(self, now: float) -> Request | None:
+        """Wait until nothing is lacking, or until what is in the way has gone; then plan."""
+        if self._is_restored and self.view is not None:
+            return self._adopt(now)
+        if self._obstacle is not None:
+            return self._at_obstacle(now)
+        if now < self._retry_at:
+            return None
+        self.reason = self._lacks(now)
+        self._steady_since = None if self.reason else now if self._steady_since is None else self._steady_since
+        if self.reason or now - (self._steady_since or now) < STEADY:
+            return None
+        try:
+            self.course = self._plan(now)
+        except ValueError as error:
+            self._conclude(False, str(error), now)
+            return None
+        self.progress = 0.0
+        if self.course.length < 0.3:
+            self._arrive(now)
+            return None
+        self._go(MissionState.STARTING, now)
+        return Request("load", self.course)
+
+    def _lacks(self, now: float) -> str:
+        """Return what keeps a mission from starting, in one line."""
+        if self.localizer is None or now - self.localizer[1] > self.params.max_silence:
+            return "no status of the localiser: see that it runs"
+        if self.localizer[0] != State.TRACKING:
+            return f"the localiser is {self.localizer[0]}: wait for TRACKING, or call its relocalize"
+        if self.pose is None or now - self.pose[1] > self.params.max_silence:
+            return "no pose: see the localiser and the topic of the pose"
+        if self.view is None or now - self.view.at > self.params.max_silence:
+            return "no status of path_follower: see that it runs"
+        return "path_follower is under way" if self.view.state in UNDER_WAY else ""
+
+    def _start(self, now: float) -> Request | None:
+        is_paused = self.view is not None and self.view.state == FollowerState.PAUSED
+        return Request("resume" if is_paused else "start")
+
+    def _drive(self, now: float) -> Request | None:
+        view = self.view
+        if view is None or now - view.at > self.params.max_silence:
+            if now - self._since > self.params.max_silence:
+                self._go(MissionState.HELD, now, "no status of path_follower: see that it runs, then call resume")
+        elif (
+            view.state == FollowerState.FINISHED and self.progress > (self.course.length if self.course else 0.0) - 1.0
+        ):
+            self._arrive(now)
+        elif view.state == FollowerState.PAUSED:
+            self._go(MissionState.PAUSED, now, "path_follower was paused: call resume")
+        elif view.state == FollowerState.STOPPED:
+            self._stopped(view, now)
+        elif view.state in (FollowerState.DRIVING, FollowerState.SLOW, FollowerState.STOPPING):
+            self.reason = f"{view.reason}: {view.remedy}" if view.reason else ""
+        elif now - self._since > self.params.max_silence:
+            self._go(MissionState.HELD, now, f"path_follower is {view.state}, it began anew: call resume")
+        return None
+
+    def _stopped(self, view: FollowerView, now: float) -> None:
+        """The follower has stopped by itself, or somebody has stopped it."""
+        text = f"{view.reason}: {view.remedy}"
+        if view.reason == StopReason.OBSTACLE:
+            if self._obstacle is None or self.progress > self._obstacle[1] + ADVANCED:
+                self._obstacle = (now, self.progress)
+            advice = f"goes on when it has gone, and looks for another way after {self.params.patience:g} s"
+            self._go(MissionState.WAITING, now, f"{view.reason}: {advice}")
+            self._retry_at = now + RETRY
+        elif view.reason in WAITED_FOR and self.params.is_resuming:
+            self._go(MissionState.WAITING, now, text)
+        else:
+            self._go(MissionState.HELD, now, f"{text.replace('call start', 'call resume')}")
+
+    def _at_obstacle(self, now: float) -> Request | None:
+        """Try again and again; what stays closes the edge that it stands on."""
+        since, at = self._obstacle or (now, 0.0)
+        if self.progress > at + ADVANCED or self.view is None or self.view.reason != StopReason.OBSTACLE:
+            self._obstacle = None
+            return None
+        if now - since > self.params.patience and self.course is not None:
+            way = self.progress + self.vehicle.front + BEHIND_FRONT
+            edge = self.course.legs[self.course.leg_at(way)].edge
+            self.blocked[edge] = now + self.params.memory
+            self._obstacle = None
+            self._go(MissionState.WAITING, now, f"edge {edge} is blocked: another way is looked for")
+            return None
+        if now < self._retry_at:
+            return None
+        self._retry_at = now + RETRY
+        return Request("start")
+
+    def _stop(self, now: float) -> Request | None:
+        """Bring the vehicle to a stand, then go on with what comes after."""
+        if not self._is_stopped:
+            return Request("stop")
+        if self.view is None or self.view.state in UNDER_WAY:
+            if now - self._since > self.params.max_silence and self.view is None:
+                self._refused(Request("stop"), "no status of path_follower: see that it runs", now)
+            return None
+        self.driven, self.progress, left = self.driven + self.progress, 0.0, self._laps_to_go()
+        self.course, self.laps_left = None, left
+        if self._ending is not None:
+            self._conclude(False, self._ending, now)
+        else:
+            self._go(MissionState.WAITING, now)
+        return None
+
+    def _stand(self, now: float) -> Request | None:
+        is_driving = self.view is not None and self.view.state in (FollowerState.DRIVING, FollowerState.SLOW)
+        if is_driving and now >= self._asked_at + 1.0:
+            self._asked_at = now
+            return Request("pause")
+        return None
+
+    def _stay(self, now: float) -> Request | None:
+        if self.goal is not None and now - self._since >= self.goal.wait:
+            self._conclude(True, "", now)
+        return None
+
+    def _arrive(self, now: float) -> None:
+        self.driven += self.course.length if self.course is not None else 0.0
+        self.course, self.progress, self.laps_left = None, 0.0, 0
+        self._go(MissionState.STAYING, now)
+        self._stay(now)
+
+    def _refused(self, request: Request, failure: str, now: float) -> None:
+        """What the follower would not do: for what is missing it is asked again, all else waits for somebody.
+
+        A vehicle must not drive off because an emergency stop was released.
+        """
+        if request.name == "stop" and self._ending is not None:
+            self._conclude(False, f"{self._ending}; {failure}", now)
+        elif self.state is MissionState.STOPPING:
+            self._go(MissionState.HELD, now, f"{failure}: then call resume")
+        elif request.name == "start" and (failure.partition(":")[0] in RETRIED or "no such service" in failure):
+            self._go(MissionState.WAITING, now, failure)
+            self._retry_at = now + RETRY
+        elif request.name == "start":
+            self._go(MissionState.HELD, now, failure.replace("call start", "call resume"))
+        elif request.name == "resume":
+            self._go(MissionState.PAUSED, now, failure)
+        elif request.name == "load":
+            self._go(MissionState.HELD, now, f"{failure}: then call resume")
+
+    def _conclude(self, success: bool, reason: str, now: float) -> None:
+        self.outcome = Outcome(success, reason, self.driven + self.progress)
+        self.goal, self.course, self._ending, self.progress = None, None, None, 0.0
+        self._go(MissionState.IDLE, now)
+
+    def _go(self, state: MissionState, now: float, reason: str = "") -> None:
+        self.state, self.reason, self._since = state, reason, now
+        self._steady_since, self._asked_at, self._is_stopped = None, -1e9, False
+
+    # --- the way
+    def spots_of(self, goal: Goal) -> list[Spot]:
+        """Return where on the network a goal is; ValueError for one that is not there."""
+        if goal.place or goal.pose is None:
+            return self.network.spots_of(self.network.node_of(goal.place))
+        spots = self.network.locate(goal.pose, self.params.reach, self.params.max_turn)
+        if not spots:
+            expected = f"one within {self.params.reach:g} m of the network, heading along it"
+            raise ValueError(f"pose: expected {expected}, found x {goal.pose.x:.2f}, y {goal.pose.y:.2f}")
+        return spots[:1]
+
+    def closed_now(self, now: float) -> set[int]:
+        """Return the edges that are closed, by a call or by an obstacle."""
+        self.blocked = {edge: until for edge, until in self.blocked.items() if until > now}
+        return self.closed | set(self.blocked)
+
+    def _plan(self, now: float) -> Course:
+        """Return the way from where the vehicle is; ValueError with a name for what there is not."""
+        if self.goal is None or self.pose is None:
+            raise ValueError("no goal, or no pose")
+        closed, cruise = self.closed_now(now), self.params.cruise
+        starts = self.network.locate(self.pose[0], self.params.reach, self.params.max_turn)
+        if not starts:
+            raise ValueError(
+                f"no way: expected a vehicle within {self.params.reach:g} m of the network, heading along it"
+            )
+        while True:
+            route = plan(self.network, starts, self.spots_of(self.goal), cruise=cruise, closed=closed)
+            whole = with_laps(self.network, route, self.laps_left, cruise=cruise, closed=closed)
+            try:
+                course = make_course(self.network, whole.legs, self.pose[0], self.vehicle)
+            except ValueError:
+                starts = [spot for spot in starts if spot.edge != whole.legs[0].edge]
+                if not starts:
+                    raise
+                continue
+            self._route = whole
+            self._lap_legs = len(route.legs), (len(whole.legs) - len(route.legs)) // max(self.laps_left, 1)
+            return course
+
+    def _laps_to_go(self) -> int:
+        """Return how many rounds are left after the goal has been reached once more."""
+        first, each = self._lap_legs
+        if self.course is None or not each:
+            return self.laps_left
+        done = self.course.leg_at(self.progress) - first
+        return self.laps_left if done < 0 else max(self.laps_left - 1 - done // each, 0)
+
+    # --- what is said
+    @property
+    def leg(self) -> Leg | None:
+        """The leg that the vehicle is on."""
+        return None if self.course is None else self.course.legs[self.course.leg_at(self.progress)]
+
+    @property
+    def distance_remaining(self) -> float:
+        """Way left in m."""
+        return 0.0 if self.course is None else max(self.course.length - self.progress, 0.0)
+
+    @property
+    def time_remaining(self) -> float:
+        """Driving left in s."""
+        if self.course is None or self._route is None:
+            return 0.0
+        return self._route.seconds * self.distance_remaining / max(self.course.length, 1e-9)
+
+    @property
+    def next_place(self) -> str:
+        """The next named place on the way."""
+        for leg in self.course.legs[self.course.leg_at(self.progress) :] if self.course is not None else ():
+            edge = self.network.edges[leg.edge]
+            node = edge.end if leg.direction > 0 else edge.start
+            is_end = abs(leg.last - (edge.length if leg.direction > 0 else 0.0)) < 1e-6
+            if is_end and (name := self.network.name_of(node)):
+                return name
+        return self.goal.place if self.goal is not None else ""
+
+    # --- over a restart
+    def snapshot(self) -> dict[str, Any]:
+        """Return what a mission needs to survive, as plain values."""
+        goal, course = self.goal, self.course
+        return {
+            "map_id": self.network.map_id,
+            "closed": sorted(self.closed),
+            "goal": None
+            if goal is None
+            else {"place": goal.place, "pose": goal.pose and list(goal.pose), "laps": goal.laps, "wait": goal.wait},
+            "laps_left": self.laps_left,
+            "driven": self.driven,
+            "lap_legs": list(self._lap_legs),
+            "seconds": self._route.seconds if self._route else 0.0,
+            "legs": [] if course is None else [[leg.edge, leg.direction, leg.first, leg.last] for leg in course.legs],
+            "ends": [] if course is None else list(course.ends),
+        }
+
+    def restore(self, goal: Goal | None, legs: list[Leg], values: dict[str, Any], now: float) -> None:
+        """Go on with a mission of before: driving where the follower still drives that way, else held."""
+        self.closed = {edge for edge in values["closed"] if edge in self.network.edges}
+        if goal is None:
+            return
+        self.spots_of(goal)
+        self.goal, self.laps_left, self.driven = goal, values["laps_left"], values["driven"]
+        self._lap_legs = (values["lap_legs"][0], values["lap_legs"][1])
+        if legs and all(leg.edge in self.network.edges for leg in legs):
+            none = self.network.edges[legs[0].edge].curve.x[:0]
+            self.course = Course(none, none, none, none, tuple(legs), tuple(values["ends"]))
+            self._route = Route(tuple(legs), values["seconds"])
+        self._is_restored = True
+        self._go(MissionState.WAITING, now, "the navigator began anew")
+
+    def _adopt(self, now: float) -> Request | None:
+        """Decide by what the follower does."""
+        self._is_restored = False
+        view = self.view
+        way = self._way_of(view) if view is not None else None
+        if way is not None and view is not None and view.state in UNDER_WAY:
+            self.progress = way
+            self._go(MissionState.PAUSED if view.state == FollowerState.PAUSED else MissionState.DRIVING, now)
+        else:
+            self.course = None
+            self._go(MissionState.HELD, now, "the navigator began anew and the vehicle stands: call resume to go on")
+        return None

@@ -1,0 +1,196 @@
+"""A network of taught paths: nodes are poses, edges the curves between them, places are nodes with a name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from path_follower.path import Pose2, wrap
+from path_follower.routes.constants import MAX_NAME
+from sphere_nav.geometry.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Points (N,), N >= 2, in the order in which the vehicle heads: m, m, rad unwrapped, m/s (NaN: unknown)."""
+
+    x: Array
+    y: Array
+    yaw: Array
+    speed: Array
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    @cached_property
+    def arc(self) -> Array:
+        """Arc length (N,) from the first point, in m."""
+        return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(self.x), np.diff(self.y)))])
+
+    @property
+    def length(self) -> float:
+        """Arc length of the last point, in m."""
+        return float(self.arc[-1])
+
+    @property
+    def bend(self) -> Array:
+        """Curvature (N,) in 1/m, positive to the left."""
+        bend: Array = np.gradient(self.yaw, np.maximum(self.arc, 1e-9 * np.arange(len(self))))
+        return bend
+
+    def pose(self, s: float) -> Pose2:
+        """Return the pose at an arc length."""
+        return Pose2(*(float(np.interp(s, self.arc, values)) for values in (self.x, self.y, self.yaw)))
+
+    def part(self, first: float, last: float) -> Curve:
+        """Return the curve between two arc lengths, with points there; first <= last."""
+        inside = (self.arc > first + 1e-6) & (self.arc < last - 1e-6)
+        s = np.concatenate([[first], self.arc[inside], [last]])
+        return Curve(*(np.interp(s, self.arc, values) for values in (self.x, self.y, self.yaw, self.speed)))
+
+
+@dataclass(frozen=True)
+class Node:
+    """A pose where edges begin and end; all of them head as it does."""
+
+    id: int
+    pose: Pose2
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """A curve from one node to another, and how it may be driven."""
+
+    id: int
+    start: int
+    end: int
+    curve: Curve
+    width: float = 0.0  # m that taught drives have covered
+    is_forward: bool = True  # may be driven from its start to its end
+    is_reverse: bool = False  # may be driven backwards from its end to its start
+    deviation: float = math.nan  # m, standard deviation across the way with which drives were localised
+    num_drives: int = 1
+
+    @property
+    def length(self) -> float:
+        """Length in m."""
+        return self.curve.length
+
+    def seconds(self, cruise: float) -> float:
+        """Return how long it takes at the taught speeds, at most `cruise` m/s."""
+        speed = np.clip(np.where(np.isfinite(self.curve.speed), self.curve.speed, cruise), 0.3, cruise)
+        return float(np.sum(2.0 * np.diff(self.curve.arc) / (speed[1:] + speed[:-1])))
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A place on an edge, m from its start; where one was looked for: m that it is to the left, rad turned."""
+
+    edge: int
+    s: float
+    left: float = 0.0
+    turned: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """Nodes, edges and places of one map."""
+
+    nodes: Mapping[int, Node]
+    edges: Mapping[int, Edge]
+    places: Mapping[str, int] = field(default_factory=dict)  # node by name
+    map_id: str = ""
+    frame: str = "map"
+
+    def arrivals(self, node: int) -> list[Edge]:
+        """Return the edges that end at a node."""
+        return [edge for edge in self.edges.values() if edge.end == node]
+
+    def departures(self, node: int) -> list[Edge]:
+        """Return the edges that begin at a node."""
+        return [edge for edge in self.edges.values() if edge.start == node]
+
+    def spots_of(self, node: int) -> list[Spot]:
+        """Return a node as the ends and the beginnings of its edges."""
+        ends = [Spot(edge.id, edge.length) for edge in self.arrivals(node)]
+        return ends + [Spot(edge.id, 0.0) for edge in self.departures(node)]
+
+    def name_of(self, node: int) -> str:
+        """Return the name of a place, or an empty text."""
+        return next((name for name, number in self.places.items() if number == node), "")
+
+    def node_of(self, place: str) -> int:
+        """Return the node of a place; ValueError for an unknown one."""
+        if place not in self.places:
+            known = ", ".join(sorted(self.places)) or "none, see sphere_nav route name"
+            raise ValueError(f"place: expected one of {known}, found {place!r}")
+        return self.places[place]
+
+    def locate(self, pose: Pose2, reach: float, max_turn: float) -> list[Spot]:
+        """Return the closest spot of each edge within `reach` m and `max_turn` rad of a pose, the closest first."""
+        found = [spot for edge in self.edges.values() if (spot := _foot(edge, pose, reach, max_turn)) is not None]
+        return sorted(found, key=lambda spot: abs(spot.left) + abs(spot.turned))
+
+    def with_place(self, name: str, spot: Spot) -> Network:
+        """Return the network with a named place: at a node that is closer than 0.5 m, else the edge is cut there."""
+        if not name or len(name) > MAX_NAME or not name.isprintable():
+            raise ValueError(f"place: expected a name of 1 to {MAX_NAME} printable characters, found {name[:80]!r}")
+        edge = self.edges[spot.edge]
+        for node, way in ((edge.start, spot.s), (edge.end, edge.length - spot.s)):
+            if way < 0.5:
+                return replace(self, places={**self.places, name: node})
+        new = max(*self.nodes, *self.edges) + 1
+        before = replace(edge, end=new, curve=edge.curve.part(0.0, spot.s))
+        after = replace(edge, id=new + 1, start=new, curve=edge.curve.part(spot.s, edge.length))
+        nodes = {**self.nodes, new: Node(new, edge.curve.pose(spot.s))}
+        edges = {**self.edges, edge.id: before, after.id: after}
+        return replace(self, nodes=nodes, edges=edges, places={**self.places, name: new})
+
+
+def _foot(edge: Edge, pose: Pose2, reach: float, max_turn: float) -> Spot | None:
+    """Return the spot of an edge that is closest to a pose, of those that head as it does."""
+    curve = edge.curve
+    turned = np.abs((curve.yaw - pose.yaw + np.pi) % (2.0 * np.pi) - np.pi)
+    distance = np.where(turned <= max_turn, np.hypot(curve.x - pose.x, curve.y - pose.y), np.inf)
+    best = int(np.argmin(distance))
+    if not np.isfinite(distance[best]):
+        return None
+    foot, yaw = float(curve.arc[best]), float(curve.yaw[best])
+    dx, dy = pose.x - float(curve.x[best]), pose.y - float(curve.y[best])
+    ahead = math.cos(yaw) * dx + math.sin(yaw) * dy
+    left = math.cos(yaw) * dy - math.sin(yaw) * dx
+    s = min(max(foot + ahead, 0.0), edge.length)
+    beyond = abs(foot + ahead - s)
+    if math.hypot(left, beyond) > reach:
+        return None
+    return Spot(edge.id, s, left, wrap(pose.yaw - yaw))
+
+
+def headings(x: Array, y: Array, first: float | None = None, last: float | None = None) -> Array:
+    """Return the unwrapped heading (N,) along points, given at the ends where it is known."""
+    yaw: Array = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
+    if first is not None:
+        yaw[0] = yaw[1] + wrap(first - float(yaw[1]))
+    if last is not None:
+        yaw[-1] = yaw[-2] + wrap(last - float(yaw[-2]))
+    return yaw
+
+
+def join_curves(curves: Iterable[Curve]) -> Curve:
+    """Return one curve of several, each of which begins where the last one ends."""
+    parts = list(curves)
+    columns: list[list[Array]] = [[], [], [], []]
+    for number, part in enumerate(parts):
+        skip = slice(1, None) if number else slice(None)
+        for column, values in zip(columns, (part.x, part.y, part.yaw, part.speed), strict=True):
+            column.append(values[skip])
+    x, y, yaw, speed = (np.concatenate(column) for column in columns)
+    return Curve(x, y, np.unwrap(yaw), speed)
+
+
+Indices = NDArray[np.intp]

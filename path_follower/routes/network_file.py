@@ -1,0 +1,202 @@
+"""A network as GeoJSON that Nav2's Route Server reads, in metres of the map, with the dense curve of every edge.
+
+Nodes are Points, edges MultiLineStrings with `startid` and `endid`, as nav2_route's GeoJsonGraphFileLoader wants them;
+numbers of nodes and edges differ. Route Server ignores `curve`, the columns of the dense points, and `network`, what
+belongs to the whole. An edge that may be driven backwards has a twin for it, `twin_of`, which is left out on reading.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from path_follower.path import Pose2
+from path_follower.routes.constants import MAX_BYTES, MAX_ITEMS, MAX_NAME
+from path_follower.routes.network import Curve, Edge, Network, Node
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_text, required, short
+
+FORMAT, VERSION = "sphere_nav routes", 1
+FILE_NAME = "routes.geojson"  # in the folder of its map
+DECIMALS = 4  # of metres and radians
+COLUMNS = ("x", "y", "yaw", "speed")
+MAX_GAP = 1.0  # m between two points of a curve, and between its end and its node
+
+
+def network_path(path: Path) -> Path:
+    """Return the file of a network: the one that is named, or that of the map whose folder is."""
+    return path / FILE_NAME if path.is_dir() else path
+
+
+def write_network(path: str | os.PathLike[str], network: Network) -> None:
+    """Write a network; the file appears whole or not at all."""
+    partial = Path(path).with_name(Path(path).name + ".part")
+    partial.write_text(to_geojson(network), encoding="utf-8")
+    partial.replace(path)
+
+
+def read_network(path: str | os.PathLike[str], map_id: str = "") -> Network:
+    """Read a network; ValueError in one line for anything that is none, or of another map than `map_id`."""
+    network = from_geojson(read_text(path, "network of routes (GeoJSON)", MAX_BYTES), str(path))
+    if map_id and network.map_id and network.map_id != map_id:
+        raise ValueError(f"{path}: network.map_id: expected that of the map, {map_id}, found {network.map_id}")
+    return network
+
+
+def to_geojson(network: Network, *, is_dense: bool = True) -> str:
+    """Return the text of the file; without the dense curves a quarter as long, to be shown."""
+    reach = max([*network.nodes, *network.edges], default=0)
+    twins = [edge for edge in network.edges.values() if edge.is_reverse and edge.is_forward]
+    features = [_node_feature(network, node) for node in network.nodes.values()]
+    features += [_edge_feature(edge) for edge in network.edges.values()]
+    for feature in features if not is_dense else ():
+        feature["properties"].pop("curve", None)
+    features += [_twin_feature(edge, reach + 1 + count) for count, edge in enumerate(twins)]
+    head = {"format": FORMAT, "version": VERSION, "map_id": network.map_id, "frame": network.frame}
+    whole = {"type": "FeatureCollection", "name": "graph", "network": head, "features": features}
+    return json.dumps(whole, allow_nan=False)
+
+
+def _node_feature(network: Network, node: Node) -> dict[str, Any]:
+    properties: dict[str, Any] = {"id": node.id, "frame": network.frame, "yaw": round(node.pose.yaw, 6)}
+    if names := [name for name, number in network.places.items() if number == node.id]:
+        properties |= {"names": names, "metadata": {"name": names[0]}}
+    geometry = {"type": "Point", "coordinates": [round(node.pose.x, DECIMALS), round(node.pose.y, DECIMALS)]}
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def _edge_feature(edge: Edge) -> dict[str, Any]:
+    c = edge.curve
+    known = c.speed[np.isfinite(c.speed)]
+    metadata: dict[str, Any] = {"length": round(edge.length, 3), "width": round(edge.width, 3)}
+    metadata["drives"] = edge.num_drives
+    metadata |= {"forward": edge.is_forward, "reverse": edge.is_reverse}
+    metadata |= {"abs_speed_limit": round(float(known.max()), 3)} if len(known) else {}
+    metadata |= {"deviation": round(edge.deviation, 4)} if math.isfinite(edge.deviation) else {}
+    curve = {name: _column(values) for name, values in zip(COLUMNS, (c.x, c.y, c.yaw, c.speed), strict=True)}
+    start, end = (edge.start, edge.end) if edge.is_forward else (edge.end, edge.start)
+    properties: dict[str, Any] = {"id": edge.id, "startid": start, "endid": end, "cost": round(edge.seconds(2.0), 3)}
+    properties |= {"overridable": True, "metadata": metadata, "curve": curve}
+    points: list[list[Any]] = [list(pair) for pair in zip(curve["x"][::5], curve["y"][::5], strict=True)]
+    return {"type": "Feature", "geometry": _line([*points, [curve["x"][-1], curve["y"][-1]]]), "properties": properties}
+
+
+def _twin_feature(edge: Edge, number: int) -> dict[str, Any]:
+    feature = _edge_feature(edge)
+    lines = feature["geometry"]["coordinates"]
+    properties = {key: value for key, value in feature["properties"].items() if key != "curve"}
+    properties |= {"id": number, "startid": edge.end, "endid": edge.start, "twin_of": edge.id}
+    return {"type": "Feature", "geometry": _line(lines[0][::-1]), "properties": properties}
+
+
+def _line(points: list[list[Any]]) -> dict[str, Any]:
+    return {"type": "MultiLineString", "coordinates": [points]}
+
+
+def _column(values: Array) -> list[float | None]:
+    return [round(value, DECIMALS) if math.isfinite(value) else None for value in values.tolist()]
+
+
+# --- reading
+def from_geojson(text: str, where: str = "network") -> Network:
+    """Return the network of a text; ValueError in one line for anything else."""
+    whole = required(load_json(where, text), where, ("type", "network", "features"))
+    head = required(whole["network"], f"{where}: network", ("format", "version", "map_id", "frame"))
+    if (head["format"], head["version"]) != (FORMAT, VERSION):
+        found = f"{short(head['format'])} {short(head['version'])}"
+        raise ValueError(f"{where}: network: expected format {FORMAT!r} version {VERSION}, found {found}")
+    features = whole["features"]
+    if not isinstance(features, list) or len(features) > 2 * MAX_ITEMS:
+        raise ValueError(f"{where}: features: expected a list of at most {2 * MAX_ITEMS}, found {short(features)}")
+    nodes: dict[int, Node] = {}
+    edges: dict[int, Edge] = {}
+    places: dict[str, int] = {}
+    for index, feature in enumerate(features):
+        at = f"{where}: features[{index}]"
+        fields = required(required(feature, at, ("geometry", "properties"))["properties"], f"{at}.properties", ("id",))
+        kind = required(feature["geometry"], f"{at}.geometry", ("type", "coordinates"))["type"]
+        if "twin_of" in fields:
+            continue
+        key = _id(fields["id"], f"{at}.properties.id")
+        if key in nodes or key in edges:
+            raise ValueError(f"{at}.properties.id: expected a number that is not taken, found {key} again")
+        if kind == "Point":
+            nodes[key] = _read_node(feature, key, at)
+            places |= dict.fromkeys(_names(fields, at), key)
+        else:
+            edges[key] = _read_edge(fields, key, f"{at}.properties")
+    if not nodes or not edges:
+        raise ValueError(f"{where}: expected nodes and edges, found {len(nodes)} and {len(edges)}")
+    network = Network(nodes, edges, places, _text(head["map_id"], f"{where}: map_id"), _text(head["frame"], where))
+    _check_ends(network, where)
+    return network
+
+
+def _read_node(feature: Mapping[str, Any], key: int, at: str) -> Node:
+    x, y = numbers(feature["geometry"]["coordinates"], f"{at}.geometry.coordinates", 2)
+    return Node(key, Pose2(x, y, number(feature["properties"].get("yaw"), f"{at}.properties.yaw")))
+
+
+def _names(fields: Mapping[str, Any], at: str) -> list[str]:
+    names = fields.get("names", [])
+    if not isinstance(names, list) or not all(isinstance(n, str) and 0 < len(n) <= MAX_NAME for n in names):
+        raise ValueError(f"{at}.properties.names: expected names of 1 to {MAX_NAME} characters, found {short(names)}")
+    return names
+
+
+def _read_edge(fields: Mapping[str, Any], key: int, at: str) -> Edge:
+    required(fields, at, ("startid", "endid", "metadata", "curve"))
+    metadata = required(fields["metadata"], f"{at}.metadata", ("width", "forward", "reverse"))
+    columns = required(fields["curve"], f"{at}.curve", COLUMNS)
+    x, y, yaw = (np.array(numbers(columns[name], f"{at}.curve.{name}")) for name in COLUMNS[:3])
+    speeds = columns["speed"] if isinstance(columns["speed"], list) else []
+    speed = np.array([math.nan if value is None else number(value, f"{at}.curve.speed") for value in speeds])
+    if not len(x) == len(y) == len(yaw) == len(speed) or len(x) < 2:
+        found = f"{len(x)}, {len(y)}, {len(yaw)}, {len(speed)}"
+        raise ValueError(f"{at}.curve: expected columns of one length, 2 or more, found {found}")
+    if (gap := float(np.hypot(np.diff(x), np.diff(y)).max())) > MAX_GAP:
+        raise ValueError(f"{at}.curve: expected points at most {MAX_GAP} m apart, found {gap:.3g} m")
+    is_forward, is_reverse = metadata["forward"] is True, metadata["reverse"] is True
+    start, end = _id(fields["startid"], f"{at}.startid"), _id(fields["endid"], f"{at}.endid")
+    return Edge(
+        id=key,
+        start=start if is_forward else end,
+        end=end if is_forward else start,
+        curve=Curve(x, y, yaw, speed),
+        width=number(metadata["width"], f"{at}.metadata.width"),
+        is_forward=is_forward,
+        is_reverse=is_reverse,
+        deviation=number(metadata["deviation"], f"{at}.metadata.deviation") if "deviation" in metadata else math.nan,
+        num_drives=int(number(metadata.get("drives", 1), f"{at}.metadata.drives")),
+    )
+
+
+def _check_ends(network: Network, where: str) -> None:
+    for edge in network.edges.values():
+        for end, index in ((edge.start, 0), (edge.end, -1)):
+            if end not in network.nodes:
+                raise ValueError(f"{where}: edge {edge.id}: expected nodes that exist, found {end}")
+            pose = network.nodes[end].pose
+            gap = math.hypot(pose.x - float(edge.curve.x[index]), pose.y - float(edge.curve.y[index]))
+            if gap > MAX_GAP:
+                raise ValueError(
+                    f"{where}: edge {edge.id}: expected its curve to end at node {end}, found {gap:.3g} m off"
+                )
+
+
+def _id(found: Any, at: str) -> int:
+    if isinstance(found, bool) or not isinstance(found, int) or not 0 <= found < 2**31:
+        raise ValueError(f"{at}: expected a whole number from 0 to 2^31, found {short(found)}")
+    return found
+
+
+def _text(found: Any, at: str) -> str:
+    if not isinstance(found, str) or len(found) > 256 or not (found.isprintable()):
+        raise ValueError(f"{at}: expected a short text, found {short(found)}")
+    return found

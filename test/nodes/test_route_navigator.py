@@ -1,0 +1,273 @@
+"""The node route_navigator with the node path_follower: missions on an offline bus, and one over real DDS."""
+
+import json
+import math
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sphere_nav_msgs.action import Navigate
+from sphere_nav_msgs.msg import LocalizationStatus
+from sphere_nav_msgs.srv import CloseEdge, PlanRoute
+
+from benchmarks.missions import Offered
+from path_follower.path import Pose2
+from path_follower.ros import navigator_node
+from path_follower.ros.navigator_node import RouteNavigator
+from path_follower.ros.node import PathFollowerNode
+from path_follower.routes.building import Drive, build_network, even_curve
+from path_follower.routes.network import Spot
+from path_follower.routes.network_file import write_network
+from path_follower.vehicle import Motion, drive
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import State, Status
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.conversions import se3_to_pose_stamped, se3_to_pose_with_covariance, status_to_message
+from sphere_nav.ros.executor import GuardedExecutor
+from sphere_nav.ros.live import LiveShell
+
+SECOND, STEP = 1_000_000_000, 100_000_000
+COVARIANCE = 1e-4 * np.eye(6)
+WAY_AROUND = ((5, 0), (4, 1 / 8), (8, -1 / 8), (4, 1 / 8), (19, 0))
+
+
+def course(pieces):
+    pose, poses = Pose2(0.0, 0.0, 0.0), [Pose2(0.0, 0.0, 0.0)]
+    for length, bend in pieces:
+        for _ in range(round(length * 10)):
+            pose = drive(pose, Motion(1.0, math.atan(1.2 * bend)), 1.2, 0.1)
+            poses.append(pose)
+    x, y, yaw = np.array(poses).T
+    return Drive(even_curve(x, y, yaw, np.full(len(x), 1.4)))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """40 m of road with a way around a part of it; the place `end` is 35 m along."""
+    network = build_network([course([(40, 0)]), course(WAY_AROUND)], "campus", 1.2)
+    last = next(edge for edge in network.edges.values() if not network.departures(edge.end))
+    network = network.with_place("end", Spot(last.id, last.length - 5.0))
+    write_network(tmp_path / "routes.geojson", network)
+    return tmp_path
+
+
+class Trip:
+    """Both nodes on a bus, and an ideal car."""
+
+    def __init__(self, folder):
+        self.values = {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
+        self.bus = OfflineBus(start_ns=SECOND)
+        self.follower = self.bus.add(PathFollowerNode)
+        self.navigator = self.bus.add(RouteNavigator, self.values)
+        self.pose, self.said = Pose2(1.0, 0.3, 0.1), {}
+
+    def begin(self, **goal):
+        check, begin, self.cancel = self.navigator.shell.actions["navigate"]
+        asked = Offered(Navigate.Goal(**goal))
+        check(asked.request)
+        begin(asked)
+        return asked
+
+    def live(self, seconds, until=lambda: False):
+        for _ in range(round(seconds * 10)):
+            if until():
+                return
+            now = self.bus.now_ns + STEP
+            said = list(self.bus.advance(now))
+            status = status_to_message(Status(State.TRACKING, map_id="campus"), now, "map")
+            self.bus.publish("/status", status)
+            pose = se3_to_pose_with_covariance(SE3.from_planar(*self.pose), COVARIANCE, now, "map")
+            self.bus.publish("/pose", pose)
+            for record in [*said, *self.bus.settle()]:
+                self.said[record.topic] = record.message
+            command = self.said.get("/cmd_vel", Twist())
+            bend = command.angular.z / command.linear.x if command.linear.x else 0.0
+            self.pose = drive(self.pose, Motion(command.linear.x, math.atan(1.2 * bend)), 1.2, STEP / SECOND)
+
+
+@pytest.fixture
+def trip(folder):
+    return Trip(folder)
+
+
+def test_a_mission_from_beside_the_path_with_an_edge_closed_under_way(trip):
+    goal = trip.begin(place="end", wait_s=0.5)
+    trip.live(6.0, lambda: trip.pose.x > 1.5)
+    assert trip.said["/route_navigator/status"].state == "DRIVING"
+    usual = {feedback.edge for feedback in goal.feedback} - {""}
+    plan = trip.navigator.shell.call("plan", PlanRoute.Request(place="end"))
+    assert plan.success
+    middle = plan.edges[1]
+    assert trip.navigator.shell.call("close_edge", CloseEdge.Request(edge=middle, closed=True)).success
+    trip.live(60.0, lambda: goal.result is not None)
+    assert (goal.result.success, goal.result.reason) == (True, "")
+    assert trip.pose.x == pytest.approx(35.0, abs=0.15)
+    assert abs(trip.pose.y) < 0.05
+    driven = {feedback.edge for feedback in goal.feedback} - {""}
+    assert middle not in driven
+    assert usual < driven
+    assert goal.result.distance == pytest.approx(34.6, abs=1.0)
+    last = trip.said["/route_navigator/status"]
+    assert (last.state, list(last.closed_edges), last.last_result, last.map_id) == ("IDLE", [middle], "", "campus")
+
+
+def test_calls_answer_why_not(trip):
+    shell = trip.navigator.shell
+    assert shell.call("pause").message == "nothing to pause: IDLE"
+    assert shell.call("resume").message == "nothing to resume: IDLE"
+    assert "found neither" in shell.call("plan", PlanRoute.Request(place="end")).message
+    assert shell.call("plan", PlanRoute.Request(place="end", start="home")).length == pytest.approx(35.0, abs=0.2)
+    assert "expected one of end, home" in shell.call("plan", PlanRoute.Request(place="moon", start="home")).message
+    assert "edge: expected one of" in shell.call("close_edge", CloseEdge.Request(edge="999", closed=True)).message
+    with pytest.raises(ValueError, match="place: expected one of end, home, found 'moon'"):
+        trip.begin(place="moon")
+    with pytest.raises(ValueError, match="frame_id: expected 'map', found 'odom'"):
+        trip.begin(pose=se3_to_pose_stamped(SE3.identity(), 0, "odom"))
+    with pytest.raises(ValueError, match=r"pose: expected one within 1 m of the network"):
+        trip.begin(pose=se3_to_pose_stamped(SE3.from_planar(5, 5, 0), 0, "map"))
+    with pytest.raises(ValueError, match="wait_s: expected 0 or more"):
+        trip.begin(place="end", wait_s=-1.0)
+
+
+def test_a_new_goal_replaces_the_one_under_way_and_a_cancel_stops(trip):
+    first = trip.begin(place="end")
+    trip.live(5.0)
+    second = trip.begin(pose=se3_to_pose_stamped(SE3.from_planar(30.0, 0, 0), 0, "map"))
+    assert first.result.reason == "replaced by a new goal"
+    trip.live(6.0)
+    assert trip.said["/route_navigator/status"].state == "DRIVING"
+    trip.cancel(second)
+    trip.live(5.0)
+    assert (second.result.success, second.result.reason) == (False, "canceled")
+    assert trip.said["/cmd_vel"].linear.x == 0.0
+    assert 2.0 < trip.pose.x < 29.0
+
+
+def test_a_mission_survives_a_restart_of_the_navigator(trip):
+    trip.begin(place="end")
+    trip.live(6.0)
+    trip.bus.nodes.remove(trip.navigator)
+    for listeners in trip.bus.listeners.values():
+        listeners[:] = [wanted for wanted in listeners if wanted not in trip.navigator.inputs]
+    trip.navigator.mission.goal = None  # it is gone: its timer does nothing
+    trip.navigator.tell = lambda: None
+    before = trip.pose.x
+    trip.live(1.0)
+    trip.navigator = trip.bus.add(RouteNavigator, trip.values)
+    trip.live(60.0, lambda: trip.navigator.mission.outcome is not None or trip.pose.x > 34.9)
+    trip.live(3.0)
+    assert trip.pose.x == pytest.approx(35.0, abs=0.15)
+    assert before < 10.0
+    assert trip.navigator.result == ""
+    assert trip.navigator.mission.state == "IDLE"
+
+
+def test_the_network_is_shown_and_another_map_is_not_driven_in(trip):
+    trip.live(0.2)
+    shown = json.loads(trip.said["/route_navigator/network"].data)
+    assert {name for f in shown["features"] for name in f["properties"].get("names", [])} == {"home", "end"}
+    trip.begin(place="end")
+    message = LocalizationStatus(state="TRACKING", map_id="hall")
+    trip.navigator.on_localizer(message)
+    trip.navigator.on_tick()
+    assert "in map hall, the network is of campus" in trip.navigator.mission.reason
+
+
+def test_without_a_network_it_does_not_start(tmp_path):
+    with pytest.raises(ValueError, match="network: expected a map with routes"):
+        OfflineBus().add(RouteNavigator, {"state": str(tmp_path)})
+
+
+def test_a_pose_of_nav2_is_driven_to(folder, monkeypatch):
+    """Its messages are not among the wheels: an action with a pose stands for NavigateToPose."""
+    monkeypatch.setattr(navigator_node, "NavigateToPose", Navigate)
+    trip = Trip(folder)
+    check, begin, _ = trip.navigator.shell.actions["navigate_to_pose"]
+    asked = Offered(Navigate.Goal(pose=se3_to_pose_stamped(SE3.from_planar(30.0, 0.1, 0), 0, "map")))
+    check(asked.request)
+    begin(asked)
+    trip.live(40.0, lambda: asked.result is not None)
+    assert asked.result == Navigate.Result()
+    assert trip.pose.x == pytest.approx(30.0, abs=0.15)
+    assert asked.feedback == []
+
+
+class Car(Node):
+    """A car that obeys Twist, and a localiser that knows where it is."""
+
+    def __init__(self):
+        super().__init__("car")
+        self.pose, self.command = Pose2(1.0, 0.0, 0.0), Twist()
+        self.create_subscription(Twist, "cmd_vel", self.obey, qos.COMMAND)
+        self.poses = self.create_publisher(PoseWithCovarianceStamped, "pose", 10)
+        self.status = self.create_publisher(LocalizationStatus, "status", 10)
+        self.create_timer(0.1, self.tick)
+
+    def obey(self, message):
+        self.command = message
+
+    def tick(self):
+        speed, turn = self.command.linear.x, self.command.angular.z
+        self.pose = drive(self.pose, Motion(speed, math.atan(1.2 * turn / speed) if speed else 0.0), 1.2, 0.1)
+        now = self.get_clock().now().nanoseconds
+        self.status.publish(status_to_message(Status(State.TRACKING), now, "map"))
+        self.poses.publish(se3_to_pose_with_covariance(SE3.from_planar(*self.pose), COVARIANCE, now, "map"))
+
+
+def test_a_goal_over_dds(folder):
+    """Accepted, driven, canceled while under way: the client hears all of it, and the vehicle stands."""
+    rclpy.init()
+    values = {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    shells = [LiveShell(PathFollowerNode), LiveShell(RouteNavigator, parameter_overrides=overrides)]
+    car = Car()
+    executor = GuardedExecutor(shells[1].failures)
+    for node in (*shells, car):
+        executor.add_node(node)
+
+    def until(condition):
+        end = time.monotonic() + 30.0
+        while not condition():
+            assert time.monotonic() < end, shells[1].node.mission.reason
+            executor.spin_once(timeout_sec=0.05)
+
+    try:
+        assert all(shell.start() for shell in shells)
+        client, heard = ActionClient(car, Navigate, "navigate"), []
+        until(client.server_is_ready)
+        refused = client.send_goal_async(Navigate.Goal(place="moon"))
+        until(refused.done)
+        assert not refused.result().accepted
+        sent = client.send_goal_async(
+            Navigate.Goal(place="end", pose=PoseStamped()), lambda m: heard.append(m.feedback)
+        )
+        until(sent.done)
+        assert sent.result().accepted
+        until(lambda: car.pose.x > 2.0 and heard and heard[-1].state == "DRIVING")
+        assert 0.0 < heard[-1].distance_remaining < 34.0
+        canceled = sent.result().cancel_goal_async()
+        until(canceled.done)
+        result = sent.result().get_result_async()
+        until(result.done)
+        assert result.result().result.reason == "canceled"
+        assert result.result().result.distance == pytest.approx(car.pose.x - 1.0, abs=0.5)
+        assert car.command.linear.x == 0.0
+        assert shells[1].failures.num_failed == 0
+        client.destroy()
+    finally:
+        for shell in shells:
+            shell.stop()
+        for node in (*shells, car):
+            executor.remove_node(node)
+            node.destroy_node()
+        executor.shutdown()
+        rclpy.try_shutdown()

@@ -1,0 +1,134 @@
+"""What drives share is one edge, a branch is where they part or meet in position and heading; curves go on smoothly."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.missions import taught_drives
+from path_follower.path import wrap
+from path_follower.routes.building import build_network, fade
+from path_follower.routes.constants import BLEND, LANE, MIN_SHARED, SAME_HEADING
+
+TURN = (6 * math.pi / 2, 1 / 6)
+
+
+def ends(network):
+    return sorted((edge.start, edge.end) for edge in network.edges.values())
+
+
+def assert_sound(network, max_bend=0.2):
+    """Edges begin and end on their nodes, in position and heading, and no curve bends more than what was driven."""
+    for edge in network.edges.values():
+        for number, index in ((edge.start, 0), (edge.end, -1)):
+            pose = network.nodes[number].pose
+            assert math.hypot(edge.curve.x[index] - pose.x, edge.curve.y[index] - pose.y) < 1e-6
+            assert abs(wrap(edge.curve.yaw[index] - pose.yaw)) < 0.01
+        assert np.abs(edge.curve.bend).max() < max_bend
+        assert np.hypot(np.diff(edge.curve.x), np.diff(edge.curve.y)).max() < 0.2
+    used = {number for edge in network.edges.values() for number in (edge.start, edge.end)}
+    assert used == set(network.nodes)
+    assert not set(network.nodes) & set(network.edges)
+
+
+def test_where_a_drive_parts_there_is_a_branch(drive):
+    network = build_network([drive((60, 0)), drive((30, 0), TURN, (20, 0), left=0.1)])
+    assert_sound(network)
+    assert len(network.edges) == 3
+    branch = next(node for node in network.nodes if len(network.departures(node)) == 2)
+    pose = network.nodes[branch].pose
+    assert (pose.x, pose.y) == (pytest.approx(30.0, abs=1.0), pytest.approx(0.0, abs=1e-6))  # on what was there first
+    shared = network.arrivals(branch)[0]
+    assert (shared.num_drives, shared.width) == (2, pytest.approx(0.1, abs=0.01))
+
+
+def test_where_a_drive_meets_another_there_is_a_branch(drive):
+    network = build_network(
+        [drive((60, 0)), drive((20, 0), (TURN[0], -TURN[1]), (30, 0), start=(24, -26, math.pi / 2))]
+    )
+    assert_sound(network)
+    meeting = next(node for node in network.nodes if len(network.arrivals(node)) == 2)
+    assert network.nodes[meeting].pose.x == pytest.approx(30.0, abs=1.0)
+
+
+def test_a_way_that_parts_and_meets_again(fork):
+    assert_sound(fork)
+    assert len(fork.edges) == 4
+    assert len(set(ends(fork))) == 3  # two edges between the same nodes
+
+
+@pytest.mark.parametrize("angle", [20.0, 45.0, 90.0, 180.0])
+def test_a_crossing_is_no_branch(drive, angle):
+    """What matters is the heading: at 180 degrees it is the other direction of the same road."""
+    yaw = math.radians(angle)
+    start = (30 - 30 * math.cos(yaw), -30 * math.sin(yaw) + 0.1, yaw)
+    network = build_network([drive((60, 0)), drive((60, 0), start=start)])
+    assert len(network.edges) == 2
+    assert len(network.nodes) == 4
+
+
+@pytest.mark.parametrize(("angle", "edges"), [(11.0, 3), (19.0, 2)])
+def test_a_drive_that_begins_on_a_road_is_a_branch_where_it_heads_alike(drive, angle, edges):
+    network = build_network([drive((60, 0)), drive((40, 0), start=(20.0, 0.0, math.radians(angle)))])
+    assert len(network.edges) == edges
+
+
+def test_drives_that_only_touch_for_a_moment_share_nothing(drive):
+    short = 2 * math.sqrt(2 * 40.0 * LANE)  # of an arc of 40 m radius that comes within a lane
+    assert short < 2 * MIN_SHARED + 5
+    network = build_network([drive((60, 0)), drive((30, 1 / 40), start=(15, 3.4, -0.375))])
+    assert len(network.edges) == 2
+
+
+def test_lanes_beside_each_other_share_nothing(drive):
+    assert len(build_network([drive((60, 0)), drive((60, 0), left=LANE + 0.05)]).edges) == 2
+    assert len(build_network([drive((60, 0)), drive((60, 0), left=LANE - 0.05)]).edges) == 1
+
+
+def test_rounds_of_one_drive_are_one_ring(ring):
+    (edge,) = ring.edges.values()
+    assert edge.start == edge.end
+    assert edge.length == pytest.approx(2 * (50 + 2 * TURN[0]), abs=1.0)
+    assert_sound(ring)
+
+
+def test_the_same_way_backwards_makes_an_edge_reversible(drive):
+    network = build_network([drive((60, 0)), drive((20, 0), start=(20, 0, 0), direction=-1)])
+    assert_sound(network)
+    both = [edge for edge in network.edges.values() if edge.is_reverse]
+    assert [edge.length for edge in both] == [pytest.approx(20.0, abs=0.5)]
+    assert all(edge.is_forward for edge in network.edges.values())
+
+
+def test_the_fastest_and_the_worst_localised_drive_count(drive):
+    slow, fast = drive((60, 0), speed=0.5), drive((60, 0), speed=1.5)
+    good, bad = (replace(d, deviation=np.full(len(d.curve), v)) for d, v in ((slow, 0.01), (fast, 0.04)))
+    (edge,) = build_network([good, bad]).edges.values()
+    assert edge.curve.speed.max() == 1.5
+    assert edge.deviation == pytest.approx(0.04)
+
+
+def test_a_blend_is_smooth():
+    u = np.linspace(0.0, 1.0, 1001)
+    curve = fade(u, 0.3, 0.2, -0.4)
+    slope = np.gradient(curve, u)
+    assert (curve[0], slope[0]) == (0.3, pytest.approx(0.2, abs=1e-3))
+    assert np.diff(curve, 2)[0] / 1e-6 == pytest.approx(-0.4, abs=0.05)
+    np.testing.assert_allclose([curve[-1], slope[-1], np.diff(curve, 2)[-1] / 1e-6], 0.0, atol=5e-2)
+
+
+def test_noisy_drives_of_a_block_make_one_network():
+    """The city of the benchmark: 1078 m that are driven up to three times, with noise."""
+    network = build_network(taught_drives(np.random.default_rng(30)), "city", 1.2)
+    assert_sound(network, max_bend=0.25)
+    assert len(network.edges) == 12
+    assert sum(edge.length for edge in network.edges.values()) == pytest.approx(1078.0, abs=3.0)
+
+
+def test_numbers_that_decide_what_is_shared():
+    """A flat crossing of two lanes is alongside for 2 LANE / sin(angle), which must stay below what makes an edge."""
+    assert 2 * LANE / math.sin(SAME_HEADING) < MIN_SHARED
+    assert BLEND > MIN_SHARED
+    with pytest.raises(ValueError, match="expected drives, found none"):
+        build_network([])

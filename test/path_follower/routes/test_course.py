@@ -1,0 +1,109 @@
+"""One path of a way, and how a vehicle beside it joins it: by the real control law and a car that is not its model."""
+
+import math
+
+import numpy as np
+import pytest
+
+from path_follower.follower import Follower
+from path_follower.modes import FollowerState
+from path_follower.params import FollowerParams
+from path_follower.path import Pose2
+from path_follower.path_files import make_path as path_of
+from path_follower.routes.building import build_network
+from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_SHARE
+from path_follower.routes.course import join, make_course
+from path_follower.routes.network import Curve, Spot
+from path_follower.routes.planning import Leg, plan
+
+PARAMS = FollowerParams()
+VEHICLE = PARAMS.vehicle
+REACH, TURNED = 1.0, math.radians(20.0)
+
+
+def beside(curve, s, left, turned):
+    at = curve.pose(s)
+    return Pose2(at.x - left * math.sin(at.yaw), at.y + left * math.cos(at.yaw), at.yaw + turned)
+
+
+def bends_of(poses, direction=1):
+    turns = np.diff(np.unwrap(poses[:, 2])) / np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    return direction * turns
+
+
+def test_a_course_is_whole_and_knows_its_legs(fork):
+    route = plan(fork, [Spot(next(iter(fork.edges)), 1.0)], fork.spots_of(3), cruise=1.4)
+    course = make_course(fork, route.legs, None, VEHICLE)
+    steps = np.hypot(np.diff(course.x), np.diff(course.y))
+    assert 0.0 < steps.min() <= steps.max() < 0.2
+    assert course.length == pytest.approx(steps.sum(), abs=0.05)
+    assert [course.leg_at(s) for s in (0.0, *course.ends)] == [0, *range(1, len(course.legs)), len(course.legs) - 1]
+
+
+def test_a_joint_bends_no_more_than_what_was_driven(drive):
+    """At the joints of the path that the follower makes of it: continuous in curvature, no speed lost."""
+    turn = drive((30, 0), (6 * math.pi / 2, 1 / 6), (20, 0), left=0.1)
+    network = build_network([drive((60, 0)), turn])
+    goal = next(node for node in network.nodes if not network.departures(node) and network.nodes[node].pose.y > 5)
+    route = plan(network, [Spot(next(iter(network.edges)), 1.0)], network.spots_of(goal), cruise=1.4)
+    course = make_course(network, route.legs, None, VEHICLE)
+    path = path_of(np.stack([course.x, course.y], axis=-1), course.yaw, course.speed, PARAMS)
+    joint = np.abs(path.arc_length - course.ends[0]) < 3.0
+    assert np.abs(np.diff(path.curvature[joint])).max() < 0.05
+    assert path.max_curvature < 0.2
+    assert path.speed[joint].min() == pytest.approx(1.4, abs=0.05)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_join_is_feasible_and_short(drive, rng, direction):
+    """From 80 starts: within the car's curvature, on the path within 10 m, no further off than full lock allows."""
+    (edge,) = build_network([drive((60, 0))]).edges.values()
+    c, order = edge.curve, slice(None, None, direction)
+    curve = Curve(c.x[order], c.y[order], c.yaw[order], c.speed[order])
+    limit = math.tan(TURN_SHARE * VEHICLE.max_steering_angle) / VEHICLE.wheelbase
+    for left, turned in rng.uniform((-REACH, -TURNED), (REACH, TURNED), (80, 2)):
+        pose = beside(curve, 0.0, left, turned)
+        poses, s = join(curve, direction, pose, VEHICLE, JOIN_WITHIN)
+        assert tuple(poses[0]) == pytest.approx(pose)
+        assert s <= JOIN_WITHIN
+        assert np.abs(bends_of(poses)).max(initial=0.0) <= limit + 1e-6
+        np.testing.assert_allclose(np.hypot(*np.diff(poses[:, :2], axis=0).T), STEP, rtol=1e-2)
+        assert abs(poses[-1, 1]) <= JOINED[0]
+        turn, is_away = (1 - math.cos(turned)) / limit, left * turned * direction > 0
+        assert np.abs(poses[:, 1]).max() <= 0.05 + (abs(left) + turn if is_away else max(abs(left), turn - abs(left)))
+
+
+def test_a_car_drives_onto_the_path(drive, kit):
+    """Poses with noise, a car with lags: as planned within 5 cm; fifty starts: `python -m benchmarks join`."""
+    network = build_network([drive((25, 0), (6 * math.pi / 2, 1 / 6), (25, 0))])
+    (edge,) = network.edges.values()
+    for s, left, turned in ((3.0, REACH, TURNED), (18.0, -0.8, TURNED), (26.0, -0.5, -TURNED)):
+        pose = beside(edge.curve, s, left, turned)
+        legs = plan(network, network.locate(pose, 1.05, 0.4), [Spot(edge.id, s + 14.0)], cruise=1.4).legs
+        course = make_course(network, legs, pose, VEHICLE)
+        follower = Follower(PARAMS, path_of(np.stack([course.x, course.y], axis=-1), course.yaw, course.speed, PARAMS))
+        driven = kit.run(follower, pose, kit.World(position_noise=0.01, yaw_noise=0.002, period=0.1), seconds=40.0)
+        assert driven.final.state is FollowerState.FINISHED, driven.final.verdict
+        kit.assert_within_limits(driven, PARAMS)
+        assert driven.worst < 0.05  # beside what was planned, which test_a_join_is_feasible_and_short judges
+        on = [network.locate(at, 2.0, 1.0)[0] for at in driven.poses]
+        late = [abs(spot.left) for spot in on if spot.s > s + JOIN_WITHIN]
+        assert max(late) < 0.05
+
+
+def test_what_cannot_be_joined_is_refused(drive):
+    network = build_network([drive((60, 0))])
+    (edge,) = network.edges.values()
+    with pytest.raises(
+        ValueError, match=r"expected a vehicle that can drive onto the path, found 0\.\d+ m.*bring it closer"
+    ):
+        make_course(network, [Leg(edge.id, 1, 5.0, 6.0)], beside(edge.curve, 5.0, 1.0, 0.0), VEHICLE)
+    on = make_course(network, [Leg(edge.id, 1, 5.0, 6.0)], edge.curve.pose(5.0), VEHICLE)
+    assert on.length == pytest.approx(1.0)
+
+
+def test_a_way_that_is_too_long_is_refused(drive):
+    network = build_network([drive((60, 0))])
+    (edge,) = network.edges.values()
+    with pytest.raises(ValueError, match=r"expected at most 1000000 points, found 10\d+: fewer laps"):
+        make_course(network, 1700 * [Leg(edge.id, 1, 0.0, 60.0)], None, VEHICLE)

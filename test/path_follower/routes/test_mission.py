@@ -1,0 +1,305 @@
+"""What a mission asks of the follower, and when: one request at a time, and motion only where it may be."""
+
+import pytest
+
+from path_follower.params import VehicleParams
+from path_follower.path import Pose2
+from path_follower.routes.constants import CALL_PATIENCE, RETRY, STEADY, TICK
+from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState
+from path_follower.routes.network import Spot
+from path_follower.routes.params import MissionParams
+
+PARAMS = MissionParams(patience=5.0)
+GOAL = Goal("end")
+
+
+class Trip:
+    """A mission, and a follower that does at once what it is asked for."""
+
+    def __init__(self, network):
+        self.mission = Mission(network, PARAMS, VehicleParams())
+        self.now, self.asked = 0.0, []
+        self.state, self.reason, self.progress, self.length = "NO_PATH", "", 0.0, 0.0
+        self.localizer, self.pose, self.is_answering, self.refusal = "TRACKING", Pose2(1.0, 0.1, 0.0), True, ""
+
+    def follow(self):
+        self.mission.see_follower(
+            FollowerView(self.state, self.reason, "call start", self.progress, self.length - self.progress, self.now)
+        )
+
+    def live(self, seconds=TICK):
+        """Let time pass; return the requests of it."""
+        before = len(self.asked)
+        for _ in range(round(seconds / TICK)):
+            self.now += TICK
+            self.mission.see_pose(self.pose, self.now)
+            self.mission.see_localizer(self.localizer, self.now)
+            self.follow()
+            request = self.mission.tick(self.now)
+            if request is not None:
+                self.asked.append(request.name)
+                if self.is_answering:
+                    self.answer(request)
+        return self.asked[before:]
+
+    def answer(self, request):
+        if not self.refusal:
+            states = {"load": "IDLE", "start": "DRIVING", "resume": "DRIVING", "pause": "PAUSED", "stop": "STOPPED"}
+            if request.name != "stop" or self.state not in ("NO_PATH", "IDLE", "FINISHED"):
+                self.state, self.reason = states[request.name], "OPERATOR" if request.name == "stop" else ""
+            if request.course is not None:
+                self.length, self.progress = request.course.length, 0.0
+        self.mission.answer(request, self.refusal, self.now)
+
+    def drive_off(self, goal=GOAL):
+        self.mission.begin(goal, self.now)
+        asked = self.live(3 * STEADY)
+        assert asked[-2:] == ["load", "start"]
+        assert self.mission.state is MissionState.DRIVING
+        return self
+
+    def stop(self, reason):
+        self.state, self.reason = "STOPPED", reason
+        return self.live(1.0)
+
+
+@pytest.fixture
+def trip(fork):
+    return Trip(fork.with_place("end", Spot(max(fork.edges), 40.0)))
+
+
+def test_a_mission_loads_starts_and_arrives(trip):
+    trip.drive_off()
+    assert trip.asked == ["load", "start"]
+    assert trip.mission.distance_remaining == pytest.approx(trip.length)
+    trip.progress = 0.5 * trip.length
+    trip.live()
+    assert trip.mission.distance_remaining == pytest.approx(trip.length / 2, abs=0.1)
+    assert trip.mission.time_remaining == pytest.approx(trip.length / 2 / 1.4, rel=0.05)
+    trip.progress, trip.state = trip.length, "FINISHED"
+    assert trip.live(1.0) == []
+    outcome = trip.mission.outcome
+    assert (outcome.success, outcome.reason, outcome.distance) == (True, "", pytest.approx(trip.length, abs=0.1))
+    assert trip.mission.state is MissionState.IDLE
+
+
+def test_a_place_is_stayed_at_for_the_time_asked_for(trip):
+    trip.drive_off(Goal("end", wait=2.0))
+    trip.progress, trip.state = trip.length, "FINISHED"
+    trip.live(1.0)
+    assert (trip.mission.state, trip.mission.outcome) == (MissionState.STAYING, None)
+    trip.live(2.0)
+    assert trip.mission.outcome.success
+
+
+def test_it_waits_for_what_is_lacking_and_says_so(trip):
+    trip.localizer = "SEARCHING"
+    trip.mission.begin(GOAL, 0.0)
+    assert trip.live(5.0) == []
+    assert trip.mission.reason == "the localiser is SEARCHING: wait for TRACKING, or call its relocalize"
+    trip.localizer = "TRACKING"
+    assert trip.live(0.5 * STEADY) == []
+    assert trip.live(STEADY) == ["load", "start"]
+
+
+@pytest.mark.parametrize("reason", ["NOT_LOCALISED", "POSE_TIMEOUT", "LOCALISATION_DEGRADED"])
+def test_what_was_missing_ends_a_stop_by_its_return(trip, reason):
+    trip.drive_off()
+    trip.localizer = "LOST"
+    assert trip.stop(reason) == []
+    assert trip.mission.state is MissionState.WAITING
+    trip.localizer = "TRACKING"
+    assert trip.live(2 * STEADY) == ["load", "start"]
+
+
+@pytest.mark.parametrize(
+    "reason", ["EMERGENCY_STOP", "POSE_JUMP", "OPERATOR", "OFF_PATH", "WRONG_MAP", "COMMAND_GUARD"]
+)
+def test_what_was_wrong_waits_for_resume(trip, reason):
+    trip.drive_off()
+    assert trip.stop(reason) == []
+    assert trip.live(60.0) == []
+    assert trip.mission.state is MissionState.HELD
+    assert reason in trip.mission.reason
+    assert trip.mission.resume(trip.now) == ""
+    assert trip.live(2 * STEADY) == ["stop", "load", "start"]
+
+
+def test_an_obstacle_that_goes_is_waited_for(trip):
+    trip.drive_off()
+    trip.stop("OBSTACLE")
+    assert trip.live(RETRY) == ["start"]
+    trip.progress = 5.0
+    trip.live(1.0)
+    assert trip.mission.state is MissionState.DRIVING
+    assert not trip.mission.blocked
+
+
+def test_an_obstacle_that_stays_closes_its_edge_and_another_way_is_taken(trip):
+    trip.drive_off()
+    trip.progress = 13.0  # of 13.9 m to the branch: it stands on the edge behind it
+    usual = [leg.edge for leg in trip.mission.course.legs]
+    for _ in range(6):
+        trip.stop("OBSTACLE")
+        trip.live(1.0)
+    trip.pose = Pose2(14.0, 0.0, 0.0)
+    trip.live(3.0)
+    assert set(trip.mission.blocked) == {usual[1]}
+    other = [leg.edge for leg in trip.mission.course.legs]
+    assert other[0] == usual[0]
+    assert other[1] not in usual
+    assert trip.live(PARAMS.memory) == []
+    assert trip.mission.closed_now(trip.now + PARAMS.memory) == set()
+
+
+def test_a_closed_edge_ahead_is_gone_around_and_one_behind_does_not_matter(trip):
+    trip.drive_off()
+    usual = [leg.edge for leg in trip.mission.course.legs]
+    trip.mission.close(str(usual[1]), True, trip.now)
+    assert trip.live(2 * STEADY) == ["stop", "load", "start"]
+    assert usual[1] not in [leg.edge for leg in trip.mission.course.legs]
+    trip.progress = trip.length - 5.0
+    trip.live()
+    trip.mission.close(str(usual[0]), True, trip.now)
+    assert trip.live(1.0) == []
+    with pytest.raises(ValueError, match=r"edge: expected one of .*, found 'x'"):
+        trip.mission.close("x", True, trip.now)
+
+
+def test_where_no_way_is_left_the_mission_ends_with_a_name(trip):
+    trip.drive_off()
+    for edge in set(trip.mission.network.edges) - {trip.mission.course.legs[0].edge}:
+        trip.mission.close(str(edge), True, trip.now)
+    assert trip.live(2 * STEADY)[0] == "stop"
+    assert trip.mission.outcome.reason.startswith("no way: no edges lead there from here while")
+    trip.pose = Pose2(1.0, 3.0, 0.0)
+    trip.mission.begin(GOAL, trip.now)
+    trip.live(2 * STEADY)
+    assert trip.mission.outcome.reason.startswith("no way: expected a vehicle within 1 m of the network")
+
+
+def test_a_new_goal_replaces_the_one_under_way(trip):
+    trip.drive_off()
+    trip.mission.begin(Goal("home"), trip.now)
+    assert trip.live(1.0)[0] == "stop"
+    with pytest.raises(ValueError, match="place: expected one of end, home, found 'moon'"):
+        trip.mission.begin(Goal("moon"), trip.now)
+
+
+def test_a_cancel_while_the_start_is_not_answered_still_stops(trip):
+    """The answer comes late: the vehicle drives off, and is stopped."""
+    trip.mission.begin(GOAL, trip.now)
+    trip.live(STEADY)
+    trip.is_answering = False
+    while trip.asked[-1:] != ["start"]:
+        trip.live()
+        if trip.asked[-1:] == ["load"]:
+            trip.answer(trip.mission._pending[0])
+    late = trip.mission._pending[0]
+    trip.mission.cancel("canceled", trip.now)
+    assert trip.live(1.0) == []
+    trip.is_answering = True
+    trip.answer(late)
+    assert trip.live(2.0) == ["stop"]
+    assert (trip.mission.outcome.reason, trip.state) == ("canceled", "STOPPED")
+
+
+def test_a_follower_that_does_not_answer_holds_the_mission(trip):
+    trip.is_answering = False
+    trip.mission.begin(GOAL, trip.now)
+    assert trip.live(2 * STEADY + CALL_PATIENCE + 1.0) == ["load"]
+    assert trip.mission.state is MissionState.HELD
+    assert "does not answer" in trip.mission.reason
+
+
+@pytest.mark.parametrize(
+    "refusal", ["NOT_LOCALISED: wait", "SCAN_TIMEOUT: no scan yet", "the vehicle is still braking"]
+)
+def test_a_start_that_is_refused_for_what_is_missing_is_tried_again(trip, refusal):
+    trip.mission.begin(GOAL, trip.now)
+    while trip.asked[-1:] != ["load"]:
+        trip.live()
+    trip.refusal = refusal
+    trip.live(1.0)
+    assert (trip.mission.state, trip.mission.reason) == (MissionState.WAITING, refusal)
+    trip.refusal = ""
+    assert trip.live(RETRY + 2 * STEADY) == ["load", "start"]
+
+
+def test_an_emergency_stop_that_is_released_starts_nothing(trip):
+    trip.drive_off()
+    trip.stop("EMERGENCY_STOP")
+    trip.refusal = "EMERGENCY_STOP: release the emergency stop, then call start"
+    trip.mission.resume(trip.now)
+    trip.is_answering = False
+    trip.live()
+    trip.mission.answer(trip.mission._pending[0], "", trip.now)  # stop is never refused
+    trip.is_answering, trip.state = True, "STOPPED"
+    while trip.asked[-1:] != ["load"]:
+        trip.live()
+        trip.refusal = "" if trip.asked[-1:] == ["stop"] else "EMERGENCY_STOP: release it, then call start"
+    trip.live(1.0)
+    assert (trip.mission.state, trip.mission.reason) == (
+        MissionState.HELD,
+        "EMERGENCY_STOP: release it, then call resume",
+    )
+    trip.refusal = ""
+    assert trip.live(60.0) == []
+    trip.mission.resume(trip.now)
+    assert trip.live(2 * STEADY) == ["stop", "load", "start"]
+
+
+def test_pause_and_resume(trip):
+    assert trip.mission.pause(trip.now) == "nothing to pause: IDLE"
+    assert trip.mission.resume(trip.now) == "nothing to resume: IDLE"
+    trip.drive_off()
+    assert trip.mission.pause(trip.now) == ""
+    assert trip.live(1.0) == ["pause"]
+    assert (trip.state, trip.mission.state) == ("PAUSED", MissionState.PAUSED)
+    assert trip.live(60.0) == []
+    assert trip.mission.resume(trip.now) == ""
+    assert trip.live(1.0) == ["resume"]
+    assert trip.mission.state is MissionState.DRIVING
+
+
+def test_rounds_that_are_left_after_a_stop(ring):
+    trip = Trip(ring.with_place("end", Spot(max(ring.edges), 40.0)))
+    trip.drive_off(Goal("end", laps=3))
+    around = sum(edge.length for edge in trip.mission.network.edges.values())
+    first = trip.length
+    assert first == pytest.approx(39.0 + 3 * around, abs=0.5)
+    trip.progress = 39.0 + 1.5 * around
+    trip.live()
+    trip.pose = trip.mission.network.edges[max(ring.edges)].curve.pose(5.0)
+    trip.mission.pause(trip.now)
+    trip.live()
+    trip.stop("OPERATOR")
+    trip.mission.resume(trip.now)
+    trip.live(3 * STEADY)
+    assert trip.mission.laps_left == 1
+    assert trip.length == pytest.approx(35.0 + around, abs=0.5)
+
+
+@pytest.mark.parametrize(("state", "expected"), [("DRIVING", "DRIVING"), ("PAUSED", "PAUSED"), ("STOPPED", "HELD")])
+def test_a_restart_goes_on_where_the_follower_does_and_else_waits_for_resume(trip, state, expected):
+    trip.drive_off()
+    trip.progress = 20.0
+    trip.live()
+    old, trip.mission = trip.mission, Mission(trip.mission.network, PARAMS, VehicleParams())
+    trip.mission.restore(old.goal, list(old.course.legs), old.snapshot(), trip.now)
+    trip.state, trip.reason = state, "OPERATOR" if state == "STOPPED" else ""
+    assert trip.live(1.0) == []
+    assert trip.mission.state == expected
+    assert trip.mission.goal == GOAL
+    if state == "STOPPED":
+        trip.mission.resume(trip.now)
+        assert trip.live(2 * STEADY) == ["stop", "load", "start"]
+    else:
+        assert trip.mission.progress == pytest.approx(20.0, abs=0.1)
+
+
+def test_the_next_place_on_the_way(trip):
+    trip.mission.network = trip.mission.network.with_place("gate", Spot(max(trip.mission.network.edges) - 1, 10.0))
+    trip.drive_off()
+    assert trip.mission.next_place in ("gate", "end")
+    assert trip.mission.leg.edge == trip.mission.course.legs[0].edge

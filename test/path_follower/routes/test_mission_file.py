@@ -1,0 +1,84 @@
+"""What of a mission survives: it comes back as it was; what is no such file is refused in one line."""
+
+import json
+
+import numpy as np
+import pytest
+
+from path_follower.params import FollowerParams, VehicleParams
+from path_follower.path import Pose2
+from path_follower.path_files import read_path
+from path_follower.routes.course import make_course
+from path_follower.routes.mission import Goal, Mission
+from path_follower.routes.mission_file import read_mission, state_folder, write_course, write_mission
+from path_follower.routes.network import Spot
+from path_follower.routes.params import MissionParams
+from path_follower.routes.planning import plan
+from sphere_nav.geometry.trajectory import read_map_id
+
+
+def mission_of(network):
+    return Mission(network, MissionParams(), VehicleParams())
+
+
+@pytest.fixture
+def file(fork, tmp_path):
+    mission = mission_of(fork)
+    mission.begin(Goal("", Pose2(30.0, 0.0, 0.0), laps=0, wait=2.0), 0.0)
+    mission.close(str(max(fork.edges)), True, 0.0)
+    mission.course = make_course(
+        fork, plan(fork, [Spot(min(fork.edges), 1.0)], fork.spots_of(3), cruise=1.0).legs, None, VehicleParams()
+    )
+    mission.driven = 12.5
+    write_mission(tmp_path / "mission.json", mission)
+    return tmp_path / "mission.json"
+
+
+def test_a_mission_comes_back_as_it_was(file, fork):
+    mission = mission_of(fork)
+    read_mission(file, mission, 5.0)
+    assert mission.goal == Goal("", Pose2(30.0, 0.0, 0.0), laps=0, wait=2.0)
+    assert (mission.closed, mission.driven) == ({max(fork.edges)}, 12.5)
+    assert mission.course.legs[0].edge == min(fork.edges)
+    assert mission.course.length == pytest.approx(mission.course.ends[-1])
+    assert [path.name for path in file.parent.iterdir()] == ["mission.json"]
+
+
+BROKEN = {
+    "map_id: expected that of the network": {"map_id": "hall"},
+    "expected format 'sphere_nav mission' version 1": {"version": 7},
+    "legs: expected": {"legs": []},
+    "goal.place: expected a name": {"goal": {"place": 5, "pose": None, "laps": 0, "wait": 0}},
+    "goal.laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
+    "goal.pose: expected 3 numbers": {"goal": {"place": "", "pose": [1], "laps": 0, "wait": 0}},
+    "ends: expected a list of numbers": {"ends": "x"},
+    "driven: expected a finite number": {"driven": "nan"},
+}
+
+
+@pytest.mark.parametrize("text", BROKEN)
+def test_what_is_no_mission_is_refused(file, fork, text):
+    file.write_text(json.dumps(json.loads(file.read_text()) | BROKEN[text]))
+    mission = mission_of(fork)
+    with pytest.raises(ValueError, match=text):
+        read_mission(file, mission, 0.0)
+    assert mission.goal is None
+
+
+def test_a_course_is_what_the_follower_reads(fork, tmp_path):
+    course = make_course(
+        fork, plan(fork, [Spot(min(fork.edges), 1.0)], fork.spots_of(3), cruise=1.0).legs, None, VehicleParams()
+    )
+    course.speed[:50] = np.nan
+    write_course(tmp_path / "course.csv", course, "campus", 2.0)
+    path = read_path(tmp_path / "course.csv", FollowerParams())
+    assert read_map_id(tmp_path / "course.csv") == "campus"
+    assert path.length == pytest.approx(course.length, abs=0.05)
+    assert path.possible[10] == pytest.approx(2.0, abs=0.1)
+
+
+def test_the_folder_is_that_of_the_user_where_none_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
+    assert state_folder("") == tmp_path / "ros" / "sphere_nav"
+    assert state_folder(str(tmp_path / "own")) == tmp_path / "own"
+    assert (tmp_path / "own").is_dir()

@@ -1,0 +1,100 @@
+"""The file of a network: nothing is lost, Route Server's rules are kept, what is no network is refused in one line."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from path_follower.routes.building import build_network
+from path_follower.routes.network import Spot
+from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
+
+
+@pytest.fixture
+def named(fork):
+    return fork.with_place("gate", Spot(next(iter(fork.edges)), 5.0))
+
+
+def test_a_network_comes_back_as_it_was(named, tmp_path):
+    write_network(tmp_path / "routes.geojson", named)
+    assert [path.name for path in tmp_path.iterdir()] == ["routes.geojson"]
+    found = read_network(network_path(tmp_path), "campus")
+    assert (found.places, found.map_id, found.frame) == (named.places, "campus", "map")
+    assert list(found.nodes) == list(named.nodes)
+    for edge in named.edges.values():
+        other = found.edges[edge.id]
+        assert (other.start, other.end, other.is_forward, other.is_reverse) == (edge.start, edge.end, True, False)
+        assert (other.num_drives, math.isnan(other.deviation)) == (edge.num_drives, True)
+        for name in ("x", "y", "yaw", "speed"):
+            np.testing.assert_allclose(getattr(other.curve, name), getattr(edge.curve, name), atol=1e-4)
+
+
+def test_route_server_finds_what_it_wants(drive):
+    """As nav2_route's GeoJsonGraphFileLoader reads: Points with id, lines with id, startid and endid of nodes."""
+    network = build_network([drive((60, 0)), drive((20, 0), start=(20, 0, 0), direction=-1)], "campus")
+    features = json.loads(to_geojson(network))["features"]
+    points = [f for f in features if f["geometry"]["type"] == "Point"]
+    lines = [f for f in features if f["geometry"]["type"] == "MultiLineString"]
+    assert len(points) + len(lines) == len(features)
+    numbers = [f["properties"]["id"] for f in features]
+    assert len(set(numbers)) == len(numbers)
+    nodes = {f["properties"]["id"] for f in points}
+    assert all({f["properties"]["startid"], f["properties"]["endid"]} <= nodes for f in lines)
+    assert all(len(f["geometry"]["coordinates"]) == 2 and f["properties"]["frame"] == "map" for f in points)
+    flat = [value for f in lines for value in f["properties"]["metadata"].values()]
+    assert all(isinstance(value, bool | int | float | str) for value in flat)
+    twins = [f["properties"] for f in lines if "twin_of" in f["properties"]]
+    assert [(t["startid"], t["endid"]) for t in twins] == [
+        (e.end, e.start) for e in network.edges.values() if e.is_reverse
+    ]
+    assert (
+        from_geojson(json.dumps({"features": features, **json.loads(to_geojson(network))})).edges.keys()
+        == network.edges.keys()
+    )
+
+
+def test_what_is_shown_is_a_quarter_as_long(named):
+    assert len(to_geojson(named, is_dense=False)) < len(to_geojson(named)) / 3
+
+
+def test_another_map_is_refused(named, tmp_path):
+    write_network(tmp_path / "routes.geojson", named)
+    with pytest.raises(
+        ValueError, match=r"routes.geojson: network.map_id: expected that of the map, hall, found campus"
+    ):
+        read_network(tmp_path / "routes.geojson", "hall")
+
+
+def edge_of(whole):
+    return next(f for f in whole["features"] if f["geometry"]["type"] == "MultiLineString")["properties"]
+
+
+BROKEN = {
+    "network.version: expected a value": lambda w: w["network"].pop("version"),
+    "expected format 'sphere_nav routes' version 1": lambda w: w["network"].update(version=2),
+    "network: expected a value": lambda w: w.pop("network"),
+    "features: expected a list": lambda w: w.update(features={}),
+    "expected nodes and edges, found": lambda w: w.update(features=[]),
+    "expected a number that is not taken": lambda w: w["features"].append(w["features"][0]),
+    "expected a whole number from 0": lambda w: w["features"][0]["properties"].update(id=-1),
+    "names: expected names": lambda w: w["features"][0]["properties"].update(names=[5]),
+    "yaw: expected a finite number": lambda w: w["features"][0]["properties"].pop("yaw"),
+    "expected columns of one length": lambda w: edge_of(w)["curve"]["x"].pop(),
+    "expected points at most 1.0 m apart": lambda w: edge_of(w)["curve"]["x"].__setitem__(5, 99.0),
+    "curve.yaw: expected a finite number": lambda w: edge_of(w)["curve"]["yaw"].__setitem__(5, "nan"),
+    "expected nodes that exist, found 999": lambda w: edge_of(w).update(endid=999),
+    "expected its curve to end at node": lambda w: edge_of(w).update(endid=edge_of(w)["startid"]),
+    "metadata.width: expected a value": lambda w: edge_of(w)["metadata"].pop("width"),
+    "expected a short text": lambda w: w["network"].update(map_id="x\ny"),
+}
+
+
+@pytest.mark.parametrize("text", BROKEN)
+def test_what_is_no_network_is_refused_in_one_line(named, text):
+    whole = json.loads(to_geojson(named))
+    BROKEN[text](whole)
+    with pytest.raises(ValueError, match=text.replace("(", r"\(")) as error:
+        from_geojson(json.dumps(whole), "routes.geojson")
+    assert "\n" not in str(error.value)
+    assert str(error.value).startswith("routes.geojson")

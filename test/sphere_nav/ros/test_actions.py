@@ -1,0 +1,127 @@
+"""An action over real DDS: whatever its callbacks raise, the client gets an answer, and the node goes on."""
+
+import time
+
+import pytest
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from sphere_nav_msgs.action import Navigate
+
+from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
+from sphere_nav.ros.live import LiveShell
+from sphere_nav.ros.node import ManagedNode
+
+PATIENCE = 15.0  # s
+IDLE_TURNS = 100  # of the executor in half a second with nothing to do but timers
+
+
+class Walker(ManagedNode):
+    NAME = "walker"
+
+    def configure(self):
+        self.goals, self.canceled = [], []
+        self.endpoints.add_action("walk", Navigate, check=self.check, begin=self.begin, cancel=self.cancel)
+
+    def check(self, request):
+        if request.place == "nowhere":
+            raise ValueError("place: expected one that exists")
+        if request.place == "broken":
+            raise ZeroDivisionError
+
+    def begin(self, goal):
+        if goal.request.place == "late":
+            raise KeyError("late")
+        self.goals.append(goal)
+
+    def cancel(self, goal):
+        self.canceled.append(goal)
+        raise OverflowError("cancel")
+
+
+class Lines:
+    def error(self, text, *, every=0.0, key=""):
+        pass
+
+
+@pytest.fixture
+def walk(ros):
+    shell, peer = LiveShell(Walker), Node("peer")
+    executor = GuardedExecutor(shell.failures)
+    for node in (shell, peer):
+        executor.add_node(node)
+    assert shell.start()
+    client = ActionClient(peer, Navigate, "walk")
+    yield Walk(shell, executor, client)
+    client.destroy()
+    shell.stop()
+    for node in (shell, peer):
+        executor.remove_node(node)
+        node.destroy_node()
+    executor.shutdown()
+
+
+class Walk:
+    def __init__(self, shell, executor, client):
+        self.shell, self.executor, self.client, self.feedback = shell, executor, client, []
+        self.until(client.server_is_ready)
+
+    def until(self, condition):
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end, "nothing came in time"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def done(self, future):
+        self.until(future.done)
+        return future.result()
+
+    def ask(self, place):
+        request = Navigate.Goal(place=place)
+        return self.done(self.client.send_goal_async(request, lambda message: self.feedback.append(message.feedback)))
+
+
+def test_goals_of_every_fate(walk):
+    node, failures = walk.shell.node, walk.shell.failures
+    # what cannot be is rejected, and a mistake of ours, too, which is counted
+    assert not walk.ask("nowhere").accepted
+    assert failures.num_failed == 0
+    assert not walk.ask("broken").accepted
+    assert (failures.num_failed, "ZeroDivisionError" in failures.last_failure) == (1, True)
+    # what raises as it begins is aborted, with the reason
+    late = walk.ask("late")
+    assert late.accepted
+    answer = walk.done(late.get_result_async())
+    assert (answer.status, answer.result.reason) == (GoalStatus.STATUS_ABORTED, "KeyError: 'late'")
+    # one that is done: feedback, result
+    handle = walk.ask("home")
+    node.goals[0].publish(Navigate.Feedback(edge="7"))
+    walk.until(lambda: walk.feedback)
+    node.goals[0].finish(Navigate.Result(success=True, distance=5.0), success=True)
+    node.goals[0].finish(Navigate.Result(success=False), success=False)  # has ended already
+    node.goals[0].publish(Navigate.Feedback(edge="8"))
+    answer = walk.done(handle.get_result_async())
+    assert (answer.status, answer.result.distance, walk.feedback[0].edge) == (GoalStatus.STATUS_SUCCEEDED, 5.0, "7")
+    # one that is canceled, though the callback raises
+    handle = walk.ask("home")
+    assert walk.done(handle.cancel_goal_async()).goals_canceling
+    assert node.canceled == [node.goals[1]]
+    assert node.goals[1].is_canceled
+    node.goals[1].finish(Navigate.Result(reason="canceled"), success=False)
+    assert walk.done(handle.get_result_async()).status == GoalStatus.STATUS_CANCELED
+    assert len(walk.feedback) == 1
+
+
+def test_a_goal_under_way_costs_nothing(walk):
+    walk.ask("home")
+    turns, end = 0, time.monotonic() + 0.5
+    while time.monotonic() < end:
+        walk.executor.spin_once(timeout_sec=0.1)
+        turns += 1
+    assert turns < IDLE_TURNS
+
+
+def test_failures_are_counted_as_of_any_callback():
+    failures = CallbackFailures(Lines())
+    failures.add(ValueError("x"), "navigate: cancel")
+    assert failures.last_failure.startswith("navigate: cancel: x")
