@@ -36,6 +36,7 @@ BENCHMARKS = {
     "lens_drive": "benchmarks.lens_drive",
     "lens_rigs": "benchmarks.lens_rigs",
     "pose_graphs": "benchmarks.pose_graphs",
+    "outlier_loops": "benchmarks.outlier_loops",
     "pair_registration": "benchmarks.pair_registration",
     "long_map": "benchmarks.long_map",
     "map_scaling": "benchmarks.map_scaling",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import gtsam
@@ -66,6 +67,13 @@ def factors_of(graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
 def chi2_of(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array) -> float:
     """Return the weighted sum of squares at some poses; GTSAM's error is half of it."""
     return float(2.0 * factors.error(_values(graph, poses)))
+
+
+def edge_chi2(graph: PoseGraph, poses: Array) -> Array:
+    """Return the weighted square (M,) of each edge at poses (N, d + 1, d + 1), robust kernels left aside."""
+    factors = factors_of(replace(graph, is_robust=np.zeros(len(graph.ends), np.bool_)))
+    values = _values(graph, poses)
+    return np.array([2.0 * factors.at(k).error(values) for k in range(len(graph.ends))])
 
 
 def minimize_poses(
