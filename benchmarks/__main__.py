@@ -30,6 +30,7 @@ BENCHMARKS = {
     "long_drive": "benchmarks.long_drive",
     "mounting": "benchmarks.mounting",
     "calibration": "benchmarks.calibration",
+    "calibration_doubts": "benchmarks.calibration_doubts",
     "stitching": "benchmarks.stitching",
     "mapping_times": "benchmarks.mapping_times",
     "range_honesty": "benchmarks.range_honesty",
