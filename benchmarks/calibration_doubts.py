@@ -70,7 +70,7 @@ def _calibrated(flaw: str, seed: int) -> tuple[list[str], str]:
     rng = np.random.default_rng([seed, 53 + (["", *WORDS].index(flaw))])
     camera, board = _lens(rng), Board("board", *BOARDS[rng.integers(len(BOARDS))], SQUARE_M)
     low, high = FEW_VIEWS if flaw == "few" else GOOD_VIEWS
-    poses = _poses(camera, board, int(rng.integers(low, high)), flaw, rng)
+    poses = board_poses(camera, board, int(rng.integers(low, high)), flaw, rng)
     rig = Rig((RigCamera("cam", camera, SE3.identity()),), "one")
     world = BoardWorld(rig, (board,), SE3(np.eye(4)[None]), poses.inverse())
     extra = rng.uniform(*BLUR_PX) * camera.width / 1000 if flaw == "blur" else 0.0
@@ -114,7 +114,7 @@ def _lens(rng: np.random.Generator) -> Camera:
     return Pinhole(width, height, focal, 0.999 * focal, cx, cy, distortion)
 
 
-def _poses(camera: Camera, board: Board, count: int, flaw: str, rng: np.random.Generator) -> SE3:
+def board_poses(camera: Camera, board: Board, count: int, flaw: str, rng: np.random.Generator) -> SE3:
     """Return T_camera_board (count,) with the whole board in the image, in the part of it that the flaw leaves."""
     low, high = np.zeros(2), np.array([camera.width, camera.height], float)
     if flaw == "one side":

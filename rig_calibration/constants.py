@@ -46,7 +46,7 @@ ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
 CELLS = (8, 6)  # of an image, that corners should fall into
 
 # Whether images are good (boards/test_quality, test_sharpness; chosen on seeds 1 to 5 of benchmarks calibration_doubts)
-EDGE_REACH, EDGE_SAMPLES = 0.4, 41  # of the way to the next corners; samples of an edge across
+EDGE_REACH, EDGE_SAMPLES = 0.4, 161  # of the way to the next corners; samples of an edge across
 QUARTILES_APART = 1.349  # standard deviations of a Gaussian
 MAX_BLUR_SHARE = 0.00135  # of the image's width, not below 1.35 px: a sharp lens has 0.4 to 0.9 px
 MIN_GOOD_VIEWS = 10  # instants of a camera: 40 are advised

@@ -54,13 +54,13 @@ def factors_of(graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
     kind, factors = KINDS[graph.dimension], gtsam.NonlinearFactorGraph()
     order = ANGLE_FIRST if graph.dimension == 3 else [0, 1, 2]
     huber = gtsam.noiseModel.mEstimator.Huber.Create(ROBUST_WIDTH)
+    ordered = np.ascontiguousarray(graph.information[:, order][:, :, order])
     for (a, b), motion, information, is_robust in zip(
-        graph.ends, graph.motions, graph.information, graph.is_robust, strict=True
+        graph.ends.tolist(), graph.motions, ordered, graph.is_robust, strict=True
     ):
-        ordered = np.ascontiguousarray(information[np.ix_(order, order)])
-        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Information(ordered)
+        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Information(information)
         noise = gtsam.noiseModel.Robust.Create(huber, noise) if is_robust else noise
-        factors.add(kind.between(int(a), int(b), kind.pose(motion), noise))
+        factors.add(kind.between(a, b, kind.pose(motion), noise))
     return factors
 
 
