@@ -67,7 +67,8 @@ def with_false_loops(graph: PoseGraph, share: float, kind: str, seed: int) -> Po
     rng, loops = np.random.default_rng([seed, 41]), np.flatnonzero(loops_of(graph))
     count = round(share / (1 - share) * len(loops))
     size = GROUP if kind == "grouped" else 1
-    ends, sources = [], []
+    ends: list[tuple[int, int]] = []
+    sources: list[int] = []
     while len(ends) < count:
         a, b = np.sort(rng.integers(len(graph.ids) - size, size=2))
         first = rng.integers(len(loops) - size)

@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.validation import Validation
-from rig_calibration.boards.views import BoardView
+from rig_calibration.boards.views import BoardView, Indices
 from rig_calibration.constants import (
     CELLS,
     MAX_BLUR_SHARE,
@@ -37,13 +38,14 @@ def quality_warnings(
 ) -> list[str]:
     """Return a line for every camera and what is wrong with its images; views as the problem has them."""
     lines: list[str] = []
-    is_used = np.bincount(problem.seen.view, kept, minlength=problem.seen.num_views) > 0
+    views_used = np.bincount(problem.seen.view, kept, minlength=problem.seen.num_views) > 0
     covered = covered_cells(problem, kept)
     for camera, name in enumerate(names):
-        own = np.flatnonzero(is_used & (problem.seen.camera == camera))
+        own = np.flatnonzero(views_used & (problem.seen.camera == camera))
+        own_views = [views[int(k)] for k in own]
         found = [
-            _blurred([views[k] for k in own], problem.sizes[camera][0]),
-            _few(len({views[k].instant for k in own})),
+            _blurred(own_views, problem.sizes[camera][0]),
+            _few(len({view.instant for view in own_views})),
             _frontal(problem, state, own),
             *_uncovered(covered[camera]),
             _differs(validation, camera),
@@ -52,7 +54,7 @@ def quality_warnings(
     return lines
 
 
-def covered_cells(problem: AdjustmentProblem, kept: Array) -> Array:
+def covered_cells(problem: AdjustmentProblem, kept: Array) -> NDArray[np.bool_]:
     """Return whether a corner fell into each cell of every image (C, rows, columns)."""
     found = np.zeros((len(problem.models), CELLS[1], CELLS[0]), np.bool_)
     for camera, rows in problem.seen.camera_slices:
@@ -62,7 +64,7 @@ def covered_cells(problem: AdjustmentProblem, kept: Array) -> Array:
     return found
 
 
-def tilt_deg(problem: AdjustmentProblem, state: RigState, own: Array) -> float:
+def tilt_deg(problem: AdjustmentProblem, state: RigState, own: Indices) -> float:
     """Return by how much boards of some views are tilted against one another: RMS angle of normals, in degrees.
 
     About the axis of most tilt. Boards that are parallel to one another determine no focal length (Zhang, PAMI 2000).
@@ -88,14 +90,14 @@ def _few(count: int) -> str:
     return f"few views: {count} instants, expected {MIN_GOOD_VIEWS} or more" if count < MIN_GOOD_VIEWS else ""
 
 
-def _frontal(problem: AdjustmentProblem, state: RigState, own: Array) -> str:
+def _frontal(problem: AdjustmentProblem, state: RigState, own: Indices) -> str:
     tilt = tilt_deg(problem, state, own)
     if tilt >= MIN_TILT_DEG:
         return ""
     return f"no tilt: boards differ by {tilt:.1f} deg in the mean, expected {MIN_TILT_DEG:.0f} or more"
 
 
-def _uncovered(cells: Array) -> list[str]:
+def _uncovered(cells: NDArray[np.bool_]) -> list[str]:
     """Return lines for one camera's covered cells (rows, columns)."""
     rows, columns = cells.shape
     sides = {

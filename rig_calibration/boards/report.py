@@ -9,6 +9,7 @@ import numpy as np
 
 from rig_calibration.boards.quality import covered_cells, tilt_deg
 from rig_calibration.boards.validation import camera_rms
+from rig_calibration.boards.views import Indices
 from rig_calibration.calibrate import Calibration
 from sphere_nav.geometry.arrays import Array
 
@@ -48,7 +49,7 @@ def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def _own_views(calibration: Calibration, index: int) -> Array:
+def _own_views(calibration: Calibration, index: int) -> Indices:
     return np.flatnonzero(calibration.start.problem.seen.camera == index)
 
 
@@ -59,7 +60,8 @@ def _blur(calibration: Calibration, index: int) -> float:
 
 def coverage(calibration: Calibration) -> Array:
     """Return the part of 8 x 6 cells of every image that a corner fell into (C,), in percent."""
-    return 100.0 * covered_cells(calibration.start.problem, calibration.kept).mean(axis=(1, 2))
+    covered: Array = 100.0 * covered_cells(calibration.start.problem, calibration.kept).mean(axis=(1, 2))
+    return covered
 
 
 def draw_calibration(calibration: Calibration, path: Path) -> None:

@@ -19,9 +19,9 @@ def edge_width(gray: NDArray[np.uint8], board: Board, corners: Indices, pixels: 
     of one square to those of the other. Between a quarter and three quarters of the way lie 1.349 standard deviations.
     The larger median of both axes counts: motion blurs one of them.
     """
-    grid = np.full((board.num_corners, 2), np.nan)
-    grid[corners] = pixels
-    grid = grid.reshape(board.rows, board.columns, 2)
+    known_corners = np.full((board.num_corners, 2), np.nan)
+    known_corners[corners] = pixels
+    grid: Array = known_corners.reshape(board.rows, board.columns, 2)
     widths = []
     for one in (grid, grid.swapaxes(0, 1)):
         middle, across = (one[:, 1:] + one[:, :-1]) / 2, np.gradient(one, axis=0)

@@ -21,6 +21,7 @@ from scipy.special import chdtri
 from sphere_mapping.constants import (
     ADMISSION_ROUNDS,
     ALIKE_QUANTILE,
+    BATCH,
     CORE_RATIO,
     FEW_LOOPS,
     GNC_GROWTH,
@@ -28,7 +29,6 @@ from sphere_mapping.constants import (
     LIMIT_GROWTH,
     LOOP_WINDOW,
     MAX_STEPS,
-    NUM_TRIED,
     REACH,
     RIGHT_REJECTED,
     SUPPORT_RATIO,
@@ -149,7 +149,7 @@ def _admit(graph: PoseGraph, is_loop: Mask, is_supported: Mask, is_kept: Mask, p
         largest = min(largest, LIMIT_GROWTH * limit)
         others = np.flatnonzero(is_loop & ~is_kept)
         others = others[np.argsort(chi2[others])]
-        count = np.clip(np.count_nonzero(chi2[others] <= REACH * limit), *NUM_TRIED)
+        count = np.clip(np.count_nonzero(chi2[others] <= REACH * limit), *BATCH)
         is_tried = is_supported & ~is_kept
         is_tried[others[:count]] = True
         found, poses = _try(graph, is_loop, is_kept, is_tried, poses, limit)
@@ -174,7 +174,7 @@ def _try(
     added = np.count_nonzero(found & ~is_kept)
     if not added or edge_chi2(graph, moved)[found].sum() - before <= limit * added:
         return found, moved
-    for k in np.flatnonzero(found & ~is_kept)[: NUM_TRIED[0]]:
+    for k in np.flatnonzero(found & ~is_kept)[: BATCH[0]]:
         one = is_kept.copy()
         one[k] = True
         bent = _solve(graph, one, None, poses, MAX_STEPS["descent"])

@@ -82,7 +82,8 @@ class Omni:
         r2 = np.sum(xy * xy, axis=-1)
         with np.errstate(invalid="ignore"):
             scale = (self.xi + np.sqrt(1.0 + (1.0 - self.xi**2) * r2)) / (1.0 + r2)
-        return np.concatenate([scale[..., None] * xy, (scale - self.xi)[..., None]], axis=-1)
+        rays: Array = np.concatenate([scale[..., None] * xy, (scale - self.xi)[..., None]], axis=-1)
+        return rays
 
     def J_project(self, points: ArrayLike) -> Array:
         """Return d pixel / d point (..., 2, 3): of the plane, after d (x, y, z + xi d) / d point."""

@@ -140,7 +140,7 @@ def _model(values: Mapping[str, Any], where: str) -> Camera:
         raise ValueError(f"{where}.polynomial: expected none for {name}, found {len(polynomial)} numbers")
     fx, fy, cx, cy, *others = lengths.values()
     if name == "omni":
-        return Omni(width, height, fx, fy, cx, cy, *others, distortion)
+        return Omni(width, height, fx, fy, cx, cy, others[0], distortion)
     if name == "pinhole":
         return Pinhole(width, height, fx, fy, cx, cy, distortion)
     if name == "fisheye":
