@@ -49,15 +49,14 @@ def run(options: argparse.Namespace) -> Report:
     count = 5 if options.quick else options.set_count
     found = {"bad": 0, "good": 0}
     for number in range(count):
-        for flaw in (list(WORDS)[number % len(WORDS)], ""):
-            lines, focal_error = _calibrated(flaw, options.set_seeds + number)
+        seed = options.set_seeds + number
+        for flaw in (list(WORDS)[seed % len(WORDS)], ""):
+            lines, focal_error = _calibrated(flaw, seed)
             warned = [word for word in WORDS.values() if any(word in line for line in lines)]
             is_right = WORDS[flaw] in warned if flaw else not lines
             found["bad" if flaw else "good"] += is_right
             told = "; ".join(lines)[:150] or "-"
-            rows.append(
-                (flaw or "good", str(options.set_seeds + number), focal_error, "yes" if is_right else "NO", told)
-            )
+            rows.append((flaw or "good", str(seed), focal_error, "yes" if is_right else "NO", told))
     report.tables.append(Table("Sets", ("set", "seed", "focal length off", "right", "warnings"), rows))
     for kind, right in found.items():
         what = "warned of by name" if kind == "bad" else "without a warning"

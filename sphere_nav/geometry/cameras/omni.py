@@ -90,7 +90,8 @@ class Omni:
         p = np.asarray(points, dtype=np.float64)
         distance = np.linalg.norm(p, axis=-1)
         J = self._plane.J_project(self._shifted(p, distance) / distance[..., None]) / distance[..., None, None]
-        return J + J[..., :, 2:] * (self.xi * p / distance[..., None])[..., None, :]
+        with_xi: Array = J + J[..., :, 2:] * (self.xi * p / distance[..., None])[..., None, :]
+        return with_xi
 
     def halve(self) -> Self:
         """Return the camera of the next pyramid level."""
