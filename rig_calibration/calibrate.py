@@ -12,6 +12,7 @@ from rig_calibration.boards.board import Board
 from rig_calibration.boards.checks import check_joined, check_views, disagreements
 from rig_calibration.boards.intrinsics import SingleCamera, calibrate_camera
 from rig_calibration.boards.observability import Spread, spread, warnings
+from rig_calibration.boards.quality import quality_warnings
 from rig_calibration.boards.rejection import adjust
 from rig_calibration.boards.starting import StartingPoint, camera_observations, sightings, start_of_rig
 from rig_calibration.boards.state import RigState
@@ -91,6 +92,7 @@ def calibrate(
     found = spread(start.problem, state, errors, adjusted.kept)
     checked = validate(start.problem, state, adjusted.kept, params)
     notes = warnings(tuple(names), found, state.T_world_rig, params)
+    notes += quality_warnings(names, start.problem, state, adjusted.kept, start.views, checked)
     notes += disagreements(names, singles, state.lenses, camera_rms(start.problem, errors, adjusted.kept))
     return Calibration(tuple(specs), tuple(boards), start, state, errors, adjusted.kept, dropped, found, checked, notes)
 

@@ -45,6 +45,15 @@ OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called
 ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
 CELLS = (8, 6)  # of an image, that corners should fall into
 
+# Whether images are good (boards/test_quality, test_sharpness; chosen on seeds 1 to 5 of benchmarks calibration_doubts)
+EDGE_REACH, EDGE_SAMPLES = 0.4, 161  # of the way to the next corners; samples of an edge across
+QUARTILES_APART = 1.349  # standard deviations of a Gaussian
+MAX_BLUR_SHARE = 0.00135  # of the image's width, not below 1.35 px: a sharp lens has 0.4 to 0.9 px
+MIN_GOOD_VIEWS = 10  # instants of a camera: 40 are advised
+MIN_TILT_DEG = 6.0  # RMS of the boards' tilt: 20 deg to all sides are advised
+MIN_COVERED, MIN_SIDE_COVERED = 0.4, 0.4  # of the cells of an image, of a half of it: there the lens is a guess
+MAX_HALVES_MM, MAX_HALVES_DEG, MAX_HALVES_FOCAL = 5.0, 0.3, 0.01  # between halves of the images
+
 # Refinement by a drive (drive/test_refinement, test_depth_pose)
 UNOBSERVED = 0.5  # of the deviation known beforehand: more is left than the drive has told
 MIN_PIXELS, MIN_SIGMA = 100, 0.5  # of an image, to say anything; grey levels of their noise

@@ -50,6 +50,13 @@ def _quick(gray: Gray, board: Board, swept: Sequence[Array]) -> Iterator[Array]:
     yield from _as_corners(cv2.findChessboardCorners(gray, (board.columns, board.rows), flags=QUAD_FLAGS), board)
 
 
+def grid_sizes(gray: NDArray[np.uint8], count: int) -> list[tuple[int, int]]:
+    """Return columns and rows of up to `count` whole chessboards of an image, of whatever size."""
+    least = Board("any", 3, 3, 1.0)  # the smallest that there is
+    swept = _sweep(gray, [least] * count)[:count]
+    return [(grid.shape[1], grid.shape[0]) for grid in swept]
+
+
 def _sweep(gray: Gray, boards: Sequence[Board]) -> list[Array]:
     """Return all grids (rows, columns, 2) of an image, of whatever size, each wiped out before the next search."""
     image, grids = gray.copy(), []

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from rig_calibration.boards.quality import covered_cells, tilt_deg
 from rig_calibration.boards.validation import camera_rms
+from rig_calibration.boards.views import Indices
 from rig_calibration.calibrate import Calibration
-from rig_calibration.constants import CELLS
 from sphere_nav.geometry.arrays import Array
 
 
@@ -29,6 +30,9 @@ def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
             "rms_px": float(rms[index]),
             "held_out_rms_px": _finite(calibration.validation.held_out_px[index : index + 1])[0],
             "coverage_percent": float(covered[index]),
+            "blur_px": _finite(np.array([_blur(calibration, index)]))[0],
+            "tilt_deg": tilt_deg(calibration.start.problem, calibration.state, _own_views(calibration, index)),
+            "halves_focal_percent": _finite(100.0 * calibration.validation.focal_halves[index : index + 1])[0],
             "position_std_mm": _finite(1e3 * std[:3]),
             "rotation_std_deg": _finite(np.degrees(std[3:])),
             "halves_position_mm": _finite(1e3 * halves[:3]),
@@ -45,15 +49,19 @@ def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
     }
 
 
+def _own_views(calibration: Calibration, index: int) -> Indices:
+    return np.flatnonzero(calibration.start.problem.seen.camera == index)
+
+
+def _blur(calibration: Calibration, index: int) -> float:
+    blurs = [calibration.start.views[k].blur_px for k in _own_views(calibration, index)]
+    return float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else float("nan")
+
+
 def coverage(calibration: Calibration) -> Array:
     """Return the part of 8 x 6 cells of every image that a corner fell into (C,), in percent."""
-    seen = calibration.start.problem.seen
-    found = np.zeros(len(calibration.specs))
-    for index, rows in seen.camera_slices:
-        pixels = seen.pixels[rows][calibration.kept[rows] > 0]
-        cell = np.floor(pixels / calibration.specs[index].size * CELLS).astype(int)
-        found[index] = 100.0 * len(np.unique(cell, axis=0)) / (CELLS[0] * CELLS[1])
-    return found
+    covered: Array = 100.0 * covered_cells(calibration.start.problem, calibration.kept).mean(axis=(1, 2))
+    return covered
 
 
 def draw_calibration(calibration: Calibration, path: Path) -> None:

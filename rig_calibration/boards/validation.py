@@ -20,11 +20,13 @@ from sphere_nav.geometry.arrays import Array
 class Validation:
     """Per camera: held-out RMS (C,) in pixels, and the difference (C, 6) between halves in metres and radians.
 
-    NaN where too few images are left. Differences are along and about the axes of the rig.
+    NaN where too few images are left. Differences are along and about the axes of the rig. focal_halves (C,): how much
+    longer the focal length of the second half is, relative.
     """
 
     held_out_px: Array
     halves: Array
+    focal_halves: Array
 
 
 def validate(problem: AdjustmentProblem, state: RigState, kept: Array, params: CalibrationParams) -> Validation:
@@ -33,7 +35,9 @@ def validate(problem: AdjustmentProblem, state: RigState, kept: Array, params: C
     is_held = number % params.held_out_every == params.held_out_every - 1
     held_out = _hold_out(problem, state, kept, is_held, params)
     halves = [_part(problem, state, kept, number % 2 == half, params) for half in (0, 1)]
-    return Validation(held_out, _difference(halves[0], halves[1], len(problem.models)))
+    focal = [np.nan if half is None else half.lenses[:, :2].mean(axis=1) for half in halves]
+    focal_halves = np.broadcast_to(focal[1] / focal[0] - 1.0, (len(problem.models),))
+    return Validation(held_out, _difference(halves[0], halves[1], len(problem.models)), focal_halves)
 
 
 def camera_rms(problem: AdjustmentProblem, errors: Array, kept: Array) -> Array:

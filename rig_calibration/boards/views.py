@@ -16,13 +16,17 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """The corners of one board in one image: their numbers (n,) on the board and where they are, (n, 2) pixels."""
+    """The corners of one board in one image: their numbers (n,) on the board and where they are, (n, 2) pixels.
+
+    blur_px: standard deviation of the blur of its edges; NaN where nobody measured it.
+    """
 
     camera: str
     instant: str
     board: str
     corners: Indices
     pixels: Array
+    blur_px: float = float("nan")
 
     @property
     def label(self) -> str:

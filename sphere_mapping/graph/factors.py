@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import gtsam
@@ -53,19 +54,26 @@ def factors_of(graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
     kind, factors = KINDS[graph.dimension], gtsam.NonlinearFactorGraph()
     order = ANGLE_FIRST if graph.dimension == 3 else [0, 1, 2]
     huber = gtsam.noiseModel.mEstimator.Huber.Create(ROBUST_WIDTH)
+    ordered = np.ascontiguousarray(graph.information[:, order][:, :, order])
     for (a, b), motion, information, is_robust in zip(
-        graph.ends, graph.motions, graph.information, graph.is_robust, strict=True
+        graph.ends.tolist(), graph.motions, ordered, graph.is_robust, strict=True
     ):
-        ordered = np.ascontiguousarray(information[np.ix_(order, order)])
-        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Information(ordered)
+        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Information(information)
         noise = gtsam.noiseModel.Robust.Create(huber, noise) if is_robust else noise
-        factors.add(kind.between(int(a), int(b), kind.pose(motion), noise))
+        factors.add(kind.between(a, b, kind.pose(motion), noise))
     return factors
 
 
 def chi2_of(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array) -> float:
     """Return the weighted sum of squares at some poses; GTSAM's error is half of it."""
     return float(2.0 * factors.error(_values(graph, poses)))
+
+
+def edge_chi2(graph: PoseGraph, poses: Array) -> Array:
+    """Return the weighted square (M,) of each edge at poses (N, d + 1, d + 1), robust kernels left aside."""
+    factors = factors_of(replace(graph, is_robust=np.zeros(len(graph.ends), np.bool_)))
+    values = _values(graph, poses)
+    return np.array([2.0 * factors.at(k).error(values) for k in range(len(graph.ends))])
 
 
 def minimize_poses(

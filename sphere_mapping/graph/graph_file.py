@@ -22,8 +22,16 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import open_file
 
+SINGULAR = 1e-12  # smallest by largest eigenvalue: what rounding leaves of 0
 IGNORED = ("PARAMS_", "EQUIV", "#")
 TORO_PLANE = ((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2))  # TORO's order in the plane, not row by row
+
+
+class GraphFile(NamedTuple):
+    """A graph, and the edges left out of it as lines of text: file, line, ids, what is wrong."""
+
+    graph: PoseGraph
+    left_out: tuple[str, ...]
 
 
 class LineFormat(NamedTuple):
@@ -45,21 +53,31 @@ class _Lines:
     motions: list[Array] = field(default_factory=list)
     information: list[Array] = field(default_factory=list)
     places: list[str] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+    unusable: list[str] = field(default_factory=list)  # what is wrong with the information of an edge
     fixed: dict[int, str] = field(default_factory=dict)  # vertex -> file and line
 
 
 def read_graph(path: Path) -> PoseGraph:
     """Return the graph of a file; poses chained along its edges where it has no vertices. ValueError by line."""
+    return read_graph_file(path, is_leaving_out=False).graph
+
+
+def read_graph_file(path: Path, *, is_leaving_out: bool) -> GraphFile:
+    """Return the graph of a file, without edges of indefinite or singular information if `is_leaving_out`."""
     found = _Lines()
     with open_file(path, "g2o or TORO file", LIMITS["pose graph"]) as opened:
         for number, line in enumerate(io.TextIOWrapper(opened, encoding="ascii", errors="replace"), 1):
             try:
-                _read_line(line.split(), f"{path}:{number}", found)
+                _read_line(line.split(), f"{path}:{number}", number, found)
             except ValueError as error:
                 raise ValueError(f"{path}:{number}: {error}") from None
-    if not found.ends:
+    if not found.ends and not (found.unusable and not is_leaving_out):
         raise ValueError(f"{path}: expected edges (EDGE_SE3:QUAT, EDGE_SE2, EDGE3 or EDGE2), found none")
-    return _assemble(found)
+    if found.unusable and not is_leaving_out:
+        more = f" (and {len(found.unusable) - 1} more edges)" if len(found.unusable) > 1 else ""
+        raise ValueError(found.unusable[0] + more)
+    return GraphFile(_assemble(found), tuple(found.unusable))
 
 
 def write_g2o(path: Path, graph: PoseGraph) -> None:
@@ -73,7 +91,7 @@ def write_g2o(path: Path, graph: PoseGraph) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def _read_line(words: list[str], place: str, found: _Lines) -> None:
+def _read_line(words: list[str], place: str, line: int, found: _Lines) -> None:
     if not words or words[0].startswith(IGNORED):
         return
     if words[0] == "FIX":
@@ -102,10 +120,17 @@ def _read_line(words: list[str], place: str, found: _Lines) -> None:
         return
     if ends[0] == ends[1]:
         raise ValueError(f"expected an edge between two vertices, found {ends[0]} twice")
+    information = _information(values[layout.num_pose :], layout)
+    lowest, *_, highest = np.linalg.eigvalsh(information)
+    if lowest <= SINGULAR * abs(highest):
+        expected = "expected a positive definite information matrix"
+        found.unusable.append(f"{place}: edge {ends[0]} {ends[1]}: {expected}, found an eigenvalue of {lowest:.3g}")
+        return
     found.ends.append((ends[0], ends[1]))
     found.motions.append(pose)
-    found.information.append(_information(values[layout.num_pose :], layout))
+    found.information.append(information)
     found.places.append(place)
+    found.lines.append(line)
 
 
 def _assemble(found: _Lines) -> PoseGraph:
@@ -127,6 +152,7 @@ def _assemble(found: _Lines) -> PoseGraph:
         np.array(found.information),
         np.zeros(len(found.ends), dtype=np.bool_),
         tuple(sorted(row[name] for name in found.fixed)),
+        np.array(found.lines, dtype=np.int64),
     )
     return graph if found.poses else replace(graph, poses=spanning_poses(graph))
 
@@ -142,9 +168,6 @@ def _information(values: Array, layout: LineFormat) -> Array:
     information = np.zeros((size, size))
     for (i, j), value in zip(layout.information, values, strict=True):
         information[i, j] = information[j, i] = value
-    lowest = float(np.linalg.eigvalsh(information)[0])
-    if lowest <= 0:
-        raise ValueError(f"expected a positive definite information matrix, found an eigenvalue of {lowest:.3g}")
     return information
 
 

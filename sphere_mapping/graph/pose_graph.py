@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -28,6 +28,7 @@ class PoseGraph:
     information: (M, p, p) of xi in T_a_b exp(xi), xi = (v, omega); p = 3 in the plane, 6 in space.
     is_robust: (M,) edges that lose weight where they fit badly.
     fixed: rows of poses that stay where they are, at most one of every connected part.
+    lines: (M,) lines of the file that the edges stand in, from 1; empty where they come from no file.
     """
 
     ids: NDArray[np.int64]
@@ -37,6 +38,7 @@ class PoseGraph:
     information: Array
     is_robust: NDArray[np.bool_]
     fixed: tuple[int, ...] = ()
+    lines: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def dimension(self) -> int:

@@ -11,8 +11,8 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from sphere_mapping.acquisition import kernels
-from sphere_mapping.graph.map_cloud import MapCloud
 from sphere_mapping.graph.tracking import Unroll
+from sphere_mapping.map_cloud import MapCloud
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake, with_driver_input

@@ -13,7 +13,7 @@ from rig_calibration.boards.report import calibration_as_mapping, draw_calibrati
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.offline.board_images import detect_boards, find_images
+from sphere_nav.offline.board_images import check_board_sizes, detect_boards, find_images
 
 HELP = "lenses and poses of all cameras of a rig from images of boards"
 EXAMPLES = """\
@@ -48,6 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"{arguments.output}: expected no such file, found one (--force replaces it)")
     cameras = find_images(arguments.images)
     sizes, views = detect_boards(cameras, boards)
+    wrong_size = check_board_sizes(cameras, boards, views)
+    if not views and wrong_size:
+        raise ValueError(wrong_size[0])
     specs = [CameraSpec(name, arguments.model, sizes[name]) for name in cameras]
     with tqdm(desc="calibrating", bar_format="{desc} {elapsed}", leave=False) as bar:
         found = calibrate(specs, boards, views, CalibrationParams(), progress=bar.set_description_str)
@@ -59,7 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
         held_out = row["held_out_rms_px"]
         print(f"{name}: RMS {row['rms_px']:.3f} px, held out {'-' if held_out is None else f'{held_out:.3f} px'}")
     unseen = [f"{board.name}: seen in no image" for board in boards if board.name not in {v.board for v in views}]
-    for line in [f"left out {name}: {why}" for name, why in found.dropped.items()] + unseen + found.warnings:
+    for line in (
+        [f"left out {name}: {why}" for name, why in found.dropped.items()] + unseen + wrong_size + found.warnings
+    ):
         print(f"warning: {line}")
     return 0
 

@@ -8,10 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
-from sphere_mapping.graph.graph_file import read_graph, write_g2o
+from sphere_mapping.graph.graph_file import read_graph_file, write_g2o
 from sphere_mapping.graph.optimum import Optimum, optimize
+from sphere_mapping.graph.outliers import RobustOptimum, graph_of_edges, loops_of, optimize_robustly
 from sphere_mapping.graph.pose_graph import PoseGraph
 
 HELP = """\
@@ -22,9 +24,14 @@ e' Information e over all edges, e = log(T_measured^-1 T_a^-1 T_b). A certificat
 exist; where there is none, a warning says so. The vertex that FIX names, else the first, of each connected part stays
 where it is.
 
+--robust finds false loops (edges between vertices that are not neighbours in the order of their ids) by graduated
+non-convexity and leaves them out of the output; odometry is believed. chi2 is told with and without them. How far is
+too far follows from the residuals of loops that agree, so that the scale of the information matrices does not matter.
+
 examples:
   sphere_nav optimize sphere2500.g2o -o optimised.g2o
   sphere_nav optimize manhattan.g2o -o optimised.g2o --json report.json
+  sphere_nav optimize loops.g2o -o optimised.g2o --robust --outliers false_loops.csv --leave-out-indefinite
 """
 
 
@@ -32,6 +39,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("graph", type=Path, metavar="GRAPH", help="g2o or TORO file")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="OUT", help="g2o file to write")
+    parser.add_argument("--robust", action="store_true", help="find false loops and leave them out")
+    parser.add_argument(
+        "--outliers", type=Path, metavar="FILE", help="with --robust: write line, a, b, chi2 of false loops"
+    )
+    parser.add_argument(
+        "--leave-out-indefinite",
+        action="store_true",
+        help="leave out edges whose information matrix is indefinite or singular, and name them",
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there")
 
 
@@ -39,25 +55,59 @@ def run(arguments: argparse.Namespace) -> int:
     """Read, optimise, write, tell."""
     if arguments.output.exists() and arguments.output.samefile(arguments.graph):
         raise ValueError(f"--output: expected another file than the graph, found {arguments.output}")
-    graph = read_graph(arguments.graph)
+    if arguments.outliers is not None and not arguments.robust:
+        raise ValueError("--outliers: expected --robust with it, found none")
+    try:
+        graph, left_out = read_graph_file(arguments.graph, is_leaving_out=arguments.leave_out_indefinite)
+    except ValueError as error:
+        hint = "; --leave-out-indefinite goes on without" if "information matrix" in str(error) else ""
+        raise ValueError(f"{error}{hint}") from None
     with tqdm(desc=f"optimise {len(graph.ids)} poses", bar_format="{desc} {elapsed}", leave=False, disable=None):
         try:
-            found = optimize(graph)
+            robust = optimize_robustly(graph) if arguments.robust else None
+            found = optimize(graph) if robust is None else robust.optimum
         except ValueError as error:
             raise ValueError(f"{arguments.graph}: {error}") from None
+    kept = graph if robust is None else graph_of_edges(graph, ~robust.is_outlier)
     partial = arguments.output.with_name(arguments.output.name + ".part")
-    write_g2o(partial, replace(graph, poses=found.poses))
+    write_g2o(partial, replace(kept, poses=found.poses))
     partial.replace(arguments.output)
-    report = optimum_as_mapping(graph, found)
+    report = optimum_as_mapping(kept, found) | {"left_out": list(left_out)}
+    if robust is not None:
+        report |= outliers_as_mapping(graph, robust)
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    print(f"{len(graph.ids)} vertices, {len(graph.ends)} edges, {len(graph.anchors)} connected")
+    if arguments.outliers is not None and robust is not None:
+        _write_outliers(arguments.outliers, graph, robust)
+    print(f"{len(graph.ids)} vertices, {len(kept.ends)} edges, {len(kept.anchors)} connected")
     print(f"chi2_before: {found.chi2_before:.8g}")
     print(f"chi2_after: {found.chi2_after:.8g}")
+    if robust is not None:
+        print(f"chi2_with_outliers: {robust.chi2.sum():.8g}")
+        print(f"outliers: {np.count_nonzero(robust.is_outlier)} of {np.count_nonzero(loops_of(graph))} loops")
     print(f"iterations: {found.iterations}")
+    for line in left_out:
+        print(f"warning: left out: {line}")
     if found.doubt:
-        print(f"warning: {arguments.graph}: {found.doubt}")
+        print(f"warning: {arguments.graph}: {found.doubt}{'' if arguments.robust else ' (false loops? --robust)'}")
     return 0
+
+
+def outliers_as_mapping(graph: PoseGraph, robust: RobustOptimum) -> dict[str, Any]:
+    """Return what was judged false as plain values for JSON; chi2 of all edges at the poses of the kept ones."""
+    return {
+        "loops": int(np.count_nonzero(loops_of(graph))),
+        "outliers": [[int(graph.ids[a]), int(graph.ids[b])] for a, b in graph.ends[robust.is_outlier]],
+        "chi2_with_outliers": float(robust.chi2.sum()),
+    }
+
+
+def _write_outliers(path: Path, graph: PoseGraph, robust: RobustOptimum) -> None:
+    lines = ["line,a,b,chi2"]
+    for k in np.flatnonzero(robust.is_outlier):
+        a, b = graph.ids[graph.ends[k]]
+        lines.append(f"{graph.lines[k]},{a},{b},{robust.chi2[k]:.8g}")
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
 def optimum_as_mapping(graph: PoseGraph, found: Optimum) -> dict[str, Any]:

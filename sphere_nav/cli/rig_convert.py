@@ -67,10 +67,6 @@ def run(arguments: argparse.Namespace) -> int:
     rig = place_rig(found, arguments.frame, arguments.files[0])
     rig = _with_options(rig, arguments)
     write_rig(arguments.output, rig, is_overwriting=arguments.force)
-    for name, fit in zip(found.names, found.fits, strict=False):
-        if fit is not None:
-            residual = f"{fit.rms_px:.2g} px RMS, {fit.max_px:.2g} px at most"
-            print(f"{name}: {fit.camera.model} in place of the file's model, off by {residual}")
     for part in rig.cameras:
         position = np.array2string(part.T_rig_camera.translation, precision=4, suppress_small=True)
         ahead = part.T_rig_camera.rotation[:, 2]

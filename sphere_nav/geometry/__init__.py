@@ -8,10 +8,24 @@ written.
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
+from sphere_nav.geometry.cameras.ocam import OCam
+from sphere_nav.geometry.cameras.omni import Omni
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.cameras.rolling_shutter import FrameMotion
 from sphere_nav.geometry.cameras.spherical import Spherical
 from sphere_nav.geometry.se3 import SE3
 
-__all__ = ["SE3", "Camera", "DoubleSphere", "Fisheye", "FrameMotion", "Pinhole", "Rig", "RigCamera", "Spherical"]
+__all__ = [
+    "SE3",
+    "Camera",
+    "DoubleSphere",
+    "Fisheye",
+    "FrameMotion",
+    "OCam",
+    "Omni",
+    "Pinhole",
+    "Rig",
+    "RigCamera",
+    "Spherical",
+]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -14,11 +14,14 @@ import numpy as np
 from tqdm import tqdm
 
 from rig_calibration.boards.board import Board
+from rig_calibration.boards.chessboard import grid_sizes
 from rig_calibration.boards.detect import detect_all
+from rig_calibration.boards.sharpness import edge_width
 from rig_calibration.boards.views import BoardView, Indices
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.encoded import read_image_file
 
+NUM_SIZED = 4  # images of a camera whose boards are counted
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 
 
@@ -74,7 +77,39 @@ def detect_boards(
     return sizes, views
 
 
-def _find_boards(path: Path, boards: tuple[Board, ...]) -> tuple[tuple[int, int], dict[str, tuple[Indices, Array]]]:
-    """Return the size (width, height) of an image and the corners of the boards in it."""
-    gray = read_image_file(path, cv2.IMREAD_GRAYSCALE)
-    return (gray.shape[1], gray.shape[0]), detect_all(np.asarray(gray), boards)
+def check_board_sizes(
+    cameras: dict[str, dict[str, Path]], boards: tuple[Board, ...], views: list[BoardView]
+) -> list[str]:
+    """Return a line where the chessboards in the images have another size than any that was given.
+
+    A detector that is told fewer corners than a board has finds a part of it, another one in each image; one that is
+    told more finds none.
+    """
+    if any(board.kind != "chessboard" for board in boards):
+        return []
+    found: Counter[tuple[int, int]] = Counter()
+    given = {tuple(sorted((board.columns, board.rows))) for board in boards}
+    for name, files in cameras.items():
+        seen = {view.instant for view in views if view.camera == name}
+        for instant in sorted(files, key=lambda instant: (instant not in seen, instant))[:NUM_SIZED]:
+            gray = np.asarray(read_image_file(files[instant], cv2.IMREAD_GRAYSCALE))
+            for size in grid_sizes(gray, len(boards)):
+                found[(max(size), min(size))] += 1
+    count = sum(found.values())
+    (columns, rows), most = found.most_common(1)[0] if found else ((0, 0), 0)
+    if most < 2 or 2 * most < count or (rows, columns) in given:
+        return []
+    told = ", ".join(f"{board.columns}x{board.rows}" for board in boards)
+    return [f"wrong board size: expected {told} inner corners, found grids of {columns}x{rows} in {most} of {count}"]
+
+
+def _find_boards(
+    path: Path, boards: tuple[Board, ...]
+) -> tuple[tuple[int, int], dict[str, tuple[Indices, Array, float]]]:
+    """Return the size (width, height) of an image and the corners of the boards in it, with their blur."""
+    gray = np.asarray(read_image_file(path, cv2.IMREAD_GRAYSCALE))
+    by_name = {board.name: board for board in boards}
+    found = detect_all(gray, boards)
+    return (gray.shape[1], gray.shape[0]), {
+        name: (*corners, edge_width(gray, by_name[name], *corners)) for name, corners in found.items()
+    }

@@ -40,7 +40,7 @@ from sphere_mapping.acquisition.constants import (
 )
 from sphere_mapping.acquisition.params import RectifyParams
 from sphere_mapping.acquisition.stitching.views import RigView
-from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
+from sphere_nav.geometry import SE3, OCam, Rig, RigCamera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.so3 import hat, left_jacobian
@@ -157,14 +157,14 @@ def _ray_by_values(part: RigCamera, own: Array, pixels: Array) -> Array:
 
 
 def _change(part: RigCamera, own: Array) -> RigCamera:
-    camera: Any = part.camera  # pinhole, fisheye, double sphere: all have these four
+    camera: Any = part.camera  # no spherical one
     factor = float(np.exp(own[3]))
-    lens = {
-        "fx": camera.fx * factor,
-        "fy": camera.fy * factor,
-        "cx": camera.cx + camera.fx * float(own[4]),
-        "cy": camera.cy + camera.fy * float(own[5]),
-    }
+    fx, fy = (float(value) for value in camera.coefficients[:2])
+    lens = {"cx": camera.cx + fx * float(own[4]), "cy": camera.cy + fy * float(own[5])}
+    if isinstance(camera, OCam):
+        camera = camera.scaled(factor)
+    else:
+        lens |= {"fx": fx * factor, "fy": fy * factor}
     turn = SE3.exp(np.concatenate([np.zeros(3), own[:3]]))
     return replace(part, camera=replace(camera, **lens), T_rig_camera=part.T_rig_camera @ turn)
 

@@ -6,31 +6,26 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
+from sphere_nav.geometry.cameras.omni import Omni
 from sphere_nav.geometry.cameras.pinhole import Pinhole
-from sphere_nav.geometry.files.lens_fit import LensFit, fit_lens, grid_of
 from sphere_nav.geometry.files.untrusted import check_center, numbers, short, size
 from sphere_nav.geometry.se3 import SE3
-
-WIDEST_DEG = 100.0  # from the axis: farther, a calibration is seldom known
 
 
 @dataclass(frozen=True, eq=False)
 class ForeignRig:
     """Cameras with their poses `T_origin_camera`; the origin is the IMU if `is_by_imu`, else the first camera.
 
-    fits: of cameras whose model is none of ours, how near ours comes; None of the others. topics: where files tell.
+    topics: where files tell.
     """
 
     names: tuple[str, ...]
     cameras: tuple[Camera, ...]
     T_origin_camera: tuple[SE3, ...]
     is_by_imu: bool = False
-    fits: tuple[LensFit | None, ...] = ()
     topics: tuple[str, ...] = ()
 
 
@@ -63,28 +58,14 @@ class ForeignLens:
         """Return the unified camera, x / (alpha d + (1 - alpha) z): a double sphere whose two spheres coincide."""
         return self.double_sphere(0.0, alpha)
 
-    def mei(self, xi: float) -> Camera:
-        """Return Mei's camera, x / (z + xi d): the unified one, its focal lengths and xi written differently."""
-        scale = 1.0 + xi
-        if not scale > 0.0 or xi < 0.0:
-            raise ValueError(f"{self.where}: xi: expected at least 0, found {xi}")
-        lens = ForeignLens(self.size, self.fx / scale, self.fy / scale, self.cx, self.cy, self.where)
-        return lens.to_unified(xi / scale)
-
-    def mei_with_distortion(self, xi: float, distortion: tuple[float, ...]) -> LensFit:
-        """Return what comes nearest to Mei's camera, x / (z + xi d), with pinhole distortion behind it."""
-        self.mei(xi)
-        pixels = grid_of(self.size)
-        plane = Pinhole(*self.size, self.fx, self.fy, self.cx, self.cy, distortion).unproject(pixels)
-        plane = plane[:, :2] / plane[:, 2:]
-        r2 = np.sum(plane * plane, axis=1)
-        root = 1.0 + (1.0 - xi * xi) * r2
-        factor = (xi + np.sqrt(np.maximum(root, 0.0))) / (1.0 + r2)
-        rays = np.concatenate([factor[:, None] * plane, (factor - xi)[:, None]], axis=1)
-        known = (root > 0) & np.all(np.isfinite(rays), axis=1) & (rays[:, 2] > np.cos(np.radians(WIDEST_DEG)))
-        if np.count_nonzero(known) < len(pixels) // 4:
-            raise ValueError(f"{self.where}: expected a lens with rays of the image's pixels, found hardly any")
-        return fit_lens(rays[known], pixels[known], self.size, self.fx / (1.0 + xi), self.where)
+    def omni(self, xi: float, distortion: tuple[float, ...] = ()) -> Camera:
+        """Return Mei's camera, x / (z + xi d), with radial and tangential distortion behind it."""
+        center = (self.cx, self.cy)
+        check_center(center, self.size, self.where)
+        try:
+            return Omni(*self.size, self.fx, self.fy, *center, xi, distortion)
+        except ValueError as error:
+            raise ValueError(f"{self.where}: {error}") from None
 
     def _check(self, model: Any, *more: Any) -> Camera:
         check_center((self.cx, self.cy), self.size, self.where)

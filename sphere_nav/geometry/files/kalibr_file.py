@@ -14,7 +14,6 @@ import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model, vector
-from sphere_nav.geometry.files.lens_fit import LensFit
 from sphere_nav.geometry.files.opencv_file import without_directive
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, pose, read_text, required, short
 from sphere_nav.geometry.se3 import SE3
@@ -31,17 +30,16 @@ def join_chains(chains: Sequence[ForeignRig], paths: Sequence[Path]) -> ForeignR
         is_by_imu = True
     else:
         origins, is_by_imu = _by_shared_camera(chains, paths), False
-    cameras, poses, fits, topics = [], [], [], []
+    cameras, poses, topics = [], [], []
     for chain, T_first_chain in zip(chains, origins, strict=True):
         for index, camera in enumerate(chain.cameras):
             if chain.topics[index] and chain.topics[index] in topics:
                 continue
             cameras.append(camera)
             poses.append(T_first_chain @ chain.T_origin_camera[index])
-            fits.append(chain.fits[index])
             topics.append(chain.topics[index])
     names = tuple(f"cam{number}" for number in range(len(cameras)))
-    return ForeignRig(names, tuple(cameras), tuple(poses), is_by_imu, tuple(fits), tuple(topics))
+    return ForeignRig(names, tuple(cameras), tuple(poses), is_by_imu, tuple(topics))
 
 
 def _by_shared_camera(chains: Sequence[ForeignRig], paths: Sequence[Path]) -> list[SE3]:
@@ -97,16 +95,14 @@ def _rig(values: Any) -> ForeignRig:
     if names != [f"cam{number}" for number in range(len(names))]:
         raise ValueError(f"camchain: expected cam0 to cam{len(names) - 1}, found {', '.join(names)}")
     entries = [required(values[name], name, ("camera_model", "intrinsics", "resolution")) for name in names]
-    found = [_camera(name, entry) for name, entry in zip(names, entries, strict=True)]
-    fits = tuple(lens if isinstance(lens, LensFit) else None for lens in found)
-    cameras = tuple(lens.camera if isinstance(lens, LensFit) else lens for lens in found)
+    cameras = tuple(_camera(name, entry) for name, entry in zip(names, entries, strict=True))
     by_imu = [_by_imu(name, entry) for name, entry in zip(names, entries, strict=True)]
     poses, is_by_imu = _poses(names, entries, by_imu)
     topics = tuple(str(entry.get("rostopic") or "") for entry in entries)
-    return ForeignRig(tuple(names), cameras, tuple(poses), is_by_imu, fits, topics)
+    return ForeignRig(tuple(names), cameras, tuple(poses), is_by_imu, topics)
 
 
-def _camera(name: str, entry: Mapping[str, Any]) -> Camera | LensFit:
+def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
     model, distortion = entry["camera_model"], entry.get("distortion_model") or "none"
     if not isinstance(model, str) or model not in NUM_INTRINSICS:
         raise refuse_model(model, f"{name}.camera_model", KNOWN)
@@ -121,7 +117,7 @@ def _camera(name: str, entry: Mapping[str, Any]) -> Camera | LensFit:
     if model == "ds":
         return lens.double_sphere(*numbers[:2])
     if model == "omni":
-        return lens.mei(numbers[0]) if not any(k) else lens.mei_with_distortion(numbers[0], k)
+        return lens.omni(numbers[0], k)
     return lens.fisheye(k) if distortion == "equidistant" else lens.pinhole(k)
 
 

@@ -9,6 +9,8 @@ from typing import Any
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
+from sphere_nav.geometry.cameras.ocam import OCam
+from sphere_nav.geometry.cameras.omni import Omni
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.files.untrusted import (
@@ -30,6 +32,8 @@ MODELS: dict[str, tuple[str, ...]] = {
     "pinhole": ("fx", "fy", "cx", "cy"),
     "fisheye": ("fx", "fy", "cx", "cy"),
     "double_sphere": ("fx", "fy", "cx", "cy", "xi", "alpha"),
+    "omni": ("fx", "fy", "cx", "cy", "xi"),
+    "ocam": ("cx", "cy", "c", "d", "e"),
 }
 CAMERA_FIELDS = (
     "model",
@@ -37,17 +41,19 @@ CAMERA_FIELDS = (
     "height",
     "intrinsics",
     "distortion",
+    "polynomial",
     "T_rig_camera",
     "mask",
     "exposure_group",
     "level",
 )
-OPTIONAL = ("distortion", "mask", "exposure_group", "level")
+OPTIONAL = ("distortion", "polynomial", "mask", "exposure_group", "level")
 RIG_FIELDS = ("format", "format_version", "name", "version", "num_cameras", "cameras")
 HEADER = f"""\
 # Camera rig. Metres and pixels; pixel centres are integers. T_rig_camera takes optical coordinates (x right, y down,
 # z forward) to those of the rig (x forward, y left, z up).
 # models: {", ".join(MODELS)}; distortion: up to 8 numbers (pinhole: k1 k2 p1 p2 k3 k4 k5 k6), 4 (fisheye: k1 k2 k3 k4).
+# omni: Mei's, xi and k1 k2 p1 p2 k3; ocam: polynomial: h0 h1 ... (OCamCalib's, sign turned), c d e its affine part.
 # mask: image of the camera's size, 0 where it must not be used; a relative path begins at this file's folder.
 # exposure_group: cameras of one group share exposure and white balance. level: top, bottom, or empty (one sphere).
 """
@@ -122,9 +128,19 @@ def _model(values: Mapping[str, Any], where: str) -> Camera:
     name = choice(values["model"], f"{where}.model", MODELS)
     width, height = (size(values[side], f"{where}.{side}") for side in ("width", "height"))
     lens = mapping(values["intrinsics"], f"{where}.intrinsics", MODELS[name])
-    fx, fy, cx, cy, *others = (number(lens[key], f"{where}.intrinsics.{key}") for key in MODELS[name])
-    check_center((cx, cy), (width, height), f"{where}.intrinsics")
+    lengths = {key: number(lens[key], f"{where}.intrinsics.{key}") for key in MODELS[name]}
+    check_center((lengths["cx"], lengths["cy"]), (width, height), f"{where}.intrinsics")
     distortion = numbers(values.get("distortion") or [], f"{where}.distortion")
+    polynomial = numbers(values.get("polynomial") or [], f"{where}.polynomial")
+    if name == "ocam":
+        if distortion:
+            raise ValueError(f"{where}.distortion: expected none for ocam, found {len(distortion)} numbers")
+        return OCam(width, height, polynomial=polynomial, **lengths)
+    if polynomial:
+        raise ValueError(f"{where}.polynomial: expected none for {name}, found {len(polynomial)} numbers")
+    fx, fy, cx, cy, *others = lengths.values()
+    if name == "omni":
+        return Omni(width, height, fx, fy, cx, cy, others[0], distortion)
     if name == "pinhole":
         return Pinhole(width, height, fx, fy, cx, cy, distortion)
     if name == "fisheye":
@@ -143,6 +159,7 @@ def _camera_lines(part: RigCamera, folder: Path) -> list[str]:
         raise ValueError(f"{part.name}: expected a camera of {', '.join(MODELS)}, found {camera.model}")
     lens = ", ".join(f"{key}: {float(getattr(camera, key))!r}" for key in MODELS[camera.model])
     distortion = ", ".join(repr(float(value)) for value in getattr(camera, "distortion", ()))
+    polynomial = ", ".join(repr(float(value)) for value in getattr(camera, "polynomial", ()))
     rows = [", ".join(repr(float(value)) for value in row) for row in part.T_rig_camera.matrix]
     return [
         f"  {part.name}:",
@@ -151,6 +168,7 @@ def _camera_lines(part: RigCamera, folder: Path) -> list[str]:
         f"    height: {camera.height}",
         f"    intrinsics: {{{lens}}}",
         f"    distortion: [{distortion}]",
+        *([f"    polynomial: [{polynomial}]"] if polynomial else []),
         "    T_rig_camera:",
         *(f"      - [{row}]" for row in rows),
         f"    mask: {'null' if part.mask is None else _word(_relative(part.mask, folder))}",

@@ -40,18 +40,23 @@ def calibration():
         pose_std=np.array([[0.001, 0.002, np.inf, 0.01, 0.02, 0.03], np.full(6, 0.5)]),
     )
     halves = np.array([[0.004, -0.005, 0.006, -0.1, 0.2, 0.3], np.full(6, np.nan)])
-    problem = SimpleNamespace(seen=seen, models=("pinhole", "fisheye"), num_distortion=5)
+    sizes = ((80, 60), (160, 120))
+    problem = SimpleNamespace(seen=seen, models=("pinhole", "fisheye"), sizes=sizes, num_distortion=5)
+    still = SE3(np.eye(4)[None])
     return SimpleNamespace(
         specs=specs,
         camera=lambda index: SimpleNamespace(
             coefficients=[getattr(cameras[index], n) for n in ("fx", "fy", "cx", "cy")]
             + list(cameras[index].distortion)
         ),
-        start=SimpleNamespace(problem=problem, views=[1, 2, 3]),
+        start=SimpleNamespace(problem=problem, views=[SimpleNamespace(blur_px=blur) for blur in (0.6, np.nan, 0.8)]),
+        state=RigState(np.zeros((2, 12)), SE3(np.tile(np.eye(4), (2, 1, 1))), still, still),
         residuals=residuals,
         kept=np.array([1.0, 1, 1, 0, 1, 1, 1]),
         spread=spread,
-        validation=SimpleNamespace(halves=halves, held_out_px=np.array([0.7, np.nan])),
+        validation=SimpleNamespace(
+            halves=halves, held_out_px=np.array([0.7, np.nan]), focal_halves=np.array([0.012, np.nan])
+        ),
         dropped={"a/1/b": "why"},
         warnings=["w"],
     )
@@ -72,6 +77,8 @@ def test_every_figure_has_its_unit(calibration):
     assert a["halves_rotation_deg"] == pytest.approx(np.degrees([-0.1, 0.2, 0.3]))
     assert b["halves_position_mm"] == b["halves_rotation_deg"] == [None] * 3
     assert (a["held_out_rms_px"], b["held_out_rms_px"]) == (0.7, None)
+    assert (a["blur_px"], b["blur_px"], a["tilt_deg"]) == (0.6, None, 0.0)
+    assert (a["halves_focal_percent"], b["halves_focal_percent"]) == (pytest.approx(1.2), None)
     assert (found["noise_px"], found["num_views"], found["rejected_corners"]) == (0.25, 3, 1)
     assert (found["rejected_views"], found["warnings"]) == ({"a/1/b": "why"}, ["w"])
 

@@ -57,3 +57,45 @@ def test_misuse_is_told_in_one_line(tmp_path, capsys):
     assert main(["optimize", str(graph), "-o", str(graph)]) == 2
     assert "expected another file than the graph" in capsys.readouterr().err
     assert graph.read_text() == before
+
+
+def square(path, extra=()):
+    """A drive four times around a square of 5 m in the plane, each corner joined to the one of the round before."""
+    edges = [f"EDGE_SE2 {k} {k + 1} 5 0 {1.5708 + 0.002 * (k % 3)} 100 0 0 100 0 400" for k in range(15)]
+    edges += [f"EDGE_SE2 {k} {k + 4} 0 0 0 100 0 0 100 0 400" for k in range(12)]
+    path.write_text("\n".join([*edges, *extra]) + "\n")
+    return path
+
+
+def test_false_loops_are_left_out_on_request_and_named(tmp_path, capsys):
+    graph = square(tmp_path / "graph.g2o", ["EDGE_SE2 2 12 5 5 1 100 0 0 100 0 400"])
+    out, table, report = (tmp_path / name for name in ("out.g2o", "false.csv", "report.json"))
+    command = ["optimize", str(graph), "-o", str(out), "--json", str(report)]
+    assert main([*command, "--robust", "--outliers", str(table)]) == 0
+    assert "outliers: 1 of 13 loops" in capsys.readouterr().out
+    head, row = table.read_text().splitlines()
+    assert (head, row.split(",")[:3]) == ("line,a,b,chi2", ["28", "2", "12"])
+    found = json.loads(report.read_text())
+    assert found["outliers"] == [[2, 12]]
+    assert found["chi2_with_outliers"] == pytest.approx(found["chi2_after"] + float(row.split(",")[3]), rel=1e-6)
+    assert "EDGE_SE2 2 12 " not in out.read_text()
+    assert out.read_text().count("EDGE_SE2") == 27
+    assert main(command) == 0
+    assert json.loads(report.read_text())["chi2_after"] > 10 * found["chi2_after"]
+    assert main([*command, "--outliers", str(table)]) == 2
+    assert "--outliers: expected --robust" in capsys.readouterr().err
+
+
+def test_edges_of_indefinite_or_singular_information_are_named_and_left_out_on_request(tmp_path, capsys):
+    bad = ["EDGE_SE2 0 8 0 0 0 100 200 0 100 0 400", "EDGE_SE2 1 9 0 0 0 1 1 0 1 0 1"]
+    graph, out = square(tmp_path / "graph.g2o", bad), tmp_path / "out.g2o"
+    assert main(["optimize", str(graph), "-o", str(out)]) == 2
+    told = capsys.readouterr().err
+    assert "graph.g2o:28: edge 0 8: expected a positive definite information matrix" in told
+    assert "and 1 more" in told
+    assert "--leave-out-indefinite" in told
+    assert main(["optimize", str(graph), "-o", str(out), "--leave-out-indefinite"]) == 0
+    told = capsys.readouterr().out
+    assert "left out: " in told
+    assert "graph.g2o:29: edge 1 9: expected" in told
+    assert out.read_text().count("EDGE_SE2") == 27

@@ -34,8 +34,9 @@ BINS_PER_GRAY = 4.0
 HALF_RANGE = 256.0  # residuals beyond +-256 grey levels count into the outermost bins
 NUM_BINS = int(2 * HALF_RANGE * BINS_PER_GRAY)
 
-PINHOLE, FISHEYE, SPHERICAL, DOUBLE_SPHERE = 0, 1, 2, 3
-NUM_COEFFICIENTS = 13  # of the longest model
+PINHOLE, FISHEYE, SPHERICAL, DOUBLE_SPHERE, OMNI, OCAM = 0, 1, 2, 3, 4, 5
+NUM_COEFFICIENTS = 28  # of the longest model
+OCAM_POLYNOMIAL, OCAM_STEPS = 8, 8  # where it begins; of Newton's method, which float32 needs at 120 deg
 ZERO, HALF, ONE, TWO, THREE = (np.float32(i) for i in (0.0, 0.5, 1.0, 2.0, 3.0))
 FIVE, SIX, SEVEN, NINE = (np.float32(i) for i in (5.0, 6.0, 7.0, 9.0))
 MIN_DEPTH = np.float32(1e-6)
@@ -183,6 +184,73 @@ def _project_double_sphere(k, r):
 
 
 @njit(**OPTIONS)
+def _project_omni(k, r):
+    fx, fy, cx, cy, k1, k2, p1, p2, k3, xi = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9]
+    max_square = min(k[10], MAX_SQUARE)
+    min_cosine = -xi if xi <= ONE else -ONE / xi
+    for i in range(SIDE):
+        known = r[Z + i] == r[Z + i]
+        x, y, z = (r[X + i] if known else ZERO), (r[Y + i] if known else ZERO), (r[Z + i] if known else ONE)
+        distance = max(np.float32(math.sqrt(x * x + y * y + z * z)), MIN_SINE)
+        shifted = z + xi * distance
+        ahead = known & (distance > MIN_SINE) & (z > min_cosine * distance) & (shifted > MIN_DEPTH * distance)
+        w = ONE / (shifted if ahead else ONE)
+        xn, yn = x * w, y * w
+        r2 = xn * xn + yn * yn
+        seen = ahead & (r2 <= max_square)
+        xn, yn = (xn if seen else ZERO), (yn if seen else ZERO)
+        r2 = xn * xn + yn * yn
+        r[SEEN + i] = ONE if seen else ZERO
+        radial = ONE + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = (k1 + r2 * (TWO * k2 + THREE * r2 * k3)) * TWO
+        r[U + i] = fx * (xn * radial + TWO * p1 * xn * yn + p2 * (r2 + TWO * xn * xn)) + cx
+        r[V + i] = fy * (yn * radial + p1 * (r2 + TWO * yn * yn) + TWO * p2 * xn * yn) + cy
+        dxx = (radial + xn * xn * slope + TWO * p1 * yn + SIX * p2 * xn) * w
+        dxy = (xn * yn * slope + TWO * p1 * xn + TWO * p2 * yn) * w
+        dyy = (radial + yn * yn * slope + SIX * p1 * yn + TWO * p2 * xn) * w
+        du, dv = -(dxx * xn + dxy * yn), -(dxy * xn + dyy * yn)  # by what x and y are divided by
+        along = xi / distance  # its derivative by the point is along * point + (0, 0, 1)
+        r[J0 + i], r[J1 + i] = fx * (dxx + du * along * x), fx * (dxy + du * along * y)
+        r[J3 + i], r[J4 + i] = fy * (dxy + dv * along * x), fy * (dyy + dv * along * y)
+        r[J2 + i], r[J5 + i] = fx * du * (ONE + along * z), fy * dv * (ONE + along * z)
+
+
+@njit(**OPTIONS)
+def _project_ocam(k, r):
+    """Solve rho z = h(rho) sine for the image radius rho by Newton's method, from f angle (cameras/ocam.py)."""
+    f, cx, cy, c, d, e, max_angle = k[0], k[2], k[3], k[4], k[5], k[6], k[7]
+    last = NUM_COEFFICIENTS - 1
+    while last > OCAM_POLYNOMIAL and k[last] == ZERO:
+        last -= 1
+    for i in range(SIDE):
+        known = r[Z + i] == r[Z + i]
+        x, y, z = (r[X + i] if known else ZERO), (r[Y + i] if known else ZERO), (r[Z + i] if known else ONE)
+        sine = max(np.float32(math.sqrt(x * x + y * y)), MIN_SINE)
+        angle = arctangent2(sine, z)
+        seen = known & (angle <= max_angle) & ((sine > MIN_SINE) | (z > ZERO))
+        r[SEEN + i] = ONE if seen else ZERO
+        by_length = ONE / np.float32(math.sqrt(sine * sine + z * z))
+        sn, zn = (sine * by_length if seen else ZERO), (z * by_length if seen else ONE)
+        rho, h, slope = (f * angle if seen else ZERO), f, ZERO
+        for _ in range(OCAM_STEPS):
+            h, slope = k[last], ZERO
+            for j in range(last - 1, OCAM_POLYNOMIAL - 1, -1):
+                slope = slope * rho + h
+                h = h * rho + k[j]
+            rho = max(rho - (rho * zn - h * sn) / max(zn - slope * sn, np.float32(1e-3)), ZERO)
+        by_sine = ONE / sine
+        xn, yn = x * by_sine, y * by_sine
+        by_angle = (rho * rho + h * h) / max(h - rho * slope, np.float32(1e-3))
+        by_square = ONE / (sine * sine + z * z)
+        along, across, by_z = by_angle * z * by_square, rho * by_sine, -by_angle * sine * by_square
+        mixed = (along - across) * xn * yn
+        qxx, qyy = along * xn * xn + across * yn * yn, along * yn * yn + across * xn * xn
+        r[U + i], r[V + i] = rho * (xn + e * yn) + cx, rho * (d * xn + c * yn) + cy
+        r[J0 + i], r[J1 + i], r[J2 + i] = qxx + e * mixed, mixed + e * qyy, by_z * (xn + e * yn)
+        r[J3 + i], r[J4 + i], r[J5 + i] = d * qxx + c * mixed, d * mixed + c * qyy, by_z * (d * xn + c * yn)
+
+
+@njit(**OPTIONS)
 def project(model, k, r):
     """Rows X, Y, Z to pixels U, V and their derivative J by the point; SEEN is 1 where the model has a pixel."""
     if model == PINHOLE:
@@ -194,6 +262,10 @@ def project(model, k, r):
         _project_fisheye(k, r)
     elif model == SPHERICAL:
         _project_spherical(k, r)
+    elif model == OMNI:
+        _project_omni(k, r)
+    elif model == OCAM:
+        _project_ocam(k, r)
     else:
         _project_double_sphere(k, r)
 

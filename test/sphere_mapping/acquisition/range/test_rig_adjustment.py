@@ -11,7 +11,7 @@ from sphere_mapping.acquisition.range.rectification import (
     match_angles,
     slopes,
 )
-from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole, Rig, RigCamera
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, OCam, Pinhole, Rig, RigCamera
 from worlds.rig import OPTICAL
 
 PLACE = (800, 600, 240.0, 250.0, 399.5, 299.5)
@@ -19,6 +19,7 @@ LENSES = [
     Fisheye(*PLACE, (0.02, -0.01, 0.0, 0.0)),
     Pinhole(*PLACE, (-0.05, 0.01, 0.0, 0.0)),
     DoubleSphere(*PLACE, -0.2, 0.6),
+    OCam(800, 600, 399.5, 299.5, (240.0, 0.0, -1e-3), 1.04),
 ]
 SCALE = 0.01
 

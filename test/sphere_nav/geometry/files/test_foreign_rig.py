@@ -76,6 +76,6 @@ def test_axes_of_an_imu_need_one(tmp_path):
         read_foreign([path], frame="imu")
 
 
-def test_a_unified_camera_needs_a_positive_xi():
-    with pytest.raises(ValueError, match=r"x: xi: expected at least 0, found -0\.5"):
-        ForeignLens((640, 480), 500.0, 500.0, 320.0, 240.0, "x").mei(-0.5)
+def test_an_omnidirectional_camera_needs_a_positive_xi():
+    with pytest.raises(ValueError, match=r"x: omni: xi: expected 0 to 1000, found -0\.5"):
+        ForeignLens((640, 480), 500.0, 500.0, 320.0, 240.0, "x").omni(-0.5)

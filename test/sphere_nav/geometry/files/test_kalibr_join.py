@@ -17,9 +17,7 @@ def chain(topics, *, is_by_imu=False):
     origin = SE3.identity() if is_by_imu else poses[0]
     own = tuple(origin.inverse() @ pose for pose in poses)
     number = len(topics)
-    return ForeignRig(
-        tuple(f"cam{k}" for k in range(number)), (LENS,) * number, own, is_by_imu, (None,) * number, tuple(topics)
-    )
+    return ForeignRig(tuple(f"cam{k}" for k in range(number)), (LENS,) * number, own, is_by_imu, tuple(topics))
 
 
 def test_chains_that_share_a_camera_are_joined_by_it():

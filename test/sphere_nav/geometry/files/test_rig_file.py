@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import yaml
 
-from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, OCam, Omni, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
 
 
 @pytest.fixture
 def rig(tmp_path):
-    poses = [SE3.exp(xi) for xi in np.random.default_rng(0).normal(size=(4, 6))]
+    poses = [SE3.exp(xi) for xi in np.random.default_rng(0).normal(size=(6, 6))]
     (tmp_path / "masks").mkdir()
     (tmp_path / "masks" / "b.png").write_bytes(b"an image")
     return Rig(
@@ -26,6 +26,8 @@ def rig(tmp_path):
             ),
             RigCamera("c", Fisheye(640, 640, 200.0, 201.0, 319.5, 320.5, (0.1, 0.02, 0.0, 0.0)), poses[2], level="top"),
             RigCamera("d", DoubleSphere(640, 640, 200.0, 201.0, 319.5, 320.5, -0.2, 0.6), poses[3], level="top"),
+            RigCamera("e", Omni(640, 480, 800.0, 801.0, 319.5, 239.5, 1.2, (0.1, 0.02)), poses[4], level="top"),
+            RigCamera("f", OCam(640, 480, 319.5, 239.5, (200.0, 0.0, -1e-3), 0.99, 0.01), poses[5], level="top"),
         ),
         'a "rig": no',
         "2026-05-01",
@@ -92,7 +94,7 @@ A = ("cameras", "a")
 MIRRORED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
 STRETCHED = np.diag([1.0, 1.1, 1.0, 1.0]).tolist()
 DEFECTS = {
-    "missing camera": (drop("cameras", "b"), "cameras: expected 4 (num_cameras), found 3 (a, c, d)"),
+    "missing camera": (drop("cameras", "b"), "cameras: expected 6 (num_cameras), found 5 (a, c, d, e, f)"),
     "no cameras": (put("cameras", None), "cameras: expected camera names with their fields, found None"),
     "other format": (put("format_version", 2), "expected sphere_nav_rig 1, found sphere_nav_rig 2"),
     "missing field": (drop(*A, "model"), "cameras.a.model: expected a value, found none"),
@@ -104,7 +106,7 @@ DEFECTS = {
     ),
     "unknown model": (
         put(*A, "model", "mei"),
-        "cameras.a.model: expected pinhole, fisheye, double_sphere, found 'mei'",
+        "cameras.a.model: expected pinhole, fisheye, double_sphere, omni, ocam, found 'mei'",
     ),
     "uncalibrated": (put(*A, "intrinsics", "fx", 0), "cameras.a: focal length: expected positive fx, fy"),
     "no size": (put(*A, "width", 0), "cameras.a.width: expected a positive number of pixels, at most 65536, found 0"),
@@ -121,6 +123,8 @@ DEFECTS = {
     "too long for a float": (put(*A, "intrinsics", "fx", 10**400), "cameras.a.intrinsics.fx: expected a finite number"),
     "missing mask": (put(*A, "mask", "none.png"), "cameras.a.mask: expected an image file, found no none.png"),
     "short distortion": (put("cameras", "c", "distortion", [0.1]), "cameras.c.distortion: expected 4 numbers, found 1"),
+    "ocam without polynomial": (put("cameras", "f", "polynomial", []), "cameras.f: ocam: polynomial: expected 1 to 20"),
+    "polynomial of another": (put(*A, "polynomial", [1.0]), "cameras.a.polynomial: expected none for pinhole, found 1"),
     "lonely level": (put(*A, "level", ""), "level: expected top and bottom, or none for every camera, found a none"),
     "unknown level": (put(*A, "level", "up"), "cameras.a: a: level: expected top, bottom or nothing, found 'up'"),
 }

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.estimation.robust import huber_weights, median_and_mad
-from sphere_nav.geometry import Fisheye, Pinhole, Spherical
+from sphere_nav.geometry import Fisheye, OCam, Omni, Pinhole, Spherical
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 from sphere_nav.photometric.align.iteration import kernels
@@ -17,10 +17,24 @@ CAMERAS = [
     Fisheye(64, 64, 20.0, 20.5, 31.0, 32.0, (0.05, -0.06, 0.03, -0.005)),
     DoubleSphere(64, 64, 20.0, 20.5, 31.0, 32.0, -0.2, 0.6),
     DoubleSphere(64, 64, 30.0, 30.5, 31.0, 32.0, 0.3, 0.4),
+    Omni(64, 48, 60.0, 61.0, 31.0, 24.5, 0.9, (-0.05, 0.01, 1e-3, -2e-3)),
+    Omni(64, 48, 90.0, 91.0, 31.0, 24.5, 1.9, (-0.2, 0.3, 1e-3, -5e-4)),
+    OCam(64, 64, 31.0, 32.0, (22.0, 0.0, -1.1e-2, 1.2e-4, -3e-6), 1.01, 0.02, -0.01),
     Spherical(128, 64),
     Spherical(40, 30, 128.0, 110.0, 12.0),
 ]
-NAMES = ["pinhole", "distorted", "fisheye", "double sphere", "double sphere, alpha < 1/2", "sphere", "window"]
+NAMES = [
+    "pinhole",
+    "distorted",
+    "fisheye",
+    "double sphere",
+    "double sphere, alpha < 1/2",
+    "omni",
+    "omni, xi > 1",
+    "ocam",
+    "sphere",
+    "window",
+]
 
 
 def project(camera, points):
@@ -49,7 +63,7 @@ def test_projection_and_its_jacobian_are_those_of_sphere_geometry(camera, rng):
     assert np.abs(J - J_expected).max() / np.abs(J_expected).max() < 1e-5
 
 
-@pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
+@pytest.mark.parametrize("camera", CAMERAS[:8], ids=NAMES[:8])
 def test_what_has_no_pixel_is_not_visible(camera):
     points = np.array([[0.1, 0.1, -1.0], [0.0, 0.0, 0.0], [1e4, 1e4, 1e-5], [1e-3, 0.0, -5.0]])
     expected, _ = camera.project(points)
@@ -76,7 +90,7 @@ def accumulate(case, gain, bias, median, bound):
     return sums
 
 
-@pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
+@pytest.mark.parametrize("camera", CAMERAS[:8], ids=NAMES[:8])
 @pytest.mark.parametrize("dtype", [np.uint8, np.float32])
 def test_accumulate_sums_the_weighted_products_of_all_columns(camera, dtype, rng):
     case = Case(rng, camera, dtype=dtype)
@@ -138,7 +152,7 @@ def test_median_and_mad_of_nothing_are_zero():
     assert kernels.histogram_median_and_mad(np.zeros(kernels.NUM_BINS, np.int32)) == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
+@pytest.mark.parametrize("camera", CAMERAS[:8], ids=NAMES[:8])
 def test_rows_of_a_rolling_shutter_are_moved_to_their_time(camera, rng):
     case = Case(rng, camera)
     r, places = np.empty(kernels.SCRATCH, np.float32), np.empty(kernels.SIDE, np.int32)
@@ -164,7 +178,7 @@ def test_points_are_transformed_and_what_nobody_sees_stays_unseen(rng):
     assert np.isnan(found[200:, 2]).all()
 
 
-@pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
+@pytest.mark.parametrize("camera", CAMERAS[:8], ids=NAMES[:8])
 def test_warp_writes_points_gradients_and_residuals(camera, rng):
     case, (gain, bias) = Case(rng, camera), (1.2, 4.0)
     out = np.full((kernels.NUM_WARPED, case.data.shape[1]), np.nan, np.float32)

@@ -1,6 +1,6 @@
 import numpy as np
 
-from sphere_mapping.graph.map_cloud import MapCloud
+from sphere_mapping.map_cloud import MapCloud
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import KeySphere, SphereGraph

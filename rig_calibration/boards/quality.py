@@ -1,0 +1,126 @@
+"""Whether the images were good enough: what the residuals cannot show, told by name and with a number.
+
+Blur, few views, boards that are all frontal, corners in one part of the image, and halves of the images that disagree
+leave small residuals, and a lens that is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig_calibration.boards.state import AdjustmentProblem, RigState
+from rig_calibration.boards.validation import Validation
+from rig_calibration.boards.views import BoardView, Indices
+from rig_calibration.constants import (
+    CELLS,
+    MAX_BLUR_SHARE,
+    MAX_HALVES_DEG,
+    MAX_HALVES_FOCAL,
+    MAX_HALVES_MM,
+    MIN_COVERED,
+    MIN_GOOD_VIEWS,
+    MIN_SIDE_COVERED,
+    MIN_TILT_DEG,
+)
+from sphere_nav.geometry.arrays import Array
+
+
+def quality_warnings(
+    names: Sequence[str],
+    problem: AdjustmentProblem,
+    state: RigState,
+    kept: Array,
+    views: Sequence[BoardView],
+    validation: Validation,
+) -> list[str]:
+    """Return a line for every camera and what is wrong with its images; views as the problem has them."""
+    lines: list[str] = []
+    views_used = np.bincount(problem.seen.view, kept, minlength=problem.seen.num_views) > 0
+    covered = covered_cells(problem, kept)
+    for camera, name in enumerate(names):
+        own = np.flatnonzero(views_used & (problem.seen.camera == camera))
+        own_views = [views[int(k)] for k in own]
+        found = [
+            _blurred(own_views, problem.sizes[camera][0]),
+            _few(len({view.instant for view in own_views})),
+            _frontal(problem, state, own),
+            *_uncovered(covered[camera]),
+            _differs(validation, camera),
+        ]
+        lines += [f"{name}: {line}" for line in found if line]
+    return lines
+
+
+def covered_cells(problem: AdjustmentProblem, kept: Array) -> NDArray[np.bool_]:
+    """Return whether a corner fell into each cell of every image (C, rows, columns)."""
+    found = np.zeros((len(problem.models), CELLS[1], CELLS[0]), np.bool_)
+    for camera, rows in problem.seen.camera_slices:
+        pixels = problem.seen.pixels[rows][kept[rows] > 0]
+        u, v = np.clip(np.floor(pixels / problem.sizes[camera] * CELLS).astype(int), 0, np.array(CELLS) - 1).T
+        found[camera, v, u] = True
+    return found
+
+
+def tilt_deg(problem: AdjustmentProblem, state: RigState, own: Indices) -> float:
+    """Return by how much boards of some views are tilted against one another: RMS angle of normals, in degrees.
+
+    About the axis of most tilt. Boards that are parallel to one another determine no focal length (Zhang, PAMI 2000).
+    """
+    seen = problem.seen
+    T_world_camera = state.T_world_rig[seen.instant[own]] @ state.T_rig_camera[seen.camera[own]]
+    normals = (T_world_camera.inverse() @ state.T_world_board[seen.board[own]]).rotation[..., :, 2]
+    scatter = (normals - normals.mean(axis=0)).T @ (normals - normals.mean(axis=0)) / max(len(own), 1)
+    return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(scatter)[-1], 0.0))))
+
+
+def _blurred(views: Sequence[BoardView], width: int) -> str:
+    blurs = [view.blur_px for view in views if np.isfinite(view.blur_px)]
+    if not blurs:
+        return ""
+    blur, limit = float(np.median(blurs)), max(MAX_BLUR_SHARE * width, MAX_BLUR_SHARE * 1000)
+    if blur <= limit:
+        return ""
+    return f"blurred: edges of the boards have a standard deviation of {blur:.1f} px, expected up to {limit:.1f}"
+
+
+def _few(count: int) -> str:
+    return f"few views: {count} instants, expected {MIN_GOOD_VIEWS} or more" if count < MIN_GOOD_VIEWS else ""
+
+
+def _frontal(problem: AdjustmentProblem, state: RigState, own: Indices) -> str:
+    tilt = tilt_deg(problem, state, own)
+    if tilt >= MIN_TILT_DEG:
+        return ""
+    return f"no tilt: boards differ by {tilt:.1f} deg in the mean, expected {MIN_TILT_DEG:.0f} or more"
+
+
+def _uncovered(cells: NDArray[np.bool_]) -> list[str]:
+    """Return lines for one camera's covered cells (rows, columns)."""
+    rows, columns = cells.shape
+    sides = {
+        "left": cells[:, : columns // 2],
+        "right": cells[:, columns // 2 :],
+        "upper": cells[: rows // 2],
+        "lower": cells[rows // 2 :],
+    }
+    bare = [f"{side} half {100 * part.mean():.0f} %" for side, part in sides.items() if part.mean() < MIN_SIDE_COVERED]
+    if bare:
+        return [f"one side only: corners cover of the {' and the '.join(bare)}"]
+    if cells.mean() < MIN_COVERED:
+        return [f"poor coverage: corners cover {100 * cells.mean():.0f} % of the image"]
+    return []
+
+
+def _differs(validation: Validation, camera: int) -> str:
+    halves = validation.halves[camera]
+    shift, turn = 1e3 * float(np.linalg.norm(halves[:3])), float(np.degrees(np.linalg.norm(halves[3:])))
+    focal = float(abs(validation.focal_halves[camera]))
+    told = []
+    if focal > MAX_HALVES_FOCAL:
+        told.append(f"{100 * focal:.2f} % of the focal length")
+    if shift > MAX_HALVES_MM or turn > MAX_HALVES_DEG:
+        told.append(f"{shift:.1f} mm, {turn:.2f} deg")
+    return f"halves of the images disagree by {', '.join(told)}" if told else ""

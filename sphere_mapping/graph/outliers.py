@@ -1,0 +1,242 @@
+"""READ FIRST: the poses that fit what the true loops measured, and which loops are false.
+
+A loop is an edge between poses that do not follow one another; edges between neighbors are odometry and are believed.
+(1) Loops that close a short cycle with one another and with odometry support each other; a false one finds no such
+neighbor, whatever the drift is. (2) Graduated non-convexity with truncated least squares (Yang et al., RA-L 2020), each
+step solved by GTSAM, finds the core of those that are supported. (3) The others are tried by it, best first; those that
+fit the result are admitted, until nothing changes. How far is too far follows from the residuals themselves:
+information matrices of published graphs are off by factors of up to 20,000. GTSAM's own GncOptimizer begins each step
+at the first poses again, and at one limit: here a step begins where the last one ended.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.special import chdtri
+
+from sphere_mapping.constants import (
+    ADMISSION_ROUNDS,
+    ALIKE_QUANTILE,
+    BATCH,
+    CORE_RATIO,
+    FEW_LOOPS,
+    GNC_GROWTH,
+    GNC_ROUNDS,
+    LIMIT_GROWTH,
+    LOOP_WINDOW,
+    MAX_STEPS,
+    REACH,
+    RIGHT_REJECTED,
+    SUPPORT_RATIO,
+    TAIL_POWER,
+)
+from sphere_mapping.graph.chordal import chordal_poses
+from sphere_mapping.graph.factors import edge_chi2, factors_of, minimize_poses
+from sphere_mapping.graph.optimum import Optimum, optimize
+from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
+from sphere_nav.geometry.arrays import Array
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class RobustOptimum:
+    """The optimum of the edges that were kept, and what became of the others.
+
+    optimum: poses and chi2 of the kept edges alone.
+    is_outlier: (M,) edges judged false. chi2: (M,) weighted square of every edge at these poses.
+    """
+
+    optimum: Optimum
+    is_outlier: Mask
+    chi2: Array
+
+
+def optimize_robustly(graph: PoseGraph) -> RobustOptimum:
+    """Return the optimum without the loops that contradict the others; ValueError where every descent broke down."""
+    is_loop = loops_of(graph)
+    support = cycle_support(graph, is_loop)
+    is_tried = _supported(is_loop, support)
+    is_kept, poses = _graduate(graph, ~is_loop, is_tried, _start(graph, ~is_loop | is_tried))
+    poses = _solve(graph, is_kept, None, poses, MAX_STEPS["descent"])
+    is_kept = _admit(graph, is_loop, is_tried, is_kept, poses)
+    optimum = optimize(graph_of_edges(graph, is_kept))
+    return RobustOptimum(optimum, ~is_kept, edge_chi2(graph, optimum.poses))
+
+
+def loops_of(graph: PoseGraph) -> Mask:
+    """Return which edges (M,) are loops: those between poses that are not neighbors in the order of their ids."""
+    is_loop: Mask = np.abs(np.diff(graph.ends, axis=1)[:, 0]) != 1
+    return is_loop
+
+
+def graph_of_edges(graph: PoseGraph, is_kept: Mask, weights: Array | None = None) -> PoseGraph:
+    """Return the graph with some of its edges, their information times the weights (M,)."""
+    information = graph.information if weights is None else graph.information * weights[:, None, None]
+    return replace(
+        graph,
+        ends=graph.ends[is_kept],
+        motions=graph.motions[is_kept],
+        information=information[is_kept],
+        is_robust=graph.is_robust[is_kept],
+        lines=graph.lines[is_kept] if len(graph.lines) else graph.lines,
+    )
+
+
+def cycle_support(graph: PoseGraph, is_loop: Mask) -> Array:
+    """Return (M,) the smallest squared error, over its variance, of a cycle with another loop; inf without one.
+
+    The cycle goes along one loop, LOOP_WINDOW poses of odometry at most, back along the other one, and home. Variances
+    are the isotropic ones of rotation and translation, that of rotation with the cycle's length as its lever.
+    """
+    poses, part, variance = _dead_reckoning(graph, is_loop)
+    loops, found = np.flatnonzero(is_loop), np.full(len(graph.ends), np.inf)
+    is_back = graph.ends[loops, 0] > graph.ends[loops, 1]
+    ends = np.sort(graph.ends[loops], axis=1)
+    motions = np.where(is_back[:, None, None], np.linalg.inv(graph.motions[loops]), graph.motions[loops])
+    if len(loops) < 2:
+        return found
+    i, j = cKDTree(ends).query_pairs(LOOP_WINDOW, p=np.inf, output_type="ndarray").T
+    (i, j) = (pairs[np.all(part[ends[i]] == part[ends[j]], axis=1)] for pairs in (i, j))
+    (a, b), (c, d), size = ends[i].T, ends[j].T, graph.dimension
+    there, back = np.linalg.inv(poses[a]) @ poses[c], np.linalg.inv(poses[d]) @ poses[b]
+    error = np.linalg.inv(motions[i]) @ there @ motions[j] @ back
+    cosine = (np.trace(error[:, :size, :size], axis1=1, axis2=2) - (size - 2)) / 2
+    turn2 = np.arccos(np.clip(cosine, -1, 1)) ** 2
+    shift2 = np.sum(error[:, :size, size] ** 2, axis=1)
+    length = sum(np.linalg.norm(part_way[:, :size, size], axis=1) for part_way in (there, motions[j], back))
+    per_loop = 1 / np.stack(graph.precisions, axis=1)[loops]
+    v = per_loop[i] + per_loop[j] + np.abs(variance[a] - variance[c]) + np.abs(variance[b] - variance[d])
+    ratio = np.maximum(turn2 / v[:, 0], shift2 / (v[:, 1] + v[:, 0] * length**2))
+    for side in (i, j):
+        np.minimum.at(found, loops[side], ratio)
+    return found
+
+
+def _dead_reckoning(graph: PoseGraph, is_loop: Mask) -> tuple[Array, NDArray[np.int64], Array]:
+    """Return poses chained along odometry, the unbroken part (N,) each is of, and sums of variances (N, 2)."""
+    count, size = len(graph.ids), graph.dimension + 1
+    steps, variance, is_joined = np.tile(np.eye(size), (count, 1, 1)), np.zeros((count, 2)), np.zeros(count, np.bool_)
+    per_edge = 1 / np.stack(graph.precisions, axis=1)
+    for k in np.flatnonzero(~is_loop)[::-1]:  # of several edges between two poses the first one of the file
+        a, b = graph.ends[k]
+        steps[max(a, b)] = graph.motions[k] if a < b else np.linalg.inv(graph.motions[k])
+        variance[max(a, b)], is_joined[max(a, b)] = per_edge[k], True
+    for row in np.flatnonzero(is_joined):
+        steps[row] = steps[row - 1] @ steps[row]
+    return steps, np.cumsum(~is_joined), np.cumsum(variance, axis=0)
+
+
+def _supported(is_loop: Mask, support: Array) -> Mask:
+    """Return which edges (M,) are loops that are supported as well as the best fifth of all loops, or nearly."""
+    if not is_loop.any():
+        return is_loop
+    limit = SUPPORT_RATIO * float(np.quantile(support[is_loop], ALIKE_QUANTILE, method="lower"))
+    found: Mask = is_loop & (support <= limit) & np.isfinite(support)
+    return found
+
+
+def _admit(graph: PoseGraph, is_loop: Mask, is_supported: Mask, is_kept: Mask, poses: Array) -> Mask:
+    """Return the kept edges (M,) after the supported loops, and those that fit best, were tried together with them."""
+    largest = np.inf
+    for _ in range(ADMISSION_ROUNDS):
+        chi2 = edge_chi2(graph, poses)
+        limit = min(_too_far(graph, chi2[is_kept & is_loop]), largest)
+        largest = min(largest, LIMIT_GROWTH * limit)
+        others = np.flatnonzero(is_loop & ~is_kept)
+        others = others[np.argsort(chi2[others])]
+        count = np.clip(np.count_nonzero(chi2[others] <= REACH * limit), *BATCH)
+        is_tried = is_supported & ~is_kept
+        is_tried[others[:count]] = True
+        found, poses = _try(graph, is_loop, is_kept, is_tried, poses, limit)
+        if np.array_equal(found, is_kept):
+            break
+        is_kept = found
+    return is_kept
+
+
+def _try(
+    graph: PoseGraph, is_loop: Mask, is_kept: Mask, is_tried: Mask, poses: Array, limit: float
+) -> tuple[Mask, Array]:
+    """Return the kept edges (M,) with those loops tried that fit, and their poses.
+
+    A loop that is alone bends odometry until it fits. So what all admitted loops add to chi2 may not be more than the
+    limit each; where it is, they are tried one by one.
+    """
+    before = edge_chi2(graph, poses)[is_kept].sum()
+    found, moved = _graduate(graph, is_kept, is_tried, poses, limit)
+    found = ~is_loop | (found & (edge_chi2(graph, moved) <= limit))
+    moved = _solve(graph, found, None, moved, MAX_STEPS["descent"])
+    added = np.count_nonzero(found & ~is_kept)
+    if not added or edge_chi2(graph, moved)[found].sum() - before <= limit * added:
+        return found, moved
+    for k in np.flatnonzero(found & ~is_kept)[: BATCH[0]]:
+        one = is_kept.copy()
+        one[k] = True
+        bent = _solve(graph, one, None, poses, MAX_STEPS["descent"])
+        after = edge_chi2(graph, bent)[one].sum()
+        if after - before <= limit:
+            is_kept, poses, before = one, bent, after
+    return is_kept, poses
+
+
+def _graduate(
+    graph: PoseGraph, is_believed: Mask, is_tried: Mask, poses: Array, limit: float | None = None
+) -> tuple[Mask, Array]:
+    """Return which edges (M,) fit together and their poses: all believed ones, and of those tried by GNC.
+
+    limit: chi2 of a false loop; None: of the core of those tried, by their residuals.
+    """
+    is_used = is_believed | is_tried
+    poses = _solve(graph, is_used, None, poses, MAX_STEPS["descent"])
+    chi2 = edge_chi2(graph, poses)
+    bound = _core(chi2[is_tried]) if limit is None else limit
+    worst = float(chi2[is_tried].max(initial=0.0))
+    if worst <= bound:
+        return is_used, poses
+    mu, is_kept = bound / (2 * worst - bound), is_used
+    for _ in range(GNC_ROUNDS):
+        weights = np.sqrt(bound * mu * (mu + 1) / np.maximum(chi2, np.finfo(float).tiny)) - mu
+        weights = np.where(is_believed, 1.0, np.clip(weights, 0.0, 1.0) * is_tried)
+        poses = _solve(graph, weights > 0, weights, poses, MAX_STEPS["gnc"])
+        chi2, is_kept = edge_chi2(graph, poses), weights >= 0.5
+        if np.all((weights == 0) | (weights == 1)):
+            break
+        mu *= GNC_GROWTH
+    return is_kept, poses
+
+
+def _core(chi2: Array) -> float:
+    """Return the chi2 up to which loops (K,) are at the core, true or not: false loops among them bend them all."""
+    return CORE_RATIO * float(np.median(chi2)) if chi2.size else np.inf
+
+
+def _too_far(graph: PoseGraph, chi2: Array) -> float:
+    """Return the chi2 that no true loop has, by those (K,) of loops that are believed.
+
+    Few: that of a Gaussian error as large as the information says. Many: that of a Gaussian of their median, times a
+    power of how much wider than a Gaussian's the lower half is spread, which tells how heavy the tails are.
+    """
+    size = TANGENT_SIZE[graph.dimension]
+    if len(chi2) < FEW_LOOPS:
+        return float(chdtri(size, RIGHT_REJECTED))
+    tenth, middle = np.maximum(np.quantile(chi2, [0.1, 0.5]), np.finfo(float).tiny)
+    gaussian_tenth, gaussian_middle, gaussian_limit = chdtri(size, [0.9, 0.5, RIGHT_REJECTED])
+    spread = max((middle / tenth) / (gaussian_middle / gaussian_tenth), 1.0)
+    return float(middle * gaussian_limit / gaussian_middle * spread**TAIL_POWER)
+
+
+def _start(graph: PoseGraph, is_used: Mask) -> Array:
+    return chordal_poses(graph_of_edges(graph, is_used))
+
+
+def _solve(graph: PoseGraph, is_used: Mask, weights: Array | None, poses: Array, max_steps: int) -> Array:
+    used = graph_of_edges(graph, is_used, weights)
+    found = minimize_poses(factors_of(used), used, poses, max_steps)
+    if found is None:
+        raise ValueError("pose graph: expected edges that determine all poses, found a system without a solution")
+    return found.poses

@@ -1,0 +1,53 @@
+"""What leaves small residuals and a wrong lens is warned of by name; good images are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.board_world import BoardWorld
+from benchmarks.calibration_doubts import board_poses
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.quality import quality_warnings
+from rig_calibration.boards.validation import Validation
+from rig_calibration.calibrate import CameraSpec, calibrate
+from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.cameras.rig import Rig, RigCamera
+
+CAMERA = Pinhole(640, 480, 500.0, 501.0, 322.0, 238.0, (-0.1, 0.02, 0.0, 0.0, 0.0))
+BOARD = Board("board", 7, 5, 0.05)
+
+
+def calibrated(count=14, flaw="", blur=0.7):
+    rng = np.random.default_rng(5)
+    rig = Rig((RigCamera("cam", CAMERA, SE3.identity()),), "one")
+    world = BoardWorld(rig, (BOARD,), SE3(np.eye(4)[None]), board_poses(CAMERA, BOARD, count, flaw, rng).inverse())
+    views = [replace(view, blur_px=blur) for view in world.views(0.05, rng)]
+    return calibrate([CameraSpec("cam", "pinhole", (640, 480), CAMERA)], [BOARD], views, CalibrationParams())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        ({}, ""),
+        ({"blur": 2.2}, "cam: blurred: edges of the boards have a standard deviation of 2.2 px, expected up to 1.4"),
+        ({"count": 7}, "cam: few views: 7 instants, expected 10 or more"),
+        ({"flaw": "frontal"}, "cam: no tilt: boards differ by "),
+        ({"flaw": "one side"}, "cam: one side only: corners cover of the "),
+    ],
+)
+def test_each_flaw_is_warned_of_by_name(arguments, word):
+    lines = [line for line in calibrated(**arguments).warnings if "halves" not in line]
+    assert bool(lines) == bool(word)
+    assert all(line.startswith(word) for line in lines)
+
+
+def test_halves_that_disagree_are_warned_of_with_both_numbers():
+    found = calibrated()
+    start, state, views = found.start, found.state, found.start.views
+    halves = Validation(np.zeros(1), np.array([[0.0, 0.006, 0.0, 0.0, 0.0, 0.01]]), np.array([0.015]))
+    lines = quality_warnings(["cam"], start.problem, state, found.kept, views, halves)
+    assert lines == ["cam: halves of the images disagree by 1.50 % of the focal length, 6.0 mm, 0.57 deg"]
+    unknown = Validation(np.zeros(1), np.full((1, 6), np.nan), np.full(1, np.nan))
+    assert quality_warnings(["cam"], start.problem, state, found.kept, views, unknown) == []

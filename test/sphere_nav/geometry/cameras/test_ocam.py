@@ -1,0 +1,52 @@
+"""The polynomial camera beside the laws of `test_camera.py`: by its definition, and at its limits."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import OCam, Pinhole
+
+H = (220.0, 0.0, -1.1e-3, 1.2e-6, -3.0e-9)
+
+
+def test_a_constant_polynomial_is_a_pinhole():
+    ocam, pinhole = OCam(640, 480, 319.5, 239.5, (300.0,)), Pinhole(640, 480, 300.0, 300.0, 319.5, 239.5)
+    points = np.random.default_rng(0).normal((0, 0, 2), 1.0, size=(500, 3))
+    seen = pinhole.project(points)[1]
+    np.testing.assert_allclose(ocam.project(points)[0][seen], pinhole.project(points)[0][seen], atol=1e-9)
+
+
+def test_a_ray_is_what_the_polynomial_and_the_affine_part_say():
+    camera = OCam(640, 480, 320.0, 240.0, H, 0.98, 0.01, -0.02)
+    q = np.array([60.0, -80.0])
+    pixel = [320.0 + q[0] - 0.02 * q[1], 240.0 + 0.01 * q[0] + 0.98 * q[1]]
+    ray = np.array([*q, 220.0 - 1.1e-3 * 1e4 + 1.2 - 3.0e-9 * 1e8])
+    np.testing.assert_allclose(camera.unproject(pixel), ray / np.linalg.norm(ray))
+    np.testing.assert_allclose(camera.project(3.0 * ray)[0], pixel)
+
+
+def test_where_the_polynomial_folds_back_no_pixel_has_a_ray():
+    camera = OCam(1000, 1000, 500.0, 500.0, (100.0, 0.0, 5e-3))  # atan(r / h) falls from r = sqrt(20,000) on
+    rays = camera.unproject([[500.0 + 135.0, 500.0], [500.0 + 148.0, 500.0]])
+    assert np.isfinite(rays).all(axis=-1).tolist() == [True, False]
+    beyond = camera.max_angle + 1e-3
+    assert not camera.project([np.sin(beyond), 0.0, np.cos(beyond)])[1]
+    assert not camera.project([0.0, 0.0, -1.0])[1]
+
+
+def test_a_magnified_image_has_the_same_rays():
+    camera = OCam(640, 480, 320.0, 240.0, H, 0.98, 0.01, -0.02)
+    offset, center = np.array([50.0, -70.0]), np.array([320.0, 240.0])
+    np.testing.assert_allclose(
+        camera.scaled(1.5).unproject(1.5 * offset + center), camera.unproject(offset + center), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [((), "polynomial"), ((0.0,), "fx, fy"), ((-220.0,), "fx, fy"), ((220.0, np.nan), "polynomial")],
+)
+def test_wrong_coefficients_are_refused(values, message):
+    with pytest.raises(ValueError, match=message):
+        OCam(640, 480, 320.0, 240.0, values)
+    with pytest.raises(ValueError, match="affine"):
+        OCam(640, 480, 320.0, 240.0, H, 1.0, 1.0, 1.0)
