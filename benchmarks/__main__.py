@@ -62,6 +62,7 @@ BENCHMARKS = {
     "map_streaming": "benchmarks.map_streaming",
     "intake_rate": "benchmarks.intake_rate",
     "soak": "benchmarks.soak",
+    "relight": "benchmarks.relight",
 }
 
 

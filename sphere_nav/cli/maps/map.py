@@ -29,6 +29,7 @@ examples:
   sphere_nav map kitchen -o kitchen_map --set depth_pose=depth.yaml
   sphere_nav map drive -o drive_map --anchor survey
   sphere_nav map second_drive -o both_maps --extend drive_map
+  sphere_nav map night_drive -o day_and_night --extend day_map --experience night --start 0 0 0
   sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048
   sphere_nav map six_cameras -o drive_map --rig old_rig.yaml --set-stitcher rectify.num_instants=5
   sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.nearest_m=2
@@ -40,7 +41,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag of the teaching drive")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MAP", help="map to make (a folder)")
     parser.add_argument(
-        "--extend", type=Path, metavar="MAP0", help="a map that the drive is joined to, where both saw the same places"
+        "--extend", type=Path, metavar="MAP0", help="a map that the drive is joined to, whatever light either was in"
+    )
+    parser.add_argument(
+        "--experience", default="", metavar="NAME", help="what you call the light or season of this drive"
+    )
+    parser.add_argument(
+        "--start",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "YAW"),
+        help="with --extend: where base_link was in the map at the start, m and rad, to half a metre and 20 deg",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
     parser.add_argument(

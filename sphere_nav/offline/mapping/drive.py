@@ -38,6 +38,7 @@ class MappedDrive:
     node: SphereMapper
     num_lost: int = 0
     refusal: str = ""
+    kind: str = ""  # of what was mapped: cameras, sphere, rgbd, stereo
     stereo: str = ""  # what was found of the pair
     depth: str = ""  # and of the depth camera, where it sits elsewhere
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from typing import cast
 
 from sphere_mapping.graph.merging import merge
@@ -17,12 +18,15 @@ from sphere_mapping.ros.saving import details_of
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.offline.mapping.drive import MappedDrive, truth_of
-from sphere_nav.offline.mapping.extension import extend, open_base
+from sphere_nav.offline.mapping.drive_locator import DriveLocator
+from sphere_nav.offline.mapping.extension import extend, open_base, place_start
 from sphere_nav.offline.mapping.replay_mapper import map_bag
 from sphere_nav.offline.mapping.workers import NUM_THREADS, Workers, limit_threads
 from sphere_nav.ros.bags import BagError
 from sphere_nav.ros.maps.reader import MapDetails, MapReader, MapWriter
 from sphere_nav.ros.maps.writer import MAP_FRAME, Stored
+from sphere_nav.spheres.experiences import with_experience
+from sphere_nav.spheres.graph import Experience
 
 ORIGINS = {"truth": "the true poses of the drive", "survey": "the survey of its key spheres"}
 
@@ -39,17 +43,27 @@ def learn(arguments: argparse.Namespace) -> int:
         workers = stack.enter_context(Workers(arguments.jobs, arguments.scheduler))
         base = stack.enter_context(open_base(arguments.extend, arguments.output, rig)) if arguments.extend else None
         details = MapDetails(source=arguments.bag.name, rig=rig)
+        locator = stack.enter_context(closing(DriveLocator(base))) if base is not None else None
         writer = MapWriter(arguments.output, details, is_overwriting=arguments.overwrite)
         try:
-            drive = map_bag(arguments, writer, max(base.graph.nodes) + 1 if base is not None else 0, workers)
-            return finish_map(arguments, drive, writer, base, workers)
+            first = max(base.graph.nodes) + 1 if base is not None else 0
+            drive = map_bag(arguments, writer, first, workers, locator and locator.observe)
+            return finish_map(arguments, drive, writer, Base(base, locator) if base and locator else None, workers)
         except (ValueError, OSError):  # an interrupted run leaves what it has, for `map-verify --salvage`
             writer.discard()
             raise
 
 
+@dataclass(frozen=True, eq=False)
+class Base:
+    """The map that is extended, and where the drive was localised in it."""
+
+    reader: MapReader
+    locator: DriveLocator
+
+
 def finish_map(
-    arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter, base: MapReader | None, workers: Workers
+    arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter, base: Base | None, workers: Workers
 ) -> int:
     """Close loops, join the drive to a map, compare with the truth, complete the map."""
     mapper, told = drive.node.mapper, list[str]()
@@ -57,17 +71,21 @@ def finish_map(
     mapper.keep_end()
     if not arguments.no_loops:
         mapper.close_loops(workers.run)
-    index = mapper.appearance
+    mapper.graph = with_experience(mapper.graph, describe_drive(arguments, drive), mapper.graph.nodes)
+    index, staying = mapper.appearance, set[int]()
     if base is not None:
-        extension = extend(base, mapper, workers.run)
-        index, told, stored = extension.index, [extension.told], base.stored()
-        source, frame = f"{base.info.source} + {source}", base.info.header.frame_id
+        map0, T_base_sphere = base.reader, drive.node.mount.T_base_sphere
+        start = place_start(map0, arguments.start, T_base_sphere) if arguments.start else None
+        extension = extend(map0, mapper, base.locator, start, workers.run)
+        index, told, stored = extension.index, [extension.told], map0.stored()
+        source, frame = f"{map0.info.source} + {source}", map0.info.header.frame_id
+        staying = {*map0.graph.nodes, *extension.new}
     truth = truth_of(arguments.bag)
     T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, truth, str(arguments.bag))
-    origin = base.origin if base is not None else ORIGINS.get(arguments.anchor, mapper.origin)
+    origin = base.reader.origin if base is not None else ORIGINS.get(arguments.anchor, mapper.origin)
     ways = [drive.trajectory(is_base=is_base).moved(T_new_map) for is_base in (False, True)]
     if mapper.params.key.merge:
-        merged = merge(graph, ways[0].positions, base.graph.nodes if base is not None else ())
+        merged = merge(graph, ways[0].positions, staying)
         told += [f"{len(merged.replaced)} key spheres merged with others of their places"] if merged.replaced else []
         graph = merged.graph
     details = details_of(graph, drive.node.params.mapper, source, frame, writer.details.rig, origin)
@@ -81,3 +99,11 @@ def finish_map(
     if drive.loss:
         print(f"sphere_nav map: {arguments.bag}: {drive.loss}", file=sys.stderr)
     return 1 if drive.loss else 0
+
+
+def describe_drive(arguments: argparse.Namespace, drive: MappedDrive) -> Experience:
+    """Return what the key spheres of a drive have in common."""
+    graph = drive.node.mapper.graph
+    camera = drive.node.mapper.load_sphere(min(graph.nodes)).camera
+    kind = f"{drive.kind} {camera.width} x {camera.height}"
+    return Experience(arguments.experience, kind, arguments.bag.name, min(node.stamp_ns for node in graph))

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
 from sphere_mapping.graph.store import SphereStore
-from sphere_mapping.mapper import Mapper
+from sphere_mapping.mapper import Mapper, Observe
 from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.intake import TOPICS
 from sphere_mapping.ros.node import SphereMapper
@@ -31,14 +31,16 @@ IMU_NS = 1_000_000_000  # of the bag's beginning: its first image may come befor
 Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted name, topics of the bag by ours
 
 
-def map_bag(arguments: argparse.Namespace, store: SphereStore, first: int, workers: Workers) -> MappedDrive:
+def map_bag(
+    arguments: argparse.Namespace, store: SphereStore, first: int, workers: Workers, observe: Observe | None = None
+) -> MappedDrive:
     """Return the bag mapped from what it holds, ids from `first` on; BagError where no sphere comes of it."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | arguments.settings
 
     def begin(params: MapperParams) -> Mapper:
         mapper = Mapper(params, store=store)
-        mapper.first_id = first
+        mapper.first_id, mapper.observe = first, observe
         return mapper
 
     with BagReader(arguments.bag) as bag:
@@ -57,6 +59,7 @@ def map_bag(arguments: argparse.Namespace, store: SphereStore, first: int, worke
             drive = replay_mapper(bag, begin, values, imu | found, pair=pair)
             drive.stereo = stereo
             drive.depth = judge_depth(bag, values, found, drive) if kind == "rgbd" else ""
+    drive.kind = kind
     if not drive.node.mapper.tracks:
         reason = drive.refusal or "no complete instant"
         raise BagError(f"{arguments.bag}: expected spheres to map, found none: {reason}")
