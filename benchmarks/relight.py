@@ -191,8 +191,9 @@ class Light:
         self._kind, self._share, self._camera = kind, share, calibration.camera
         random = np.random.default_rng(seed)
         frames = [recording.frame(path, calibration) for path in poses[::5]]
-        world = np.concatenate([self._points(frame.depth_m)[0][::4, ::4].reshape(-1, 3) @ frame.T_world_camera.rotation.T
-                                + frame.T_world_camera.translation for frame in frames])  # fmt: skip
+        points = [self._points(frame.depth_m)[0][::4, ::4].reshape(-1, 3) for frame in frames]
+        clouds = [frame.T_world_camera.apply(one) for frame, one in zip(frames, points, strict=True)]
+        world = np.concatenate(clouds)
         up = -np.mean([frame.T_world_camera.rotation[:, 1] for frame in frames], axis=0)
         back = -np.mean([frame.T_world_camera.rotation[:, 2] for frame in frames], axis=0)
         self._lamp = np.mean(world, axis=0) + random.normal(0.0, 0.5, 3) + 0.7 * up + 0.8 * back

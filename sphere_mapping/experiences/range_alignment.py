@@ -93,7 +93,7 @@ def find_normals(points: Array, range_m: NDArray[np.float32], *, is_whole: bool)
         normals = normals / length
         normals = np.where(np.sum(normals * points, axis=-1, keepdims=True) > 0.0, -normals, normals)
         steep = np.abs(np.sum(normals * points, axis=-1)) < np.cos(MAX_NORMAL_ANGLE) * range_m
-    normals[steep] = np.nan
+    normals[steep | np.isnan(range_m)] = np.nan
     return normals
 
 

@@ -38,6 +38,7 @@ class DriveLocator:
         self._graph, self._localizer = base.graph, Localizer(params, base)
         self._found: dict[int, Located | None] = {}
         self._judged: set[int] = set()  # stamps of images on which the localiser has a judgement
+        self._probation: set[int] = set()  # and of the latest ones, that are in probation
         self._small = CompactSpheres()
         self._numbers: dict[int, int] = {}  # of the small sphere of each stamp
         self._T_odom_graph, self._num_loops = SE3.identity(), 0
@@ -56,8 +57,12 @@ class DriveLocator:
         if stamp_ns in self._numbers:
             return
         self._found[stamp_ns] = self._locate(estimate)
-        if estimate.status.state is not State.PROBATION:
-            self._judged.add(stamp_ns)
+        self._judged.add(stamp_ns)
+        if estimate.status.state is State.PROBATION:
+            self._probation.add(stamp_ns)
+        else:  # what ended well was no failure of the map
+            self._judged -= self._probation if estimate.status.state is State.TRACKING else set()
+            self._probation.clear()
         self._numbers[stamp_ns] = len(self._numbers)
         small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, self._numbers[stamp_ns])
         self._small.add(serialize_to_store(small))
@@ -69,11 +74,13 @@ class DriveLocator:
 
     def unexplained(self, mapper: Mapper) -> set[int]:
         """Return the key spheres of the drive most of whose images the map did not explain."""
+        key_of = {track.stamp_ns: track.key_id for track in mapper.tracks} | {
+            node.stamp_ns: node.id for node in mapper.graph
+        }
         told: dict[int, list[bool]] = {node.id: [] for node in mapper.graph}
-        for track in mapper.tracks:
-            if track.stamp_ns in self._judged:
-                located = self._found[track.stamp_ns]
-                told[track.key_id].append(located is not None and located.is_explained)
+        for stamp_ns in self._judged & key_of.keys():
+            located = self._found[stamp_ns]
+            told[key_of[stamp_ns]].append(located is not None and located.is_explained)
         return {key_id for key_id, images in told.items() if images and np.mean(images) < MIN_EXPLAINED_SHARE}
 
     def _odometry(self, mapper: Mapper, update: MapUpdate) -> SE3 | None:
