@@ -53,7 +53,7 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
     parser.add_argument("--room", type=Path, default=Path("../shared/data/rgbd/redkitchen"), help="7-Scenes folder")
     parser.add_argument("--lights", choices=LIGHTS, default="report", help="dev: by which parameters were chosen")
-    parser.add_argument("--only", type=int, nargs="*", help="numbers of the lights, from 0 (all)")
+    parser.add_argument("--light", type=int, nargs="*", help="numbers of the lights, from 0 (all)")
     parser.add_argument("--keep", type=Path, help="folder for bags and maps, that of an earlier run (none)")
 
 
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> Report:
     if poses is None or not options.room.is_dir():
         return Report("relight", skipped=f"no {options.room} with COLMAP's poses beside it")
     chosen = LIGHTS[options.lights][-1:] if options.quick else LIGHTS[options.lights]
-    chosen = tuple(chosen[number] for number in options.only) if options.only else chosen
+    chosen = tuple(chosen[number] for number in options.light) if options.light else chosen
     report = Report("relight", notes=[describe(options.threads), f"lights: {options.lights}"])
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.keep or Path(temporary)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 
+PLACE_REACH = 0.5  # of the radius of a region: key spheres so near each other are of one place
+PLACE_TURN = 0.6  # rad between views of one place, where spheres do not see in every direction
 FADING = 0.5  # weight of what a key sphere explained, with each later drive: the last few decide
 
 
@@ -38,3 +40,16 @@ def with_service(graph: SphereGraph, served: dict[int, Service]) -> SphereGraph:
         new = served.get(node.id, Service(0, node.last_served_ns))
         changes[node.id] = {"served": FADING * node.served + new.num_images, "last_served_ns": new.last_ns}
     return graph.with_nodes(changes)
+
+
+def find_places(graph: SphereGraph, *, is_whole: bool) -> dict[int, dict[Experience, float]]:
+    """Return for each key sphere what experiences its place holds, and the images that those served there."""
+    places: dict[int, dict[Experience, float]] = {}
+    for node in graph:
+        found = {node.experience: 0.0}
+        for other in graph.near(node.T_map_sphere.translation, PLACE_REACH * node.region_radius_m):
+            _, angle = node.T_map_sphere.distance(other.T_map_sphere)
+            if is_whole or float(angle) <= PLACE_TURN:
+                found[other.experience] = found.get(other.experience, 0.0) + other.served
+        places[node.id] = found
+    return places

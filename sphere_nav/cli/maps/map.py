@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from sphere_mapping.experiences.budget import Budget
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.offline import topics
 from sphere_nav.offline.mapping.learning import learn
@@ -53,6 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("X", "Y", "YAW"),
         help="with --extend: where base_link was in the map at the start, m and rad, to half a metre and 20 deg",
     )
+    parser.add_argument(
+        "--budget",
+        type=_budget,
+        metavar="N|MB",
+        help="experiences a place may hold, as 3, or size of the key spheres, as 200MB: what explained least leaves",
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
     parser.add_argument(
         "--anchor",
@@ -82,6 +89,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Map what the bag holds."""
     return learn(arguments)
+
+
+def _budget(text: str) -> Budget:
+    try:
+        return Budget.parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _positive(text: str) -> int:

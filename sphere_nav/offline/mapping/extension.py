@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from sphere_nav.ros.maps.reader import FILE_NAME, MapReader, open_map
 from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.experiences import with_service
+from sphere_nav.spheres.experiences import Service, with_service
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,9 @@ def extend(
     joined = join_drive(known, drive, locator.images(mapper), mapper.params, T_map_start, run)
     if joined.graph is None:
         raise BagError(f"{base.path}: expected a drive by places of the map, found none that hold: {joined.told}")
-    mapper.graph = with_service(joined.graph, locator.served)
+    own = Counter(track.key_id for track in mapper.tracks)  # a key sphere explains the images of its own drive
+    newest = {node.id: Service(own[node.id], node.stamp_ns) for node in drive.graph}
+    mapper.graph = with_service(joined.graph, locator.served | newest)
     for sphere_id, features in drive.index.features.items():
         known.index.add(sphere_id, features)
     told = f"joined to {base.path}: {joined.told}; {len(new)} of {len(drive.graph)} key spheres show what it did not"

@@ -13,6 +13,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from typing import cast
 
+from sphere_mapping.experiences.budget import thin
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.ros.saving import details_of
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
@@ -72,22 +73,28 @@ def finish_map(
     if not arguments.no_loops:
         mapper.close_loops(workers.run)
     mapper.graph = with_experience(mapper.graph, describe_drive(arguments, drive), mapper.graph.nodes)
-    index, staying = mapper.appearance, set[int]()
+    index, staying, new = mapper.appearance, set[int](), set[int]()
     if base is not None:
         map0, T_base_sphere = base.reader, drive.node.mount.T_base_sphere
         start = place_start(map0, arguments.start, T_base_sphere) if arguments.start else None
         extension = extend(map0, mapper, base.locator, start, workers.run)
         index, told, stored = extension.index, [extension.told], map0.stored()
         source, frame = f"{map0.info.source} + {source}", map0.info.header.frame_id
-        staying = {*map0.graph.nodes, *extension.new}
+        staying, new = set(map0.graph.nodes), extension.new
     truth = truth_of(arguments.bag)
     T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, truth, str(arguments.bag))
     origin = base.reader.origin if base is not None else ORIGINS.get(arguments.anchor, mapper.origin)
     ways = [drive.trajectory(is_base=is_base).moved(T_new_map) for is_base in (False, True)]
     if mapper.params.key.merge:
-        merged = merge(graph, ways[0].positions, staying)
+        merged = merge(graph, ways[0].positions, staying, new)
         told += [f"{len(merged.replaced)} key spheres merged with others of their places"] if merged.replaced else []
         graph = merged.graph
+    if arguments.budget is not None:
+        size = writer.num_bytes + (base.reader.num_bytes if base is not None else 0)
+        number, is_whole = len(mapper.graph), mapper.load_sphere(mapper.tracks[0].key_id).camera.is_whole
+        thinned = thin(graph, arguments.budget, size / number, is_whole=is_whole)
+        told += [f"{len(thinned.replaced)} key spheres left for the budget"] if thinned.replaced else []
+        graph = thinned.graph
     details = details_of(graph, drive.node.params.mapper, source, frame, writer.details.rig, origin)
     writer.finish(graph, details, index, stored)
     for path, way in zip((arguments.trajectory, arguments.taught), ways, strict=True):

@@ -165,6 +165,11 @@ class MapReader:
         return index
 
     @property
+    def num_bytes(self) -> int:
+        """Size of its file."""
+        return self._bag.files[0].path.stat().st_size
+
+    @property
     def origin(self) -> str:
         """What fixes the frame of the map, in words; a map that does not say so has that of its first sphere."""
         return str(self.parameters.get(ORIGIN) or "the first sphere")

@@ -131,6 +131,11 @@ class MapWriter:
         self._small.add(serialize_to_store(small))
         self._bag.end_chunk()
 
+    @property
+    def num_bytes(self) -> int:
+        """Size of what was written."""
+        return int(self._bag.position)
+
     def stored(self) -> Iterator[Stored]:
         """Yield every key sphere that was added, whole and small, in order of their ids."""
         for place, small in zip(self._places.values(), self._small, strict=True):
