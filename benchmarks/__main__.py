@@ -63,6 +63,7 @@ BENCHMARKS = {
     "intake_rate": "benchmarks.intake_rate",
     "soak": "benchmarks.soak",
     "relight": "benchmarks.relight",
+    "false_joins": "benchmarks.false_joins",
 }
 
 

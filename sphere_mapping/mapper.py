@@ -7,7 +7,7 @@ sphere itself is kept as observed: nothing is fused into it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 from sphere_mapping.graph import keyframes
@@ -26,7 +26,6 @@ from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 FIRST_SPHERE = "the first sphere"
-Observe = Callable[["Mapper", Sphere, "MapUpdate"], None]
 Given = tuple[Sphere, SE3 | None, Unroll | None]  # what `add` is given
 
 
@@ -40,7 +39,6 @@ class Mapper:
         self.num_loops, self.first_id = 0, 0
         self.T_map_first, self.origin = T_map_first or SE3.identity(), FIRST_SPHERE
         self._spheres = SphereCache(store)
-        self.observe: Observe | None = None  # is given every sphere as it was mapped
         self._begin()
 
     def _begin(self) -> None:
@@ -55,15 +53,6 @@ class Mapper:
 
         `unroll` makes the sphere of a rolling shutter anew by the camera's velocity.
         """
-        update = self._add(sphere, odometry, unroll)
-        if self.observe is not None:
-            self.observe(
-                self, self._tracker.last.sphere if update.T_map_sphere and self._tracker.last else sphere, update
-            )
-        return update
-
-    def _add(self, sphere: Sphere, odometry: SE3 | None, unroll: Unroll | None) -> MapUpdate:
-        """Map one sphere."""
         current = PreparedSphere(sphere, self.params.registration)
         if self._tracker.last is None:
             self._unroll_first = unroll
@@ -129,7 +118,7 @@ class Mapper:
     def _begin_anew(self, *spheres: Given) -> MapUpdate:
         """Give up a first sphere that nothing is aligned with (a covered lens): begin with the last lost one."""
         self._begin()
-        return [self._add(*one) for one in spheres][-1]
+        return [self.add(*one) for one in spheres][-1]
 
     def _keep_last(self) -> bool:
         """Make the last sphere the next key sphere, close a loop with it; return whether it was not one already."""

@@ -18,8 +18,10 @@ from sphere_mapping.constants import (
     EDGE_FLOOR,
     GUESS_STEP_RAD,
     MAX_AWAY,
+    MAX_GAP,
     MIN_CONFIRMED_SHARE,
     MIN_RANGE_JOINS,
+    NUM_HEADINGS,
     NUM_PASSES,
     NUM_SEARCHED,
     RANGE_TURN_SHARE,
@@ -144,8 +146,8 @@ def search_by_ranges(
     edges = []
     for node in _spread(drive.graph, NUM_SEARCHED[0]):
         own = RangeSphere.prepare(drive.load(node.id))
-        fits = [(one.id, fit) for one in _spread(base, NUM_SEARCHED[1]) if (fit := _best_fit(load_base(one.id), own))]
-        best = sorted(fits, key=lambda pair: -pair[1].overlap * pair[1].agreement)[: NUM_SEARCHED[2]]
+        fits = [(one.id, fit) for one in _spread(base, NUM_SEARCHED[1]) for fit in _fit_all(load_base(one.id), own)]
+        best = sorted(fits, key=lambda pair: -pair[1].likeness)[: NUM_SEARCHED[2]]
         edges += [range_edge(fit, a, node.id) for a, fit in best]
     found = agreeing(base, drive.graph, edges)
     found = found if len({edge.b for edge in found}) >= MIN_RANGE_JOINS else []
@@ -194,12 +196,33 @@ def range_edge(fit: RangeFit, a: int, b: int) -> Edge:
     return Edge(a, b, fit.T_a_b, symmetric_inverse(range_covariance(fit)), is_loop=True)
 
 
-def _best_fit(a: RangeSphere, b: RangeSphere) -> RangeFit | None:
-    """Return the best motion between two spheres of which only the upright axis is known."""
-    is_whole = a.camera.is_whole
-    headings = np.arange(0.0, 2.0 * np.pi, GUESS_STEP_RAD) if is_whole else GUESS_STEP_RAD * np.arange(-1, 2)
-    fits = (measure_motion_by_ranges(a, b, SE3.from_planar(0.0, 0.0, float(one))) for one in headings)
-    return max((fit for fit in fits if fit is not None), key=lambda fit: fit.overlap * fit.agreement, default=None)
+def _fit_all(a: RangeSphere, b: RangeSphere) -> list[RangeFit]:
+    """Return the motions between two spheres that ranges allow, where only the upright axis is known: a box has two."""
+    headings, found = guess_headings(a, b), list[RangeFit]()
+    for heading in headings.tolist():
+        fit = measure_motion_by_ranges(a, b, SE3.from_planar(0.0, 0.0, heading))
+        if fit is not None and not any(is_same(fit.T_a_b, other.T_a_b) for other in found):
+            found.append(fit)
+    return found
+
+
+def guess_headings(a: RangeSphere, b: RangeSphere) -> Array:
+    """Return the yaws of T_a_b that are worth trying: of whole spheres the best by N17's column shifts."""
+    if not (a.camera.is_whole and b.camera == a.camera):
+        return GUESS_STEP_RAD * np.arange(-1, 2)
+    one, other = (np.log(part.range_m).astype(np.float64) for part in (a, b))
+    one, other = (np.nan_to_num(image - np.nanmean(image, axis=1, keepdims=True)) for image in (one, other))
+    spectrum = np.fft.rfft(other, axis=1) * np.conj(np.fft.rfft(one, axis=1))
+    likeness = np.fft.irfft(spectrum.sum(axis=0), a.camera.width)  # of `a` with `b` moved left by so many columns
+    is_peak = (likeness >= np.roll(likeness, 1)) & (likeness > np.roll(likeness, -1))
+    shifts = np.flatnonzero(is_peak)
+    return shifts[np.argsort(-likeness[shifts], kind="stable")[:NUM_HEADINGS]] * (2.0 * np.pi / a.camera.width)
+
+
+def is_same(one: SE3, other: SE3) -> bool:
+    """Say whether two motions are one."""
+    distance, angle = one.distance(other)
+    return bool(distance <= MAX_GAP[0] and angle <= MAX_GAP[1])
 
 
 def _spread(graph: SphereGraph, count: int) -> list[KeySphere]:

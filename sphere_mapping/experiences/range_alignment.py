@@ -17,6 +17,7 @@ from sphere_mapping.constants import (
     MAX_GAP_SHARE,
     MAX_NORMAL_ANGLE,
     MAX_RANGE_SIGMA,
+    MIN_COARSE_AGREEMENT,
     MIN_RANGE_AGREEMENT,
     MIN_RANGE_OVERLAP,
     MIN_RANGE_POINTS,
@@ -75,6 +76,11 @@ class RangeFit:
     typical_m: float  # median range
 
     @property
+    def likeness(self) -> float:
+        """Share of the points of `b` that lie on surfaces of `a`."""
+        return self.overlap * self.agreement
+
+    @property
     def is_good(self) -> bool:
         """Whether this way alone could be true."""
         is_seen = self.overlap >= MIN_RANGE_OVERLAP and self.agreement >= MIN_RANGE_AGREEMENT
@@ -110,6 +116,8 @@ def align_ranges(a: RangeSphere, b: RangeSphere, T_a_b: SE3) -> RangeFit | None:
             weighted = weight[:, None] * J
             xi = scaled_step(weighted.T @ J, weighted.T @ residual)
             T_a_b = T_a_b @ SE3.exp(xi)
+            if system[4] < MIN_COARSE_AGREEMENT:
+                return None
             if np.linalg.norm(xi) < MIN_RANGE_STEP:
                 break
     return assess_ranges(a, b, T_a_b)

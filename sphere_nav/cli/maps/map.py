@@ -41,25 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag of the teaching drive")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MAP", help="map to make (a folder)")
-    parser.add_argument(
-        "--extend", type=Path, metavar="MAP0", help="a map that the drive is joined to, whatever light either was in"
-    )
-    parser.add_argument(
-        "--experience", default="", metavar="NAME", help="what you call the light or season of this drive"
-    )
-    parser.add_argument(
-        "--start",
-        type=float,
-        nargs=3,
-        metavar=("X", "Y", "YAW"),
-        help="with --extend: where base_link was in the map at the start, m and rad, to half a metre and 20 deg",
-    )
-    parser.add_argument(
-        "--budget",
-        type=_budget,
-        metavar="N|MB",
-        help="experiences a place may hold, as 3, or size of the key spheres, as 200MB: what explained least leaves",
-    )
+    _add_extension(parser)
     parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
     parser.add_argument(
         "--anchor",
@@ -89,6 +71,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Map what the bag holds."""
     return learn(arguments)
+
+
+def _add_extension(parser: argparse.ArgumentParser) -> None:
+    """Declare what joins a drive to a map, and keeps it small."""
+    parser.add_argument(
+        "--extend", type=Path, metavar="MAP0", help="a map that the drive is joined to, whatever light either was in"
+    )
+    parser.add_argument(
+        "--experience", default="", metavar="NAME", help="what you call the light or season of this drive"
+    )
+    parser.add_argument(
+        "--start",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "YAW"),
+        help="with --extend: where base_link was in the map at the start, m and rad, to half a metre and 20 deg",
+    )
+    parser.add_argument(
+        "--budget",
+        type=_budget,
+        metavar="N|MB",
+        help="experiences a place may hold, as 3, or size of the key spheres, as 200MB: what explained least leaves",
+    )
 
 
 def _budget(text: str) -> Budget:

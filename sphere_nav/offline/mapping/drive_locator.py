@@ -11,7 +11,10 @@ from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_mapping.experiences.joining import DriveImage, Located
 from sphere_mapping.graph.keyframes import MapUpdate
+from sphere_mapping.graph.store import SphereStore
+from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.params import InputParams, StateParams
 from sphere_nav.localization.status import State
@@ -26,6 +29,23 @@ from sphere_nav.spheres.sphere import Sphere
 
 MIN_EXPLAINED_SHARE = 0.8  # of the images of a key sphere, above which it adds nothing to the map
 PATIENCE_S = 10.0  # between spheres: the drive's own motion bridges that
+
+
+class ObservedMapper(Mapper):
+    """Tells of every sphere as it was mapped."""
+
+    def __init__(
+        self, observe: Callable[[Mapper, Sphere, MapUpdate], None], params: MapperParams, store: SphereStore | None
+    ) -> None:
+        self._observe = observe
+        super().__init__(params, store=store)
+
+    def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
+        """Map one sphere, and tell of it, straightened by its motion."""
+        update = super().add(sphere, odometry, unroll)
+        last = self._tracker.last if update.T_map_sphere is not None else None
+        self._observe(self, last.sphere if last is not None else sphere, update)
+        return update
 
 
 class DriveLocator:
@@ -48,6 +68,10 @@ class DriveLocator:
     def close(self) -> None:
         """End the threads of the localiser."""
         self._localizer.references.close()
+
+    def make_mapper(self, params: MapperParams, store: SphereStore | None = None) -> Mapper:
+        """Return a mapper that tells of its spheres."""
+        return ObservedMapper(self.observe, params, store)
 
     def observe(self, mapper: Mapper, sphere: Sphere, update: MapUpdate) -> None:
         """Localise a sphere of the drive."""

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
 from sphere_mapping.graph.store import SphereStore
-from sphere_mapping.mapper import Mapper, Observe
+from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.intake import TOPICS
 from sphere_mapping.ros.node import SphereMapper
@@ -32,15 +32,19 @@ Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted n
 
 
 def map_bag(
-    arguments: argparse.Namespace, store: SphereStore, first: int, workers: Workers, observe: Observe | None = None
+    arguments: argparse.Namespace,
+    store: SphereStore,
+    first: int,
+    workers: Workers,
+    make: Callable[..., Mapper] = Mapper,
 ) -> MappedDrive:
     """Return the bag mapped from what it holds, ids from `first` on; BagError where no sphere comes of it."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | arguments.settings
 
     def begin(params: MapperParams) -> Mapper:
-        mapper = Mapper(params, store=store)
-        mapper.first_id, mapper.observe = first, observe
+        mapper = make(params, store=store)
+        mapper.first_id = first
         return mapper
 
     with BagReader(arguments.bag) as bag:
