@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sphere_mapping.constants import (
     EDGE_FLOOR,
@@ -165,8 +166,7 @@ def refine_by_ranges(
     for node in base:
         motions = [node.T_map_sphere.inverse() @ joined[one.track.key_id].T_map_sphere @ one.track.T_key_sphere
                    for one in images]  # fmt: skip
-        reach = node.region_radius_m or 1.0
-        away = [_away(T, reach) for T in motions]
+        away = [_away(T, node.region_radius_m or 1.0, is_whole=load_base(node.id).camera.is_whole) for T in motions]
         best = int(np.argmin(away))
         if away[best] > MAX_AWAY or (images[best].located is not None and images[best].located.is_explained):
             continue
@@ -210,13 +210,20 @@ def guess_headings(a: RangeSphere, b: RangeSphere) -> Array:
     """Return the yaws of T_a_b that are worth trying: of whole spheres the best by N17's column shifts."""
     if not (a.camera.is_whole and b.camera == a.camera):
         return GUESS_STEP_RAD * np.arange(-1, 2)
-    one, other = (np.log(part.range_m).astype(np.float64) for part in (a, b))
-    one, other = (np.nan_to_num(image - np.nanmean(image, axis=1, keepdims=True)) for image in (one, other))
+    one, other = (_without_mean(np.log(part.range_m)) for part in (a, b))
     spectrum = np.fft.rfft(other, axis=1) * np.conj(np.fft.rfft(one, axis=1))
     likeness = np.fft.irfft(spectrum.sum(axis=0), a.camera.width)  # of `a` with `b` moved left by so many columns
     is_peak = (likeness >= np.roll(likeness, 1)) & (likeness > np.roll(likeness, -1))
     shifts = np.flatnonzero(is_peak)
     return shifts[np.argsort(-likeness[shifts], kind="stable")[:NUM_HEADINGS]] * (2.0 * np.pi / a.camera.width)
+
+
+def _without_mean(image: NDArray[np.float32]) -> Array:
+    """Return an image (H, W) less the mean of each row, 0 where it is NaN."""
+    is_known = np.isfinite(image)
+    values = np.where(is_known, image, 0.0).astype(np.float64)
+    mean = values.sum(axis=1, keepdims=True) / np.maximum(is_known.sum(axis=1, keepdims=True), 1)
+    return np.where(is_known, values - mean, 0.0)
 
 
 def is_same(one: SE3, other: SE3) -> bool:
@@ -231,7 +238,7 @@ def _spread(graph: SphereGraph, count: int) -> list[KeySphere]:
     return nodes[:: max(1, -(-len(nodes) // count))]
 
 
-def _away(T_a_b: SE3, reach_m: float) -> float:
-    """Return how far apart two views are: by the reach of the one, and by a radian."""
+def _away(T_a_b: SE3, reach_m: float, *, is_whole: bool) -> float:
+    """Return how far apart two views are: by the reach of the one, and by a radian where they have an edge."""
     distance, angle = SE3.identity().distance(T_a_b)
-    return float(distance) / reach_m + float(angle)
+    return float(distance) / reach_m + (0.0 if is_whole else float(angle))

@@ -1,5 +1,6 @@
 """`sphere_nav map --extend`: a second drive is joined to a map where both saw the same places, or refused."""
 
+import json
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stdout
@@ -115,6 +116,41 @@ def test_a_drive_elsewhere_is_refused_with_what_was_tried(drives, tmp_path, caps
     assert "expected a drive by places of the map, found none that hold" in said
     assert "key spheres looked up" in said
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_drive_in_another_light_becomes_an_experience_from_a_given_start(drives, tmp_path, capsys):
+    """Other patterns on the same walls, which features do not know: ranges place it. A place may hold one experience,
+    and the old one, which explained nothing of the drive, leaves where the new one is."""
+    output, taught = tmp_path / "both", drives / "taught"
+    words = ("--start", 0.4, -0.1, 3.0, "--experience", "night", "--budget", "1", *SETTINGS)
+    assert call("map", drives / "elsewhere", "-o", output, "--extend", taught, *words) == 0
+    said = capsys.readouterr().out
+    assert "a start was given; ranges fit at" in said
+    assert "left for the budget" in said
+    assert verify_map(output) == []
+    with open_map(output) as both, open_map(taught) as before:
+        night = [node for node in both.graph if node.experience.name == "night"]
+        day = [node for node in both.graph if node.experience.drive == "east"]
+        assert len(night) >= 3
+        assert 0 < len(day) < len(before.graph)
+        for node in night:
+            assert node.T_map_sphere.distance(WEST[(node.stamp_ns - START) // PERIOD - 100])[0] < 0.03
+        for node in day:
+            assert node.T_map_sphere.distance(before.graph[node.id].T_map_sphere)[0] < 1e-9
+    assert call("map-info", output, "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert [(one["name"], one["drive"]) for one in facts["experiences"]] == [("", "east"), ("night", "elsewhere")]
+    assert facts["places_by_experiences"] == {"1": len(day) + len(night)}
+
+
+def test_a_drive_that_the_map_explains_adds_nothing(drives, tmp_path, capsys):
+    with open_map(drives / "taught") as taught:
+        before = taught.graph.nodes.keys()
+    assert call("map", drives / "east", "-o", tmp_path / "both", "--extend", drives / "taught", *SETTINGS) == 0
+    assert "0 of" in capsys.readouterr().out
+    with open_map(tmp_path / "both") as both:
+        assert both.graph.nodes.keys() == before
+        assert sum(node.served for node in both.graph) > 0.0
 
 
 def test_what_cannot_be_joined_is_one_line_before_anything_is_mapped(drives, tmp_path, capsys):
