@@ -9,7 +9,7 @@ parameters were chosen in.
 from __future__ import annotations
 
 import argparse
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -91,7 +91,7 @@ def _try(town: int, number: int, camera: str, *, is_same: bool) -> tuple[float, 
     T = SE3.from_planar(*rng.uniform(-5.0, 5.0, 3))
     drive = _submap(town, drive_line, int(second), lens, rng, 100, T)
     images = [
-        DriveImage(Track(node.stamp_ns, node.id, SE3.identity()), None, lambda one=node.id: drive.load(one))
+        DriveImage(Track(node.stamp_ns, node.id, SE3.identity()), None, partial(drive.load, node.id))
         for node in drive.graph
     ]
     joined = join_drive(base, drive, images, MapperParams())
@@ -115,8 +115,8 @@ def _submap(
         levels, range_m = renderer.render(lens, pose, is_gray=True)
         image: NDArray[np.uint8] = expose(levels, READ_NOISE, SHOT_NOISE, (town, light, number))
         rough = range_m * (1.0 + NOISE * rng.normal(size=range_m.shape))
-        rough = np.where(rough < REACH_M, rough, np.nan).astype(np.float32)
-        sphere = Sphere(np.maximum(image, 1), rough, lens, number)
+        rough = np.where(rough < REACH_M, rough, np.nan)
+        sphere = Sphere(np.maximum(image, 1), rough.astype(np.float32), lens, number)
         node = KeySphere(first + number, number, T @ pose, region_radius_m=3.0)
         spheres[node.id] = sphere
         index.add(node.id, features_of_sphere(sphere))

@@ -92,6 +92,7 @@ MIN_RANGE_POINTS = 50  # in an alignment
 RANGE_NOISE = (0.003, 0.004)  # m, by the range: standard deviation of ranges, at least
 MAX_NORMAL_ANGLE = 1.2  # rad between a surface and the view of it, or two views of it
 MIN_RANGE_OVERLAP = 0.3  # share of the points that must fall on known ranges
+MIN_FACING_SHARE = 0.08  # of the points seen, that face along one axis, for these to be judged by themselves
 MIN_COARSE_AGREEMENT = 0.4  # the same on the way: below it, and there is no use in going on
 MIN_RANGE_AGREEMENT = 0.75  # share of these that must lie there, within the last gate
 MAX_RANGE_SIGMA = 0.01  # m: largest standard deviation of a motion, were errors independent: all six directions held

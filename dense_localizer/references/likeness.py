@@ -51,19 +51,19 @@ class ExperienceChoice:
 
         Where the last image was not followed by one, all are compared, and this image alone decides.
         """
-        if not sight.is_followed or self.current not in within_reach:
+        current = self.current
+        if current is None or current not in within_reach or not sight.is_followed:
             self._means = {one: self.compare(node, sight) for one, node in within_reach.items()}
             self.current = max(self._means, key=lambda one: self._means[one])
             return self.current
-        others = [one for one in within_reach if one != self.current]
+        others = [one for one in within_reach if one != current]
         self._turn += 1
-        for one in (self.current, *others[self._turn % max(len(others), 1) :][:1]):
+        for one in (current, *others[self._turn % max(len(others), 1) :][:1]):
             likeness = self.compare(within_reach[one], sight)
             mean = self._means.get(one, likeness)
             self._means[one] = LIKENESS_FORGETTING * mean + (1.0 - LIKENESS_FORGETTING) * likeness
         best = max(within_reach, key=lambda one: self._means.get(one, -1.0))
-        if self._means.get(best, -1.0) > self._means[self.current] + MIN_LIKENESS_LEAD:
-            self.current = best
+        self.current = best if self._means.get(best, -1.0) > self._means[current] + MIN_LIKENESS_LEAD else current
         return self.current
 
     def compare(self, node: KeySphere, sight: Sight) -> float:

@@ -148,7 +148,9 @@ class References:
 
     def _nearest_in_use(self, point_map: NDArray[np.float64], count: int) -> list[KeySphere]:
         """Return the nearest key spheres of the experience in use."""
-        return self._parts.get(self._experience.current, self._map.graph).nearest(point_map, count)
+        current = self._experience.current
+        graph = self._parts.get(current, self._map.graph) if current is not None else self._map.graph
+        return graph.nearest(point_map, count)
 
     def choose_rig(self, images: Sequence[RigImage], prediction: Prediction) -> RigChoice:
         """Return the images of one body with the references of each (M15 eq. 17)."""

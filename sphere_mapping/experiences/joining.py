@@ -168,7 +168,8 @@ def refine_by_ranges(
                    for one in images]  # fmt: skip
         away = [_away(T, node.region_radius_m or 1.0, is_whole=load_base(node.id).camera.is_whole) for T in motions]
         best = int(np.argmin(away))
-        if away[best] > MAX_AWAY or (images[best].located is not None and images[best].located.is_explained):
+        located = images[best].located
+        if away[best] > MAX_AWAY or (located is not None and located.is_explained):
             continue
         num_tried += 1
         fit = measure_motion_by_ranges(
@@ -209,13 +210,14 @@ def _fit_all(a: RangeSphere, b: RangeSphere) -> list[RangeFit]:
 def guess_headings(a: RangeSphere, b: RangeSphere) -> Array:
     """Return the yaws of T_a_b that are worth trying: of whole spheres the best by N17's column shifts."""
     if not (a.camera.is_whole and b.camera == a.camera):
-        return GUESS_STEP_RAD * np.arange(-1, 2)
+        return np.array([-GUESS_STEP_RAD, 0.0, GUESS_STEP_RAD])
     one, other = (_without_mean(np.log(part.range_m)) for part in (a, b))
     spectrum = np.fft.rfft(other, axis=1) * np.conj(np.fft.rfft(one, axis=1))
     likeness = np.fft.irfft(spectrum.sum(axis=0), a.camera.width)  # of `a` with `b` moved left by so many columns
     is_peak = (likeness >= np.roll(likeness, 1)) & (likeness > np.roll(likeness, -1))
     shifts = np.flatnonzero(is_peak)
-    return shifts[np.argsort(-likeness[shifts], kind="stable")[:NUM_HEADINGS]] * (2.0 * np.pi / a.camera.width)
+    best = shifts[np.argsort(-likeness[shifts], kind="stable")[:NUM_HEADINGS]]
+    return np.asarray(best * (2.0 * np.pi / a.camera.width), np.float64)
 
 
 def _without_mean(image: NDArray[np.float32]) -> Array:

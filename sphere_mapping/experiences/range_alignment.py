@@ -18,6 +18,7 @@ from sphere_mapping.constants import (
     MAX_NORMAL_ANGLE,
     MAX_RANGE_SIGMA,
     MIN_COARSE_AGREEMENT,
+    MIN_FACING_SHARE,
     MIN_RANGE_AGREEMENT,
     MIN_RANGE_OVERLAP,
     MIN_RANGE_POINTS,
@@ -64,7 +65,8 @@ class RangeSphere:
 class RangeFit:
     """T_a_b by the surfaces of `a`, its covariance (6, 6), and what speaks for it.
 
-    overlap: share of the points of `b` that fall on known ranges of `a`; agreement: share of these that lie there.
+    overlap: share of the points of `b` that fall on known ranges of `a`; agreement: share of these that lie there, of
+    the surfaces that agree least.
     sigma_m: the largest standard deviation of the position, also that of the attitude by the range.
     """
 
@@ -193,7 +195,18 @@ def _linearize(
     floor = RANGE_NOISE[0] + RANGE_NOISE[1] * known[used]
     sigma = max(1.0, SIGMA_OF_MAD * float(np.median(np.abs(residual / floor)))) * floor
     weight = huber_weights(np.abs(residual) / sigma, HUBER) / sigma**2
-    return J, residual, weight, float(is_seen.mean()), len(used) / max(int(np.count_nonzero(is_seen)), 1)
+    return J, residual, weight, float(is_seen.mean()), _agree(normals, is_seen, is_seen & is_alike)
+
+
+def _agree(normals: Array, is_seen: NDArray[np.bool_], is_alike: NDArray[np.bool_]) -> float:
+    """Return the share of the points seen that lie where they should, of the surfaces that agree least.
+
+    Surfaces face along one of three axes; a road fills half of a sphere, and roads are alike everywhere.
+    """
+    axis = np.argmax(np.abs(normals), axis=1)
+    seen, alike = (np.bincount(axis[chosen], minlength=3) for chosen in (is_seen, is_alike))
+    counted = seen >= MIN_FACING_SHARE * seen.sum()
+    return float(np.min(alike[counted] / np.maximum(seen[counted], 1)))
 
 
 def _shift(points: Array, by: int, axis: int) -> Array:
