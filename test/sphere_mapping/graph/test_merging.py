@@ -149,6 +149,6 @@ def test_a_sphere_of_another_look_is_replaced_by_its_own_experience_alone():
     night = Experience("night")
     graph = line(0.0, 2.0, 4.0, 2.2, 0.3, loops=[(1, 3), (0, 4)]).with_nodes({4: {"experience": night}})
     assert set(merge(graph, np.zeros((0, 3))).replaced) == {3, 4}
-    assert set(merge(graph, np.zeros((0, 3)), unlike=[4]).replaced) == {3}
+    assert set(merge(graph, np.zeros((0, 3)), staying=[0], unlike=[4]).replaced) == {3}
     both = graph.with_nodes({0: {"experience": night}})
-    assert set(merge(both, np.zeros((0, 3)), unlike=[4]).replaced) == {3, 4}
+    assert set(merge(both, np.zeros((0, 3)), staying=[0], unlike=[4]).replaced) == {3, 4}
