@@ -71,6 +71,8 @@ BENCHMARKS = {
     "map_streaming": "benchmarks.map_streaming",
     "intake_rate": "benchmarks.intake_rate",
     "soak": "benchmarks.soak",
+    "relight": "benchmarks.relight",
+    "false_joins": "benchmarks.false_joins",
 }
 
 

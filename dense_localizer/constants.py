@@ -29,9 +29,13 @@ MAX_ROTATION_MISMATCH = 0.7  # of a measured rotation, as share of that of the p
 # Choice of references, M15 eq. 17 (references/test_reference)
 COVERAGE_COLUMNS, COVERAGE_ROWS = 8, 6  # cells of an image; one counts as covered where a point falls into it
 NUM_COVERAGE_POINTS = 150  # of a partial sphere, at its coarsest level
-NUM_CANDIDATES = 12  # nearest key spheres that are considered
+NUM_CANDIDATES, MIN_CANDIDATES = 12, 4  # nearest key spheres that are considered; of each experience, at least
 MIN_VISIBLE_SHARE, RELATIVE_SHARE = 0.25, 0.6  # covered by a reference: of the image, of what the best one covers
 NUM_COARSE_LEVELS = 2  # of the small spheres that stay in memory
+
+# Choice of an experience (references/test_likeness)
+LIKENESS_FORGETTING = 0.7  # weight of earlier images, from one to the next: about three count
+MIN_LIKENESS_LEAD = 0.05  # of correlation, by which another experience must be more like the images
 
 # Prefetch (references/test_prefetch, references/test_reference)
 PREFETCH_S = (0.0, 0.5, 1.0)  # s from now, when the camera will be where key spheres are prepared

@@ -97,3 +97,28 @@ GROUND_HEIGHT_M, GROUND_SPREAD = 0.1, 0.1  # of the camera above it, at least; i
 GROUND_LEAN_RAD = 0.25  # 15 deg: a mounting that is known is not farther off
 GROUND_FLOOR_RAD, GROUND_SIGMAS = 0.0035, 3.0  # 0.2 deg that ranges bend a floor by; deviations that prove a lean
 MOUNT_WAIT_S = 1.0  # of stamps, that a live node waits for /tf_static and the IMU before it begins a map
+
+# Ranges against ranges (experiences/test_range_alignment)
+NUM_RANGE_POINTS = 3000  # of a coarse sphere
+RANGE_GATES = ((0.3, 4), (0.1, 2), (0.04, 1))  # difference of range at which a point counts; every which point
+RANGE_STEPS, MIN_RANGE_STEP = 10, 3e-4  # iterations of each gate at most; m and rad, of the last
+MIN_RANGE_POINTS = 50  # in an alignment
+RANGE_NOISE = (0.003, 0.004)  # m, by the range: standard deviation of ranges, at least
+MAX_NORMAL_ANGLE = 1.2  # rad between a surface and the view of it, or two views of it
+MIN_RANGE_OVERLAP = 0.3  # share of the points that must fall on known ranges
+MIN_FACING_SHARE = 0.08  # of the points seen, that face along one axis, for these to be judged by themselves
+MIN_COARSE_AGREEMENT = 0.4  # the same on the way: below it, and there is no use in going on
+MIN_RANGE_AGREEMENT = 0.75  # share of these that must lie there, within the last gate
+MAX_RANGE_SIGMA = 0.01  # m: largest standard deviation of a motion, were errors independent: all six directions held
+RANGE_EDGE_FLOOR = (0.005, 0.002)  # standard deviations that no motion by ranges falls below; neighbours err alike
+RANGE_TURN_SHARE = 0.05  # deviation by the turn: a depth camera's lens is known to a few percent, and bends space
+
+# A drive placed in a map (experiences/test_joining)
+NUM_PASSES = 2  # of places sought, and the drive placed by them
+TRACK_SHARE = 0.01  # standard deviation of a sphere by its distance from the key sphere before it
+MAX_AWAY = 1.0  # between views that are aligned by ranges: by the region of the one, plus a radian
+MIN_RANGE_JOINS = 3  # key spheres that must agree where ranges alone say where the drive was
+MIN_CONFIRMED_SHARE = 0.7  # of the places that both saw by what was found, where ranges must fit
+NUM_SEARCHED = (8, 40, 4)  # key spheres of the drive, of the map, and the best places of each: sought by ranges alone
+GUESS_STEP_RAD = 0.35  # between headings that are tried of partial spheres
+NUM_HEADINGS = 4  # that are tried of whole ones, the likeliest

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from dense_localizer.constants import (
     COVERAGE_COLUMNS,
     COVERAGE_ROWS,
+    MIN_CANDIDATES,
     MIN_VISIBLE_SHARE,
     NUM_CANDIDATES,
     PIXELS_LEAD_S,
@@ -32,6 +33,7 @@ from dense_localizer.constants import (
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.coarse_reference import CoarseReferences
+from dense_localizer.references.likeness import ExperienceChoice, Sight
 from dense_localizer.references.map_error import MapError
 from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
 from dense_localizer.references.rejections import Rejections
@@ -40,7 +42,8 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Reference, View, prepare_reference
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.experiences import split_by_experience
+from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 Residuals = tuple[View, NDArray[np.float64], NDArray[np.float64]]  # view, points (N, 3) in its axes, residuals (N,)
@@ -118,6 +121,8 @@ class References:
         self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
         self.error = MapError(sphere_map.graph, params.covariance)
         self.rejections = Rejections()
+        self._parts = split_by_experience(sphere_map.graph)
+        self._experience = ExperienceChoice(self.coarse)
         self._spheres = SpherePrefetch(self._prepare, params.reference.memory * 1e6, is_live=is_live)
         self._pixels = PixelPrefetch(params.registration, is_live=is_live)
         self._prefetched: NDArray[np.float64] | None = None
@@ -141,26 +146,36 @@ class References:
         """Return the key spheres nearest to a point in the map, nearest first (M15 eq. 17)."""
         return self._map.graph.nearest(point_map, count, max_distance_m)
 
+    def _nearest_in_use(self, point_map: NDArray[np.float64], count: int) -> list[KeySphere]:
+        """Return the nearest key spheres of the experience in use."""
+        current = self._experience.current
+        graph = self._parts.get(current, self._map.graph) if current is not None else self._map.graph
+        return graph.nearest(point_map, count)
+
     def choose_rig(self, images: Sequence[RigImage], prediction: Prediction) -> RigChoice:
         """Return the images of one body with the references of each (M15 eq. 17)."""
         is_followed = not prediction.is_guess
-        choices = [
-            self.choose(one.pose(prediction.T_map_camera), one.pyramid.cameras[0], is_followed=is_followed)
-            for one in images
-        ]
+        choices = []
+        for one in images:
+            T_map_camera = one.pose(prediction.T_map_camera)
+            sight = Sight(one.pyramid.levels[-1], T_map_camera, is_followed and not prediction.is_fallback)
+            choices.append(self.choose(T_map_camera, one.pyramid.cameras[0], is_followed=is_followed, sight=sight))
         chosen = tuple(replace(one, views=choice.views) for one, choice in zip(images, choices, strict=True))
         return RigChoice(chosen, Choice.merge(choices))
 
-    def choose(self, T_map_camera: SE3, camera: Camera, *, is_followed: bool = False) -> Choice:
+    def choose(
+        self, T_map_camera: SE3, camera: Camera, *, is_followed: bool = False, sight: Sight | None = None
+    ) -> Choice:
         """Return the references for an image taken near a pose: the nearest of those that cover it.
 
-        While a live camera is followed, the nearest of those that are ready; small ones where none is.
+        Where there are several experiences, those of the one that looks like the image. While a live camera is
+        followed, the nearest of those that are ready; small ones where none is.
         """
         never_waits = self._is_live and is_followed
         candidates, overlaps = self._candidates(T_map_camera, camera, NUM_CANDIDATES if never_waits else 0)
         best = float(np.max(overlaps, initial=0.0))
         needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
-        usable = [candidates[index] for index in np.flatnonzero(overlaps >= needed)]
+        usable = self._of_experience([candidates[index] for index in np.flatnonzero(overlaps >= needed)], sight)
         ready = [node for node in usable if not never_waits or self._spheres.is_ready(node.id)]
         nearest = ready[: self._params.num_references] or usable[:1]
         chosen = self._near_enough(nearest, T_map_camera)
@@ -172,10 +187,23 @@ class References:
         distance, typical = measure_distance(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
         return Choice(self._last[1], views, best, distance, typical, self._region(chosen[0]))
 
+    def _of_experience(self, nodes: list[KeySphere], sight: Sight | None) -> list[KeySphere]:
+        """Return those of the key spheres, nearest first, whose experience looks like the image."""
+        first: dict[Experience, KeySphere] = {}
+        for node in nodes:
+            first.setdefault(node.experience, node)
+        if sight is None or len(self._parts) == 1 or not nodes:
+            return nodes
+        within = {
+            one: node for one, node in first.items() if measure_distance(node, sight.T_map_camera) <= self._region(node)
+        }
+        chosen = self._experience.choose(within or {nodes[0].experience: nodes[0]}, sight)
+        return [node for node in nodes if node.experience == chosen]
+
     def count_rejections(self, place_map: NDArray[np.float64], residuals: Iterable[Residuals]) -> None:
         """Count which squares of key spheres do not agree with an image; forget those that never do."""
         for view, points, residual in residuals:
-            sphere_id = self.nearest(view.T_world_reference.translation, 1)[0].id
+            sphere_id = self._nearest_in_use(view.T_world_reference.translation, 1)[0].id
             if self.rejections.is_due(sphere_id, place_map) and self.rejections.add(
                 sphere_id, place_map, points, residual
             ):
@@ -197,7 +225,7 @@ class References:
         wanted: dict[int, SE3] = {}
         for seconds in PREFETCH_S:
             pose = T_map_camera @ SE3.exp(twist * seconds)
-            for node in self.nearest(pose.translation, self._params.num_references):
+            for node in self._nearest_in_use(pose.translation, self._params.num_references):
                 wanted.setdefault(node.id, pose)
         self._spheres.begin(list(wanted), lambda sphere_id: partial(self._prepare_seen, wanted[sphere_id], self._last))
 
@@ -207,7 +235,7 @@ class References:
             return
         camera, last = self._last
         T_soon = T_map_camera @ SE3.exp(twist * PIXELS_LEAD_S)
-        nearest = self.nearest(T_soon.translation, self._params.num_references)
+        nearest = self._nearest_in_use(T_soon.translation, self._params.num_references)
         soon = [node.id for node in self._near_enough(nearest, T_soon)]
         self._pixels.forget({*last, *soon})
         for sphere_id, num_views in dict.fromkeys((one, len(some)) for some in (last, soon) for one in some):
@@ -223,8 +251,8 @@ class References:
 
     def _candidates(self, T_map_camera: SE3, camera: Camera, count: int) -> tuple[list[KeySphere], NDArray[np.float64]]:
         """Return the nearest key spheres, `count` where all are whole, and the share of the image that each covers."""
-        nodes = self.nearest(T_map_camera.translation, NUM_CANDIDATES)
-        first = nodes[: count or self._params.num_references]
+        nodes = self._nearest_of_all(T_map_camera)
+        first = nodes[: count or self._params.num_references] if len(self._parts) == 1 else nodes
         if all(self.coarse[node.id].camera.is_whole for node in first):
             return first, np.ones(len(first))
         coarse = [self.coarse[node.id] for node in nodes]
@@ -232,6 +260,14 @@ class References:
         T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in nodes]
         overlaps = measure_coverage([one.points for one in coarse], T_camera_sphere, camera)
         return nodes, np.where([one.camera.is_whole for one in coarse], 1.0, overlaps)
+
+    def _nearest_of_all(self, T_map_camera: SE3) -> list[KeySphere]:
+        """Return the nearest key spheres, of several experiences as many of each, nearest first."""
+        point, count = T_map_camera.translation, max(NUM_CANDIDATES // len(self._parts), MIN_CANDIDATES)
+        if len(self._parts) == 1:
+            return self.nearest(point, NUM_CANDIDATES)
+        nodes = [node for part in self._parts.values() for node in part.nearest(point, count)]
+        return sorted(nodes, key=lambda node: (measure_distance(node, T_map_camera), node.id))
 
     def _near_enough(self, nodes: list[KeySphere], T_map_camera: SE3) -> list[KeySphere]:
         """Return the first key sphere, and those that are near enough to be used beside it."""

@@ -14,12 +14,10 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dense_localizer.constants import (
     FORWARD_STEP,
     MAX_PITCH_RAD,
-    MIN_COMPARED_POINTS,
     NUM_ALIGNED,
     NUM_COARSE_LEVELS,
     NUM_COMPARED_POINTS,
@@ -36,14 +34,13 @@ from dense_localizer.constants import (
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
+from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.recognition import Recognition, find_body_axes
 from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric import RegistrationParams, View, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.spheres.graph import KeySphere
 
 
@@ -152,29 +149,6 @@ class Startup:
             if not any(is_same_pose(guess.T_map_camera, other.T_map_camera) for other in kept):
                 kept.append(guess)
         return kept
-
-
-def score_poses(
-    points: NDArray[np.floating], intensity: NDArray[np.floating], T_camera_sphere: SE3, level: Level
-) -> Array:
-    """Return for each of G poses the correlation, weakened where few points are seen; -1 where too few.
-
-    points (N, 3) m and intensity (N,) of the sphere, T_camera_sphere a batch of G, the image at one level.
-    """
-    pixels, is_visible = level.camera.project(T_camera_sphere.apply(points.astype(np.float64)))
-    u, v = (np.nan_to_num(axis) for axis in np.moveaxis(pixels, -1, 0))
-    column = np.clip(np.rint(u), 0, level.camera.width - 1).astype(np.int64) + level.pad
-    row = np.clip(np.rint(v), 0, level.camera.height - 1).astype(np.int64)
-    seen = np.where(is_visible, level.image[row, column], 0.0)
-    known = np.where(is_visible, intensity, 0.0)
-    count = np.count_nonzero(is_visible, axis=1)
-    safe = np.maximum(count, 1)
-    mean_seen, mean_known = seen.sum(axis=1) / safe, known.sum(axis=1) / safe
-    product = np.einsum("gn,gn->g", seen, known) / safe - mean_seen * mean_known
-    variance_seen = np.einsum("gn,gn->g", seen, seen) / safe - mean_seen**2
-    variance_known = np.einsum("gn,gn->g", known, known) / safe - mean_known**2
-    ncc = product / np.sqrt(np.maximum(variance_seen * variance_known, 1e-6))
-    return np.where(count >= MIN_COMPARED_POINTS, ncc * np.sqrt(count / points.shape[0]), -1.0)
 
 
 def select_best(guesses: Sequence[Guess], count: int) -> list[Guess]:

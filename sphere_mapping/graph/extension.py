@@ -8,7 +8,7 @@ than say anything else.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sphere_mapping.constants import (
     DRIFT_GATE,
@@ -24,7 +24,7 @@ from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run,
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.graph import Edge, SphereGraph
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 
@@ -75,10 +75,17 @@ def agreeing(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> li
 
 
 def join_graphs(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> SphereGraph:
-    """Return one graph, in the frame of the map, at the poses that fit all edges best; joins are robust."""
+    """Return one graph, in the frame of the map, the drive at the poses that fit all edges best; joins are robust.
+
+    The map stays where it is: what was driven by it before is driven as before.
+    """
     T_base_drive = place_of_drive(base, drive, edges[len(edges) // 2])
     moved = drive.with_poses({node.id: T_base_drive @ node.T_map_sphere for node in drive})
-    return optimize_map(SphereGraph([*base, *moved], [*base.edges, *moved.edges, *edges])).graph
+    origin = KeySphere(-1, 0, SE3.identity())
+    seen = [replace(edge, a=origin.id, T_a_b=base[edge.a].T_map_sphere @ edge.T_a_b) for edge in edges]
+    placed = optimize_map(SphereGraph([origin, *moved], [*moved.edges, *seen])).graph
+    nodes = [*base, *(node for node in placed if node.id != origin.id)]
+    return SphereGraph(nodes, [*base.edges, *drive.edges, *edges])
 
 
 def place_of_drive(base: SphereGraph, drive: SphereGraph, edge: Edge) -> SE3:

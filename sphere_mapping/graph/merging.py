@@ -28,19 +28,25 @@ class Merged:
     replaced: dict[int, int]
 
 
-def merge(graph: SphereGraph, positions: Array, staying: Collection[int] = ()) -> Merged:
+def merge(graph: SphereGraph, positions: Array, staying: Collection[int] = (), unlike: Collection[int] = ()) -> Merged:
     """Return the graph without redundant key spheres; of those that see the same the newest leaves.
 
     positions (P, 3): where in the map all spheres were taken, those that were not kept, too. staying: ids that stay.
+    unlike: ids of those that look like no other experience; only spheres of their own replace them.
     """
     merger = _Merger(graph, np.concatenate([positions.reshape(-1, 3), _positions(graph)]))
     for node in sorted(graph, key=lambda node: -node.id):
         if node.id not in staying:
-            merger.try_without(node)
-    if not merger.replaced:
-        return Merged(graph, {})
-    kept = [node for node in graph if node.id not in merger.replaced]
-    return Merged(SphereGraph(kept, merger.edges()), merger.replaced)
+            merger.try_without(node, is_unlike=node.id in unlike)
+    return merger.result()
+
+
+def drop(graph: SphereGraph, ids: Collection[int]) -> Merged:
+    """Return the graph without some key spheres, their edges composed to the one that each was measured best from."""
+    merger = _Merger(graph, _positions(graph))
+    for node_id in ids:
+        merger.drop(node_id)
+    return merger.result()
 
 
 def compose_edges(first: Edge, second: Edge) -> Edge:
@@ -79,25 +85,44 @@ class _Merger:
         for point, row in enumerate(cKDTree(_positions(graph)).query(points)[1].tolist()):
             self._served[ids[row]].append(point)
 
-    def try_without(self, node: KeySphere) -> None:
-        """Let a key sphere leave if others serve what it serves."""
+    def try_without(self, node: KeySphere, *, is_unlike: bool = False) -> None:
+        """Let a key sphere leave if others serve what it serves; an unlike one, if others of its experience do."""
         edges = [_from(node.id, edge) for edge in self._edges[node.id]]
         hubs = [edge for edge in edges if self._is_again(node.id, edge.b)]
         if not hubs:
             return
-        servers = [self._server(self._points[point], node.id) for point in self._served[node.id]]
+        servers = [self._server(self._points[point], node, is_unlike) for point in self._served[node.id]]
         if any(server is None for server in servers):
             return
-        hub = min(hubs, key=_variance)
-        for edge in list(self._edges[node.id]):
+        self._leave(node.id, min(hubs, key=_variance))
+        for point, server in zip(self._served.pop(node.id), servers, strict=True):
+            assert server is not None
+            self._served[server].append(point)
+
+    def drop(self, node_id: int) -> None:
+        """Let a key sphere leave, whatever it serves; one without edges just leaves."""
+        edges = [_from(node_id, edge) for edge in self._edges[node_id]]
+        if edges:
+            self._leave(node_id, min(edges, key=_variance))
+        else:
+            self.replaced[node_id] = node_id
+
+    def _leave(self, node_id: int, hub: Edge) -> None:
+        """Compose the edges of a key sphere with the one to a hub, which takes its place."""
+        edges = [_from(node_id, edge) for edge in self._edges[node_id]]
+        for edge in list(self._edges[node_id]):
             self._remove(edge)
         for edge in edges:
             if edge.b != hub.b:
                 self._add(compose_edges(reverse(hub), edge))
-        for point, server in zip(self._served.pop(node.id), servers, strict=True):
-            assert server is not None
-            self._served[server].append(point)
-        self.replaced[node.id] = hub.b
+        self.replaced[node_id] = hub.b
+
+    def result(self) -> Merged:
+        """Return what is left."""
+        if not self.replaced:
+            return Merged(self._graph, {})
+        kept = [node for node in self._graph if node.id not in self.replaced]
+        return Merged(SphereGraph(kept, self.edges()), self.replaced)
 
     def edges(self) -> list[Edge]:
         """Return what is left, each edge once, in order."""
@@ -110,12 +135,14 @@ class _Merger:
         distance, _ = self._graph[one].T_map_sphere.distance(self._graph[other].T_map_sphere)
         return drive != other_drive or abs(at - other_at) >= MIN_DETOUR * float(distance)
 
-    def _server(self, point: Array, without: int) -> int | None:
+    def _server(self, point: Array, leaving: KeySphere, is_unlike: bool) -> int | None:
         """Return the nearest key sphere whose region reaches a point well, None where there is none near enough."""
+        reach = min(self._farthest, MERGE_SPACING * self._spacing[leaving.id])
         near = [
             (float(np.linalg.norm(node.T_map_sphere.translation - point)), node)
-            for node in self._graph.near(point, min(self._farthest, MERGE_SPACING * self._spacing[without]))
-            if node.id != without and node.id not in self.replaced
+            for node in self._graph.near(point, reach)
+            if node.id != leaving.id and node.id not in self.replaced
+            if not is_unlike or node.experience == leaving.experience
         ]
         reaching = [(distance, node.id) for distance, node in near if distance <= MERGE_REACH * node.region_radius_m]
         return min(reaching)[1] if reaching else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,11 +15,25 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.sphere import Sphere
 
 
+@dataclass(frozen=True)
+class Experience:
+    """A drive that gave key spheres to a map; `name` is what the user calls its light, `stamp_ns` the first instant."""
+
+    name: str = ""
+    camera: str = ""
+    drive: str = ""
+    stamp_ns: int = 0
+
+    def __str__(self) -> str:
+        return self.name or self.drive or "the first drive"
+
+
 @dataclass(frozen=True, eq=False)
 class KeySphere:
     """A vertex: where a sphere was taken. `sphere` is None where only the pose is in memory.
 
     region_radius_m: up to where a camera can be localised by it; 0 where that is not known.
+    served: images of later drives that it explained, earlier drives count less; last_served_ns: 0 for none.
     """
 
     id: int
@@ -26,6 +41,9 @@ class KeySphere:
     T_map_sphere: SE3
     sphere: Sphere | None = None
     region_radius_m: float = 0.0
+    experience: Experience = Experience()
+    served: float = 0.0
+    last_served_ns: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +143,13 @@ class SphereGraph:
         graph = self._copy()
         for node_id, pose in poses.items():
             graph._put(replace(self[node_id], T_map_sphere=pose))
+        return graph
+
+    def with_nodes(self, changes: Mapping[int, Mapping[str, Any]]) -> SphereGraph:
+        """Return the same graph with other fields of some key spheres, by id."""
+        graph = self._copy()
+        for node_id, fields in changes.items():
+            graph._put(replace(self[node_id], **fields))
         return graph
 
     def with_edges(self, edges: Iterable[Edge]) -> SphereGraph:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from sphere_mapping.experiences.budget import Budget
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.offline import topics
 from sphere_nav.offline.mapping.learning import learn
@@ -33,6 +34,7 @@ examples:
   sphere_nav map second_drive -o both_maps --extend drive_map
   sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048 --jobs 2
   sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048 --jobs 2 --resume
+  sphere_nav map night_drive -o day_and_night --extend day_map --experience night --start 0 0 0
   sphere_nav map six_cameras -o drive_map --rig old_rig.yaml --set-stitcher rectify.num_instants=5
   sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.nearest_m=2
 """
@@ -42,9 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag of the teaching drive")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MAP", help="map to make (a folder)")
-    parser.add_argument(
-        "--extend", type=Path, metavar="MAP0", help="a map that the drive is joined to, where both saw the same places"
-    )
+    _add_extension(parser)
     parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
     parser.add_argument(
         "--resume", action="store_true", help="go on from what an interrupted run of the same words has left, if any"
@@ -77,6 +77,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Map what the bag holds."""
     return learn(arguments)
+
+
+def _add_extension(parser: argparse.ArgumentParser) -> None:
+    """Declare what joins a drive to a map, and keeps it small."""
+    parser.add_argument(
+        "--extend", type=Path, metavar="MAP0", help="a map that the drive is joined to, whatever light either was in"
+    )
+    parser.add_argument(
+        "--experience", default="", metavar="NAME", help="what you call the light or season of this drive"
+    )
+    parser.add_argument(
+        "--start",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "YAW"),
+        help="with --extend: where base_link was in the map at the start, m and rad, to half a metre and 20 deg",
+    )
+    parser.add_argument(
+        "--budget",
+        type=_budget,
+        metavar="N|MB",
+        help="experiences a place may hold, as 3, or size of the key spheres, as 200MB: what explained least leaves",
+    )
+
+
+def _budget(text: str) -> Budget:
+    try:
+        return Budget.parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _positive(text: str) -> int:

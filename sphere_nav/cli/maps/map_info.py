@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.ros.maps.reader import MapReader, open_map
+from sphere_nav.spheres.experiences import find_places, split_by_experience
+from sphere_nav.spheres.graph import Experience, SphereGraph
 
 HELP = """\
 Tell what is in a map: key spheres, edges, size, extent, and with which parameters it was made.
@@ -37,8 +40,11 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(values | ({"parameters": parameters} if arguments.parameters else {}), indent=2))
         return 0
     width = max(len(name) for name in values)
+    experiences = values.pop("experiences")
     for name, value in values.items():
         print(f"{name:<{width}}  {value}")
+    for experience in experiences:
+        print(f"{'experience':<{width}}  " + ", ".join(f"{name} {value}" for name, value in experience.items()))
     for name, value in parameters.items():
         print(f"  {name}: {value}")
     return 0
@@ -76,6 +82,28 @@ def map_facts(reader: MapReader) -> dict[str, Any]:
         "megabytes_per_sphere": round(size / 1e6 / len(graph), 2),
         "megabytes_per_metre": round(size / 1e6 / info.length, 3) if info.length > 0 else None,
         "rig": bool(info.rig),
+        "places_by_experiences": count_places(graph, is_whole=sphere.camera.is_whole),
+        "experiences": [describe_experience(*item) for item in split_by_experience(graph).items()],
+    }
+
+
+def count_places(graph: SphereGraph, *, is_whole: bool) -> dict[str, int]:
+    """Return how many key spheres have so many experiences at their place."""
+    counts = Counter(len(found) for found in find_places(graph, is_whole=is_whole).values())
+    return {str(number): counts[number] for number in sorted(counts)}
+
+
+def describe_experience(experience: Experience, part: SphereGraph) -> dict[str, Any]:
+    """Return what is told of an experience: when it was, what it served, and when last."""
+    last_ns = max(node.last_served_ns for node in part)
+    return {
+        "name": experience.name,
+        "drive": experience.drive,
+        "camera": experience.camera,
+        "first_stamp_s": experience.stamp_ns / 1e9,
+        "key_spheres": len(part),
+        "images_served": round(sum(node.served for node in part), 1),
+        "last_served_s": last_ns / 1e9 if last_ns else None,
     }
 
 

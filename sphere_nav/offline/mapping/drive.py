@@ -44,6 +44,7 @@ class MappedDrive:
     num_lost: int = 0
     refused: dict[str, int] = field(default_factory=dict)
     damages: list[str] = field(default_factory=list)
+    kind: str = ""  # of what was mapped: cameras, sphere, rgbd, stereo
     stereo: str = ""  # what was found of the pair
     depth: str = ""  # and of the depth camera, where it sits elsewhere
 

@@ -10,18 +10,21 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Iterable
-from contextlib import ExitStack
+from collections.abc import Collection, Iterable
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from itertools import chain
 from typing import cast
 
+from sphere_mapping.experiences.budget import thin
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.saving import details_of
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.offline.mapping.drive import MappedDrive, truth_of
-from sphere_nav.offline.mapping.extension import extend, open_base
+from sphere_nav.offline.mapping.drive_locator import DriveLocator
+from sphere_nav.offline.mapping.extension import extend, open_base, place_start
 from sphere_nav.offline.mapping.joining import Bridge, Joined
 from sphere_nav.offline.mapping.plan import Plan, make_plan
 from sphere_nav.offline.mapping.remains import Remains
@@ -31,6 +34,8 @@ from sphere_nav.ros.bags import BagError
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.ros.maps.writer import MAP_FRAME, Stored, check_free
 from sphere_nav.ros.service import one_line
+from sphere_nav.spheres.experiences import with_experience
+from sphere_nav.spheres.graph import Experience, SphereGraph
 
 ORIGINS = {"truth": "the true poses of the drive", "survey": "the survey of its key spheres"}
 INTERRUPTED = 130  # exit status
@@ -49,20 +54,36 @@ def learn(arguments: argparse.Namespace) -> int:
         base = stack.enter_context(open_base(arguments.extend, arguments.output, rig)) if arguments.extend else None
         plan, remains = make_plan(arguments, rig), Remains(arguments.output)
         stack.callback(remains.close)
+        known = stack.enter_context(closing(Base.of(base))) if base is not None else None
         try:
             remains.begin(plan, is_resumed=arguments.resume)
             with Workers(arguments.jobs, arguments.scheduler) as workers:
-                return map_plan(arguments, plan, remains, base, workers)
+                return map_plan(arguments, plan, remains, known, workers)
         except (ValueError, OSError, KeyboardInterrupt) as error:
             return keep(arguments, remains, error)
 
 
-def map_plan(
-    arguments: argparse.Namespace, plan: Plan, remains: Remains, base: MapReader | None, workers: Workers
-) -> int:
+@dataclass(frozen=True, eq=False)
+class Base:
+    """The map that is extended, and what localises the drive in it."""
+
+    reader: MapReader
+    locator: DriveLocator
+
+    @classmethod
+    def of(cls, reader: MapReader) -> Base:
+        """Return a map, made ready to be localised in."""
+        return cls(reader, DriveLocator(reader))
+
+    def close(self) -> None:
+        """End the localiser."""
+        self.locator.close()
+
+
+def map_plan(arguments: argparse.Namespace, plan: Plan, remains: Remains, base: Base | None, workers: Workers) -> int:
     """Map the segments of a drive, join them, complete the map."""
-    records = remains.map(plan, workers)
-    params, first_id = plan.params.mapper, max(base.graph.nodes) + 1 if base is not None else 0
+    records = remains.map(plan, workers) if base is None else remains.map_here(plan, base.locator.make_mapper)
+    params, first_id = plan.params.mapper, max(base.reader.graph.nodes) + 1 if base is not None else 0
     joined = remains.join(plan, records, first_id, Bridge(params, workers.run))
     drive = drive_of(plan, records, joined)
     if not drive.mapper.tracks:
@@ -89,7 +110,7 @@ def finish_map(
     arguments: argparse.Namespace,
     drive: MappedDrive,
     remains: Remains,
-    base: MapReader | None,
+    base: Base | None,
     joined: Joined,
     workers: Workers,
     rig: str,
@@ -99,19 +120,20 @@ def finish_map(
     source, frame, stored = arguments.bag.name, MAP_FRAME, cast("Iterable[Stored]", ())
     if not arguments.no_loops:
         mapper.close_loops(workers.run)
-    index = mapper.appearance
+    mapper.graph = with_experience(mapper.graph, describe_drive(arguments, drive), mapper.graph.nodes)
+    index, new = mapper.appearance, set[int]()
     if base is not None:
-        extension = extend(base, mapper, workers.run)
-        index, told, stored = extension.index, [extension.told], base.stored()
-        source, frame = f"{base.info.source} + {source}", base.info.header.frame_id
+        known = base.reader
+        start = place_start(known, arguments.start, drive.mount.T_base_sphere) if arguments.start else None
+        extension = extend(known, mapper, base.locator, start, workers.run)
+        index, told, stored, new = extension.index, [extension.told], known.stored(), extension.new
+        source, frame = f"{known.info.source} + {source}", known.info.header.frame_id
     truth = truth_of(arguments.bag)
     T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, truth, str(arguments.bag))
-    origin = base.origin if base is not None else ORIGINS.get(arguments.anchor, mapper.origin)
+    origin = base.reader.origin if base is not None else ORIGINS.get(arguments.anchor, mapper.origin)
     ways = [drive.trajectory(is_base=is_base).moved(T_new_map) for is_base in (False, True)]
-    if mapper.params.key.merge:
-        merged = merge(graph, ways[0].positions, base.graph.nodes if base is not None else ())
-        told += [f"{len(merged.replaced)} key spheres merged with others of their places"] if merged.replaced else []
-        graph = merged.graph
+    graph, left = thin_map(arguments, graph, mapper, ways[0].positions, joined, base, new)
+    told += left
     details = details_of(graph, mapper.params, source, frame, rig, origin)
     remains.complete(graph, details, index, chain(stored, joined.stored()))
     joined.close()
@@ -124,6 +146,38 @@ def finish_map(
     if drive.loss:
         print(f"sphere_nav map: {arguments.bag}: {drive.loss}", file=sys.stderr)
     return 1 if drive.loss else 0
+
+
+def thin_map(
+    arguments: argparse.Namespace,
+    graph: SphereGraph,
+    mapper: Mapper,
+    positions: Array,
+    joined: Joined,
+    base: Base | None,
+    new: Collection[int],
+) -> tuple[SphereGraph, list[str]]:
+    """Return the graph without what is redundant, or beyond the budget, and what is told of that."""
+    told, known = [], base.reader if base is not None else None
+    if mapper.params.key.merge:
+        merged = merge(graph, positions, known.graph.nodes if known is not None else (), new)
+        told += [f"{len(merged.replaced)} key spheres merged with others of their places"] if merged.replaced else []
+        graph = merged.graph
+    if arguments.budget is not None:
+        num_bytes = joined.num_bytes + (known.num_bytes if known is not None else 0)
+        is_whole = mapper.load_sphere(mapper.tracks[0].key_id).camera.is_whole
+        thinned = thin(graph, arguments.budget, num_bytes / len(mapper.graph), is_whole=is_whole)
+        told += [f"{len(thinned.replaced)} key spheres left for the budget"] if thinned.replaced else []
+        graph = thinned.graph
+    return graph, told
+
+
+def describe_drive(arguments: argparse.Namespace, drive: MappedDrive) -> Experience:
+    """Return what the key spheres of a drive have in common."""
+    graph = drive.mapper.graph
+    camera = drive.mapper.load_sphere(min(graph.nodes)).camera
+    kind = f"{drive.kind} {camera.width} x {camera.height}"
+    return Experience(arguments.experience, kind, arguments.bag.name, min(node.stamp_ns for node in graph))
 
 
 def keep(arguments: argparse.Namespace, remains: Remains, error: BaseException) -> int:

@@ -52,7 +52,7 @@ class Plan:
 
     def judge(self, drive: MappedDrive) -> None:
         """Take down what is to be told of the cameras beside what was mapped."""
-        drive.stereo = self.stereo
+        drive.kind, drive.stereo = self.kind, self.stereo
         if self.kind == "rgbd" and drive.mapper.tracks:
             with BagReader(self.recipe.bag, damages=[]) as bag:
                 drive.depth = judge_depth(bag, dict(self.recipe.values), self.recipe.remap, drive)
@@ -78,7 +78,7 @@ def make_plan(arguments: argparse.Namespace, rig: str) -> Plan:
             pair, stereo = find_field(bag, values, found) if kind == "stereo" else (None, "")
             remap = imu | found
         build(SphereMapperParams, values)  # refused before anything is written
-        segments = cut(bag, images)
+        segments = cut(bag, images) if arguments.extend is None else [Segment()]  # a localiser sees it whole
         held = _told_rarely(bag, images)
         size = f"{bag.num_messages} messages from {bag.time_range[0]} ns to {bag.time_range[1]} ns"
     recipe = Recipe(arguments.bag.resolve(), values, remap, details, stitcher, pair, held=held)

@@ -11,13 +11,14 @@ import fcntl
 import shutil
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
 from tqdm import tqdm
 
+from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry.files.untrusted import load_json, read_text, required
 from sphere_nav.offline.mapping.joining import Bridge, Joined, Part, join
 from sphere_nav.offline.mapping.plan import Plan
@@ -95,6 +96,14 @@ class Remains:
         for _ in tqdm(done, "map", len(missing), unit="segment", leave=False, disable=is_hidden):
             pass
         return [read_record(self._record(segment.name)) for segment in plan.segments]
+
+    def map_here(self, plan: Plan, make: Callable[..., Mapper]) -> list[SegmentRecord]:
+        """Map a drive of one segment by a mapper that `make` returns, from the start; return its record."""
+        (segment,) = plan.segments
+        self._clear(segment)
+        self._record(segment.name).unlink(missing_ok=True)
+        map_segment(SegmentTask(plan.recipe, segment, self.folder.resolve(), is_shown=True), make)
+        return [read_record(self._record(segment.name))]
 
     def join(self, plan: Plan, records: Iterable[SegmentRecord], first_id: int, bridge: Bridge) -> Joined:
         """Join the maps of all segments, ids from `first_id` on."""

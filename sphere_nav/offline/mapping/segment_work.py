@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -96,8 +97,8 @@ def read_record(path: Path) -> SegmentRecord:
         raise ValueError(f"{path}: expected a record of a segment, found another file ({error})") from None
 
 
-def map_segment(task: SegmentTask) -> None:
-    """Map a segment: its map appears in the folder, if it has key spheres, and then its record."""
+def map_segment(task: SegmentTask, make: Callable[..., Mapper] = Mapper) -> None:
+    """Map a segment by a mapper that `make` returns; its map appears in the folder, if it has key spheres, then its record."""
     name = task.segment.name
     with _ALONE:
         if not task.is_shown:
@@ -105,7 +106,7 @@ def map_segment(task: SegmentTask) -> None:
         writer = MapWriter(task.folder / name, task.recipe.details)
 
         def begin(params: MapperParams) -> Mapper:
-            return Mapper(params, store=writer)
+            return make(params, store=writer)
 
         try:
             drive = replay_mapper(task.recipe, begin, task.segment, is_shown=task.is_shown)

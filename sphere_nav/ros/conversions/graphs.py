@@ -6,17 +6,22 @@ fixed axes of a, as ROS has it.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 from geometry_msgs.msg import Point
 from numpy.typing import NDArray
-from sphere_nav_msgs.msg import KeySphereEdge, KeySphereGraph, KeySphereVertex, MapInfo
+from sphere_nav_msgs.msg import KeySphereEdge, KeySphereGraph, KeySphereVertex, MapExperience, MapInfo
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.files.untrusted import short
 from sphere_nav.ros.conversions.poses import from_ros_covariance, pose_to_se3, se3_to_pose, to_ros_covariance
 from sphere_nav.ros.conversions.stamps import header, ns_to_time, time_to_ns
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.experiences import split_by_experience
+from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 
 MAX_ID = np.iinfo(np.uint32).max
 MAX_VARIANCE = 1e12  # of a direction that the edge says nothing about
@@ -47,6 +52,42 @@ def graph_to_message(
 def message_to_graph(message: KeySphereGraph) -> SphereGraph:
     """Return the graph, its key spheres without pictures; ValueError for a repeated id, an edge to nowhere, a NaN."""
     return SphereGraph(map(_from_vertex, message.vertices), [_from_edge(edge) for edge in message.edges])
+
+
+def experiences_to_messages(graph: SphereGraph, frame_id: str) -> list[MapExperience]:
+    """Return a message for each experience of the key spheres."""
+    messages = []
+    for one, part in split_by_experience(graph).items():
+        nodes = sorted(part, key=lambda node: node.id)
+        messages.append(
+            MapExperience(
+                header=header(one.stamp_ns, frame_id),
+                name=one.name,
+                camera=one.camera,
+                drive=one.drive,
+                ids=[node.id for node in nodes],
+                served=[node.served for node in nodes],
+                last_served=[ns_to_time(node.last_served_ns) for node in nodes],
+            )
+        )
+    return messages
+
+
+def messages_to_experiences(graph: SphereGraph, messages: Iterable[MapExperience]) -> SphereGraph:
+    """Return the graph with what messages say of its key spheres; ValueError unless each is of one of them at most."""
+    changes: dict[int, dict[str, Any]] = {}
+    for message in messages:
+        one = Experience(message.name, message.camera, message.drive, time_to_ns(message.header.stamp))
+        if not len(message.ids) == len(message.served) == len(message.last_served):
+            found = f"{len(message.ids)}, {len(message.served)}, {len(message.last_served)}"
+            raise ValueError(f"experience {short(str(one))}: expected as many ids, served, last_served, found {found}")
+        for node_id, served, last in zip(message.ids, message.served, message.last_served, strict=True):
+            if int(node_id) not in graph.nodes or int(node_id) in changes or not 0.0 <= served < np.inf:
+                expected = "key spheres of the graph, each once, and finite numbers of images"
+                raise ValueError(f"experience {short(str(one))}: expected {expected}, found {node_id}, {served}")
+            told = {"experience": one, "served": float(served), "last_served_ns": time_to_ns(last)}
+            changes[int(node_id)] = told
+    return graph.with_nodes(changes)
 
 
 def _vertex(node: KeySphere) -> KeySphereVertex:

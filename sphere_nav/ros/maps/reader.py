@@ -3,7 +3,8 @@
 A map is a folder with `map.mcap` and `metadata.yaml`. Topics: `/map/info` (MapInfo, the last one holds), `/map/sphere`
 (AugmentedSphere, in order of id), `/map/coarse_sphere` and `/map/features` (all of them small, and what they look
 like, PointCloud2 in order of id, in chunks of their own, for a start),
-`/map/graph` (KeySphereGraph, the last one holds), and `/map/growth` of what was written as it grew.
+`/map/graph` (KeySphereGraph, the last one holds), `/map/experience` (MapExperience, one a drive; older maps have none),
+and `/map/growth` of what was written as it grew.
 Everything is checked before it is believed: format version, sizes, checksums, that every vertex has its sphere.
 """
 
@@ -16,7 +17,7 @@ from typing import Any, Self
 
 from mcap.records import ChunkIndex
 from sensor_msgs.msg import PointCloud2
-from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
+from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_yaml, short
@@ -25,10 +26,11 @@ from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
 from sphere_nav.ros.conversions.clouds import message_to_features
-from sphere_nav.ros.conversions.graphs import message_to_graph
+from sphere_nav.ros.conversions.graphs import message_to_graph, messages_to_experiences
 from sphere_nav.ros.maps.compact import CompactFeatures, CompactSpheres
 from sphere_nav.ros.maps.writer import (
     COARSE,
+    EXPERIENCE,
     FEATURES,
     FILE_NAME,
     GRAPH,
@@ -51,6 +53,7 @@ from sphere_nav.spheres.sphere import Sphere
 
 __all__ = [
     "COARSE",
+    "EXPERIENCE",
     "FEATURES",
     "FILE_NAME",
     "GRAPH",
@@ -162,6 +165,11 @@ class MapReader:
         return index
 
     @property
+    def num_bytes(self) -> int:
+        """Size of its file."""
+        return self._bag.files[0].path.stat().st_size
+
+    @property
     def origin(self) -> str:
         """What fixes the frame of the map, in words; a map that does not say so has that of its first sphere."""
         return str(self.parameters.get(ORIGIN) or "the first sphere")
@@ -198,8 +206,13 @@ class MapReader:
         if message.format_version != MapInfo.FORMAT_VERSION:
             found = message.format_version
             raise BagError(f"{self.path}: graph format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
+        told_of = self._bag.topics.get(EXPERIENCE)
+        has_experiences = told_of is not None and told_of.count > 0
+        if has_experiences:
+            self._bag.require(EXPERIENCE, MapExperience)
+        told = [item.message for item in self._bag.messages([EXPERIENCE])] if has_experiences else []
         try:
-            graph = message_to_graph(message)
+            graph = messages_to_experiences(message_to_graph(message), told)
         except ValueError as error:
             raise BagError(f"{self.path}: graph: {error}") from None
         if not len(graph):

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 from mcap.records import Message
 from sensor_msgs.msg import PointCloud2
-from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
+from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.mcap_records import records_at
@@ -26,7 +26,7 @@ from sphere_nav.ros.bags.serialization import serialize_to_store
 from sphere_nav.ros.bags.writer import METADATA, PARTIAL, BagWriter, describe_partial
 from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
 from sphere_nav.ros.conversions.clouds import features_to_message
-from sphere_nav.ros.conversions.graphs import graph_to_message
+from sphere_nav.ros.conversions.graphs import experiences_to_messages, graph_to_message
 from sphere_nav.ros.maps.compact import Spool
 from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
@@ -38,6 +38,7 @@ from sphere_nav.spheres.sphere import Sphere
 FILE_NAME = "map.mcap"
 INFO, SPHERE, GRAPH = "/map/info", "/map/sphere", "/map/graph"
 COARSE, FEATURES, GROWTH = "/map/coarse_sphere", "/map/features", "/map/growth"
+EXPERIENCE = "/map/experience"
 KINDS: dict[str, type[Any]] = {
     INFO: MapInfo,
     SPHERE: AugmentedSphere,
@@ -45,6 +46,7 @@ KINDS: dict[str, type[Any]] = {
     COARSE: AugmentedSphere,
     FEATURES: PointCloud2,
     GROWTH: KeySphereGraph,
+    EXPERIENCE: MapExperience,
 }
 MAP_FRAME, SPHERE_FRAME = "map", "sphere_link"
 ORIGIN = "origin"  # among the parameters: what fixes the frame of the map, in words
@@ -143,6 +145,8 @@ class MapWriter:
         self._bag.end_chunk()
         self._small.close()
         last = max(node.stamp_ns for node in nodes)
+        for message in experiences_to_messages(graph, self.details.frame_id):
+            self._bag.write(EXPERIENCE, message, last)
         self._bag.write(INFO, _info(graph, self.details), last)
         self._bag.write(GRAPH, _graph_message(graph, self.details), last)
         target = self._bag.close()

@@ -8,8 +8,8 @@ from dense_localizer.judge.residual import residual_image
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references import coarse_reference
+from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.reference import References, measure_coverage
-from dense_localizer.start.startup import score_poses
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid

@@ -12,7 +12,7 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.coarse import coarse_sphere
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from worlds.room import optical, sharp_room
 
 STEP = 1e-6
@@ -142,3 +142,13 @@ def test_a_drive_there_and_back_gives_not_twice_the_spheres_and_localizes_as_wel
         assert len(errors) >= 20  # the first ones are on probation
         medians.append(np.median(errors))
     assert medians[1] <= 1.1 * medians[0] + 0.0005
+
+
+def test_a_sphere_of_another_look_is_replaced_by_its_own_experience_alone():
+    """4 is where 0 was: the same place, and by its look no other."""
+    night = Experience("night")
+    graph = line(0.0, 2.0, 4.0, 2.2, 0.3, loops=[(1, 3), (0, 4)]).with_nodes({4: {"experience": night}})
+    assert set(merge(graph, np.zeros((0, 3))).replaced) == {3, 4}
+    assert set(merge(graph, np.zeros((0, 3)), staying=[0], unlike=[4]).replaced) == {3}
+    both = graph.with_nodes({0: {"experience": night}})
+    assert set(merge(both, np.zeros((0, 3)), staying=[0], unlike=[4]).replaced) == {3, 4}

@@ -1,5 +1,6 @@
 """`sphere_nav map --extend`: a second drive is joined to a map where both saw the same places, or refused."""
 
+import json
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stdout
@@ -12,9 +13,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from sphere_mapping.experiences.budget import Budget
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.offline.mapping.learning import thin_map
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_stamped, sphere_to_message
 from sphere_nav.ros.maps.check import verify_map
@@ -119,6 +122,54 @@ def test_a_drive_elsewhere_is_refused_with_what_was_tried(drives, tmp_path, caps
     assert [file.name for file in tmp_path.iterdir()] == ["both.partial"]  # it is mapped, and can be a map of its own
     assert call("map", *words, "--resume") == 0
     assert [file.name for file in tmp_path.iterdir()] == ["both"]
+
+
+def test_a_drive_in_another_light_becomes_an_experience_from_a_given_start(drives, tmp_path, capsys):
+    """Other patterns on the same walls, which features do not know: ranges place it."""
+    output, taught = tmp_path / "both", drives / "taught"
+    words = ("--start", 0.4, -0.1, 3.0, "--experience", "night", *SETTINGS)
+    assert call("map", drives / "elsewhere", "-o", output, "--extend", taught, *words) == 0
+    assert "a start was given; ranges fit at" in capsys.readouterr().out
+    assert verify_map(output) == []
+    with open_map(output) as both, open_map(taught) as before:
+        assert all(node.experience.drive == "east" for node in before.graph)
+        night = [node for node in both.graph if node.id not in before.graph.nodes]
+        assert {(node.experience.name, node.experience.drive) for node in night} == {("night", "elsewhere")}
+        assert len(night) >= 3
+        for node in night:
+            assert node.T_map_sphere.distance(WEST[(node.stamp_ns - START) // PERIOD - 100])[0] < 0.03
+        for node in before.graph:
+            assert both.graph[node.id].T_map_sphere.distance(node.T_map_sphere)[0] < 1e-9
+        thinned, told = thinned_to_one(both)
+    assert {node.experience.name for node in thinned} == {"night"}  # the day's explained nothing of the last drive
+    assert told == [f"{len(before.graph)} key spheres left for the budget"]
+    assert call("map-info", output, "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert [(one["name"], one["drive"]) for one in facts["experiences"]] == [("", "east"), ("night", "elsewhere")]
+    assert facts["places_by_experiences"] == {"2": len(before.graph) + len(night)}
+
+
+def thinned_to_one(reader):
+    """Return the graph of a map with one experience at each place, as `--budget 1` makes it."""
+    arguments, writer = SimpleNamespace(budget=Budget.parse("1")), SimpleNamespace(num_bytes=1)
+    key = SimpleNamespace(merge=False)
+    mapper = SimpleNamespace(
+        params=SimpleNamespace(key=key),
+        graph=reader.graph,
+        tracks=[SimpleNamespace(key_id=min(reader.graph.nodes))],
+        load_sphere=reader.load_sphere,
+    )
+    return thin_map(arguments, reader.graph, mapper, np.zeros((0, 3)), writer, None, ())
+
+
+def test_a_drive_that_the_map_explains_adds_nothing(drives, tmp_path, capsys):
+    with open_map(drives / "taught") as taught:
+        before = taught.graph.nodes.keys()
+    assert call("map", drives / "east", "-o", tmp_path / "both", "--extend", drives / "taught", *SETTINGS) == 0
+    assert "0 of" in capsys.readouterr().out
+    with open_map(tmp_path / "both") as both:
+        assert both.graph.nodes.keys() == before
+        assert sum(node.served for node in both.graph) > 0.0
 
 
 def test_what_cannot_be_joined_is_one_line_before_anything_is_mapped(drives, tmp_path, capsys):

@@ -14,9 +14,21 @@ from sphere_nav_msgs.msg import MapInfo
 
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter
 from sphere_nav.ros.conversions import graph_to_message, sphere_to_message
-from sphere_nav.ros.maps.reader import COARSE, FEATURES, GRAPH, GROWTH, INFO, SPHERE, MapDetails, open_map, save_map
+from sphere_nav.ros.maps.reader import (
+    COARSE,
+    EXPERIENCE,
+    FEATURES,
+    GRAPH,
+    GROWTH,
+    INFO,
+    SPHERE,
+    MapDetails,
+    open_map,
+    save_map,
+)
 from sphere_nav.spheres.coarse import coarse_sphere
-from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav.spheres.experiences import Service, with_experience, with_service
+from sphere_nav.spheres.graph import Experience, SphereGraph
 from worlds.maps import load_all
 
 DETAILS = MapDetails(map_id="yard", source="drive", parameters={"mapper.levels": 4}, rig="cameras: []")
@@ -50,7 +62,7 @@ def test_a_map_comes_back(saved, sphere_graph):
 
 def test_a_map_is_a_bag_with_one_chunk_a_sphere(saved):
     with BagReader(saved) as bag:
-        counts = {INFO: 2, SPHERE: 3, COARSE: 3, FEATURES: 3, GRAPH: 2, GROWTH: 0}
+        counts = {INFO: 2, SPHERE: 3, COARSE: 3, FEATURES: 3, GRAPH: 2, GROWTH: 0, EXPERIENCE: 1}
         assert {name: info.count for name, info in bag.topics.items()} == counts
         file = bag.files[0]
         channel = next(c.id for c in file.summary.channels.values() if c.topic == SPHERE)
@@ -150,6 +162,18 @@ def rewritten(saved, path, change):
     return path
 
 
+def test_experiences_come_back_and_older_maps_have_one(saved, sphere_graph, tmp_path):
+    night = Experience("night", "rgbd 64 x 48", "drive_2", 5)
+    graph = with_service(with_experience(sphere_graph, night, [11]), {11: Service(3, 77)})
+    with open_map(save_map(tmp_path / "two", graph, DETAILS)) as reader:
+        found = {node.id: (node.experience, node.served, node.last_served_ns) for node in reader.graph}
+    nothing = (Experience(), 0.0, 0)
+    assert found == {10: nothing, 11: (night, 3.0, 77), 12: nothing}
+    old = rewritten(saved, tmp_path / "old", lambda topic, message: [] if topic == EXPERIENCE else [message])
+    with open_map(old) as reader:
+        assert {node.experience for node in reader.graph} == {Experience()}
+
+
 def with_field(wanted, **fields):
     def change(topic, message):
         if topic == wanted:
@@ -169,6 +193,10 @@ def with_field(wanted, **fields):
         (with_field(INFO, num_spheres=4), r"graph: expected 4 vertices \(info\), found 3"),
         (with_field(INFO, parameters="a: ["), "parameters: expected YAML"),
         (with_field(GRAPH, vertices=[]), "graph: edge 10-11: expected both ends in the graph"),
+        (with_field(EXPERIENCE, ids=[10, 11]), "experience 'the first drive': expected as many ids, served"),
+        (with_field(EXPERIENCE, ids=[10, 11, 99]), "experience 'the first drive': expected key spheres of the graph"),
+        (with_field(EXPERIENCE, ids=[10, 11, 11]), "each once, and finite numbers of images, found 11"),
+        (with_field(EXPERIENCE, served=[0.0, float("nan"), 0.0]), "finite numbers of images, found 11, nan"),
         (lambda topic, message: [] if topic == GRAPH else [message], "expected topic /map/graph"),
         (lambda topic, message: [] if topic == INFO else [message], "expected topic /map/info"),
         (lambda topic, message: [] if getattr(message, "id", 0) == 11 else [message], "spheres: expected 3 .* found 2"),

@@ -1,0 +1,106 @@
+"""Which experience of a map looks like the present image: day or night, summer or winter (MTR's recommendation).
+
+Of the experiences within reach that of the last image is compared with the image, and another one in turn: one more
+comparison of coarse levels, however many there are. Where an image was refused, or nothing is known, all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.constants import (
+    LIKENESS_FORGETTING,
+    MIN_COMPARED_POINTS,
+    MIN_LIKENESS_LEAD,
+    NUM_COMPARED_POINTS,
+)
+from dense_localizer.references.coarse_reference import CoarseReferences
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.pixels.pyramid import Level
+from sphere_nav.spheres.graph import Experience, KeySphere
+
+
+class Sight(NamedTuple):
+    """The coarsest level of the image, where it is thought to be, and whether the last image was accepted."""
+
+    level: Level
+    T_map_camera: SE3
+    is_followed: bool
+
+
+class ExperienceChoice:
+    """The experience in use, and how much each has looked like the last images, -1...1."""
+
+    def __init__(self, coarse: CoarseReferences) -> None:
+        self._coarse = coarse
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is known of the last images."""
+        self.current: Experience | None = None
+        self._means: dict[Experience, float] = {}
+        self._turn = 0
+
+    def choose(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience:
+        """Return the experience that looks most like the image; `within_reach`: the nearest key sphere of each.
+
+        Where the last image was not followed by one, all are compared, and this image alone decides.
+        """
+        current = self.current
+        if current is None or current not in within_reach or not sight.is_followed:
+            self._means = {one: self.compare(node, sight) for one, node in within_reach.items()}
+            self.current = max(self._means, key=lambda one: self._means[one])
+            return self.current
+        others = [one for one in within_reach if one != current]
+        self._turn += 1
+        for one in (current, *others[self._turn % max(len(others), 1) :][:1]):
+            likeness = self.compare(within_reach[one], sight)
+            mean = self._means.get(one, likeness)
+            self._means[one] = LIKENESS_FORGETTING * mean + (1.0 - LIKENESS_FORGETTING) * likeness
+        best = max(within_reach, key=lambda one: self._means.get(one, -1.0))
+        self.current = best if self._means.get(best, -1.0) > self._means[current] + MIN_LIKENESS_LEAD else current
+        return self.current
+
+    def compare(self, node: KeySphere, sight: Sight) -> float:
+        """Return the correlation of the image with a key sphere as it would look from there; -1: too little in view."""
+        level = self._coarse.reference(node.id).levels[-1]
+        step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
+        points, intensity = level.points[:, ::step].T, level.intensity[::step]
+        T_camera_sphere = (sight.T_map_camera.inverse() @ node.T_map_sphere).matrix[None]
+        return float(correlate(points, intensity, SE3(T_camera_sphere), sight.level)[0][0])
+
+
+def score_poses(
+    points: NDArray[np.floating], intensity: NDArray[np.floating], T_camera_sphere: SE3, level: Level
+) -> Array:
+    """Return for each of G poses the correlation, weakened where few points are seen; -1 where too few."""
+    ncc, count = correlate(points, intensity, T_camera_sphere, level)
+    return np.where(count >= MIN_COMPARED_POINTS, ncc * np.sqrt(count / points.shape[0]), -1.0)
+
+
+def correlate(
+    points: NDArray[np.floating], intensity: NDArray[np.floating], T_camera_sphere: SE3, level: Level
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return for each of G poses the correlation, -1 where too few points are seen, and their number.
+
+    points (N, 3) m and intensity (N,) of the sphere, T_camera_sphere a batch of G, the image at one level.
+    """
+    pixels, is_visible = level.camera.project(T_camera_sphere.apply(points.astype(np.float64)))
+    u, v = (np.nan_to_num(axis) for axis in np.moveaxis(pixels, -1, 0))
+    column = np.clip(np.rint(u), 0, level.camera.width - 1).astype(np.int64) + level.pad
+    row = np.clip(np.rint(v), 0, level.camera.height - 1).astype(np.int64)
+    seen = np.where(is_visible, level.image[row, column], 0.0)
+    known = np.where(is_visible, intensity, 0.0)
+    count = np.count_nonzero(is_visible, axis=1)
+    safe = np.maximum(count, 1)
+    mean_seen, mean_known = seen.sum(axis=1) / safe, known.sum(axis=1) / safe
+    product = np.einsum("gn,gn->g", seen, known) / safe - mean_seen * mean_known
+    variance_seen = np.einsum("gn,gn->g", seen, seen) / safe - mean_seen**2
+    variance_known = np.einsum("gn,gn->g", known, known) / safe - mean_known**2
+    ncc = product / np.sqrt(np.maximum(variance_seen * variance_known, 1e-6))
+    return np.where(count >= MIN_COMPARED_POINTS, ncc, -1.0), count

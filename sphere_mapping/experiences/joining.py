@@ -1,0 +1,246 @@
+"""READ FIRST. A drive in the frame of a map, whatever light it was driven in.
+
+Where the localizer tracked the drive in the map, its poses are joins. Where it did not, places are found by their
+features and aligned by their images, else by their ranges alone, from a given start or from nowhere; what is found is
+refined and checked over all places that both saw. Between joins the drive's own motions hold, with their covariances.
+The map stays where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.constants import (
+    EDGE_FLOOR,
+    GUESS_STEP_RAD,
+    MAX_AWAY,
+    MAX_GAP,
+    MIN_CONFIRMED_SHARE,
+    MIN_RANGE_JOINS,
+    NUM_HEADINGS,
+    NUM_PASSES,
+    NUM_SEARCHED,
+    RANGE_TURN_SHARE,
+    TRACK_SHARE,
+)
+from sphere_mapping.experiences.range_alignment import RangeFit, RangeSphere, measure_motion_by_ranges
+from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_graphs
+from sphere_mapping.graph.keyframes import Track
+from sphere_mapping.graph.verification import Run
+from sphere_mapping.params import MapperParams
+from sphere_nav.estimation.normal_equations import symmetric_inverse
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Where the localizer saw a sphere of the drive: T_a_sphere by key sphere `a` of the map, covariance (6, 6).
+
+    is_explained: the localizer was sure of it, and the map explains the image well.
+    """
+
+    a: int
+    T_a_sphere: SE3
+    covariance: Array
+    is_explained: bool
+
+
+@dataclass(frozen=True, eq=False)
+class DriveImage:
+    """A sphere of the drive: by the key sphere before it, where the localizer saw it, and its small picture."""
+
+    track: Track
+    located: Located | None
+    load_small: Callable[[], Sphere]
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """One graph of both, in the frame of the map, and in words how the drive was placed; None where it was not."""
+
+    graph: SphereGraph | None
+    told: str
+
+
+@dataclass(frozen=True, eq=False)
+class First:
+    """What says first where the drive was; `is_certain`: it needs no confirmation."""
+
+    edges: list[Edge]
+    told: str
+    is_certain: bool = True
+
+
+def join_drive(
+    base: Submap,
+    drive: Submap,
+    images: Sequence[DriveImage],
+    params: MapperParams,
+    T_map_start: SE3 | None = None,
+    run: Run = map,
+) -> Joined:
+    """Join a drive to a map; `T_map_start` is where its first sphere was, as somebody says, to half a meter."""
+    load_base = cache(lambda sphere_id: RangeSphere.prepare(base.load(sphere_id)))
+    first = find_first(base, drive, images, params, T_map_start, run)
+    if not first.edges:
+        first = search_by_ranges(base.graph, drive, load_base, first.told)
+    edges, told = first.edges, first.told
+    for _ in range(NUM_PASSES if edges else 0):  # the second time from where the first one ended
+        placed = SphereGraph(
+            node for node in join_graphs(base.graph, drive.graph, edges) if node.id in drive.graph.nodes
+        )
+        found, num_tried = refine_by_ranges(base.graph, placed, images, load_base)
+        told = f"{first.told}; ranges fit at {len(found)} of {num_tried} places"
+        if not first.is_certain and len(found) < max(MIN_RANGE_JOINS, MIN_CONFIRMED_SHARE * num_tried):
+            return Joined(None, told)
+        edges = agreeing(base.graph, drive.graph, [*(first.edges if first.is_certain else ()), *found])
+    return Joined(join_graphs(base.graph, drive.graph, edges) if edges else None, told)
+
+
+def find_first(
+    base: Submap, drive: Submap, images: Sequence[DriveImage], params: MapperParams, T_map_start: SE3 | None, run: Run
+) -> First:
+    """Return joins by the localizer, else by a given start, else by features and images."""
+    located = agreeing(base.graph, drive.graph, list(locate_edges(images)))
+    told = f"the localizer placed {len(located)} of {len(drive.graph)} key spheres"
+    if located:
+        return First(located, told)
+    if T_map_start is not None:
+        node, anchor = next(iter(drive.graph)), next(iter(base.graph))
+        T_a_b = anchor.T_map_sphere.inverse() @ T_map_start
+        return First([Edge(anchor.id, node.id, T_a_b, np.eye(6), is_loop=True)], f"{told}; a start was given", False)
+    joins = find_joins(base, drive, params, run)
+    return First(joins.edges, f"{told}; {joins}")
+
+
+def locate_edges(images: Sequence[DriveImage]) -> Iterator[Edge]:
+    """Yield for each key sphere of the drive the join by the nearest image that the localizer was sure of."""
+    nearest: dict[int, tuple[float, DriveImage]] = {}
+    for image in images:
+        away = float(np.linalg.norm(image.track.T_key_sphere.translation))
+        if image.located is not None and image.located.is_explained:
+            known = nearest.get(image.track.key_id)
+            if known is None or away < known[0]:
+                nearest[image.track.key_id] = away, image
+    for key_id, (away, image) in nearest.items():
+        assert image.located is not None
+        T_sphere_key = image.track.T_key_sphere.inverse()
+        adjoint = T_sphere_key.inverse().adjoint()
+        floor = np.repeat([EDGE_FLOOR[0] + TRACK_SHARE * away, EDGE_FLOOR[1]], 3) ** 2
+        covariance = adjoint @ image.located.covariance @ adjoint.T + np.diag(floor)
+        T_a_key = image.located.T_a_sphere @ T_sphere_key
+        yield Edge(image.located.a, key_id, T_a_key, symmetric_inverse(covariance), is_loop=True)
+
+
+def search_by_ranges(
+    base: SphereGraph, drive: Submap, load_base: Callable[[int], RangeSphere], told: str = ""
+) -> First:
+    """Return the places of some key spheres of the drive that their ranges agree on."""
+    edges = []
+    for node in _spread(drive.graph, NUM_SEARCHED[0]):
+        own = RangeSphere.prepare(drive.load(node.id))
+        fits = [(one.id, fit) for one in _spread(base, NUM_SEARCHED[1]) for fit in _fit_all(load_base(one.id), own)]
+        best = sorted(fits, key=lambda pair: -pair[1].likeness)[: NUM_SEARCHED[2]]
+        edges += [range_edge(fit, a, node.id) for a, fit in best]
+    found = agreeing(base, drive.graph, edges)
+    found = found if len({edge.b for edge in found}) >= MIN_RANGE_JOINS else []
+    return First(found, f"{told}; by ranges {len(edges)} places, {len(found)} of these agree", False)
+
+
+def refine_by_ranges(
+    base: SphereGraph, joined: SphereGraph, images: Sequence[DriveImage], load_base: Callable[[int], RangeSphere]
+) -> tuple[list[Edge], int]:
+    """Return joins of the map's key spheres with the image of the drive that is nearest to each, and how many had one.
+
+    Where the localizer was sure of that image it says more than ranges do. `joined`: both, as far as it is known.
+    """
+    found, num_tried = [], 0
+    for node in base:
+        motions = [node.T_map_sphere.inverse() @ joined[one.track.key_id].T_map_sphere @ one.track.T_key_sphere
+                   for one in images]  # fmt: skip
+        away = [_away(T, node.region_radius_m or 1.0, is_whole=load_base(node.id).camera.is_whole) for T in motions]
+        best = int(np.argmin(away))
+        located = images[best].located
+        if away[best] > MAX_AWAY or (located is not None and located.is_explained):
+            continue
+        num_tried += 1
+        fit = measure_motion_by_ranges(
+            load_base(node.id), RangeSphere.prepare(images[best].load_small()), motions[best]
+        )
+        if fit is not None:
+            track = images[best].track
+            to_key = track.T_key_sphere
+            adjoint = to_key.adjoint()
+            covariance = adjoint @ range_covariance(fit) @ adjoint.T
+            T_a_key = fit.T_a_b @ to_key.inverse()
+            found.append(Edge(node.id, track.key_id, T_a_key, symmetric_inverse(covariance), is_loop=True))
+    return found, num_tried
+
+
+def range_covariance(fit: RangeFit) -> Array:
+    """Return the covariance (6, 6) of a motion by ranges: a range camera that bends space errs by the turn."""
+    _, angle = SE3.identity().distance(fit.T_a_b)
+    share = RANGE_TURN_SHARE * float(angle)
+    return fit.covariance + np.diag(np.repeat([share * fit.typical_m, share], 3) ** 2)
+
+
+def range_edge(fit: RangeFit, a: int, b: int) -> Edge:
+    """Return a motion by ranges as a robust edge of the graph."""
+    return Edge(a, b, fit.T_a_b, symmetric_inverse(range_covariance(fit)), is_loop=True)
+
+
+def _fit_all(a: RangeSphere, b: RangeSphere) -> list[RangeFit]:
+    """Return the motions between two spheres that ranges allow, where only the upright axis is known: a box has two."""
+    headings, found = guess_headings(a, b), list[RangeFit]()
+    for heading in headings.tolist():
+        fit = measure_motion_by_ranges(a, b, SE3.from_planar(0.0, 0.0, heading))
+        if fit is not None and not any(is_same(fit.T_a_b, other.T_a_b) for other in found):
+            found.append(fit)
+    return found
+
+
+def guess_headings(a: RangeSphere, b: RangeSphere) -> Array:
+    """Return the yaws of T_a_b that are worth trying: of whole spheres the best by N17's column shifts."""
+    if not (a.camera.is_whole and b.camera == a.camera):
+        return np.array([-GUESS_STEP_RAD, 0.0, GUESS_STEP_RAD])
+    one, other = (_without_mean(np.log(part.range_m)) for part in (a, b))
+    spectrum = np.fft.rfft(other, axis=1) * np.conj(np.fft.rfft(one, axis=1))
+    likeness = np.fft.irfft(spectrum.sum(axis=0), a.camera.width)  # of `a` with `b` moved left by so many columns
+    is_peak = (likeness >= np.roll(likeness, 1)) & (likeness > np.roll(likeness, -1))
+    shifts = np.flatnonzero(is_peak)
+    best = shifts[np.argsort(-likeness[shifts], kind="stable")[:NUM_HEADINGS]]
+    return np.asarray(best * (2.0 * np.pi / a.camera.width), np.float64)
+
+
+def _without_mean(image: NDArray[np.float32]) -> Array:
+    """Return an image (H, W) less the mean of each row, 0 where it is NaN."""
+    is_known = np.isfinite(image)
+    values = np.where(is_known, image, 0.0).astype(np.float64)
+    mean = values.sum(axis=1, keepdims=True) / np.maximum(is_known.sum(axis=1, keepdims=True), 1)
+    return np.where(is_known, values - mean, 0.0)
+
+
+def is_same(one: SE3, other: SE3) -> bool:
+    """Say whether two motions are one."""
+    distance, angle = one.distance(other)
+    return bool(distance <= MAX_GAP[0] and angle <= MAX_GAP[1])
+
+
+def _spread(graph: SphereGraph, count: int) -> list[KeySphere]:
+    """Return so many key spheres at most, evenly over the graph."""
+    nodes = list(graph)
+    return nodes[:: max(1, -(-len(nodes) // count))]
+
+
+def _away(T_a_b: SE3, reach_m: float, *, is_whole: bool) -> float:
+    """Return how far apart two views are: by the reach of the one, and by a radian where they have an edge."""
+    distance, angle = SE3.identity().distance(T_a_b)
+    return float(distance) / reach_m + (0.0 if is_whole else float(angle))

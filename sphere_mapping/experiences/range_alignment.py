@@ -1,0 +1,218 @@
+"""Ranges against ranges: two spheres aligned by geometry alone, which knows no light.
+
+Points of one sphere are projected into the other and moved along the normals of the surfaces they fall on, coarse to
+fine, with robust weights. What both ways agree on, over surfaces that hold all six directions, is a motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.constants import (
+    EDGE_SHARE,
+    MAX_GAP,
+    MAX_GAP_SHARE,
+    MAX_NORMAL_ANGLE,
+    MAX_RANGE_SIGMA,
+    MIN_COARSE_AGREEMENT,
+    MIN_FACING_SHARE,
+    MIN_RANGE_AGREEMENT,
+    MIN_RANGE_OVERLAP,
+    MIN_RANGE_POINTS,
+    MIN_RANGE_STEP,
+    NUM_RANGE_POINTS,
+    RANGE_EDGE_FLOOR,
+    RANGE_GATES,
+    RANGE_NOISE,
+    RANGE_STEPS,
+)
+from sphere_nav.estimation.kernels import SIGMA_OF_MAD
+from sphere_nav.estimation.normal_equations import inverse_and_condition, scaled_step
+from sphere_nav.estimation.robust import HUBER, huber_weights
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.sphere import Sphere
+
+
+@dataclass(frozen=True, eq=False)
+class RangeSphere:
+    """The coarse ranges of a sphere: points (H, W, 3) and normals (H, W, 3), NaN where not known."""
+
+    camera: Spherical
+    range_m: NDArray[np.float32]
+    points: Array
+    normals: Array
+    rows: NDArray[np.int64]  # of flat points with normals, evenly spread
+
+    @staticmethod
+    def prepare(sphere: Sphere) -> RangeSphere:
+        """Return what alignment needs of a sphere."""
+        small = coarse_sphere(sphere)
+        range_m = np.where(np.isfinite(small.range_m), small.range_m, np.nan).astype(np.float32)
+        points = small.camera.unproject(pixel_grid(small.camera)) * range_m[..., None]
+        normals = find_normals(points, range_m, is_whole=small.camera.is_whole)
+        rows = np.flatnonzero(np.isfinite(normals[..., 0]))
+        step = max(1, len(rows) // NUM_RANGE_POINTS)
+        return RangeSphere(small.camera, range_m, points.reshape(-1, 3), normals.reshape(-1, 3), rows[::step])
+
+
+@dataclass(frozen=True, eq=False)
+class RangeFit:
+    """T_a_b by the surfaces of `a`, its covariance (6, 6), and what speaks for it.
+
+    overlap: share of the points of `b` that fall on known ranges of `a`; agreement: share of these that lie there, of
+    the surfaces that agree least.
+    sigma_m: the largest standard deviation of the position, also that of the attitude by the range.
+    """
+
+    T_a_b: SE3
+    covariance: Array
+    overlap: float
+    agreement: float
+    sigma_m: float
+    typical_m: float  # median range
+
+    @property
+    def likeness(self) -> float:
+        """Share of the points of `b` that lie on surfaces of `a`."""
+        return self.overlap * self.agreement
+
+    @property
+    def is_good(self) -> bool:
+        """Whether this way alone could be true."""
+        is_seen = self.overlap >= MIN_RANGE_OVERLAP and self.agreement >= MIN_RANGE_AGREEMENT
+        return is_seen and self.sigma_m <= MAX_RANGE_SIGMA
+
+
+def find_normals(points: Array, range_m: NDArray[np.float32], *, is_whole: bool) -> Array:
+    """Return unit normals (H, W, 3) towards the sphere's center, NaN at edges of surfaces."""
+    rolled = np.roll if is_whole else _shift
+    left, right, above, below = (rolled(points, *one) for one in ((1, 1), (-1, 1), (1, 0), (-1, 0)))
+    if is_whole:
+        above[0], below[-1] = np.nan, np.nan
+    normals = np.cross(right - left, below - above)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normals = normals / length
+        normals = np.where(np.sum(normals * points, axis=-1, keepdims=True) > 0.0, -normals, normals)
+        steep = np.abs(np.sum(normals * points, axis=-1)) < np.cos(MAX_NORMAL_ANGLE) * range_m
+    normals[steep | np.isnan(range_m)] = np.nan
+    return normals
+
+
+def align_ranges(a: RangeSphere, b: RangeSphere, T_a_b: SE3) -> RangeFit | None:
+    """Return T_a_b from a first guess; None where too little is seen in common on the way."""
+    for gate, step in RANGE_GATES:
+        rows = b.rows[::step]
+        points, normals = b.points[rows], b.normals[rows]
+        for _ in range(RANGE_STEPS):
+            system = _linearize(a, points, normals, T_a_b, gate)
+            if system is None:
+                return None
+            J, residual, weight = system[:3]
+            weighted = weight[:, None] * J
+            xi = scaled_step(weighted.T @ J, weighted.T @ residual)
+            T_a_b = T_a_b @ SE3.exp(xi)
+            if system[4] < MIN_COARSE_AGREEMENT:
+                return None
+            if np.linalg.norm(xi) < MIN_RANGE_STEP:
+                break
+    return assess_ranges(a, b, T_a_b)
+
+
+def assess_ranges(a: RangeSphere, b: RangeSphere, T_a_b: SE3) -> RangeFit | None:
+    """Return how well ranges fit at a motion, without moving it; None where too little is seen in common."""
+    points, normals = b.points[b.rows], b.normals[b.rows]
+    system = _linearize(a, points, normals, T_a_b, RANGE_GATES[-1][0])
+    if system is None:
+        return None
+    J, _, weight, overlap, agreement = system
+    covariance, _ = inverse_and_condition((weight[:, None] * J).T @ J)
+    if not np.all(np.isfinite(covariance)):
+        return None
+    typical_m = float(np.median(np.linalg.norm(points, axis=1)))
+    variance = max(
+        np.linalg.eigvalsh(covariance[:3, :3])[-1], np.linalg.eigvalsh(covariance[3:, 3:])[-1] * typical_m**2
+    )
+    return RangeFit(T_a_b, covariance, overlap, agreement, float(np.sqrt(variance)), typical_m)
+
+
+def measure_motion_by_ranges(a: RangeSphere, b: RangeSphere, T_a_b: SE3) -> RangeFit | None:
+    """Return what both ways agree on, each from the first guess; None unless both are good."""
+    forward = align_ranges(a, b, T_a_b)
+    if forward is None or not forward.is_good:
+        return None
+    back = align_ranges(b, a, T_a_b.inverse())
+    if back is None or not back.is_good:
+        return None
+    gap = (back.T_a_b @ forward.T_a_b).log()  # A -> B composed with B -> A, axes of B
+    length_m = float(np.linalg.norm(forward.T_a_b.translation))
+    if np.linalg.norm(gap[:3]) > MAX_GAP[0] + MAX_GAP_SHARE * length_m or np.linalg.norm(gap[3:]) > MAX_GAP[1]:
+        return None
+    floor = np.repeat([RANGE_EDGE_FLOOR[0] + EDGE_SHARE * length_m, RANGE_EDGE_FLOOR[1]], 3) ** 2
+    apart = np.repeat([np.sum(gap[:3] ** 2) / 12, np.sum(gap[3:] ** 2) / 12], 3)
+    return replace(
+        forward,
+        T_a_b=forward.T_a_b @ SE3.exp(-0.5 * gap),
+        covariance=forward.covariance + np.diag(floor + apart),
+        overlap=min(forward.overlap, back.overlap),
+        agreement=min(forward.agreement, back.agreement),
+    )
+
+
+def _linearize(
+    a: RangeSphere, points: Array, normals: Array, T_a_b: SE3, gate: float
+) -> tuple[Array, Array, Array, float, float] | None:
+    """Return J (M, 6), residuals (M,) in m and weights (M,) of point to plane, overlap and agreement.
+
+    Of xi in T_a_b exp(xi): n (R v + R (omega x p)) = (R^T n) v + (p x R^T n) omega.
+    """
+    moved = T_a_b.apply(points)
+    pixels, is_visible = a.camera.project(moved)
+    column = np.rint(np.nan_to_num(pixels[:, 0])).astype(np.int64)
+    row = np.rint(np.nan_to_num(pixels[:, 1])).astype(np.int64)
+    column = column % a.camera.width if a.camera.is_whole else np.clip(column, 0, a.camera.width - 1)
+    flat = np.clip(row, 0, a.camera.height - 1) * a.camera.width + column
+    ranges = np.linalg.norm(moved, axis=1)
+    known = a.range_m.ravel()[flat]
+    with np.errstate(invalid="ignore"):
+        is_seen = is_visible & np.isfinite(known) & np.isfinite(a.normals[flat, 0])
+        ahead = np.abs(ranges - known) <= gate * known
+        turned = normals @ T_a_b.rotation.T
+        is_alike = ahead & (np.sum(turned * a.normals[flat], axis=1) > np.cos(MAX_NORMAL_ANGLE))
+    used = np.flatnonzero(is_seen & is_alike)
+    if np.count_nonzero(is_seen) < MIN_RANGE_OVERLAP * len(points) or len(used) < MIN_RANGE_POINTS:
+        return None
+    normal = a.normals[flat[used]]
+    residual = np.sum(normal * (moved[used] - a.points[flat[used]]), axis=1)
+    n_b = normal @ T_a_b.rotation
+    J = np.concatenate([n_b, np.cross(points[used], n_b)], axis=1)
+    floor = RANGE_NOISE[0] + RANGE_NOISE[1] * known[used]
+    sigma = max(1.0, SIGMA_OF_MAD * float(np.median(np.abs(residual / floor)))) * floor
+    weight = huber_weights(np.abs(residual) / sigma, HUBER) / sigma**2
+    return J, residual, weight, float(is_seen.mean()), _agree(normals, is_seen, is_seen & is_alike)
+
+
+def _agree(normals: Array, is_seen: NDArray[np.bool_], is_alike: NDArray[np.bool_]) -> float:
+    """Return the share of the points seen that lie where they should, of the surfaces that agree least.
+
+    Surfaces face along one of three axes; a road fills half of a sphere, and roads are alike everywhere.
+    """
+    axis = np.argmax(np.abs(normals), axis=1)
+    seen, alike = (np.bincount(axis[chosen], minlength=3) for chosen in (is_seen, is_alike))
+    counted = seen >= MIN_FACING_SHARE * seen.sum()
+    return float(np.min(alike[counted] / np.maximum(seen[counted], 1)))
+
+
+def _shift(points: Array, by: int, axis: int) -> Array:
+    """Return the points of the next pixel, NaN beyond the border."""
+    shifted = np.roll(points, by, axis)
+    index = [slice(None)] * 3
+    index[axis] = slice(0, 1) if by > 0 else slice(-1, None)
+    shifted[tuple(index)] = np.nan
+    return shifted

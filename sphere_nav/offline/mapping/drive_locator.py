@@ -1,0 +1,137 @@
+"""The spheres of a drive localised, as they are mapped, in the map that the drive extends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dense_localizer.judge.estimate import CameraEstimate
+from dense_localizer.localizer import Localizer
+from dense_localizer.params import LocalizerParams
+from sphere_mapping.experiences.joining import DriveImage, Located
+from sphere_mapping.graph.keyframes import MapUpdate
+from sphere_mapping.graph.store import SphereStore
+from sphere_mapping.graph.tracking import Unroll
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.params import InputParams, StateParams
+from sphere_nav.localization.status import State
+from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.conversions import sphere_to_message
+from sphere_nav.ros.maps.compact import CompactSpheres
+from sphere_nav.ros.maps.reader import MapReader
+from sphere_nav.ros.maps.writer import SPHERE_FRAME
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.experiences import Service
+from sphere_nav.spheres.sphere import Sphere
+
+MIN_EXPLAINED_SHARE = 0.8  # of the images of a key sphere, above which it adds nothing to the map
+PATIENCE_S = 10.0  # between spheres: the drive's own motion bridges that
+
+
+class ObservedMapper(Mapper):
+    """Tells of every sphere as it was mapped."""
+
+    def __init__(
+        self, observe: Callable[[Mapper, Sphere, MapUpdate], None], params: MapperParams, store: SphereStore | None
+    ) -> None:
+        self._observe = observe
+        super().__init__(params, store=store)
+
+    def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
+        """Map one sphere, and tell of it, straightened by its motion."""
+        update = super().add(sphere, odometry, unroll)
+        last = self._tracker.last if update.T_map_sphere is not None else None
+        self._observe(self, last.sphere if last is not None else sphere, update)
+        return update
+
+
+class DriveLocator:
+    """Told of every sphere by the mapper; its own motion is the odometry of the localiser."""
+
+    def __init__(self, base: MapReader) -> None:
+        params = LocalizerParams(
+            input=InputParams(timeout_s=PATIENCE_S, allow_still=True), state=StateParams(max_blind_s=PATIENCE_S)
+        )
+        self._graph, self._localizer = base.graph, Localizer(params, base)
+        self._found: dict[int, Located | None] = {}
+        self._judged: set[int] = set()  # stamps of images on which the localiser has a judgement
+        self._probation: set[int] = set()  # and of the latest ones, that are in probation
+        self._small = CompactSpheres()
+        self._numbers: dict[int, int] = {}  # of the small sphere of each stamp
+        self._T_odom_graph, self._num_loops = SE3.identity(), 0
+        self._last: tuple[Mapper, SE3] | None = None
+        self.served: dict[int, Service] = {}
+
+    def close(self) -> None:
+        """End the threads of the localiser."""
+        self._localizer.references.close()
+
+    def make_mapper(self, params: MapperParams, store: SphereStore | None = None) -> Mapper:
+        """Return a mapper that tells of its spheres."""
+        return ObservedMapper(self.observe, params, store)
+
+    def observe(self, mapper: Mapper, sphere: Sphere, update: MapUpdate) -> None:
+        """Localise a sphere of the drive."""
+        stamp_ns = sphere.stamp_ns
+        T_odom_sphere = self._odometry(mapper, update)
+        estimate = self._localizer.update(sphere.gray, sphere.camera, stamp_ns, T_odom_sphere)
+        if stamp_ns in self._numbers:
+            return
+        self._found[stamp_ns] = self._locate(estimate)
+        self._judged.add(stamp_ns)
+        if estimate.status.state is State.PROBATION:
+            self._probation.add(stamp_ns)
+        else:  # what ended well was no failure of the map
+            self._judged -= self._probation if estimate.status.state is State.TRACKING else set()
+            self._probation.clear()
+        self._numbers[stamp_ns] = len(self._numbers)
+        small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, self._numbers[stamp_ns])
+        self._small.add(serialize_to_store(small))
+
+    def images(self, mapper: Mapper) -> list[DriveImage]:
+        """Return the spheres of the drive that were placed in it."""
+        tracks = [track for track in mapper.tracks if track.stamp_ns in self._numbers]
+        return [DriveImage(one, self._found[one.stamp_ns], self._loader(self._numbers[one.stamp_ns])) for one in tracks]
+
+    def unexplained(self, mapper: Mapper) -> set[int]:
+        """Return the key spheres of the drive most of whose images the map did not explain."""
+        key_of = {track.stamp_ns: track.key_id for track in mapper.tracks} | {
+            node.stamp_ns: node.id for node in mapper.graph
+        }
+        told: dict[int, list[bool]] = {node.id: [] for node in mapper.graph}
+        for stamp_ns in self._judged & key_of.keys():
+            located = self._found[stamp_ns]
+            told[key_of[stamp_ns]].append(located is not None and located.is_explained)
+        return {key_id for key_id, images in told.items() if images and np.mean(images) < MIN_EXPLAINED_SHARE}
+
+    def _odometry(self, mapper: Mapper, update: MapUpdate) -> SE3 | None:
+        """Return the pose of a sphere in a frame that loops do not move."""
+        if update.T_map_sphere is None or not mapper.tracks:
+            return None
+        if mapper.num_loops != self._num_loops and len(mapper.tracks) > 1 and self._last is not None:
+            before = mapper.tracks[-2]
+            T_graph_before = mapper.graph[before.key_id].T_map_sphere @ before.T_key_sphere
+            self._T_odom_graph = self._last[1] @ T_graph_before.inverse()
+        self._num_loops = mapper.num_loops
+        newest = mapper.tracks[-1]
+        T_odom_sphere = self._T_odom_graph @ mapper.graph[newest.key_id].T_map_sphere @ newest.T_key_sphere
+        self._last = mapper, T_odom_sphere
+        return T_odom_sphere
+
+    def _locate(self, estimate: CameraEstimate) -> Located | None:
+        status = estimate.status
+        if estimate.T_map_camera is None or estimate.covariance is None or not status.references:
+            return None
+        a = int(status.references[0])
+        is_explained = status.state is State.TRACKING
+        if is_explained:
+            known = self.served.get(a, Service(0, 0))
+            self.served[a] = Service(known.num_images + 1, status.stamp_ns)
+        T_a_sphere = self._graph[a].T_map_sphere.inverse() @ estimate.T_map_camera
+        return Located(a, T_a_sphere, estimate.covariance, is_explained)
+
+    def _loader(self, number: int) -> Callable[[], Sphere]:
+        return lambda: self._small[number]

@@ -1,0 +1,55 @@
+"""What the key spheres of a map have seen it in: a place holds several by appearance, of day, light, season, camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
+
+PLACE_REACH = 0.5  # of the radius of a region: key spheres so near each other are of one place
+PLACE_TURN = 0.6  # rad between views of one place, where spheres do not see in every direction
+FADING = 0.5  # weight of what a key sphere explained, with each later drive: the last few decide
+
+
+@dataclass(frozen=True)
+class Service:
+    """How many images of a drive a key sphere explained, and the stamp of the last one."""
+
+    num_images: int
+    last_ns: int
+
+
+def split_by_experience(graph: SphereGraph) -> dict[Experience, SphereGraph]:
+    """Return the key spheres of each experience, without edges, in the order of the graph."""
+    found: dict[Experience, list[KeySphere]] = {}
+    for node in graph:
+        found.setdefault(node.experience, []).append(node)
+    return {experience: SphereGraph(nodes) for experience, nodes in found.items()}
+
+
+def with_experience(graph: SphereGraph, experience: Experience, ids: Iterable[int]) -> SphereGraph:
+    """Return the graph with some key spheres of an experience."""
+    return graph.with_nodes({node_id: {"experience": experience} for node_id in ids})
+
+
+def with_service(graph: SphereGraph, served: dict[int, Service]) -> SphereGraph:
+    """Return the graph after one more drive, that key spheres have served as told by id; earlier service fades."""
+    changes = {}
+    for node in graph:
+        new = served.get(node.id, Service(0, node.last_served_ns))
+        changes[node.id] = {"served": FADING * node.served + new.num_images, "last_served_ns": new.last_ns}
+    return graph.with_nodes(changes)
+
+
+def find_places(graph: SphereGraph, *, is_whole: bool) -> dict[int, dict[Experience, float]]:
+    """Return for each key sphere what experiences its place holds, and the images that those served there."""
+    places: dict[int, dict[Experience, float]] = {}
+    for node in graph:
+        found = {node.experience: 0.0}
+        for other in graph.near(node.T_map_sphere.translation, PLACE_REACH * node.region_radius_m):
+            _, angle = node.T_map_sphere.distance(other.T_map_sphere)
+            if is_whole or float(angle) <= PLACE_TURN:
+                found[other.experience] = found.get(other.experience, 0.0) + other.served
+        places[node.id] = found
+    return places

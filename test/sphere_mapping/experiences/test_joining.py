@@ -1,0 +1,128 @@
+"""A drive in light that nobody knows is placed by its ranges, by a start, or not at all."""
+
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sphere_mapping.experiences.joining import DriveImage, Located, guess_headings, join_drive, locate_edges
+from sphere_mapping.experiences.range_alignment import RangeSphere
+from sphere_mapping.graph.extension import Submap
+from sphere_mapping.graph.keyframes import Track
+from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.spheres.appearance.features import SIZE, Features
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
+from worlds.room import sharp_room
+
+CAMERA = Spherical(160, 110, 512.0, 176.0, 60.0)
+BASE = [SE3.from_planar(0.3 * k, 0.1, 0.3 + 0.1 * k) for k in range(3)]
+DRIVE = [SE3.from_planar(0.05 + 0.3 * k, 0.05, 0.32 + 0.1 * k) for k in range(3)]
+
+
+NOTHING = Features(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros((0, SIZE), np.uint8))
+FAR = SE3.from_planar(5.0, -3.0, 1.2)  # where the drive thinks it began
+HALF = np.array([3.5, 2.5, 1.5])
+
+
+class Cave:
+    """A box room, and balls on its walls so that no two corners are alike; without balls every corner is like one."""
+
+    def __init__(self, num_balls=12, seed=5):
+        rng = np.random.default_rng(seed)
+        directions = rng.uniform(-1.0, 1.0, (num_balls, 3))
+        self.centers = directions / np.abs(directions).max(axis=1, keepdims=True) * HALF
+        self.radii = rng.uniform(0.3, 0.9, num_balls)
+
+    def sphere(self, pose, is_dark=False):
+        sphere = sharp_room(tuple(HALF)).sphere(pose, CAMERA)
+        rays, range_m = pixel_rays(CAMERA) @ pose.rotation.T, sphere.range_m
+        for center, radius in zip(self.centers - pose.translation, self.radii, strict=True):
+            along = rays @ center
+            square = along**2 - center @ center + radius**2
+            hit = np.where(square > 0, along - np.sqrt(np.maximum(square, 0.0)), np.inf)
+            range_m = np.where(hit > 0.2, np.minimum(hit, range_m), range_m).astype(np.float32)
+        return Sphere(np.ones_like(sphere.image) if is_dark else sphere.image, range_m, CAMERA)
+
+
+def submap(cave, poses, first_id, T=None, is_dark=False):
+    """Return a graph in a frame of its own, moved by `T`; its features say nothing."""
+    moved = [(T or SE3.identity()) @ pose for pose in poses]
+    nodes = [KeySphere(first_id + k, k, pose, region_radius_m=2.0) for k, pose in enumerate(moved)]
+    edges = [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, 1e5 * np.eye(6)) for a, b in pairwise(nodes)]
+    index = AppearanceIndex()
+    for node in nodes:
+        index.add(node.id, NOTHING)
+    return Submap(SphereGraph(nodes, edges), index, lambda one: cave.sphere(poses[one - first_id], is_dark))
+
+
+def images(drive, located=None):
+    """Return the key spheres of a drive as its images, some of them located."""
+    found = located or {}
+    tracks = [Track(node.stamp_ns, node.id, SE3.identity()) for node in drive.graph]
+    return [DriveImage(one, found.get(one.key_id), partial(drive.load, one.key_id)) for one in tracks]
+
+
+def worst_m(joined):
+    return max(float(joined.graph[100 + k].T_map_sphere.distance(pose)[0]) for k, pose in enumerate(DRIVE))
+
+
+@pytest.fixture(scope="module")
+def base():
+    return submap(Cave(), BASE, 0)
+
+
+@pytest.fixture(scope="module")
+def night():
+    return submap(Cave(), DRIVE, 100, FAR, is_dark=True)
+
+
+def test_a_drive_in_unknown_light_is_placed_by_ranges(base, night):
+    joined = join_drive(base, night, images(night), MapperParams())
+    assert joined.graph is not None, joined.told
+    assert worst_m(joined) < 0.01
+    assert all(joined.graph[node.id].T_map_sphere is node.T_map_sphere for node in base.graph)  # the map stays
+    assert "by ranges" in joined.told
+
+
+def test_a_given_start_needs_to_be_about_right(base, night):
+    near = DRIVE[0] @ SE3.exp([0.2, -0.15, 0.0, 0.0, 0.0, 0.15])
+    joined = join_drive(base, night, images(night), MapperParams(), near)
+    assert joined.graph is not None, joined.told
+    assert worst_m(joined) < 0.01
+    wrong = SE3.from_planar(-2.0, 1.0, 0.0) @ DRIVE[0]
+    assert join_drive(base, night, images(night), MapperParams(), wrong).graph is None
+
+
+def test_elsewhere_and_where_all_corners_are_alike_nothing_is_joined(base):
+    elsewhere = submap(Cave(seed=9), DRIVE, 100, FAR, is_dark=True)
+    assert join_drive(base, elsewhere, images(elsewhere), MapperParams()).graph is None
+
+
+def test_what_the_localizer_placed_counts_before_all(base, night):
+    """Two of three key spheres, as the localizer saw them: the others by the drive's own motions and by ranges."""
+    sure = {100 + k: Located(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_explained=k != 2) for k in (0, 1, 2)}
+    edges = list(locate_edges(images(night, sure)))
+    assert [(edge.a, edge.b) for edge in edges] == [(0, 100), (1, 101)]  # it was not sure of the third
+    joined = join_drive(base, night, images(night, sure), MapperParams())
+    assert "placed 2 of 3" in joined.told
+    assert worst_m(joined) < 0.01
+
+
+def test_a_join_by_an_image_beside_its_key_sphere_is_that_of_the_key_sphere(base, night):
+    T_key_sphere = SE3.from_planar(0.1, 0.02, 0.05)
+    located = Located(0, BASE[0].inverse() @ DRIVE[0] @ T_key_sphere, 1e-6 * np.eye(6), is_explained=True)
+    (edge,) = locate_edges([DriveImage(Track(7, 100, T_key_sphere), located, lambda: None)])
+    assert edge.T_a_b.distance(BASE[0].inverse() @ DRIVE[0])[0] < 1e-9
+
+
+def test_the_heading_between_whole_spheres_is_among_the_guesses():
+    whole, poses = Spherical(256, 128), [SE3.from_planar(0.3, 0.2, 0.4), SE3.from_planar(0.5, 0.1, 2.1)]
+    a, b = (RangeSphere.prepare(sharp_room().sphere(pose, whole)) for pose in poses)
+    wrapped = np.angle(np.exp(1j * (guess_headings(a, b) - 1.7)))
+    assert np.abs(wrapped).min() < 0.1
+    assert len(wrapped) <= 4

@@ -1,0 +1,34 @@
+"""Which experiences a map holds, where, and how they serve."""
+
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.experiences import Service, find_places, split_by_experience, with_experience, with_service
+from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
+
+NIGHT = Experience("night", "rgbd 64 x 48", "drive_2", 7)
+
+
+def line():
+    return SphereGraph([KeySphere(k, k, SE3.from_planar(float(k), 0.0, 0.0), region_radius_m=2.4) for k in range(4)])
+
+
+def test_key_spheres_are_split_by_experience():
+    graph = with_experience(line(), NIGHT, [1, 3])
+    parts = split_by_experience(graph)
+    assert {one.name: list(part.nodes) for one, part in parts.items()} == {"": [0, 2], "night": [1, 3]}
+    assert list(graph.nodes) == [0, 1, 2, 3]
+    assert (str(NIGHT), str(Experience(drive="d")), str(Experience())) == ("night", "d", "the first drive")
+
+
+def test_service_fades_with_each_drive():
+    graph = with_service(line(), {1: Service(8, 100)})
+    graph = with_service(graph, {1: Service(2, 200), 2: Service(1, 250)})
+    assert [node.served for node in graph] == [0.0, 6.0, 1.0, 0.0]
+    assert [node.last_served_ns for node in graph] == [0, 200, 250, 0]
+    assert [node.last_served_ns for node in with_service(graph, {})] == [0, 200, 250, 0]
+
+
+def test_a_place_is_what_is_near_by_the_region():
+    graph = with_service(with_experience(line(), NIGHT, [1]), {1: Service(4, 1)})
+    places = find_places(graph, is_whole=True)
+    assert {one.name: served for one, served in places[0].items()} == {"": 0.0, "night": 4.0}
+    assert list(places[3]) == [Experience()]  # 2 m from the night's
