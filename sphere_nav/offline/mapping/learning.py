@@ -20,6 +20,7 @@ from sphere_mapping.experiences.budget import thin
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.saving import details_of
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.offline.mapping.drive import MappedDrive, truth_of
