@@ -97,7 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--condition", default="", choices=("", *CONDITIONS), metavar="NAME",
-        help=f"light and season of the second drive: {', '.join(CONDITIONS)} (as in the first, with clouds)",
+        help=f"light and season of the second drive: {', '.join(CONDITIONS)} (as in the first, with clouds); a map of one light may not serve another",
     )  # fmt: skip
     parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
 
