@@ -95,10 +95,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mounting", default="upright", choices=tuple(MOUNTINGS), help="how the driving camera sits (%(default)s)"
     )
-    parser.add_argument(
-        "--condition", default="", choices=("", *CONDITIONS), metavar="NAME",
-        help=f"light and season of the second drive: {', '.join(CONDITIONS)} (as in the first, with clouds)",
-    )  # fmt: skip
+    told = f"light and season of the second drive: {', '.join(CONDITIONS)} (as in the first, with clouds)"
+    told += "; a map of one light may not serve another"
+    parser.add_argument("--condition", default="", choices=("", *CONDITIONS), metavar="NAME", help=told)
     parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
 
 
