@@ -75,10 +75,11 @@ def test_a_drive_that_begins_on_a_road_is_a_branch_where_it_heads_alike(drive, a
 
 
 def test_drives_that_only_touch_for_a_moment_share_nothing(drive):
-    short = 2 * math.sqrt(2 * 40.0 * LANE)  # of an arc of 40 m radius that comes within a lane
-    assert short < 2 * MIN_SHARED + 5
-    network = build_network([drive((60, 0)), drive((30, 1 / 40), start=(15, 3.4, -0.375))])
-    assert len(network.edges) == 2
+    """An arc of 40 m radius that comes to 0.55 m is on the lane for 4 m; one that comes to 0.2 m, for 11 m."""
+    for near, edges in ((0.55, 2), (0.2, 5)):
+        low = 40 * (1 - math.cos(0.375))
+        arc = drive((30, 1 / 40), start=(30 - 40 * math.sin(0.375), low + near, -0.375))
+        assert len(build_network([drive((60, 0)), arc]).edges) == edges
 
 
 def test_lanes_beside_each_other_share_nothing(drive):
