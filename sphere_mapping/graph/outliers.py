@@ -142,7 +142,7 @@ def _supported(is_loop: Mask, support: Array) -> Mask:
 
 def _admit(graph: PoseGraph, is_loop: Mask, is_supported: Mask, is_kept: Mask, poses: Array) -> Mask:
     """Return the kept edges (M,) after the supported loops, and those that fit best, were tried together with them."""
-    largest = np.inf
+    largest, seen = np.inf, {is_kept.tobytes()}
     for _ in range(ADMISSION_ROUNDS):
         chi2 = edge_chi2(graph, poses)
         limit = min(_too_far(graph, chi2[is_kept & is_loop]), largest)
@@ -153,9 +153,10 @@ def _admit(graph: PoseGraph, is_loop: Mask, is_supported: Mask, is_kept: Mask, p
         is_tried = is_supported & ~is_kept
         is_tried[others[:count]] = True
         found, poses = _try(graph, is_loop, is_kept, is_tried, poses, limit)
-        if np.array_equal(found, is_kept):
-            break
         is_kept = found
+        if found.tobytes() in seen:
+            break
+        seen.add(found.tobytes())
     return is_kept
 
 
