@@ -153,11 +153,9 @@ def _read_yaml(file: Path) -> Given:
         )
     table = np.array([numbers(row, f"{file}: points[{i}]", width) for i, row in enumerate(rows)])
     yaw, speed = (table[:, i] if width > i else None for i in (2, 3))
-    is_closed, words = (
-        _flag(found, "is_closed", str(file)),
-        (_word(found, key, str(file)) for key in ("map_id", "frame")),
-    )
-    return Given(table[:, :2], yaw, speed, is_closed, *words)
+    is_closed = _flag(found, "is_closed", str(file))
+    map_id, frame = (_word(found, key, str(file)) for key in ("map_id", "frame"))
+    return Given(table[:, :2], yaw, speed, is_closed, map_id, frame)
 
 
 def _read_poses(file: Path, found: Mapping[str, Any]) -> Given:

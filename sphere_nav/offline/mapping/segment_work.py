@@ -98,7 +98,7 @@ def read_record(path: Path) -> SegmentRecord:
 
 
 def map_segment(task: SegmentTask, make: Callable[..., Mapper] = Mapper) -> None:
-    """Map a segment by what `make` returns: its map appears in the folder, if it has key spheres, and then its record."""
+    """Map a segment by what `make` returns: its map appears in the folder, if it has key spheres, then its record."""
     name = task.segment.name
     with _ALONE:
         if not task.is_shown:
