@@ -237,7 +237,7 @@ class Link:
         client = ActionClient(self.node, Navigate, name)
         if not client.wait_for_server(timeout_sec=ANSWER_S):
             return f"{name} does not answer"
-        goal = Navigate.Goal(place=place.id)
+        goal = Navigate.Goal(place=place.name)
         handle = self._wait(client.send_goal_async(goal, lambda m: self.seen.hear("mission", m.feedback)), ANSWER_S)
         if handle is None or not handle.accepted:
             return f"{place.name}: {name} refused" if handle is not None else f"{name} did not answer: NOT KNOWN"

@@ -19,7 +19,7 @@ import numpy as np
 from sphere_nav.cli.operate.link import Link
 from sphere_nav.cli.operate.teaching import Teaching
 from sphere_nav.cli.operate.words import Place, banner, ellipse, health, log_of, pieces
-from sphere_nav.cli.view.server import colored, import_viser
+from sphere_nav.cli.view.server import colored, make_server
 
 PERIOD_S, PICTURE_S = 0.2, 0.5  # between two looks at what was heard; between two pictures
 MAX_PICTURE_PX = 320
@@ -39,16 +39,9 @@ class OperatorPage:
 
     def __init__(self, link: Link, teaching: Teaching, *, host: str, port: int, token: str) -> None:
         """An empty `token`: none is asked for."""
-        viser = import_viser("operate")
-
-        class Server(viser.ViserServer):  # type: ignore[name-defined]
-            def request_share_url(self, verbose: bool = True) -> str | None:
-                """Refuse: no page of a vehicle goes through a tunnel of others because a browser asks for it."""
-                return None
-
         self.link, self.teaching, self._token = link, teaching, token
         self._closed = threading.Event()
-        self.server = Server(host=host, port=port, label="sphere_nav operate", verbose=False)
+        self.server = make_server("operate", host, port)
         self.server.scene.set_up_direction("+z")
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         self.server.on_client_connect(self._welcome)

@@ -27,7 +27,6 @@ COLORS |= {"IDLE": NONE, "NO_PATH": NONE, "PROBATION": FAIR, "SEARCHING": FAIR}
 class Place(NamedTuple):
     """A named place of the network, m in the map."""
 
-    id: str
     name: str
     x: float
     y: float
@@ -58,15 +57,14 @@ class Seen:
 
 
 def places_of(text: str) -> list[Place]:
-    """Return the points of a GeoJSON that have an id; ValueError for what is none."""
+    """Return the named points of a network in GeoJSON (`path_follower/routes`); ValueError for what is none."""
     found, places = load_json("network", text), []
     features = found.get("features") if isinstance(found, dict) else None
     for i, feature in enumerate(features if isinstance(features, list) else []):
         geometry, properties = (feature.get(key) or {} for key in ("geometry", "properties"))
-        if geometry.get("type") == "Point" and "id" in properties:
+        if geometry.get("type") == "Point":
             x, y = (number(value, f"network: features[{i}]: coordinates") for value in geometry["coordinates"][:2])
-            id_ = str(properties["id"])
-            places.append(Place(id_, str(properties.get("name") or id_), x, y))
+            places += [Place(str(name), x, y) for name in properties.get("names", ())]
     return places
 
 

@@ -81,14 +81,25 @@ def import_viser(command: str = "view") -> Any:
     return viser
 
 
+def make_server(command: str, host: str, port: int) -> Any:
+    """Return a server of pages that stays on this machine, or in its network."""
+    viser = import_viser(command)
+
+    class Server(viser.ViserServer):  # type: ignore[name-defined, misc]
+        def request_share_url(self, verbose: bool = True) -> str | None:
+            """Refuse: no page goes through a tunnel of others because a browser asks for it."""
+            return None
+
+    return Server(host=host, port=port, label=f"sphere_nav {command}", verbose=False)
+
+
 class Page:
     """Serves one map to any number of browsers until `close`."""
 
     def __init__(self, graph: SphereGraph, scene: Scene, start: SE3, *, host: str, port: int) -> None:
-        viser = import_viser()
         self._graph, self._scene, self._minimap = graph, scene, Minimap(graph)
         self._closed = threading.Event()
-        self.server = viser.ViserServer(host=host, port=port, label="sphere_nav view", verbose=False)
+        self.server = make_server("view", host, port)
         self.server.scene.set_up_direction("+z")
         initial = self.server.initial_camera
         initial.position, initial.look_at, initial.up = start.translation, look_at(start), (0.0, 0.0, 1.0)

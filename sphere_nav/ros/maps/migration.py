@@ -17,16 +17,17 @@ from typing import Any
 import numpy as np
 from mcap.records import Schema
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
+from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
-from sphere_nav.ros.conversions.graphs import message_to_graph
+from sphere_nav.ros.conversions.graphs import message_to_graph, messages_to_experiences
 from sphere_nav.ros.interfaces import message_class, type_name
 from sphere_nav.ros.maps.writer import (
+    EXPERIENCE,
     FILE_NAME,
     GRAPH,
     INFO,
@@ -141,7 +142,10 @@ class OldMap:
             raise BagError(f"{path}: num_spheres: expected at most {LIMITS['map']}, found {number}")
         message = self._last(GRAPH, KeySphereGraph)
         try:
-            self.graph = message_to_graph(message)
+            has_experiences = type_name(MapExperience) in self._schemas and EXPERIENCE in bag.topics
+            items = bag.raw([EXPERIENCE]) if has_experiences else ()
+            told = [self._decode(item.message, MapExperience) for item in items]
+            self.graph = messages_to_experiences(message_to_graph(message), told)
             values = load_yaml(f"{path}: parameters", info.parameters) or {}
         except ValueError as error:
             raise BagError(f"{path}: {error}") from None

@@ -52,13 +52,13 @@ def test_the_log_keeps_the_newest_lines():
     assert text.index("&lt;19&gt;") < text.index("&lt;18&gt;")
 
 
-def test_places_are_the_points_with_an_id():
-    gate = {"type": "Feature", "properties": {"id": "g", "name": "gate"}}
+def test_places_are_the_points_with_a_name():
+    gate = {"type": "Feature", "properties": {"id": 3, "names": ["gate", "home"]}}
     features = [gate | {"geometry": {"type": "Point", "coordinates": [1, 2]}}]
     features += [{"type": "Feature", "properties": {"id": 7}, "geometry": {"type": "Point", "coordinates": [3, 4]}}]
     features += [{"type": "Feature", "properties": {}, "geometry": {"type": "LineString", "coordinates": []}}]
     found = places_of(json.dumps({"type": "FeatureCollection", "features": features}))
-    assert found == [("g", "gate", 1.0, 2.0), ("7", "7", 3.0, 4.0)]
+    assert found == [("gate", 1.0, 2.0), ("home", 1.0, 2.0)]
     with pytest.raises(ValueError, match="network: expected JSON"):
         places_of("{")
 
