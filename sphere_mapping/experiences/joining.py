@@ -21,6 +21,7 @@ from sphere_mapping.constants import (
     MAX_AWAY,
     MAX_GAP,
     MIN_CONFIRMED_SHARE,
+    MIN_RANGE_CONSENT,
     MIN_RANGE_JOINS,
     NUM_HEADINGS,
     NUM_PASSES,
@@ -151,7 +152,8 @@ def search_by_ranges(
         best = sorted(fits, key=lambda pair: -pair[1].likeness)[: NUM_SEARCHED[2]]
         edges += [range_edge(fit, a, node.id) for a, fit in best]
     found = agreeing(base, drive.graph, edges)
-    found = found if len({edge.b for edge in found}) >= MIN_RANGE_JOINS else []
+    is_alone = len(found) >= MIN_RANGE_CONSENT * len(edges)  # what fits elsewhere, too, is no place
+    found = found if is_alone and len({edge.b for edge in found}) >= MIN_RANGE_JOINS else []
     return First(found, f"{told}; by ranges {len(edges)} places, {len(found)} of these agree", False)
 
 
