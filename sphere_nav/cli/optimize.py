@@ -27,6 +27,8 @@ where it is.
 --robust finds false loops (edges between vertices that are not neighbours in the order of their ids) by graduated
 non-convexity and leaves them out of the output; odometry is believed. chi2 is told with and without them. How far is
 too far follows from the residuals of loops that agree, so that the scale of the information matrices does not matter.
+It is experimental: look at what it leaves out. On some published graphs it keeps false loops or loses true ones
+(docs/notes/false_loops.md).
 
 examples:
   sphere_nav optimize sphere2500.g2o -o optimised.g2o
