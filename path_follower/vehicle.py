@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 from path_follower.constants import (
     HISTORY_NS,
-    JERK_STEP,
     MAX_POSE_AGE,
     MAX_RUN_NS,
     MAX_STEP_NS,
     PREDICTION_STEP,
+    SAME_SPEED,
     STANDING,
     TURNED,
 )
@@ -105,27 +105,41 @@ class Limiter:
         if is_hard:
             self.gain = 0.0
             return sign * max(min(goal, speed), speed - self.params.stop_deceleration * seconds)
-        count = math.ceil(seconds / JERK_STEP)
-        for _ in range(count):
-            speed = self._ease(speed, goal, seconds / count)
-        return sign * speed
+        return sign * self._ease(speed, goal, seconds)
 
     def _ease(self, speed: float, goal: float, seconds: float) -> float:
-        """Return the speed after one step of the fastest way to the goal that ends there with no acceleration left.
+        """Return the speed after a time on the fastest way to the goal that ends there with no gain left.
 
-        A gain g that falls by c = j h in each step h still changes the speed by at most (g + c / 2)^2 / (2 j). The
-        wanted gain is the g for which that is what is left; the last step goes to the goal itself.
+        With jerk j a gain g that falls to 0 changes the speed by g |g| / (2 j): where that is what is left, it falls;
+        before, it grows up to its limit. All pieces are exact, so that the way does not depend on how it is cut up.
         """
-        p, left = self.params, goal - speed
-        change = p.max_jerk * seconds
-        eased = math.sqrt(2.0 * p.max_jerk * abs(left)) - 0.5 * change
-        wanted = math.copysign(eased, left) if abs(left) > change * seconds else left / seconds
-        wanted = min(max(wanted, -p.max_deceleration), p.max_acceleration)
-        self.gain = min(max(wanted, self.gain - change), self.gain + change)
-        if speed + self.gain * seconds <= 0.0:
+        p, jerk = self.params, self.params.max_jerk
+        while seconds > 0.0:
+            left = goal - speed - self.gain * abs(self.gain) / (2.0 * jerk)
+            if abs(left) < SAME_SPEED:  # the gain falls, and then it is there
+                rate, span = -math.copysign(jerk, self.gain), abs(self.gain) / jerk
+                if span <= seconds:
+                    speed, self.gain = goal, 0.0
+                    break
+            else:
+                towards = math.copysign(1.0, left)
+                gain, most = towards * self.gain, p.max_acceleration if left > 0.0 else p.max_deceleration
+                rate = towards * jerk
+                if gain < 0.0:
+                    span = -gain / jerk
+                elif gain < most:
+                    turning = (math.sqrt(gain**2 + jerk * abs(left)) - gain) / jerk
+                    span = min((most - gain) / jerk, turning)
+                else:
+                    self.gain, rate, span = towards * most, 0.0, abs(left) / most
+            step = min(span, seconds)
+            speed += (self.gain + 0.5 * rate * step) * step
+            self.gain = 0.0 if step == span and self.gain * rate < 0.0 else self.gain + rate * step
+            seconds -= step
+        if speed <= 0.0:
             self.gain = 0.0
             return 0.0
-        return min(speed + self.gain * seconds, p.max_speed)
+        return min(speed, p.max_speed)
 
 
 class Predictor:

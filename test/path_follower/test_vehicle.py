@@ -10,7 +10,7 @@ from path_follower.params import ActuationParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.vehicle import Limiter, Motion, Predictor, drive
 
-CAR = VehicleParams(max_acceleration=0.7, max_deceleration=1.1, max_jerk=1e6)  # unequal: exchanged ones are noticed
+CAR = VehicleParams(max_acceleration=0.7, max_deceleration=1.1, max_jerk=1e9)  # unequal: exchanged ones are noticed
 STEP = 50_000_000
 
 
@@ -182,6 +182,26 @@ def test_a_stop_uses_the_deceleration_that_it_may_and_a_start_the_acceleration(i
     assert limiter.limit(0.0, 0.0, STEP, is_hard=is_hard).speed == pytest.approx(-1.5 + loss * 0.05)
     limiter.last = Motion(0.5, 0.0)
     assert limiter.limit(2.0, 0.0, 2 * STEP, is_hard=is_hard).speed == pytest.approx(0.5 + gain * 0.05)
+
+
+def test_how_the_time_is_cut_up_changes_no_speed():
+    """In lock step a slow process is told of time in other pieces; goals change at 0, 0.4 and 1.6 s."""
+    car = VehicleParams(max_acceleration=0.7, max_deceleration=1.1, max_jerk=2.0)
+    rng, found = np.random.default_rng(4), []
+    for count in (3, 20, 200):
+        limiter, last = Limiter(car), 0
+        limiter.limit(0.0, 0.0, 0, is_hard=False)
+        speeds = []
+        for until, goal in ((400, 1.5), (1600, 0.3), (3600, 1.2)):
+            cuts = np.unique([*range(last + 50, until, 50), *rng.integers(last + 1, until, count), until])
+            for now in cuts:
+                speed = limiter.limit(goal, 0.0, int(now) * 1_000_000, is_hard=False).speed
+                if now % 50 == 0:
+                    speeds.append(speed)
+            last = until
+        found.append(speeds)
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0, atol=1e-12)
+    assert found[0][-1] == pytest.approx(1.2)
 
 
 def test_a_long_silence_between_commands_counts_as_a_fifth_of_a_second():

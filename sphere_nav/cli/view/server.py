@@ -85,7 +85,7 @@ def make_server(command: str, host: str, port: int) -> Any:
     """Return a server of pages that stays on this machine, or in its network."""
     viser = import_viser(command)
 
-    class Server(viser.ViserServer):  # type: ignore[name-defined, misc]
+    class Server(viser.ViserServer):  # type: ignore[name-defined]
         def request_share_url(self, verbose: bool = True) -> str | None:
             """Refuse: no page goes through a tunnel of others because a browser asks for it."""
             return None

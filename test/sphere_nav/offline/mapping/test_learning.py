@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.offline.mapping import learning, plan
 from sphere_nav.offline.mapping.plan import stitcher_values
 from sphere_nav.ros.bags import BagError
@@ -49,28 +49,30 @@ class Finished:
         (folder / "map.mcap").write_bytes(bytes(1_200_000))
         index, other = object(), object()
         self.indices = index, other
+        graph = SphereGraph([KeySphere(0, 0, SE3.identity())])
         mapper = SimpleNamespace(
             close_loops=lambda run: self.told.append("loops"), num_loops=2, origin="", appearance=index,
-            params=SimpleNamespace(key=SimpleNamespace(merge=True)),
+            params=SimpleNamespace(key=SimpleNamespace(merge=True)), graph=graph,
+            load_sphere=lambda sphere_id: SimpleNamespace(camera=Spherical(8, 4)),
         )  # fmt: skip
-        graph = SphereGraph([KeySphere(0, 0, SE3.identity())])
         trajectory = SimpleNamespace(moved=lambda T: SimpleNamespace(positions=np.zeros((1, 3))))
         self.drive = SimpleNamespace(
             mapper=mapper, trajectory=lambda is_base: trajectory,
             anchor_graph=lambda *words: (SE3.identity(), graph, ["warned"]),
-            summary=lambda truth: ["2 loops"], loss="",
+            summary=lambda truth: ["2 loops"], loss="", kind="rgbd",
         )  # fmt: skip
         monkeypatch.setattr(learning, "truth_of", lambda bag: None)
         monkeypatch.setattr(learning, "merge", lambda *words: SimpleNamespace(graph=graph, replaced=replaced))
         monkeypatch.setattr(learning, "details_of", lambda graph, params, *words: words)
-        extended = SimpleNamespace(index=other, told="joined")
-        monkeypatch.setattr(learning, "extend", lambda base, mapper, run: extended)
+        extended = SimpleNamespace(index=other, told="joined", new={0})
+        monkeypatch.setattr(learning, "extend", lambda base, mapper, locator, start, run: extended)
         self.remains = SimpleNamespace(
             complete=lambda graph, details, index, stored: self.written.append((details, index, tuple(stored))),
         )
 
     def run(self, base=None, **values):
         words = {"no_loops": False, "trajectory": None, "taught": None, "output": self.folder} | values
+        words |= {"experience": "night", "budget": None, "start": None}
         workers, joined = SimpleNamespace(run=map), SimpleNamespace(stored=lambda: ("own",), close=lambda: None)
         return learning.finish_map(arguments(**words), self.drive, self.remains, base, joined, workers, "name: ring")
 
@@ -90,7 +92,9 @@ def test_an_extension_keeps_what_the_map_has_stored(monkeypatch, tmp_path, capsy
     end = Finished(monkeypatch, tmp_path, {})
     info = SimpleNamespace(source="first", header=SimpleNamespace(frame_id="site"))
     base = SimpleNamespace(graph=SimpleNamespace(nodes=[0]), stored=lambda: ("stored",), info=info, origin="a mast")
-    assert end.run(base, no_loops=True) == 0
+    assert end.run(learning.Base(base, SimpleNamespace()), no_loops=True) == 0
+    (experience,) = {node.experience for node in end.drive.mapper.graph}
+    assert (experience.name, experience.camera, experience.drive) == ("night", "rgbd 8 x 4", "drive")
     assert end.told == []
     details = "first + drive", "site", "name: ring", "a mast"
     assert end.written == [(details, end.indices[1], ("stored", "own"))]

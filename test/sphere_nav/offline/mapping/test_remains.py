@@ -59,6 +59,13 @@ for line in sys.stdin:
 """
 
 
+@pytest.fixture(autouse=True, scope="module")
+def short_segments():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(segments, "SEGMENT", SEGMENT)
+        yield
+
+
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     room, path = wide_room(), tmp_path_factory.mktemp("remains") / "bag"
@@ -79,13 +86,7 @@ def whole(bag, tmp_path_factory):
     return path
 
 
-@pytest.fixture(autouse=True)
-def short_segments(monkeypatch):
-    monkeypatch.setattr(segments, "SEGMENT", SEGMENT)
-
-
 def call(command, *words):
-    segments.SEGMENT = SEGMENT
     return main([command, *map(str, words), *(SETTINGS if command == "map" else ())])
 
 

@@ -48,7 +48,7 @@ def test_a_map_cut_while_it_was_written_keeps_its_whole_spheres(saved, sphere_gr
         with pytest.raises(BagError, match="truncated MCAP"):
             open_map(tmp_path / "cut.mcap")
         if number == 0:
-            with pytest.raises(BagError, match="expected a graph with key spheres, found an empty one"):
+            with pytest.raises(BagError, match="expected readable parts of a map of format"):
                 salvage_map(tmp_path / "cut.mcap", tmp_path / "saved0")
             continue
         assert salvage_map(tmp_path / "cut.mcap", tmp_path / f"saved{number}") == number
