@@ -25,7 +25,7 @@ from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.imaging import expose
 from cycab_sim.world.town import draw_plan
 from cycab_sim.world.worlds import World, build_world
-from sphere_mapping.experiences.joining import DriveImage, join_drive
+from sphere_mapping.experiences.joining import DriveSphere, join_drive
 from sphere_mapping.graph.extension import Submap
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
@@ -91,7 +91,7 @@ def _try(town: int, number: int, camera: str, *, is_same: bool) -> tuple[float, 
     T = SE3.from_planar(*rng.uniform(-5.0, 5.0, 3))
     drive = _submap(town, drive_line, int(second), lens, rng, 100, T)
     images = [
-        DriveImage(Track(node.stamp_ns, node.id, SE3.identity()), None, partial(drive.load, node.id))
+        DriveSphere(Track(node.stamp_ns, node.id, SE3.identity()), None, partial(drive.load, node.id))
         for node in drive.graph
     ]
     joined = join_drive(base, drive, images, MapperParams())

@@ -23,10 +23,10 @@ from std_msgs.msg import Header, String
 from dense_localizer.constants import SQUARE_COLUMNS, SQUARE_ROWS
 from dense_localizer.references.rejections import Rejections
 from path_follower.params import VehicleParams
-from path_follower.routes.building import Drive, build_network
+from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.mission import Goal, Mission
 from path_follower.routes.mission_file import write_mission
-from path_follower.routes.network import Curve
+from path_follower.routes.network import EdgeCurve
 from path_follower.routes.network_file import write_network
 from path_follower.routes.params import MissionParams
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
@@ -126,7 +126,7 @@ class Samples:
         self.g2o = self._text("graph.g2o", G2O)
         x = np.linspace(0.0, 6.0, 13)
         self.routes, self.mission = folder / "routes.geojson", folder / "mission.json"
-        network = build_network([Drive(Curve(x, 0 * x, 0 * x, 0 * x + 1.0))], "yard")
+        network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))], "yard")
         write_network(self.routes, network)
         mission = Mission(network, MissionParams(), VehicleParams())
         mission.begin(Goal("home"), 0.0)

@@ -26,7 +26,7 @@ from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.path_files import make_path
-from path_follower.routes.building import Drive, build_network, even_curve
+from path_follower.routes.building import TaughtDrive, build_network, even_curve
 from path_follower.routes.course import make_course
 from path_follower.routes.network import Network, Spot
 from path_follower.routes.planning import plan
@@ -106,7 +106,7 @@ def straight_and_bends() -> Network:
     pieces = (Piece(30.0), turn(6.0, 90), Piece(20.0), turn(10.0, -90), Piece(20.0), turn(6.0, -60), Piece(40.0))
     path = Path((0.0, 0.0, 0.0), pieces)
     x, y, yaw, _ = path.at(np.arange(0.0, path.length, 0.1)).T
-    return build_network([Drive(even_curve(x, y, yaw, np.full(len(x), 1.4)))], "map")
+    return build_network([TaughtDrive(even_curve(x, y, yaw, np.full(len(x), 1.4)))], "map")
 
 
 def draw(rng: np.random.Generator, network: Network) -> tuple[Spot, float, float]:

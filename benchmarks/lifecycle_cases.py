@@ -24,8 +24,8 @@ from mcl_depth.ros.node import MclDepthNode
 from path_follower.ros.guard_node import CommandGuard
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import Drive, build_network
-from path_follower.routes.network import Curve
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.network import EdgeCurve
 from path_follower.routes.network_file import write_network
 from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_mapping.ros.node import SphereMapper
@@ -111,7 +111,7 @@ def routes_in(folder: Path) -> dict[str, Any]:
     """Return the parameters of a navigator on one road of 20 m."""
     if not (folder / "routes.geojson").exists():
         x = np.linspace(0.0, 20.0, 201)
-        write_network(folder / "routes.geojson", build_network([Drive(Curve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
+        write_network(folder / "routes.geojson", build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
     return {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
 
 

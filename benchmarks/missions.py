@@ -36,7 +36,7 @@ from cycab_sim.world.paths import Piece, turn
 from path_follower.path import Pose2
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import Drive, build_network, even_curve
+from path_follower.routes.building import TaughtDrive, build_network, even_curve
 from path_follower.routes.network import Network, Spot
 from path_follower.routes.network_file import write_network
 from path_follower.routes.planning import Leg, plan
@@ -129,7 +129,7 @@ def rmse(errors: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
 
 
-def taught_drives(rng: np.random.Generator) -> list[Drive]:
+def taught_drives(rng: np.random.Generator) -> list[TaughtDrive]:
     """Return the drives as they were recorded: a few centimetres beside what was meant, slowly varying."""
     drives = []
     for corners in CORNERS:
@@ -139,7 +139,9 @@ def taught_drives(rng: np.random.Generator) -> list[Drive]:
             0.03 * np.sin(2 * np.pi * s / way + phase)
             for way, phase in zip((23.0, 41.0), rng.uniform(0, 6.28, 2), strict=True)
         )
-        drives.append(Drive(even_curve(x - off * np.sin(yaw), y + off * np.cos(yaw), yaw, np.full(len(x), CRUISE))))
+        drives.append(
+            TaughtDrive(even_curve(x - off * np.sin(yaw), y + off * np.cos(yaw), yaw, np.full(len(x), CRUISE)))
+        )
     return drives
 
 

@@ -15,7 +15,7 @@ from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.survey_frame import SurveyFrame, declared_unit, find_frame, survey_box
-from mcl_depth.geometry.tiles import Thinner, within
+from mcl_depth.geometry.tiles import Thinner, in_box
 from mcl_depth.params import SurveyParams
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.isolated import read_isolated
@@ -66,7 +66,7 @@ def _read_tiles(folder: Path, survey: SurveyParams, limits: Array | None) -> Clo
         unit = survey.unit if survey.unit != "auto" else declared_unit(tile)
         box = survey_box(survey, limits, unit)
         points, _, declared = _read_points(tile, box)
-        kept.add(points if box is None else points[within(points, box)])
+        kept.add(points if box is None else points[in_box(points, box)])
         units.setdefault(unit or declared, tile)
     if len(units) > 1:
         (first, second), (one, other) = list(units)[:2], list(units.values())[:2]

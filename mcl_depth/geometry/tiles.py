@@ -31,7 +31,7 @@ class Thinner:
         """Take points (N, 3) into account."""
         points = np.asarray(points, dtype=np.float64)
         if self._box is not None:
-            points = points[within(points, self._box)]
+            points = points[in_box(points, self._box)]
         for first in range(0, len(points), self._most // 2):
             self._parts.append(points[first : first + self._most // 2])
             self._num_kept += len(self._parts[-1])
@@ -73,6 +73,6 @@ class Thinner:
         return np.sort(np.unique(keys, return_index=True)[1])
 
 
-def within(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:
+def in_box(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:
     """Return which of the points (N, 3) lie in a box (x0, y0, x1, y1)."""
     return np.all((points[:, :2] >= box[:2]) & (points[:, :2] <= box[2:]), axis=1)

@@ -29,7 +29,7 @@ from path_follower.routes.constants import (
     STEP,
     STUB,
 )
-from path_follower.routes.network import Curve, Edge, Indices, Network, Node, headings, join_curves
+from path_follower.routes.network import EdgeCurve, Indices, Network, Node, RouteEdge, headings, join_curves
 from sphere_nav.geometry.arrays import Array
 
 OWN, HERE = -1, -2  # of a run: on no curve that was there; on what the drive itself did before
@@ -37,10 +37,10 @@ TURN_SCALE = 2.0  # m of distance that a chord of headings counts: 15 deg count 
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class TaughtDrive:
     """A taught curve, driven forward (1) or backwards (-1); `deviation` (N,) m across as localised, NaN unknown."""
 
-    curve: Curve
+    curve: EdgeCurve
     direction: int = 1
     deviation: Array | None = None
 
@@ -71,7 +71,7 @@ class _Anchor:
 class _Strand:
     """A curve of the network before it is cut, and for each point what the drives say of it."""
 
-    curve: Curve
+    curve: EdgeCurve
     is_forward: Array
     is_reverse: Array
     deviation: Array
@@ -83,10 +83,10 @@ class _Strand:
     cuts: set[int] = field(default_factory=set)
 
     @classmethod
-    def of(cls, drive: Drive, first: int, last: int) -> _Strand:
+    def of(cls, drive: TaughtDrive, first: int, last: int) -> _Strand:
         part = slice(first, last + 1)
         c, count = drive.curve, last - first + 1
-        curve = Curve(c.x[part].copy(), c.y[part].copy(), c.yaw[part].copy(), c.speed[part].copy())
+        curve = EdgeCurve(c.x[part].copy(), c.y[part].copy(), c.yaw[part].copy(), c.speed[part].copy())
         deviation = np.full(count, np.nan) if drive.deviation is None else drive.deviation[part].copy()
         ways = (np.full(count, drive.direction > 0), np.full(count, drive.direction < 0))
         return cls(curve, *ways, deviation, np.ones(count, int), np.zeros(count), np.zeros(count))
@@ -95,7 +95,7 @@ class _Strand:
         return Pose2(float(self.curve.x[at]), float(self.curve.y[at]), float(self.curve.yaw[at]))
 
 
-def build_network(drives: Sequence[Drive], map_id: str = "", width: float = 0.0) -> Network:
+def build_network(drives: Sequence[TaughtDrive], map_id: str = "", width: float = 0.0) -> Network:
     """Return the network of drives; the first of them begins at the place `home`. `width` m of the vehicle's body."""
     if not drives:
         raise ValueError("network: expected drives, found none")
@@ -105,15 +105,15 @@ def build_network(drives: Sequence[Drive], map_id: str = "", width: float = 0.0)
     return _cut(strands, map_id, width)
 
 
-def even_curve(x: Array, y: Array, yaw: Array, speed: Array) -> Curve:
+def even_curve(x: Array, y: Array, yaw: Array, speed: Array) -> EdgeCurve:
     """Return a curve with a point every STEP m, at least two."""
-    curve = Curve(x, y, np.unwrap(yaw), speed)
+    curve = EdgeCurve(x, y, np.unwrap(yaw), speed)
     s = np.linspace(0.0, curve.length, max(2, round(curve.length / STEP) + 1))
-    return Curve(*(np.interp(s, curve.arc, values) for values in (curve.x, curve.y, curve.yaw, curve.speed)))
+    return EdgeCurve(*(np.interp(s, curve.arc, values) for values in (curve.x, curve.y, curve.yaw, curve.speed)))
 
 
 # --- alongside
-def _add_drive(strands: list[_Strand], drive: Drive) -> None:
+def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
     """Add what a drive does not share as curves of their own; note on the others that it came by."""
     runs = _tidy(strands, _runs_of(strands, drive.curve), drive.curve)
     anchors = [_anchors(strands, drive.curve, runs, index) for index in range(len(runs))]
@@ -157,7 +157,7 @@ def _resolve(runs: Sequence[_Run], pieces: Mapping[int, tuple[int, int, int]], r
     return _Anchor(number, min(max(at - first, 0), last - first))
 
 
-def _runs_of(strands: Sequence[_Strand], curve: Curve) -> list[_Run]:
+def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
     """Return runs of points that lie alongside the same curve; one that is followed is kept as long as it is near."""
     found = [_alongside(strand.curve, curve) for strand in strands]
     own = _alongside_itself(curve)
@@ -182,7 +182,7 @@ def _runs_of(strands: Sequence[_Strand], curve: Curve) -> list[_Run]:
     return runs
 
 
-def _ahead(there: Curve, curve: Curve, point: int, last: int) -> int:
+def _ahead(there: EdgeCurve, curve: EdgeCurve, point: int, last: int) -> int:
     """Return where a point of a drive is on the curve that it follows, just ahead of the last one; -1: off its lane."""
     at = np.arange(last, min(last + round(1.0 / STEP), len(there)), dtype=np.intp)
     off = np.hypot(there.x[at] - curve.x[point], there.y[at] - curve.y[point])
@@ -195,26 +195,26 @@ def _ahead(there: Curve, curve: Curve, point: int, last: int) -> int:
     )
 
 
-def _features(curve: Curve) -> Array:
+def _features(curve: EdgeCurve) -> Array:
     turned = (TURN_SCALE * np.cos(curve.yaw), TURN_SCALE * np.sin(curve.yaw))
     return np.stack([curve.x, curve.y, *turned], axis=-1)
 
 
-def _alongside(there: Curve, curve: Curve) -> tuple[Array, Indices]:
+def _alongside(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
     """Return the distance of each point of a curve from another one, and the index there, -1: not on its lane."""
     reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
     _, at = cKDTree(_features(there)).query(_features(curve), distance_upper_bound=reach)
     return _on_lane(there, curve, np.where(at < len(there), at, -1).astype(np.intp), np.arange(len(curve)))
 
 
-def _on_lane(there: Curve, curve: Curve, at: Indices, points: Indices) -> tuple[Array, Indices]:
+def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices) -> tuple[Array, Indices]:
     off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
     turned = np.abs((there.yaw[at] - curve.yaw[points] + np.pi) % (2.0 * np.pi) - np.pi)
     is_near = (at >= 0) & (off <= LANE) & (turned <= SAME_HEADING)
     return np.where(is_near, off, np.inf), np.where(is_near, at, -1)
 
 
-def _alongside_itself(curve: Curve) -> tuple[Array, Indices]:
+def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
     """The same of a curve and what it did at least PAST m before."""
     off, found = np.full(len(curve), np.inf), np.full(len(curve), -1, dtype=np.intp)
     past, block = round(PAST / STEP), round(5.0 / STEP)
@@ -228,7 +228,7 @@ def _alongside_itself(curve: Curve) -> tuple[Array, Indices]:
     return off, found
 
 
-def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: Curve) -> list[_Run]:
+def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: EdgeCurve) -> list[_Run]:
     """Close gaps between runs along the same curve, drop short ones, join neighbours."""
     closed: list[_Run] = []
     for number, run in enumerate(runs):
@@ -295,7 +295,7 @@ def _are_connected(strands: Sequence[_Strand], last: _Run, run: _Run) -> bool:
 
 # --- branches
 def _anchors(
-    strands: Sequence[_Strand], curve: Curve, runs: Sequence[_Run], index: int
+    strands: Sequence[_Strand], curve: EdgeCurve, runs: Sequence[_Run], index: int
 ) -> tuple[tuple[int, int | None], tuple[int, int | None]]:
     """Return where a run of its own begins and ends: on the drive, and on the curve before or behind; None: on none."""
     run = runs[index]
@@ -318,7 +318,7 @@ def _anchors(
     return begin, end
 
 
-def _best(strands: Sequence[_Strand], curve: Curve, run: _Run, offsets: range, *, is_late: bool) -> tuple[int, int]:
+def _best(strands: Sequence[_Strand], curve: EdgeCurve, run: _Run, offsets: range, *, is_late: bool) -> tuple[int, int]:
     """Return the point of the drive, and that of the curve, where both are most alike in pose and curvature."""
     there = curve if run.on == HERE else strands[run.on].curve
     points, at = run.first + np.array(offsets), run.at[np.array(offsets)]
@@ -355,7 +355,7 @@ def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
     faded = way < span
     turned = headings(x, y, target.yaw if is_begin else None, None if is_begin else target.yaw)
     turned = np.where(faded, curve.yaw + (turned - curve.yaw + np.pi) % (2.0 * np.pi) - np.pi, curve.yaw)
-    strand.curve = Curve(x, y, np.unwrap(turned), curve.speed)
+    strand.curve = EdgeCurve(x, y, np.unwrap(turned), curve.speed)
 
 
 def fade(u: Array, value: float, slope: float, bend: float) -> Array:
@@ -366,7 +366,7 @@ def fade(u: Array, value: float, slope: float, bend: float) -> Array:
     return faded
 
 
-def _note(strand: _Strand, at: int, drive: Drive, point: int) -> None:
+def _note(strand: _Strand, at: int, drive: TaughtDrive, point: int) -> None:
     """Remember that a drive came by: how fast, how well localised, how far beside."""
     curve = strand.curve
     curve.speed[at] = np.fmax(curve.speed[at], drive.curve.speed[point])
@@ -408,11 +408,11 @@ def _cut(strands: Sequence[_Strand], map_id: str, width: float) -> Network:
     return _renumbered(_dissolved(network))
 
 
-def _edge_of(strand: _Strand, first: int, last: int, width: float) -> Edge:
+def _edge_of(strand: _Strand, first: int, last: int, width: float) -> RouteEdge:
     part, c = slice(first, last + 1), strand.curve
-    curve = Curve(c.x[part], c.y[part], c.yaw[part], c.speed[part])
+    curve = EdgeCurve(c.x[part], c.y[part], c.yaw[part], c.speed[part])
     known = strand.deviation[part][np.isfinite(strand.deviation[part])]
-    return Edge(
+    return RouteEdge(
         id=-1,
         start=-1,
         end=-1,

@@ -18,7 +18,7 @@ from path_follower.constants import MAX_HEADING_ERROR, MAX_POINTS
 from path_follower.params import SteeringParams, VehicleParams
 from path_follower.path import Pose2, wrap
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_RATE, TURN_SHARE
-from path_follower.routes.network import Curve, Network
+from path_follower.routes.network import EdgeCurve, Network
 from path_follower.routes.planning import Leg
 from sphere_nav.geometry.arrays import Array
 
@@ -78,7 +78,7 @@ def _first_run(legs: Sequence[Leg]) -> float:
 def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: VehicleParams) -> tuple[Array, float]:
     """Return the points with their beginning replaced by the way onto them, and how much longer that is."""
     base = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
-    curve = Curve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
+    curve = EdgeCurve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
     poses, s = join(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
     rest = table[base > s + STEP / 2]
     speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, table[:, 3])
@@ -87,7 +87,7 @@ def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: Vehi
     return joined, change
 
 
-def join(curve: Curve, direction: int, pose: Pose2, vehicle: VehicleParams, reach: float) -> tuple[Array, float]:
+def join(curve: EdgeCurve, direction: int, pose: Pose2, vehicle: VehicleParams, reach: float) -> tuple[Array, float]:
     """Return poses (K, 3) every STEP m from a pose onto a curve in order of driving, and the arc length where they end.
 
     ValueError where the vehicle is not on the curve within `reach` m of it; a shorter one is followed to its end.

@@ -8,12 +8,12 @@ import numpy as np
 
 from path_follower.params import FollowerParams
 from path_follower.path_files import make_path, read_given
-from path_follower.routes.building import Drive
-from path_follower.routes.network import Curve
+from path_follower.routes.building import TaughtDrive
+from path_follower.routes.network import EdgeCurve
 from sphere_nav.geometry.arrays import Array
 
 
-def read_drives(file: Path, params: FollowerParams, *, is_reversible: bool = False) -> tuple[list[Drive], str]:
+def read_drives(file: Path, params: FollowerParams, *, is_reversible: bool = False) -> tuple[list[TaughtDrive], str]:
     """Return the drives of a file of a path, one for each direction in turn, and the id of their map.
 
     `is_reversible`: what was taught in one direction may be driven in the other one, too. ValueError in one line.
@@ -31,7 +31,7 @@ def read_drives(file: Path, params: FollowerParams, *, is_reversible: bool = Fal
         rows = np.stack([path.x, path.y, path.yaw, speed, deviation], axis=-1)[order][:: part.direction]
         x, y, yaw, taught, sigma = rows.T
         for direction in (part.direction, -part.direction) if is_reversible else (part.direction,):
-            drives.append(Drive(Curve(x, y, np.unwrap(yaw), taught), direction, sigma))
+            drives.append(TaughtDrive(EdgeCurve(x, y, np.unwrap(yaw), taught), direction, sigma))
     return drives, given.map_id
 
 

@@ -16,7 +16,7 @@ from sphere_nav.geometry.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class EdgeCurve:
     """Points (N,), N >= 2, in the order in which the vehicle heads: m, m, rad unwrapped, m/s (NaN: unknown)."""
 
     x: Array
@@ -47,11 +47,11 @@ class Curve:
         """Return the pose at an arc length."""
         return Pose2(*(float(np.interp(s, self.arc, values)) for values in (self.x, self.y, self.yaw)))
 
-    def part(self, first: float, last: float) -> Curve:
+    def part(self, first: float, last: float) -> EdgeCurve:
         """Return the curve between two arc lengths, with points there; first <= last."""
         inside = (self.arc > first + 1e-6) & (self.arc < last - 1e-6)
         s = np.concatenate([[first], self.arc[inside], [last]])
-        return Curve(*(np.interp(s, self.arc, values) for values in (self.x, self.y, self.yaw, self.speed)))
+        return EdgeCurve(*(np.interp(s, self.arc, values) for values in (self.x, self.y, self.yaw, self.speed)))
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,13 @@ class Node:
 
 
 @dataclass(frozen=True, eq=False)
-class Edge:
+class RouteEdge:
     """A curve from one node to another, and how it may be driven."""
 
     id: int
     start: int
     end: int
-    curve: Curve
+    curve: EdgeCurve
     width: float = 0.0  # m that taught drives have covered
     is_forward: bool = True  # may be driven from its start to its end
     is_reverse: bool = False  # may be driven backwards from its end to its start
@@ -102,16 +102,16 @@ class Network:
     """Nodes, edges and places of one map."""
 
     nodes: Mapping[int, Node]
-    edges: Mapping[int, Edge]
+    edges: Mapping[int, RouteEdge]
     places: Mapping[str, int] = field(default_factory=dict)  # node by name
     map_id: str = ""
     frame: str = "map"
 
-    def arrivals(self, node: int) -> list[Edge]:
+    def arrivals(self, node: int) -> list[RouteEdge]:
         """Return the edges that end at a node."""
         return [edge for edge in self.edges.values() if edge.end == node]
 
-    def departures(self, node: int) -> list[Edge]:
+    def departures(self, node: int) -> list[RouteEdge]:
         """Return the edges that begin at a node."""
         return [edge for edge in self.edges.values() if edge.start == node]
 
@@ -152,7 +152,7 @@ class Network:
         return replace(self, nodes=nodes, edges=edges, places={**self.places, name: new})
 
 
-def _foot(edge: Edge, pose: Pose2, reach: float, max_turn: float) -> Spot | None:
+def _foot(edge: RouteEdge, pose: Pose2, reach: float, max_turn: float) -> Spot | None:
     """Return the spot of an edge that is closest to a pose, of those that head as it does."""
     curve = edge.curve
     turned = np.abs((curve.yaw - pose.yaw + np.pi) % (2.0 * np.pi) - np.pi)
@@ -181,7 +181,7 @@ def headings(x: Array, y: Array, first: float | None = None, last: float | None 
     return yaw
 
 
-def join_curves(curves: Iterable[Curve]) -> Curve:
+def join_curves(curves: Iterable[EdgeCurve]) -> EdgeCurve:
     """Return one curve of several, each of which begins where the last one ends."""
     parts = list(curves)
     columns: list[list[Array]] = [[], [], [], []]
@@ -190,7 +190,7 @@ def join_curves(curves: Iterable[Curve]) -> Curve:
         for column, values in zip(columns, (part.x, part.y, part.yaw, part.speed), strict=True):
             column.append(values[skip])
     x, y, yaw, speed = (np.concatenate(column) for column in columns)
-    return Curve(x, y, np.unwrap(yaw), speed)
+    return EdgeCurve(x, y, np.unwrap(yaw), speed)
 
 
 Indices = NDArray[np.intp]

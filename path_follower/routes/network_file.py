@@ -18,7 +18,7 @@ import numpy as np
 
 from path_follower.path import Pose2
 from path_follower.routes.constants import MAX_BYTES, MAX_ITEMS, MAX_NAME
-from path_follower.routes.network import Curve, Edge, Network, Node
+from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_text, required, short
 
@@ -71,7 +71,7 @@ def _node_feature(network: Network, node: Node) -> dict[str, Any]:
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def _edge_feature(edge: Edge) -> dict[str, Any]:
+def _edge_feature(edge: RouteEdge) -> dict[str, Any]:
     c = edge.curve
     known = c.speed[np.isfinite(c.speed)]
     metadata: dict[str, Any] = {"length": round(edge.length, 3), "width": round(edge.width, 3)}
@@ -87,7 +87,7 @@ def _edge_feature(edge: Edge) -> dict[str, Any]:
     return {"type": "Feature", "geometry": _line([*points, [curve["x"][-1], curve["y"][-1]]]), "properties": properties}
 
 
-def _twin_feature(edge: Edge, number: int) -> dict[str, Any]:
+def _twin_feature(edge: RouteEdge, number: int) -> dict[str, Any]:
     feature = _edge_feature(edge)
     lines = feature["geometry"]["coordinates"]
     properties = {key: value for key, value in feature["properties"].items() if key != "curve"}
@@ -115,7 +115,7 @@ def from_geojson(text: str, where: str = "network") -> Network:
     if not isinstance(features, list) or len(features) > 2 * MAX_ITEMS:
         raise ValueError(f"{where}: features: expected a list of at most {2 * MAX_ITEMS}, found {short(features)}")
     nodes: dict[int, Node] = {}
-    edges: dict[int, Edge] = {}
+    edges: dict[int, RouteEdge] = {}
     places: dict[str, int] = {}
     for index, feature in enumerate(features):
         at = f"{where}: features[{index}]"
@@ -150,7 +150,7 @@ def _names(fields: Mapping[str, Any], at: str) -> list[str]:
     return names
 
 
-def _read_edge(fields: Mapping[str, Any], key: int, at: str) -> Edge:
+def _read_edge(fields: Mapping[str, Any], key: int, at: str) -> RouteEdge:
     required(fields, at, ("startid", "endid", "metadata", "curve"))
     metadata = required(fields["metadata"], f"{at}.metadata", ("width", "forward", "reverse"))
     columns = required(fields["curve"], f"{at}.curve", COLUMNS)
@@ -164,11 +164,11 @@ def _read_edge(fields: Mapping[str, Any], key: int, at: str) -> Edge:
         raise ValueError(f"{at}.curve: expected points at most {MAX_GAP} m apart, found {gap:.3g} m")
     is_forward, is_reverse = metadata["forward"] is True, metadata["reverse"] is True
     start, end = _id(fields["startid"], f"{at}.startid"), _id(fields["endid"], f"{at}.endid")
-    return Edge(
+    return RouteEdge(
         id=key,
         start=start if is_forward else end,
         end=end if is_forward else start,
-        curve=Curve(x, y, yaw, speed),
+        curve=EdgeCurve(x, y, yaw, speed),
         width=number(metadata["width"], f"{at}.metadata.width"),
         is_forward=is_forward,
         is_reverse=is_reverse,

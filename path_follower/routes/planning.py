@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 from path_follower.routes.constants import AT_PLACE, CUSP_COST, REVERSE_COST
-from path_follower.routes.network import Edge, Network, Spot
+from path_follower.routes.network import Network, RouteEdge, Spot
 
 
 @dataclass(frozen=True)
@@ -117,12 +117,12 @@ def _first(
     return queue
 
 
-def _directions(edge: Edge) -> list[int]:
+def _directions(edge: RouteEdge) -> list[int]:
     return [sign for sign, may in ((1, edge.is_forward), (-1, edge.is_reverse)) if may]
 
 
 def _reach(
-    edge: Edge, leg: Leg, targets: dict[int, list[float]], cruise: float, slack: float, is_round: bool
+    edge: RouteEdge, leg: Leg, targets: dict[int, list[float]], cruise: float, slack: float, is_round: bool
 ) -> Iterator[tuple[float, Leg, bool]]:
     """Yield the cost of the leg to its end, and of its part up to each goal on it; whether a goal is reached."""
     pace = edge.seconds(cruise) / max(edge.length, 1e-9) * (1.0 if leg.direction > 0 else REVERSE_COST)
@@ -134,7 +134,7 @@ def _reach(
             yield pace * max(ahead, 0.0), Leg(edge.id, leg.direction, leg.first, last), True
 
 
-def _next(network: Network, leg: Leg, closed: Collection[int]) -> Iterator[tuple[Edge, int, float]]:
+def _next(network: Network, leg: Leg, closed: Collection[int]) -> Iterator[tuple[RouteEdge, int, float]]:
     """Yield the directed edges that follow, with the cost of a cusp where the direction changes."""
     edge = network.edges[leg.edge]
     node = edge.end if leg.direction > 0 else edge.start

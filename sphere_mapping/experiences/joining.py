@@ -42,7 +42,7 @@ from sphere_nav.spheres.sphere import Sphere
 
 
 @dataclass(frozen=True, eq=False)
-class Located:
+class Localized:
     """Where the localizer saw a sphere of the drive: T_a_sphere by key sphere `a` of the map, covariance (6, 6).
 
     is_explained: the localizer was sure of it, and the map explains the image well.
@@ -55,11 +55,11 @@ class Located:
 
 
 @dataclass(frozen=True, eq=False)
-class DriveImage:
+class DriveSphere:
     """A sphere of the drive: by the key sphere before it, where the localizer saw it, and its small picture."""
 
     track: Track
-    located: Located | None
+    located: Localized | None
     load_small: Callable[[], Sphere]
 
 
@@ -83,7 +83,7 @@ class First:
 def join_drive(
     base: Submap,
     drive: Submap,
-    images: Sequence[DriveImage],
+    images: Sequence[DriveSphere],
     params: MapperParams,
     T_map_start: SE3 | None = None,
     run: Run = map,
@@ -107,7 +107,7 @@ def join_drive(
 
 
 def find_first(
-    base: Submap, drive: Submap, images: Sequence[DriveImage], params: MapperParams, T_map_start: SE3 | None, run: Run
+    base: Submap, drive: Submap, images: Sequence[DriveSphere], params: MapperParams, T_map_start: SE3 | None, run: Run
 ) -> First:
     """Return joins by the localizer, else by a given start, else by features and images."""
     located = agreeing(base.graph, drive.graph, list(locate_edges(images)))
@@ -122,9 +122,9 @@ def find_first(
     return First(joins.edges, f"{told}; {joins}")
 
 
-def locate_edges(images: Sequence[DriveImage]) -> Iterator[Edge]:
+def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
     """Yield for each key sphere of the drive the join by the nearest image that the localizer was sure of."""
-    nearest: dict[int, tuple[float, DriveImage]] = {}
+    nearest: dict[int, tuple[float, DriveSphere]] = {}
     for image in images:
         away = float(np.linalg.norm(image.track.T_key_sphere.translation))
         if image.located is not None and image.located.is_explained:
@@ -158,7 +158,7 @@ def search_by_ranges(
 
 
 def refine_by_ranges(
-    base: SphereGraph, joined: SphereGraph, images: Sequence[DriveImage], load_base: Callable[[int], RangeSphere]
+    base: SphereGraph, joined: SphereGraph, images: Sequence[DriveSphere], load_base: Callable[[int], RangeSphere]
 ) -> tuple[list[Edge], int]:
     """Return joins of the map's key spheres with the image of the drive that is nearest to each, and how many had one.
 

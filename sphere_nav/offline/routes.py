@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 
 from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
-from path_follower.routes.building import Drive, build_network
+from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.drive_files import read_drives
-from path_follower.routes.network import Edge, Network, Spot
+from path_follower.routes.network import Network, RouteEdge, Spot
 from path_follower.routes.planning import Route
 from sphere_nav.ros.maps.reader import open_map
 
@@ -35,7 +35,7 @@ def map_id_of(path: Path) -> str:
 def read_network_of(files: Sequence[Path], map_id: str, width: float, reverse: Collection[Path] = ()) -> Network:
     """Return the network of drives in files; ValueError for those of another map."""
     params = FollowerParams(vehicle=replace(VehicleParams(), width=width))
-    drives: list[Drive] = []
+    drives: list[TaughtDrive] = []
     for file in files:
         found, theirs = read_drives(file, params, is_reversible=file in reverse)
         if map_id and theirs and theirs != map_id:
@@ -75,7 +75,7 @@ def describe(network: Network) -> list[str]:
     return lines
 
 
-def _edge_line(edge: Edge) -> str:
+def _edge_line(edge: RouteEdge) -> str:
     known = edge.curve.speed[np.isfinite(edge.curve.speed)]
     speed = f"{known.max():.2f}" if len(known) else "-"
     deviation = f"{edge.deviation:.3f}" if math.isfinite(edge.deviation) else "-"
@@ -124,11 +124,11 @@ def draw_network(path: Path, network: Network, route: Route | None = None) -> No
         figure.savefig(path, dpi=120)
 
 
-def _color(edge: Edge) -> str:
+def _color(edge: RouteEdge) -> str:
     return BOTH if edge.is_forward and edge.is_reverse else ONE_WAY if edge.is_forward else REVERSE
 
 
-def _draw_edge(axes: Axes, edge: Edge) -> None:
+def _draw_edge(axes: Axes, edge: RouteEdge) -> None:
     color, curve = _color(edge), edge.curve
     axes.plot(curve.x, curve.y, color=color, lw=1.5, zorder=2)
     middle = curve.pose(edge.length / 2)

@@ -23,7 +23,7 @@ from path_follower.path import Pose2
 from path_follower.ros import navigator_node
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import Drive, build_network, even_curve
+from path_follower.routes.building import TaughtDrive, build_network, even_curve
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import write_network
 from path_follower.vehicle import Motion, drive
@@ -47,7 +47,7 @@ def course(pieces):
             pose = drive(pose, Motion(1.0, math.atan(1.2 * bend)), 1.2, 0.1)
             poses.append(pose)
     x, y, yaw = np.array(poses).T
-    return Drive(even_curve(x, y, yaw, np.full(len(x), 1.4)))
+    return TaughtDrive(even_curve(x, y, yaw, np.full(len(x), 1.4)))
 
 
 @pytest.fixture

@@ -63,7 +63,7 @@ from sphere_mapping.acquisition.range.kernels import (
 from sphere_mapping.acquisition.range.levels import at_jumps, at_unknown
 from sphere_mapping.acquisition.range.semi_global import in_threads
 from sphere_mapping.acquisition.range.sweep_tables import (
-    Sight,
+    CameraSight,
     hypotheses_of,
     hypothesis_table,
     lens_tables,
@@ -112,7 +112,7 @@ class SphereSweep:
         centers = np.stack([pose.rotation.T @ pose.translation for pose in poses]).astype(np.float32)
         self._lens = (rotations, centers, *lens_tables(self._views))
         self._stretch = sharpness(self._views, wholes[-1])
-        self._kept: Callable[[tuple[str, ...]], Sight] = lru_cache(MAX_LAYOUTS)(self._find_sight)
+        self._kept: Callable[[tuple[str, ...]], CameraSight] = lru_cache(MAX_LAYOUTS)(self._find_sight)
         self._spare: list[Volumes] = []  # volumes are kept: new memory costs as much as the sums
 
     def find(self, grays: Mapping[str, Image]) -> StereoRange:
@@ -150,7 +150,7 @@ class SphereSweep:
         in_threads(work, [c for c, view in enumerate(self._views) if view.name in grays], self._jobs)
         return found, matched
 
-    def _match(self, images: Levels, sight: Sight) -> Plane:
+    def _match(self, images: Levels, sight: CameraSight) -> Plane:
         """Return the inverse range (h, w) at the coarsest level, NaN at edges and where nothing is clearly the best."""
         level, shape = self._levels[-1], sight.numbers.shape
         volumes = self._take_volumes(shape)
@@ -167,7 +167,7 @@ class SphereSweep:
         found[at_jumps(found, SWEEP_EDGE_PX[0], is_whole=True) | at_unknown(found, is_whole=True)] = np.nan
         return (np.float32(self._first) + found * np.float32(self._step)).astype(np.float32)
 
-    def _refine(self, k: int, images: Levels, start: Plane, sight: Sight) -> tuple[Plane, Plane]:
+    def _refine(self, k: int, images: Levels, start: Plane, sight: CameraSight) -> tuple[Plane, Plane]:
         """Return inverse range and deviation (H, W) of a level, from where the coarser one has ended."""
         from_coarsest, found = len(self._levels) - 1 - k, start
         std, left = np.empty_like(start), np.empty_like(start)
@@ -187,7 +187,9 @@ class SphereSweep:
             found[np.repeat(np.repeat(is_edge, 2, axis=0), 2, axis=1)] = np.nan
         return found * px, std
 
-    def _align(self, k: int, images: Levels, before: tuple[Plane, Plane], sight: Sight, rest: Sequence[Plane]) -> Plane:
+    def _align(
+        self, k: int, images: Levels, before: tuple[Plane, Plane], sight: CameraSight, rest: Sequence[Plane]
+    ) -> Plane:
         """Return inverse range (H, W) moved by a step, from itself and its start; write deviation and what is left."""
         level, match, out = self._levels[k], self._params.match, np.empty_like(before[0])
         every = min(len(self._levels) - k, MAX_ROW_STEP)  # rows next to each other tell nearly the same
@@ -213,7 +215,7 @@ class SphereSweep:
         range_m[is_far] = np.inf
         return range_m, std_m
 
-    def _find_sight(self, present: Sequence[str]) -> Sight:
+    def _find_sight(self, present: Sequence[str]) -> CameraSight:
         is_present = np.array([view.name in present for view in self._views])
         return sight_of(self._stretch, is_present, self._levels)
 

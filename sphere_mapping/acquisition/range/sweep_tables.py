@@ -58,7 +58,7 @@ class SweepLevel:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class CameraSight:
     """Which cameras see a direction of the coarsest level: indices (H, W, N) i8, the least stretched first; how many.
 
     runs, first_runs: for each level, the finest first, which columns of a row a camera sees (`kernels.align`).
@@ -151,7 +151,7 @@ def sharpness(views: Sequence[RigView], whole: Spherical) -> Plane:
     return found
 
 
-def sight_of(stretch: Plane, is_present: Flags, levels: Sequence[SweepLevel]) -> Sight:
+def sight_of(stretch: Plane, is_present: Flags, levels: Sequence[SweepLevel]) -> CameraSight:
     """Return which of the cameras present (C,) see what: those that stretch little, at least two where two see it."""
     stretch = np.where(is_present[:, None, None], stretch, np.float32(np.inf))
     order = np.argsort(stretch, axis=0, kind="stable")[:MAX_VIEWS]
@@ -161,7 +161,7 @@ def sight_of(stretch: Plane, is_present: Flags, levels: Sequence[SweepLevel]) ->
     sees = np.stack([((order == c) & is_used).any(axis=0) for c in range(len(stretch))])
     runs = [_runs(sees, len(levels) - 1 - k) for k in range(len(levels))]
     cameras = np.ascontiguousarray(np.moveaxis(order, 0, -1)).astype(np.int8)
-    return Sight(cameras, numbers.astype(np.int8), tuple(run[0] for run in runs), tuple(run[1] for run in runs))
+    return CameraSight(cameras, numbers.astype(np.int8), tuple(run[0] for run in runs), tuple(run[1] for run in runs))
 
 
 def why_no_range(rig: Rig, rig_views: dict[str, RigView]) -> str:

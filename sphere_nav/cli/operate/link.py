@@ -22,7 +22,7 @@ from sphere_nav_msgs.srv import LoadMap, LoadTrajectory
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
-from sphere_nav.cli.operate.words import Place, Seen, places_of
+from sphere_nav.cli.operate.words import Heard, Place, places_of
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import read_gray
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
@@ -47,7 +47,7 @@ class Link:
     """A node in a thread of its own. Calls wait, and may come from any other thread."""
 
     def __init__(self, namespace: str = "", image_topic: str = "image_raw", domain_id: int | None = None) -> None:
-        self.seen = Seen()
+        self.seen = Heard()
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain_id)
         self.node = rclpy.create_node("operator_page", namespace=namespace, context=self._context)

@@ -32,7 +32,7 @@ class Place(NamedTuple):
     y: float
 
 
-class Seen:
+class Heard:
     """The newest of everything that was heard, with its age, and the lines that tell what was done."""
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ def places_of(text: str) -> list[Place]:
     return places
 
 
-def banner(seen: Seen) -> str:
+def banner(seen: Heard) -> str:
     """Return state, reason and remedy of follower and localiser as HTML; whatever they say is text."""
     rows = []
     for title, name in (("vehicle", "follower"), ("localisation", "localizer")):
@@ -98,13 +98,13 @@ def _row(title: str, state: str, reason: str, remedy: str) -> str:
     return f'<div style="margin-bottom:0.4em">{head}{why}{what}</div>'
 
 
-def log_of(seen: Seen) -> str:
+def log_of(seen: Heard) -> str:
     """Return what was done as HTML, the newest first."""
     lines = "".join(f"<div>{escape(line)}</div>" for line in list(seen.lines))
     return f'<div style="padding:0 1em;font-size:0.8em">{lines}</div>'
 
 
-def health(seen: Seen) -> str:
+def health(seen: Heard) -> str:
     """Return /diagnostics as HTML, what is wrong first; an entry that is not repeated becomes STALE."""
     known, _ = seen.told("diagnostics")
     now, rows = time.monotonic(), []

@@ -9,7 +9,7 @@ import numpy as np
 from dense_localizer.judge.estimate import CameraEstimate
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from sphere_mapping.experiences.joining import DriveImage, Located
+from sphere_mapping.experiences.joining import DriveSphere, Localized
 from sphere_mapping.graph.keyframes import MapUpdate
 from sphere_mapping.graph.store import SphereStore
 from sphere_mapping.graph.tracking import Unroll
@@ -56,7 +56,7 @@ class DriveLocator:
             input=InputParams(timeout_s=PATIENCE_S, allow_still=True), state=StateParams(max_blind_s=PATIENCE_S)
         )
         self._graph, self._localizer = base.graph, Localizer(params, base)
-        self._found: dict[int, Located | None] = {}
+        self._found: dict[int, Localized | None] = {}
         self._judged: set[int] = set()  # stamps of images on which the localiser has a judgement
         self._probation: set[int] = set()  # and of the latest ones, that are in probation
         self._small = CompactSpheres()
@@ -91,10 +91,12 @@ class DriveLocator:
         small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, self._numbers[stamp_ns])
         self._small.add(serialize_to_store(small))
 
-    def images(self, mapper: Mapper) -> list[DriveImage]:
+    def images(self, mapper: Mapper) -> list[DriveSphere]:
         """Return the spheres of the drive that were placed in it."""
         tracks = [track for track in mapper.tracks if track.stamp_ns in self._numbers]
-        return [DriveImage(one, self._found[one.stamp_ns], self._loader(self._numbers[one.stamp_ns])) for one in tracks]
+        return [
+            DriveSphere(one, self._found[one.stamp_ns], self._loader(self._numbers[one.stamp_ns])) for one in tracks
+        ]
 
     def unexplained(self, mapper: Mapper) -> set[int]:
         """Return the key spheres of the drive most of whose images the map did not explain."""
@@ -121,7 +123,7 @@ class DriveLocator:
         self._last = mapper, T_odom_sphere
         return T_odom_sphere
 
-    def _locate(self, estimate: CameraEstimate) -> Located | None:
+    def _locate(self, estimate: CameraEstimate) -> Localized | None:
         status = estimate.status
         if estimate.T_map_camera is None or estimate.covariance is None or not status.references:
             return None
@@ -131,7 +133,7 @@ class DriveLocator:
             known = self.served.get(a, Service(0, 0))
             self.served[a] = Service(known.num_images + 1, status.stamp_ns)
         T_a_sphere = self._graph[a].T_map_sphere.inverse() @ estimate.T_map_camera
-        return Located(a, T_a_sphere, estimate.covariance, is_explained)
+        return Localized(a, T_a_sphere, estimate.covariance, is_explained)
 
     def _loader(self, number: int) -> Callable[[], Sphere]:
         return lambda: self._small[number]

@@ -33,7 +33,7 @@ NUM_OPEN = 4  # maps of segments whose files are open at once
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class SegmentPart:
     """The map of a segment, None where it has no key spheres, and its record."""
 
     path: Path | None
@@ -62,7 +62,7 @@ class _Place:
 
 
 @dataclass(eq=False)
-class Joined:
+class JoinedSegments:
     """What was joined; `sources`: the map and the id there of every key sphere, by its id."""
 
     graph: SphereGraph = field(default_factory=SphereGraph)
@@ -114,9 +114,9 @@ class Joined:
                         yield whole, small
 
 
-def join(parts: Sequence[Part], first_id: int = 0, bridge: Bridge | None = None) -> Joined:
+def join(parts: Sequence[SegmentPart], first_id: int = 0, bridge: Bridge | None = None) -> JoinedSegments:
     """Join the maps of segments in their order; one without a place counts as lost."""
-    joined = Joined()
+    joined = JoinedSegments()
     for part in parts:
         joined.num_lost += part.record.num_lost
         if part.path is None:
@@ -139,7 +139,7 @@ def join(parts: Sequence[Part], first_id: int = 0, bridge: Bridge | None = None)
     return joined
 
 
-def _take(joined: Joined, reader: MapReader, record: SegmentRecord, place: _Place) -> None:
+def _take(joined: JoinedSegments, reader: MapReader, record: SegmentRecord, place: _Place) -> None:
     """Add what a segment has after the newest key sphere."""
     graph, part = joined.graph, reader.graph
     newest_ns = graph[place.newest].stamp_ns if len(graph) else -1
@@ -177,7 +177,7 @@ def _take(joined: Joined, reader: MapReader, record: SegmentRecord, place: _Plac
         joined.graph = optimize_map(graph).graph
 
 
-def _span(joined: Joined, bridge: Bridge) -> None:
+def _span(joined: JoinedSegments, bridge: Bridge) -> None:
     """Measure the motions across the shared key spheres, and adjust all."""
     params, graph, load = bridge.params.registration, joined.graph, joined.load
 
@@ -200,7 +200,7 @@ def _shared(graph: SphereGraph, part: SphereGraph) -> _Place | None:
     return None
 
 
-def _bridged(joined: Joined, reader: MapReader, bridge: Bridge) -> _Place | None:
+def _bridged(joined: JoinedSegments, reader: MapReader, bridge: Bridge) -> _Place | None:
     """Return the place of a segment by an alignment with the newest key sphere, else by places of all that is joined.
 
     Edges begin at joined key spheres and end at those of the segment, by the ids that they have there.
@@ -218,7 +218,7 @@ def _bridged(joined: Joined, reader: MapReader, bridge: Bridge) -> _Place | None
     return _found_again(joined, reader, after, bridge)
 
 
-def _found_again(joined: Joined, reader: MapReader, after: list[KeySphere], bridge: Bridge) -> _Place | None:
+def _found_again(joined: JoinedSegments, reader: MapReader, after: list[KeySphere], bridge: Bridge) -> _Place | None:
     """Return the place of a segment as that of another drive."""
     shift, features = max(joined.graph.nodes) + 1, reader.appearance().features
     nodes = [replace(node, id=node.id + shift) for node in after]

@@ -26,8 +26,8 @@ from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.offline.mapping.drive import MappedDrive, truth_of
 from sphere_nav.offline.mapping.drive_locator import DriveLocator
 from sphere_nav.offline.mapping.extension import extend, open_base, place_start
-from sphere_nav.offline.mapping.joining import Bridge, Joined
-from sphere_nav.offline.mapping.plan import Plan, make_plan
+from sphere_nav.offline.mapping.joining import Bridge, JoinedSegments
+from sphere_nav.offline.mapping.plan import MappingPlan, make_plan
 from sphere_nav.offline.mapping.remains import Remains
 from sphere_nav.offline.mapping.segment_work import SegmentRecord
 from sphere_nav.offline.mapping.workers import NUM_THREADS, Workers, limit_threads
@@ -81,7 +81,9 @@ class Base:
         self.locator.close()
 
 
-def map_plan(arguments: argparse.Namespace, plan: Plan, remains: Remains, base: Base | None, workers: Workers) -> int:
+def map_plan(
+    arguments: argparse.Namespace, plan: MappingPlan, remains: Remains, base: Base | None, workers: Workers
+) -> int:
     """Map the segments of a drive, join them, complete the map."""
     records = remains.map(plan, workers) if base is None else remains.map_here(plan, base.locator.make_mapper)
     params, first_id = plan.params.mapper, max(base.reader.graph.nodes) + 1 if base is not None else 0
@@ -94,7 +96,7 @@ def map_plan(arguments: argparse.Namespace, plan: Plan, remains: Remains, base: 
     return finish_map(arguments, drive, remains, base, joined, workers, plan.recipe.details.rig)
 
 
-def drive_of(plan: Plan, records: list[SegmentRecord], joined: Joined) -> MappedDrive:
+def drive_of(plan: MappingPlan, records: list[SegmentRecord], joined: JoinedSegments) -> MappedDrive:
     """Return what was mapped in segments as one drive."""
     mapper = Mapper(plan.params.mapper, store=joined)
     mapper.take_over(joined.graph, joined.tracks, joined.index, sum(record.num_loops for record in records))
@@ -112,7 +114,7 @@ def finish_map(
     drive: MappedDrive,
     remains: Remains,
     base: Base | None,
-    joined: Joined,
+    joined: JoinedSegments,
     workers: Workers,
     rig: str,
 ) -> int:
@@ -154,7 +156,7 @@ def thin_map(
     graph: SphereGraph,
     mapper: Mapper,
     positions: Array,
-    joined: Joined,
+    joined: JoinedSegments,
     base: Base | None,
     new: Collection[int],
 ) -> tuple[SphereGraph, list[str]]:

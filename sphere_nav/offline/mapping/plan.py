@@ -15,7 +15,7 @@ from sphere_nav.offline.constants import OFFLINE_DEADLINE_S
 from sphere_nav.offline.mapping.depth_drive import judge_depth
 from sphere_nav.offline.mapping.drive import MappedDrive
 from sphere_nav.offline.mapping.replay_mapper import Recipe
-from sphere_nav.offline.mapping.segments import Segment, cut
+from sphere_nav.offline.mapping.segments import DriveSegment, cut
 from sphere_nav.offline.mapping.sphere_source import CAMERAS, find_input
 from sphere_nav.offline.mapping.stereo_drive import find_field
 from sphere_nav.offline.mapping.stitcher_ahead import Node, learn_rig
@@ -28,11 +28,11 @@ from sphere_nav.ros.shared_files import software
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class MappingPlan:
     """How a drive is mapped; `stereo`: what was found of a pair, in words; `options`: what the result depends on."""
 
     recipe: Recipe
-    segments: list[Segment]
+    segments: list[DriveSegment]
     kind: str
     stereo: str = ""
     options: dict[str, str] = field(default_factory=dict)
@@ -43,7 +43,7 @@ class Plan:
         params: SphereMapperParams = build(SphereMapperParams, self.recipe.values)
         return params
 
-    def with_rig(self) -> Plan:
+    def with_rig(self) -> MappingPlan:
         """Return the plan with what the beginning of the drive tells of its rig, for the segments that follow."""
         if self.recipe.stitcher is None:
             return self
@@ -58,7 +58,7 @@ class Plan:
                 drive.depth = judge_depth(bag, dict(self.recipe.values), self.recipe.remap, drive)
 
 
-def make_plan(arguments: argparse.Namespace, rig: str) -> Plan:
+def make_plan(arguments: argparse.Namespace, rig: str) -> MappingPlan:
     """Return how a bag is mapped, `rig` being the text of its rig file; BagError where it has nothing to map."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | arguments.settings
@@ -78,7 +78,7 @@ def make_plan(arguments: argparse.Namespace, rig: str) -> Plan:
             pair, stereo = find_field(bag, values, found) if kind == "stereo" else (None, "")
             remap = imu | found
         build(SphereMapperParams, values)  # refused before anything is written
-        segments = cut(bag, images) if arguments.extend is None else [Segment()]  # a localiser sees it whole
+        segments = cut(bag, images) if arguments.extend is None else [DriveSegment()]  # a localiser sees it whole
         held = _told_rarely(bag, images)
         size = f"{bag.num_messages} messages from {bag.time_range[0]} ns to {bag.time_range[1]} ns"
     recipe = Recipe(arguments.bag.resolve(), values, remap, details, stitcher, pair, held=held)
@@ -88,7 +88,7 @@ def make_plan(arguments: argparse.Namespace, rig: str) -> Plan:
         "topics": _text(remap | (stitcher[1] if stitcher else {})), "--set": _text(values),
         "--set-stitcher": _text({**stitcher[0], "rig": "", "jobs": ""} if stitcher else {}),
     }  # fmt: skip
-    return Plan(recipe, segments, kind, stereo, options)
+    return MappingPlan(recipe, segments, kind, stereo, options)
 
 
 def stitcher_values(bag: BagReader, chosen: dict[str, str], arguments: argparse.Namespace) -> Node:

@@ -20,8 +20,8 @@ from tqdm import tqdm
 
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry.files.untrusted import load_json, read_text, required
-from sphere_nav.offline.mapping.joining import Bridge, Joined, Part, join
-from sphere_nav.offline.mapping.plan import Plan
+from sphere_nav.offline.mapping.joining import Bridge, JoinedSegments, SegmentPart, join
+from sphere_nav.offline.mapping.plan import MappingPlan
 from sphere_nav.offline.mapping.segment_work import (
     NEW,
     SegmentRecord,
@@ -30,7 +30,7 @@ from sphere_nav.offline.mapping.segment_work import (
     read_record,
     write_json,
 )
-from sphere_nav.offline.mapping.segments import Segment
+from sphere_nav.offline.mapping.segments import DriveSegment
 from sphere_nav.offline.mapping.workers import Workers
 from sphere_nav.ros.bags import BagError
 from sphere_nav.ros.bags.mcap_salvage import Salvage
@@ -54,7 +54,7 @@ class Remains:
         self._lock: BinaryIO | None = None
         self.is_ours = False  # it is locked, and of this plan
 
-    def begin(self, plan: Plan, *, is_resumed: bool) -> None:
+    def begin(self, plan: MappingPlan, *, is_resumed: bool) -> None:
         """Make the folder, or go on with it; BagError where it is another run's, or was not asked for."""
         file = self.folder / PLAN
         if not self.folder.exists() or (is_resumed and all(one.suffix == NEW for one in self.folder.iterdir())):
@@ -82,7 +82,7 @@ class Remains:
             check_options(file, plan.options)
         self.is_ours = True
 
-    def map(self, plan: Plan, workers: Workers) -> list[SegmentRecord]:
+    def map(self, plan: MappingPlan, workers: Workers) -> list[SegmentRecord]:
         """Map the segments that are not done; return the records of all."""
         missing = [segment for segment in plan.segments if not self._record(segment.name).is_file()]
         for segment in missing:
@@ -97,7 +97,7 @@ class Remains:
             pass
         return [read_record(self._record(segment.name)) for segment in plan.segments]
 
-    def map_here(self, plan: Plan, make: Callable[..., Mapper]) -> list[SegmentRecord]:
+    def map_here(self, plan: MappingPlan, make: Callable[..., Mapper]) -> list[SegmentRecord]:
         """Map a drive of one segment by a mapper that `make` returns, from the start; return its record."""
         (segment,) = plan.segments
         self._clear(segment)
@@ -105,11 +105,15 @@ class Remains:
         map_segment(SegmentTask(plan.recipe, segment, self.folder.resolve(), is_shown=True), make)
         return [read_record(self._record(segment.name))]
 
-    def join(self, plan: Plan, records: Iterable[SegmentRecord], first_id: int, bridge: Bridge) -> Joined:
+    def join(
+        self, plan: MappingPlan, records: Iterable[SegmentRecord], first_id: int, bridge: Bridge
+    ) -> JoinedSegments:
         """Join the maps of all segments, ids from `first_id` on."""
         names = (segment.name for segment in plan.segments)
         return join(
-            [Part(self._map(name), record) for name, record in zip(names, records, strict=True)], first_id, bridge
+            [SegmentPart(self._map(name), record) for name, record in zip(names, records, strict=True)],
+            first_id,
+            bridge,
         )
 
     def complete(
@@ -161,17 +165,17 @@ class Remains:
             joined.close()
         return len(joined.graph)
 
-    def _mended(self, name: str, folder: Path) -> Part:
+    def _mended(self, name: str, folder: Path) -> SegmentPart:
         """Return a segment that is done, else what can be read of it."""
         if self._record(name).is_file():
-            return Part(self._map(name), read_record(self._record(name)))
+            return SegmentPart(self._map(name), read_record(self._record(name)))
         for torn in (self.folder / name, self.folder / (name + PARTIAL)):
             with suppress(BagError, FileNotFoundError):
                 salvage_map(torn, folder / name)
-                return Part(folder / name, SegmentRecord())
-        return Part(None, SegmentRecord())
+                return SegmentPart(folder / name, SegmentRecord())
+        return SegmentPart(None, SegmentRecord())
 
-    def _clear(self, segment: Segment) -> None:
+    def _clear(self, segment: DriveSegment) -> None:
         """Delete what a killed run has left of a segment."""
         torn = self.folder / (segment.name + PARTIAL)
         until = time.monotonic() + DEATH_S

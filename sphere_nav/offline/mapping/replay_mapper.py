@@ -19,7 +19,7 @@ from sphere_mapping.ros.mount import CameraMount
 from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.offline import topics
 from sphere_nav.offline.mapping.drive import MappedDrive
-from sphere_nav.offline.mapping.segments import Segment
+from sphere_nav.offline.mapping.segments import DriveSegment
 from sphere_nav.offline.mapping.stitcher_ahead import LearnedRig, Node, StitcherAhead
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay, required_topics
@@ -47,7 +47,7 @@ class Recipe:
 class SegmentMapper(SphereMapper):
     """The mapper of one segment; the frame of all but the first one is that of its first sphere."""
 
-    segment = Segment()
+    segment = DriveSegment()
 
     def configure(self) -> None:
         """Tell each sphere."""
@@ -75,10 +75,14 @@ class SegmentMapper(SphereMapper):
 
 
 def replay_mapper(
-    recipe: Recipe, begin: Callable[[MapperParams], Mapper], segment: Segment | None = None, *, is_shown: bool = True
+    recipe: Recipe,
+    begin: Callable[[MapperParams], Mapper],
+    segment: DriveSegment | None = None,
+    *,
+    is_shown: bool = True,
 ) -> MappedDrive:
     """Play a bag, or a segment of it, to a mapper; `is_shown`: with a bar."""
-    segment, damages = segment or Segment(), list[str]()
+    segment, damages = segment or DriveSegment(), list[str]()
     bus = OfflineBus(captured={HEARD})
     stitching = add_stitcher(bus, recipe, segment)
     node = bus.add(SegmentMapper, recipe.values, recipe.remap)
@@ -101,7 +105,7 @@ def replay_mapper(
     return MappedDrive(node.mapper, node.mount, node.num_lost, refusals(node, stitching), damages)
 
 
-def add_stitcher(bus: OfflineBus, recipe: Recipe, segment: Segment) -> StitcherAhead | None:
+def add_stitcher(bus: OfflineBus, recipe: Recipe, segment: DriveSegment) -> StitcherAhead | None:
     """Put the stitcher before the mapper where there is a rig; a later segment begins with what is known of it."""
     if recipe.stitcher is None:
         return None
@@ -115,7 +119,7 @@ def add_stitcher(bus: OfflineBus, recipe: Recipe, segment: Segment) -> StitcherA
     return node
 
 
-def play(bag: BagReader, bus: OfflineBus, segment: Segment, held: tuple[str, ...], *, is_shown: bool) -> None:
+def play(bag: BagReader, bus: OfflineBus, segment: DriveSegment, held: tuple[str, ...], *, is_shown: bool) -> None:
     """Play a segment of a bag."""
     total = sum(bag.topics[topic].count for topic in required_topics(bag, bus)) // segment.total
     name = f"map {segment.number + 1}/{segment.total}" if segment.total > 1 else "map"

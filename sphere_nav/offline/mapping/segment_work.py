@@ -19,7 +19,7 @@ from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.untrusted import load_json, numbers, read_text, required
 from sphere_nav.offline.mapping.replay_mapper import Recipe, replay_mapper
-from sphere_nav.offline.mapping.segments import Segment
+from sphere_nav.offline.mapping.segments import DriveSegment
 from sphere_nav.offline.mapping.workers import limit_threads
 from sphere_nav.ros.maps.writer import MapWriter
 
@@ -32,7 +32,7 @@ class SegmentTask:
     """A segment to map into a folder; `is_shown`: with a bar."""
 
     recipe: Recipe
-    segment: Segment
+    segment: DriveSegment
     folder: Path
     is_shown: bool = False
 

@@ -19,7 +19,7 @@ TAIL_NS = round(OFFLINE_DEADLINE_S * 1e9)  # that a message of an instant may be
 
 
 @dataclass(frozen=True)
-class Segment:
+class DriveSegment:
     """Instants of a drive by their stamps in ns.
 
     first_ns: that of the instant that it shares with the segment before. warm_ns: from which on it maps. last_ns: that
@@ -51,18 +51,18 @@ class Segment:
         return self.number == self.total - 1
 
 
-def cut(bag: BagReader, topic: str) -> list[Segment]:
+def cut(bag: BagReader, topic: str) -> list[DriveSegment]:
     """Return the segments of a drive by the images, or spheres, on a topic: of like duration, about `SEGMENT` each."""
     count = bag.topics[topic].count
     total = 1 if bag.is_packed else number_of(count)
     begin, end = next(bag.raw([topic])).stamp_ns, bag.time_range[1]
     found = list(_instants(bag, topic, [begin + (end - begin) * number // total for number in range(1, total)]))
     if total == 1 or len(found) < total - 1 or any(a[1] >= b[1] for a, b in pairwise(found)):
-        return [Segment()]  # short, to be unpacked for each segment, or of stamps that go back
+        return [DriveSegment()]  # short, to be unpacked for each segment, or of stamps that go back
     warm = (2 * WARM_UP + 1) * (end - begin) // (2 * count)
     cuts = [(0, 0, None, None), *((stamp - warm, stamp, at - warm - LEAD_NS, at + TAIL_NS) for at, stamp in found)]
     return [
-        Segment(number, total, *this[:2], after[1], this[2], after[3])
+        DriveSegment(number, total, *this[:2], after[1], this[2], after[3])
         for number, (this, after) in enumerate(pairwise([*cuts, (0, END_NS, None, None)]))
     ]
 

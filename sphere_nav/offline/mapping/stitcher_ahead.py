@@ -20,7 +20,7 @@ from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_mapping.acquisition.ros.rig_intake import RigInstant
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import Rig
-from sphere_nav.offline.mapping.segments import Segment
+from sphere_nav.offline.mapping.segments import DriveSegment
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.spheres.sphere import Sphere
@@ -58,7 +58,7 @@ class StitcherAhead(SphereStitcher):
     So both work side by side, and the order of all messages is the same on every machine.
     """
 
-    segment = Segment()
+    segment = DriveSegment()
 
     def configure(self) -> None:
         """Open the thread that stitches."""

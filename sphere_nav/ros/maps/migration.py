@@ -47,7 +47,7 @@ MAX_ARRAY = 64  # elements of a fixed array in one; a covariance has 36
 
 
 @dataclass(frozen=True)
-class Layout:
+class MapLayout:
     """What a map is written in: its version, and whether deviations mark what was filled."""
 
     version: int
@@ -56,7 +56,7 @@ class Layout:
     @property
     def is_current(self) -> bool:
         """Whether it is read as it is."""
-        return self == Layout(int(MapInfo.FORMAT_VERSION), True)
+        return self == MapLayout(int(MapInfo.FORMAT_VERSION), True)
 
 
 def _code_deviation_by_ratio(message: AugmentedSphere) -> None:
@@ -83,14 +83,14 @@ def _limit_deviation(message: AugmentedSphere) -> None:
         _recode(message, replace(sphere, range_std_m=deviation, is_filled=None))
 
 
-STEPS: tuple[tuple[Callable[[Layout], bool], Callable[[AugmentedSphere], None]], ...] = (
+STEPS: tuple[tuple[Callable[[MapLayout], bool], Callable[[AugmentedSphere], None]], ...] = (
     (lambda layout: layout.version < 2, _code_deviation_by_ratio),
     (lambda layout: layout.version == 2 and not layout.has_mark, _limit_deviation),
 )
 """Which maps need a step, and what it changes in each of their key spheres; in order of the formats."""
 
 
-def read_layout(path: str | Path) -> Layout:
+def read_layout(path: str | Path) -> MapLayout:
     """Return what a map is written in; BagError where it is none, or of a version to come."""
     with BagReader(_file(path)) as bag:
         return OldMap(bag, Path(path)).layout
@@ -134,7 +134,7 @@ class OldMap:
             raise BagError(f"{path}: expected a map, a bag in MCAP, found another one")
         self._schemas = {schema.name: schema for schema in bag.files[0].summary.schemas.values()}
         info = self._last(INFO, MapInfo)
-        self.layout = Layout(int(info.format_version), MARK in self._schema(AugmentedSphere).data)
+        self.layout = MapLayout(int(info.format_version), MARK in self._schema(AugmentedSphere).data)
         if not 1 <= self.layout.version <= MapInfo.FORMAT_VERSION:
             expected = f"1 to {MapInfo.FORMAT_VERSION}"
             raise BagError(f"{path}: format_version: expected {expected}, found {self.layout.version}")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from path_follower.path import Pose2
-from path_follower.routes.building import Drive, build_network, even_curve
+from path_follower.routes.building import TaughtDrive, build_network, even_curve
 from path_follower.vehicle import Motion
 from path_follower.vehicle import drive as drive_circle
 
@@ -24,7 +24,7 @@ def make_drive(*pieces, start=(0.0, 0.0, 0.0), left=0.0, direction=1, speed=1.4)
         ]
     x, y, yaw = np.array(poses).T
     speeds = np.full(len(x), speed)
-    return Drive(even_curve(x - left * np.sin(yaw), y + left * np.cos(yaw), yaw, speeds), direction)
+    return TaughtDrive(even_curve(x - left * np.sin(yaw), y + left * np.cos(yaw), yaw, speeds), direction)
 
 
 @pytest.fixture(scope="session")

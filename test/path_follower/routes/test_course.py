@@ -13,7 +13,7 @@ from path_follower.path_files import make_path as path_of
 from path_follower.routes.building import build_network
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_SHARE
 from path_follower.routes.course import join, make_course
-from path_follower.routes.network import Curve, Spot
+from path_follower.routes.network import EdgeCurve, Spot
 from path_follower.routes.planning import Leg, plan
 
 PARAMS = FollowerParams()
@@ -59,7 +59,7 @@ def test_a_join_is_feasible_and_short(drive, rng, direction):
     """From 80 starts: within the car's curvature, on the path within 10 m, no further off than full lock allows."""
     (edge,) = build_network([drive((60, 0))]).edges.values()
     c, order = edge.curve, slice(None, None, direction)
-    curve = Curve(c.x[order], c.y[order], c.yaw[order], c.speed[order])
+    curve = EdgeCurve(c.x[order], c.y[order], c.yaw[order], c.speed[order])
     limit = math.tan(TURN_SHARE * VEHICLE.max_steering_angle) / VEHICLE.wheelbase
     for left, turned in rng.uniform((-REACH, -TURNED), (REACH, TURNED), (80, 2)):
         pose = beside(curve, 0.0, left, turned)

@@ -10,14 +10,14 @@ from scipy.sparse.csgraph import dijkstra
 
 from path_follower.path import Pose2
 from path_follower.routes.building import build_network
-from path_follower.routes.network import Curve, Edge, Network, Node, Spot
+from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
 from path_follower.routes.planning import plan, with_laps
 
 
 def straight(number, start, end, length, **more):
     """An edge of a length, wherever it lies."""
     x = np.linspace(0.0, length, 3)
-    return Edge(number, start, end, Curve(x, 0 * x, 0 * x, np.ones(3)), **more)
+    return RouteEdge(number, start, end, EdgeCurve(x, 0 * x, 0 * x, np.ones(3)), **more)
 
 
 def random_network(rng, nodes=12, edges=40):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.cli.operate import words
-from sphere_nav.cli.operate.words import Seen, banner, ellipse, health, log_of, pieces, places_of
+from sphere_nav.cli.operate.words import Heard, banner, ellipse, health, log_of, pieces, places_of
 
 STOPPED = SimpleNamespace(
     state="STOPPED", reason="OFF_PATH", value=1.25, limit=1.0, remedy="bring it <onto> the path", progress=3.0
@@ -16,7 +16,7 @@ STOPPED.distance_to_end = 7.0
 
 
 def test_state_reason_and_remedy_are_told_and_what_is_old_is_unknown(monkeypatch):
-    seen = Seen()
+    seen = Heard()
     assert banner(seen).count("nothing heard") == 2
     seen.hear("follower", STOPPED)
     text = banner(seen)
@@ -35,7 +35,7 @@ def test_state_reason_and_remedy_are_told_and_what_is_old_is_unknown(monkeypatch
 
 
 def test_diagnostics_show_first_what_is_wrong(monkeypatch):
-    seen, now = Seen(), words.time.monotonic()
+    seen, now = Heard(), words.time.monotonic()
     assert "nothing heard" in health(seen)
     seen.hear("diagnostics", {"a": (0, "fine", now), "b": (2, "no images", now), "c": (0, "fine", now - 60.0)})
     text = health(seen)
@@ -44,7 +44,7 @@ def test_diagnostics_show_first_what_is_wrong(monkeypatch):
 
 
 def test_the_log_keeps_the_newest_lines():
-    seen = Seen()
+    seen = Heard()
     for k in range(20):
         seen.say(f"line <{k}>")
     text = log_of(seen)

@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.offline.mapping.joining import Bridge, Part, join
+from sphere_nav.offline.mapping.joining import Bridge, SegmentPart, join
 from sphere_nav.offline.mapping.segment_work import SegmentRecord
 from sphere_nav.ros.bags import BagError
 from sphere_nav.ros.maps.reader import save_map
@@ -36,7 +36,7 @@ def part_of(path, spheres, numbers, *, num_lost=0):
     nodes = [KeySphere(k, (n + 1) * SECOND, first @ WAY[n], spheres[n], 1.0) for k, n in enumerate(numbers)]
     edges = [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, np.eye(6)) for a, b in pairwise(nodes)]
     tracks = [Track(node.stamp_ns, node.id, SE3.identity()) for node in nodes]
-    return Part(save_map(path, SphereGraph(nodes, edges)), SegmentRecord(tracks, num_lost))
+    return SegmentPart(save_map(path, SphereGraph(nodes, edges)), SegmentRecord(tracks, num_lost))
 
 
 def is_whole(joined, first_id=0):
@@ -88,7 +88,7 @@ def test_where_the_shared_instant_was_lost_the_next_one_is_aligned(spheres, tmp_
 
 
 def test_a_segment_without_key_spheres_is_passed_over(spheres, tmp_path):
-    parts = [part_of(tmp_path / "a", spheres, [0, 1, 2, 3]), Part(None, SegmentRecord(num_lost=5))]
+    parts = [part_of(tmp_path / "a", spheres, [0, 1, 2, 3]), SegmentPart(None, SegmentRecord(num_lost=5))]
     joined = join([*parts, part_of(tmp_path / "b", spheres, [3, 4, 5, 6])])
     is_whole(joined)
     assert joined.num_lost == 5

@@ -9,7 +9,7 @@ pytest.importorskip("rclpy")
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.offline.mapping.replay_mapper import Recipe, replay_mapper
-from sphere_nav.offline.mapping.segments import Segment
+from sphere_nav.offline.mapping.segments import DriveSegment
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.writer import MapDetails
@@ -40,7 +40,7 @@ def test_a_whole_drive_is_its_only_segment(recipe):
 
 
 def test_a_segment_is_mapped_from_its_warm_up_to_its_last_instant_and_keeps_its_first_one(recipe):
-    segment = Segment(1, 3, 2 * SECOND, 3 * SECOND, 4 * SECOND, 1 * SECOND, 9 * SECOND)
+    segment = DriveSegment(1, 3, 2 * SECOND, 3 * SECOND, 4 * SECOND, 1 * SECOND, 9 * SECOND)
     drive = replay_mapper(recipe, Mapper, segment, is_shown=False)
     assert [track.stamp_ns // SECOND for track in drive.mapper.tracks] == [2, 3, 4]
     assert [node.stamp_ns // SECOND for node in drive.mapper.graph] == [2, 3]
@@ -50,6 +50,6 @@ def test_a_segment_is_mapped_from_its_warm_up_to_its_last_instant_and_keeps_its_
 
 
 def test_what_was_lost_before_the_first_instant_is_counted_by_the_segment_before(recipe):
-    segment = Segment(1, 2, 5 * SECOND, 6 * SECOND, 9 * SECOND)
+    segment = DriveSegment(1, 2, 5 * SECOND, 6 * SECOND, 9 * SECOND)
     assert replay_mapper(recipe, Mapper, segment, is_shown=False).num_lost == 0
     assert replay_mapper(recipe, Mapper, replace(segment, first_ns=5 * SECOND), is_shown=False).num_lost == 1

@@ -8,7 +8,7 @@ pytest.importorskip("rclpy")
 
 
 from sphere_nav.offline.mapping import segments
-from sphere_nav.offline.mapping.segments import END_NS, LEAD_NS, WARM_UP, Segment, cut
+from sphere_nav.offline.mapping.segments import END_NS, LEAD_NS, WARM_UP, DriveSegment, cut
 from sphere_nav.ros.bags import BagReader, BagWriter
 from worlds.recordings import PERIOD_NS, START_NS, stamp, truth, write_bag
 
@@ -50,9 +50,9 @@ def test_two_or_four_workers_end_together_and_segments_are_of_like_length():
 
 def test_a_short_drive_is_one_segment(tmp_path, monkeypatch):
     path = write_bag(tmp_path / "bag", truth, numbers=range(14))
-    assert cut_of(path, 10, monkeypatch) == [Segment()]
-    assert Segment().is_first
-    assert Segment().is_last
+    assert cut_of(path, 10, monkeypatch) == [DriveSegment()]
+    assert DriveSegment().is_first
+    assert DriveSegment().is_last
 
 
 def test_stamps_that_go_back_are_not_cut(tmp_path, monkeypatch):
@@ -61,4 +61,4 @@ def test_stamps_that_go_back_are_not_cut(tmp_path, monkeypatch):
             ((topic, message),) = truth(39 - number)
             bag.add_topic(topic, type(message))
             bag.write(topic, message, stamp(number))
-    assert cut_of(tmp_path / "bag", 10, monkeypatch) == [Segment()]
+    assert cut_of(tmp_path / "bag", 10, monkeypatch) == [DriveSegment()]

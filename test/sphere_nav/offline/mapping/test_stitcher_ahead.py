@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_nav.offline.mapping.segments import Segment
+from sphere_nav.offline.mapping.segments import DriveSegment
 from sphere_nav.offline.mapping.stitcher_ahead import StitcherAhead
 
 
@@ -52,7 +52,7 @@ def test_only_what_is_of_the_segment_is_stitched():
         return SimpleNamespace(sphere=stamp)
 
     node, published = make(stitch)
-    node.segment = Segment(1, 3, warm_ns=2, first_ns=3, last_ns=4)
+    node.segment = DriveSegment(1, 3, warm_ns=2, first_ns=3, last_ns=4)
     for stamp in range(1, 7):
         node.stitch(instant(stamp))
     assert stitched == published == [2, 3, 4]  # the last one with the first instant after the segment

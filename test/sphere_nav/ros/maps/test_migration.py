@@ -14,7 +14,7 @@ from sphere_nav_msgs.msg import KeySphereVertex, MapInfo
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.interfaces import schema_text
 from sphere_nav.ros.maps.check import verify_map
-from sphere_nav.ros.maps.migration import Layout, decode_by, migrate_map, read_layout
+from sphere_nav.ros.maps.migration import MapLayout, decode_by, migrate_map, read_layout
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.range_codec import MAX_RATIO
 
@@ -22,7 +22,7 @@ from sphere_nav.spheres.range_codec import MAX_RATIO
 # 33, 60 % in rows 34 and 35; since ranges can be marked as filled, those of rows 36 and 37 are. A new format brings its
 # map: `sphere_nav map-migrate format_2 -o format_3`, by the program that writes it.
 FORMATS = Path(__file__).parent / "formats"
-UNMARKED = {"format_1": Layout(1, False), "format_2_unmarked": Layout(2, False)}
+UNMARKED = {"format_1": MapLayout(1, False), "format_2_unmarked": MapLayout(2, False)}
 NAMES = sorted(path.name for path in FORMATS.iterdir())
 NEWEST = f"format_{MapInfo.FORMAT_VERSION}"
 
