@@ -17,6 +17,7 @@ from rclpy.action.graph import get_action_names_and_types
 from rclpy.context import Context
 from rclpy.task import Future
 from sensor_msgs.msg import CompressedImage, Image
+from sphere_nav_msgs.action import Navigate
 from sphere_nav_msgs.msg import FollowerStatus, KeySphereGraph, LocalizationStatus, ReferenceTrajectory
 from sphere_nav_msgs.srv import LoadMap, LoadTrajectory
 from std_msgs.msg import Bool, String
@@ -60,6 +61,7 @@ class Link:
         calls |= {"path_follower/load_trajectory": LoadTrajectory, "dense_localizer/load_map": LoadMap}
         calls |= {"route_navigator/pause": Trigger, "route_navigator/resume": Trigger}
         self._clients = {name: self.node.create_client(kind, name) for name, kind in calls.items()}
+        self._navigators: dict[str, ActionClient] = {}
         self._subscribe()
         failures = CallbackFailures(ThrottledLog(self.node.get_logger()))
         self._executor, self._stopped = GuardedExecutor(failures, context=self._context), Future()
@@ -232,9 +234,9 @@ class Link:
         name = self.navigator
         if not name:
             return "nobody offers the action navigate: start route_navigator, or load a path"
-        from sphere_nav_msgs.action import Navigate  # of an installation with a navigator
-
-        client = ActionClient(self.node, Navigate, name)
+        if name not in self._navigators:
+            self._navigators[name] = ActionClient(self.node, Navigate, name)
+        client = self._navigators[name]
         if not client.wait_for_server(timeout_sec=ANSWER_S):
             return f"{name} does not answer"
         goal = Navigate.Goal(place=place.name)

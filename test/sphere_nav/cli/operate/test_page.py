@@ -3,6 +3,7 @@
 import threading
 import time
 
+import numpy as np
 import pytest
 
 pytest.importorskip("viser", reason="optional: pip install viser")
@@ -10,16 +11,22 @@ pytest.importorskip("rclpy")
 
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.action import ActionServer
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from sphere_nav_msgs.action import Navigate
 from sphere_nav_msgs.msg import FollowerStatus
 from sphere_nav_msgs.srv import LoadTrajectory
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
+from path_follower.routes.building import TaughtDrive, build_network, even_curve
+from path_follower.routes.network import Spot
+from path_follower.routes.network_file import to_geojson
 from sphere_nav.cli.operate.link import Link
 from sphere_nav.cli.operate.page import OperatorPage
 from sphere_nav.cli.operate.teaching import Teaching
+from sphere_nav.cli.operate.words import Place
 from sphere_nav.ros import qos
 from worlds.browser import Browser, find_browser
 from worlds.page_client import WAIT_S, PageClient
@@ -227,6 +234,32 @@ def test_a_follower_that_says_nothing_confirms_nothing(yard, follower, monkeypat
     finally:
         del follower.do
     assert "nobody offers dense_localizer/load_map" in yard[1].load_map("campus")
+
+
+def test_a_place_of_the_network_is_driven_to_by_the_navigator(yard, follower):
+    link, asked = yard[1], []
+    line = np.column_stack([np.linspace(0.0, 20.0, 201), np.zeros(201)])
+    network = build_network([TaughtDrive(even_curve(*line.T, np.zeros(201), np.ones(201)))], "yard")
+    network = network.with_place("gate", Spot(next(iter(network.edges)), 12.0))
+    assert "nobody offers the action navigate" in link.go(Place("gate", 12.0, 0.0))
+
+    def drive(handle):
+        asked.append(handle.request.place)
+        handle.publish_feedback(Navigate.Feedback(next_place="gate", distance_remaining=3.0))
+        handle.succeed()
+        return Navigate.Result(success=True, distance=12.0)
+
+    server = ActionServer(follower.node, Navigate, "navigate", drive)
+    shown = follower.node.create_publisher(String, "route_navigator/network", qos.LATCHED)
+    shown.publish(String(data=to_geojson(network, is_dense=False)))
+    wait_until(lambda: link.navigator and link.seen.told("places")[0])
+    place = next(place for place in link.seen.told("places")[0] if place.name == "gate")
+    assert place[1:] == pytest.approx((12.0, 0.0), abs=0.1)
+    assert link.go(place) == "gate: on the way"
+    wait_until(lambda: any("gate: arrived, 12 m" in line for line in link.seen.lines))
+    assert asked == ["gate"]
+    server.destroy()
+    follower.node.destroy_publisher(shown)
 
 
 def test_in_a_browser_it_is_driven_by_the_mouse_and_the_emergency_stop_stays_in_sight(yard, follower):
