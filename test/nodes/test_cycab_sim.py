@@ -133,6 +133,7 @@ def driver(process):
     assert driver.spin_until(lambda: driver.heard["image_raw"], START_LIMIT), "no image came"
     yield driver
     driver.executor.shutdown()
+    driver.node.destroy_node()  # else it is seen, as one who commands, by the tests that follow
     rclpy.shutdown(context=context)
 
 
