@@ -1,9 +1,13 @@
 """Files that the package brings along are found."""
 
+import sys
 import xml.etree.ElementTree as ET
+from runpy import run_path
+from shutil import copy
 
 import pytest
 
+from sphere_nav.ros import shared_files
 from sphere_nav.ros.shared_files import share_file, software
 
 
@@ -19,6 +23,27 @@ def test_a_file_in_an_ament_prefix(tmp_path, monkeypatch):
     (tmp_path / "share/sphere_nav/config/site.yaml").touch()
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
     assert share_file("config/site.yaml") == tmp_path / "share/sphere_nav/config/site.yaml"
+
+
+@pytest.mark.parametrize(
+    ("package", "shared"),
+    [
+        ("target/sphere_nav", "target/share/sphere_nav"),
+        ("user/lib/python3.12/site-packages/sphere_nav", "user/share/sphere_nav"),
+        ("checkout/sphere_nav", "checkout"),
+    ],
+)
+def test_wherever_it_was_installed_its_files_are_found_from_the_code(tmp_path, monkeypatch, package, shared):
+    """Under pip --target or --user, and in a checkout, the prefix of the interpreter holds none of them."""
+    code = tmp_path / package / "ros" / "shared_files.py"
+    code.parent.mkdir(parents=True)
+    copy(shared_files.__file__, code)
+    (tmp_path / shared / "config").mkdir(parents=True)
+    (tmp_path / shared / "config" / "site.yaml").touch()
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "interpreter"))
+    found = run_path(str(code))["share_file"]("config/site.yaml")
+    assert found == tmp_path / shared / "config" / "site.yaml"
 
 
 def test_a_file_that_is_nowhere():
