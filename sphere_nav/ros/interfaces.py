@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from rclpy.serialization import deserialize_message
+
+from sphere_nav.ros.shared_files import share_folders
 
 SEPARATOR = "=" * 80
 PRIMITIVES = {
@@ -101,8 +102,9 @@ def _definition(name: str) -> str:
 
 
 def _share(package: str, name: str) -> Path | None:
-    prefixes = [prefix for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if prefix]
-    places = [Path(prefix) / "share" / package / name for prefix in (*prefixes, sys.prefix)]
+    spec = find_spec(package)  # imports nothing: the name of a package has no dots
+    code = Path(spec.origin).resolve().parent if spec is not None and spec.origin else None
+    places = (folder / name for folder in share_folders(package, code))
     return next((place for place in places if place.is_file()), None)
 
 

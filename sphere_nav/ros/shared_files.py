@@ -12,14 +12,23 @@ PACKAGE = "sphere_nav"
 
 def share_file(name: str) -> Path:
     """Return the path of a shipped file such as `config/fastdds_large.xml`; ValueError if it is nowhere."""
-    root = Path(__file__).resolve().parents[2]  # a checkout, site-packages, or what pip --target made
-    prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if prefix]
-    around = (root, *root.parents[:3])  # PREFIX/lib/python3.x/site-packages, also of pip --user and --prefix
-    places = [root, *(prefix / "share" / PACKAGE for prefix in (*prefixes, Path(sys.prefix), *around))]
+    code = Path(__file__).resolve().parents[1]
+    places = [code.parent, *share_folders(PACKAGE, code)]  # a checkout has them beside the code
     for place in places:
         if (place / name).is_file():
             return place / name
     raise ValueError(f"{name}: file of {PACKAGE} not found in {', '.join(map(str, places))}")
+
+
+def share_folders(package: str, code: Path | None) -> list[Path]:
+    """Return where the shipped files of a package may be, by its name and the folder of its module, if it has one.
+
+    Of the prefixes of ament and of the interpreter, and around the code: pip --target, --user and --prefix install
+    into other ones.
+    """
+    prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if prefix]
+    around = code.parents[:4] if code is not None else ()  # PREFIX/lib/python3.x/site-packages, or PREFIX itself
+    return [prefix / "share" / package for prefix in (*prefixes, Path(sys.prefix), *around)]
 
 
 def software() -> str:
