@@ -14,6 +14,7 @@ from path_follower.routes.course import Course
 from path_follower.routes.mission import Goal, Mission
 from path_follower.routes.planning import Leg
 from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_text, required, short
+from sphere_nav.geometry.files.whole_file import write_whole
 from sphere_nav.geometry.trajectory import MAP_ID
 
 FORMAT, VERSION = "sphere_nav mission", 1
@@ -33,9 +34,7 @@ def state_folder(named: str) -> Path:
 def write_mission(path: Path, mission: Mission) -> None:
     """Write what survives; the file appears whole or not at all."""
     values = {"format": FORMAT, "version": VERSION, **mission.snapshot()}
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(json.dumps(values, allow_nan=False), encoding="utf-8")
-    partial.replace(path)
+    write_whole(path, json.dumps(values, allow_nan=False))
 
 
 def read_mission(path: Path, mission: Mission, now: float) -> None:
@@ -67,9 +66,7 @@ def write_course(path: Path, course: Course, map_id: str, fastest: float) -> Non
     head = f"{MAP_ID} {map_id}\n" if map_id else ""
     rows = np.stack([course.x, course.y, course.yaw, speed], axis=-1).tolist()
     lines = "\n".join(",".join(f"{value:.5f}" for value in row) for row in rows)
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(f"{head}x,y,yaw,speed\n{lines}\n", encoding="utf-8")
-    partial.replace(path)
+    write_whole(path, f"{head}x,y,yaw,speed\n{lines}\n")
 
 
 def _goal(found: Any, where: str) -> Goal | None:

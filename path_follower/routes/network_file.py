@@ -21,6 +21,7 @@ from path_follower.routes.constants import MAX_BYTES, MAX_ITEMS, MAX_NAME
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_text, required, short
+from sphere_nav.geometry.files.whole_file import write_whole
 
 FORMAT, VERSION = "sphere_nav routes", 1
 FILE_NAME = "routes.geojson"  # in the folder of its map
@@ -36,9 +37,7 @@ def network_path(path: Path) -> Path:
 
 def write_network(path: str | os.PathLike[str], network: Network) -> None:
     """Write a network; the file appears whole or not at all."""
-    partial = Path(path).with_name(Path(path).name + ".part")
-    partial.write_text(to_geojson(network), encoding="utf-8")
-    partial.replace(path)
+    write_whole(Path(path), to_geojson(network))
 
 
 def read_network(path: str | os.PathLike[str], map_id: str = "") -> Network:

@@ -26,6 +26,7 @@ from sphere_nav.geometry.files.untrusted import (
     short,
     size,
 )
+from sphere_nav.geometry.files.whole_file import write_whole
 
 FORMAT, FORMAT_VERSION = "sphere_nav_rig", 1
 MODELS: dict[str, tuple[str, ...]] = {
@@ -89,9 +90,7 @@ def write_rig(path: str | Path, rig: Rig, *, is_overwriting: bool = False) -> No
     ]
     for camera in rig.cameras:
         lines += _camera_lines(camera, path.parent)
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(HEADER + "\n".join(lines) + "\n", encoding="utf-8")
-    part.replace(path)
+    write_whole(path, HEADER + "\n".join(lines) + "\n")
 
 
 def _rig(values: Mapping[str, Any], folder: Path) -> Rig:

@@ -20,10 +20,10 @@ from tqdm import tqdm
 
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry.files.untrusted import load_json, read_text, required
+from sphere_nav.geometry.files.whole_file import PART
 from sphere_nav.offline.mapping.joining import Bridge, JoinedSegments, SegmentPart, join
 from sphere_nav.offline.mapping.plan import MappingPlan
 from sphere_nav.offline.mapping.segment_work import (
-    NEW,
     SegmentRecord,
     SegmentTask,
     map_segment,
@@ -57,7 +57,7 @@ class Remains:
     def begin(self, plan: MappingPlan, *, is_resumed: bool) -> None:
         """Make the folder, or go on with it; BagError where it is another run's, or was not asked for."""
         file = self.folder / PLAN
-        if not self.folder.exists() or (is_resumed and all(one.suffix == NEW for one in self.folder.iterdir())):
+        if not self.folder.exists() or (is_resumed and all(one.suffix == PART for one in self.folder.iterdir())):
             self.folder.mkdir(parents=True, exist_ok=True)
             try:
                 write_json(file, plan.options)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -18,12 +17,12 @@ from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.untrusted import load_json, numbers, read_text, required
+from sphere_nav.geometry.files.whole_file import write_whole
 from sphere_nav.offline.mapping.replay_mapper import Recipe, replay_mapper
 from sphere_nav.offline.mapping.segments import DriveSegment
 from sphere_nav.offline.mapping.workers import limit_threads
 from sphere_nav.ros.maps.writer import MapWriter
 
-NEW = ".new"  # ends the name of a file that is not whole
 _ALONE = threading.Lock()  # kernels and file handles of a process serve one segment at a time
 
 
@@ -72,12 +71,7 @@ def write_record(path: Path, record: SegmentRecord) -> None:
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write values; the file is there as a whole or not at all."""
-    new = path.with_name(path.name + NEW)
-    with new.open("w", encoding="utf-8") as file:
-        json.dump(content, file)
-        file.flush()
-        os.fsync(file.fileno())
-    new.replace(path)
+    write_whole(path, json.dumps(content))
 
 
 def read_record(path: Path) -> SegmentRecord:
