@@ -14,7 +14,7 @@ IMAGE_FORGETTING = 0.9
 # Registration: image motion of an increment below which a level is done, px. Fine enough at the rate of a camera
 # (test_localizer: errors of a drive).
 MIN_STEP_PX = 0.04
-MAX_MAD = 40.0  # grey levels: an alignment that leaves more is refused, in other light, too (judge/test_candidate)
+MAX_MAD = 40.0  # grey levels: an alignment that leaves more is refused (photometric/align/test_judgement)
 
 # Prediction (test_motion_prior)
 GAP_S, GAP_PERIODS = 0.3, 2.0  # a longer pause is a gap, s; of a slower camera, in periods
@@ -109,7 +109,7 @@ ANY_MAD = 255.0  # grey levels: the map may differ as it likes, references count
 NUM_RETRIEVED, NUM_MATCHED, MIN_POSE_INLIERS = 12, 6, 6  # spheres by appearance; of them by features; features
 TILT_STEP_DEG, SIDE_STEP_DEG = 12.0, 15.0  # above and below, beside the heading of a partial sphere
 ROLL_STEP_DEG = 45.0  # about the axis of a camera that nobody has found upright; alignment reaches half of it
-MAX_GUESS_M = 10.0  # from an initial pose to the nearest key sphere: more is a wrong map (start/test_search)
+MAX_GUESS_M = 10.0  # from an initial pose to the nearest key sphere: more is another place (start/test_startup)
 MAX_PITCH_RAD = 1.2  # 70 deg: steeper, a mounting is of optical axes
 FORWARD_STEP = 0.2  # before and behind a center, as share of the range
 NUM_COMPARED_POINTS, MIN_COMPARED_POINTS = 600, 20  # of a sphere with the image; visible, below which nothing is said

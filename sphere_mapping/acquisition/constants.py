@@ -53,7 +53,7 @@ MIN_CORRELATION = 0.8  # of that detail
 FAINT_DETAIL, FLAT_DETAIL = 0.01, 0.04  # deviation of log levels: below, nothing is correlated; there is no detail
 
 # Seams (stitching/test_feathering, stitching/test_strips)
-NUM_BANDS = 4  # of the Laplacian pyramid, Burt and Adelson 1983: the coarsest blends over 32 px (test_layouts)
+NUM_BANDS = 4  # of the Laplacian pyramid, Burt and Adelson 1983: the coarsest blends over 32 px
 SEAM_FROM_BORDER = 0.02  # rad from a camera's border, where views are compared along the seams
 BAND_DEG = 6.0  # to either side of a seam where views are compared
 FADE_DEG = 8.0  # standard deviation of the smoothing, and so of the fading
