@@ -50,5 +50,5 @@ def run(arguments: argparse.Namespace) -> int:
         raise BagError(f"{arguments.bag}: expected a topic with poses or a status, found neither: --pose, --status")
     errors = plot_figure.measure(poses, arguments.truth or arguments.bag, is_required=arguments.truth is not None)
     plot_figure.draw_localization(output, poses, errors, statuses)
-    print("\n".join([*plot_figure.describe(statuses), f"{output}: {0 if poses is None else len(poses)} poses"]))
+    print("\n".join([*plot_figure.describe_states(statuses), f"{output}: {0 if poses is None else len(poses)} poses"]))
     return 0

@@ -76,7 +76,7 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool) -> Erro
     return judged.estimate, judged.truth, judged.errors
 
 
-def describe(statuses: list[Status]) -> list[str]:
+def describe_states(statuses: list[Status]) -> list[str]:
     """Return how often each state was told for each reason, with the remedy, and the time for an image."""
     counts = Counter((str(status.state), str(status.reason)) for status in statuses)
     remedies = {(str(status.state), str(status.reason)): status.remedy for status in statuses}

@@ -1,7 +1,7 @@
 """What is drawn of a localiser's states, and what is said of them."""
 
 from sphere_nav.localization.status import Reason, State, Status
-from sphere_nav.offline.plot_figure import describe, runs_of
+from sphere_nav.offline.plot_figure import describe_states, runs_of
 
 SECOND = 1_000_000_000
 STATES = [State.SEARCHING, State.PROBATION, State.TRACKING, State.TRACKING, State.DEGRADED, State.LOST]
@@ -23,6 +23,6 @@ def test_runs_of_equal_states_last_until_the_next_begins():
 
 
 def test_the_time_for_an_image_leaves_silences_out():
-    lines = describe([status(number) for number in range(6)])
+    lines = describe_states([status(number) for number in range(6)])
     assert lines[0] == "     2  TRACKING                      turn back"
     assert lines[-1] == "time for an image: median 7.0 ms, p99 9.0 ms"
