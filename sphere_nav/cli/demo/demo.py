@@ -23,6 +23,7 @@ from sphere_nav.cli.demo.processes import Processes
 from sphere_nav.cli.demo.report import DriveErrors, drive_errors, read_estimate, read_truth
 from sphere_nav.cli.demo.watch import DriveFailed, DriveMonitor
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.files.untrusted import load_yaml, read_text, required
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.maps.reader import open_map
@@ -121,16 +122,28 @@ class Demo:
     follower: Mapping[str, Any] = {}  # its parameters that are not those of every drive
 
     def __init__(
-        self, output: Path, seed: int, path: str, domain: int | None, more: Mapping[str, Any], condition: str = ""
+        self,
+        output: Path,
+        seed: int,
+        path: str,
+        domain: int | None,
+        more: Mapping[str, Any],
+        condition: str = "",
+        taught: Path | None = None,
     ) -> None:
-        """`more`: parameters of the simulator that are not those of every demo; `condition`: of the second drive."""
-        self.folder = self.taught = new_folder(output)  # `taught`: of the teaching drive and its map
+        """`more`: parameters of the simulator that are not those of every demo; `condition`: of the second drive.
+
+        `taught`: output of an earlier run of the same seed and path, whose teaching drive and map are used again.
+        """
         self.domain = 50 + os.getpid() % 50 if domain is None else domain
         place = TOUR if path == "tour" else {"path": path}
         self.other_day = OTHER_DAY | {"condition": condition}
         self.simulation = SIMULATION | {"seed": seed} | place | dict(more)
         params = build(SimParams, self.simulation)
         self.length = build_world(params.world, params.seed, params.path).path.length
+        known = check_taught(taught, self.simulation) if taught is not None else None
+        self.folder = new_folder(output)
+        self.taught = known or self.folder  # where the teaching drive and its map are
         self.seconds: dict[str, float] = {}
         self.cpu_seconds: dict[str, float] = {}
 
@@ -272,6 +285,20 @@ class Demo:
             "seconds": self.seconds,
             "cpu_seconds": self.cpu_seconds,
         }
+
+
+def check_taught(taught: Path, simulation: Mapping[str, Any]) -> Path:
+    """Return the folder of a teaching drive; ValueError where it was not made with these parameters."""
+    told = taught / "teach_logs" / "cycab_sim.yaml"
+    if not (taught / "map").is_dir() or not told.is_file():
+        raise ValueError(f"{taught}: expected the output of an experiment with a taught map, found none")
+    values = load_yaml(told, read_text(told, "file of parameters"))
+    node = required(values, f"{told}", ["cycab_sim"])["cycab_sim"]
+    made = required(node, f"{told}: cycab_sim", ["ros__parameters"])["ros__parameters"]
+    for key, value in simulation.items():
+        if made.get(key) != value:
+            raise ValueError(f"{taught}: {key}: expected {value!r} as in this experiment, found {made.get(key)!r}")
+    return taught
 
 
 def has_ended(follower: str) -> bool:

@@ -99,17 +99,23 @@ class Convergence:
         found: dict[str, list[Curves]] = {}
         for setting, (count, is_adjusted) in SETTINGS.items():
             numbered = tqdm(enumerate(drives), desc=setting, total=len(drives), disable=None)
-            found[setting] = [self.follow(drive, count, number, is_adjusted) for number, drive in numbered]
+            found[setting] = [
+                run_particles(self.site, drive, count, self._lot(number, 29), is_adjusted=is_adjusted)
+                for number, drive in numbered
+            ]
         plot_curves(self.folder / "curves.png", found)
         plot_ways(self.folder / "ways.png", found[next(iter(SETTINGS))], drives)
         more = {"median_m": {name: np.median(_distances(some), axis=0).tolist() for name, some in found.items()}}
         return write_result(self.folder, self.name, self.seed, list(figures(found, drives)), more)
 
+    def _lot(self, number: int, purpose: int) -> np.random.Generator:
+        return np.random.default_rng([self.seed, number, purpose])
+
     def record(self) -> Iterator[Kidnapped]:
         """Draw the images of each drive."""
         path, camera_x = self.simulator.path, self.simulator.params.camera.x
         for number in range(self.num_seeds):
-            rng = np.random.default_rng([self.seed, number, 83])
+            rng = self._lot(number, 83)
             line = path.at(rng.uniform(0.0, path.length) + STEP * np.arange(self.num_images))[:, :3]
             line = compose_planar(line, np.array([0.0, rng.uniform(-ASIDE, ASIDE), 0.0]))
             images = []
@@ -122,28 +128,28 @@ class Convergence:
             truth = compose_planar(line, np.array([camera_x, 0.0, 0.0]))
             yield Kidnapped(images, truth, noisy_odometry(truth, rng))
 
-    def follow(self, drive: Kidnapped, count: int, seed: int, is_adjusted: bool) -> Curves:
-        """Let algorithm 2 run over the images of a drive."""
-        site, rng = self.site, np.random.default_rng([self.seed, seed, 29])
-        motion, lineage = MotionModel(site.params.motion), Lineage()
-        num_headings = num_alpha_for(site.params.heading_step_deg)
-        particles = sample_uniform(site.area, count, rng)
-        distances, rates = [], []
-        for index, visual in enumerate(drive.images):
-            step = motion.step((index + 1) * SECOND, SE3.from_planar(*map(float, drive.odometry[index])))
-            particles = particles.with_poses(sample_motion(particles.poses, step, rng))
-            cache, comparison = site.depth_map.cache, Comparison(visual, site.depth_map, num_headings)
-            cache.num_hits = cache.num_misses = 0
-            curves = comparison.curves(particles.poses)
-            rates.append((comparison.hit_rate, cache.hit_rate))
-            if is_adjusted:
-                particles = adjust_headings(particles, curves, rng)
-            similarities = interpolate_similarity(curves, particles.poses[:, 2])
-            particles = particles.reweight(compute_weights(similarities, particles.weights))
-            distances.append(distances_of(particles, drive.truth[index]))
-            particles = lineage.add((index + 1) * SECOND, particles)
-            particles = particles.select(low_variance_indices(particles.weights, count, rng.random()))
-        return Curves(np.array(distances), np.array(rates), np.array([pose for _, pose in lineage.trajectory()]))
+
+def run_particles(site: Site, drive: Kidnapped, count: int, rng: np.random.Generator, *, is_adjusted: bool) -> Curves:
+    """Let algorithm 2 run over the images of a drive, `count` particles all over the site at first."""
+    motion, lineage = MotionModel(site.params.motion), Lineage()
+    cache, num_headings = site.depth_map.cache, num_alpha_for(site.params.heading_step_deg)
+    particles = sample_uniform(site.area, count, rng)
+    distances, rates = [], []
+    for index, visual in enumerate(drive.images):
+        step = motion.step((index + 1) * SECOND, SE3.from_planar(*map(float, drive.odometry[index])))
+        particles = particles.with_poses(sample_motion(particles.poses, step, rng))
+        comparison = Comparison(visual, site.depth_map, num_headings)
+        cache.num_hits = cache.num_misses = 0
+        curves = comparison.curves(particles.poses)
+        rates.append((comparison.hit_rate, cache.hit_rate))
+        if is_adjusted:
+            particles = adjust_headings(particles, curves, rng)
+        similarities = interpolate_similarity(curves, particles.poses[:, 2])
+        particles = particles.reweight(compute_weights(similarities, particles.weights))
+        distances.append(distances_of(particles, drive.truth[index]))
+        particles = lineage.add((index + 1) * SECOND, particles)
+        particles = particles.select(low_variance_indices(particles.weights, count, rng.random()))
+    return Curves(np.array(distances), np.array(rates), np.array([pose for _, pose in lineage.trajectory()]))
 
 
 def distances_of(particles: Particles, truth: Array) -> tuple[float, float, float]:

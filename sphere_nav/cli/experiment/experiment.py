@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from sphere_nav.cli.demo.watch import DriveFailed
+from sphere_nav.cli.experiment.convergence import Convergence
 from sphere_nav.cli.experiment.drives import DRIVES
 
 PURPOSES = {
@@ -14,6 +15,7 @@ PURPOSES = {
     "three_point_turn": "to the crossing, a turn in three moves there, and home (M15 fig. 14)",
     "blind": "the camera is covered for three seconds on the way",
     "pedestrian": "somebody stands in the way",
+    "convergence": "particles of a kidnapped panorama in bare geometry, 1000 and 4000 of them (N17 fig. 3, 6, 7)",
 }
 LISTING = "\n".join(f"  {name:<17} {purpose}" for name, purpose in PURPOSES.items())
 HELP = f"""\
@@ -45,6 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--seed: expected 0 or more, found {arguments.seed}")
     name: str = arguments.name
     output = arguments.output or Path("out/experiment") / name
+    if name not in DRIVES:
+        return 0 if Convergence(name, output, arguments.seed).run() else 1
     drive = DRIVES[name](name, output, arguments.seed, arguments.domain, arguments.taught)
     try:
         return 0 if drive.run() else 1

@@ -21,18 +21,19 @@ def planar(trajectory: Trajectory) -> Array:
     return np.column_stack([trajectory.positions[:, :2], np.atleast_1d(trajectory.T_map_body.yaw)])
 
 
-def turn_around(poses: Array, at: int) -> tuple[Array, Array]:
-    """Return poses (M, 3) and speeds (M,) m/s: along poses (N, 3) to number `at`, a turn in three moves, and back.
+def turn_around(poses: Array) -> tuple[Array, Array]:
+    """Return poses (M, 3) and speeds (M,) m/s: along poses (N, 3), a turn in three moves at the last, and back.
 
     The moves end where they began, facing the other way.
     """
-    parts = [poses[: at + 1]]
+    parts = [poses]
     for gear, side in MOVES:
         way = np.append(np.arange(SPACING, TURN_RADIUS * THIRD, SPACING), TURN_RADIUS * THIRD)
         parts.append(arc(parts[-1][-1], gear * way, side / TURN_RADIUS))
-    speeds = [np.full(len(parts[0]), SPEED), *(np.full(len(move), TURN_SPEED) for move in parts[1:])]
-    back = poses[:at][::-1] + np.array([0.0, 0.0, np.pi])
-    return np.concatenate([*parts, back]), np.concatenate([*speeds, np.full(len(back), SPEED)])
+    back = poses[:-1][::-1] + np.array([0.0, 0.0, np.pi])
+    count = sum(map(len, parts[1:]))
+    speeds = np.concatenate([np.full(len(poses), SPEED), np.full(count, TURN_SPEED), np.full(len(back), SPEED)])
+    return np.concatenate([*parts, back]), speeds
 
 
 def write_plan(path: Path, poses: Array, speeds: Array) -> Path:
