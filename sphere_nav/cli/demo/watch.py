@@ -25,6 +25,7 @@ from sphere_nav.ros.conversions import stamp_ns
 STALL = 30.0  # s of simulated time without motion of the car that end a drive
 SILENCE = 240.0  # s of wall time without news after which it matters whether any process works
 LOOK = 0.1  # s
+MAX_CALLS = 600  # of a service that refuses
 SERVICES = {
     "path_follower/start": Trigger,
     "cycab_sim/resume": Trigger,
@@ -92,6 +93,14 @@ class DriveMonitor:
         refusal = self.ask(name, request)
         if refusal:
             raise DriveFailed(f"{name} refused: {refusal}; {self.describe()}")
+
+    def insist(self, name: str) -> None:
+        """Call a Trigger again and again until it is done; DriveFailed says why it was refused for too long."""
+        for _ in range(MAX_CALLS):
+            if not (refusal := self.ask(name)):
+                return
+            self.executor.spin_once(timeout_sec=LOOK)
+        raise DriveFailed(f"{name} refused: {refusal}; {self.describe()}")
 
     def ask(self, name: str, request: Any = None) -> str:
         """Call a service; return why it was refused, empty where it was done."""

@@ -30,7 +30,6 @@ APPROACH = 12.0  # m of the taught path before and after the turn in three moves
 JOINED = 10.0  # m along the path after which the car is on it
 COVERED_FROM, COVERED_FOR = 15.0, 3.0  # s of simulated time
 STANDING_AT = 15.0  # m along the path: on the first straight
-MAX_STARTS = 600  # calls of start until the follower takes one, a look apart
 PEDESTRIAN_RADIUS = 0.35  # m
 
 
@@ -146,10 +145,10 @@ class ThreePointTurn(TaughtDrive):
     def _poses(self) -> tuple[Array, Array]:
         """Return the last `APPROACH` m of taught poses (N, 3) before it: in the world, by the truth, and in the map."""
         truth, taught = read_truth(self.taught / "teach"), read_tum(self.taught / "taught.tum")
-        at, _ = truth.at(np.maximum(taught.stamps_ns, truth.stamps_ns[0]))
+        at, known = truth.at(np.maximum(taught.stamps_ns, truth.stamps_ns[0]))
         end = self.path.pieces[0].length
         part = (at.distances >= end - APPROACH) & (at.distances <= end)
-        return planar(at)[part], planar(taught)[part]
+        return planar(at)[part], planar(taught[known])[part]
 
     def start(self) -> Array:
         """Return where the plan begins."""
@@ -180,9 +179,7 @@ class Blind(TaughtDrive):
         """Start again once the localiser has found the place."""
         super().accompany(watch)
         watch.wait("place found again", lambda: watch.localizer.startswith("TRACKING"), is_moving=False)
-        for _ in range(MAX_STARTS):
-            if not watch.ask("path_follower/start"):
-                break
+        watch.insist("path_follower/start")
         watch.wait("start", lambda: watch.follower.startswith(("DRIVING", "SLOW")), is_moving=False)
         self.follow(watch, "drive on", lambda: has_ended(watch.follower))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -32,7 +33,10 @@ def write_result(
 ) -> bool:
     """Write `result.json`, print the table, and return whether every bound is kept; `more`: what else is told."""
     has_passed = all(figure.is_met for figure in figures)
-    told = [asdict(figure) | {"is_met": figure.is_met} for figure in figures]
+    told = [
+        asdict(figure) | {"is_met": figure.is_met} | ({} if math.isfinite(figure.value) else {"value": None})
+        for figure in figures
+    ]  # JSON knows no infinity
     result = {"experiment": name, "seed": seed, "has_passed": has_passed, "figures": told} | dict(more or {})
     (folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     print("\n".join([*map(_row, figures), f"{'all of it':<44} {folder}"]))

@@ -31,7 +31,9 @@ def test_a_result_is_passed_with_all_its_bounds_only(tmp_path, capsys):
             {"name": "gap", "value": 0.4, "unit": "m", "bound": 0.5, "is_minimum": True, "is_met": False},
         ],
     }
+    assert not write_result(tmp_path, "walk", 7, [Figure("zero", np.inf, "s", 0.5)])
+    assert json.loads((tmp_path / "result.json").read_text())["figures"][0]["value"] is None
     out = capsys.readouterr().out
     assert "gap" in out
-    assert out.count(" RED") == 1
+    assert out.count(" RED") == 2
     assert "every bound is kept" in out
