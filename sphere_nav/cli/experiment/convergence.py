@@ -31,7 +31,7 @@ from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.cli.demo.demo import new_folder
-from sphere_nav.cli.experiment.result import Figure, write_result
+from sphere_nav.cli.experiment.result import JudgedFigure, write_result
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
@@ -58,7 +58,7 @@ DISTANCES = ("mean", "best weight", "nearest")
 
 
 @dataclass(frozen=True, eq=False)
-class Kidnapped:
+class KidnappedDrive:
     """A drive from anywhere: features of its images, true poses and odometry (K, 3) m, rad of the level camera."""
 
     images: list[GradientFeatures]
@@ -67,7 +67,7 @@ class Kidnapped:
 
 
 @dataclass(frozen=True, eq=False)
-class Curves:
+class ParticleCurves:
     """Of a run: distances (K, 3) m of `DISTANCES`, hit rates (K, 2) of both caches, and a way.
 
     `trajectory` (K, 3): of the particle of the highest accumulated weight.
@@ -96,7 +96,7 @@ class Convergence:
     def run(self) -> bool:
         """Record, run, draw, judge; True where every bound is kept."""
         drives = list(tqdm(self.record(), desc="drives", total=self.num_seeds, disable=None))
-        found: dict[str, list[Curves]] = {}
+        found: dict[str, list[ParticleCurves]] = {}
         for setting, (count, is_adjusted) in SETTINGS.items():
             numbered = tqdm(enumerate(drives), desc=setting, total=len(drives), disable=None)
             found[setting] = [
@@ -111,7 +111,7 @@ class Convergence:
     def _lot(self, number: int, purpose: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, number, purpose])
 
-    def record(self) -> Iterator[Kidnapped]:
+    def record(self) -> Iterator[KidnappedDrive]:
         """Draw the images of each drive."""
         path, camera_x = self.simulator.path, self.simulator.params.camera.x
         for number in range(self.num_seeds):
@@ -126,10 +126,12 @@ class Convergence:
                 images.append(visual_features(*level_view(frame.image, frame.camera, np.eye(3), camera)))
                 self.simulator.step(VehicleCommand(), SECOND)
             truth = compose_planar(line, np.array([camera_x, 0.0, 0.0]))
-            yield Kidnapped(images, truth, noisy_odometry(truth, rng))
+            yield KidnappedDrive(images, truth, noisy_odometry(truth, rng))
 
 
-def run_particles(site: Site, drive: Kidnapped, count: int, rng: np.random.Generator, *, is_adjusted: bool) -> Curves:
+def run_particles(
+    site: Site, drive: KidnappedDrive, count: int, rng: np.random.Generator, *, is_adjusted: bool
+) -> ParticleCurves:
     """Let algorithm 2 run over the images of a drive, `count` particles all over the site at first."""
     motion, lineage = MotionModel(site.params.motion), Lineage()
     cache, num_headings = site.depth_map.cache, num_alpha_for(site.params.heading_step_deg)
@@ -149,7 +151,7 @@ def run_particles(site: Site, drive: Kidnapped, count: int, rng: np.random.Gener
         distances.append(distances_of(particles, drive.truth[index]))
         particles = lineage.add((index + 1) * SECOND, particles)
         particles = particles.select(low_variance_indices(particles.weights, count, rng.random()))
-    return Curves(np.array(distances), np.array(rates), np.array([pose for _, pose in lineage.trajectory()]))
+    return ParticleCurves(np.array(distances), np.array(rates), np.array([pose for _, pose in lineage.trajectory()]))
 
 
 def distances_of(particles: Particles, truth: Array) -> tuple[float, float, float]:
@@ -169,26 +171,26 @@ def noisy_odometry(truth: Array, rng: np.random.Generator) -> Array:
     return np.array(poses)
 
 
-def figures(found: dict[str, list[Curves]], drives: list[Kidnapped]) -> Iterator[Figure]:
+def figures(found: dict[str, list[ParticleCurves]], drives: list[KidnappedDrive]) -> Iterator[JudgedFigure]:
     """Judge: N17 IV says what the adjustment of headings saves."""
     shares = {}
     for setting, some in found.items():
         last = _distances(some)[:, -1]
         shares[setting] = 100.0 * float(np.mean(last[:, 0] <= NEAR))
-        yield Figure(f"{setting}: mean within {NEAR:g} m at the end", shares[setting], "%")
+        yield JudgedFigure(f"{setting}: mean within {NEAR:g} m at the end", shares[setting], "%")
         for index, name in enumerate(DISTANCES):
-            yield Figure(f"{setting}: {name} at the end, median", float(np.median(last[:, index])), "m")
+            yield JudgedFigure(f"{setting}: {name} at the end, median", float(np.median(last[:, index])), "m")
         ways = [np.sqrt(np.mean(_off(run, drive) ** 2)) for run, drive in zip(some, drives, strict=True)]
-        yield Figure(f"{setting}: way by accumulated weight, RMSE", float(np.median(ways)), "m")
+        yield JudgedFigure(f"{setting}: way by accumulated weight, RMSE", float(np.median(ways)), "m")
         rates = np.mean([run.hit_rates for run in some], axis=(0, 1))
-        yield Figure(f"{setting}: similarities reused", 100.0 * float(rates[0]), "%")
-        yield Figure(f"{setting}: depth images reused", 100.0 * float(rates[1]), "%")
-    yield Figure("runs of each setting", float(len(drives)), "", 20.0, is_minimum=True)
+        yield JudgedFigure(f"{setting}: similarities reused", 100.0 * float(rates[0]), "%")
+        yield JudgedFigure(f"{setting}: depth images reused", 100.0 * float(rates[1]), "%")
+    yield JudgedFigure("runs of each setting", float(len(drives)), "", 20.0, is_minimum=True)
     gain = shares["1000, adjusted"] - shares["1000, as drawn"]
-    yield Figure("adjusted against drawn headings, 1000 particles", gain, "%", 0.0, is_minimum=True)
+    yield JudgedFigure("adjusted against drawn headings, 1000 particles", gain, "%", 0.0, is_minimum=True)
 
 
-def plot_curves(path: Path, found: dict[str, list[Curves]]) -> None:
+def plot_curves(path: Path, found: dict[str, list[ParticleCurves]]) -> None:
     """Draw the three distances over the images for every setting, median and quartiles, and the use of the caches."""
     figure, panels = plt.subplots(2, 3, figsize=(14, 8))
     for axes, (setting, some) in zip(panels[:, :2].ravel(), found.items(), strict=True):
@@ -213,7 +215,7 @@ def plot_curves(path: Path, found: dict[str, list[Curves]]) -> None:
     plt.close(figure)
 
 
-def plot_ways(path: Path, some: list[Curves], drives: list[Kidnapped]) -> None:
+def plot_ways(path: Path, some: list[ParticleCurves], drives: list[KidnappedDrive]) -> None:
     """Draw the ways of the particles of the highest accumulated weight beside the truth."""
     figure, axes = plt.subplots(figsize=(8, 8))
     for number, (run, drive) in enumerate(zip(some, drives, strict=True)):
@@ -228,9 +230,9 @@ def plot_ways(path: Path, some: list[Curves], drives: list[Kidnapped]) -> None:
     plt.close(figure)
 
 
-def _distances(some: list[Curves]) -> Array:
+def _distances(some: list[ParticleCurves]) -> Array:
     return np.stack([run.distances for run in some])
 
 
-def _off(run: Curves, drive: Kidnapped) -> Array:
+def _off(run: ParticleCurves, drive: KidnappedDrive) -> Array:
     return np.hypot(*(run.trajectory[:, :2] - drive.truth[-len(run.trajectory) :, :2]).T)

@@ -18,7 +18,7 @@ from sphere_nav.cli.demo.demo import Demo, has_ended, rms
 from sphere_nav.cli.demo.report import DriveErrors, drive_errors, read_truth
 from sphere_nav.cli.demo.watch import DriveMonitor
 from sphere_nav.cli.experiment.plans import planar, turn_around, write_plan
-from sphere_nav.cli.experiment.result import Figure, write_result
+from sphere_nav.cli.experiment.result import JudgedFigure, write_result
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, read_tum, write_tum
@@ -33,7 +33,7 @@ STANDING_AT = 15.0  # m along the path: on the first straight
 PEDESTRIAN_RADIUS = 0.35  # m
 
 
-class TaughtDrive(Demo):
+class PaperDrive(Demo):
     """One experiment: `prepare` teaches and maps, or takes what another one has taught; `run` drives and judges."""
 
     simulator: Mapping[str, Any] = {}  # parameters of the second drive alone
@@ -64,14 +64,14 @@ class TaughtDrive(Demo):
         more = {"end": self.end, "length_m": self.length, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds}
         return write_result(self.folder, self.name, self.seed, self.figures(self.judged), more)
 
-    def figures(self, errors: DriveErrors) -> list[Figure]:
+    def figures(self, errors: DriveErrors) -> list[JudgedFigure]:
         """Return what is judged."""
         lateral = errors.lateral[errors.along >= self.judged_from]
         return [
-            Figure("lateral error, RMSE", rms(lateral), "m", self.rmse_bound),
-            Figure("lateral error, largest", float(np.abs(lateral).max()), "m", self.max_bound),
-            Figure("share of the path that was driven", errors.share_driven, "", 0.95, is_minimum=True),
-            Figure("end of the path reached", float(self.has_finished), "", 1.0, is_minimum=True),
+            JudgedFigure("lateral error, RMSE", rms(lateral), "m", self.rmse_bound),
+            JudgedFigure("lateral error, largest", float(np.abs(lateral).max()), "m", self.max_bound),
+            JudgedFigure("share of the path that was driven", errors.share_driven, "", 0.95, is_minimum=True),
+            JudgedFigure("end of the path reached", float(self.has_finished), "", 1.0, is_minimum=True),
         ]
 
     def start(self) -> Array:
@@ -101,21 +101,21 @@ class TaughtDrive(Demo):
         return drive_errors(self.taught / "teach", self.folder / "drive", T_world_map, driven)
 
 
-class TwoTurns(TaughtDrive):
+class TwoTurns(PaperDrive):
     """M15 fig. 17 and 18, begun beside the path."""
 
     offset, judged_from = (0.5, 10.0), JOINED
 
-    def figures(self, errors: DriveErrors) -> list[Figure]:
+    def figures(self, errors: DriveErrors) -> list[JudgedFigure]:
         """Add how far the car went off while it joined the path."""
         joining = np.abs(errors.lateral[errors.along < JOINED])
-        worst = Figure(
+        worst = JudgedFigure(
             f"largest distance within the first {JOINED:g} m", float(joining.max()), "m", 1.2 * self.offset[0]
         )
         return [*super().figures(errors), worst]
 
 
-class Reverse(TaughtDrive):
+class Reverse(PaperDrive):
     """Taught forward, driven back in reverse gear: the camera still looks ahead (M15 fig. 14)."""
 
     rmse_bound = max_bound = 0.08
@@ -137,7 +137,7 @@ class Reverse(TaughtDrive):
         return drive_errors(self.taught / "teach", self.folder / "drive", T_world_map, path)
 
 
-class ThreePointTurn(TaughtDrive):
+class ThreePointTurn(PaperDrive):
     """To the crossing, a turn in three moves there, and back: nothing of the turn was taught."""
 
     rmse_bound = max_bound = 0.08
@@ -164,7 +164,7 @@ class ThreePointTurn(TaughtDrive):
         return drive_errors(self.taught / "teach", self.folder / "drive", T_world_map, path)
 
 
-class Blind(TaughtDrive):
+class Blind(PaperDrive):
     """The camera is covered for three seconds; the car has to stand, to find itself again, and to drive on."""
 
     reach = 35.0
@@ -183,20 +183,22 @@ class Blind(TaughtDrive):
         watch.wait("start", lambda: watch.follower.startswith(("DRIVING", "SLOW")), is_moving=False)
         self.follow(watch, "drive on", lambda: has_ended(watch.follower))
 
-    def figures(self, errors: DriveErrors) -> list[Figure]:
+    def figures(self, errors: DriveErrors) -> list[JudgedFigure]:
         """Add how long the car was driven blind."""
         stamps, speeds = read_speeds(self.folder / "drive")
         begin = COVERED_FROM * 1e9
         zero = stamps[(stamps >= begin) & (speeds == 0.0)]
         late = (zero[0] - begin) / 1e9 if len(zero) else np.inf
         told = [
-            Figure("speed commanded when the camera is covered", float(speeds[stamps < begin][-1]), "m/s", 0.5, True),
-            Figure("zero commanded after the cover", float(late), "s", 0.5),
+            JudgedFigure(
+                "speed commanded when the camera is covered", float(speeds[stamps < begin][-1]), "m/s", 0.5, True
+            ),
+            JudgedFigure("zero commanded after the cover", float(late), "s", 0.5),
         ]
         return [*super().figures(errors), *told]
 
 
-class Pedestrian(TaughtDrive):
+class Pedestrian(PaperDrive):
     """Somebody stands in the way, seen by a laser scanner; the drive ends there."""
 
     reach = 30.0
@@ -204,7 +206,7 @@ class Pedestrian(TaughtDrive):
     simulator: Mapping[str, Any] = {"scan.is_on": True, "traffic.standing_at": STANDING_AT}
     follower: Mapping[str, Any] = {"safety.is_scan_required": True}
 
-    def figures(self, errors: DriveErrors) -> list[Figure]:
+    def figures(self, errors: DriveErrors) -> list[JudgedFigure]:
         """Return how much room is left."""
         x, y = standing_place(self.path, STANDING_AT).points[0]
         params = build(SimParams, self.simulation).vehicle
@@ -212,10 +214,10 @@ class Pedestrian(TaughtDrive):
         gap = room_around(truth, np.array([x, y]), params.front, params.rear, params.width) - PEDESTRIAN_RADIUS
         has_seen = self.end.count("OBSTACLE")
         return [
-            Figure("least room between car and pedestrian", float(gap.min()), "m", 0.5, is_minimum=True),
-            Figure("room when it stands", float(gap[-1]), "m"),
-            Figure("stopped for an obstacle", float(has_seen > 0), "", 1.0, is_minimum=True),
-            Figure("lateral error, RMSE", rms(errors.lateral), "m", self.rmse_bound),
+            JudgedFigure("least room between car and pedestrian", float(gap.min()), "m", 0.5, is_minimum=True),
+            JudgedFigure("room when it stands", float(gap[-1]), "m"),
+            JudgedFigure("stopped for an obstacle", float(has_seen > 0), "", 1.0, is_minimum=True),
+            JudgedFigure("lateral error, RMSE", rms(errors.lateral), "m", self.rmse_bound),
         ]
 
 
@@ -235,7 +237,7 @@ def read_speeds(bag: Path) -> tuple[Array, Array]:
     return np.array([stamp for stamp, _ in found]), np.array([speed for _, speed in found])
 
 
-DRIVES: Mapping[str, Callable[..., TaughtDrive]] = {
+DRIVES: Mapping[str, Callable[..., PaperDrive]] = {
     "two_turns": TwoTurns,
     "reverse": Reverse,
     "three_point_turn": ThreePointTurn,

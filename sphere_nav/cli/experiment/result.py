@@ -11,7 +11,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Figure:
+class JudgedFigure:
     """A measured value and its bound: at most that much, or at least with `is_minimum`; without one it is only told."""
 
     name: str
@@ -29,7 +29,7 @@ class Figure:
 
 
 def write_result(
-    folder: Path, name: str, seed: int, figures: Sequence[Figure], more: Mapping[str, Any] | None = None
+    folder: Path, name: str, seed: int, figures: Sequence[JudgedFigure], more: Mapping[str, Any] | None = None
 ) -> bool:
     """Write `result.json`, print the table, and return whether every bound is kept; `more`: what else is told."""
     has_passed = all(figure.is_met for figure in figures)
@@ -44,7 +44,7 @@ def write_result(
     return has_passed
 
 
-def _row(figure: Figure) -> str:
+def _row(figure: JudgedFigure) -> str:
     bound = "" if figure.bound is None else f"({'at least' if figure.is_minimum else 'at most'} {figure.bound:g})"
     return (
         f"{figure.name:<44} {figure.value:8.3f} {figure.unit:<4} {bound:<18} {'' if figure.is_met else 'RED'}".rstrip()

@@ -10,8 +10,8 @@ from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.cli.experiment.convergence import (
     SETTINGS,
-    Curves,
-    Kidnapped,
+    ParticleCurves,
+    KidnappedDrive,
     distances_of,
     figures,
     noisy_odometry,
@@ -46,7 +46,9 @@ def features(site, pose):
 
 
 def test_a_small_run_finds_the_place_in_a_room(site):
-    drive = Kidnapped([features(site, pose) for pose in LINE], LINE, noisy_odometry(LINE, np.random.default_rng(1)))
+    drive = KidnappedDrive(
+        [features(site, pose) for pose in LINE], LINE, noisy_odometry(LINE, np.random.default_rng(1))
+    )
     found = run_particles(site, drive, 300, np.random.default_rng(2), is_adjusted=True)
     mean, best, nearest = found.distances[-1]
     assert found.distances[0, 0] > 1.5  # all over the room
@@ -73,11 +75,11 @@ def test_odometry_begins_at_the_origin_and_drifts():
 
 def curves(meters):
     line = np.column_stack([np.arange(4.0), np.zeros(4), np.zeros(4)])
-    return Curves(np.full((4, 3), meters), np.full((4, 2), 0.5), line + np.array([0.0, meters, 0.0]))
+    return ParticleCurves(np.full((4, 3), meters), np.full((4, 2), 0.5), line + np.array([0.0, meters, 0.0]))
 
 
 def test_what_is_judged_is_the_number_of_runs_and_what_the_adjustment_gains(tmp_path):
-    drives = [Kidnapped([], curves(0.0).trajectory, np.zeros((4, 3)))] * 2
+    drives = [KidnappedDrive([], curves(0.0).trajectory, np.zeros((4, 3)))] * 2
     found = {name: [curves(0.5), curves(0.5 if "adjusted" in name else 5.0)] for name in SETTINGS}
     told = {figure.name: figure for figure in figures(found, drives)}
     assert told["1000, as drawn: mean within 1 m at the end"].value == 50.0
