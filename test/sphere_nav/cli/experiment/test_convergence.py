@@ -10,8 +10,8 @@ from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.cli.experiment.convergence import (
     SETTINGS,
-    ParticleCurves,
     KidnappedDrive,
+    ParticleCurves,
     distances_of,
     figures,
     noisy_odometry,
