@@ -1,4 +1,4 @@
-"""`sphere_nav experiment`: the drives and figures of the papers, each with a seed, plots, bags and a result."""
+"""`sphere_nav experiment`: the drives of the papers, each with a seed, plots, bags and a result."""
 
 from __future__ import annotations
 
@@ -6,20 +6,16 @@ import argparse
 from pathlib import Path
 
 from sphere_nav.cli.demo.watch import DriveFailed
-from sphere_nav.cli.experiment.convergence import Convergence
 from sphere_nav.cli.experiment.drives import DRIVES
 
 PURPOSES = {
-    "two_turns": "100 m with two turns of 90 deg, begun 0.5 m and 10 deg beside the path (M15 fig. 17, 18)",
-    "reverse": "taught forward, driven back in reverse gear by the same camera (M15 fig. 14)",
     "three_point_turn": "to the crossing, a turn in three moves there, and home (M15 fig. 14)",
     "blind": "the camera is covered for three seconds on the way",
     "pedestrian": "somebody stands in the way",
-    "convergence": "particles of a kidnapped panorama in bare geometry, 1000 and 4000 of them (N17 fig. 3, 6, 7)",
 }
-LISTING = "\n".join(f"  {name:<17} {purpose}" for name, purpose in PURPOSES.items())
+LISTING = "\n".join(f"  {name:<16} {purpose}" for name, purpose in PURPOSES.items())
 HELP = f"""\
-Repeat an experiment of the papers in the simulator, through the real nodes, and write what it gave: bags, plots and
+Repeat a drive of the papers in the simulator, through the real nodes, and write what it gave: bags, plots and
 result.json, in which each figure stands beside its bound. Exit status 1 if a bound is not kept.
 
 {LISTING}
@@ -27,8 +23,8 @@ result.json, in which each figure stands beside its bound. Exit status 1 if a bo
 The drives teach and map a path first, as `sphere_nav demo` does. --taught uses the map of an earlier one of that seed.
 
 examples:
-  sphere_nav experiment two_turns --seed 7
-  sphere_nav experiment reverse --seed 7 --taught out/experiment/two_turns
+  sphere_nav experiment blind --seed 7
+  sphere_nav experiment pedestrian --seed 7 --taught out/experiment/blind
 """
 
 
@@ -47,8 +43,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--seed: expected 0 or more, found {arguments.seed}")
     name: str = arguments.name
     output = arguments.output or Path("out/experiment") / name
-    if name not in DRIVES:
-        return 0 if Convergence(name, output, arguments.seed).run() else 1
     drive = DRIVES[name](name, output, arguments.seed, arguments.domain, arguments.taught)
     try:
         return 0 if drive.run() else 1
