@@ -27,6 +27,7 @@ from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import stamp_ns
 
 APPROACH = 12.0  # m of the taught path before and after the turn in three moves
+JOINED = 10.0  # m along the path after which the car is on it
 COVERED_FROM, COVERED_FOR = 15.0, 3.0  # s of simulated time
 STANDING_AT = 15.0  # m along the path: on the first straight
 PEDESTRIAN_RADIUS = 0.35  # m
@@ -36,7 +37,9 @@ class PaperDrive(Demo):
     """One experiment: `prepare` teaches and maps, or takes what another one has taught; `run` drives and judges."""
 
     simulator: Mapping[str, Any] = {}  # parameters of the second drive alone
+    offset = (0.0, 0.0)  # m to the left, deg to the left: the car's place at the start
     rmse_bound, max_bound = 0.03, 0.10  # m
+    judged_from = 0.0  # m along the path
     reach = np.inf  # m of the taught path that are driven
 
     def __init__(self, name: str, output: Path, seed: int, domain: int | None, taught: Path | None) -> None:
@@ -63,16 +66,19 @@ class PaperDrive(Demo):
 
     def figures(self, errors: DriveErrors) -> list[JudgedFigure]:
         """Return what is judged."""
+        lateral = errors.lateral[errors.along >= self.judged_from]
         return [
-            JudgedFigure("lateral error, RMSE", rms(errors.lateral), "m", self.rmse_bound),
-            JudgedFigure("lateral error, largest", float(np.abs(errors.lateral).max()), "m", self.max_bound),
+            JudgedFigure("lateral error, RMSE", rms(lateral), "m", self.rmse_bound),
+            JudgedFigure("lateral error, largest", float(np.abs(lateral).max()), "m", self.max_bound),
             JudgedFigure("share of the path that was driven", errors.share_driven, "", 0.95, is_minimum=True),
             JudgedFigure("end of the path reached", float(self.has_finished), "", 1.0, is_minimum=True),
         ]
 
     def start(self) -> Array:
         """Return x, y, yaw (3,) of the car in the world at the start."""
-        return self.path.at(0.0)[:3]
+        x, y, yaw, _ = self.path.at(0.0)
+        left, turned = self.offset[0], np.radians(self.offset[1])
+        return np.array([x - left * np.sin(yaw), y + left * np.cos(yaw), yaw + turned])
 
     def place(self, watch: DriveMonitor) -> None:
         """Put the car where it starts, before time passes."""
@@ -93,6 +99,20 @@ class PaperDrive(Demo):
         truth = read_truth(self.taught / "teach")
         driven = planar(truth[truth.distances <= self.reach])
         return drive_errors(self.taught / "teach", self.folder / "drive", T_world_map, driven)
+
+
+class TwoTurns(PaperDrive):
+    """M15 fig. 17 and 18, begun beside the path."""
+
+    offset, judged_from = (0.5, 10.0), JOINED
+
+    def figures(self, errors: DriveErrors) -> list[JudgedFigure]:
+        """Add how far the car went off while it joined the path."""
+        joining = np.abs(errors.lateral[errors.along < JOINED])
+        worst = JudgedFigure(
+            f"largest distance within the first {JOINED:g} m", float(joining.max()), "m", 1.2 * self.offset[0]
+        )
+        return [*super().figures(errors), worst]
 
 
 class ThreePointTurn(PaperDrive):
@@ -196,6 +216,7 @@ def read_speeds(bag: Path) -> tuple[Array, Array]:
 
 
 DRIVES: Mapping[str, Callable[..., PaperDrive]] = {
+    "two_turns": TwoTurns,
     "three_point_turn": ThreePointTurn,
     "blind": Blind,
     "pedestrian": Pedestrian,

@@ -5,7 +5,7 @@ import pytest
 
 from sphere_nav.cli.demo.report import DriveErrors
 from sphere_nav.cli.experiment import drives as module
-from sphere_nav.cli.experiment.drives import Blind, Pedestrian, room_around
+from sphere_nav.cli.experiment.drives import Blind, Pedestrian, TwoTurns, room_around
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 
@@ -25,6 +25,15 @@ def made(kind, tmp_path, **more):
 
 def by_name(figures):
     return {figure.name: figure for figure in figures}
+
+
+def test_two_turns_begins_beside_the_path_and_is_judged_once_it_has_joined_it(tmp_path):
+    drive = made(TwoTurns, tmp_path)
+    x, y, _, _ = drive.path.at(0.0)
+    assert drive.start() == pytest.approx([x, y + 0.5, np.radians(10.0)])  # the path begins along x
+    found = by_name(drive.figures(errors_of([0.0, 9.0, 50.0], [0.5, -0.62, 0.02])))
+    assert found["lateral error, largest"].value == pytest.approx(0.02)
+    assert not found["largest distance within the first 10 m"].is_met
 
 
 @pytest.mark.parametrize(("zero_s", "is_met"), [(15.4, True), (15.6, False), (None, False)])
