@@ -140,7 +140,8 @@ def redraw(drawn: Drawn, rng: np.random.Generator) -> Drawn:
     """Return a sequence of other lenses: all focal lengths and centers of it differ by the same shares."""
     shares = 1.0 + OTHER_LENS * rng.uniform(-1.0, 1.0, 4)
 
-    def change(lens: Pinhole) -> Pinhole:
+    def change(lens: Camera) -> Pinhole:
+        assert isinstance(lens, Pinhole)
         fx, fy, cx, cy = (shares * [lens.fx, lens.fy, lens.cx, lens.cy]).tolist()
         return replace(lens, fx=fx, fy=fy, cx=cx, cy=cy)
 
