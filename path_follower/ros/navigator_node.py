@@ -229,7 +229,7 @@ class RouteNavigator(ManagedNode):
             return
         file = self.folder / "course.csv"
         try:
-            write_course(file, request.course, self.network.map_id, self.params.vehicle.max_speed)
+            write_course(file, request.course, self.network.map_id)
         except OSError as error:
             self.mission.answer(request, one_line(error), self.now())
             return
