@@ -22,6 +22,7 @@ from dense_localizer.judge.estimate import CameraEstimate
 from dense_localizer.key_images import Explanation, KeyImages, is_explained
 from dense_localizer.references.rejections import Rejections
 from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.writer import PARTIAL, BagWriter
@@ -39,8 +40,8 @@ MEGA = 1e6
 
 def drives_of(map_path: Path) -> Path:
     """Return the folder of the drives that are kept beside a map."""
-    folder = map_path if map_path.is_dir() else map_path.parent
-    return folder.with_name(folder.resolve().name + DRIVES)
+    folder = (map_path if map_path.is_dir() else map_path.parent).resolve()
+    return folder.with_name(folder.name + DRIVES)
 
 
 class DriveRecorder:
@@ -75,13 +76,13 @@ class DriveRecorder:
         self._pool.shutdown()
 
     def _write(self, images: list[CameraImage], estimate: CameraEstimate) -> None:
-        stamp, candidate = estimate.status.stamp_ns, estimate.candidate
-        if self._is_over or estimate.T_map_camera is None or candidate is None:
+        stamp, candidate, covariance = estimate.status.stamp_ns, estimate.candidate, estimate.covariance
+        if self._is_over or estimate.T_map_camera is None or candidate is None or covariance is None:
             return
         try:
             bag = self._bag = self._bag or self._begin(stamp)
             for one in images:
-                self._write_image(bag, one, estimate.T_map_camera, estimate, stamp)
+                self._write_image(bag, one, estimate.T_map_camera, covariance, stamp)
             bag.write(LIKENESS, Float32(data=float(candidate.ncc)), stamp)
             status = replace(estimate.status, map_id=self._map_id)
             bag.write(STATUS, conversions.status_to_message(status, stamp, self._frame), stamp)
@@ -94,19 +95,17 @@ class DriveRecorder:
         name = datetime.fromtimestamp(stamp_ns * 1e-9, UTC).strftime("%Y%m%d_%H%M%S")
         return BagWriter.at_free_path(self._folder / name)
 
-    def _write_image(
-        self, bag: BagWriter, one: CameraImage, T_map_body: SE3, estimate: CameraEstimate, stamp: int
-    ) -> None:
+    def _write_image(self, bag: BagWriter, one: CameraImage, T_map_body: SE3, covariance: Array, stamp: int) -> None:
+        """Write one image, and where its camera was, by the pose of its body with its covariance (6, 6)."""
         prefix = f"/cameras/{one.name}/" if one.name else "/"
         T_body_camera = one.T_body_camera or SE3.identity()
         T_map_camera, Ad = T_map_body @ T_body_camera, T_body_camera.inverse().adjoint()
-        covariance = Ad @ estimate.covariance @ Ad.T
         if isinstance(one.camera, Spherical):
             bag.write(prefix + SPHERE_INFO, conversions.camera_to_sphere_info(one.camera, FRAME), stamp)
         else:
             bag.write(prefix + INFO, conversions.camera_to_info(one.camera, stamp, FRAME), stamp)
-        pose = conversions.se3_to_pose_with_covariance(T_map_camera, covariance, stamp, self._frame)
-        bag.write(prefix + POSE, pose, stamp)
+        told = T_map_camera, Ad @ covariance @ Ad.T, stamp, self._frame
+        bag.write(prefix + POSE, conversions.se3_to_pose_with_covariance(*told), stamp)
         bag.write(prefix + IMAGE, conversions.array_to_image(one.image, stamp, FRAME, "mono8"), stamp)
 
     def _stop(self, line: str) -> None:

@@ -112,8 +112,9 @@ def _judge(
     told = f"{gain}, before {marks[0].num_explained}"
     if marks[1].num_explained <= marks[0].num_explained or marks[1].num_placed < marks[0].num_placed:
         return told, False
+    known = {node.experience.drive for node in before.graph}
     for drive in others[-MAX_JUDGES:]:
-        images = _spread([one for one in drive.images() if one.is_explained])
+        images = _spread([one for one in drive.images() if one.is_explained or drive.name in known])
         old, new = (examine(reader, images, params) for reader in (before, after))
         if worse := old.find_worse(new):
             return f"{told}; {drive.name}: {worse}", False

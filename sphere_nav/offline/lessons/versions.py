@@ -25,11 +25,11 @@ DIGITS = 4
 
 
 class Versions:
-    """Those of one map; `is_locked` while one process makes the next one."""
+    """Those of one map."""
 
     def __init__(self, map_path: Path) -> None:
-        self.map = map_path if map_path.is_dir() else map_path.parent
-        self.folder = self.map.with_name(self.map.resolve().name + VERSIONS)
+        self.map = (map_path if map_path.is_dir() else map_path.parent).resolve()
+        self.folder = self.map.with_name(self.map.name + VERSIONS)
         self.next = self.folder / NEXT
 
     @property
@@ -90,6 +90,8 @@ class Versions:
                 (begun / METADATA).replace(self.map / METADATA)
                 begun.rmdir()
         self.drop_next()
+        if self.earlier and (self.earlier[-1] / FILE_NAME).samefile(self.map / FILE_NAME):
+            shutil.rmtree(self.earlier[-1])  # kept, but not replaced
         for torn in self.folder.glob(f"*{PARTIAL}"):
             shutil.rmtree(torn, ignore_errors=True)
 

@@ -74,7 +74,8 @@ def taught(room, pictures, tmp_path_factory):
     """A map with two drives beside it: one that it explained, and one in another light."""
     path = tmp_path_factory.mktemp("maps") / "room"
     sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)])
-    save_map(path, sphere_map.graph, MapDetails("abc", source="first"))
+    graph = sphere_map.graph.with_nodes({node.id: {"region_radius_m": 2.0} for node in sphere_map.graph})
+    save_map(path, graph, MapDetails("abc", source="first"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(key_images, "KEY_REACH", 0.01)  # of a room that is 3 m wide
         see(path, pictures, learn=True)
@@ -100,7 +101,7 @@ def test_nothing_changes_under_a_vehicle_that_keeps_its_drive(taught, campus, pi
     assert (campus / "map.mcap").read_bytes() == before
 
 
-def test_the_drives_are_found_and_the_bad_one_is_the_lesson(taught):
+def test_the_drives_are_found_and_the_bad_one_is_the_lesson(taught, pictures):
     drives = list_drives(taught)
     assert [one.name for one in drives] == ["19700101_000001", "19700101_000140"]
     assert [one.explanation.is_lesson for one in drives] == [False, True]
@@ -108,7 +109,7 @@ def test_the_drives_are_found_and_the_bad_one_is_the_lesson(taught):
     images = list(drives[1].images())
     assert len(images) == drives[1].explanation.num_images
     assert all(one.image.shape == (120, 160) and one.camera == PINHOLE for one in images)
-    np.testing.assert_array_equal(images[0].image, in_light(images[0].image / RAMP))
+    assert np.array_equal(images[0].image, in_light(pictures[3]))  # after probation
 
 
 def test_the_range_of_an_image_is_that_of_the_map(taught, room):
@@ -120,7 +121,7 @@ def test_the_range_of_an_image_is_that_of_the_map(taught, room):
     true = room.sphere(T_map_sphere, sphere.camera, 0).range_m
     error = np.abs(sphere.range_m / true - 1.0)[sphere.measured]
     assert np.median(error) < 0.01  # 20 mm off, at 3 m
-    assert sphere.measured.mean() > 0.7
+    assert sphere.measured.mean() > 0.5
     np.testing.assert_allclose(np.trace(covariance), np.trace(image.covariance))
 
 
@@ -202,9 +203,6 @@ def test_rejections_and_a_budget_apply_to_the_new_version(taught, tmp_path):
     assert verify_map(tmp_path / "new") == verify_map(tmp_path / "small") == []
 
 
-MOMENTS = ("mkdir", "link", "rename", "replace", "rmdir")
-
-
 @pytest.mark.parametrize("moment", range(8))
 def test_a_death_while_the_map_is_replaced_leaves_a_whole_one(tmp_path, monkeypatch, moment):
     """As if killed before the n-th change of a name; the next run mends what is left."""
@@ -240,8 +238,8 @@ def test_a_death_while_the_map_is_replaced_leaves_a_whole_one(tmp_path, monkeypa
         texts = [(tmp_path / "map" / name).read_text() for name in ("map.mcap", "metadata.yaml")]
     assert texts == [f"{word} map.mcap", f"{word} metadata.yaml"]
     assert not one.next.exists()
-    if word == "new":
-        assert (one.earlier[-1] / "map.mcap").read_text() == "old map.mcap"
+    kept = [(version / "map.mcap").read_text() for version in one.earlier]
+    assert kept == (["old map.mcap"] if word == "new" else [])
 
 
 def test_only_one_process_makes_a_version(campus):

@@ -21,7 +21,7 @@ from worlds.room import wide_room
 
 CAMERA = Spherical(128, 64)
 NUM_SPHERES, SEGMENT = 6, 3
-SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.05")  # every sphere becomes a key sphere
+SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.05", "--experience", "dusk")  # all become key spheres
 # A process that has imported everything forks one for each run, which ends as it is told: (end, number of the call of
 # MapWriter.add, or of finish, at which it does).
 FORKS = """
@@ -113,6 +113,7 @@ def test_killed_or_out_of_disk_it_leaves_a_map_and_resumes(bag, whole, tmp_path)
         assert call("map-verify", f"{path}.partial", "--salvage", tmp_path / "mended") == 0
         with open_map(tmp_path / "mended") as reader:
             assert len(reader.graph) >= end[4]
+            assert {(node.experience.name, node.experience.drive) for node in reader.graph} == {("dusk", bag.name)}
         shutil.rmtree(tmp_path / "mended")
         assert call("map", bag, "-o", path, "--resume") == 0
         assert same(path, whole)
