@@ -30,7 +30,7 @@ from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.ros.service import one_line
 
 DRIVES = ".drives"  # ends the name of the folder beside a map
-MAX_DRIVE_MB, MAX_DRIVES_MB = 200.0, 2000.0
+MAX_DRIVE_MB, MAX_DRIVES_MB = 500.0, 5000.0
 MAX_PENDING = 8  # key images that wait for the disk
 STATUS, LIKENESS, REJECTIONS = "/status", "/likeness", "rejections.json"
 IMAGE, INFO, SPHERE_INFO, POSE = "image_raw", "camera_info", "sphere_info", "camera_pose"

@@ -31,7 +31,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import State
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.bags.check import salvage
+from sphere_nav.ros.bags.check import SALVAGING, salvage
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.writer import PARTIAL, is_being_written
 
@@ -129,10 +129,13 @@ def find_drives(map_path: Path, frame_id: str) -> list[KeptDrive]:
     for torn in sorted(folder.glob(f"*{PARTIAL}")):
         target = torn.with_name(torn.name.removesuffix(PARTIAL))
         if not is_being_written(torn) and not target.exists():
+            shutil.rmtree(target.with_name(target.name + SALVAGING), ignore_errors=True)
             with suppress(BagError):  # nothing of it can be read
                 salvage(torn, target)
             shutil.rmtree(torn, ignore_errors=True)
-    names = sorted(one for one in folder.iterdir() if one.is_dir() and not one.name.endswith((REFUSED, PARTIAL)))
+    names = sorted(
+        one for one in folder.iterdir() if one.is_dir() and not one.name.endswith((REFUSED, PARTIAL, SALVAGING))
+    )
     return [KeptDrive(one, frame_id) for one in names]
 
 

@@ -7,6 +7,7 @@ of the old one, which stays as `--back`; else the drive is put aside.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +20,10 @@ from sphere_nav.offline.lessons.examination import examine
 from sphere_nav.offline.lessons.kept_drives import KeptDrive, KeyImage, find_drives
 from sphere_nav.offline.lessons.teaching import Lesson, teach
 from sphere_nav.offline.lessons.versions import Versions
+from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import MapReader, open_map
+from sphere_nav.ros.service import one_line
 
 MAX_EXAMINED, MAX_JUDGES = 40, 5  # key images of a drive, spread over it; latest other drives
 
@@ -38,7 +41,7 @@ def list_drives(map_path: Path) -> list[KeptDrive]:
     """Return the drives that were kept in a map of the present frame, the oldest first."""
     with open_map(map_path) as reader:
         drives = find_drives(map_path, str(reader.info.header.frame_id))
-        return [one for one in drives if one.map_id == str(reader.info.map_id)]
+        return [one for one in drives if _map_id(one) == str(reader.info.map_id)]
 
 
 def find_lessons(map_path: Path, drives: Sequence[KeptDrive]) -> list[KeptDrive]:
@@ -125,6 +128,15 @@ def _contradicted(base: MapReader, drives: Sequence[KeptDrive]) -> Rejections:
     """Return what drives that the map explained have contradicted: in another light all looks contradicted."""
     map_id = str(base.info.map_id)
     return together([one.rejections(map_id) for one in drives if not one.explanation.is_lesson])
+
+
+def _map_id(drive: KeptDrive) -> str:
+    """Return the map that a drive was kept in; nothing where it is damaged, which is told."""
+    try:
+        return drive.map_id
+    except (BagError, OSError) as error:
+        logging.getLogger("sphere_nav.learn").warning("%s: left out: %s", drive.path, one_line(error))
+        return ""
 
 
 def _spread(images: Sequence[KeyImage]) -> list[KeyImage]:

@@ -261,6 +261,12 @@ def test_what_a_killed_drive_has_left_is_mended(campus, monkeypatch):
     assert not torn.exists()
 
 
+def test_a_damaged_drive_is_left_out(campus):
+    (bag,) = (drives_of(campus) / "19700101_000001").glob("*.mcap")
+    bag.write_bytes(bag.read_bytes()[:200])
+    assert [one.name for one in list_drives(campus)] == ["19700101_000140"]
+
+
 def test_the_drives_are_listed(campus, capsys):
     assert main(["map-learn", str(campus), "--list"]) == 0
     lines = capsys.readouterr().out.splitlines()
