@@ -133,10 +133,9 @@ def find_drives(map_path: Path, frame_id: str) -> list[KeptDrive]:
             with suppress(BagError):  # nothing of it can be read
                 salvage(torn, target)
             shutil.rmtree(torn, ignore_errors=True)
-    names = sorted(
-        one for one in folder.iterdir() if one.is_dir() and not one.name.endswith((REFUSED, PARTIAL, SALVAGING))
-    )
-    return [KeptDrive(one, frame_id) for one in names]
+    others = REFUSED, PARTIAL, SALVAGING
+    paths = sorted(one for one in folder.iterdir() if one.is_dir() and not one.name.endswith(others))
+    return [KeptDrive(one, frame_id) for one in paths]
 
 
 def _is_explained(state: str, likeness: float) -> bool:

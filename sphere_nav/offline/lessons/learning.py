@@ -86,9 +86,9 @@ def _learn(
     budget: Budget | None,
 ) -> Learned:
     """Make the next version of a map, judge it, put it in its place."""
-    lesson = Lesson.of(drive)
     try:
         with open_map(versions.map) as base:
+            lesson = Lesson.of(drive, base.graph)
             num_new = teach(base, drive, lesson.taught, versions.next, _contradicted(base, others), name, budget)
         if not num_new or verify_map(versions.next):
             return Learned(drive.name, is_taken=False, told="no key sphere of it could be made")

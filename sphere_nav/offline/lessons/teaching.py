@@ -36,6 +36,7 @@ from sphere_nav.view_synthesis.surface import surface_of
 from sphere_nav.view_synthesis.synthesis import PlacedSurface, synthesize
 
 NUM_DRAWN = 6  # key spheres whose range is drawn: those that placed the image, and the nearest ones beside them
+TEACH_REACH, TEACH_TURN = 0.35, 0.35  # between key spheres of a lesson: share of the radius of a region; rad
 MIN_MEASURED = 0.2  # of the pixels, for a key sphere
 KEY_FLOOR = np.repeat([0.005, 0.002], 3) ** 2  # (6,) m^2, rad^2: added to the covariance of a key image
 
@@ -48,13 +49,21 @@ class Lesson:
     withheld: tuple[KeyImage, ...]
 
     @classmethod
-    def of(cls, drive: KeptDrive) -> Lesson:
-        """Teach every second instant that was not explained; the others judge."""
-        unexplained = [one for one in drive.images() if not one.is_explained]
-        stamps = sorted({one.stamp_ns for one in unexplained})
-        taught = set(stamps[::2])
-        parts = [[one for one in unexplained if (one.stamp_ns in taught) is kind] for kind in (True, False)]
+    def of(cls, drive: KeptDrive, graph: SphereGraph) -> Lesson:
+        """Teach images that were not explained, as far apart as key spheres are; those between them judge."""
+        parts: tuple[list[KeyImage], list[KeyImage]] = [], []
+        for one in drive.images():
+            if not one.is_explained:
+                is_near = any(_is_near(one, other, graph) for other in parts[0])
+                parts[is_near].append(one)
         return cls(tuple(parts[0]), tuple(parts[1]))
+
+
+def _is_near(one: KeyImage, other: KeyImage, graph: SphereGraph) -> bool:
+    """Say whether two images show the same, by the region of the key sphere nearest to one."""
+    meters, radians = one.T_map_camera.distance(other.T_map_camera)
+    region_m = graph.nearest(one.T_map_camera.translation)[0].region_radius_m
+    return bool(meters <= TEACH_REACH * region_m and radians <= TEACH_TURN)
 
 
 def teach(

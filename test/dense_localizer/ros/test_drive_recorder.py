@@ -54,7 +54,9 @@ def test_a_drive_is_a_bag_beside_the_map(reader):
     (line,) = record(reader, MIN_KEY_IMAGES)
     (drive,) = drives_of(reader.path).iterdir()
     assert drive == reader.path.parent / "campus.drives" / "19700101_000001"
-    assert line == (f"{drive}: the map explained 0 of 8 key images: sphere_nav map-learn {reader.path} learns from it")
+    assert line == (
+        f"{drive}: the map explained 0 of {MIN_KEY_IMAGES} key images: sphere_nav map-learn {reader.path} learns from it"
+    )
     assert (drive / "rejections.json").is_file()
     with BagReader(drive) as bag:
         counts = {name: info.count for name, info in bag.topics.items()}
@@ -88,7 +90,7 @@ def test_a_drive_that_shows_too_little_is_dropped(reader):
 
 def test_a_drive_that_was_explained_is_kept_to_judge_by(reader):
     (line,) = record(reader, MIN_KEY_IMAGES, ncc=0.9)
-    assert line.endswith("the map explained 8 of 8 key images")
+    assert line.endswith(f"the map explained {MIN_KEY_IMAGES} of {MIN_KEY_IMAGES} key images")
 
 
 def test_a_drive_is_bounded(reader, monkeypatch):

@@ -127,7 +127,9 @@ def test_the_range_of_an_image_is_that_of_the_map(taught, room):
 
 def test_a_map_learns_a_light_and_forgets_it_again(campus, capsys):
     before = {file.name: file.read_bytes() for file in campus.iterdir()}
-    lesson = Lesson.of(list_drives(campus)[1])
+    with open_map(campus) as base:
+        lesson = Lesson.of(list_drives(campus)[1], base.graph)
+    assert len(lesson.taught) < len(lesson.withheld)
     assert main(["map-learn", str(campus), "--experience", "evening", *SETTINGS]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == f"{campus}: 1 of 1 drives learned"
     assert verify_map(campus) == []
@@ -192,9 +194,10 @@ def test_rejections_and_a_budget_apply_to_the_new_version(taught, tmp_path):
     counts[1, 12:15] = 0
     lesson = list_drives(taught)[1]
     with open_map(taught) as base:
-        number = teach(base, lesson, Lesson.of(lesson).taught[:1], tmp_path / "new", Rejections({0: counts}))
+        taught_images = Lesson.of(lesson, base.graph).taught[:1]
+        number = teach(base, lesson, taught_images, tmp_path / "new", Rejections({0: counts}))
         assert number == 1
-        teach(base, lesson, Lesson.of(lesson).taught[:1], tmp_path / "small", Rejections(), budget=Budget(1))
+        teach(base, lesson, taught_images, tmp_path / "small", Rejections(), budget=Budget(1))
         with open_map(tmp_path / "new") as new:
             assert new.load_sphere(0).measured.mean() < base.load_sphere(0).measured.mean() - 0.05
             np.testing.assert_array_equal(new.load_sphere(1).range_m, base.load_sphere(1).range_m)
