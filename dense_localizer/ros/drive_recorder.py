@@ -14,7 +14,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from std_msgs.msg import Float32
 
 from dense_localizer.inputs import CameraImage
@@ -65,7 +68,7 @@ class DriveRecorder:
         if self._is_over or is_late or not self._chosen.choose(estimate):
             return
         self._explained.append(is_explained(estimate))
-        kept = [CameraImage(one.image.copy(), one.camera, one.T_body_camera, one.name) for one in images]
+        kept = [CameraImage(in_bytes(one.image), one.camera, one.T_body_camera, one.name) for one in images]
         self._pending.append(self._pool.submit(self._write, kept, estimate))
         if not self._is_live:
             self._pending[-1].result()
@@ -129,6 +132,11 @@ class DriveRecorder:
             return
         advice = f": sphere_nav map-learn {self._folder.with_suffix('')} learns from it" if told.is_lesson else ""
         self._log(f"{path}: the map explained {told.num_explained} of {told.num_images} key images{advice}")
+
+
+def in_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return a copy of a grey image (H, W) with levels 0...255 in bytes."""
+    return image.copy() if image.dtype == np.uint8 else np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
 def prune(folder: Path) -> None:

@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 
 from dense_localizer.params import DenseLocalizerParams
-from sphere_mapping.experiences.budget import Budget
 from sphere_nav.offline.lessons.learning import find_lessons, learn_map, list_drives, take_back
-from sphere_nav.offline.settings import add_settings
+from sphere_nav.offline.settings import add_budget, add_settings
 from sphere_nav.params import build
 
 HELP = """\
@@ -33,12 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--list", action="store_true", help="only tell which drives were kept, and what is new in them")
     what.add_argument("--back", action="store_true", help="put the version before the present one in its place again")
     parser.add_argument("--experience", default="", metavar="NAME", help="what you call the light or season")
-    parser.add_argument(
-        "--budget",
-        type=_budget,
-        metavar="N|MB",
-        help="experiences a place may hold, as 3, or size of the key spheres, as 200MB: what explained least leaves",
-    )
+    add_budget(parser)
     add_settings(parser, "dense_localizer")
 
 
@@ -65,10 +59,3 @@ def run(arguments: argparse.Namespace) -> int:
     number = sum(one.is_taken for one in learned)
     print(f"{arguments.map}: {number} of {len(learned)} drives learned")
     return 0 if number else 1
-
-
-def _budget(text: str) -> Budget:
-    try:
-        return Budget.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
