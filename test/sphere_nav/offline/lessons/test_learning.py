@@ -78,6 +78,7 @@ def taught(room, pictures, tmp_path_factory):
     save_map(path, graph, MapDetails("abc", source="first"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(key_images, "KEY_REACH", 0.01)  # of a room that is 3 m wide
+        patch.setattr(key_images, "MAX_KEY_SIGMA_M", 0.1)  # uneven light makes a pose uncertain
         see(path, pictures, learn=True)
         see(path, [in_light(one) for one in pictures], learn=True, start_ns=100 * START_NS)
     return path
