@@ -90,8 +90,10 @@ def _learn(
         with open_map(versions.map) as base:
             lesson = Lesson.of(drive, base.graph)
             num_new = teach(base, drive, lesson.taught, versions.next, _contradicted(base, others), name, budget)
-        if not num_new or verify_map(versions.next):
-            return Learned(drive.name, is_taken=False, told="no key sphere of it could be made")
+        problems = verify_map(versions.next)
+        if not num_new or problems:
+            told = problems[0] if problems else "no key sphere of it could be made"
+            return Learned(drive.name, is_taken=False, told=told)
         with open_map(versions.map, is_gray=True) as before, open_map(versions.next, is_gray=True) as after:
             told, is_better = _judge(before, after, lesson.withheld, others, params)
         if is_better:

@@ -1,6 +1,7 @@
 """A vehicle that learns by itself: drives that are kept, the new version that is judged, and the way back."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,7 +75,8 @@ def taught(room, pictures, tmp_path_factory):
     """A map with two drives beside it: one that it explained, and one in another light."""
     path = tmp_path_factory.mktemp("maps") / "room"
     sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)])
-    graph = sphere_map.graph.with_nodes({node.id: {"region_radius_m": 2.0} for node in sphere_map.graph})
+    stamped = {node.id: replace(node.sphere, stamp_ns=node.stamp_ns) for node in sphere_map.graph}
+    graph = sphere_map.graph.with_nodes({k: {"region_radius_m": 2.0, "sphere": one} for k, one in stamped.items()})
     save_map(path, graph, MapDetails("abc", source="first"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(key_images, "KEY_REACH", 0.01)  # of a room that is 3 m wide
