@@ -53,6 +53,6 @@ def run(arguments: argparse.Namespace) -> int:
     served = plot_figure.find_experiences(arguments.map, statuses) if arguments.map else {}
     errors = plot_figure.measure(poses, arguments.truth or arguments.bag, is_required=arguments.truth is not None)
     plot_figure.draw_localization(output, poses, errors, statuses, served)
-    told = [*plot_figure.describe(statuses), *plot_figure.describe_experiences(served)]
+    told = [*plot_figure.describe_states(statuses), *plot_figure.describe_experiences(served)]
     print("\n".join([*told, f"{output}: {0 if poses is None else len(poses)} poses"]))
     return 0

@@ -94,7 +94,7 @@ def describe_experiences(served: dict[int, str]) -> list[str]:
     return [f"{number:6d}  placed by {name}" for name, number in Counter(served.values()).most_common()]
 
 
-def describe(statuses: list[Status]) -> list[str]:
+def describe_states(statuses: list[Status]) -> list[str]:
     """Return how often each state was told for each reason, with the remedy, and the time for an image."""
     counts = Counter((str(status.state), str(status.reason)) for status in statuses)
     remedies = {(str(status.state), str(status.reason)): status.remedy for status in statuses}

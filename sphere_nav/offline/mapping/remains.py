@@ -21,7 +21,7 @@ from tqdm import tqdm
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry.files.untrusted import load_json, read_text, required
 from sphere_nav.geometry.files.whole_file import PART
-from sphere_nav.offline.mapping.joining import Bridge, JoinedSegments, SegmentPart, join
+from sphere_nav.offline.mapping.joining import Bridge, JoinedSegments, SegmentPart, join_segments
 from sphere_nav.offline.mapping.plan import NAMED, MappingPlan
 from sphere_nav.offline.mapping.segment_work import (
     SegmentRecord,
@@ -111,7 +111,7 @@ class Remains:
     ) -> JoinedSegments:
         """Join the maps of all segments, ids from `first_id` on."""
         names = (segment.name for segment in plan.segments)
-        return join(
+        return join_segments(
             [SegmentPart(self._map(name), record) for name, record in zip(names, records, strict=True)],
             first_id,
             bridge,
@@ -156,7 +156,7 @@ class Remains:
         target = self.output
         names = sorted({file.name.partition(".")[0] for file in self.folder.glob("segment_*")})
         with tempfile.TemporaryDirectory(prefix=f"{target.name}.", dir=target.parent) as folder:
-            joined = join([self._mended(name, Path(folder)) for name in names])
+            joined = join_segments([self._mended(name, Path(folder)) for name in names])
             if not len(joined.graph):
                 raise BagError(f"{self.folder}: expected key spheres of a segment, found none")
             with open_map(next(iter(joined.sources.values()))[0]) as reader:

@@ -9,8 +9,8 @@ from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.localization.status import Reason, State, Status
 from sphere_nav.offline.plot_figure import (
-    describe,
     describe_experiences,
+    describe_states,
     draw_localization,
     find_experiences,
     runs_of,
@@ -40,7 +40,7 @@ def test_runs_of_equal_states_last_until_the_next_begins():
 
 
 def test_the_time_for_an_image_leaves_silences_out():
-    lines = describe([status(number) for number in range(6)])
+    lines = describe_states([status(number) for number in range(6)])
     assert lines[0] == "     2  TRACKING                      turn back"
     assert lines[-1] == "time for an image: median 7.0 ms, p99 9.0 ms"
 
