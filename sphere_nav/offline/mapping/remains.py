@@ -208,7 +208,10 @@ def is_run(path: Path) -> bool:
 
 def check_options(file: Path, options: dict[str, str]) -> None:
     """Raise BagError where a run was begun with another bag or other options."""
-    found = required(load_json(file, read_text(file, "plan of a run")), str(file), list(options))
+    told = load_json(file, read_text(file, "plan of a run"))
+    if isinstance(told, dict):
+        told.setdefault(NAMED, "")  # plans did not name the light at first
+    found = required(told, str(file), list(options))
     for name, value in options.items():
         if found[name] != value:
             raise BagError(f"{file}: {name}: expected as the interrupted run had it ({found[name]}), found {value}")
