@@ -47,9 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
         drives = list_drives(arguments.map)
         lessons = find_lessons(arguments.map, drives)
         for drive in drives:
-            told = drive.explanation
-            what = "to be learned" if drive in lessons else "learned" if told.is_lesson else "explained"
-            print(f"{drive.path}: {told.num_explained} of {told.num_images} key images explained: {what}")
+            found = drive.explanation
+            what = "to be learned" if drive in lessons else "learned" if found.is_lesson else "explained"
+            print(f"{drive.path}: {found.num_explained} of {found.num_images} key images explained: {what}")
         print(f"{arguments.map}: {len(drives)} drives, {len(lessons)} to be learned")
         return 0
     params = build(DenseLocalizerParams, {"automatic": False} | arguments.settings)

@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.offline.mapping import remains, segments
-from sphere_nav.ros.bags import BagReader, BagWriter
+from sphere_nav.ros.bags import BagError, BagReader, BagWriter
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.ros.maps.writer import MapWriter
@@ -140,6 +140,15 @@ def test_interrupted_it_says_how_it_goes_on_by_the_same_words(bag, whole, tmp_pa
     assert call("map", bag, "-o", tmp_path / "map", "--resume") == 0
     assert same(tmp_path / "map", whole)
     assert [file.name for file in tmp_path.iterdir()] == ["map"]
+
+
+def test_a_run_begun_before_drives_were_named_goes_on_as_one_without_a_name(tmp_path):
+    (tmp_path / "plan.json").write_text('{"--set": "a=1"}')
+    remains.check_options(tmp_path / "plan.json", {"--set": "a=1", "--experience": ""})
+    with pytest.raises(
+        BagError, match=r"plan.json: --experience: expected as the interrupted run had it \(\), found dusk"
+    ):
+        remains.check_options(tmp_path / "plan.json", {"--set": "a=1", "--experience": "dusk"})
 
 
 def test_where_nothing_can_be_written_nothing_is_left(bag, tmp_path, monkeypatch, capsys):
