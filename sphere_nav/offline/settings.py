@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sphere_nav.geometry.files.untrusted import load_yaml
-
-if TYPE_CHECKING:
-    from sphere_mapping.experiences.budget import Budget
 
 
 class SettingAction(argparse.Action):
@@ -40,7 +37,7 @@ def add_budget(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _budget(text: str) -> Budget:
+def _budget(text: str) -> Any:
     from sphere_mapping.experiences.budget import Budget  # with SciPy, for the commands that need it alone
 
     try:
