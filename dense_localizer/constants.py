@@ -118,3 +118,10 @@ NUM_TURNED = 4  # spheres in which an image is compared at all turns about its a
 NUM_NEAR = 6  # key spheres around a given or lost pose
 SAME_POSE_M, SAME_POSE_DEG = 0.3, 10.0  # candidates closer than this are one
 SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.5, 2.0  # between two searches of the whole map; that a given or lost pose is tried
+
+# Drives that are kept to learn from (test_key_images)
+MIN_EXPLAINED_NCC = 0.8  # correlation of an image with the map that explains it
+MIN_EXPLAINED_SHARE = 0.8  # of the key images, below which a drive is a lesson
+KEY_REACH, KEY_TURN = 0.1, 0.1  # between key images: share of the radius of a region; rad
+MIN_KEY_IMAGES, KEY_MEMORY = 6, 500  # of a drive that is kept; latest ones that the next is compared with
+MAX_KEY_SIGMA_M = 0.05  # standard deviation of the place of a key image

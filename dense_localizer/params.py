@@ -99,4 +99,5 @@ class DenseLocalizerParams(LocalizerParams, NodeParams):
     """Everything that the node needs (`node.py`)."""
 
     map: str = param("", "map to localise in; empty: wait for the call load_map")
+    learn: bool = param(False, "keep key images of each drive beside the map, for sphere_nav map-learn")
     rig: RigParams = group(RigParams)
