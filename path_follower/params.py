@@ -9,7 +9,7 @@ from sphere_nav.params import group, param, parameters
 
 @parameters
 class TurningParams:
-    """How tightly the car turns, how fast it drives, and how far it reaches ahead."""
+    """How tightly the car turns, and how far it reaches ahead."""
 
     wheelbase: float = param(1.2, "distance between the axles", "m", low=0.05)
     rear_steering: float = param(
@@ -18,7 +18,6 @@ class TurningParams:
     max_steering_angle: float = param(
         0.45, "largest steering angle of the (virtual) front wheel", "rad", low=0.01, high=1.4
     )
-    max_speed: float = param(2.0, "largest speed, forward and reverse", "m/s", low=0.05)
     front: float = param(1.55, "from the base frame to the front end of the body", "m", low=0.0)
 
     @property
@@ -40,6 +39,7 @@ class TurningParams:
 class VehicleParams(TurningParams):
     """The car and what it must never be asked for."""
 
+    max_speed: float = param(2.0, "largest speed, forward and reverse", "m/s", low=0.05)
     max_acceleration: float = param(0.8, "largest gain of speed", "m/s^2", low=0.01)
     max_deceleration: float = param(0.8, "largest loss of speed in ordinary driving", "m/s^2", low=0.01)
     max_jerk: float = param(2.0, "largest change of acceleration in ordinary driving", "m/s^3", low=0.1)

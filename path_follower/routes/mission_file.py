@@ -61,9 +61,9 @@ def read_mission(path: Path, mission: Mission, now: float) -> None:
     mission.restore(_goal(values["goal"], f"{where}: goal"), [_leg(leg, f"{where}: legs") for leg in legs], plain, now)
 
 
-def write_course(path: Path, course: Course, map_id: str) -> None:
-    """Write a course for `load_trajectory`; where its speed is not known the follower's own limits hold."""
-    speed = np.where(np.isfinite(course.speed), course.speed, UNBOUNDED)
+def write_course(path: Path, course: Course, map_id: str, fastest: float = UNBOUNDED) -> None:
+    """Write a course for `load_trajectory`; where its speed is not known it is `fastest`, or the follower's limits."""
+    speed = np.where(np.isfinite(course.speed), course.speed, fastest)
     head = f"{MAP_ID} {map_id}\n" if map_id else ""
     rows = np.stack([course.x, course.y, course.yaw, speed], axis=-1).tolist()
     lines = "\n".join(",".join(f"{value:.5f}" for value in row) for row in rows)

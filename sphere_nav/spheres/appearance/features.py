@@ -25,7 +25,6 @@ FINE = 3.0  # times as many in images taken shortly after each other: what is se
 MIN_SIDE = 64  # px that an image keeps
 SEAM = 64  # px by which a whole sphere is continued on either side
 MAX_ELEVATION = np.radians(60.0)
-BEYOND = 16  # px that SIFT is shown beyond it
 CONTRAST = 0.02  # of SIFT, half of OpenCV's: walls in the shade count, too
 
 
@@ -84,15 +83,14 @@ def features_of_image(
     size = camera.width // shrink, camera.height // shrink
     image = np.clip(np.rint(cv2.resize(gray, size, interpolation=cv2.INTER_AREA)), 0, 255).astype(np.uint8)
     scale = np.array([camera.width, camera.height]) / size
-    pad, top = (SEAM, _first_row(len(image))) if isinstance(camera, Spherical) and camera.is_whole else (0, 0)
+    pad = SEAM if isinstance(camera, Spherical) and camera.is_whole else 0
     if pad:
-        image = image[top : len(image) - top]
         image = np.ascontiguousarray(np.hstack([image[:, -pad:], image, image[:, :pad]]))
     found, raw = cv2.SIFT_create(contrastThreshold=CONTRAST).detectAndCompute(image, None)
     if raw is None:
         return Features(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros((0, SIZE), np.uint8))
     pixels = np.array([point.pt for point in found])
-    pixels += (-pad, top)
+    pixels[:, 0] -= pad
     pixels = (pixels + 0.5) * scale - 0.5  # pixel centres are integers on every scale
     rays = camera.unproject(pixels)
     column, row = np.rint(pixels).astype(np.int64).T
@@ -107,11 +105,6 @@ def features_of_image(
     known = np.full(len(kept), np.nan, np.float32) if range_m is None else range_m[row[kept], column[kept]]
     known = np.where(np.isfinite(known), known, np.float32(np.nan))
     return Features(rays[kept].astype(np.float32), known.astype(np.float32), _roots(raw[kept]))
-
-
-def _first_row(height: int) -> int:
-    """Return the first row of a whole sphere that SIFT is shown, as far from its last one."""
-    return max(int((0.5 - MAX_ELEVATION / np.pi) * height) - BEYOND, 0)
 
 
 def _shrink(camera: Camera, *, is_fine: bool = False) -> int:

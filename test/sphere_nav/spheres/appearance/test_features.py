@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
-from sphere_nav.spheres.appearance import features
 from sphere_nav.spheres.appearance.features import (
     Features,
     _roots,
@@ -43,17 +42,6 @@ def test_no_feature_is_lost_at_the_seam():
     at_seam = rows[plain.rays[rows, 0] < -0.95]
     assert len(at_seam) > 0
     np.testing.assert_allclose(turned.rays[best[at_seam]], plain.rays[at_seam] * half_turn, atol=0.03)
-
-
-def test_what_is_cut_off_at_the_poles_changes_no_feature(monkeypatch):
-    image = ROOM.sphere(AT, CAMERA).image
-    found = features_of_image(image, CAMERA)
-    monkeypatch.setattr(features, "BEYOND", CAMERA.height)
-    whole = features_of_image(image, CAMERA)
-    assert features._first_row(CAMERA.height) == 0
-    rows, best = matched(whole, found)
-    assert len(rows) > 0.97 * len(whole)
-    assert np.mean(np.linalg.norm(found.rays[best[rows]] - whole.rays[rows], axis=1) < 1e-3) > 0.97
 
 
 def test_an_image_of_a_camera_shows_the_same_features():
