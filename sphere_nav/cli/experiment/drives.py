@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ PEDESTRIAN_RADIUS = 0.35  # m
 class PaperDrive(Demo):
     """One experiment: `prepare` teaches and maps, or takes what another one has taught; `run` drives and judges."""
 
+    purpose = ""  # for the user
     simulator: Mapping[str, Any] = {}  # parameters of the second drive alone
     offset = (0.0, 0.0)  # m to the left, deg to the left: the car's place at the start
     rmse_bound, max_bound = 0.03, 0.10  # m
@@ -104,6 +105,7 @@ class PaperDrive(Demo):
 class TwoTurns(PaperDrive):
     """M15 fig. 17 and 18, begun beside the path."""
 
+    purpose = "100 m with two turns of 90 deg, begun 0.5 m and 10 deg beside the path (M15 fig. 17, 18)"
     offset, judged_from = (0.5, 10.0), JOINED
 
     def figures(self, errors: DriveErrors) -> list[JudgedFigure]:
@@ -118,6 +120,7 @@ class TwoTurns(PaperDrive):
 class ThreePointTurn(PaperDrive):
     """To the crossing, a turn in three moves there, and back: nothing of the turn was taught."""
 
+    purpose = "to the crossing, a turn in three moves there, and home (M15 fig. 14)"
     rmse_bound = max_bound = 0.08
 
     def _poses(self) -> tuple[Array, Array]:
@@ -145,6 +148,7 @@ class ThreePointTurn(PaperDrive):
 class Blind(PaperDrive):
     """The camera is covered for three seconds; the car has to stand, to find itself again, and to drive on."""
 
+    purpose = "the camera is covered for three seconds on the way"
     reach = 35.0
 
     def place(self, watch: DriveMonitor) -> None:
@@ -179,6 +183,7 @@ class Blind(PaperDrive):
 class Pedestrian(PaperDrive):
     """Somebody stands in the way, seen by a laser scanner; the drive ends there."""
 
+    purpose = "somebody stands in the way"
     reach = 30.0
 
     simulator: Mapping[str, Any] = {"scan.is_on": True, "traffic.standing_at": STANDING_AT}
@@ -215,7 +220,7 @@ def read_speeds(bag: Path) -> tuple[Array, Array]:
     return np.array([stamp for stamp, _ in found]), np.array([speed for _, speed in found])
 
 
-DRIVES: Mapping[str, Callable[..., PaperDrive]] = {
+DRIVES: Mapping[str, type[PaperDrive]] = {
     "two_turns": TwoTurns,
     "three_point_turn": ThreePointTurn,
     "blind": Blind,

@@ -8,12 +8,7 @@ from pathlib import Path
 from sphere_nav.cli.demo.watch import DriveFailed
 from sphere_nav.cli.experiment.drives import DRIVES
 
-PURPOSES = {
-    "two_turns": "100 m with two turns of 90 deg, begun 0.5 m and 10 deg beside the path (M15 fig. 17, 18)",
-    "three_point_turn": "to the crossing, a turn in three moves there, and home (M15 fig. 14)",
-    "blind": "the camera is covered for three seconds on the way",
-    "pedestrian": "somebody stands in the way",
-}
+PURPOSES = {name: drive.purpose for name, drive in DRIVES.items()}
 LISTING = "\n".join(f"  {name:<16} {purpose}" for name, purpose in PURPOSES.items())
 HELP = f"""\
 Repeat a drive of the papers in the simulator, through the real nodes, and write what it gave: bags, plots and
