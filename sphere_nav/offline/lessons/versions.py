@@ -28,7 +28,10 @@ class Versions:
     """Those of one map."""
 
     def __init__(self, map_path: Path) -> None:
+        """BagError where there is no map."""
         self.map = (map_path if map_path.is_dir() else map_path.parent).resolve()
+        if not map_path.exists() or not (self.map / FILE_NAME).is_file():
+            raise BagError(f"{map_path}: expected a map (a folder with {FILE_NAME}), found none")
         self.folder = self.map.with_name(self.map.name + VERSIONS)
         self.next = self.folder / NEXT
 

@@ -12,7 +12,7 @@ from sphere_nav.cli.maps import map_learn
 def test_a_map_that_is_not_there_is_named_in_one_line(tmp_path, capsys, words):
     assert main(["map-learn", str(tmp_path / "none"), *words]) == 2
     error = capsys.readouterr().err
-    assert "none" in error
+    assert "none: expected a" in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
