@@ -48,23 +48,21 @@ BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} m, {elapsed}, {
 SIMULATION = {
     "has_stamped_command": True,
     "camera.period": 0.2,
-    "camera.width": 448,  # another kind of camera than that of the spheres, and quick to draw
-    "camera.height": 336,
+    "camera.size": "448,336",  # another kind of camera than that of the spheres, and quick to draw
     "odometry.period": 0.05,
     "rig.kind": "vertical",  # three stereo pairs back to back (M15 section 4.3)
-    "rig.width": 416,
-    "rig.height": 416,
-    "rig.distance": 1.5,
-    "sphere.publish": "never",
-    "traffic.is_on": True,
+    "rig.size": "416,416",
+    "capture.distance": 1.5,
+    "sphere.width": 0,
+    "traffic.density": "usual",
 }
 TOUR = {"world": "city", "teach.speed": 1.2}  # 490 m through streets, a square and a lane (M15 section 6.4.4)
-BUSY = {"traffic.is_busy": True}
+BUSY = {"traffic.density": "busy"}
 MOUNTINGS = {  # of the camera that drives
     "upright": {},
-    "pitched": {"camera.pitch_deg": 30.0},
-    "rolled": {"camera.roll_deg": 90.0},
-    "inverted": {"camera.roll_deg": 180.0},
+    "pitched": {"camera.mounting_deg": "1,0,1.6,0,30,0"},
+    "rolled": {"camera.mounting_deg": "1,0,1.6,90,4,0"},
+    "inverted": {"camera.mounting_deg": "1,0,1.6,180,4,0"},
 }
 OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and a camera that heeds them
     "traffic.seed": 1,
@@ -167,7 +165,7 @@ class Demo:
                 "cycab_sim",
                 self.simulation
                 | LOCK_STEP
-                | {"mode": "teach", "camera.is_on": False}
+                | {"mode": "teach", "camera.period": 0.0}
                 | {"rig.file": str(self.folder / "rig.yaml")},
             )
             self.follow(watch, "teaching drive", lambda: watch.is_taught)

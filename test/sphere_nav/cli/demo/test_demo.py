@@ -56,9 +56,8 @@ def test_the_tour_is_long_and_meets_another_day(tmp_path):
     demo = Demo(tmp_path / "demo", 1, "tour", 46, BUSY)
     assert round(demo.length) == 490
     assert demo.simulation["world"] == "city"
-    assert demo.simulation["traffic.is_busy"]
-    assert "traffic.is_busy" not in Demo(tmp_path / "plain", 1, "straight", 46, {}).simulation
-    assert demo.simulation["traffic.is_on"]
+    assert demo.simulation["traffic.density"] == "busy"
+    assert Demo(tmp_path / "plain", 1, "straight", 46, {}).simulation["traffic.density"] == "usual"
     assert {"traffic.seed", "light.clouds"} <= set(OTHER_DAY)
 
 
