@@ -171,7 +171,7 @@ class SimCameraParams:
     size: str = param("640,480", "columns,rows; a panorama keeps as many rows around its horizon", "px")
     view_deg: float = param(80.0, "horizontal field of view of a lens", "deg", low=10.0, high=280.0)
     mounting_deg: str = param(
-        "1,0,1.6,0,4,0", "x,y,z,roll,pitch,yaw on base_link: pitch looks down, roll 180 is upside down", "m, deg"
+        "1,0,1.6,0,4,0", "x,y,z (m),roll,pitch,yaw on base_link; pitch looks down, roll 180: upside down", "deg"
     )
 
     k1: ClassVar[float] = -0.05  # radial distortion of a lens
