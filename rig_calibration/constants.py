@@ -16,7 +16,7 @@ HALVED_FROM = 600  # rows and columns from which on several boards are looked fo
 AROUND = 1.25  # a board is wiped out with this much around its inner corners before the next one is looked for
 MIN_CORNERS = 4  # of a ChArUco board: as many as a homography needs
 HALF_WINDOW = (2, 7)  # px, least and most, in which a corner is refined
-NUM_REFINEMENTS, REFINED_PX = 50, 1e-3  # of a corner by OpenCV at most; px, the last one
+REFINEMENT = (3, 50, 1e-3)  # of a corner by OpenCV: at most so many steps, or (1 + 2) until one is below so many px
 BLUR_PX = 0.5  # an edge that lies this far inside a window does not bend the corner
 MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rig_calibration.boards import charuco, chessboard
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
-from rig_calibration.constants import BLUR_PX, HALF_WINDOW, MIN_CORNERS, MIN_SPACING_PX, NUM_REFINEMENTS, REFINED_PX
+from rig_calibration.constants import BLUR_PX, HALF_WINDOW, MIN_CORNERS, MIN_SPACING_PX, REFINEMENT
 from sphere_nav.geometry.arrays import Array
 
 Gray = NDArray[np.uint8]
@@ -98,8 +98,7 @@ def _is_grid(corners: Array, board: Board) -> bool:
 def _refine(gray: Gray, corners: Array, half: int) -> Array:
     """Return corners (N, 2) to a fraction of a pixel, with windows of 2 * half + 1 pixels that hold no other edge."""
     found = corners.astype(np.float32).reshape(-1, 1, 2).copy()
-    end = cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, NUM_REFINEMENTS, REFINED_PX
-    cv2.cornerSubPix(gray, found, (half, half), (-1, -1), end)
+    cv2.cornerSubPix(gray, found, (half, half), (-1, -1), REFINEMENT)
     refined = found.reshape(-1, 2).astype(np.float64)
     moved = np.linalg.norm(refined - corners, axis=-1)
     return np.where((moved < half)[:, None], refined, corners)
