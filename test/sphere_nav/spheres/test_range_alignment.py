@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_mapping.experiences.range_alignment import RangeSphere, align_ranges, measure_motion_by_ranges
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.spheres.range_alignment import RangeImage, align_ranges, measure_motion_by_ranges
 from sphere_nav.spheres.sphere import Sphere
 from worlds.room import Room, sharp_room
 
@@ -22,7 +22,7 @@ def ranges(pose, camera=WHOLE, room=None, noise=0.0):
     rng = np.random.default_rng(3)
     rough = sphere.range_m * (1.0 + noise * rng.normal(size=sphere.range_m.shape))
     dark = np.ones_like(sphere.image)  # light plays no part
-    return RangeSphere.prepare(Sphere(dark, rough.astype(np.float32), camera))
+    return RangeImage.from_sphere(Sphere(dark, rough.astype(np.float32), camera))
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_a_single_wall_holds_no_motion():
     """It could be slid along: not observable."""
     rays = pixel_rays(WINDOW)
     wall = Sphere(np.ones(rays.shape[:2], np.uint8), (2.0 / rays[..., 0]).astype(np.float32), WINDOW)
-    found = align_ranges(RangeSphere.prepare(wall), RangeSphere.prepare(wall), SE3.identity())
+    found = align_ranges(RangeImage.from_sphere(wall), RangeImage.from_sphere(wall), SE3.identity())
     assert found is None or not found.is_good
 
 
@@ -56,12 +56,13 @@ def test_what_is_not_measured_plays_no_part():
     sphere = sharp_room().sphere(T_B, camera)
     holes = sphere.range_m.copy()
     holes[:, 40:110], holes[60:] = np.nan, np.inf
-    fit = align_ranges(ranges(T_A), RangeSphere.prepare(replace(sphere, range_m=holes)), T_A_B @ SE3.exp([0.05] * 6))
+    fit = align_ranges(ranges(T_A), RangeImage.from_sphere(replace(sphere, range_m=holes)), T_A_B @ SE3.exp([0.05] * 6))
     assert T_A_B.distance(fit.T_a_b)[0] < 0.005
 
 
 def test_nothing_in_common_is_nothing():
     turned = Room().sphere(SE3.from_planar(0.0, 0.0, np.pi), WINDOW)
     assert (
-        align_ranges(ranges(SE3.identity(), WINDOW), RangeSphere.prepare(turned), SE3.from_planar(0, 0, np.pi)) is None
+        align_ranges(ranges(SE3.identity(), WINDOW), RangeImage.from_sphere(turned), SE3.from_planar(0, 0, np.pi))
+        is None
     )
