@@ -130,4 +130,4 @@ MAX_KEY_SIGMA_M = 0.05  # standard deviation of the place of a key image
 NUM_RANGE_REFERENCES = 2  # key spheres that depth is aligned to, those that cover most of it
 NUM_RANGE_KEPT = 16  # ranges of key spheres that are kept ready: memory, no result
 GOOD_RANGE_OVERLAP, GOOD_RANGE_AGREEMENT = 0.4, 0.8  # shares; the least are those of any motion by ranges
-MAX_CONTRADICTION = 4.74  # deviations between both poses, chi of 6 at 0.001: beyond it range does not confirm
+MAX_CONTRADICTION = 4.74  # deviations between both poses, chi of 6 at 0.001: beyond it they are not joined

@@ -1,8 +1,9 @@
 """Where grey levels do not place an image, geometry does: the depth of the instant against the map's own ranges.
 
 It knows no light: by night with a lamp of its own the vehicle goes on in a map of the day. An image that the map places
-well needs none of it; of one that is placed with care both are joined by their covariances; one that is refused is
-placed by range alone, if what both ways fit agrees, holds all six directions and is where the prediction allows.
+well needs none of it. One that is placed with care is joined with it by their covariances; where they contradict each
+other geometry holds, as it does alone for one that is refused: if both ways fit and agree, all six directions are held,
+and the prediction allows it.
 """
 
 from __future__ import annotations
@@ -45,13 +46,14 @@ class RangeSupport:
             return candidate
         fit, T_map_body, covariance = found
         acceptance = assess_range(fit, T_map_body, covariance, prediction, self._params.acceptance)
-        if not candidate.is_accepted:
-            by_range = replace(candidate, T_map_camera=T_map_body, covariance=covariance, is_by_range=True)
-            return replace(by_range, acceptance=acceptance) if acceptance.is_accepted else candidate
-        T_joint, joint, distance = join(candidate.T_map_camera, candidate.covariance, T_map_body, covariance)
-        if not acceptance.is_good or distance > MAX_CONTRADICTION:
+        if not (acceptance.is_good or (acceptance.is_accepted and not candidate.is_accepted)):
             return candidate
-        return replace(candidate, T_map_camera=T_joint, covariance=joint, acceptance=acceptance)
+        supported = replace(candidate, acceptance=acceptance)
+        if candidate.is_accepted:
+            T, joint, apart = join(candidate.T_map_camera, candidate.covariance, T_map_body, covariance)
+            if apart <= MAX_CONTRADICTION:
+                return replace(supported, T_map_camera=T, covariance=joint)
+        return replace(supported, T_map_camera=T_map_body, covariance=covariance, is_by_range=True)
 
     def _place(self, depth: DepthImage, T_map_body: SE3) -> tuple[RangeFit, SE3, Array] | None:
         """Return the best fit of depth near a pose, the pose of the body T_map_body by it and its covariance (6, 6)."""

@@ -115,7 +115,7 @@ class RangeFit:
         return is_seen and self.sigma_m <= MAX_RANGE_SIGMA
 
 
-def _prepare(camera: Camera, range_m: Array, T_camera_body: SE3, *, is_whole: bool) -> RangeImage:
+def _prepare(camera: Camera, range_m: NDArray[np.floating], T_camera_body: SE3, *, is_whole: bool) -> RangeImage:
     """Return the image of ranges (H, W)."""
     known = np.where(np.isfinite(range_m), range_m, np.nan).astype(np.float32)
     points = pixel_rays(camera) * known[..., None]

@@ -135,17 +135,21 @@ def candidate_at(pose, sigma=0.02, *, is_accepted=True, is_guess=False):
 
 
 @pytest.mark.parametrize(("off_m", "is_joined"), [(0.03, True), (0.3, False)])
-def test_a_pose_with_care_is_confirmed_or_left_as_it_was(run, support, off_m, is_joined):
+def test_a_pose_with_care_is_joined_or_geometry_holds(run, support, off_m, is_joined):
     pose, off = at(0.2, 0.1, 0.2), SE3.exp([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])
     frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
     given = replace(candidate_at(pose @ off), prediction=candidate_at(pose).prediction)
     found = support.support(frame, given)
-    assert found.acceptance.is_good is is_joined
-    assert (found is given) is not is_joined
-    if is_joined:
-        assert not found.is_by_range
-        assert found.T_map_camera.distance(pose)[0] < 0.5 * off_m
-        assert np.trace(found.covariance) < np.trace(given.covariance)
+    assert (found.acceptance.is_good, found.is_by_range) == (True, not is_joined)
+    assert found.T_map_camera.distance(pose)[0] < 0.5 * 0.03
+    assert np.trace(found.covariance) < np.trace(given.covariance)
+
+
+def test_a_pose_that_is_good_needs_no_depth(run, support):
+    pose = at(0.2, 0.1, 0.2)
+    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
+    good = replace(candidate_at(pose), acceptance=Acceptance(True, is_good=True, finding=FINE, quality=1.0))
+    assert support.support(frame, good) is good
 
 
 def test_a_prediction_that_cannot_be_is_not_followed_there(run, support):
