@@ -165,6 +165,34 @@ def test_a_prediction_that_cannot_be_is_not_followed_there(run, support):
     assert not support.support(frame, candidate_at(pose, is_accepted=False, is_guess=True)).is_accepted
 
 
+def test_errors_of_the_map_are_in_the_covariance(run, support, monkeypatch):
+    pose = at(0.2, 0.1, 0.2)
+    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
+    before = support.support(frame, candidate_at(pose, is_accepted=False)).covariance
+    by_map = support._references.error.covariance(1, pose)
+    monkeypatch.setattr(support._references.error, "covariance", lambda *_: by_map + 1e-4 * np.eye(6))
+    added = support.support(frame, candidate_at(pose, is_accepted=False)).covariance - before
+    Ad = T_IMAGE_DEPTH.adjoint()
+    np.testing.assert_allclose(added, 1e-4 * Ad @ Ad.T, atol=1e-9)
+
+
+def test_the_last_images_do_not_judge_a_pose_by_range(run):
+    """By night they know nothing; and its correlation, which is none, is not what is usual."""
+    way = drive(8, speed=0.5)
+    for pose in way:
+        estimate = run.see(pose)
+    odometry = run.localizer._visual_odometry
+    usual = odometry.usual_ncc
+    odometry._way = replace(odometry._way, meters=1.0)
+    assert odometry.is_needed
+    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE),), run.stamp_ns + STEP_NS)
+    by_range = replace(estimate.candidate, is_by_range=True, acceptance=Acceptance(True, True, FINE, 1.0))
+    assert odometry.verify(frame, by_range, is_trusted=True) is by_range
+    assert not odometry.is_needed
+    odometry.verify(frame, by_range, is_trusted=True)
+    assert odometry.usual_ncc == usual > 0.0
+
+
 def test_two_poses_are_joined_as_information_adds():
     rng = np.random.default_rng(4)
     roots = [rng.normal(size=(6, 6)) * scale for scale in (0.01, 0.03)]
