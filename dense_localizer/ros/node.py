@@ -59,6 +59,8 @@ class DenseLocalizerNode(LocalizerNode):
         if not self.has_rig:
             kind = DepthCameraIntake if p.use_depth else CameraIntake
             return kind(self.endpoints, p, *callbacks, has_sphere_info=True)
+        if p.use_depth:
+            raise ValueError(f"use_depth: expected one camera, found several: {p.rig.cameras or p.rig.calibration}")
         calibration = read_calibration(p.rig.calibration, self.maps.reader)
         return MultiCameraIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
 
