@@ -58,14 +58,16 @@ class LightParams:
     @property
     def sun_deg(self) -> tuple[float, float]:
         """Azimuth, counter-clockwise from the x axis, and elevation of a sun without an hour, deg."""
-        azimuth, elevation = numbers("light.sun", self.sun, "azimuth,elevation", (-360.0, 3.0), (360.0, 90.0))
+        azimuth, elevation = split_numbers("light.sun", self.sun, "azimuth,elevation", (-360.0, 3.0), (360.0, 90.0))
         return azimuth, elevation
 
     @property
     def day_and_hour(self) -> tuple[float, float]:
         """Day of the year, 0 where none is given, and solar time, h."""
         text = self.sun.removesuffix("h")
-        day, hour = numbers("light.sun", text if "," in text else f"0,{text}", "day,hour", (0.0, 0.0), (366.0, 24.0))
+        day, hour = split_numbers(
+            "light.sun", text if "," in text else f"0,{text}", "day,hour", (0.0, 0.0), (366.0, 24.0)
+        )
         return day, hour
 
 
@@ -182,13 +184,13 @@ class SimCameraParams:
     @property
     def columns_rows(self) -> tuple[int, int]:
         """Columns and rows of the images, px."""
-        return image_size("camera.size", self.size)
+        return columns_and_rows("camera.size", self.size)
 
     @property
     def place(self) -> tuple[float, ...]:
         """Return x, y, z, roll, pitch, yaw on the car, m and deg; turns about its fixed axes, roll first."""
         low, high = (-100.0, -100.0, 0.05, -180.0, -90.0, -180.0), (100.0, 100.0, 100.0, 180.0, 90.0, 180.0)
-        return numbers("camera.mounting_deg", self.mounting_deg, "x,y,z,roll,pitch,yaw", low, high)
+        return split_numbers("camera.mounting_deg", self.mounting_deg, "x,y,z,roll,pitch,yaw", low, high)
 
 
 @parameters
@@ -236,7 +238,7 @@ class CameraRigParams:
     @property
     def columns_rows(self) -> tuple[int, int]:
         """Columns and rows of the images, px."""
-        return image_size("rig.size", self.size)
+        return columns_and_rows("rig.size", self.size)
 
 
 @parameters
@@ -334,15 +336,15 @@ def in_condition(params: SimParams) -> SimParams:
     return build(SimParams, values | {name: value for name, value in named.items() if values[name] == default[name]})
 
 
-def image_size(name: str, text: str) -> tuple[int, int]:
+def columns_and_rows(name: str, text: str) -> tuple[int, int]:
     """Return columns and rows, px."""
-    columns, rows = numbers(name, text, "columns,rows", (16, 16), (8192, 8192))
+    columns, rows = split_numbers(name, text, "columns,rows", (16, 16), (8192, 8192))
     if not (columns.is_integer() and rows.is_integer()):
         raise ValueError(f"{name}: expected whole numbers columns,rows, found {text!r}")
     return int(columns), int(rows)
 
 
-def numbers(name: str, text: str, form: str, low: Sequence[float], high: Sequence[float]) -> tuple[float, ...]:
+def split_numbers(name: str, text: str, form: str, low: Sequence[float], high: Sequence[float]) -> tuple[float, ...]:
     """Return the numbers of a parameter, separated by commas, within their bounds; `form` says what they are."""
     try:
         found = tuple(map(float, text.split(",")))

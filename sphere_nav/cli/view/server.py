@@ -143,7 +143,7 @@ class Page:
             x, y, z, w = shot.T_map_camera.quaternion
             self.server.scene.add_camera_frustum(
                 "/drive",
-                **view_of(camera),
+                **drawn_lens(camera),
                 scale=0.3,
                 color=COLORS["camera"],
                 wxyz=(w, x, y, z),
@@ -261,7 +261,7 @@ def look_at(T_map_camera: SE3) -> NDArray[np.float64]:
     return T_map_camera.translation + LOOK_M * T_map_camera.rotation[:, 2]
 
 
-def view_of(camera: Camera) -> dict[str, float]:
+def drawn_lens(camera: Camera) -> dict[str, float]:
     """Return how high (fov, rad) and how much wider than high a camera is drawn."""
     fov = 2.0 * float(np.arctan(0.5 * camera.height / camera.pixels_per_radian))
     return {"fov": fov, "aspect": camera.width / camera.height}
