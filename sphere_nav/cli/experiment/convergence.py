@@ -207,7 +207,8 @@ def plot_curves(path: Path, found: dict[str, list[ParticleCurves]]) -> None:
         axes.legend()
     for axes, index, what in zip(panels[:, 2], (0, 1), ("similarities", "depth images"), strict=True):
         for setting, some in found.items():
-            axes.plot(100.0 * np.mean([run.hit_rates[:, index] for run in some], axis=0), label=setting)
+            rates = 100.0 * np.mean([run.hit_rates[:, index] for run in some], axis=0)
+            axes.plot(np.arange(1, len(rates) + 1), rates, label=setting)
         axes.set(title=f"{what} found in their cache", xlabel="image", ylabel="share [%]", ylim=(0.0, 101.0))
         axes.legend()
     for axes in panels.ravel():
