@@ -46,8 +46,8 @@ STEP, SECOND = 1.0, 1_000_000_000  # m and ns from image to image
 ASIDE = 0.5  # m beside the path at most
 WAY_SHARE, TURN_DEG = 0.05, 1.0  # what odometry has wrong: of a way; after a way of one metre, growing with its root
 NEAR = 1.0  # m from the truth is the right place
-CAMERA = {"camera.model": "panorama", "camera.width": 360, "camera.height": 96, "camera.x": 0.4, "camera.z": HEIGHT,
-          "camera.pitch_deg": 0.0}  # fmt: skip
+CAMERA_X = 0.4  # m before the rear axle
+CAMERA = {"camera.model": "panorama", "camera.size": "360,96", "camera.mounting_deg": f"{CAMERA_X},0,{HEIGHT},0,0,0"}
 SETTINGS = {  # of the curves: particles, and whether their headings are adjusted
     "1000, adjusted": (1000, True),
     "1000, as drawn": (1000, False),
@@ -92,7 +92,7 @@ class Convergence:
         limits = f"{x - half:.2f},{y - half:.2f},{x + half:.2f},{y + half:.2f}"
         cloud = cloud_from_points(geometry_cloud(seed, SPACING, "town").astype(np.float32), "town")
         self.site = Site(cloud, HEIGHT, build(FilterParams, {"area.limits": limits}), is_ready=False)
-        simulation = {"seed": seed, "path": "block", "traffic.is_on": True} | CAMERA
+        simulation = {"seed": seed, "path": "block", "traffic.density": "usual"} | CAMERA
         self.simulator = Simulator(build(SimParams, simulation))
 
     def run(self) -> bool:
@@ -115,7 +115,7 @@ class Convergence:
 
     def record(self) -> Iterator[KidnappedDrive]:
         """Draw the images of each drive."""
-        path, camera_x = self.simulator.path, self.simulator.params.camera.x
+        path = self.simulator.path
         for number in range(self.num_seeds):
             rng = self._lot(number, 83)
             line = path.at(rng.uniform(0.0, path.length) + STEP * np.arange(self.num_images))[:, :3]
@@ -127,7 +127,7 @@ class Convergence:
                 camera = self.site.depth_map.camera
                 images.append(visual_features(*level_view(frame.image, frame.camera, np.eye(3), camera)))
                 self.simulator.step(VehicleCommand(), SECOND)
-            truth = compose_planar(line, np.array([camera_x, 0.0, 0.0]))
+            truth = compose_planar(line, np.array([CAMERA_X, 0.0, 0.0]))
             yield KidnappedDrive(images, truth, noisy_odometry(truth, rng))
 
 
