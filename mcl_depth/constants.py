@@ -131,6 +131,7 @@ MIN_NORMAL_SHARE = 0.8  # of the normals of a coarse voxel that must agree for i
 # Where the vehicle may be (geometry/test_area, test_floor_plan)
 BODY = 0.3  # points this far above or below the camera are in its way, m
 GROUND_STEP, GROUND_REACH = 0.5, 1.5  # m: side of a square; from one without points to one that lends its height
+FLOOR_REACH, MIN_FLOOR_SHARE = 0.25, 0.5  # m to a point of a floor; share of a room's squares that have one
 MESH_STEP = 0.15  # of the points that stand for a mesh in ground and area, m
 MAX_OFF_WALL, MIN_SILL = 0.15, 0.05  # m from an opening to its wall; a door that begins lower begins at the foot
 MIN_PIECE, SAME_CORNER = 1e-3, 0.02  # m of a wall; between the ends of walls that meet

@@ -26,6 +26,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "outdoor": {
         "cache.max_distance": 0.5,  # what is seen is farther away (N17 table I, column ETHZ)
         "area.step": 0.5,
+        "area.min_piece": 400.0,  # the inside of a house is no street
         "synthesis.voxel_m": 0.2,
         "comparison.is_sky_far": True,  # the skyline is the strongest edge
     },
