@@ -91,7 +91,10 @@ def home(seed: int, num_images: int = 16) -> Home:
     _draw_doors(scene, links, shear, rng)
     is_outer = _outer_sides(cells)
     clutter = rng.choice([0.0, 0.5, 1.0], p=[0.2, 0.4, 0.4])
-    kept = [_furnish(scene, rings[i].T, i, float(ceilings[i]), is_outer[i], surfaces, clutter, rng) for i in range(len(cells))]
+    kept = [
+        _furnish(scene, rings[i].T, i, float(ceilings[i]), is_outer[i], surfaces, clutter, rng)
+        for i in range(len(cells))
+    ]
     places, rooms = _places(rings, kept, num_images, rng)
     yaws = rng.uniform(-np.pi, np.pi, len(places))
     camera = _Caster(scene, [np.append(ring.mean(axis=1), top) for ring, top in zip(rings, ceilings, strict=True)], rng)
@@ -322,7 +325,13 @@ def _furnish(
             low = 0.2 + rng.random() * (length - width - 0.4)
             sill = 0.05 if rng.random() < 0.25 else rng.uniform(0.8, 1.0)
             if is_clear(low, low + width):
-                panel(low, width, sill, min(rng.uniform(2.0, 2.2), ceiling - 0.05), (WINDOW, rng.uniform(0.5, 0.9), width, room))
+                panel(
+                    low,
+                    width,
+                    sill,
+                    min(rng.uniform(2.0, 2.2), ceiling - 0.05),
+                    (WINDOW, rng.uniform(0.5, 0.9), width, room),
+                )
         elif rng.random() < 0.12:
             width = min(rng.uniform(0.6, 2.0), length - 0.4)
             low = 0.2 + rng.random() * (length - width - 0.4)
@@ -342,19 +351,32 @@ def _furnish(
             if width > length - 0.1 or deep > 0.6 * depth:
                 continue
             low = 0.05 + rng.random() * (length - width - 0.1)
-            foot = np.array([a + s * along + t * inward for s, t in ((low, 0.02), (low + width, 0.02), (low + width, deep), (low, deep))])
+            foot = np.array(
+                [
+                    a + s * along + t * inward
+                    for s, t in ((low, 0.02), (low + width, 0.02), (low + width, deep), (low, deep))
+                ]
+            )
             if not is_clear(low, low + width) or (z1 < 1.3 and any(_overlap(foot, other) for other in taken)):
                 continue
             if depth - deep < 1.0:
                 continue
             taken.append(foot)
             corner = np.append(foot[0], z0)
-            sides = np.array([np.append(foot[1] - foot[0], 0.0), np.append(foot[3] - foot[0], 0.0), [0.0, 0.0, z1 - z0]])
-            scene.box(corner, sides, (int(rng.choice([PLAIN, PICTURE, BOARDS], p=[0.7, 0.15, 0.15])), rng.uniform(0.05, 0.8), 0.6, room))
+            sides = np.array(
+                [np.append(foot[1] - foot[0], 0.0), np.append(foot[3] - foot[0], 0.0), [0.0, 0.0, z1 - z0]]
+            )
+            scene.box(
+                corner,
+                sides,
+                (int(rng.choice([PLAIN, PICTURE, BOARDS], p=[0.7, 0.15, 0.15])), rng.uniform(0.05, 0.8), 0.6, room),
+            )
     if any(is_outer) and rng.random() < 0.5:  # sun on the floor
         at = ring[0] + rng.uniform(0.1, 0.6) * (ring[1] - ring[0]) + rng.uniform(0.1, 0.6) * (ring[3] - ring[0])
         sides = rng.uniform(-1.0, 1.0, (2, 2))
-        scene.rectangle(np.append(at, 0.004), np.append(sides[0], 0.0), np.append(sides[1], 0.0), (PLAIN, 1.5, 1.0, room))
+        scene.rectangle(
+            np.append(at, 0.004), np.append(sides[0], 0.0), np.append(sides[1], 0.0), (PLAIN, 1.5, 1.0, room)
+        )
     if rng.random() < 0.6:  # a lamp
         at = np.append(middle + rng.uniform(-0.3, 0.3, 2), ceiling - rng.uniform(0.1, 0.5))
         scene.box(at, np.diag([0.3, 0.3, 0.12]), (PLAIN, 0.95, 1.0, room))
@@ -384,7 +406,10 @@ def _places(
             s = np.clip(s, margin / np.linalg.norm(along), 1.0 - margin / np.linalg.norm(along))
             t = np.clip(t, margin / np.linalg.norm(across), 1.0 - margin / np.linalg.norm(across))
             place = ring[:, 0] + s * along + t * across
-            near = [cv2.pointPolygonTest(foot.astype(np.float32), place.astype(np.float32).tolist(), True) for foot in taken[room]]
+            near = [
+                cv2.pointPolygonTest(foot.astype(np.float32), place.astype(np.float32).tolist(), True)
+                for foot in taken[room]
+            ]
             if all(value < -0.25 for value in near) and all(np.linalg.norm(place - other) > 0.7 for other in found):
                 found.append(place)
                 rooms.append(int(room))
@@ -399,13 +424,22 @@ class _Caster:
 
     def __init__(self, scene: Scene, lamps: list[Array], rng: np.random.Generator) -> None:
         corners = np.array(scene.corners)
-        self._corner, self._along, self._up = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        self._corner, self._along, self._up = (
+            corners[:, 0],
+            corners[:, 1] - corners[:, 0],
+            corners[:, 2] - corners[:, 0],
+        )
         quads = np.stack([corners[:, 0], corners[:, 1], corners[:, 1] + self._up, corners[:, 2]], axis=1)
         triangles = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3).astype(np.float32)
         self._scene = EmbreeScene(robust=True)
         self._keep = EmbreeMesh(self._scene, triangles)
         looks = np.array(scene.looks)
-        self._kind, self._base, self._scale, self._room = looks[:, 0].astype(int), looks[:, 1], looks[:, 2], looks[:, 3].astype(int)
+        self._kind, self._base, self._scale, self._room = (
+            looks[:, 0].astype(int),
+            looks[:, 1],
+            looks[:, 2],
+            looks[:, 3].astype(int),
+        )
         normals = np.cross(self._along, self._up)
         self._normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         self._lamps = np.array(lamps) - [0.0, 0.0, 0.15]
@@ -426,7 +460,9 @@ class _Caster:
         light = self._radiance(np.tile(origin, (len(self._rays), 1)), self._rays @ R.T)
         light = light / np.median(light) * rng.uniform(0.12, 0.3)
         levels = 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / 2.2)
-        image = levels.reshape(PANORAMA.height, PANORAMA.width) + 2.0 * rng.standard_normal((PANORAMA.height, PANORAMA.width))
+        image = levels.reshape(PANORAMA.height, PANORAMA.width) + 2.0 * rng.standard_normal(
+            (PANORAMA.height, PANORAMA.width)
+        )
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
     def _radiance(self, starts: Array, rays: Array) -> Array:
@@ -460,7 +496,9 @@ class _Caster:
         room = self._room[index]
         to_lamp = self._lamps[room] - points
         away = np.linalg.norm(to_lamp, axis=1)
-        lamp = self._power[room] * np.maximum(np.sum(normals * to_lamp, axis=1), 0.05 * away) / np.maximum(away, 0.5) ** 3
+        lamp = (
+            self._power[room] * np.maximum(np.sum(normals * to_lamp, axis=1), 0.05 * away) / np.maximum(away, 0.5) ** 3
+        )
         ambient = self._ambient[room] * (1.0 + 0.25 * normals @ self._side)
         offset = points - self._corner[index]
         u = np.sum(offset * self._along[index], axis=1) / np.linalg.norm(self._along[index], axis=1)

@@ -33,6 +33,7 @@ NUM_YOUNG = 2  # images after which a particle keeps its own heading
 HEADING_SPREAD = np.radians(3.0)  # standard deviation left in an assigned heading
 GIVEN_SIGMA = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: of a pose that is given as if it were exact
 NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
+MOVED_SHARE = 0.9  # of them, where another place is proven
 NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places of a survey: half a cell, half a step
 
 # Hypotheses (belief/test_hypotheses, test_lineage)
@@ -55,6 +56,7 @@ PEAK = 2  # cells, and steps of headings, around a maximum that are lower
 APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what is nearer is the same place
 NUM_MAXIMA, TAIL_SHARE = 40, 0.5  # of the map that make its tail, and at most of all that there are
 MIN_MAXIMA = 8  # of a map that can tell chance by them
+LEAD_SCALE = 1.0  # standard deviations of an image by which chance leads e times less often in a small map (mcl_homes)
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 
 # Evidence of many images along odometry (belief/test_evidence)
@@ -113,6 +115,7 @@ NUM_ENERGY_FREQUENCIES = 16  # of the energy in view: a view is wide
 BARE_SHARE = np.float32(1.5)  # 2/pi by 4/(3 pi): the first term of the series of |cos x| by the second
 SHRINKAGE, PART_SHRINKAGE = 4.0, 0.3  # of the covariance, by its mean level: of panoramas, of parts of the sphere
 FINENESS, PART_FINENESS = 2, 5  # curves are made at so many times the headings wanted: the best around each counts
+ROOT = 0.5  # power of an image's gradients in a small map: windows and furniture have the strongest (mcl_homes)
 NUM_CG_STEPS = 12  # of conjugate gradients
 MIN_VIEW_SHARE = 0.1  # of the depth gradients that are expected in view: one of next to nothing has these
 

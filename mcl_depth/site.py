@@ -74,7 +74,7 @@ class Site:
         if not num_missing:
             if len(self.places) >= MIN_PLACES:
                 self.depth_map.matched_filter(self.places)
-                self.depth_map.partial_filter(self.places)
+            self.depth_map.partial_filter(self.places)
             self.depth_map.ranges_from(np.array([*self.places[0], 0.0]))  # no image waits for what draws
         return 1.0 - num_missing / len(self.places)
 

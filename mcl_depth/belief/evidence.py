@@ -11,8 +11,10 @@ exact for any scale of the tail; a rival as good as the best makes it 1.
 
 A map of a few rooms has too few maxima for that, and they are not independent of the place that is right. There the
 images are compared a second time, mirrored, along mirrored odometry: a drive through streets or rooms of the same kind
-that are not in the map. What it reaches by chance, the drive itself reaches by chance, so the best place must lead the
-mirrored drive's best, too, by as many of its gaps.
+that are not in the map. What it reaches by chance, the drive itself reaches by chance. So of both drives' maxima the
+best must be the drive's own, and it must lead all others: by chance it leads by L standard deviations of an image with
+a probability below exp(-L / LEAD_SCALE), as measured on drives through homes in the maps of other homes. A place that
+leads the mirrored drive, but not another place of the map, is one of two that are alike.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import Field, JointEvidence
 from mcl_depth.belief.kernels import is_maximum
@@ -33,7 +36,9 @@ from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.watch import CusumTest, WaldTest, excess
 from mcl_depth.constants import (
     APART,
+    LEAD_SCALE,
     LOCAL_M,
+    MAX_HYPOTHESES,
     MIN_MAXIMA,
     MIN_PATCH,
     MIN_PLACES,
@@ -60,6 +65,18 @@ class Survey:
     poses: Array
     shares: Array
     tolerance_m: float
+    is_in_map: bool = False  # one of the places is right, more surely than which
+    is_proven: bool = False  # the first of them is more than chance
+
+    def alike(self) -> Array:
+        """Return the places (2, 3) that look alike, where it is known that one of them is right; else none (0, 3)."""
+        return self.poses[: 2 if self.is_in_map else 0]
+
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Return its best places; each is as sharp as the grid."""
+        covariance = np.diag([self.tolerance_m / 2.0, self.tolerance_m / 2.0, np.radians(10.0)]) ** 2
+        best = zip(self.poses[:MAX_HYPOTHESES], self.shares, strict=False)
+        return tuple(Hypothesis(pose, covariance, float(share), np.zeros(0, np.int64)) for pose, share in best)
 
     def agrees_with(self, pose: Array) -> bool:
         """Whether a pose (3,) is the best place."""
@@ -81,6 +98,11 @@ class Proof:
     is_held: bool = False
     is_small: bool = False
     survey: Survey | None = None
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether a small map's best place is proven, and the belief is elsewhere."""
+        return self.is_small and not self.agrees and self.survey is not None and self.survey.is_proven
 
 
 class Evidence:
@@ -124,7 +146,7 @@ class Evidence:
             self._trial = None
         T_odom_level = seen.observation.T_odom_level
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
-        self.place = survey.poses[0] if survey.p_chance < self._max_chance else None
+        self.place = survey.poses[0] if survey.is_proven else None
         return Proof(survey.p_chance, survey.agrees_with(pose), is_small=self._is_small, survey=survey)
 
     def watch(self, comparison: Comparison, pose: Array) -> float:
@@ -171,13 +193,16 @@ class Evidence:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
         joint, places, values = self._add(self._joint, comparison, odometry)
         p_chance, scale = chance_of_lead(values)
+        p_elsewhere = 1.0
         if self._is_small:
             mirrored = None if odometry is None else odometry * np.array([1.0, -1.0, -1.0])
             _, _, others = self._add(self._mirrored, comparison.mirrored, mirrored)
-            p_chance = max(p_chance, chance_over(values[0], others))
+            p_elsewhere, scale = chance_over(values, others[:1]), LEAD_SCALE
+            p_chance = max(p_elsewhere, chance_over(values, values[1:2]))
         shares = np.exp((values - values[0]) / max(scale, 1e-6))
-        poses = self._grid.poses_of(places, len(joint))
-        return Survey(p_chance, poses, shares / shares.sum(), max(1.0, 1.5 * self._grid.edge))
+        poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
+        is_in_map = p_elsewhere < self._max_chance <= p_chance and len(poses) > 1
+        return Survey(p_chance, poses, shares / shares.sum(), tolerance, is_in_map, p_chance < self._max_chance)
 
     def _add(
         self, joint: JointEvidence, comparison: Comparison, odometry: Array | None
@@ -237,15 +262,14 @@ def chance_of_lead(values: Array) -> tuple[float, float]:
     return float((1.0 + gaps[0] / max(rest, 1e-12)) ** -count), rest / count
 
 
-def chance_over(best: float, values: Array) -> float:
-    """Return at most how probably the best of a tail leads the falling values (N,) of another draw of it so far.
+def chance_over(values: Array, rivals: Array) -> float:
+    """Return at most how probably the best of a small map leads the best of `rivals` so far by chance.
 
-    The lead of one best over the other, where it leads at all, has a thinner tail than the exponential of their gaps.
+    `values` (N,) are the maxima of the map, falling. Of a room with fewer than `MIN_MAXIMA` others nothing is known.
     """
-    if len(values) < MIN_MAXIMA + 1:
+    if len(values) < MIN_MAXIMA + 1 or not len(rivals):
         return 1.0
-    gaps = np.arange(1, len(values)) * -np.diff(values)
-    return float((1.0 + max(best - values[0], 0.0) / max(float(gaps.sum()), 1e-12)) ** -len(gaps))
+    return float(np.exp(-max(values[0] - rivals[0], 0.0) / LEAD_SCALE))
 
 
 def _contrast(curves: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -95,9 +95,7 @@ def _is_free(
     return free
 
 
-def _has_floor(
-    middles: Array, points: NDArray[np.floating], heights: Callable[[Array], Array]
-) -> NDArray[np.bool_]:
+def _has_floor(middles: Array, points: NDArray[np.floating], heights: Callable[[Array], Array]) -> NDArray[np.bool_]:
     """Return which squares (K, 2) have points of the map below the camera at their own place, not only nearby.
 
     Ground is lent to squares without any: a strip along the outside of every wall would be a room else.

@@ -62,9 +62,13 @@ def correlate_part(
     return found
 
 
-def double_gradients(visual: GradientFeatures) -> Image:
-    """Return the gradients of an image with their angles doubled (2, H, W), their squares summing to 1."""
-    both = [visual.magnitude * (visual.x**2 - visual.y**2), visual.magnitude * (2.0 * visual.x * visual.y)]
+def double_gradients(visual: GradientFeatures, power: float = 1.0) -> Image:
+    """Return the gradients of an image with their angles doubled (2, H, W), their squares summing to 1.
+
+    `power`: of the magnitudes.
+    """
+    magnitude = visual.magnitude**power
+    both = [magnitude * (visual.x**2 - visual.y**2), magnitude * (2.0 * visual.x * visual.y)]
     doubled = np.stack(both).astype(np.float32)
     normalized: Image = doubled / np.float32(max(float(np.sqrt(np.sum(doubled**2))), 1e-12))
     return normalized

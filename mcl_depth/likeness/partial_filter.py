@@ -17,7 +17,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import MIN_VIEW_SHARE, NUM_CG_STEPS, NUM_ENERGY_FREQUENCIES, PART_FINENESS, PART_SHRINKAGE
+from mcl_depth.constants import (
+    MIN_VIEW_SHARE,
+    NUM_CG_STEPS,
+    NUM_ENERGY_FREQUENCIES,
+    PART_FINENESS,
+    PART_SHRINKAGE,
+    ROOT,
+)
 from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 from mcl_depth.likeness.matched_filter import double_gradients
@@ -81,14 +88,23 @@ class PartialFilter:
         found = load_arrays(folder, ARRAYS)
         return None if found is None else cls(*(np.array(array) for array in found))
 
-    def curves(self, visual: GradientFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
+    def curves(
+        self,
+        visual: GradientFeatures,
+        num_headings: int,
+        rows: NDArray[np.int64] | None = None,
+        *,
+        is_whitened: bool = True,
+    ) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
 
-        `rows`: of some cells only. The best around each heading.
+        `rows`: of some cells only. The best around each heading. In a map of too few cells to know what all have in
+        common nothing is whitened; there the edges of furniture weigh less, by the root of the image's gradients.
         """
         seen = np.ones(visual.shape, np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
         count, width = PART_FINENESS * num_headings, visual.shape[1]
-        weights = spectra_of(self.weigh(double_gradients(visual), seen), FREQUENCIES) * self.scales
+        image = self.weigh(double_gradients(visual), seen) if is_whitened else seen * double_gradients(visual, ROOT)
+        weights = spectra_of(image, FREQUENCIES) * self.scales
         products = correlate(self.codes, weights, rows, 0, count)
         in_view = spectra_of(seen[None], ENERGY_FREQUENCIES) * self.energy_scales
         energies = correlate(self.energies, in_view, rows, 0, count) / width
