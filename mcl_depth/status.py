@@ -73,7 +73,7 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
     alike = proof.survey.alike() if proof.survey is not None else ()
     if len(alike):
         names = " or ".join(f"{x:.1f}, {y:.1f} at {np.degrees(yaw):.0f} deg" for x, y, yaw in alike)
-        return Verdict(Finding(Reason.AMBIGUOUS, proof.p_chance, limit, f"at {names}"), is_bad=True)
+        return Verdict(Finding(Reason.AMBIGUOUS, proof.p_chance, limit, names), is_bad=True)
     if second >= AMBIGUOUS_SHARE * best.weight:
         return Verdict(Finding(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE), is_bad=True)
     if best.weight < MIN_WEIGHT:

@@ -13,7 +13,7 @@ from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import APART, COST, FORGETTING, MIN_PLACES
+from mcl_depth.constants import APART, COST, FORGETTING, LEAD_SCALE, MIN_PLACES
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import FINE, Finding, Reason
 
@@ -73,13 +73,28 @@ def test_a_rival_as_good_as_the_best_makes_it_chance():
 
 def test_the_best_of_one_draw_leads_the_best_of_another_by_chance_as_often_as_is_said_at_most():
     rng = np.random.default_rng(6)
-    draws = -np.sort(-rng.exponential(3.0, (4000, 2, 40)), axis=2)
-    found = np.array([chance_over(one[0], other) for one, other in draws])
+    draws = -np.sort(-rng.exponential(LEAD_SCALE, (4000, 2, 40)), axis=2)
+    found = np.array([chance_over(one, other[:1]) for one, other in draws])
     assert np.mean(found < 1.0) == pytest.approx(0.5, abs=0.03)  # either leads
     for level in (0.1, 0.01):
         share = np.mean(found < level)
         assert 0.3 * level < share < level + 4 * np.sqrt(level / 4000)
-    assert chance_over(9.0, np.arange(5.0)[::-1]) == 1.0  # too few to tell
+    assert chance_over(np.arange(5.0)[::-1] + 9.0, np.zeros(1)) == 1.0  # too few to tell
+    assert chance_over(np.arange(20.0)[::-1], np.zeros(0)) == 1.0
+
+
+def test_two_places_that_are_alike_are_named_where_one_of_them_is_right():
+    grid, (poses, odometry) = grid_of(26), drive(6)
+    evidence = Evidence(grid, RATE)
+    for seed, (pose, before) in enumerate(zip(poses, odometry, strict=True)):
+        twin = Images(grid, seed, pose - [1.0, 0.0, 0.0], 9.0)
+        twin._curves = np.maximum(twin._curves, Images(grid, seed, pose + [-1.0, 6.0, 0.0], 9.0)._curves)
+        survey = evidence.survey(twin, before)
+    assert not survey.is_proven
+    assert sorted(survey.alike()[:, 1] - poses[-1][1]) == pytest.approx([0.0, 6.0], abs=0.6)
+    first, second = survey.hypotheses()[:2]
+    assert 0.2 < second.weight <= first.weight < 0.8
+    assert first.sigma_m == pytest.approx(survey.tolerance_m / 2.0)
 
 
 def drive(count):
@@ -236,6 +251,11 @@ def test_a_small_map_is_proven_against_the_mirrored_drive():
     assert found[-1].is_small
     assert found[-1].p_chance < RATE
     assert found[-1].agrees
+    assert not found[-1].has_moved
+    away = proofs(Evidence(grid, RATE), grid, range(6), poses, poses[-1] + [5.0, 0.0, 0.0], levels)
+    assert [proof.has_moved for proof in away] == [proof.survey.is_proven for proof in away]
+    assert away[-1].has_moved
+    assert len(away[-1].survey.alike()) == 0
 
 
 def test_a_room_that_looks_like_its_mirror_image_proves_nothing():

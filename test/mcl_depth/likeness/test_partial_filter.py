@@ -52,6 +52,17 @@ def test_where_nothing_is_whitened_it_is_the_correlation_of_gradients(ranges, st
     assert np.unravel_index(np.argmax(found), found.shape) == (9, 4)
 
 
+def test_in_a_small_map_a_strong_edge_weighs_by_its_root_and_nothing_is_whitened(ranges, made):
+    visual = part_of(ranges[9], 4, window(20, 46))
+    rooted = GradientFeatures(visual.x, visual.y, np.sqrt(visual.magnitude), visual.is_seen)
+    found = made.curves(visual, NUM_HEADINGS, is_whitened=False)
+    assert np.unravel_index(np.argmax(found), found.shape) == (9, 4)
+    wanted = correlate_part(rooted, depth_features_many(ranges, ComparisonParams()), NUM_HEADINGS, np.arange(NUM_CELLS))
+    assert np.corrcoef(found.ravel(), wanted.ravel())[0, 1] > 0.95  # the best around each heading, in bytes
+    dark = GradientFeatures(visual.x, visual.y, visual.magnitude * 1e-3, visual.is_seen)
+    np.testing.assert_allclose(made.curves(dark, NUM_HEADINGS, is_whitened=False), found, rtol=1e-3, atol=1e-6)
+
+
 def test_the_weights_solve_their_equation_and_are_nothing_where_nothing_is_seen(ranges, made):
     view = window(60, 80)
     seen, image = view.astype(np.float32), double_gradients(part_of(ranges[3], 2, view))
