@@ -13,8 +13,8 @@ A map of a few rooms has too few maxima for that, and they are not independent o
 images are compared a second time, mirrored, along mirrored odometry: a drive through streets or rooms of the same kind
 that are not in the map. What it reaches by chance, the drive itself reaches by chance. So of both drives' maxima the
 best must be the drive's own, and it must lead all others: by chance it leads by L standard deviations of an image with
-a probability below exp(-L / LEAD_SCALE), as measured on drives through homes in the maps of other homes. A place that
-leads the mirrored drive, but not another place of the map, is one of two that are alike.
+a probability below exp(-L / LEAD_SCALE) / 2, as measured on drives through homes in the maps of other homes. A place
+that leads the mirrored drive, but not another place of the map, is one of two that are alike.
 """
 
 from __future__ import annotations
@@ -265,11 +265,13 @@ def chance_of_lead(values: Array) -> tuple[float, float]:
 def chance_over(values: Array, rivals: Array) -> float:
     """Return at most how probably the best of a small map leads the best of `rivals` so far by chance.
 
-    `values` (N,) are the maxima of the map, falling. Of a room with fewer than `MIN_MAXIMA` others nothing is known.
+    `values` (N,) are the maxima of the map, falling. Half of the time the rivals lead, by as much. Of a room with fewer
+    than `MIN_MAXIMA` others nothing is known.
     """
     if len(values) < MIN_MAXIMA + 1 or not len(rivals):
         return 1.0
-    return float(np.exp(-max(values[0] - rivals[0], 0.0) / LEAD_SCALE))
+    lead = float(values[0] - rivals[0])
+    return 0.5 * float(np.exp(-lead / LEAD_SCALE)) if lead > 0.0 else 1.0
 
 
 def _contrast(curves: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -88,7 +88,7 @@ def test_two_places_that_are_alike_are_named_where_one_of_them_is_right():
     evidence = Evidence(grid, RATE)
     for seed, (pose, before) in enumerate(zip(poses, odometry, strict=True)):
         twin = Images(grid, seed, pose - [1.0, 0.0, 0.0], 9.0)
-        twin._curves = np.maximum(twin._curves, Images(grid, seed, pose + [-1.0, 6.0, 0.0], 9.0)._curves)
+        twin._curves = np.maximum(twin._curves, Images(grid, seed, pose + np.array([-1.0, 6.0, 0.0]), 9.0)._curves)
         survey = evidence.survey(twin, before)
     assert not survey.is_proven
     assert sorted(survey.alike()[:, 1] - poses[-1][1]) == pytest.approx([0.0, 6.0], abs=0.6)
