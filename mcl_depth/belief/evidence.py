@@ -197,8 +197,7 @@ class Evidence:
         if self._is_small:
             mirrored = None if odometry is None else odometry * np.array([1.0, -1.0, -1.0])
             _, _, others = self._add(self._mirrored, comparison.mirrored, mirrored)
-            p_elsewhere, scale = chance_over(values, others[:1]), LEAD_SCALE
-            p_chance = max(p_elsewhere, chance_over(values, values[1:2]))
+            (p_elsewhere, p_chance), scale = chances_in_small_map(values, others), LEAD_SCALE
         shares = np.exp((values - values[0]) / max(scale, 1e-6))
         poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
         is_in_map = p_elsewhere < self._max_chance <= p_chance and len(poses) > 1
@@ -262,16 +261,17 @@ def chance_of_lead(values: Array) -> tuple[float, float]:
     return float((1.0 + gaps[0] / max(rest, 1e-12)) ** -count), rest / count
 
 
-def chance_over(values: Array, rivals: Array) -> float:
-    """Return at most how probably the best of a small map leads the best of `rivals` so far by chance.
+def chances_in_small_map(values: Array, others: Array) -> tuple[float, float]:
+    """Return how probably the best of a small map leads so far by chance: the mirrored drive's best, and all rivals.
 
-    `values` (N,) are the maxima of the map, falling. Half of the time the rivals lead, by as much. Of a room with fewer
-    than `MIN_MAXIMA` others nothing is known.
+    `values` (N,) are the maxima of the map, `others` (M,) those of the mirrored drive, falling. Of both drives' maxima
+    the first is the drive's own half of the time. Fewer than `MIN_MAXIMA` others tell nothing: 1.
     """
-    if len(values) < MIN_MAXIMA + 1 or not len(rivals):
-        return 1.0
-    lead = float(values[0] - rivals[0])
-    return 0.5 * float(np.exp(-lead / LEAD_SCALE)) if lead > 0.0 else 1.0
+    if len(values) < MIN_MAXIMA + 1 or not len(others) or values[0] <= others[0]:
+        return 1.0, 1.0
+    leads = np.array([values[0] - others[0], values[0] - max(values[1], others[0])]) / LEAD_SCALE
+    p_elsewhere, p_any = np.exp(-leads)
+    return float(p_elsewhere), 0.5 * float(p_any)
 
 
 def _contrast(curves: NDArray[np.float32]) -> NDArray[np.float32]:
