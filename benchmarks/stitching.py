@@ -156,7 +156,7 @@ def _room(folder: Path, options: argparse.Namespace) -> list[Bound]:
     range_m, std_m = range_from_disparity(disparity, window, 0.2, params)
     measured = float(np.isfinite(range_m[window.height // 4 : 3 * window.height // 4]).mean())
     owner, error = np.zeros(gray[0].shape, np.int8), np.zeros(gray[0].shape, np.float32)
-    viewpoints = Viewpoints(0.2, owner, np.zeros((1, 3), np.float32), error, per_m=0.0)
+    viewpoints = Viewpoints(0.2, owner, np.zeros((1, 3), np.float32), error, np.ones_like(error), per_m=0.0)
     ranged = range_m, std_m
     planes = range_of_planes(gray[0], gray[1], ranged, everywhere, viewpoints, search, params)
     is_filled = ~np.isnan(planes[0])

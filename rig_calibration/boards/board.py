@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, printable, read_text, short
 
 MAX_CORNERS, MAX_DIGITS = 1000, 9  # in a row of a board; characters of their number
+MAX_SQUARE = 10.0  # m; more are millimetres
 KINDS = ("chessboard", "charuco")
 KEYS = {"kind", "size", "square", "marker", "dictionary", "first_marker", "legacy"}
 
@@ -44,8 +44,10 @@ class Board:
             raise ValueError(
                 f"board {self.name!r}: size: expected at least 3x3 inner corners, found {self.columns}x{self.rows}"
             )
-        if not (math.isfinite(self.square_m) and self.square_m > 0):
-            raise ValueError(f"board {self.name!r}: square: expected a positive length in m, found {self.square_m}")
+        if not 0 < self.square_m <= MAX_SQUARE:
+            raise ValueError(
+                f"board {self.name!r}: square: expected a length in m, up to {MAX_SQUARE:g}, found {self.square_m}"
+            )
         if self.kind == "charuco" and not 0 < self.marker_m < self.square_m:
             raise ValueError(
                 f"board {self.name!r}: marker: expected between 0 and the square ({self.square_m} m), "

@@ -418,16 +418,17 @@ def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, r
 
 
 @njit(**OPTIONS)
-def stretch(range_m, std_m, error, per_m):
+def stretch(range_m, std_m, error, shrink, per_m):
     """Change range and deviation (H, W) f32 to those by baselines longer by a share `error` (H, W) f32 than assumed.
 
-    per_m: 1 over the range at which the images were made to fit, in 1/m; there nothing changes. What is far stays so.
+    per_m: 1 over the range at which the images were made to fit, in 1/m; there this changes nothing. What is far stays
+    so. shrink (H, W) f32: a factor beside it.
     """
     one, least = np.float32(1.0), np.float32(0.1)
     for v in range(range_m.shape[0]):
         for u in range(range_m.shape[1]):
             r, e = range_m[v, u], error[v, u]
-            factor = (one + e) / max(one + e * per_m * r, least) if r < np.float32(1e9) else one
+            factor = (one + e) / max(one + e * per_m * r, least) * shrink[v, u] if r < np.float32(1e9) else one
             range_m[v, u] = r * factor
             std_m[v, u] = std_m[v, u] * factor
 
@@ -513,12 +514,13 @@ def small_angle(sine, cosine):
 
 
 @njit(**OPTIONS)
-def recenter(range_m, std_m, owner, offsets, columns, rows, new_range, new_std):
+def recenter(range_m, std_m, owner, offsets, columns, rows, per_m, new_range, new_std):
     """Move ranges (H, W) f32 seen from the cameras' own centres to the centre of the sphere.
 
     owner (H, W) i1: which camera shows a pixel, -1 none; offsets (N, 3) f32: its centre in the sphere's frame; columns
-    (2, W), rows (2, H): sine and cosine of the azimuth of each column and of the elevation of each row. A pixel takes
-    the range of the pixel in which its point is seen.
+    (2, W), rows (2, H): sine and cosine of the azimuth of each column and of the elevation of each row; per_m: 1 over
+    the distance for which the images were joined, where a point is seen in its own pixel. A pixel takes the range of
+    the pixel in which its point is seen.
     """
     height, width = range_m.shape
     for v in range(height):
@@ -538,7 +540,8 @@ def recenter(range_m, std_m, owner, offsets, columns, rows, new_range, new_std):
             ox, oy, oz = offsets[camera, 0], offsets[camera, 1], offsets[camera, 2]
             along = ox * x + oy * y + oz * z
             reach = r + along  # of the point from the centre
-            qx, qy, qz = reach * x - ox, reach * y - oy, reach * z - oz
+            off = np.float32(1.0) - reach * per_m
+            qx, qy, qz = reach * x - off * ox, reach * y - off * oy, reach * z - off * oz
             across = np.sqrt(qx * qx + qy * qy)
             du = -small_angle(x * qy - y * qx, x * qx + y * qy) / (2 * np.pi) * width
             dv = -small_angle(level * qz - z * across, level * across + z * qz) / np.pi * height
@@ -675,7 +678,7 @@ def warm_up() -> None:
     prefer_surer(plane.copy(), plane.copy(), plane, plane, np.float32(0.5))
     smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
     triangulate(plane, plane, 0.1, 0.0, 0.3, (0.1, 0.1, 100.0), out, out.copy())
-    stretch(out, out.copy(), plane, np.float32(0.1))
+    stretch(out, out.copy(), plane, plane, np.float32(0.1))
     line = np.zeros(1, np.float32)
     splat_with_std(line, line, line, line, 0, True, plane.copy(), plane.copy())
     sources = np.ones((1, 4, 4), np.float32)
@@ -683,7 +686,7 @@ def warm_up() -> None:
     at, pieces = np.zeros((1, 2), np.int32), np.zeros((1, 7))
     match_outline(plane, plane, at, np.ones((1, 2, 2), np.bool_), 0, np.zeros(4), pieces)
     unit, owner = np.zeros((2, 4), np.float32), np.zeros((4, 4), np.int8)
-    recenter(plane, plane, owner, np.zeros((1, 3), np.float32), unit, unit, out, out.copy())
+    recenter(plane, plane, owner, np.zeros((1, 3), np.float32), unit, unit, np.float32(0.1), out, out.copy())
     small, pixel = np.ones((2, 2), np.float32), np.zeros(1, np.float32)
     sample_inverse_depth(small, pixel, pixel, 0.1, np.empty(1, np.float32))
     splat_nearest(pixel, pixel, pixel, False, small)

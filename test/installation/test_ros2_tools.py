@@ -14,7 +14,6 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -113,11 +112,11 @@ def images(rig: Rig, number: int) -> Iterator[tuple[str, Image]]:
 class Launched:
     """`ros2 launch` of one file in a namespace of its own, and what it prints."""
 
-    def __init__(self, ros2: str, name: str, folder: Path) -> None:
-        words = [ros2, "launch", "sphere_nav", f"{name}.launch.py", *GIVEN[name], f"namespace:={name}"]
-        self.log = folder / f"{name}.log"
+    def __init__(self, ros2: str, name: str, logs: Path, given: list[str], *, cwd: Path) -> None:
+        words = [ros2, "launch", "sphere_nav", f"{name}.launch.py", *given]
+        self.log = logs / f"{name}.log"
         with self.log.open("wb") as log:
-            self.process = subprocess.Popen(words, cwd=folder, stdout=log, stderr=log, start_new_session=True)
+            self.process = subprocess.Popen(words, cwd=cwd, stdout=log, stderr=log, start_new_session=True)
 
     def interrupt(self) -> None:
         """Ctrl-C, as a terminal sends it: to all of the process group."""
@@ -168,7 +167,8 @@ class Vehicle:
 
 def test_all_launch_files_start_their_nodes_and_end_in_order(ros2: str, files: Path) -> None:
     """Two of them drive; the last command that a base gets after Ctrl-C is zero."""
-    room, running = wide_room(), {name: Launched(ros2, name, files) for name in NODES}
+    given = {name: [*GIVEN[name], f"namespace:={name}"] for name in NODES}
+    room, running = wide_room(), {name: Launched(ros2, name, files, given[name], cwd=files) for name in NODES}
     rclpy.init()
     try:
         node = rclpy.create_node("observer")
@@ -202,27 +202,24 @@ def test_all_launch_files_start_their_nodes_and_end_in_order(ros2: str, files: P
 
 def test_nodes_end_with_a_launch_that_is_killed(ros2: str, files: Path, tmp_path: Path) -> None:
     """A follower must not drive on without it."""
-    process = subprocess.Popen(
-        [ros2, "launch", "sphere_nav", "nav2.launch.py", "map:=map", "namespace:=killed"],
-        cwd=files, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
-    )  # fmt: skip
-    try:
-        assert process.stdout is not None
-        found: list[int] = []
-        for line in process.stdout:
-            found += [int(pid) for pid in re.findall(r"process started with pid \[(\d+)\]", line)]
-            if "path_follower]: NO_PATH" in line:
-                break
-        assert len(found) == len(NODES["nav2"])
-        process.kill()
+    with Launched(ros2, "nav2", tmp_path, ["map:=map", "namespace:=killed"], cwd=files) as launched:
+        end = time.monotonic() + PATIENCE
+        while "killed.path_follower_loop]: NO_PATH" not in launched.log.read_text() and time.monotonic() < end:
+            time.sleep(0.1)
+        assert "killed.path_follower_loop]: NO_PATH" in launched.log.read_text()
+        started = re.findall(r"process started with pid \[(\d+)\]", launched.log.read_text())
+        found = [int(pid) for pid in started] + [child for pid in started for child in children(int(pid))]
+        assert len(found) == len(NODES["nav2"]) + 1  # the loop of the follower has a front
+        launched.process.kill()
         end = time.monotonic() + PATIENCE
         while any(is_running(pid) for pid in found) and time.monotonic() < end:
             time.sleep(0.1)
         assert [pid for pid in found if is_running(pid)] == []
-    finally:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait(10.0)
+
+
+def children(pid: int) -> list[int]:
+    """Return the processes that a process has started."""
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 def is_running(pid: int) -> bool:

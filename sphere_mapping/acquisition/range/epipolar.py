@@ -65,21 +65,43 @@ def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Plane:
     return np.clip(error, -MAX_BASELINE_ERROR, MAX_BASELINE_ERROR).astype(np.float32)
 
 
-def correct_baseline(range_m: Plane, std_m: Plane, error: Plane, distance_m: float) -> None:
-    """Change range and deviation (H, W) by the baselines of the cameras that show each pixel (`baseline_error`).
+def joined_share(layout: Layout, per_m: float) -> Plane:
+    """Return by which share (H, W) ranges are too large because the images were joined for a distance of 1 / per_m.
 
-    The images of both levels were joined for a distance (0: very far), where a wrong baseline changes nothing.
+    A camera at o shows a pixel p where the sphere's centre would see a point at that distance D: along D p - o, which
+    is turned up by (o . e) / D, e being p's derivative by colatitude a. So the colatitude is wrong by as much, and the
+    disparity by the share o . p / D: sin(a) / disparity is too large by the horizontal part of o toward p / (D sin(a)).
     """
-    stretch(range_m, std_m, error, np.float32(1.0 / distance_m if distance_m else 0.0))
+    columns, rows = _axes(layout.owner.shape)
+    centers = layout.centers[layout.owner]
+    level = centers[..., 0] * columns[1] + centers[..., 1] * columns[0]
+    return np.clip(per_m * level / rows[1][:, None], -MAX_BASELINE_ERROR, MAX_BASELINE_ERROR).astype(np.float32)
 
 
-def to_common_center(range_m: Plane, std_m: Plane, layout: Layout) -> tuple[Plane, Plane]:
-    """Return range and deviation (H, W) as from the sphere's centre; before, each pixel's camera was taken for it."""
-    height, width = range_m.shape
+def correct_baseline(range_m: Plane, std_m: Plane, error: Plane, shrink: Plane, per_m: float) -> None:
+    """Change range and deviation (H, W) to those from the own centre of the camera that shows each pixel.
+
+    error: of its baseline (`baseline_error`); shrink: 1 / (1 + `joined_share`). The images of both levels were joined
+    for a distance of 1 / per_m, where a wrong baseline changes nothing.
+    """
+    stretch(range_m, std_m, error, shrink, np.float32(per_m))
+
+
+def to_common_center(range_m: Plane, std_m: Plane, layout: Layout, per_m: float) -> tuple[Plane, Plane]:
+    """Return range and deviation (H, W) as from the sphere's centre; before, from each pixel's own camera.
+
+    per_m: 1 over the distance for which the images were joined.
+    """
+    moved, moved_std = np.empty_like(range_m), np.empty_like(std_m)
+    axes = _axes(range_m.shape)
+    recenter(range_m, std_m, layout.owner, layout.centers, *axes, np.float32(per_m), moved, moved_std)
+    return moved, moved_std
+
+
+def _axes(shape: tuple[int, ...]) -> tuple[Plane, Plane]:
+    """Return sine and cosine of the azimuth of each column (2, W), and of the elevation of each row (2, H)."""
+    height, width = shape
     azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
     elevation = (0.5 - (np.arange(height) + 0.5) / height) * np.pi
-    columns = np.stack([np.sin(azimuth), np.cos(azimuth)]).astype(np.float32)
-    rows = np.stack([np.sin(elevation), np.cos(elevation)]).astype(np.float32)
-    moved, moved_std = np.empty_like(range_m), np.empty_like(std_m)
-    recenter(range_m, std_m, layout.owner, layout.centers, columns, rows, moved, moved_std)
-    return moved, moved_std
+    columns, rows = (np.stack([np.sin(angle), np.cos(angle)]).astype(np.float32) for angle in (azimuth, elevation))
+    return columns, rows

@@ -144,13 +144,15 @@ class Viewpoints:
     """From where the pixels of the upper sphere are seen.
 
     owner (H, W): number of the camera of each pixel; centres (N, 3) m of the cameras in the frame of the sphere;
-    baseline_error (H, W), per_m: of `epipolar.correct_baseline`.
+    baseline_error (H, W), shrink (H, W), per_m: of `epipolar.correct_baseline`. A point at range r from the camera at o
+    is o (1 - r per_m) + r (1 + o . ray per_m) ray.
     """
 
     baseline_m: float
     owner: NDArray[np.int8]
     centers: Plane
     baseline_error: Plane
+    shrink: Plane
     per_m: float
 
 
@@ -196,7 +198,7 @@ def range_of_planes(
     planes = {}
     for region in np.unique(pieces.region):
         own = pieces.region == region
-        plane = _fit(pieces.rays[own], pieces.centers[own], pieces.inverse[own], pieces.std[own])
+        plane = _fit(pieces.rays[own], pieces.centers[own], pieces.inverse[own], pieces.std[own], viewpoints.per_m)
         if plane is not None:
             planes[int(region)] = plane
     if planes:
@@ -240,7 +242,8 @@ def _match(
     std = np.sqrt(variance * np.maximum(least / floor, 1.0) + MIN_PIECE_STD_PX**2)
     inverse, inverse_std = _inverse_range(disparity * step, std * step, above, viewpoints.baseline_m, whole)
     error = viewpoints.baseline_error[row, column].astype(np.float64)
-    factor = (1.0 + error * viewpoints.per_m / inverse) / (1.0 + error)
+    shrink = viewpoints.shrink[row, column].astype(np.float64)
+    factor = (1.0 + error * viewpoints.per_m / inverse) / (1.0 + error) / shrink
     rays = whole.unproject(np.stack([column, rows * step], axis=1).astype(np.float64))
     centers = viewpoints.centers[viewpoints.owner[row, column]].astype(np.float64)
     return _Pieces(region[is_clear], rays, centers, inverse * factor, inverse_std * np.abs(factor))
@@ -257,14 +260,16 @@ def _inverse_range(
     return inverse, slope * std * per_row
 
 
-def _fit(rays: Array, centers: Array, inverse: Array, std: Array) -> tuple[Array, Array] | None:
+def _fit(rays: Array, centers: Array, inverse: Array, std: Array, per_m: float) -> tuple[Array, Array] | None:
     """Return the plane n (3,), n . point = 1, and its covariance; None where the pieces are not on one plane.
 
-    A point at range r is centre + r ray, so n . (ray + centre / r) = 1 / r.
+    With the points of `Viewpoints` n . ((1 + centre . ray per_m) ray + centre (1 / r - per_m)) = 1 / r.
     """
     if len(rays) < MIN_PIECES:
         return None
-    rows, is_on = (rays + centers * inverse[:, None]) / std[:, None], np.ones(len(rays), np.bool_)
+    longer = 1.0 + per_m * np.sum(rays * centers, axis=1)
+    rows = (longer[:, None] * rays + centers * (inverse - per_m)[:, None]) / std[:, None]
+    is_on = np.ones(len(rays), np.bool_)
     for _ in range(3):
         squares = rows[is_on].T @ rows[is_on]
         if is_on.sum() < MIN_PIECES or np.linalg.cond(squares) > 1e12:
@@ -300,7 +305,9 @@ def _extend(
     own = wide[v, u]
     n, covariance = (np.stack([plane[k] for plane in planes.values()])[own] for k in (0, 1))
     rays = whole.unproject(np.stack([u, v], axis=1).astype(np.float64))
-    inverse = np.sum(rays * n, axis=1) / (1.0 - np.sum(viewpoints.centers[viewpoints.owner[v, u]] * n, axis=1))
+    centers = viewpoints.centers[viewpoints.owner[v, u]]
+    along, offset = np.sum(centers * rays, axis=1), np.sum(centers * n, axis=1)
+    inverse = ((1.0 + viewpoints.per_m * along) * np.sum(rays * n, axis=1) - viewpoints.per_m * offset) / (1.0 - offset)
     variance = np.einsum("ij,ijk,ik->i", rays, covariance, rays) + (RELATIVE_STD * inverse) ** 2
     keep = (inverse > 1.0 / FAR_M) & (inverse < 1.0 / (MIN_RANGE_SHARE * params.nearest_m))
     keep &= variance < (MAX_RELATIVE_STD * inverse) ** 2

@@ -13,6 +13,7 @@ from sphere_mapping.acquisition.range.epipolar import (
     baseline_error,
     correct_baseline,
     disparities_of_ranges,
+    joined_share,
     range_from_below,
     range_from_disparity,
     to_common_center,
@@ -47,9 +48,9 @@ class VerticalStereo:
         layouts = [self._layouts.of(level, tuple(grays)) for level in LEVELS]
         top, bottom = self.draw(layouts, grays)
         ranged, viewpoints = self._measure(layouts, top, bottom), self._kept(tuple(grays))
-        correct_baseline(*ranged, viewpoints.baseline_error, self._params.blend.distance_m)
+        correct_baseline(*ranged, viewpoints.baseline_error, viewpoints.shrink, viewpoints.per_m)
         planes = self._fit_planes(layouts, top, bottom, ranged, viewpoints)
-        ranged, planes = _to_common_center(ranged, planes, layouts[0])
+        ranged, planes = _to_common_center(ranged, planes, layouts[0], viewpoints.per_m)
         for _ in range(self._params.blend.num_passes - 1):
             top, bottom = self.draw(layouts, grays, ranged[0])
             ranged = self._measure(layouts, top, bottom)
@@ -91,17 +92,20 @@ class VerticalStereo:
         layouts = [self._layouts.of(level, present) for level in LEVELS]
         baseline_m, distance_m = self._layouts.baseline_m, self._params.blend.distance_m
         error, per_m = baseline_error(layouts, baseline_m), 1.0 / distance_m if distance_m else 0.0
-        return Viewpoints(baseline_m, layouts[0].owner, layouts[0].centers, error, per_m)
+        shrink = 1.0 / (1.0 + joined_share(layouts[0], per_m))
+        return Viewpoints(baseline_m, layouts[0].owner, layouts[0].centers, error, shrink, per_m)
 
 
-def _to_common_center(ranged: Ranged, planes: Ranged | None, layout: Layout) -> tuple[Ranged, Ranged | None]:
+def _to_common_center(
+    ranged: Ranged, planes: Ranged | None, layout: Layout, per_m: float
+) -> tuple[Ranged, Ranged | None]:
     """Return what is measured, and what planes say elsewhere, as from the sphere's centre."""
     if planes is None:
-        return to_common_center(*ranged, layout), None
+        return to_common_center(*ranged, layout, per_m), None
     is_filled = np.flatnonzero(~np.isnan(planes[0]))
     for values, others, sign in zip(ranged, planes, (1.0, -1.0), strict=True):
         np.put(values, is_filled, np.float32(sign) * others.take(is_filled))  # the minus sign takes the mark along
-    measured = to_common_center(*ranged, layout)
+    measured = to_common_center(*ranged, layout, per_m)
     is_filled = np.flatnonzero(measured[1] < 0)
     filled = np.full_like(measured[0], np.nan), np.full_like(measured[1], np.nan)
     for values, others, sign in zip(filled, measured, (1.0, -1.0), strict=True):

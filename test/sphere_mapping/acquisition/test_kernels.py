@@ -340,14 +340,19 @@ def test_a_longer_baseline_stretches_the_range_but_not_where_the_images_were_joi
         factor = (1 + error) / np.maximum(1 + error * range_m / 10.0, 0.1)
         factor[~(range_m < 1e9)] = 1.0
         twin = range_m * factor, std_m * factor
-    kernels.stretch(range_m, std_m, error, np.float32(0.1))
+    shrink = np.random.default_rng(16).uniform(0.9, 1.1, (6, 10)).astype(np.float32)
+    shrink[0, :3] = 1.0
+    with np.errstate(invalid="ignore"):
+        twin = [np.where(twin[0] < 1e9, plane * shrink, plane) for plane in twin]
+    kernels.stretch(range_m, std_m, error, shrink, np.float32(0.1))
     np.testing.assert_allclose(range_m, twin[0], rtol=2e-6)
     np.testing.assert_allclose(std_m, twin[1], rtol=2e-6)
     np.testing.assert_allclose(range_m[0, :3], 10.0, rtol=1e-6)
     assert range_m[1, 0] == np.inf
 
 
-def test_ranges_of_a_wall_move_to_the_common_center():
+@pytest.mark.parametrize("per_m", [0.0, 0.125])
+def test_ranges_of_a_wall_move_to_the_common_center(per_m):
     """Two cameras beside the centre see a sphere of 5 m; NumPy looks the points up by arctan2."""
     height, width = 64, 128
     azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
@@ -370,9 +375,10 @@ def test_ranges_of_a_wall_move_to_the_common_center():
     range_m[10, 50:60], range_m[20, 50:60] = np.nan, np.inf
     std_m = np.arange(height * width, dtype=np.float32).reshape(height, width)
     found, found_std = np.empty_like(range_m), np.empty_like(std_m)
-    kernels.recenter(range_m, std_m, owner, offsets, columns, rows, found, found_std)
+    kernels.recenter(range_m, std_m, owner, offsets, columns, rows, np.float32(per_m), found, found_std)
     with np.errstate(invalid="ignore"):
-        q = (range_m + along)[..., None] * rays - offsets[np.maximum(owner, 0)]
+        reach = (range_m + along)[..., None]
+        q = reach * rays - (1.0 - reach * per_m) * offsets[np.maximum(owner, 0)]
         u = (0.5 - np.arctan2(q[..., 1], q[..., 0]) / (2 * np.pi)) * width - 0.5
         v = (0.5 - np.arctan2(q[..., 2], np.hypot(q[..., 0], q[..., 1])) / np.pi) * height - 0.5
         row, column = (np.nan_to_num(np.floor(place + 0.5)).astype(int) for place in (v, u))

@@ -48,7 +48,9 @@ def one_viewpoint():
     """Return the viewpoints of two spheres that were taken from one centre each."""
     shape = (WHOLE.height, WHOLE.width)
     centers = np.zeros((1, 3), np.float32)
-    return Viewpoints(BASELINE_M, np.zeros(shape, np.int8), centers, np.zeros(shape, np.float32), 0.0)
+    return Viewpoints(
+        BASELINE_M, np.zeros(shape, np.int8), centers, np.zeros(shape, np.float32), np.ones(shape, np.float32), 0.0
+    )
 
 
 def fill(*, box):
@@ -116,7 +118,7 @@ def test_a_true_plane_is_found_with_its_covariance_and_seldom_refused():
     rng, errors, refused = np.random.default_rng(5), [], 0
     for _ in range(400):
         rays, inverse, std, n = outline(rng)
-        found = _fit(rays, np.zeros_like(rays), inverse, std)
+        found = _fit(rays, np.zeros_like(rays), inverse, std, 0.0)
         refused += found is None
         if found is not None:
             errors.append((found[0] - n) @ np.linalg.solve(found[1], found[0] - n))
@@ -128,11 +130,11 @@ def test_a_bend_and_a_plane_that_hangs_on_one_piece_are_refused():
     rng = np.random.default_rng(6)
     rays, inverse, std, _ = outline(rng)
     bent = inverse * np.where(rays[:, 1] > 0, 1.15, 1.0)
-    assert _fit(rays, np.zeros_like(rays), bent, std) is None
+    assert _fit(rays, np.zeros_like(rays), bent, std, 0.0) is None
     line = rays * [1.0, 1.0, 0.0]
     line /= np.linalg.norm(line, axis=1, keepdims=True)
     line[0] = [0.6, 0.0, 0.8]
-    assert _fit(line, np.zeros_like(line), 0.5 * line[:, 0], std) is None
+    assert _fit(line, np.zeros_like(line), 0.5 * line[:, 0], std, 0.0) is None
 
 
 def test_pieces_are_matched_as_numpy_does():
