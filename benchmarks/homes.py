@@ -503,7 +503,7 @@ class _Caster:
         offset = points - self._corner[index]
         u = np.sum(offset * self._along[index], axis=1) / np.linalg.norm(self._along[index], axis=1)
         v = np.sum(offset * self._up[index], axis=1) / np.linalg.norm(self._up[index], axis=1)
-        kind, scale, salt = self._kind[index], self._scale[index], index * 7.31
+        kind, scale, salt = self._kind[index], self._scale[index], (7.31 * index).astype(np.float64)
         pattern = 1.0 + 0.03 * np.sin(2.1 * u + salt) * np.sin(1.7 * v + 2.0 * salt)
         board = _noise(np.floor(v / 0.12), np.floor(u / 0.9 + 0.37 * np.floor(v / 0.12)), salt)
         tile = np.where((np.mod(u, 0.33) < 0.012) | (np.mod(v, 0.33) < 0.012), 0.75, 1.0)

@@ -80,7 +80,7 @@ def _places(images: object) -> list[Place]:
 def _walk(site: Site, places: list[Place], camera: Spherical, start: int, seed: int) -> Outcome:
     """Walk from a panorama; images of another home are wrong wherever they are claimed to be."""
     filter_ = Filter(replace(site.params, seed=seed), site.depth_map, site.area)
-    error, wrong, out, chances, times, finding = np.nan, 0, 0, [], [], Reason.NONE
+    error, wrong, out, chances, times, finding = np.nan, 0, 0, [], [], str(Reason.NONE)
     for index, (observation, true) in enumerate(steps(places, camera, start % len(places), seed, PUBLISHED_BY)):
         begin = time.process_time()
         estimate = filter_.update(observation)
@@ -93,7 +93,7 @@ def _walk(site: Site, places: list[Place], camera: Spherical, start: int, seed: 
         if index == WALK - 1 and estimate.belief is not None:
             error = float(np.hypot(*(estimate.belief.places[0].pose - true)[:2]))
         chances.append(estimate.status.p_chance)
-        finding = estimate.status.reason
+        finding = str(estimate.status.reason)
     return Outcome(error, out > 0, wrong, finding == Reason.AMBIGUOUS, min(chances), float(np.median(times)))
 
 
