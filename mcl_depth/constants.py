@@ -107,7 +107,7 @@ FAR_M = 100.0  # range given to what is far
 SAMPLES = 2  # a side of a pixel of the panorama; a photograph that is finer by more is halved first
 OTHER_ANSWER = np.radians(20.0)  # a rotation farther from the best one than this is another answer
 
-# One image against every cell (likeness/test_matched_filter, test_partial_filter, test_gradient_correlation)
+# One image against every cell (likeness/test_matched_filter, test_partial_filter)
 MIN_PLACES = 1500  # cells whose covariance is taken, and fewest of a map: fewer do not tell what places have in common
 CODE_RANGE = 4.0  # standard deviations that a byte holds (likeness/test_spectra)
 NUM_FREQUENCIES = 37  # over azimuth: structure down to ten degrees

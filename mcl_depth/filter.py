@@ -18,7 +18,6 @@ from mcl_depth.belief.motion_model import MotionModel, sample_motion
 from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_similarity
 from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import MOVED_SHARE, NEW_SHARE
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.comparison import GradientFeatures, num_alpha_for, visual_features
 from mcl_depth.likeness.depth_map import DepthMap
@@ -122,10 +121,8 @@ class Filter:
         self._p_chance = proof.p_chance
         self.particles = resample(particles, p.resampling.num_particles, self._rng, self._gap)
         if proof.survey is not None and not self._states.is_following:
-            share = MOVED_SHARE if proof.has_moved else NEW_SHARE
-            self.particles = inject_at_places(self.particles, proof.survey, self._rng, share)
-        places = proof.survey.hypotheses() if proof.survey is not None else tuple(hypotheses)
-        belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance, places)
+            self.particles = inject_at_places(self.particles, proof.survey, self._rng, proof.share_of_new)
+        belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance, proof.places(hypotheses))
         return self._estimate(observation, verdict.finding, belief)
 
     def _estimate(self, observation: Observation, finding: Finding, belief: Belief | None = None) -> Estimate:

@@ -42,6 +42,8 @@ from mcl_depth.constants import (
     MIN_MAXIMA,
     MIN_PATCH,
     MIN_PLACES,
+    MOVED_SHARE,
+    NEW_SHARE,
     NUM_MAXIMA,
     OFF_MAP,
     PATCH,
@@ -103,6 +105,15 @@ class Proof:
     def has_moved(self) -> bool:
         """Whether a small map's best place is proven, and the belief is elsewhere."""
         return self.is_small and not self.agrees and self.survey is not None and self.survey.is_proven
+
+    def places(self, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+        """Return the best places of the map where it was searched, else those of the belief."""
+        return self.survey.hypotheses() if self.survey is not None else tuple(hypotheses)
+
+    @property
+    def share_of_new(self) -> float:
+        """Return the share of the particles that are put to the best places of the survey."""
+        return MOVED_SHARE if self.has_moved else NEW_SHARE
 
 
 class Evidence:
