@@ -13,6 +13,7 @@ from types import ModuleType
 from benchmarks.machine import describe, num_cores, set_threads
 from benchmarks.report import Report
 
+PLACES = ("--json", "--output")  # options that say where a result goes
 BENCHMARKS = {
     "kernel_times": "benchmarks.kernel_times",
     "localizer_times": "benchmarks.localizer_times",
@@ -138,9 +139,11 @@ def _run_one(name: str, module: ModuleType, options: argparse.Namespace) -> int:
 
 
 def _command(name: str) -> str:
-    """Return the command line that measures one benchmark as it was measured now."""
+    """Return the command line that measures one benchmark as it was measured now, wherever the result goes."""
     others = set(BENCHMARKS) - {name}
-    words = [word for word in sys.argv[1:] if word not in others]
+    given = sys.argv[1:]
+    words = [word for word, last in zip(given, ["", *given], strict=False) if word not in others and last not in PLACES]
+    words = [word for word in words if word not in PLACES]
     return " ".join(["python -m benchmarks", *([] if name in words else [name]), *words])
 
 
