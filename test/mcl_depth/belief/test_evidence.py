@@ -258,6 +258,7 @@ def test_a_small_map_is_proven_against_the_mirrored_drive():
     away = proofs(Evidence(grid, RATE), grid, range(6), poses, poses[-1] + [5.0, 0.0, 0.0], levels)
     assert [proof.has_moved for proof in away] == [proof.survey.is_proven for proof in away]
     assert away[-1].has_moved
+    assert away[-1].share_of_new > found[-1].share_of_new
     assert len(away[-1].survey.alike()) == 0
 
 

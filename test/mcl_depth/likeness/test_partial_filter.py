@@ -72,7 +72,8 @@ def test_in_a_small_map_a_strong_edge_weighs_by_its_root_and_nothing_is_whitened
     found = made.curves(visual, NUM_HEADINGS, is_whitened=False)
     assert np.unravel_index(np.argmax(found), found.shape) == (9, 4)
     wanted = correlation(rooted, stack)
-    assert np.corrcoef(found.ravel(), wanted.ravel())[0, 1] > 0.95  # the best around each heading, in bytes
+    likeness = [np.corrcoef(found.ravel(), c.ravel())[0, 1] for c in (wanted, correlation(visual, stack))]
+    assert likeness[0] > max(likeness[1], 0.95)  # the best around each heading, in bytes
     dark = GradientFeatures(visual.x, visual.y, visual.magnitude * 1e-3, visual.is_seen)
     np.testing.assert_allclose(made.curves(dark, NUM_HEADINGS, is_whitened=False), found, rtol=1e-3, atol=1e-6)
     other = GradientFeatures(-visual.x, -visual.y, visual.magnitude, visual.is_seen)  # contrast upside down
