@@ -74,6 +74,7 @@ BENCHMARKS = {
     "intake_rate": "benchmarks.intake_rate",
     "soak": "benchmarks.soak",
     "relight": "benchmarks.relight",
+    "learning": "benchmarks.learning",
     "false_joins": "benchmarks.false_joins",
 }
 

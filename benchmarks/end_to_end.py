@@ -6,8 +6,10 @@ import argparse
 import contextlib
 import io
 import json
+import re
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,17 +38,19 @@ HELP = "import, map, localise and register recorded data through the commands"
 TRUTH = ("ground_truth/pose",)
 MIN_OVERLAP = 0.3  # of the depth points of an image, by the true poses, that a mapped image sees
 STEP = 16  # px between two of those points
-KITCHEN = (  # what, frames mapped, frames localised, bounds in mm and degrees
-    ("120:240 in 0:120", "0:120", "120:240", (8.0, 0.4)),
-    ("odd in even frames", "0:240:2", "1:240:2", (2.5, 0.1)),
-)
+HELD_OUT, LONG, INTERLEAVED = (8.0, 0.4), (15.0, 0.4), (2.5, 0.1)  # mm, deg: medians
+LONG_FRAMES = 240  # localised from where on a split is a long one
+KITCHEN = ("0:120/120:240", "0:240:2/1:240:2")  # mapped/localised
+OTHERS = ("300:420/420:460", "300:420/500:540", "300:420/700:740", "240:700/700:999", "300:540:2/301:540:2")
+ANCHORS = ("truth", "survey")
+NEES = 0.5, 2.0  # least and largest mean, over 6 degrees of freedom
 FALSE_LOOP = 0.1, 2.0  # m, deg off the truth
 READOUT_S = 0.0227  # 0.68 of a frame, measured beside COLMAP's poses
 KITCHEN_READOUT = f"camera.readout={READOUT_S}"
 STEADY = 12  # frames of kitti_06 after which its truth turns as its left image says
 MAPPED_STEP = 6  # of the mapped images that are asked, every so many
 
-Row = Callable[[Path, Path, Report], None]
+Row = Callable[[Path, Path, Report, argparse.Namespace], None]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,79 +58,156 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--recordings", type=Path, default=Path("../shared/data"), help="folder with rgbd, driving and rgbd_spheres"
     )
+    held_out = " ".join(OTHERS)
+    told = f"frames of redkitchen only, mapped/localised; without any: {' '.join(KITCHEN)}, and held out {held_out}"
+    parser.add_argument("--kitchens", nargs="*", metavar="A:B/C:D", default=None, help=told)
+    parser.add_argument("--anchors", nargs="+", choices=ANCHORS, default=ANCHORS[:1], help="of their maps (truth)")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Measure what is there."""
     report = Report("end_to_end", notes=[describe(options.threads)])
     rows: dict[str, Row] = {"rgbd_spheres": spheres, "driving/kitti_06": stereo, "rgbd/redkitchen": kitchen}
+    if options.kitchens is not None:
+        rows = {"rgbd/redkitchen": kitchen}
     for name, row in rows.items():
         if not (options.recordings / name).is_dir():
             report.notes.append(f"{name}: skipped, no folder {options.recordings / name}")
             continue
         with tempfile.TemporaryDirectory() as folder:
-            row(options.recordings / name, Path(folder), report)
+            row(options.recordings / name, Path(folder), report, options)
     if not report.bounds:
         report.skipped = f"no recordings in {options.recordings}"
     return report
 
 
-def kitchen(data: Path, folder: Path, report: Report) -> None:
+def kitchen(data: Path, folder: Path, report: Report, options: argparse.Namespace) -> None:
     """RGB-D frames mapped, others localised from colour alone, judged by COLMAP: the recorded poses are wrong."""
     poses = colmap_poses(data)
     if poses is None:
         report.notes.append(f"redkitchen: skipped, no folder {data}{COLMAP_POSES}")
         return
-    for what, mapped, localised, bound in KITCHEN:
-        part = folder / mapped.replace(":", "_")
-        taught, driven = part / "taught", part / "driven"
-        for bag, frames in ((taught, mapped), (driven, localised)):
-            truth_of = ("--poses", poses, "--truth-camera", "colour")
-            call("import", "seven_scenes", data, "-o", bag, "--frames", frames, *truth_of)
-        way = ("--trajectory", part / "map.tum")
-        call("map", taught, "-o", part / "map", "--anchor", "truth", "--set", KITCHEN_READOUT, *way)
-        judge_map(f"redkitchen map of {mapped}", taught, part, report)
-        output = ("-o", part / "poses.tum", "--bag", part / "said")
-        call("localize", part / "map", driven, *output, "--set", KITCHEN_READOUT)
-        stamps = overlapping(taught, driven)
-        truth, estimate = read_poses(driven, TRUTH), read_tum(part / "poses.tum")
-        seen = estimate[np.isin(estimate.stamps_ns, stamps)]
-        judged = evaluate_poses(seen, truth).report
-        false_fixes = float(np.sum(errors(tracked(part / "said", estimate), truth) > 0.15))
-        told = evaluate_poses(read_poses(part / "said", ("pose",)), truth).report["nees"]
-        nees = told["mean"] / 6 if told else np.nan
-        share = len(seen) / max(len(stamps), 1)
-        report.notes.append(
-            f"redkitchen {what}: {len(stamps)} of {len(truth)} images overlap the map by {MIN_OVERLAP:.0%}"
-        )
-        report.bounds += [
-            Bound(f"redkitchen {what} by colour, median", bound[0], 1e3 * judged["translation_m"]["median"], "mm"),
-            Bound(f"redkitchen {what} by colour, median turn", bound[1], judged["rotation_deg"]["median"], "deg"),
-            Bound(f"redkitchen {what}, mean NEES over 6, not less than", 0.5, nees, "", is_minimum=True),
-            Bound(f"redkitchen {what}, mean NEES over 6, not more than", 2.0, nees, ""),
-            Bound(f"redkitchen {what}, TRACKING with an error over 0.15 m", 0.0, false_fixes, "images"),
-            Bound(f"redkitchen {what}, overlapping images with a pose", 0.5, share, "", is_minimum=True),
-        ]
-        report.bounds += judge_straight(what, taught, driven, seen, bound)
+    for text in options.kitchens or (*KITCHEN, *(OTHERS if options.kitchens is not None else ())):
+        split, part = Split.read(text), folder / text.replace(":", "_").replace("/", "_in_")
+        if missing := split.missing(poses):
+            report.notes.append(f"redkitchen {split}: skipped, no {missing.name} in {poses}")
+            continue
+        truth_of = ("--poses", poses, "--truth-camera", "colour")
+        for bag, frames in (("taught", split.mapped), ("driven", split.localised)):
+            call("import", "seven_scenes", data, "-o", part / bag, "--frames", frames, *truth_of)
+        stamps = overlapping(part / "taught", part / "driven")
+        for anchor in options.anchors:
+            judge_split(split, part, anchor, stamps, report)
 
 
-def judge_straight(what: str, taught: Path, driven: Path, seen: Trajectory, bound: tuple[float, float]) -> list[Bound]:
-    """Return the medians by the truth less what a rolling shutter does to poses by a global one, map fitted anew."""
-    straight = [straighten(bag, read_poses(bag, TRUTH), READOUT_S) for bag in (taught, driven)]
-    way = read_tum(taught.with_name("map.tum"))
-    at, known = straight[0].at(way.stamps_ns, max_gap_ns=10**9)
-    judged = evaluate_poses(seen.moved(fit_poses(at.T_map_body, way.T_map_body[known])), straight[1]).report
+@dataclass(frozen=True)
+class Split:
+    """Frames mapped and frames localised, each as `sphere_nav import --frames` has them; bound in mm and degrees."""
+
+    mapped: str
+    localised: str
+
+    @classmethod
+    def read(cls, text: str) -> Split:
+        """Return a split written A:B[:STEP]/C:D[:STEP]; ValueError names what is not one."""
+        parts = text.split("/")
+        if len(parts) != 2 or not all(re.fullmatch(r"\d+:\d+(:[1-9]\d*)?", part) for part in parts):
+            raise ValueError(f"--kitchens: expected A:B[:STEP]/C:D[:STEP], found {text}")
+        return cls(*parts)
+
+    def __str__(self) -> str:
+        is_odd = self.localised.startswith("1:") and self.mapped.startswith("0:") and self.is_interleaved
+        return "odd in even frames" if is_odd else f"{self.localised} in {self.mapped}"
+
+    @property
+    def is_interleaved(self) -> bool:
+        """Whether the localised frames are between the mapped ones."""
+        mapped, localised = frame_numbers(self.mapped), frame_numbers(self.localised)
+        return mapped.start < localised.start < mapped.stop
+
+    @property
+    def bound(self) -> tuple[float, float]:
+        """The bounds of the medians, mm and degrees."""
+        if self.is_interleaved:
+            return INTERLEAVED
+        return LONG if len(frame_numbers(self.localised)) >= LONG_FRAMES else HELD_OUT
+
+    def missing(self, poses: Path) -> Path | None:
+        """Return the last pose of either part where the recording has not got that far."""
+        last = max(frame_numbers(part)[-1] for part in (self.mapped, self.localised))
+        path = poses / f"frame-{last:06d}.pose.txt"
+        return None if path.exists() else path
+
+
+def frame_numbers(frames: str) -> range:
+    """Return the numbers that A:B[:STEP] names."""
+    return range(*[int(word) for word in frames.split(":")])
+
+
+def judge_split(split: Split, part: Path, anchor: str, stamps: Sequence[int], report: Report) -> None:
+    """Map and localise one split with one anchor; add its bounds."""
+    taught, driven, made, path = part / "taught", part / "driven", part / f"map_{anchor}", part / f"poses_{anchor}.tum"
+    what = f"{split}" if anchor == "truth" else f"{split}, {anchor}"
+    readout = ("--set", KITCHEN_READOUT)
+    call("map", taught, "-o", made, "--anchor", anchor, *readout, "--trajectory", part / f"map_{anchor}.tum")
+    if anchor == "truth":
+        judge_map(f"redkitchen map of {split.mapped}", taught, part, report)
+    call("localize", made, driven, "-o", path, "--bag", part / f"said_{anchor}", *readout)
+    truth, estimate = read_poses(driven, TRUTH), read_tum(path)
+    seen = estimate[np.isin(estimate.stamps_ns, stamps)]
+    judged, bound = evaluate_poses(seen, truth).report, split.bound
+    false_fixes = float(np.sum(errors(tracked(part / f"said_{anchor}", estimate), truth) > 0.15))
+    with_covariance = read_poses(part / f"said_{anchor}", ("pose",))
+    share = len(seen) / max(len(stamps), 1)
+    report.notes.append(
+        f"redkitchen {what}: {len(stamps)} of {len(truth)} images overlap the map by {MIN_OVERLAP:.0%}; NEES of x, y, "
+        f"z, roll, pitch, yaw {nees_of_each_axis(with_covariance, truth)}"
+    )
+    report.bounds += [
+        Bound(f"redkitchen {what} by colour, median", bound[0], 1e3 * judged["translation_m"]["median"], "mm"),
+        Bound(f"redkitchen {what} by colour, median turn", bound[1], judged["rotation_deg"]["median"], "deg"),
+        *nees_bounds(f"redkitchen {what}", with_covariance, truth),
+        Bound(f"redkitchen {what}, TRACKING with an error over 0.15 m", 0.0, false_fixes, "images"),
+        Bound(f"redkitchen {what}, overlapping images with a pose", 0.5, share, "", is_minimum=True),
+    ]
     by = f"redkitchen {what} by colour, COLMAP's poses straightened"
-    return [
+    straight, T_truth_map = straight_truth(taught, driven, part / f"map_{anchor}.tum")
+    judged = evaluate_poses(seen.moved(T_truth_map), straight).report
+    report.bounds += [
         Bound(f"{by}, median", bound[0], 1e3 * judged["translation_m"]["median"], "mm"),
         Bound(f"{by}, median turn", bound[1], judged["rotation_deg"]["median"], "deg"),
+        *nees_bounds(by, with_covariance.moved(T_truth_map), straight),
     ]
+
+
+def nees_bounds(what: str, estimate: Trajectory, truth: Trajectory) -> list[Bound]:
+    """Return both bounds of the mean NEES over its six degrees of freedom."""
+    told = evaluate_poses(estimate, truth).report["nees"]
+    nees, (least, most) = told["mean"] / 6 if told else np.nan, NEES
+    return [
+        Bound(f"{what}, mean NEES over 6, not less than", least, nees, "", is_minimum=True),
+        Bound(f"{what}, mean NEES over 6, not more than", most, nees, ""),
+    ]
+
+
+def nees_of_each_axis(estimate: Trajectory, truth: Trajectory) -> str:
+    """Return the mean NEES of each axis of the body, 1 where its deviation is honest."""
+    told = evaluate_poses(estimate, truth).report["nees"]
+    return ", ".join(f"{value:.2f}" for value in told["axes"].values()) if told else "unknown"
+
+
+def straight_truth(taught: Path, driven: Path, way: Path) -> tuple[Trajectory, SE3]:
+    """Return the driven truth less what a rolling shutter does to poses by a global one, and the map fitted to it."""
+    straight = [straighten(bag, read_poses(bag, TRUTH), READOUT_S) for bag in (taught, driven)]
+    mapped = read_tum(way)
+    at, known = straight[0].at(mapped.stamps_ns, max_gap_ns=10**9)
+    return straight[1], fit_poses(at.T_map_body, mapped.T_map_body[known])
 
 
 def judge_map(what: str, taught: Path, part: Path, report: Report) -> None:
     """Add how right the poses of all mapped frames are, and which of its loops join what is not together."""
     truth = read_poses(taught, TRUTH)
-    with open_map(part / "map") as reader:
+    with open_map(part / "map_truth") as reader:
         graph = reader.graph
     at, known = truth.at([node.stamp_ns for node in graph], max_gap_ns=10**9)
     ids = np.array(list(graph.nodes))[known].tolist()
@@ -134,7 +215,7 @@ def judge_map(what: str, taught: Path, part: Path, report: Report) -> None:
     loops = [edge for edge in graph.edges if edge.is_loop and edge.a in true and edge.b in true]
     off = [(true[edge.a].inverse() @ true[edge.b]).distance(edge.T_a_b) for edge in loops]
     false = sum(moved > FALSE_LOOP[0] or turned > np.radians(FALSE_LOOP[1]) for moved, turned in off)
-    error = evaluate_poses(read_tum(part / "map.tum"), truth).report["translation_m"]
+    error = evaluate_poses(read_tum(part / "map_truth.tum"), truth).report["translation_m"]
     report.notes.append(f"{what}: {len(graph)} key spheres, {len(loops)} loops")
     report.bounds += [
         Bound(f"{what}, poses of its frames, median", 10.0, 1e3 * error["median"], "mm"),
@@ -143,7 +224,7 @@ def judge_map(what: str, taught: Path, part: Path, report: Report) -> None:
     ]
 
 
-def stereo(data: Path, folder: Path, report: Report) -> None:
+def stereo(data: Path, folder: Path, report: Report, _: argparse.Namespace) -> None:
     """Visual odometry of all frames; odd frames in the map of the even ones."""
     for name, frames in (("all", "0:51"), ("even", "0:51:2"), ("odd", "1:51:2")):
         call("import", "kitti", data, "-o", folder / name, "--frames", frames)
@@ -175,7 +256,7 @@ def drift(travelled: Trajectory, truth: Trajectory, first: int) -> float:
     return 100 * float(off / (truth.distances[-1] - truth.distances[first]))
 
 
-def spheres(data: Path, folder: Path, report: Report) -> None:
+def spheres(data: Path, folder: Path, report: Report, _: argparse.Namespace) -> None:
     """Two RGB-D spheres registered from identity."""
     call("import", "spherical", data, "-o", folder / "bag")
     call("register", f"{folder / 'bag'}:0", f"{folder / 'bag'}:1", "--json", folder / "found.json")

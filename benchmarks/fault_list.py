@@ -137,7 +137,7 @@ def _speak(drive: Drive) -> None:
 
 def _publishers(*names: str) -> Callable[[Drive], None]:
     def set_them(drive: Drive) -> None:
-        drive.follower.publishers_of = lambda topic: list(names)
+        drive.follower.shell.publishers_of = lambda topic: list(names) if topic == "pose" else []
 
     return set_them
 

@@ -1,7 +1,8 @@
 """`refine-camera` on real and rendered drives: the true lens within 3 deviations or refused, never worse elsewhere.
 
 Rendered drives are in the world of one key sphere of a real map (`lens_worlds.py`), or of the closed-form room where
-there is no recording. What was refined by one stretch of a drive is judged by the poses of another stretch.
+there is no recording or `--lens-world room` asks for it; `--lens-seed N` draws other ways, rooms and lenses, on which
+nothing was chosen. What was refined by one stretch of a drive is judged by the poses of another stretch.
 """
 
 from __future__ import annotations
@@ -81,11 +82,16 @@ DRAWN = (
     Drawn("map and drive of the same wrong lens", Recorded(SMALL, LONG), Recorded(SMALL, LONG), 16),
 )
 QUICK = ("4 % too long", "map of a wrong lens")
+OTHER_LENS = np.array([0.06, 0.06, 0.03, 0.03])  # shares by which focal lengths and center of another seed may differ
+KITCHEN_WORLD, ROOM_WORLD = WORLDS = "kitchen", "room"
+ROOM_SEED, SEEDS_APART = 3, 1000  # of the room; between the ways of two `--lens-seed`
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments: those of end_to_end say where recordings are."""
     parser.add_argument("--sequences", nargs="*", metavar="WORD", help="only sequences whose names hold one of these")
+    parser.add_argument("--lens-seed", type=int, default=0, metavar="N", help="of rendered ways, rooms, lenses (0)")
+    parser.add_argument("--lens-world", choices=WORLDS, default=KITCHEN_WORLD, help="of rendered drives (%(default)s)")
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -95,37 +101,54 @@ def run(options: argparse.Namespace) -> Report:
     wanted: Sequence[str] = options.sequences or (QUICK if options.quick else [""])
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        world = make_world(data, folder)
-        cases = [*drawn_cases(world, folder, wanted), *real_cases(data, options.recordings, folder, wanted)]
+        seed = options.lens_seed
+        world = make_world(data if options.lens_world == KITCHEN_WORLD else None, folder, seed)
+        cases = [*drawn_cases(world, folder, wanted, seed), *real_cases(data, options.recordings, folder, wanted)]
         for case in cases:
             report.bounds += judge(case, report)
         if any(word in "readout" for word in wanted):
-            report.bounds += readout_bounds(world, folder, report)
+            report.bounds += readout_bounds(world, folder, report, SEEDS_APART * seed)
     return report
 
 
-def make_world(data: Path, folder: Path) -> SphereWorld:
-    """Return the world of the first key sphere of a real map, or the room."""
-    if not data.is_dir():
-        return SphereWorld(room_sphere(Spherical(512, 384, 1536, 512, 192), 3))
+def make_world(data: Path | None, folder: Path, seed: int) -> SphereWorld:
+    """Return the world of the first key sphere of a real map, or the room of a seed."""
+    if data is None or not data.is_dir():
+        return SphereWorld(room_sphere(Spherical(512, 384, 1536, 512, 192), ROOM_SEED + seed))
     call("import", "seven_scenes", data, "-o", folder / "seed", "--frames", "0:2")
     call("map", folder / "seed", "-o", folder / "seed_map")
     with open_map(folder / "seed_map") as sphere_map:
         return SphereWorld(sphere_map.load_sphere(0))
 
 
-def drawn_cases(world: SphereWorld, folder: Path, wanted: Sequence[str]) -> Iterator[Case]:
+def drawn_cases(world: SphereWorld, folder: Path, wanted: Sequence[str], seed: int) -> Iterator[Case]:
     """Yield the rendered sequences: mapped for 1.3 s, refined by 2 s, judged by another second."""
-    for one in DRAWN:
-        if not any(word in one.name for word in wanted):
+    for number, drawn in enumerate(DRAWN):
+        if not any(word in drawn.name for word in wanted):
             continue
-        part, way = folder / one.name.replace(" ", "_"), Sway(one.seed)
-        record(part / "taught", world, one.mapping, way, 0.0, 40)
-        record(part / "drive", world, one.driving, Sway(one.seed + 100), 0.0, 50)
-        record(part / "held_out", world, one.driving, Sway(one.seed + 200), 0.0, 30)
+        one = redraw(drawn, np.random.default_rng([seed, number])) if seed else drawn
+        first, part = one.seed + SEEDS_APART * seed, folder / one.name.replace(" ", "_")
+        record(part / "taught", world, one.mapping, Sway(first), 0.0, 40)
+        record(part / "drive", world, one.driving, Sway(first + 100), 0.0, 50)
+        record(part / "held_out", world, one.driving, Sway(first + 200), 0.0, 30)
         call("map", part / "taught", "-o", part / "map", "--anchor", "truth")
         truth = Lens.of(one.driving.camera, one.driving.readout)
         yield Case(one.name, part / "map", part / "drive", part / "held_out", truth)
+
+
+def redraw(drawn: Drawn, rng: np.random.Generator) -> Drawn:
+    """Return a sequence of other lenses: all focal lengths and centers of it differ by the same shares."""
+    shares = 1.0 + OTHER_LENS * rng.uniform(-1.0, 1.0, 4)
+
+    def change(lens: Camera) -> Pinhole:
+        assert isinstance(lens, Pinhole)
+        fx, fy, cx, cy = (shares * [lens.fx, lens.fy, lens.cx, lens.cy]).tolist()
+        return replace(lens, fx=fx, fy=fy, cx=cx, cy=cy)
+
+    def record_by(how: Recorded) -> Recorded:
+        return replace(how, camera=change(how.camera), given=change(how.given))
+
+    return replace(drawn, mapping=record_by(drawn.mapping), driving=record_by(drawn.driving))
 
 
 def real_cases(data: Path, recordings: Path, folder: Path, wanted: Sequence[str]) -> Iterator[Case]:
@@ -197,14 +220,14 @@ def relabel(bag: Path, output: Path, camera: Camera) -> None:
             writer.write(item.topic, message, stamp)
 
 
-def readout_bounds(world: SphereWorld, folder: Path, report: Report) -> Iterator[Bound]:
+def readout_bounds(world: SphereWorld, folder: Path, report: Report, seed: int) -> Iterator[Bound]:
     """Yield what a true readout brings to the map, and to a drive in it, by the poses of the middle rows.
 
     Beside it the same by what a reconstruction by a global shutter would call the truth: COLMAP's poses are such.
     """
     how, part = Recorded(SMALL, SMALL, READOUT_S), folder / "readout"
-    record(part / "taught", world, how, Sway(21), 0.0, 40)
-    record(part / "driven", world, how, Sway(22), 0.0, 30)
+    record(part / "taught", world, how, Sway(seed + 21), 0.0, 40)
+    record(part / "driven", world, how, Sway(seed + 22), 0.0, 30)
     taught, driven = (read_poses(part / name, TRUTH) for name in ("taught", "driven"))
     bent = [bend(part / name, truth, READOUT_S) for name, truth in (("taught", taught), ("driven", driven))]
     of_map, of_drive = {}, {}

@@ -26,7 +26,7 @@ from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.geometry.trajectory_error import align
+from sphere_nav.geometry.trajectory_error import align_trajectories
 from sphere_nav.spheres.graph import Edge, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
@@ -155,7 +155,7 @@ def _judge(what: str, drive: Drive, report: Report, rows: list[tuple[str, ...]])
     found, truth = SE3(np.stack([pose.matrix for pose in poses])), [drive.truth[stamp] for stamp in stamps]
     merged = merge(graph, found.translation)
     true = SE3(np.stack([pose.matrix for pose in truth]))
-    T, _ = align(Trajectory(np.array(stamps), found), Trajectory(np.array(stamps), true), "se3")
+    T, _ = align_trajectories(Trajectory(np.array(stamps), found), Trajectory(np.array(stamps), true), "se3")
     ate = float(np.sqrt(np.mean(np.sum((T.apply(found.translation) - true.translation) ** 2, axis=1))))
     loops = [edge for edge in graph.edges if edge.is_loop]
     false = sum(_is_false(edge, graph, drive) for edge in loops)

@@ -101,7 +101,7 @@ def measure(kills: int, full: int, jobs: int, seed: int) -> None:
         for name in ("first", "whole"):  # the first one fills the caches
             (folder / name).mkdir()
             begun = time.monotonic()
-            if _wait(_start(folder / name, words)):
+            if wait(start(folder / name, words)):
                 raise ValueError(f"map: expected exit status 0, found {(folder / name / 'said').read_text()[-500:]}")
         seconds, whole = time.monotonic() - begun, folder / "whole" / "map" / "map.mcap"
         for number in range(kills):
@@ -123,7 +123,7 @@ def _draw(path: Path) -> None:
             bag.write("sphere", sphere_to_message(Sphere(image, range_m, CAMERA, stamp_ns), "sphere_link"), stamp_ns)
 
 
-def _start(folder: Path, words: list[str], prepare: Callable[[], object] = lambda: None) -> int:
+def start(folder: Path, words: list[str], prepare: Callable[[], object] = lambda: None) -> int:
     """Fork a process that runs a command in a folder; it notes there what it has written, and what it says."""
     pid = os.fork()
     if pid:
@@ -148,7 +148,7 @@ def _start(folder: Path, words: list[str], prepare: Callable[[], object] = lambd
         os._exit(status)
 
 
-def _wait(pid: int, seconds: float = PATIENCE_S) -> int:
+def wait(pid: int, seconds: float = PATIENCE_S) -> int:
     """Return the exit status; kill the process after some time."""
     until = time.monotonic() + seconds
     while os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
@@ -160,7 +160,7 @@ def _wait(pid: int, seconds: float = PATIENCE_S) -> int:
 
 def _kill(folder: Path, words: list[str], after_s: float, whole: Path, tally: Tally) -> None:
     folder.mkdir()
-    tally.num_ended += _wait(_start(folder, words), after_s) < 0
+    tally.num_ended += wait(start(folder, words), after_s) < 0
     _judge(folder, words, whole, tally)
 
 
@@ -173,7 +173,7 @@ def _fill(folder: Path, words: list[str], share: float, whole: Path, tally: Tall
     limit = round(share * whole.stat().st_size)
     lower = (lambda: None) if is_mounted else (lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
     try:
-        status = _wait(_start(folder, words, lower))
+        status = wait(start(folder, words, lower))
         tally.num_ended += status != 0
         tally.num_told += status == 1 and b"--resume" in (folder / "said").read_bytes()
         if is_mounted:
@@ -193,8 +193,8 @@ def _judge(folder: Path, words: list[str], whole: Path, tally: Tally) -> None:
     tally.num_written += len(written)
     if (folder / "map").exists():
         tally.num_read += len(written)
-    elif written and _wait(_start(folder, ["map-verify", "map.partial", "--salvage", "mended"])) == 0:
+    elif written and wait(start(folder, ["map-verify", "map.partial", "--salvage", "mended"])) == 0:
         with open_map(folder / "mended") as reader:
             tally.num_read += len(written & {reader.load_sphere(node.id).stamp_ns for node in reader.graph})
-    if (folder / "map").exists() or _wait(_start(folder, [*words, "--resume"])) == 0:
+    if (folder / "map").exists() or wait(start(folder, [*words, "--resume"])) == 0:
         tally.num_equal += (folder / "map" / "map.mcap").read_bytes() == whole.read_bytes()

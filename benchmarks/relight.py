@@ -99,32 +99,32 @@ class Room:
 
     def __init__(self, data: Path, poses: Path, first: int, folder: Path) -> None:
         self._data, self._poses, self._first, self._folder = data, poses, first, folder
-        self._recording = open_recording(data, poses)
-        self._calibration = self._recording.calibrations[-1]
+        self.recording = open_recording(data, poses)
+        self.calibration = self.recording.calibrations[-1]
         folder.mkdir(parents=True, exist_ok=True)
 
     def base(self) -> Placed:
         """Map the first drive in its own light, localise the third one in it."""
         for number in (0, 2):
-            self._drive("day", None, number)
+            self.drive("day", None, number)
         if not (self._folder / "map_day").exists():
             self._map("day_0", "map_day")
-        return self._localize("map_day", "day_2")
+        return self.localize("map_day", "day_2")
 
     def measure(self, kind: str, share: float, seed: int, day: Placed, report: Report) -> tuple[str, ...]:
         """Measure one light; return its row."""
         name = f"{kind}{round(100 * share)}_{seed}"
-        light = Light(kind, share, seed, self._recording, self._calibration, self._pose_files(0))
+        light = Light(kind, share, seed, self.recording, self.calibration, self.pose_files(0))
         for number in (1, 2):
-            self._drive(name, light, number)
-        alone = self._localize("map_day", f"{name}_2")
+            self.drive(name, light, number)
+        alone = self.localize("map_day", f"{name}_2")
         self._map(f"{name}_1", f"map_{name}_own")
-        own = self._localize(f"map_{name}_own", f"{name}_2")
+        own = self.localize(f"map_{name}_own", f"{name}_2")
         said = self._map(f"{name}_1", f"map_{name}", "--extend", self._folder / "map_day", "--experience", name)
         if "refused" in said:
             after, first = Placed(day.num_images, {}, 0, np.nan), day
         else:
-            after, first = self._localize(f"map_{name}", f"{name}_2"), self._localize(f"map_{name}", "day_2")
+            after, first = self.localize(f"map_{name}", f"{name}_2"), self.localize(f"map_{name}", "day_2")
         what = f"{kind} {share:.0%}, seed {seed}"
         report.bounds += [
             Bound(f"{what}: images placed, at least as by its own map", own.placed, after.placed, "", True),
@@ -135,20 +135,21 @@ class Room:
         ]
         return what, str(alone), said, str(after), str(own), str(day), str(first)
 
-    def _pose_files(self, number: int) -> list[Path]:
+    def pose_files(self, number: int) -> list[Path]:
+        """Return the files of the true poses of a drive."""
         first = self._first + number
         last = self._first + LENGTH
         return [self._poses / f"frame-{index:06d}.pose.txt" for index in range(first, last, STEP)]
 
-    def _drive(self, name: str, light: Light | None, number: int) -> None:
+    def drive(self, name: str, light: Light | None, number: int) -> None:
         """Make a bag of a drive in a light."""
         bag, folder = self._folder / f"{name}_{number}", self._folder / f"{name}_{number}_images"
         if bag.exists():
             return
         folder.mkdir()
-        for path in self._pose_files(number):
+        for path in self.pose_files(number):
             stem = path.name.removesuffix(".pose.txt")
-            frame = self._recording.frame(path, self._calibration)
+            frame = self.recording.frame(path, self.calibration)
             gray = frame.gray.astype(np.float32)
             gray = gray if light is None else light.shine(gray, frame.depth_m, frame.T_world_camera)
             cv2.imwrite(str(folder / f"{stem}.color.png"), np.clip(np.rint(gray), 1, 255).astype(np.uint8))
@@ -170,10 +171,11 @@ class Room:
             return f"refused: {said.strip().splitlines()[-1]}"
         return next((line for line in said.splitlines() if line.startswith("joined")), "")
 
-    def _localize(self, name: str, drive: str) -> Placed:
-        """Localise a drive, judged by its truth."""
+    def localize(self, name: str, drive: str, *words: str) -> Placed:
+        """Localise a drive, judged by its truth; more words for the command."""
         poses, summary = self._folder / "poses.tum", self._folder / "summary.json"
-        call("localize", self._folder / name, self._folder / drive, "-o", poses, "--json", summary, "--overwrite")
+        given = "localize", self._folder / name, self._folder / drive, "-o", poses, "--json", summary, "--overwrite"
+        call(*given, *words)
         found = json.loads(summary.read_text(encoding="utf-8"))
         if not found["poses"]:
             return Placed(found["images"], found["states"], 0, np.nan)

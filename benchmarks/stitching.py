@@ -178,7 +178,7 @@ def _fisheye(folder: Path, options: argparse.Namespace) -> list[Bound]:
     params = build(StitchParams, {"width": 2048, "blend.distance_m": 4.0, "blend.num_passes": 3})
     stitcher = Stitcher(rig, params, masks, options.threads)
     bounds = _top_and_bottom("fisheye_rig, as its file says", stitcher, images, options)
-    better = rectify(rig, stitcher.matches(images, RectifyParams()), RectifyParams())
+    better = rectify(rig, stitcher.matches(images, RectifyParams()))
     name = f"fisheye_rig, corrected by {_most(better)} at most"
     stitcher = Stitcher(better.rig, params, masks, options.threads)
     sphere = stitcher.stitch(images).sphere
@@ -211,7 +211,7 @@ def _nuscenes(folder: Path, options: argparse.Namespace) -> list[Bound]:
     rig, images, points_rig = nuscenes(folder)
     params = build(StitchParams, {"width": 2048, "range": "none", "blend.distance_m": 20.0})
     stitcher = Stitcher(rig, params, jobs=options.threads)
-    better = rectify(rig, stitcher.matches(images, RectifyParams(), points_rig), RectifyParams())
+    better = rectify(rig, stitcher.matches(images, RectifyParams(), points_rig))
     corrected = Stitcher(better.rig, params, jobs=options.threads)
     bounds = []
     for name, one in (("as its file says", stitcher), (f"corrected by {_most(better)} at most", corrected)):

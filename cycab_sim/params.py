@@ -94,6 +94,9 @@ class TrafficParams:
     is_busy: bool = param(False, "20 cars, 10 cyclists and 80 pedestrians instead of 12, 6 and 40")
     seed: int = param(0, "decides who is under way, together with the seed of the town", low=0)
     may_cross: bool = param(False, "traffic may cross the path; who would touch the car is not there")
+    standing_at: float = param(
+        0.0, "somebody stands in the way of the car, so far along the path; 0: nobody", "m", low=0.0
+    )
 
     car_speed: ClassVar[float] = 5.0  # mean speed of cars and trams, m/s
     bicycle_speed: ClassVar[float] = 3.5  # mean speed of cyclists, m/s

@@ -159,8 +159,8 @@ class Runner:
             lack = self._find_lack()
             met = time.monotonic() if lack else met
             self._tell(lack or MEET)
-            if self._stop.wait(LOOK) or time.monotonic() > met + SETTLE:
-                return
+            if self._stop.wait(LOOK) or (not lack and time.monotonic() > met + SETTLE):
+                return  # a turn that took longer than that is no reason to begin without them
 
     def turn(self) -> None:
         """Do one step: hand out what is due, wait for the command that answers an image, drive."""

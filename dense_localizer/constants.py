@@ -14,6 +14,7 @@ IMAGE_FORGETTING = 0.9
 # Registration: image motion of an increment below which a level is done, px. Fine enough at the rate of a camera
 # (test_localizer: errors of a drive).
 MIN_STEP_PX = 0.04
+MAX_MAD = 40.0  # grey levels: an alignment that leaves more is refused (photometric/align/test_judgement)
 
 # Prediction (test_motion_prior)
 GAP_S, GAP_PERIODS = 0.3, 2.0  # a longer pause is a gap, s; of a slower camera, in periods
@@ -64,14 +65,15 @@ MIN_SEEN, MIN_REJECTED_SHARE = 8, 0.75  # images; of those
 MAX_FORGOTTEN_SHARE = 0.3  # of the squares seen of a sphere
 
 # Acceptance (judge/test_acceptance): a first value refuses, a second one means care: DEGRADED.
-GOOD_OVERLAP = 0.25
+MIN_OVERLAP, GOOD_OVERLAP = 0.15, 0.25  # share of the chosen pixels that the image sees
+GOOD_NCC_LEAD = 0.1  # of the correlation of a good alignment over the least one
 ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5
 # Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
 # hand-held images and saturated ones among them.
 MIN_GRADIENT_AGREEMENT, GOOD_GRADIENT_AGREEMENT = 0.2, 0.25
 MAX_STRETCH, GOOD_STRETCH = 0.06, 0.03  # three quarters of the error of the focal length, judge/test_integrity
 STRETCH_SIGMAS = 4.0  # by which a stretch must exceed them: 6e-5 of right lenses by chance
-GOOD_INNOVATION = 0.7  # of `max_innovation`
+MAX_INNOVATION, GOOD_INNOVATION = 8.0, 0.7  # standard deviations from the prediction, 7e-12 by chance; share of it
 GOOD_SIGMA = 0.5  # of the largest standard deviation: three sigma of a good pose are within 0.3 m
 MAX_ATTITUDE_SIGMA_RAD = 0.05  # largest standard deviation of the attitude
 MAX_LIGHT_BIAS, MAX_OCCLUSION_BIAS, GOOD_BIAS = 1.0, 5.0, 0.5  # of the largest deviation; of 5 a fifth at most was left
@@ -107,6 +109,7 @@ ANY_MAD = 255.0  # grey levels: the map may differ as it likes, references count
 NUM_RETRIEVED, NUM_MATCHED, MIN_POSE_INLIERS = 12, 6, 6  # spheres by appearance; of them by features; features
 TILT_STEP_DEG, SIDE_STEP_DEG = 12.0, 15.0  # above and below, beside the heading of a partial sphere
 ROLL_STEP_DEG = 45.0  # about the axis of a camera that nobody has found upright; alignment reaches half of it
+MAX_GUESS_M = 10.0  # from an initial pose to the nearest key sphere: more is another place (start/test_startup)
 MAX_PITCH_RAD = 1.2  # 70 deg: steeper, a mounting is of optical axes
 FORWARD_STEP = 0.2  # before and behind a center, as share of the range
 NUM_COMPARED_POINTS, MIN_COMPARED_POINTS = 600, 20  # of a sphere with the image; visible, below which nothing is said
@@ -115,3 +118,10 @@ NUM_TURNED = 4  # spheres in which an image is compared at all turns about its a
 NUM_NEAR = 6  # key spheres around a given or lost pose
 SAME_POSE_M, SAME_POSE_DEG = 0.3, 10.0  # candidates closer than this are one
 SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.5, 2.0  # between two searches of the whole map; that a given or lost pose is tried
+
+# Drives that are kept to learn from (test_key_images)
+MIN_EXPLAINED_NCC = 0.8  # correlation of an image with the map that explains it
+MIN_EXPLAINED_SHARE = 0.8  # of the key images, below which a drive is a lesson
+KEY_REACH, KEY_TURN = 0.1, 0.1  # between key images: share of the radius of a region; rad
+MIN_KEY_IMAGES, KEY_MEMORY = 6, 500  # of a drive that is kept; latest ones that the next is compared with
+MAX_KEY_SIGMA_M = 0.05  # standard deviation of the place of a key image

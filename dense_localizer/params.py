@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from dense_localizer.constants import MIN_STEP_PX
+from dense_localizer.constants import MAX_MAD, MIN_STEP_PX
 from sphere_nav.geometry.cameras.rolling_shutter import CameraParams
 from sphere_nav.localization.params import InputParams, NodeParams, RigParams, StateParams
 from sphere_nav.params import group, param, parameters
@@ -39,20 +39,15 @@ class AlignmentParams:
     num_levels: int = param(5, "levels of the pyramid, the full image included", low=1, high=10)
     finest: int = param(0, "finest level that is used; 0 is the full image", low=0, high=9)
     max_pixels: int = param(60_000, "best pixels used at a level, all references together", low=100)
-    illumination: bool = param(True, "estimate a gain and a bias for each reference with the pose")
-    max_mad: float = param(40.0, "median absolute deviation above which a result is refused", "grey level", low=0.0)
 
 
 @parameters
 class AcceptanceParams:
     """When an alignment is used (`acceptance.py`). A value past the `good` limit is used with care: DEGRADED."""
 
-    min_overlap: float = param(0.15, "share of the chosen pixels that the image sees", low=0.0, high=1.0)
     min_pixels: int = param(500, "pixels in the alignment", low=6)
     min_ncc: float = param(0.4, "normalised cross-correlation of image and references", low=-1.0, high=1.0)
-    good_ncc: float = param(0.5, "correlation of a good alignment", low=-1.0, high=1.0)
     max_sigma_m: float = param(0.2, "standard deviation of the position; half of it is good", "m", low=0.0)
-    max_innovation: float = param(8.0, "distance to the prediction", "standard deviations", low=0.1)
 
 
 @parameters
@@ -70,7 +65,6 @@ class SearchParams:
     heading_step_deg: float = param(20.0, "between headings tried in a whole sphere", "deg", low=1.0, high=180.0)
     min_ncc: float = param(0.5, "correlation of a verified start", low=-1.0, high=1.0)
     min_ncc_margin: float = param(0.1, "lead of the best place over another one", low=0.0, high=1.0)
-    max_guess_distance_m: float = param(10.0, "from an initial pose to the nearest key sphere", "m", low=0.0)
 
 
 @parameters
@@ -96,8 +90,7 @@ class LocalizerParams:
             pyramid=PyramidParams(num_levels=a.num_levels, finest=a.finest),
             max_pixels=a.max_pixels,
             min_step=MIN_STEP_PX,
-            illumination=a.illumination,
-            max_mad=a.max_mad,
+            max_mad=MAX_MAD,
         )
 
 
@@ -106,4 +99,5 @@ class DenseLocalizerParams(LocalizerParams, NodeParams):
     """Everything that the node needs (`node.py`)."""
 
     map: str = param("", "map to localise in; empty: wait for the call load_map")
+    learn: bool = param(False, "keep key images of each drive beside the map, for sphere_nav map-learn")
     rig: RigParams = group(RigParams)

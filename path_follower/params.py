@@ -8,25 +8,17 @@ from sphere_nav.params import group, param, parameters
 
 
 @parameters
-class VehicleParams:
-    """The car and what it must never be asked for."""
+class TurningParams:
+    """How tightly the car turns, and how far it reaches ahead."""
 
     wheelbase: float = param(1.2, "distance between the axles", "m", low=0.05)
     rear_steering: float = param(
         0.0, "tan of the rear wheels' angle, against that of the front wheels, as a share of it", low=0.0, high=1.0
     )
-    max_speed: float = param(2.0, "largest speed, forward and reverse", "m/s", low=0.05)
-    max_acceleration: float = param(0.8, "largest gain of speed", "m/s^2", low=0.01)
-    max_deceleration: float = param(0.8, "largest loss of speed in ordinary driving", "m/s^2", low=0.01)
-    max_jerk: float = param(2.0, "largest change of acceleration in ordinary driving", "m/s^3", low=0.1)
-    stop_deceleration: float = param(4.0, "loss of speed in a stop for safety", "m/s^2", low=0.01)
     max_steering_angle: float = param(
         0.45, "largest steering angle of the (virtual) front wheel", "rad", low=0.01, high=1.4
     )
-    max_steering_rate: float = param(0.7, "largest rate of the steering angle", "rad/s", low=0.01)
     front: float = param(1.55, "from the base frame to the front end of the body", "m", low=0.0)
-    rear: float = param(0.35, "from the base frame to the rear end of the body", "m", low=0.0)
-    width: float = param(1.2, "width of the body", "m", low=0.05)
 
     @property
     def virtual_wheelbase(self) -> float:
@@ -41,6 +33,20 @@ class VehicleParams:
     def max_curvature(self) -> float:
         """Largest curvature of the path that the steering angle allows, 1/m."""
         return math.tan(self.max_steering_angle) / self.virtual_wheelbase
+
+
+@parameters
+class VehicleParams(TurningParams):
+    """The car and what it must never be asked for."""
+
+    max_speed: float = param(2.0, "largest speed, forward and reverse", "m/s", low=0.05)
+    max_acceleration: float = param(0.8, "largest gain of speed", "m/s^2", low=0.01)
+    max_deceleration: float = param(0.8, "largest loss of speed in ordinary driving", "m/s^2", low=0.01)
+    max_jerk: float = param(2.0, "largest change of acceleration in ordinary driving", "m/s^3", low=0.1)
+    stop_deceleration: float = param(4.0, "loss of speed in a stop for safety", "m/s^2", low=0.01)
+    max_steering_rate: float = param(0.7, "largest rate of the steering angle", "rad/s", low=0.01)
+    rear: float = param(0.35, "from the base frame to the rear end of the body", "m", low=0.0)
+    width: float = param(1.2, "width of the body", "m", low=0.05)
 
 
 @parameters
@@ -108,12 +114,6 @@ class SafetyParams:
         "what ends a stop for missing poses, status or scans besides the call start: nothing, their return before "
         "standstill, or also two seconds of TRACKING after it",
         choices=("never", "moving", "standing"),
-    )
-    max_clock_pause: float = param(
-        10.0,
-        "with use_sim_time: wall time that /clock may stand without a publisher and the drive still go on with it",
-        "s",
-        low=0.0,
     )
     max_distance: float = param(1.0, "largest distance from the path, also at a start", "m", low=0.01, is_live=True)
     max_heading_error: float = param(

@@ -19,8 +19,9 @@ HALF_WINDOW = (2, 7)  # px, least and most, in which a corner is refined
 BLUR_PX = 0.5  # an edge that lies this far inside a window does not bend the corner
 MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 
-# Start of one camera (test_calibrate), by the image's width
-FOCAL_LENGTHS = {"pinhole": np.geomspace(0.25, 4.0, 15), "fisheye": np.geomspace(0.12, 1.2, 13)}
+# Start of one camera (test_calibrate, test_adjustment): pixels per radian on its axis by the image's width
+FOCAL_LENGTHS = {"pinhole": np.geomspace(0.25, 4.0, 15)}
+FOCAL_LENGTHS |= dict.fromkeys(("fisheye", "omni", "ocam"), np.geomspace(0.12, 1.2, 13))
 NUM_TRIALS = 3  # best of them that are adjusted
 
 # Joining cameras and boards (boards/test_assembly)

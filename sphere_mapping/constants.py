@@ -72,13 +72,11 @@ TOO_MUCH = 1e-3  # share of right optima whose sum of squares is larger
 LOOP_WINDOW = 10  # poses between the ends of two loops that may support each other: their odometry is good
 ALIKE_QUANTILE = 0.2  # of the cycles' errors: of a true loop as long as a fifth of all loops is true and supported
 SUPPORT_RATIO = 3.0  # of that error: supported, as 70 to 85 % of true loops and up to 8 % of false ones
-BATCH = (30, 100)  # unsupported loops in one system: more false ones fill it, and it takes minutes
 CORE_RATIO = 4.0  # of the median chi2: the core, from which the limit of true loops follows
-REACH = 100.0  # of that limit: loops that are tried where they do not fit yet
-LIMIT_GROWTH = 10.0  # of that limit, while more are admitted
+BATCH = 200  # loops at a time of which is found whether the kept ones can bend to them
 FEW_LOOPS = 20  # below which their residuals say nothing about their scale
 RIGHT_REJECTED = 1e-9  # share of true loops beyond the limit if they were Gaussian
-TAIL_POWER = 4.0  # of the spread of the lower half of chi2 by a Gaussian's; up to 3.8 leads to the worst true loop
+TAIL_DECADES = 2.0  # in which chi2 may grow as from its 90 to its 99 %: to one loop in 10,000; true ones up to 1.5
 GNC_GROWTH, GNC_ROUNDS = 1.8, 100  # of mu in each round (Yang et al.: 1.4, from first poses); rounds at most
 ADMISSION_ROUNDS = 50  # each admits loops or is the last
 

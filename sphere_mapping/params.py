@@ -56,9 +56,6 @@ class MappingAlignmentParams:
     num_levels: int = param(5, "levels of the pyramid, the full image included", low=1, high=10)
     finest: int = param(0, "finest level that is used; 0 is the full image", low=0, high=9)
     max_pixels: int = param(200_000, "best pixels used at a level, all references together", low=100)
-    illumination: bool = param(True, "estimate a gain and a bias for each reference with the pose")
-    max_mad: float = param(25.0, "median absolute deviation above which a result is refused", "grey level", low=0.0)
-    min_ncc: float = param(0.3, "correlation of the aligned images below which a result is refused", low=-1.0, high=1.0)
 
 
 @parameters
@@ -87,9 +84,6 @@ class MapperParams:
         return MappingRegistrationParams(
             pyramid=PyramidParams(num_levels=a.num_levels, finest=a.finest),
             max_pixels=a.max_pixels,
-            illumination=a.illumination,
-            max_mad=a.max_mad,
-            min_ncc=a.min_ncc,
         )
 
 

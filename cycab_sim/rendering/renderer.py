@@ -24,7 +24,7 @@ from cycab_sim.rendering import kernels
 from cycab_sim.rendering.embree import MovingScene, PacketScene, find_library
 from cycab_sim.rendering.shadows import ShadowMap
 from cycab_sim.rendering.sky import SkyLight, light_at
-from cycab_sim.rendering.weather import View, Weather
+from cycab_sim.rendering.weather import PixelView, Weather
 from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture.kernels import dress, locate_surfaces
@@ -193,7 +193,7 @@ class Renderer:
     ) -> None:
         m, s, now = self.mesh, self._shadows, self._now
         lamps = s.sun, now.sun_color, now.sky_color, now.sky_gain
-        view = View(origin, hits.rays, hits.ranges, hits.triangles, cone)
+        view = PixelView(origin, hits.rays, hits.ranges, hits.triangles, cone)
         paint_rays(m, origin, hits.rays, hits.ranges, hits.triangles, cone, color)
         self._weather.change(view, now, color)
         albedo = color.copy() if self._weather.has_lamps else color

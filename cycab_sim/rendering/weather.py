@@ -54,7 +54,7 @@ CLEAR, NEARLY = 0.03, 0.002  # a ray from a lamp may end so far before a surface
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PixelView:
     """What rays (N, 3) f32 from `origin` (3,) m met: triangles (N,), negative: none, ranges (N,) m, cone (N,) rad."""
 
     origin: Array
@@ -114,7 +114,7 @@ class Weather:
             self._roof.turn(np.array([0.0, 0.0, 1.0]))
             _ = self._roof.still  # cast now, not from within the pool
 
-    def change(self, view: View, now: SkyLight, color: Floats) -> None:
+    def change(self, view: PixelView, now: SkyLight, color: Floats) -> None:
         """Change reflectance and sky (N, 3) in place: clouds, snow, wet ground."""
         if self.light.overcast:
             self._close_sky(view, now, color)
@@ -136,7 +136,7 @@ class Weather:
             fresh = SNOW * (1.0 + SNOW_RELIEF * rough)[:, None]
             color[upward] += cover * (fresh - color[upward])
 
-    def add_lamps(self, view: View, albedo: Floats, color: Floats, torch: SE3 | None, cast: Cast) -> None:
+    def add_lamps(self, view: PixelView, albedo: Floats, color: Floats, torch: SE3 | None, cast: Cast) -> None:
         """Add street lamps, lit windows, and the head lamp where it is (x along its beam), to radiance (N, 3)."""
         if not self.has_lamps:
             return
@@ -158,7 +158,7 @@ class Weather:
             light += (glow * pane)[:, None] * WARM
         color[hit] += light / np.float32(UNIT)
 
-    def mirror(self, view: View, color: Floats, look: Look) -> None:
+    def mirror(self, view: PixelView, color: Floats, look: Look) -> None:
         """Mix what wet, level ground mirrors into radiance (N, 3): Fresnel's share by Schlick, one bounce."""
         if not self.season.wet:
             return
@@ -175,7 +175,7 @@ class Weather:
         below = view.origin * (1.0, 1.0, -1.0) + (0.0, 0.0, 2.0 * float(np.median(points[:, 2])))
         color[level] += share * (look(below, rays, points, view.cone[level]) - color[level])
 
-    def _close_sky(self, view: View, now: SkyLight, color: Floats) -> None:
+    def _close_sky(self, view: PixelView, now: SkyLight, color: Floats) -> None:
         """Blend the sky into that of a closed layer of clouds, three times as bright overhead as at the horizon."""
         sky = np.flatnonzero(view.triangles == -1)
         height = np.maximum(view.rays[sky, 2:], 0.0)
@@ -200,7 +200,7 @@ class Weather:
         total += (1 - a) * b * (depth <= roof.still[j + 1, i]) + a * b * (depth <= roof.still[j + 1, i + 1])
         return np.where(inside, total, 1.0).astype(np.float32)
 
-    def _noise(self, view: View, some: NDArray[np.int64], points: Floats, size: float, seed: int) -> Floats:
+    def _noise(self, view: PixelView, some: NDArray[np.int64], points: Floats, size: float, seed: int) -> Floats:
         """Return noise (M,) at points (M, 3) on level ground, averaged over the footprint of the rays."""
         rays = view.rays[some]
         minor, flat = view.ranges[some] * view.cone[some], np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-6)

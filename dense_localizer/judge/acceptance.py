@@ -16,14 +16,17 @@ from dense_localizer.constants import (
     GOOD_GRADIENT_AGREEMENT,
     GOOD_INLIER_SHARE,
     GOOD_INNOVATION,
+    GOOD_NCC_LEAD,
     GOOD_OVERLAP,
     GOOD_SIGMA,
     GOOD_STRETCH,
     MAX_ATTITUDE_SIGMA_RAD,
+    MAX_INNOVATION,
     MAX_LIGHT_BIAS,
     MAX_OCCLUSION_BIAS,
     MAX_STRETCH,
     MIN_GRADIENT_AGREEMENT,
+    MIN_OVERLAP,
     NOTABLE_DISTANCE,
     NOTABLE_GAIN,
     NOTABLE_OFFSET,
@@ -104,11 +107,9 @@ def assess(
     if structure is not None:
         checks += _check_structure(structure, params)
     if prediction is not None:
-        limit = params.max_innovation
         distance = measure_innovation(alignment, covariance, prediction)
-        checks.append(
-            Check(Reason.JUMP_REJECTED, distance, limit, GOOD_INNOVATION * limit, "standard deviations from prediction")
-        )
+        good, what = GOOD_INNOVATION * MAX_INNOVATION, "standard deviations from prediction"
+        checks.append(Check(Reason.JUMP_REJECTED, distance, MAX_INNOVATION, good, what))
     worst = min(checks, key=lambda check: check.margin)
     is_accepted, is_good = worst.margin >= 0.0, worst.margin >= 0.5
     finding = FINE if is_good else _name_cause(worst.finding, alignment, distance_ratio)
@@ -123,7 +124,7 @@ def refuse(finding: Finding) -> Acceptance:
 def _explain_refusal(alignment: Alignment, params: AcceptanceParams, max_mad: float) -> Finding:
     """Return the finding of an alignment that refuses itself, with the value that belongs to its reason."""
     explained = {
-        Reason.LOW_OVERLAP: (alignment.overlap, params.min_overlap, ""),
+        Reason.LOW_OVERLAP: (alignment.overlap, MIN_OVERLAP, ""),
         Reason.LOW_TEXTURE: (alignment.num_pixels, params.min_pixels, "pixels that fix the pose"),
         Reason.OUTLIERS: (alignment.mad, max_mad, "median deviation in grey levels"),
         Reason.NO_CONVERGENCE: (alignment.iterations, alignment.iterations, "iterations"),
@@ -135,11 +136,12 @@ def _explain_refusal(alignment: Alignment, params: AcceptanceParams, max_mad: fl
 
 def _check_images(alignment: Alignment, params: AcceptanceParams) -> list[Check]:
     """Return the checks of how well the images agree with the map."""
+    good_ncc = params.min_ncc + GOOD_NCC_LEAD
     return [
-        Check(Reason.LOW_OVERLAP, alignment.overlap, params.min_overlap, GOOD_OVERLAP),
+        Check(Reason.LOW_OVERLAP, alignment.overlap, MIN_OVERLAP, GOOD_OVERLAP),
         Check(Reason.LOW_TEXTURE, alignment.num_pixels, params.min_pixels, params.min_pixels, "pixels aligned"),
         Check(Reason.OUTLIERS, alignment.inlier_share, ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE),
-        Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.good_ncc, "correlation with the map"),
+        Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, good_ncc, "correlation with the map"),
     ]
 
 

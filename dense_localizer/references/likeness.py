@@ -72,18 +72,18 @@ class ExperienceChoice:
         step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
         points, intensity = level.points[:, ::step].T, level.intensity[::step]
         T_camera_sphere = (sight.T_map_camera.inverse() @ node.T_map_sphere).matrix[None]
-        return float(correlate(points, intensity, SE3(T_camera_sphere), sight.level)[0][0])
+        return float(correlate_poses(points, intensity, SE3(T_camera_sphere), sight.level)[0][0])
 
 
 def score_poses(
     points: NDArray[np.floating], intensity: NDArray[np.floating], T_camera_sphere: SE3, level: Level
 ) -> Array:
     """Return for each of G poses the correlation, weakened where few points are seen; -1 where too few."""
-    ncc, count = correlate(points, intensity, T_camera_sphere, level)
+    ncc, count = correlate_poses(points, intensity, T_camera_sphere, level)
     return np.where(count >= MIN_COMPARED_POINTS, ncc * np.sqrt(count / points.shape[0]), -1.0)
 
 
-def correlate(
+def correlate_poses(
     points: NDArray[np.floating], intensity: NDArray[np.floating], T_camera_sphere: SE3, level: Level
 ) -> tuple[Array, NDArray[np.int64]]:
     """Return for each of G poses the correlation, -1 where too few points are seen, and their number.

@@ -10,6 +10,7 @@ from dense_localizer.localizer import Localizer
 from dense_localizer.params import DenseLocalizerParams
 from dense_localizer.reasons import REMEDIES
 from dense_localizer.references.rejections import Rejections
+from dense_localizer.ros.drive_recorder import DriveRecorder
 from dense_localizer.ros.maps import Maps, read_calibration
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -36,6 +37,7 @@ class DenseLocalizerNode(LocalizerNode):
         """Open topics, services and the map."""
         warm_up()
         self.localizer: Localizer | None = None
+        self.drive: DriveRecorder | None = None
         self.maps = Maps(self.endpoints, self.use_map)
         if self.params.map:
             self.maps.open(self.params.map)
@@ -44,6 +46,7 @@ class DenseLocalizerNode(LocalizerNode):
 
     def cleanup(self) -> None:
         """Close the map."""
+        self.end_drive()
         if self.localizer is not None:
             self.localizer.references.close()
         self.maps.close()
@@ -66,10 +69,19 @@ class DenseLocalizerNode(LocalizerNode):
         """Localize in a map from now on; return what counts the pixels of it that images reject."""
         is_live, before = self.shell.is_live and not self.params.every_image, self.localizer
         self.localizer = Localizer(self.params, reader, is_live=is_live)
+        self.end_drive()
+        if self.params.learn:
+            self.drive = DriveRecorder(reader, self.localizer.references.rejections, self.log.info, is_live=is_live)
         if before is not None:
             before.references.close()
         return_free_memory()  # that of reading
         return self.localizer.references.rejections
+
+    def end_drive(self) -> None:
+        """Let what was kept of a drive have its name."""
+        if self.drive is not None:
+            self.drive.close()
+        self.drive = None
 
     @property
     def is_ready(self) -> bool:
@@ -93,7 +105,10 @@ class DenseLocalizerNode(LocalizerNode):
         T_base_body = self.intake.T_base_camera
         self.localizer.search.T_base_body = T_base_body
         T_odom_body = picture.T_odom_base and picture.T_odom_base @ T_base_body
-        estimate = self.localizer.update_rig(self.images_of(picture), picture.stamp_ns, T_odom_body)
+        images = self.images_of(picture)
+        estimate = self.localizer.update_rig(images, picture.stamp_ns, T_odom_body)
+        if self.drive is not None:
+            self.drive.see(images, estimate)
         if estimate.candidate is not None and self.residual.num_subscriptions:
             shown, frame = residual_image(picture.image, picture.camera, estimate.candidate), self.params.camera_frame
             self.residual.publish(conversions.array_to_image(shown, picture.stamp_ns, frame, "mono8"))

@@ -17,6 +17,7 @@ import numpy as np
 
 from dense_localizer.constants import (
     FORWARD_STEP,
+    MAX_GUESS_M,
     MAX_PITCH_RAD,
     NUM_ALIGNED,
     NUM_COARSE_LEVELS,
@@ -113,8 +114,7 @@ class Startup:
         """Compare poses around one that was given, or lost: there, and with its attitude at key spheres."""
         seen, self._count = images[self._count % len(images)], self._count + 1
         guesses, T_map_camera = [], seen.pose(T_map_body)
-        limit = self._params.start.max_guess_distance_m
-        for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, limit):
+        for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M):
             guesses.append(Guess(node, T_map_camera))
             guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
         return self._refine(seen, guesses)

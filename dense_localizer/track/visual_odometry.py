@@ -46,7 +46,7 @@ from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.problem import MAX_VIEWS
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
-from sphere_nav.photometric.pixels.selection import choose
+from sphere_nav.photometric.pixels.selection import choose_pixels
 
 CONTRADICTED = Finding(Reason.JUMP_REJECTED, detail="the map fits elsewhere than the last images say")
 
@@ -197,7 +197,7 @@ def warp_range(image: RigImage, T_world_body: SE3, params: RegistrationParams) -
     for view in image.views:
         T_camera_reference = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(camera)
-        selection = choose(pixels, T_camera_reference, camera, params.max_pixels // len(image.views))
+        selection = choose_pixels(pixels, T_camera_reference, camera, params.max_pixels // len(image.views))
         rows = selection.blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, :3].transpose(1, 0, 2).reshape(3, -1)
         points = T_camera_reference.apply(rows[:, ~np.isnan(rows[2])].T.astype(np.float64))
         uv, is_visible = camera.project(points)

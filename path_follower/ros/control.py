@@ -16,6 +16,7 @@ from sphere_nav_msgs.msg import FollowerStatus, TrackingError
 from std_msgs.msg import UInt64
 
 from path_follower.command import Command, FollowerReport
+from path_follower.constants import MAX_CLOCK_PAUSE
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
@@ -50,7 +51,7 @@ class ControlLoop:
         """Open the topics; `transforms` tells where the scanner is mounted."""
         self.endpoints, self.params, p = endpoints, params, params
         self.times = Times(endpoints.now_ns, endpoints.own_ns)
-        self.clock_watch, self.cycle = ClockWatch(p.safety.max_clock_pause), Cycle()
+        self.clock_watch, self.cycle = ClockWatch(MAX_CLOCK_PAUSE), Cycle()
         self.ticks = SimulatedTicks(SILENCE, TICK) if endpoints.is_time_simulated else None
         is_patient = self.ticks is not None and p.source != "homing" and p.safety.is_status_required
         self.answered = Answered(self.times, self.answer, self.catch_up, is_patient=is_patient)
@@ -146,8 +147,7 @@ class ControlLoop:
         clock, watch, now = self.endpoints.now_ns(), self.clock_watch, self.times.now()
         watch.observe(clock, self.endpoints.steady_ns(), lambda: bool(self.endpoints.publishers_of("/clock")))
         if watch.is_over and not self.follower.mode.is_at_rest:
-            limit = self.params.safety.max_clock_pause
-            self.follower.stand(StopVerdict(StopReason.CLOCK_STOPPED, watch.abandoned, limit))
+            self.follower.stand(StopVerdict(StopReason.CLOCK_STOPPED, watch.abandoned, MAX_CLOCK_PAUSE))
         if watch.is_standing:
             self.publish(self.follower.hold(now, watch.pause), self.stamp_at(clock) - 1)  # it answers nothing
         elif self.ticks is not None:

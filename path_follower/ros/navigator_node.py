@@ -22,7 +22,7 @@ from path_follower.routes.params import RouteNavigatorParams
 from path_follower.routes.planning import plan
 from sphere_nav.geometry.files.untrusted import number
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.actions import Goal as ActionGoal
+from sphere_nav.ros.actions import ActionGoal
 from sphere_nav.ros.conversions import driving, header
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
@@ -229,7 +229,7 @@ class RouteNavigator(ManagedNode):
             return
         file = self.folder / "course.csv"
         try:
-            write_course(file, request.course, self.network.map_id, self.params.vehicle.max_speed)
+            write_course(file, request.course, self.network.map_id)
         except OSError as error:
             self.mission.answer(request, one_line(error), self.now())
             return

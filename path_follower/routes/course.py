@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from path_follower.constants import MAX_HEADING_ERROR, MAX_POINTS
-from path_follower.params import SteeringParams, VehicleParams
+from path_follower.params import SteeringParams, TurningParams
 from path_follower.path import Pose2, wrap
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_RATE, TURN_SHARE
 from path_follower.routes.network import EdgeCurve, Network
@@ -44,7 +44,7 @@ class Course:
         return min(int(np.searchsorted(self.ends, way, side="right")), len(self.legs) - 1)
 
 
-def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehicle: VehicleParams) -> Course:
+def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehicle: TurningParams) -> Course:
     """Return the path of legs, from a pose beside their beginning if given; ValueError where it cannot join."""
     points: list[Array] = []
     ends: list[float] = []
@@ -75,7 +75,7 @@ def _first_run(legs: Sequence[Leg]) -> float:
     return run
 
 
-def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: VehicleParams) -> tuple[Array, float]:
+def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: TurningParams) -> tuple[Array, float]:
     """Return the points with their beginning replaced by the way onto them, and how much longer that is."""
     base = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
     curve = EdgeCurve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
@@ -87,7 +87,7 @@ def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: Vehi
     return joined, change
 
 
-def join(curve: EdgeCurve, direction: int, pose: Pose2, vehicle: VehicleParams, reach: float) -> tuple[Array, float]:
+def join(curve: EdgeCurve, direction: int, pose: Pose2, vehicle: TurningParams, reach: float) -> tuple[Array, float]:
     """Return poses (K, 3) every STEP m from a pose onto a curve in order of driving, and the arc length where they end.
 
     ValueError where the vehicle is not on the curve within `reach` m of it; a shorter one is followed to its end.
@@ -112,11 +112,11 @@ def join(curve: EdgeCurve, direction: int, pose: Pose2, vehicle: VehicleParams, 
             raise ValueError(f"way: expected a vehicle that can drive onto the path, found {found}: bring it closer")
         error = min(max(turned, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
         wanted = float(np.interp(s, curve.arc, bend)) - law.k_y * left - direction * law.k_psi * math.tan(error)
-        wheel = math.atan(vehicle.wheelbase * wanted)
+        wheel = math.atan(vehicle.virtual_wheelbase * wanted)
         if angle is not None:
             wheel = min(max(wheel, angle - TURN_RATE * STEP), angle + TURN_RATE * STEP)
         angle = min(max(wheel, -limit), limit)
-        turn = direction * STEP * math.tan(angle) / vehicle.wheelbase
+        turn = direction * STEP * math.tan(angle) / vehicle.virtual_wheelbase
         x += direction * STEP * math.cos(yaw + turn / 2)
         y += direction * STEP * math.sin(yaw + turn / 2)
         yaw += turn

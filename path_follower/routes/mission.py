@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from path_follower.modes import FollowerState
-from path_follower.params import VehicleParams
+from path_follower.params import TurningParams
 from path_follower.path import Pose2
 from path_follower.reasons import MISSING, StopReason
 from path_follower.routes.constants import ADVANCED, BEHIND_FRONT, CALL_PATIENCE, RETRY, SMOOTHED, STEADY
@@ -86,7 +86,7 @@ class Outcome:
 class Mission:
     """One mission at a time; give it what happens, ask it what to do."""
 
-    def __init__(self, network: Network, params: MissionParams, vehicle: VehicleParams) -> None:
+    def __init__(self, network: Network, params: MissionParams, vehicle: TurningParams) -> None:
         """Begin without a mission, all edges open."""
         self.network, self.params, self.vehicle = network, params, vehicle
         self.state, self.reason = MissionState.IDLE, ""

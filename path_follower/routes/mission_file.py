@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from path_follower.path import Pose2
+from path_follower.path_files import UNBOUNDED
 from path_follower.routes.course import Course
 from path_follower.routes.mission import Goal, Mission
 from path_follower.routes.planning import Leg
@@ -60,8 +61,8 @@ def read_mission(path: Path, mission: Mission, now: float) -> None:
     mission.restore(_goal(values["goal"], f"{where}: goal"), [_leg(leg, f"{where}: legs") for leg in legs], plain, now)
 
 
-def write_course(path: Path, course: Course, map_id: str, fastest: float) -> None:
-    """Write a course for `load_trajectory`; where its speed is not known it is `fastest`."""
+def write_course(path: Path, course: Course, map_id: str, fastest: float = UNBOUNDED) -> None:
+    """Write a course for `load_trajectory`; where its speed is not known it is `fastest`, or the follower's limits."""
     speed = np.where(np.isfinite(course.speed), course.speed, fastest)
     head = f"{MAP_ID} {map_id}\n" if map_id else ""
     rows = np.stack([course.x, course.y, course.yaw, speed], axis=-1).tolist()

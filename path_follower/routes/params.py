@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from path_follower.params import VehicleParams
+from path_follower.params import TurningParams
 from sphere_nav.params import group, param, parameters
 
 
@@ -32,5 +32,5 @@ class RouteNavigatorParams:
     network: str = param("", "network of taught paths: a map that has one, or a .geojson file")
     state: str = param("", "folder for what survives a restart; empty: ~/.ros/sphere_nav")
     map_frame: str = param("map", "frame of the poses and of the network")
-    vehicle: VehicleParams = group(VehicleParams)
+    vehicle: TurningParams = group(TurningParams)
     mission: MissionParams = group(MissionParams)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rig_calibration.boards.bundle import solve
-from rig_calibration.boards.lens import camera_from_vector, lens_of
+from rig_calibration.boards.lens import camera_from_vector, first_lens, lens_of
 from rig_calibration.boards.linearize import residuals
 from rig_calibration.boards.observability import spread
 from rig_calibration.boards.rejection import Adjusted, adjust, noise_px
@@ -127,7 +127,7 @@ def _starts(model: str, size: tuple[int, int], seen: Observations) -> list[Array
     found = []
     for ratio in FOCAL_LENGTHS[model]:
         focal, center = ratio * size[0], (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-        lens = np.array([focal, focal, *center, *np.zeros(8)])
+        lens = first_lens(model, focal, center)
         poses = view_poses(camera_from_vector(model, size, lens, 0), seen)
         if not np.all(np.isfinite(poses.matrix)):
             continue

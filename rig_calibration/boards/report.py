@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rig_calibration.boards.lens import free_parameters
 from rig_calibration.boards.quality import covered_cells, tilt_deg
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import Indices
@@ -20,12 +21,11 @@ def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
     covered = coverage(calibration)
     cameras = {}
     for index, spec in enumerate(calibration.specs):
-        camera = calibration.camera(index)
         std, halves = calibration.spread.pose_std[index], calibration.validation.halves[index]
-        num_lens = 8 if spec.model == "fisheye" else 4 + calibration.start.problem.num_distortion
+        num_lens = int(np.flatnonzero(free_parameters(spec.model, calibration.start.problem.num_distortion))[-1]) + 1
         cameras[spec.name] = {
             "model": spec.model,
-            "lens": [float(value) for value in camera.coefficients[:num_lens]],
+            "lens": [float(value) for value in calibration.state.lenses[index][:num_lens]],
             "lens_std": _finite(calibration.spread.lens_std[index][:num_lens]),
             "rms_px": float(rms[index]),
             "held_out_rms_px": _finite(calibration.validation.held_out_px[index : index + 1])[0],

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_calibration.boards.bundle import solve
+from rig_calibration.boards.lens import focal_lengths
 from rig_calibration.boards.linearize import residuals
 from rig_calibration.boards.rejection import noise_px
 from rig_calibration.boards.state import AdjustmentProblem, RigState
@@ -35,7 +36,7 @@ def validate(problem: AdjustmentProblem, state: RigState, kept: Array, params: C
     is_held = number % params.held_out_every == params.held_out_every - 1
     held_out = _hold_out(problem, state, kept, is_held, params)
     halves = [_part(problem, state, kept, number % 2 == half, params) for half in (0, 1)]
-    focal = [np.nan if half is None else half.lenses[:, :2].mean(axis=1) for half in halves]
+    focal = [np.nan if half is None else focal_lengths(problem.models, half.lenses) for half in halves]
     focal_halves = np.broadcast_to(focal[1] / focal[0] - 1.0, (len(problem.models),))
     return Validation(held_out, _difference(halves[0], halves[1], len(problem.models)), focal_halves)
 

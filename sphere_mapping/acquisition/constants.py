@@ -27,6 +27,7 @@ EXPOSED = (10, 245)  # grey levels between which cameras are compared
 MIN_SHARED_PIXELS = 50  # from which on two exposures are compared
 STEADINESS = 1e-3  # weight of 'no change' against one comparison, so that lone cameras are determined
 WHITE = 235  # grey level above which what is darkened rises to 255 again: nobody knows how bright it was
+MAX_GAIN = 3.0  # largest factor of an exposure over the mean of all
 MAX_WHITE_BALANCE = 1.15  # largest factor of a color over the mean of its camera's colors
 NUM_INSTANTS = 8  # that the falloff is estimated from
 HIGHLIGHTS = (99.0, 250.0)  # percentile of an image, and the grey level up to which a gain may raise it
@@ -52,6 +53,7 @@ MIN_CORRELATION = 0.8  # of that detail
 FAINT_DETAIL, FLAT_DETAIL = 0.01, 0.04  # deviation of log levels: below, nothing is correlated; there is no detail
 
 # Seams (stitching/test_feathering, stitching/test_strips)
+NUM_BANDS = 4  # of the Laplacian pyramid, Burt and Adelson 1983: the coarsest blends over 32 px
 SEAM_FROM_BORDER = 0.02  # rad from a camera's border, where views are compared along the seams
 BAND_DEG = 6.0  # to either side of a seam where views are compared
 FADE_DEG = 8.0  # standard deviation of the smoothing, and so of the fading
@@ -154,6 +156,7 @@ TABLE_SIDE, MAX_HALF_TANGENT = 513, 4.0  # entries of a lens's table a side; tan
 HYPOTHESIS_PX = (0.7, 1.25)  # least and largest step of hypotheses, px of the coarsest level between neighbors
 
 # Fusion (range/test_fusion)
+PATCH_PX = 1  # half side of the patch that a LiDAR's point covers
 AGREEMENT_SIGMAS = 3.0  # sources, and pieces of a plane, that differ by more do not see the same: 1 in 370 by chance
 CONTRADICTION = (3.0, 0.05)  # times the least deviation, share of range: so sure a source, so far off: unknown
 MIN_KNOWN = 0.005  # share with range below which it moves nothing: what is known is right, but far from the most
@@ -196,6 +199,7 @@ MAX_PARALLAX_DEG = 12.0  # largest angle between the directions of a match
 FROM_BORDER_DEG = 1.0  # features nearer to the border of an image are left out
 CLOUD_REACH_DEG = 0.4  # a LiDAR's point this near to a feature tells its range
 MIN_PAIR_MATCHES = 15  # below which a pair of cameras says nothing
+TURN_STD = np.radians(0.3)  # of a camera's turn about each axis: what a mount gives way
 LENS_STD = (0.003, 0.005, 0.005)  # of the logarithm of the focal length, of the principal point by the focal length
 NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a match counts less
 RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is

@@ -9,10 +9,8 @@ from sphere_nav.params import group, param, parameters
 class BlendParams:
     """How the views are joined (`views.py`, `light.py`, `blending.py`)."""
 
-    num_bands: int = param(4, "bands of the Laplacian pyramid; the coarsest blends over 2^(n + 1) px", low=1, high=7)
     distance_m: float = param(10.0, "range taken where none is known; 0: very far", "m", low=0.0)
     has_gains: bool = param(True, "make falloff of lenses, exposure and white balance equal by the overlaps")
-    max_gain: float = param(3.0, "largest gain of a camera over another", low=1.0)
     num_passes: int = param(
         1, "matches of a vertical rig; 2 where its levels' cameras look different ways", low=1, high=3
     )
@@ -33,7 +31,6 @@ class FusionParams:
     """Ranges of several sources in one sphere (`fusion.py`)."""
 
     cloud_std_m: float = param(0.03, "standard deviation of a LiDAR's range", "m", low=0.001)
-    cloud_size_px: int = param(1, "half side of the patch that a LiDAR point covers", "px", low=0, high=10)
     depth_std_m: float = param(
         0.003, "standard deviation of an RGB-D camera at 1 m; grows by the square", "m", low=1e-5
     )
@@ -77,7 +74,6 @@ class RectifyParams:
         0, "instants whose images correct the rig before the first sphere; 0: it is as told", low=0
     )
     warn_deg: float = param(0.5, "turn of a camera against the rig file that is warned of", "deg", low=0.0)
-    turn_deg: float = param(0.3, "standard deviation of a camera's turn about each axis", "deg", low=1e-4)
     width: int = param(2048, "columns of the sphere in which features are found", "px", low=256, high=8192)
 
 

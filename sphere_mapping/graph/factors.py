@@ -76,15 +76,27 @@ def edge_chi2(graph: PoseGraph, poses: Array) -> Array:
     return np.array([2.0 * factors.at(k).error(values) for k in range(len(graph.ends))])
 
 
+def innovations(kept: PoseGraph, tried: PoseGraph, poses: Array) -> Array:
+    """Return by how much (K,) each edge tried would add to chi2 if it alone joined the kept ones at their optimum.
+
+    r' (1 + J P J')^-1 r: r the edge's whitened error, J its derivative, P the joint covariance of its two poses.
+    """
+    values = _values(kept, poses)
+    marginals = gtsam.Marginals(_anchored(factors_of(kept), kept, poses), values)
+    factors, found = factors_of(tried), np.empty(len(tried.ends))
+    for k, ends in enumerate(tried.ends.tolist()):
+        joint = marginals.jointMarginalCovariance(ends)
+        covariance = np.block([[joint.at(a, b) for b in ends] for a in ends])
+        jacobian, error = factors.at(k).linearize(values).jacobian()
+        found[k] = error @ np.linalg.solve(np.eye(len(error)) + jacobian @ covariance @ jacobian.T, error)
+    return found
+
+
 def minimize_poses(
     factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array, max_steps: int = MAX_STEPS["descent"]
 ) -> DescentResult | None:
     """Return where Levenberg-Marquardt ends from these poses, None where it breaks down."""
-    kind, size = KINDS[graph.dimension], TANGENT_SIZE[graph.dimension]
-    anchored = gtsam.NonlinearFactorGraph(factors)
-    noise = gtsam.noiseModel.Isotropic.Sigma(size, ANCHOR_SIGMA)
-    for row in graph.anchors:
-        anchored.add(kind.prior(int(row), kind.pose(poses[row]), noise))
+    kind, anchored = KINDS[graph.dimension], _anchored(factors, graph, poses)
     settings = gtsam.LevenbergMarquardtParams()
     settings.setMaxIterations(max_steps)
     settings.setRelativeErrorTol(DESCENT_TOLERANCE)
@@ -97,6 +109,15 @@ def minimize_poses(
     found = np.array([kind.at(values, row).matrix() for row in range(len(poses))])
     chi2 = float(2.0 * factors.error(values))
     return DescentResult(found, chi2, int(optimizer.iterations())) if np.isfinite(chi2) else None
+
+
+def _anchored(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array) -> gtsam.NonlinearFactorGraph:
+    kind, size = KINDS[graph.dimension], TANGENT_SIZE[graph.dimension]
+    anchored = gtsam.NonlinearFactorGraph(factors)
+    noise = gtsam.noiseModel.Isotropic.Sigma(size, ANCHOR_SIGMA)
+    for row in graph.anchors:
+        anchored.add(kind.prior(int(row), kind.pose(poses[row]), noise))
+    return anchored
 
 
 def _values(graph: PoseGraph, poses: Array) -> gtsam.Values:

@@ -3,10 +3,13 @@
 A loop is an edge between poses that do not follow one another; edges between neighbors are odometry and are believed.
 (1) Loops that close a short cycle with one another and with odometry support each other; a false one finds no such
 neighbor, whatever the drift is. (2) Graduated non-convexity with truncated least squares (Yang et al., RA-L 2020), each
-step solved by GTSAM, finds the core of those that are supported. (3) The others are tried by it, best first; those that
-fit the result are admitted, until nothing changes. How far is too far follows from the residuals themselves:
-information matrices of published graphs are off by factors of up to 20,000. GTSAM's own GncOptimizer begins each step
-at the first poses again, and at one limit: here a step begins where the last one ended.
+step solved by GTSAM, finds the core of those that are supported. (3) Loops are admitted that fit the result, and those
+that it can bend to within its own covariance, until nothing changes. How far is too far follows from the residuals
+themselves: information matrices of published graphs are off by factors of up to 20,000, and where one claims to be
+a thousand times surer in one direction, poses that are off by a centimeter refute a true loop. So all this is done with
+the mean variances of each edge; only the last optimum is that of the matrices themselves.
+GTSAM's own GncOptimizer begins each step at the first poses again, and at one limit: here a step begins where the last
+one ended.
 """
 
 from __future__ import annotations
@@ -26,16 +29,14 @@ from sphere_mapping.constants import (
     FEW_LOOPS,
     GNC_GROWTH,
     GNC_ROUNDS,
-    LIMIT_GROWTH,
     LOOP_WINDOW,
     MAX_STEPS,
-    REACH,
     RIGHT_REJECTED,
     SUPPORT_RATIO,
-    TAIL_POWER,
+    TAIL_DECADES,
 )
 from sphere_mapping.graph.chordal import chordal_poses
-from sphere_mapping.graph.factors import edge_chi2, factors_of, minimize_poses
+from sphere_mapping.graph.factors import edge_chi2, factors_of, innovations, minimize_poses
 from sphere_mapping.graph.optimum import Optimum, optimize
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry.arrays import Array
@@ -59,11 +60,11 @@ class RobustOptimum:
 def optimize_robustly(graph: PoseGraph) -> RobustOptimum:
     """Return the optimum without the loops that contradict the others; ValueError where every descent broke down."""
     is_loop = loops_of(graph)
-    support = cycle_support(graph, is_loop)
-    is_tried = _supported(is_loop, support)
-    is_kept, poses = _graduate(graph, ~is_loop, is_tried, _start(graph, ~is_loop | is_tried))
-    poses = _solve(graph, is_kept, None, poses, MAX_STEPS["descent"])
-    is_kept = _admit(graph, is_loop, is_tried, is_kept, poses)
+    searched = _isotropic(graph)
+    is_tried = _supported(is_loop, cycle_support(searched, is_loop))
+    start = chordal_poses(graph_of_edges(searched, ~is_loop | is_tried))
+    is_kept, poses = _graduate(searched, ~is_loop, is_tried, start)
+    is_kept = _admit(searched, is_loop, is_kept, poses)
     optimum = optimize(graph_of_edges(graph, is_kept))
     return RobustOptimum(optimum, ~is_kept, edge_chi2(graph, optimum.poses))
 
@@ -74,8 +75,8 @@ def loops_of(graph: PoseGraph) -> Mask:
     return is_loop
 
 
-def graph_of_edges(graph: PoseGraph, is_kept: Mask, weights: Array | None = None) -> PoseGraph:
-    """Return the graph with some of its edges, their information times the weights (M,)."""
+def graph_of_edges(graph: PoseGraph, is_kept: Mask | NDArray[np.int64], weights: Array | None = None) -> PoseGraph:
+    """Return the graph with some of its edges, by mask (M,) or rows, their information times the weights (M,)."""
     information = graph.information if weights is None else graph.information * weights[:, None, None]
     return replace(
         graph,
@@ -140,62 +141,45 @@ def _supported(is_loop: Mask, support: Array) -> Mask:
     return found
 
 
-def _admit(graph: PoseGraph, is_loop: Mask, is_supported: Mask, is_kept: Mask, poses: Array) -> Mask:
-    """Return the kept edges (M,) after the supported loops, and those that fit best, were tried together with them."""
-    largest, seen = np.inf, {is_kept.tobytes()}
+def _isotropic(graph: PoseGraph) -> PoseGraph:
+    """Return the graph with the mean variances of translation and of rotation of each edge alone.
+
+    A matrix that claims a thousand times more in one direction makes a true loop look false while the poses are still
+    off by a centimeter.
+    """
+    (kappa, tau), size = graph.precisions, graph.dimension
+    turns = kappa if size == 2 else 2 * kappa
+    diagonal = np.repeat(np.stack([tau, turns], axis=1), (size, TANGENT_SIZE[size] - size), axis=1)
+    return replace(graph, information=diagonal[:, :, None] * np.eye(TANGENT_SIZE[size]))
+
+
+def _admit(graph: PoseGraph, is_loop: Mask, is_kept: Mask, poses: Array) -> Mask:
+    """Return the kept edges (M,) after all loops were admitted that fit, or that the kept ones can bend to."""
+    seen: set[bytes] = set()
     for _ in range(ADMISSION_ROUNDS):
         chi2 = edge_chi2(graph, poses)
-        limit = min(_too_far(graph, chi2[is_kept & is_loop]), largest)
-        largest = min(largest, LIMIT_GROWTH * limit)
-        others = np.flatnonzero(is_loop & ~is_kept)
-        others = others[np.argsort(chi2[others])]
-        count = np.clip(np.count_nonzero(chi2[others] <= REACH * limit), *BATCH)
-        is_tried = is_supported & ~is_kept
-        is_tried[others[:count]] = True
-        found, poses = _try(graph, is_loop, is_kept, is_tried, poses, limit)
-        is_kept = found
-        if found.tobytes() in seen:
-            break
-        seen.add(found.tobytes())
+        limit = _too_far(graph, chi2[is_kept & is_loop])
+        is_kept = ~is_loop | (chi2 <= limit)
+        if is_kept.tobytes() in seen:
+            others = np.flatnonzero(is_loop & ~is_kept)
+            others = others[np.argsort(chi2[others])][:BATCH]
+            added = innovations(graph_of_edges(graph, is_kept), graph_of_edges(graph, others), poses)
+            is_tried = is_kept.copy()
+            is_tried[others[added <= limit]] = True
+            if is_tried.tobytes() in seen:
+                break
+            is_kept = is_tried
+        seen.add(is_kept.tobytes())
+        poses = _solve(graph, is_kept, None, poses, MAX_STEPS["descent"])
     return is_kept
 
 
-def _try(
-    graph: PoseGraph, is_loop: Mask, is_kept: Mask, is_tried: Mask, poses: Array, limit: float
-) -> tuple[Mask, Array]:
-    """Return the kept edges (M,) with those loops tried that fit, and their poses.
-
-    A loop that is alone bends odometry until it fits. So what all admitted loops add to chi2 may not be more than the
-    limit each; where it is, they are tried one by one.
-    """
-    before = edge_chi2(graph, poses)[is_kept].sum()
-    found, moved = _graduate(graph, is_kept, is_tried, poses, limit)
-    found = ~is_loop | (found & (edge_chi2(graph, moved) <= limit))
-    moved = _solve(graph, found, None, moved, MAX_STEPS["descent"])
-    added = np.count_nonzero(found & ~is_kept)
-    if not added or edge_chi2(graph, moved)[found].sum() - before <= limit * added:
-        return found, moved
-    for k in np.flatnonzero(found & ~is_kept)[: BATCH[0]]:
-        one = is_kept.copy()
-        one[k] = True
-        bent = _solve(graph, one, None, poses, MAX_STEPS["descent"])
-        after = edge_chi2(graph, bent)[one].sum()
-        if after - before <= limit:
-            is_kept, poses, before = one, bent, after
-    return is_kept, poses
-
-
-def _graduate(
-    graph: PoseGraph, is_believed: Mask, is_tried: Mask, poses: Array, limit: float | None = None
-) -> tuple[Mask, Array]:
-    """Return which edges (M,) fit together and their poses: all believed ones, and of those tried by GNC.
-
-    limit: chi2 of a false loop; None: of the core of those tried, by their residuals.
-    """
+def _graduate(graph: PoseGraph, is_believed: Mask, is_tried: Mask, poses: Array) -> tuple[Mask, Array]:
+    """Return which edges (M,) fit together and their poses: all believed ones, and of those tried the core, by GNC."""
     is_used = is_believed | is_tried
     poses = _solve(graph, is_used, None, poses, MAX_STEPS["descent"])
     chi2 = edge_chi2(graph, poses)
-    bound = _core(chi2[is_tried]) if limit is None else limit
+    bound = CORE_RATIO * float(np.median(chi2[is_tried])) if is_tried.any() else np.inf
     worst = float(chi2[is_tried].max(initial=0.0))
     if worst <= bound:
         return is_used, poses
@@ -208,31 +192,21 @@ def _graduate(
         if np.all((weights == 0) | (weights == 1)):
             break
         mu *= GNC_GROWTH
-    return is_kept, poses
-
-
-def _core(chi2: Array) -> float:
-    """Return the chi2 up to which loops (K,) are at the core, true or not: false loops among them bend them all."""
-    return CORE_RATIO * float(np.median(chi2)) if chi2.size else np.inf
+    return is_kept, _solve(graph, is_kept, None, poses, MAX_STEPS["descent"])
 
 
 def _too_far(graph: PoseGraph, chi2: Array) -> float:
     """Return the chi2 that no true loop has, by those (K,) of loops that are believed.
 
-    Few: that of a Gaussian error as large as the information says. Many: that of a Gaussian of their median, times a
-    power of how much wider than a Gaussian's the lower half is spread, which tells how heavy the tails are.
+    Few: that of a Gaussian error as large as the information says. Many: that of a Gaussian of their median, or, with
+    heavier tails, what chi2 reaches in two decades more if it goes on to grow as from its 90 to its 99 %.
     """
     size = TANGENT_SIZE[graph.dimension]
     if len(chi2) < FEW_LOOPS:
         return float(chdtri(size, RIGHT_REJECTED))
-    tenth, middle = np.maximum(np.quantile(chi2, [0.1, 0.5]), np.finfo(float).tiny)
-    gaussian_tenth, gaussian_middle, gaussian_limit = chdtri(size, [0.9, 0.5, RIGHT_REJECTED])
-    spread = max((middle / tenth) / (gaussian_middle / gaussian_tenth), 1.0)
-    return float(middle * gaussian_limit / gaussian_middle * spread**TAIL_POWER)
-
-
-def _start(graph: PoseGraph, is_used: Mask) -> Array:
-    return chordal_poses(graph_of_edges(graph, is_used))
+    middle, ninety, last = np.maximum(np.quantile(chi2, [0.5, 0.9, 0.99]), np.finfo(float).tiny)
+    gaussian_middle, gaussian_limit = chdtri(size, [0.5, RIGHT_REJECTED])
+    return float(max(middle * gaussian_limit / gaussian_middle, last * (last / ninety) ** TAIL_DECADES))
 
 
 def _solve(graph: PoseGraph, is_used: Mask, weights: Array | None, poses: Array, max_steps: int) -> Array:

@@ -9,6 +9,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from rig_calibration.boards.board import Board, parse_size, read_boards
+from rig_calibration.boards.lens import MODELS
 from rig_calibration.boards.report import calibration_as_mapping, draw_calibration
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
@@ -36,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--charuco", type=float, metavar="M", help="a ChArUco board with markers of this side in m")
     parser.add_argument("--dictionary", default="DICT_4X4_250", help="of the ChArUco markers (DICT_4X4_250)")
     parser.add_argument("--boards", type=Path, metavar="FILE", help="several boards, in YAML")
-    parser.add_argument("--model", choices=("pinhole", "fisheye"), default="pinhole", help="of the lenses (pinhole)")
+    parser.add_argument("--model", choices=MODELS, default="pinhole", help="of the lenses (pinhole)")
     parser.add_argument("-o", "--output", type=Path, required=True, help="rig file to write")
     parser.add_argument("--force", action="store_true", help="replace an existing rig file")
 

@@ -45,6 +45,7 @@ COMMANDS = (
     Subcommand("map-verify", "maps.map_verify", "check every sphere of a map, salvage a damaged one"),
     Subcommand("map-export", "maps.map_export", "write a map as point cloud, graph or trajectory"),
     Subcommand("map-migrate", "maps.map_migrate", "make a map of an earlier version readable"),
+    Subcommand("map-learn", "maps.map_learn", "learn from the drives that were kept beside a map, or take it back"),
     Subcommand("map-forget", "maps.map_forget", "make a new map without what drives have rejected again and again"),
     Subcommand("route", "route", "make a network of taught paths with named places, plan ways on it"),
     Subcommand("view", "view.view", "look around in a map, in a web browser"),
@@ -56,6 +57,7 @@ COMMANDS = (
     Subcommand("up", "up", "start nodes that belong together, as ros2 launch does"),
     Subcommand("operate", "operate.operate", "an operator's page: teach, drive, pause, stop, see why it stands"),
     Subcommand("demo", "demo.demo", "teach, map and drive a loop in the simulator"),
+    Subcommand("experiment", "experiment.experiment", "repeat a drive of the papers in the simulator"),
 )
 
 

@@ -13,11 +13,12 @@ Draw what a localiser said: top view, errors against a truth, states with their 
 
 BAG is what `sphere_nav localize --bag` or `sphere_nav mcl --bag` wrote, or a recording of the topics pose and status
 of a vehicle. The truth is a TUM file, another bag, or ground_truth/... in BAG itself. The ending of FILE chooses the
-format: png, pdf or svg.
+format: png, pdf or svg. With --map the picture shows by which experience of a map of many days each image was placed.
 
 examples:
   sphere_nav plot result -o result.png
   sphere_nav plot result -o result.pdf --truth truth.tum
+  sphere_nav plot result -o result.png --map day_and_night
   sphere_nav plot vehicle.mcap -o vehicle.png --pose /car/pose --status /car/status
 """
 ENDINGS = (".png", ".pdf", ".svg")
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pose", metavar="TOPIC", help="poses (found by name)")
     parser.add_argument("--status", metavar="TOPIC", help="status of the localiser (found by type)")
     parser.add_argument("--truth", type=Path, metavar="F", help="true poses: TUM file, or a bag (those in BAG)")
+    parser.add_argument("--map", type=Path, metavar="MAP", help="the map it was localised in: show its experiences")
     parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
 
 
@@ -48,7 +50,9 @@ def run(arguments: argparse.Namespace) -> int:
     poses = read_poses(arguments.bag, (pose,)) if pose else None
     if poses is None and not statuses:
         raise BagError(f"{arguments.bag}: expected a topic with poses or a status, found neither: --pose, --status")
+    served = plot_figure.find_experiences(arguments.map, statuses) if arguments.map else {}
     errors = plot_figure.measure(poses, arguments.truth or arguments.bag, is_required=arguments.truth is not None)
-    plot_figure.draw_localization(output, poses, errors, statuses)
-    print("\n".join([*plot_figure.describe(statuses), f"{output}: {0 if poses is None else len(poses)} poses"]))
+    plot_figure.draw_localization(output, poses, errors, statuses, served)
+    told = [*plot_figure.describe_states(statuses), *plot_figure.describe_experiences(served)]
+    print("\n".join([*told, f"{output}: {0 if poses is None else len(poses)} poses"]))
     return 0

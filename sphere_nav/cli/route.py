@@ -83,7 +83,7 @@ def _add_network(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Carry out one word."""
     words: dict[str, Callable[[argparse.Namespace], int]] = {
-        "build": build,
+        "build": make_network,
         "name": name_place,
         "show": show,
         "plan": plan_way,
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     return words[arguments.word](arguments)
 
 
-def build(arguments: argparse.Namespace) -> int:
+def make_network(arguments: argparse.Namespace) -> int:
     """Make, show, and keep a network."""
     from sphere_nav.offline import routes  # matplotlib takes half a second to import
 

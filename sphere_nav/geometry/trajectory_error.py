@@ -61,7 +61,7 @@ class RelativeErrors:
     rotation_rad: Array
 
 
-def align(estimate: Trajectory, truth: Trajectory, kind: str) -> tuple[SE3, float]:
+def align_trajectories(estimate: Trajectory, truth: Trajectory, kind: str) -> tuple[SE3, float]:
     """Return `T_truth_estimate` and scale that bring the trajectories together best, by `kind`.
 
     They are paired pose by pose. Kind: 'none'; 'poses' (positions and rotations together, `align_poses`); by positions

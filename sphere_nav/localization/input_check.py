@@ -18,6 +18,8 @@ from sphere_nav.localization.status import FINE, Finding, Reason
 SAMPLE_STEP = 4  # every fourth pixel of every fourth row is enough for brightness, contrast and equality
 DARK_LEVEL, BRIGHT_LEVEL = 6.0, 250.0  # grey levels up to, and from, which a pixel counts as clipped
 MAX_CLIPPED_SHARE = 0.9
+MIN_CONTRAST = 3.0  # grey levels, standard deviation of an image that shows anything: above the noise of a sensor
+FROZEN_IMAGES = 3  # repeats in a row: with noise not even two images are the same
 CLOCK_JUMP_IMAGES = 3  # in a row make a leap of the stamps a new time
 
 
@@ -134,7 +136,7 @@ class InputCheck:
             if share > MAX_CLIPPED_SHARE:
                 return Finding(Reason.LOW_TEXTURE, share, MAX_CLIPPED_SHARE, f"image is {word}")
         mean = float(levels @ counts) / sample.size
-        contrast, limit = float(np.sqrt((levels - mean) ** 2 @ counts / sample.size)), self._params.min_contrast
+        contrast, limit = float(np.sqrt((levels - mean) ** 2 @ counts / sample.size)), MIN_CONTRAST
         return Finding(Reason.LOW_TEXTURE, contrast, limit, "image has no contrast") if contrast < limit else FINE
 
     def _check_frozen(self, sample: NDArray[Any], is_moving: bool) -> Finding:
@@ -142,9 +144,8 @@ class InputCheck:
         self._num_repeats = self._num_repeats + 1 if is_repeat else 0
         if not is_repeat:
             self._last_sample = sample
-        limit = self._params.frozen_images
-        if self._num_repeats >= limit and (is_moving or not self._params.allow_still):
-            return Finding(Reason.FROZEN, self._num_repeats, limit, "identical images with new stamps")
+        if self._num_repeats >= FROZEN_IMAGES and (is_moving or not self._params.allow_still):
+            return Finding(Reason.FROZEN, self._num_repeats, FROZEN_IMAGES, "identical images with new stamps")
         return FINE
 
 

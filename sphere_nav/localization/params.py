@@ -9,8 +9,6 @@ from sphere_nav.params import param, parameters
 class InputParams:
     """Which images are used (`input_check.py`)."""
 
-    min_contrast: float = param(3.0, "standard deviation of an image that shows anything", "grey level", low=0.0)
-    frozen_images: int = param(3, "identical images in a row after which the camera counts as frozen", low=1)
     allow_still: bool = param(False, "identical images are no fault while standing still (noise-free simulation)")
     max_leap_s: float = param(10.0, "step between stamps that is taken for a fault", "s", low=0.1)
     timeout_s: float = param(0.5, "silence after which the pose is not current any more", "s", low=0.01)

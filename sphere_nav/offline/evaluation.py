@@ -16,7 +16,7 @@ from sphere_nav.geometry.trajectory_error import (
     AbsoluteErrors,
     Statistics,
     absolute_errors,
-    align,
+    align_trajectories,
     directions_of_motion,
     nees,
     nees_of_axes,
@@ -89,12 +89,12 @@ def find_alignment(
 ) -> tuple[SE3, float]:
     """Return T_truth_estimate and scale by an estimate and its truth: the paired one, or another one that is given."""
     if aligned_by is None:
-        return align(*paired, kind)
+        return align_trajectories(*paired, kind)
     estimate, truth = aligned_by
     at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))
     if not known.any():
         raise ValueError(f"stamps: expected some in common to align by, found {_spans(*aligned_by)}")
-    return align(estimate[known], at, kind)
+    return align_trajectories(estimate[known], at, kind)
 
 
 def error_table(report: dict[str, Any]) -> str:

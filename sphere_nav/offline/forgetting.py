@@ -36,9 +36,8 @@ def save_without(reader: MapReader, rejections: Rejections, target: Path, progre
     save_map(target, reader.graph, details, load_sphere=load, appearance=appearance, progress=progress)
 
 
-def _load(reader: MapReader, rejections: Rejections, sphere_id: int) -> Sphere:
+def without(sphere: Sphere, rejections: Rejections, sphere_id: int) -> Sphere:
     """Return a key sphere without range where it is forgotten."""
-    sphere = reader.load_sphere(sphere_id)
     unused = rejections.mask(sphere_id, sphere.camera)
     if unused is None:
         return sphere
@@ -46,3 +45,7 @@ def _load(reader: MapReader, rejections: Rejections, sphere_id: int) -> Sphere:
     left = None if std_m is None else np.where(unused, nan, std_m)
     filled = None if sphere.is_filled is None else sphere.is_filled & ~unused
     return replace(sphere, range_m=np.where(unused, nan, sphere.range_m), range_std_m=left, is_filled=filled)
+
+
+def _load(reader: MapReader, rejections: Rejections, sphere_id: int) -> Sphere:
+    return without(reader.load_sphere(sphere_id), rejections, sphere_id)

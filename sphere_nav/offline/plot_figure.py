@@ -13,12 +13,14 @@ from matplotlib.figure import Figure
 
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.geometry.trajectory_error import AbsoluteErrors
-from sphere_nav.localization.status import Reason, State, Status
+from sphere_nav.localization.status import TRUSTED, Reason, State, Status
 from sphere_nav.offline.evaluation import TRUTH_TOPICS, evaluate_poses
 from sphere_nav.offline.pose_bags import READINGS, is_bag, read_poses
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.spheres.experiences import names_of
 
 STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
 POSE_NAMES = ("pose", "odometry")
@@ -76,7 +78,23 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool) -> Erro
     return judged.estimate, judged.truth, judged.errors
 
 
-def describe(statuses: list[Status]) -> list[str]:
+def find_experiences(map_path: Path, statuses: list[Status]) -> dict[int, str]:
+    """Return by stamp which experience of a map placed an image; BagError where that was another map."""
+    with open_map(map_path) as reader:
+        names, map_id = names_of(reader.graph), str(reader.info.map_id)
+    others = {status.map_id for status in statuses} - {map_id, ""}
+    if others:
+        raise BagError(f"{map_path}: map_id: expected that of the recording, {min(others)}, found {map_id}")
+    placed = (status for status in statuses if status.state in TRUSTED and status.references)
+    return {status.stamp_ns: names[one] for status in placed if (one := status.references[0]) in names}
+
+
+def describe_experiences(served: dict[int, str]) -> list[str]:
+    """Return how many images each experience placed."""
+    return [f"{number:6d}  placed by {name}" for name, number in Counter(served.values()).most_common()]
+
+
+def describe_states(statuses: list[Status]) -> list[str]:
     """Return how often each state was told for each reason, with the remedy, and the time for an image."""
     counts = Counter((str(status.state), str(status.reason)) for status in statuses)
     remedies = {(str(status.state), str(status.reason)): status.remedy for status in statuses}
@@ -90,14 +108,23 @@ def describe(statuses: list[Status]) -> list[str]:
     return lines
 
 
-def draw_localization(path: Path, poses: Trajectory | None, errors: Errors | None, statuses: list[Status]) -> None:
-    """Draw poses, (estimate, truth, errors) and statuses, whatever of them there is; the ending chooses the format."""
+def draw_localization(
+    path: Path,
+    poses: Trajectory | None,
+    errors: Errors | None,
+    statuses: list[Status],
+    served: dict[int, str] | None = None,
+) -> None:
+    """Draw poses, (estimate, truth, errors) and statuses, whatever of them there is; the ending chooses the format.
+
+    served: by stamp, which experience of the map placed an image.
+    """
     stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
     start = int(min(stamps))
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figure = Figure(figsize=(13, 7), layout="constrained")
         cells = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.4), height_ratios=(1.0, 1.0, 1.0))
-        _draw_top(figure.add_subplot(cells[:, 0]), poses, errors)
+        _draw_top(figure.add_subplot(cells[:, 0]), poses, errors, served or {})
         rows = [figure.add_subplot(cells[row, 1]) for row in range(3)]
         for axes in rows[1:]:
             axes.sharex(rows[0])
@@ -119,11 +146,14 @@ def runs_of(statuses: list[Status], start: int) -> list[tuple[State, str, float,
     return [(state, reason, first, end) for (state, reason, first, _), end in zip(runs, ends, strict=True)]
 
 
-def _draw_top(axes: Axes, poses: Trajectory | None, errors: Errors | None) -> None:
+def _draw_top(axes: Axes, poses: Trajectory | None, errors: Errors | None, served: dict[int, str]) -> None:
     if errors is not None:
         axes.plot(*errors[1].positions[:, :2].T, color=TRUTH, lw=4, label="truth")
     if poses is not None and len(poses):
         axes.plot(*poses.positions[:, :2].T, ".-", color=ESTIMATE, lw=1, ms=2, label="pose")
+        for number, name in enumerate(dict.fromkeys(served.values())):
+            is_its = [served.get(int(stamp)) == name for stamp in poses.stamps_ns]
+            axes.plot(*poses.positions[is_its, :2].T, "o", color=f"C{number + 1}", ms=4, label=f"by {name}")
         axes.plot(*poses.positions[0, :2], "o", color="black", ms=5, label="start")
         axes.legend(loc="best")
     axes.set_aspect("equal", adjustable="datalim")

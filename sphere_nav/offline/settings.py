@@ -25,3 +25,22 @@ def add_settings(parser: argparse.ArgumentParser, node: str, option: str = "--se
     parser.add_argument(
         option, action=SettingAction, default={}, metavar="NAME=VALUE", dest=dest, help=f"parameter of {node}"
     )
+
+
+def add_budget(parser: argparse.ArgumentParser) -> None:
+    """Declare how much a map may hold."""
+    parser.add_argument(
+        "--budget",
+        type=_budget,
+        metavar="N|MB",
+        help="experiences a place may hold, as 3, or size of the key spheres, as 200MB: what explained least leaves",
+    )
+
+
+def _budget(text: str) -> Any:
+    from sphere_mapping.experiences.budget import Budget  # with SciPy, for the commands that need it alone
+
+    try:
+        return Budget.parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None

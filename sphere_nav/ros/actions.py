@@ -17,7 +17,7 @@ from rclpy.node import Node
 from sphere_nav.ros.service import one_line
 
 
-class Goal:
+class ActionGoal:
     """A goal that was accepted: feedback while it lasts, one end."""
 
     def __init__(self, server: GuardedActionServer, handle: ServerGoalHandle) -> None:
@@ -48,7 +48,7 @@ class Goal:
 
 
 class GuardedActionServer(ActionServer):
-    """An action server whose goals are ended by `Goal.finish`."""
+    """An action server whose goals are ended by `ActionGoal.finish`."""
 
     def __init__(
         self,
@@ -57,13 +57,13 @@ class GuardedActionServer(ActionServer):
         name: str,
         *,
         check: Callable[[Any], None],
-        begin: Callable[[Goal], None],
-        cancel: Callable[[Goal], None],
+        begin: Callable[[ActionGoal], None],
+        cancel: Callable[[ActionGoal], None],
         report: Callable[[str, BaseException], None],
     ) -> None:
         """`check` raises ValueError for a goal that cannot be; `report` gets what a callback raised."""
         self.kind, self._begin, self._report, self._name = kind, begin, report, name
-        self._goals: dict[bytes, Goal] = {}
+        self._goals: dict[bytes, ActionGoal] = {}
 
         def accept(request: Any) -> GoalResponse:
             try:
@@ -90,7 +90,7 @@ class GuardedActionServer(ActionServer):
 
     def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Callable[..., Any] | None) -> None:
         """Begin a goal that was accepted, in place of a coroutine that waits for its end."""
-        goal = Goal(self, goal_handle)
+        goal = ActionGoal(self, goal_handle)
         self._goals[bytes(goal_handle.goal_id.uuid)] = goal
         try:
             self._begin(goal)

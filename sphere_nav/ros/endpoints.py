@@ -205,7 +205,7 @@ class Endpoints:
 
         `check(request)` raises ValueError for a goal that is rejected; `begin(goal)` starts one, of which another may
         be under way; `cancel(goal)` asks for its end. A goal is ended by `goal.finish`, told of by `goal.publish`
-        (see `sphere_nav.ros.actions.Goal`).
+        (see `sphere_nav.ros.actions.ActionGoal`).
         """
         self._shell.add_action(name, kind, check, begin, cancel)
 

@@ -8,6 +8,8 @@ little of what is usable at the sphere itself is left.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -30,21 +32,20 @@ MAX_DOUBLINGS, NUM_BISECTIONS = 4, 3
 
 def region_radius(sphere: Sphere) -> float:
     """Return the radius in m of the region around a sphere, the median over horizontal directions; 0 without range."""
-    radii = region_radii(sphere)
-    return float(np.median(radii)) if radii.size else 0.0
+    reaches = _start(sphere)
+    while wanted := [one for one in reaches if not one.is_found and _may_be_median(one, reaches)]:
+        for reach in wanted:
+            reach.narrow()
+    return float(np.median([reach.middle for reach in reaches])) if reaches else 0.0
 
 
 def region_radii(sphere: Sphere) -> Array:
     """Return how far the region reaches in m towards `NUM_DIRECTIONS` azimuths, the first ahead; empty: no range."""
-    small = coarse_sphere(sphere)
-    finite = small.range_m[np.isfinite(small.range_m)]
-    if not finite.size:
-        return np.zeros(0)
-    surface = surface_of(small)
-    needed = MIN_SHARE * usable_share(surface, np.zeros(3))
-    azimuths = 2 * np.pi * np.arange(NUM_DIRECTIONS) / NUM_DIRECTIONS
-    directions = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(NUM_DIRECTIONS)], axis=1)
-    return np.array([_reach(surface, direction, float(np.median(finite)), needed) for direction in directions])
+    reaches = _start(sphere)
+    for reach in reaches:
+        while not reach.is_found:
+            reach.narrow()
+    return np.array([reach.middle for reach in reaches])
 
 
 def usable_share(surface: Surface, shift_m: Array) -> float:
@@ -69,17 +70,57 @@ def _cosines() -> Array:
     return np.cos(np.arcsin(pixel_rays(WINDOW)[:, :1, 2]))
 
 
-def _reach(surface: Surface, direction: Array, step_m: float, needed: float) -> float:
-    """Return how far one can go in a direction (3,) while enough is usable."""
-    low, high = 0.0, step_m
-    for _ in range(MAX_DOUBLINGS):
-        if usable_share(surface, high * direction) < needed:
-            break
-        low, high = high, 2 * high
-    for _ in range(NUM_BISECTIONS):
-        middle = 0.5 * (low + high)
-        if usable_share(surface, middle * direction) >= needed:
-            low = middle
+@dataclass
+class _Reach:
+    """How far one can go in a direction (3,) while enough is usable: from low to high m, or more while it is open."""
+
+    surface: Surface
+    direction: Array
+    needed: float
+    high: float
+    low: float = 0.0
+    doublings: int = MAX_DOUBLINGS  # that are left; 0: not open
+    bisections: int = NUM_BISECTIONS
+
+    @property
+    def is_found(self) -> bool:
+        return not self.doublings and not self.bisections
+
+    @property
+    def middle(self) -> float:
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def end(self) -> float:
+        return np.inf if self.doublings else self.high
+
+    def narrow(self) -> None:
+        """Try one place."""
+        tried = self.high if self.doublings else self.middle
+        is_enough = usable_share(self.surface, tried * self.direction) >= self.needed
+        if self.doublings:
+            self.doublings = self.doublings - 1 if is_enough else 0
+            self.low, self.high = (tried, 2 * tried) if is_enough else (self.low, self.high)
         else:
-            high = middle
-    return 0.5 * (low + high)
+            self.bisections -= 1
+            self.low, self.high = (tried, self.high) if is_enough else (self.low, tried)
+
+
+def _start(sphere: Sphere) -> list[_Reach]:
+    """Return the reach in every direction, of which nothing is known yet."""
+    small = coarse_sphere(sphere)
+    finite = small.range_m[np.isfinite(small.range_m)]
+    if not finite.size:
+        return []
+    surface, step_m = surface_of(small), float(np.median(finite))
+    needed = MIN_SHARE * usable_share(surface, np.zeros(3))
+    azimuths = 2 * np.pi * np.arange(NUM_DIRECTIONS) / NUM_DIRECTIONS
+    directions = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(NUM_DIRECTIONS)], axis=1)
+    return [_Reach(surface, direction, needed, step_m) for direction in directions]
+
+
+def _may_be_median(reach: _Reach, reaches: Sequence[_Reach]) -> bool:
+    """Say whether a reach may be one in the middle, by what is known of all: intervals are alike or do not overlap."""
+    below = sum(one.end <= reach.low for one in reaches)
+    above = sum(one.low >= reach.end for one in reaches)
+    return max(below, above) <= len(reaches) // 2

@@ -11,7 +11,8 @@ from typing import Protocol
 import numpy as np
 
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.experiences import split_by_experience
+from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis.surface import Surface, surface_of
 from sphere_nav.view_synthesis.synthesis import PlacedSurface, SynthesizedView, blend_weights, synthesize
@@ -40,20 +41,30 @@ class Scene:
         if not len(source.graph):
             raise ValueError("view: expected a map with key spheres, found an empty one")
         self._source, self._max_bytes = source, max_megabytes * 1e6
+        self._parts = split_by_experience(source.graph)
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="surfaces")
         self._surfaces: OrderedDict[int, Future[Surface]] = OrderedDict()  # by last use
         self._lock = threading.Lock()
 
-    def render(self, T_map_camera: SE3, camera: Camera, *, is_waiting: bool = True) -> SynthesizedView:
-        """Return the view from a pose; with `is_waiting` false by what is ready, others are prepared meanwhile.
+    @property
+    def experiences(self) -> tuple[Experience, ...]:
+        """What the map can be seen in, in the order of its key spheres."""
+        return tuple(self._parts)
 
-        ValueError or OSError where a key sphere cannot be read.
+    def render(
+        self, T_map_camera: SE3, camera: Camera, experience: Experience | None = None, *, is_waiting: bool = True
+    ) -> SynthesizedView:
+        """Return the view from a pose in one experience, or by the nearest key spheres of any.
+
+        With `is_waiting` false by what is ready, others are prepared meanwhile. ValueError or OSError where a key
+        sphere cannot be read.
         """
-        nodes = self._source.graph.nearest(T_map_camera.translation, NUM_BLENDED + 1)
+        graph = self._graph(experience)
+        nodes = graph.nearest(T_map_camera.translation, NUM_BLENDED + 1)
         wanted = nodes[:NUM_BLENDED]
         coming = [self._request(node.id) for node in wanted]
         if not is_waiting and not any(one.done() for one in coming):
-            wanted, coming = self._stand_in(T_map_camera) or (wanted, coming)
+            wanted, coming = self._stand_in(T_map_camera, graph) or (wanted, coming)
         weights = self._weights(nodes, T_map_camera)
         placed = [
             PlacedSurface(one.result(), node.T_map_sphere, float(weight))
@@ -62,14 +73,17 @@ class Scene:
         ]
         return synthesize(placed or [PlacedSurface(coming[0].result(), wanted[0].T_map_sphere)], T_map_camera, camera)
 
-    def is_ready(self, T_map_camera: SE3) -> bool:
+    def is_ready(self, T_map_camera: SE3, experience: Experience | None = None) -> bool:
         """Say whether the view from a pose needs nothing that is not prepared."""
-        nodes = self._source.graph.nearest(T_map_camera.translation, NUM_BLENDED)
+        nodes = self._graph(experience).nearest(T_map_camera.translation, NUM_BLENDED)
         return all(self._request(node.id).done() for node in nodes)
 
     def close(self) -> None:
         """End what is being prepared."""
         self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _graph(self, experience: Experience | None) -> SphereGraph:
+        return self._source.graph if experience is None else self._parts[experience]
 
     def _weights(self, nodes: Sequence[KeySphere], T_map_camera: SE3) -> list[float]:
         distances = [float(np.linalg.norm(node.T_map_sphere.translation - T_map_camera.translation)) for node in nodes]
@@ -77,11 +91,11 @@ class Scene:
             distances.append(2.0 * max(distances))
         return list(blend_weights(distances))
 
-    def _stand_in(self, T_map_camera: SE3) -> tuple[list[KeySphere], list[Future[Surface]]] | None:
+    def _stand_in(self, T_map_camera: SE3, graph: SphereGraph) -> tuple[list[KeySphere], list[Future[Surface]]] | None:
         """Return the nearest key sphere that is ready."""
         with self._lock:
-            ready = {sphere_id: one for sphere_id, one in self._surfaces.items() if one.done()}
-        nodes = [self._source.graph[sphere_id] for sphere_id in ready]
+            ready = {number: one for number, one in self._surfaces.items() if one.done() and number in graph.nodes}
+        nodes = [graph[sphere_id] for sphere_id in ready]
         if not nodes:
             return None
         nearest = min(nodes, key=lambda node: T_map_camera.distance(node.T_map_sphere)[0])

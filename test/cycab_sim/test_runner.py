@@ -75,8 +75,11 @@ def test_a_runner_runs_again_after_a_stop(small_params):
         assert simulator.time_ns > before
 
 
-def strict_drive(params, delays):
-    """Drive on answers that come after these times of wall; return where the car was at each image, what was told."""
+def strict_drive(params, delays, slow=0.0):
+    """Drive on answers that come after these times of wall; return where the car was at each image, what was told.
+
+    To tell who is missing takes `slow` s.
+    """
     lacks = iter(["a subscription of image_raw", "a publisher of cmd_vel", ""])
     places, told, done = [], [], threading.Event()
 
@@ -94,6 +97,7 @@ def strict_drive(params, delays):
 
     def tell(what):
         told.append((what, simulator.time_ns))
+        time.sleep(slow * what.startswith("a "))
         lock_step.offer(VehicleCommand(-1.0), START_NS - 1, START_NS)  # as a follower does by itself
         if what == PAUSE:
             runner.resumed.set()
@@ -110,8 +114,9 @@ def strict_drive(params, delays):
 def test_where_it_is_strict_the_drive_is_the_same_however_long_answers_take(small_params, monkeypatch):
     monkeypatch.setattr("cycab_sim.runner.SETTLE", 0.15)
     prompt, told = strict_drive(small_params, [0.0] * 8)
-    late, told_late = strict_drive(small_params, [0.0, 0.35, 0.0, 0.0, 0.15, 0.0, 0.01, 0.0])
+    late, told_late = strict_drive(small_params, [0.0, 0.35, 0.0, 0.0, 0.15, 0.0, 0.01, 0.0], slow=0.2)
     assert prompt == late
+    assert [what for what, _ in told_late][:3] == [what for what, _ in told][:3]
     assert prompt[-1][1].speed > 0.3
     assert [what for what, _ in told][:3] == ["a subscription of image_raw", "a publisher of cmd_vel", MEET]
     assert {now for what, now in told if what == PAUSE} == {1_300_000_000}

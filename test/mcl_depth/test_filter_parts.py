@@ -10,10 +10,10 @@ from mcl_depth.belief.motion_model import MotionModel, compose_planar, relative_
 from mcl_depth.belief.particles import Particles, best_headings, interpolate_similarity
 from mcl_depth.belief.resampling import compute_weights, low_variance_indices, required_particles, resample
 from mcl_depth.constants import CHANCE, MIN_PARTICLES
-from mcl_depth.homing import sample_offsets, waypoints_of
+from mcl_depth.homing import Homing, sample_offsets, waypoints_of
 from mcl_depth.likeness.depth_cache import DepthCache
 from mcl_depth.likeness.features import FeatureStack
-from mcl_depth.params import MotionParams
+from mcl_depth.params import DirectionParams, MotionParams
 from sphere_nav.geometry import SE3
 
 
@@ -114,6 +114,27 @@ def test_homing_samples_are_those_of_the_paper():
     ring = sample_offsets(1.0)
     assert ring.shape == (33, 2)  # 16 directions at 1 m and 2 m, and the waypoint itself
     np.testing.assert_allclose(np.linalg.norm(ring, axis=1), [0.0] + [1.0] * 16 + [2.0] * 16)
+
+
+@pytest.mark.parametrize(("num_best", "lead", "is_clear"), [(10, 1.517, True), (11, 1.414, False)])
+def test_a_direction_is_clear_where_the_best_samples_lead_by_one_and_a_half_deviations(num_best, lead, is_clear):
+    """Of 33 samples `num_best` fit equally well, the others not at all: a lead of sqrt((1 - p) / p), p their share."""
+    like = np.zeros((33, 8), np.float32)
+    like[:num_best, 3] = 1.0
+    advice = Homing(np.array([[0.0, 0.0], [9.0, 0.0]]), DirectionParams()).update(Curves(like))
+    assert advice.lead == pytest.approx(lead, abs=1e-3)
+    assert advice.is_clear == is_clear
+
+
+class Curves:
+    """A comparison whose similarities (N, A) are given."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def curves(self, positions):
+        assert len(positions) == len(self.values)
+        return self.values
 
 
 def test_waypoints_are_evenly_spaced_and_a_path_needs_two_points():

@@ -1,6 +1,7 @@
 """Speeds: the law of eq. 25, and the profile that a car can drive."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ import pytest
 from path_follower.command import TrackingError
 from path_follower.params import FollowerParams, SpeedParams, VehicleParams
 from path_follower.path import Location, ReferencePoint
-from path_follower.speed import bounded_speed, speed_law, speed_limits, speed_profile
+from path_follower.speed import bounded_speed, eased_speed, speed_law, speed_limits, speed_profile
 from path_follower.steering import Errors
+from path_follower.vehicle import Motion
 
 SPEED = SpeedParams()
 CAR = VehicleParams(max_acceleration=0.7, max_deceleration=1.1)  # unequal: exchanged ones are noticed
@@ -73,6 +75,23 @@ def test_the_profile_keeps_limits_and_accelerations(is_closed):
     assert gain.min() >= -CAR.max_deceleration - 1e-9
     assert speed[0] == pytest.approx(1.4)
     assert speed[-1] == pytest.approx(1.4 if is_closed else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("gain", "jerk", "lead"),
+    [(0.0, 2.0, 0.77), (-0.5, 2.0, 0.77), (0.7, 2.0, 1.5398), (0.0, 4.0, 0.385)],  # m, by hand: d = 1.1, at -1.4 m/s
+)
+def test_a_speed_is_read_earlier_by_as_much_as_bounded_jerk_follows_late(gain, jerk, lead):
+    car = replace(CAR, max_jerk=jerk)
+    tracking = TrackingError(Errors(0, 0, 0), reference(1.4), Location(0, 0, 0, 0, 0, 0), 9.0)
+    assert eased_speed(Ramp(), tracking, Motion(-1.4, 0.0), gain, car) == pytest.approx(lead, abs=1e-4)
+
+
+class Ramp:
+    """A path whose speed, backwards, is the arc length."""
+
+    def at(self, arc_length, segment):
+        return reference(-arc_length, -1)
 
 
 def test_a_closed_profile_brakes_over_the_seam():

@@ -14,7 +14,7 @@ from rig_calibration.boards.state import camera_problem, camera_state
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import observations
 from rig_calibration.params import CalibrationParams
-from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry import SE3, OCam, Omni, Pinhole
 
 PARAMS = CalibrationParams()
 CAMERA = Pinhole(640, 480, 400.0, 402.0, 318.0, 243.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01))
@@ -23,14 +23,19 @@ BOARD = Board("b", 9, 6, 0.1)
 
 @pytest.fixture(scope="module")
 def seen():
+    return views_of(CAMERA)
+
+
+def views_of(camera, spread=0.3, nearest=0.9, noise_px=0.1):
+    """Return 15 views; the spread of their centres by distance."""
     rng = np.random.default_rng(1)
     pixels = []
     while len(pixels) < 15:
         R = SE3.exp([0, 0, 0, *rng.normal(0.0, 0.4, 3)]).rotation
-        center = np.array([*rng.normal(0.0, 0.3, 2), 1.0]) * rng.uniform(0.9, 1.6)
-        found, is_seen = CAMERA.project(SE3.from_parts(R, center - R @ BOARD.points.mean(axis=0)).apply(BOARD.points))
+        center = np.array([*rng.normal(0.0, spread, 2), 1.0]) * rng.uniform(nearest, nearest + 0.7)
+        found, is_seen = camera.project(SE3.from_parts(R, center - R @ BOARD.points.mean(axis=0)).apply(BOARD.points))
         if is_seen.all():
-            pixels.append(found + rng.normal(0.0, 0.1, found.shape))
+            pixels.append(found + rng.normal(0.0, noise_px, found.shape))
     return observations([0] * 15, range(15), [0] * 15, [BOARD.points] * 15, pixels)
 
 
@@ -42,6 +47,22 @@ def single(seen):
 def test_lens_comes_back(single):
     assert single.camera.fx == pytest.approx(CAMERA.fx, rel=0.005)  # 810 corners at 0.1 px
     assert single.camera.cx == pytest.approx(CAMERA.cx, abs=2.0)
+
+
+OMNI = Omni(640, 480, 430.0, 431.0, 318.0, 243.0, 1.2, (-0.1, 0.04, 1e-3, -5e-4))
+OCAM = OCam(640, 480, 318.0, 243.0, (200.0, 0.0, -1.6e-3, 1.1e-6, -3e-9), 1.002, 4e-3)
+
+
+@pytest.mark.parametrize("camera", [OMNI, OCAM], ids=lambda camera: camera.model)
+def test_a_wide_lens_comes_back_in_its_own_model(camera):
+    views = views_of(camera, 1.0, 0.3)
+    found = calibrate_camera(camera.model, (640, 480), views, PARAMS)
+    assert type(found.camera) is type(camera)
+    rays = camera.unproject(views.pixels)
+    assert np.degrees(np.arccos(rays[:, 2].min())) > 75.0
+    angle = np.linalg.norm(np.cross(found.camera.unproject(views.pixels), rays), axis=1)
+    assert np.degrees(angle.max()) < 0.1  # a tenth of a pixel is 0.03 degrees
+    assert found.rms_px < 0.15
 
 
 def test_a_start_moves_the_focal_length_and_the_boards_before_the_rest_of_the_lens(seen, monkeypatch):

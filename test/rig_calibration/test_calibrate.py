@@ -11,18 +11,20 @@ from rig_calibration.boards.assembly import board_turns, hand_eye
 from rig_calibration.boards.board import Board, check_distinct, parse_size
 from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.intrinsics import board_pose, other_pose
-from rig_calibration.boards.lens import J_lens, lens_of, project_points
+from rig_calibration.boards.lens import J_lens, camera_from_vector, lens_of, project_points
 from rig_calibration.boards.linearize import jacobian, residuals
 from rig_calibration.boards.report import calibration_as_mapping, coverage
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
-from sphere_nav.geometry import SE3, Fisheye, Pinhole
+from sphere_nav.geometry import SE3, Fisheye, OCam, Omni, Pinhole
 from sphere_nav.geometry.cameras.rig import Rig
 
 PARAMS = CalibrationParams()
 CAMERAS = (
     Pinhole(640, 480, 400.0, 402.0, 318.0, 243.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01)),
     Fisheye(640, 480, 250.0, 251.0, 321.0, 238.0, (0.03, -0.012, 0.004, -0.0006)),
+    Omni(640, 480, 500.0, 501.0, 321.0, 238.0, 1.3, (-0.12, 0.06, 2e-3, -3e-3)),
+    OCam(640, 480, 321.0, 238.0, (230.0, 0.0, -1.3e-3, 1.1e-6, -3e-9), 1.002, 4e-3),
 )
 
 
@@ -83,7 +85,10 @@ def test_cameras_apart_are_named():
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.model)
 def test_lens_agrees_with_the_camera_and_its_derivative_is_right(camera, rng):
     points = np.concatenate([rng.uniform(-0.5, 0.5, (20, 2)), np.ones((20, 1))], axis=-1)
+    if camera.model != "pinhole":
+        points[:, 2] = np.linspace(0.1, 1.0, 20)
     lens = lens_of(camera)
+    assert camera_from_vector(camera.model, (640, 480), lens, 5) == camera
     np.testing.assert_allclose(project_points(camera.model, lens, points), camera.project(points)[0], atol=1e-9)
     steps = 1e-6 * np.eye(12)
     numeric = np.stack(

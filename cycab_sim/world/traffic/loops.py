@@ -119,6 +119,15 @@ def free_loops(loops: Iterable[Loop], path: Path, may_cross: bool) -> list[Loop]
     return [loop for loop in loops if may_cross or (not loop.is_crossing and is_free(loop))]
 
 
+def standing_place(path: Path, distance: float) -> Loop:
+    """Return the walk of who does not walk: its first point is on a path, at a distance from its start in m."""
+    x, y, yaw, _ = path.at(distance)
+    angles = yaw + np.arange(8) * np.pi / 4
+    radius = 8 * SPACING / (2 * np.pi)
+    return Loop("walk", np.stack([x - radius * (np.cos(yaw) - np.cos(angles)),
+                                  y - radius * (np.sin(yaw) - np.sin(angles))], axis=1))  # fmt: skip
+
+
 def walk_around(loops: Iterable[Loop], mesh: Mesh) -> list[Loop]:
     """Return the loops with walks led around what stands on the pavement."""
     loops = list(loops)

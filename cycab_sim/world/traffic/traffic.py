@@ -15,7 +15,7 @@ from cycab_sim.params import TrafficParams
 from cycab_sim.world.mesh import Mesh, joined
 from cycab_sim.world.traffic import figures
 from cycab_sim.world.traffic.figures import Figure, RigidPart
-from cycab_sim.world.traffic.loops import Loop, free_loops, walk_around
+from cycab_sim.world.traffic.loops import Loop, free_loops, standing_place, walk_around
 from cycab_sim.world.worlds import World
 from sphere_nav.geometry.arrays import Array
 
@@ -44,6 +44,10 @@ class Traffic:
         self.loops = walk_around(free_loops(world.loops, world.path, params.may_cross), world.mesh)
         self._paces = np.array([_pace(loop, params, rng) for loop in self.loops])
         self.actors = _populate(self.loops, params, rng)
+        if params.standing_at > 0.0:
+            self.loops.append(standing_place(world.path, params.standing_at))
+            self._paces = np.append(self._paces, 0.0)
+            self.actors.append(Actor(figures.make_pedestrian(rng), len(self.loops) - 1, 0.0))
         parts = [(a, part) for a, actor in enumerate(self.actors) for part in actor.figure.parts]
         if not parts:
             raise ValueError("traffic: expected room for at least one of its members, found none")

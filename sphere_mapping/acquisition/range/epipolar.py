@@ -13,6 +13,7 @@ from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.matching import Disparity, Search
 from sphere_mapping.acquisition.stitching.views import Layout
 from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.arrays import Array
 
 Plane = NDArray[np.float32]
 
@@ -57,10 +58,9 @@ def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Plane:
     """
     top, bottom = layouts
     apart = top.centers[top.owner] - bottom.centers[bottom.owner]  # (H, W, 3); what nobody shows is any camera's
-    height, width = top.owner.shape
-    azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
-    sine, cosine = (f((0.5 - (np.arange(height)[:, None] + 0.5) / height) * np.pi) for f in (np.sin, np.cos))
-    ahead = apart[..., 0] * np.cos(azimuth) + apart[..., 1] * np.sin(azimuth)
+    columns, (sine, cosine) = _axes(top.owner.shape)
+    sine, cosine = sine[:, None], cosine[:, None]
+    ahead = apart[..., 0] * columns[1] + apart[..., 1] * columns[0]
     error = (apart[..., 2] * cosine - ahead * sine) / (cosine * baseline_m)
     return np.clip(error, -MAX_BASELINE_ERROR, MAX_BASELINE_ERROR).astype(np.float32)
 
@@ -93,15 +93,14 @@ def to_common_center(range_m: Plane, std_m: Plane, layout: Layout, per_m: float)
     per_m: 1 over the distance for which the images were joined.
     """
     moved, moved_std = np.empty_like(range_m), np.empty_like(std_m)
-    axes = _axes(range_m.shape)
+    axes = (axis.astype(np.float32) for axis in _axes(range_m.shape))
     recenter(range_m, std_m, layout.owner, layout.centers, *axes, np.float32(per_m), moved, moved_std)
     return moved, moved_std
 
 
-def _axes(shape: tuple[int, ...]) -> tuple[Plane, Plane]:
+def _axes(shape: tuple[int, ...]) -> tuple[Array, Array]:
     """Return sine and cosine of the azimuth of each column (2, W), and of the elevation of each row (2, H)."""
     height, width = shape
     azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
     elevation = (0.5 - (np.arange(height) + 0.5) / height) * np.pi
-    columns, rows = (np.stack([np.sin(angle), np.cos(angle)]).astype(np.float32) for angle in (azimuth, elevation))
-    return columns, rows
+    return np.stack([np.sin(azimuth), np.cos(azimuth)]), np.stack([np.sin(elevation), np.cos(elevation)])

@@ -36,6 +36,7 @@ from sphere_mapping.acquisition.constants import (
     RAY_STEP,
     RECTIFY_SCALES_DEG,
     RECTIFY_SIFT,
+    TURN_STD,
     VERY_FAR_M,
 )
 from sphere_mapping.acquisition.params import RectifyParams
@@ -210,12 +211,11 @@ def matches_of(
     return matches
 
 
-def rectify(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> RigCorrection:
+def rectify(rig: Rig, matches: Sequence[Matches]) -> RigCorrection:
     """Return the rig corrected by matches of one or several instants."""
     names = [part.name for part in rig.cameras]
     values = np.zeros(NUM_VALUES * len(names))
-    turn = np.radians(params.turn_deg)
-    prior = np.tile([turn, turn, turn, *LENS_STD], len(names))
+    prior = np.tile([*[TURN_STD] * 3, *LENS_STD], len(names))
     before = epipolar_errors(rig, matches)
     if not matches:
         return RigCorrection(rig, dict.fromkeys(names, 0.0), float("nan"), float("nan"))

@@ -121,7 +121,7 @@ class SphereStitcher(ManagedNode):
         self.is_rectified, p = True, self.params.rectify
         seen = [instant for instant in instants if instant.images]
         matches = [match for one in seen for match in self.stitcher.matches(one.images, p, one.points)]
-        found = rectify(self.stitcher.rig, matches, p)
+        found = rectify(self.stitcher.rig, matches)
         self.stitcher = Stitcher(found.rig, self.params.stitch, masks_of(found.rig), self.params.jobs)
         self.publish_frame()
         worst = max(found.angle_deg, key=lambda name: found.angle_deg[name])

@@ -73,14 +73,19 @@ def _put(image: Image, part: Image, block: Block, mask: NDArray[np.uint8]) -> No
 def _join(strip: Strip, layout: Layout, parts: Sequence[Image]) -> Image:
     """Return the mixed image (h, w[, 3]) of a strip's block."""
     is_gray = parts[0].ndim == 2
-    block, num_bands = strip.block, len(next(iter(strip.weights.values()))) - 1
-    shape = (block.height, block.width)
-    totals = [
-        np.zeros((shape[0] >> level, shape[1] >> level, 1 if is_gray else 3), np.int16)
-        for level in range(num_bands + 1)
-    ]
-    for number, weights in strip.weights.items():
-        _add(_cut(parts[number], layout.views[number].block, block, layout.whole.width), weights, totals)
+    block, num_bands = strip.block, len(strip.shares[0].weights) - 1
+    totals = _zeros(block, num_bands, 1 if is_gray else 3)
+    for share in strip.shares:
+        first, last = share.columns.start, share.columns.stop
+        wanted = Block(block.row, block.column + first, block.height, last - first)
+        part = _cut(parts[share.view], layout.views[share.view].block, wanted, layout.whole.width)
+        if wanted == block:
+            _add(part, share.weights, totals)
+            continue
+        own = _zeros(wanted, num_bands, totals[0].shape[2])
+        _add(part, share.weights, own)
+        for level, (total, band) in enumerate(zip(totals, own, strict=True)):
+            total[:, first >> level : last >> level] += band
     joined = totals[-1]
     for total in reversed(totals[:-1]):
         finer = cv2.pyrUp(joined, dstsize=(total.shape[1], total.shape[0])).reshape(total.shape)
@@ -88,6 +93,12 @@ def _join(strip: Strip, layout: Layout, parts: Sequence[Image]) -> Image:
     image = np.empty(joined.shape, np.uint8)
     to_levels(joined, image)
     return image[:, :, 0] if is_gray else image
+
+
+def _zeros(block: Block, num_bands: int, channels: int) -> list[NDArray[np.int16]]:
+    """Return zeros (h >> l, w >> l, channels) for the bands of a block, the finest first."""
+    sizes = [block.at(level) for level in range(num_bands + 1)]
+    return [np.zeros((size.height, size.width, channels), np.int16) for size in sizes]
 
 
 def _cut(part: Image, own: Block, wanted: Block, width: int) -> Image:

@@ -91,7 +91,8 @@ def _apply(part: Image, block: Block, change: Plane, step: int) -> Image:
     if float(np.abs(inside).max()) < MIN_CHANGE:
         return part
     factor = cv2.resize(np.exp(inside), (block.width, block.height), interpolation=cv2.INTER_LINEAR)
-    return np.maximum(cv2.multiply(part, factor.reshape(part.shape), dtype=cv2.CV_8U), 1).astype(np.uint8)
+    changed: Image = cv2.multiply(part, factor.reshape(part.shape), dtype=cv2.CV_8U).astype(np.uint8, copy=False)
+    return np.maximum(changed, 1, out=changed)
 
 
 def _smooth(plane: Plane) -> Plane:

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import MIN_BASELINE_M
+from sphere_mapping.acquisition.constants import MIN_BASELINE_M, NUM_BANDS
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.stitching.views import Layout, RigView, border_of, layout_of
 from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
@@ -21,7 +21,7 @@ class Layouts:
     """The tables of a rig. `T_rig_sphere` is where its spheres are, `baseline_m` how far above its bottom spheres."""
 
     def __init__(self, rig: Rig, params: StitchParams, masks: Mapping[str, NDArray[np.uint8]]) -> None:
-        align = max(64, 2 << params.blend.num_bands)
+        align = max(64, 2 << NUM_BANDS)
         if params.width % align:
             raise ValueError(f"stitch.width: expected a multiple of {align}, found {params.width}")
         self.rig, self._blend = rig, params.blend
@@ -45,7 +45,7 @@ class Layouts:
 
     def _make(self, level: str, names: tuple[str, ...]) -> Layout:
         rig_views = [self._view_at(self.views[name], level) for name in names]
-        layout = layout_of(rig_views, self.whole, self._blend.distance_m, self._blend.num_bands)
+        layout = layout_of(rig_views, self.whole, self._blend.distance_m, NUM_BANDS)
         return layout if self._blend.has_gains else replace(layout, seams=())
 
     def _view_at(self, rig_view: RigView, level: str) -> RigView:

@@ -101,7 +101,7 @@ class Overlaps:
             if {pair.first, pair.second} <= set(images):
                 sides = (pair.first, pair.second)
                 one, other = (pair.block.cut(logs[k]) for k in sides)
-                fits = pair.chosen & is_same(one, other, pair.both, pair.share)
+                fits = pair.chosen & is_same_detail(one, other, pair.both, pair.share)
                 first, second = (pair.block.cut(planes[k])[fits].astype(np.float64) for k in sides)
                 good = np.all((np.minimum(first, second) > low) & (np.maximum(first, second) < high), axis=1)
                 if np.count_nonzero(good) >= MIN_SHARED:
@@ -110,7 +110,7 @@ class Overlaps:
         return found
 
 
-def is_same(first: Plane, second: Plane, both: NDArray[np.bool_], share: Plane) -> NDArray[np.bool_]:
+def is_same_detail(first: Plane, second: Plane, both: NDArray[np.bool_], share: Plane) -> NDArray[np.bool_]:
     """Return where (h, w) the detail of two images of logarithms correlates, or where neither has any.
 
     both: where both are seen; share: `share_of(both)`.

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import MAX_GAIN
 from sphere_mapping.acquisition.light.light import Learned, Light
 from sphere_mapping.acquisition.params import RectifyParams, StitchParams
 from sphere_mapping.acquisition.range.fusion import (
@@ -61,7 +62,7 @@ class Stitcher:
         self.whole, self.T_rig_sphere = self.layouts.whole, self.layouts.T_rig_sphere
         groups = {part.name: part.exposure_group or f"alone {part.name}" for part in rig.cameras}
         blending, views = self.params.blend, list(self.layouts.views.values())
-        self._light = Light(views, groups, blending.distance_m, blending.max_gain) if blending.has_gains else None
+        self._light = Light(views, groups, blending.distance_m, MAX_GAIN) if blending.has_gains else None
         self.stereo: VerticalStereo | SphereSweep | None = None
         if self.params.range != "none":
             kind = VerticalStereo if rig.is_vertical else SphereSweep

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -44,14 +44,23 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """A block of the sphere in which views mix; of it, `inner` (rows, columns of the block) is shown.
-
-    weights: by number of the view, its share (h >> l, w >> l) in each band, the finest first.
-    """
+    """A block of the sphere in which views mix; of it, `inner` (rows, columns of the block) is shown."""
 
     block: Block
     inner: tuple[slice, slice]
-    weights: dict[int, tuple[Plane, ...]]
+    shares: tuple[Share, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """Columns of a strip's block in which a view by number has a share, and what its bands need around these.
+
+    weights: the share (h >> l, w >> l) in each band, the finest first.
+    """
+
+    view: int
+    columns: slice
+    weights: tuple[Plane, ...]
 
 
 def strips_of(owner: NDArray[np.int8], number: int, num_bands: int) -> tuple[Strip, ...]:
@@ -63,11 +72,21 @@ def strips_of(owner: NDArray[np.int8], number: int, num_bands: int) -> tuple[Str
     for rows in _bands(owner.shape[0], 1 << num_bands):
         for first, last in _runs(np.any(mixed[rows], axis=0), 2 * margin, 1 << num_bands):
             block, inner = _with_margin(rows, first, last, owner.shape, margin)
-            shares = {
-                k: tuple(b.cut(w) for b, w in zip(_levels(block, num_bands), weights[k], strict=True)) for k in weights
-            }
-            found.append(Strip(block, inner, {k: own for k, own in shares.items() if any(w.any() for w in own)}))
+            shares = [share for k, levels in weights.items() for share in _shares(k, levels, block, margin)]
+            found.append(Strip(block, inner, tuple(shares)))
     return tuple(found)
+
+
+def _shares(view: int, levels: Sequence[Plane], block: Block, margin: int) -> Iterator[Share]:
+    """Yield where a view whose weights (H >> l, W >> l) of the sphere are given has a share in a block."""
+    own = [block.at(level).cut(weight) for level, weight in enumerate(levels)]
+    has_share = np.any([np.repeat(weight.any(axis=0), 1 << level) for level, weight in enumerate(own)], axis=0)
+    at, align = np.flatnonzero(has_share), 1 << (len(own) - 1)
+    for part in np.split(at, np.flatnonzero(np.diff(at) > 2 * margin) + 1) if at.size else ():
+        first = max(int(part[0]) - margin, 0) // align * align
+        last = min(-(-(int(part[-1]) + 1 + margin) // align) * align, block.width)
+        weights = (np.ascontiguousarray(weight[:, first >> k : last >> k]) for k, weight in enumerate(own))
+        yield Share(view, slice(first, last), tuple(weights))
 
 
 def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> dict[int, list[Plane]]:
@@ -133,10 +152,6 @@ def _with_margin(
     side = margin if last - first == shape[1] else 0  # one view has a run's ends to itself; a whole round has none
     block = Block(top, (first - side) % shape[1], bottom - top, last - first + 2 * side)
     return block, (slice(rows.start - top, rows.stop - top), slice(side, side + last - first))
-
-
-def _levels(block: Block, num_bands: int) -> list[Block]:
-    return [block.at(level) for level in range(num_bands + 1)]
 
 
 def _halve_around(plane: NDArray) -> NDArray:

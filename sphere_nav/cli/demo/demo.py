@@ -23,6 +23,7 @@ from sphere_nav.cli.demo.processes import Processes
 from sphere_nav.cli.demo.report import DriveErrors, drive_errors, read_estimate, read_truth
 from sphere_nav.cli.demo.watch import DriveFailed, DriveMonitor
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.files.untrusted import load_yaml, read_text, required
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.maps.reader import open_map
@@ -118,17 +119,31 @@ def run(arguments: argparse.Namespace) -> int:
 class Demo:
     """One run: its folder, its domain, and how long each stage took."""
 
+    follower: Mapping[str, Any] = {}  # its parameters that are not those of every drive
+
     def __init__(
-        self, output: Path, seed: int, path: str, domain: int | None, more: Mapping[str, Any], condition: str = ""
+        self,
+        output: Path,
+        seed: int,
+        path: str,
+        domain: int | None,
+        more: Mapping[str, Any],
+        condition: str = "",
+        taught: Path | None = None,
     ) -> None:
-        """`more`: parameters of the simulator that are not those of every demo; `condition`: of the second drive."""
-        self.folder = new_folder(output)
+        """`more`: parameters of the simulator that are not those of every demo; `condition`: of the second drive.
+
+        `taught`: output of an earlier run of the same seed and path, whose teaching drive and map are used again.
+        """
         self.domain = 50 + os.getpid() % 50 if domain is None else domain
         place = TOUR if path == "tour" else {"path": path}
         self.other_day = OTHER_DAY | {"condition": condition}
         self.simulation = SIMULATION | {"seed": seed} | place | dict(more)
         params = build(SimParams, self.simulation)
         self.length = build_world(params.world, params.seed, params.path).path.length
+        known = check_taught(taught, self.simulation) if taught is not None else None
+        self.folder = new_folder(output)
+        self.taught = known or self.folder  # where the teaching drive and its map are
         self.seconds: dict[str, float] = {}
         self.cpu_seconds: dict[str, float] = {}
 
@@ -178,28 +193,37 @@ class Demo:
             )
             processes.start(
                 "dense_localizer",
-                {"map": str(self.folder / "map"), "use_sim_time": True, "every_image": True},
+                {"map": str(self.taught / "map"), "use_sim_time": True, "every_image": True},
             )
-            processes.start(
-                "path_follower",
-                {
-                    "trajectory": str(self.folder / "taught.tum"),
-                    "enable_stamped_cmd_vel": True,
-                    "use_sim_time": True,
-                },
-            )
-            watch.wait_for_nodes()
+            watch.wait_for("dense_localizer/reset")
             processes.start(
                 "cycab_sim",
                 self.simulation | self.other_day | LOCK_STEP | {"mode": "drive", "clock.pause_at": PAUSE_AT},
             )
+            self.place(watch)
+            processes.start(  # time stands until it is there
+                "path_follower",
+                {"trajectory": str(self.reference()), "enable_stamped_cmd_vel": True, "use_sim_time": True}
+                | dict(self.follower),
+            )
             watch.wait("localisation", lambda: watch.is_paused, is_moving=False)
             watch.call("path_follower/start")
             watch.call("cycab_sim/resume")
-            self.follow(watch, "drive by the camera", lambda: has_ended(watch.follower))
+            self.accompany(watch)
             self.has_finished = watch.follower.startswith("FINISHED")
             self.end = watch.describe()
             processes.stop("bag_recorder")
+
+    def reference(self) -> Path:
+        """Return the file of the path to drive: the taught one."""
+        return self.taught / "taught.tum"
+
+    def place(self, watch: DriveMonitor) -> None:
+        """Prepare the world before time passes: the car stands at the beginning of the path, nothing is to be done."""
+
+    def accompany(self, watch: DriveMonitor) -> None:
+        """See the drive to its end."""
+        self.follow(watch, "drive by the camera", lambda: has_ended(watch.follower))
 
     def follow(self, watch: DriveMonitor, what: str, has_ended: Callable[[], bool]) -> None:
         """Show how far the car is until the drive has ended."""
@@ -214,28 +238,37 @@ class Demo:
 
     def judge(self) -> int:
         """Compare with the taught drive, draw, write result.json; 1 where the drive left the path."""
-        with self.stage("judge"):
-            T_world_map = self.anchor()
-            errors = drive_errors(self.folder / "teach", self.folder / "drive", T_world_map)
-            with open_map(self.folder / "map") as made:
-                keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
-            plot_top_view(self.folder / "top_view.png", errors, keys)
-            plot_errors(self.folder / "errors.png", errors, read_estimate(self.folder / "drive"))
-        result = self.result(errors, len(keys))
+        result = self.result(self.measure())
         (self.folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
         print(result_table(result, self.folder))
         return 0 if result["has_followed"] else 1
 
+    def measure(self) -> DriveErrors:
+        """Compare with the path that was to be driven, and draw."""
+        with self.stage("judge"):
+            T_world_map = self.anchor()
+            errors = self.errors(T_world_map)
+            with open_map(self.taught / "map") as made:
+                keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
+            self.num_key_spheres = len(keys)
+            plot_top_view(self.folder / "top_view.png", errors, keys)
+            plot_errors(self.folder / "errors.png", errors, read_estimate(self.folder / "drive"))
+        return errors
+
+    def errors(self, T_world_map: SE3) -> DriveErrors:
+        """Return how far the drive was from the taught one."""
+        return drive_errors(self.taught / "teach", self.folder / "drive", T_world_map)
+
     def anchor(self) -> SE3:
         """Return T_world_map: the map begins where the teaching drive truly began."""
-        truth, taught = read_truth(self.folder / "teach"), read_tum(self.folder / "taught.tum")
+        truth, taught = read_truth(self.taught / "teach"), read_tum(self.taught / "taught.tum")
         first = np.maximum(taught.stamps_ns[:1], truth.stamps_ns[0])  # the car still stands when recording begins
         at, known = truth.at(first)
         if not known.all():
             raise ValueError("teaching drive: expected a true pose of the first sphere, found none")
         return at.T_map_body[0] @ taught.T_map_body[0].inverse()
 
-    def result(self, errors: DriveErrors, num_key_spheres: int) -> dict[str, Any]:
+    def result(self, errors: DriveErrors) -> dict[str, Any]:
         """Return what result.json holds."""
         worst = float(np.abs(errors.lateral).max())
         return {
@@ -247,11 +280,25 @@ class Demo:
             "has_followed": self.has_finished and worst <= MAX_LATERAL and errors.share_driven >= MIN_DRIVEN,
             "end": self.end,
             "length_m": self.length,
-            "num_key_spheres": num_key_spheres,
+            "num_key_spheres": self.num_key_spheres,
             "seed": self.simulation["seed"],
             "seconds": self.seconds,
             "cpu_seconds": self.cpu_seconds,
         }
+
+
+def check_taught(taught: Path, simulation: Mapping[str, Any]) -> Path:
+    """Return the folder of a teaching drive; ValueError where it was not made with these parameters."""
+    told = taught / "teach_logs" / "cycab_sim.yaml"
+    if not (taught / "map").is_dir() or not told.is_file():
+        raise ValueError(f"{taught}: expected the output of an experiment with a taught map, found none")
+    values = load_yaml(told, read_text(told, "file of parameters"))
+    node = required(values, f"{told}", ["cycab_sim"])["cycab_sim"]
+    made = required(node, f"{told}: cycab_sim", ["ros__parameters"])["ros__parameters"]
+    for key, value in simulation.items():
+        if made.get(key) != value:
+            raise ValueError(f"{taught}: {key}: expected {value!r} as in this experiment, found {made.get(key)!r}")
+    return taught
 
 
 def has_ended(follower: str) -> bool:

@@ -33,18 +33,21 @@ class DriveErrors:
     share_driven: float
 
 
-def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
-    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world."""
-    taught = _crop_to_motion(read_truth(teach))
+def drive_errors(teach: Path, drive: Path, T_world_map: SE3, path: Array | None = None) -> DriveErrors:
+    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world.
+
+    `path` (M, 3) m, rad: poses in the world that were to be driven, where they are not those of the teaching drive.
+    """
     truth = read_truth(drive)
     driven = _crop_to_motion(truth)
-    along, lateral = distances_from_path(driven.positions[:, :2], taught.positions[:, :2])
+    xy = _crop_to_motion(read_truth(teach)).positions[:, :2] if path is None else path[:, :2]
+    along, lateral = distances_from_path(driven.positions[:, :2], xy, None if path is None else path[:, 2])
     estimate = read_estimate(drive).moved(T_world_map)
     at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(2e8))
     found = absolute_errors(estimate[known], at, directions_of_motion(at))
-    length = float(taught.distances[-1])
+    length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
     return DriveErrors(
-        taught.positions[:, :2],
+        xy,
         driven.positions[:, :2],
         along,
         lateral,
@@ -53,16 +56,21 @@ def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
     )
 
 
-def distances_from_path(points: Array, path: Array) -> tuple[Array, Array]:
+def distances_from_path(points: Array, path: Array, yaw: Array | None = None) -> tuple[Array, Array]:
     """Return where along a path (M, 2) each point (N, 2) is, and how far to the left of it, both in metres.
 
-    The place only moves forward, at most 2 m a point, so that a path may cross itself.
+    The place only moves forward, at most 2 m a point, so that a path may cross itself. `yaw` (M,) rad: headings of the
+    vehicle, where the path has cusps, at which its points have no direction.
     """
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     distinct = np.concatenate([[True], np.diff(length) > 0])
     s = np.arange(0.0, length[-1], SPACING)
     dense = np.stack([np.interp(s, length[distinct], path[distinct, axis]) for axis in (0, 1)], axis=-1)
     ahead = np.gradient(dense, axis=0)
+    if yaw is not None:
+        there = np.interp(s, length[distinct], np.unwrap(yaw)[distinct])
+        heading = np.stack([np.cos(there), np.sin(there)], axis=-1)
+        ahead = heading * np.where(np.sum(ahead * heading, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     place, places, lateral = 0, [], []
     reach = round(2.0 / SPACING)

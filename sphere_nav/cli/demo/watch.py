@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
+from sphere_nav_msgs.srv import SetFault, Teleport
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from tqdm import tqdm
@@ -24,8 +25,14 @@ from sphere_nav.ros.conversions import stamp_ns
 STALL = 30.0  # s of simulated time without motion of the car that end a drive
 SILENCE = 240.0  # s of wall time without news after which it matters whether any process works
 LOOK = 0.1  # s
-SERVICES = ("path_follower/start", "cycab_sim/resume")
-NEEDED = ("path_follower/start", "dense_localizer/reset")  # services of those who must be there before time passes
+MAX_CALLS = 600  # of a service that refuses
+SERVICES = {
+    "path_follower/start": Trigger,
+    "cycab_sim/resume": Trigger,
+    "cycab_sim/teleport": Teleport,
+    "cycab_sim/set_fault": SetFault,
+    "dense_localizer/reset": Trigger,
+}
 
 
 class DriveFailed(RuntimeError):
@@ -53,7 +60,7 @@ class DriveMonitor:
         subscribe(LocalizationStatus, "status", self._on_localizer, qos.STATE)
         subscribe(FollowerStatus, "path_follower/status", self._on_follower, qos.STATE)
         subscribe(Bool, "paused", self._on_paused, qos.LATCHED)
-        self._clients = {name: self.node.create_client(Trigger, name) for name in {*SERVICES, *NEEDED}}
+        self._clients = {name: self.node.create_client(kind, name) for name, kind in SERVICES.items()}
 
     def wait(self, what: str, holds: Callable[[], bool], is_moving: bool, bar: tqdm[Any] | None = None) -> None:
         """Spin until `holds`; DriveFailed where the car stands though it should move, by simulated time.
@@ -77,19 +84,33 @@ class DriveMonitor:
                     raise DriveFailed(f"{what}: nothing for {SILENCE:.0f} s, and no process works; {self.describe()}")
                 alive = time.monotonic()
 
-    def wait_for_nodes(self) -> None:
-        """Wait until the nodes that simulated time waits for are there."""
-        for name in NEEDED:
-            self.wait(name, self._clients[name].service_is_ready, is_moving=False)
-
-    def call(self, name: str) -> None:
-        """Call a Trigger; DriveFailed says why it was refused."""
+    def wait_for(self, name: str) -> None:
+        """Wait until a service is there."""
         self.wait(name, self._clients[name].service_is_ready, is_moving=False)
-        future = self._clients[name].call_async(Trigger.Request())
+
+    def call(self, name: str, request: Any = None) -> None:
+        """Call a service, a Trigger where no request is given; DriveFailed says why it was refused."""
+        refusal = self.ask(name, request)
+        if refusal:
+            raise DriveFailed(f"{name} refused: {refusal}; {self.describe()}")
+
+    def insist(self, name: str) -> None:
+        """Call a Trigger again and again until it is done; DriveFailed says why it was refused for too long."""
+        for _ in range(MAX_CALLS):
+            if not (refusal := self.ask(name)):
+                return
+            self.executor.spin_once(timeout_sec=LOOK)
+        raise DriveFailed(f"{name} refused: {refusal}; {self.describe()}")
+
+    def ask(self, name: str, request: Any = None) -> str:
+        """Call a service; return why it was refused, empty where it was done."""
+        self.wait_for(name)
+        future = self._clients[name].call_async(request or SERVICES[name].Request())
         self.wait(name, future.done, is_moving=False)
         response = future.result()
-        if response is None or not response.success:
-            raise DriveFailed(f"{name} refused: {getattr(response, 'message', 'no answer')}; {self.describe()}")
+        if response is None:
+            return "no answer"
+        return "" if response.success else response.message or "no reason given"
 
     def describe(self) -> str:
         """Return what the nodes said last."""

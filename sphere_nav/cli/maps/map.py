@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from sphere_mapping.experiences.budget import Budget
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.offline import topics
 from sphere_nav.offline.mapping.learning import learn
 from sphere_nav.offline.mapping.sphere_source import CAMERAS
-from sphere_nav.offline.settings import add_settings
+from sphere_nav.offline.settings import add_budget, add_settings
 
 HELP = """\
 Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the cameras of a rig.
@@ -94,19 +93,7 @@ def _add_extension(parser: argparse.ArgumentParser) -> None:
         metavar=("X", "Y", "YAW"),
         help="with --extend: where base_link was in the map at the start, m and rad, to half a metre and 20 deg",
     )
-    parser.add_argument(
-        "--budget",
-        type=_budget,
-        metavar="N|MB",
-        help="experiences a place may hold, as 3, or size of the key spheres, as 200MB: what explained least leaves",
-    )
-
-
-def _budget(text: str) -> Budget:
-    try:
-        return Budget.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    add_budget(parser)
 
 
 def _positive(text: str) -> int:

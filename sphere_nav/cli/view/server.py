@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.cli.view.drive import Shot
 from sphere_nav.geometry import SE3, Camera, Pinhole
-from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav.spheres.graph import Experience, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
@@ -70,6 +70,7 @@ KEY_RADIUS_M, HOLE = 0.08, 60
 JPEG_QUALITY = 85
 FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
 IDLE_S = 0.5
+ANY_LOOK = "the nearest key spheres"
 
 
 def import_viser(command: str = "view") -> Any:
@@ -96,7 +97,18 @@ def make_server(command: str, host: str, port: int) -> Any:
 class Page:
     """Serves one map to any number of browsers until `close`."""
 
-    def __init__(self, graph: SphereGraph, scene: Scene, start: SE3, *, host: str, port: int) -> None:
+    def __init__(
+        self,
+        graph: SphereGraph,
+        scene: Scene,
+        start: SE3,
+        experience: Experience | None = None,
+        *,
+        host: str,
+        port: int,
+    ) -> None:
+        """`experience`: the look of the map that browsers are shown first; None: the nearest key spheres of any."""
+        self._first = experience
         self._graph, self._scene, self._minimap = graph, scene, Minimap(graph)
         self._closed = threading.Event()
         self.server = make_server("view", host, port)
@@ -183,6 +195,10 @@ class Page:
         go.on_click(lambda _: self._fly_to_id(client, int(target.value)))
         has_pictures = client.gui.add_checkbox("synthesised view", True)
         has_pictures.on_update(lambda _: changed.set())
+        looks = {ANY_LOOK: None} | {str(one): one for one in self._scene.experiences}
+        look = client.gui.add_dropdown("experience", tuple(looks), str(self._first or ANY_LOOK))
+        look.visible = len(looks) > 2
+        look.on_update(lambda _: changed.set())
         text = client.gui.add_markdown("")
         minimap = client.gui.add_image(self._minimap.draw(browser_pose(client.camera)), label="map, x to the right")
         shot = client.gui.add_button("screenshot")
@@ -194,7 +210,7 @@ class Page:
                 client.scene.set_background_image(None)
                 return True
             begin = time.perf_counter()
-            view, is_whole = self._view(client, T)
+            view, is_whole = self._view(client, T, looks[look.value])
             client.scene.set_background_image(shown(view), format="jpeg", jpeg_quality=JPEG_QUALITY)
             text.content = (
                 f"{1e3 * (time.perf_counter() - begin):.0f} ms a view, {100 * view.is_known.mean():.0f} % seen"
@@ -202,17 +218,18 @@ class Page:
             return is_whole
 
         def send_screenshot(_: Any) -> None:
-            view = self._scene.render(browser_pose(client.camera), browser_camera(client.camera))
+            lens = browser_camera(client.camera)
+            view = self._scene.render(browser_pose(client.camera), lens, looks[look.value])
             client.send_file_download("view.png", encoded(shown(view), ".png"))
 
         shot.on_click(send_screenshot)
         changed.set()
         threading.Thread(target=self._follow, args=(client, changed, draw), daemon=True).start()
 
-    def _view(self, client: Any, T: SE3) -> tuple[SynthesizedView, bool]:
+    def _view(self, client: Any, T: SE3, experience: Experience | None) -> tuple[SynthesizedView, bool]:
         """Return what is ready of a view, and whether nothing is on its way any more."""
-        is_whole = self._scene.is_ready(T)
-        return self._scene.render(T, browser_camera(client.camera), is_waiting=False), is_whole
+        is_whole = self._scene.is_ready(T, experience)
+        return self._scene.render(T, browser_camera(client.camera), experience, is_waiting=False), is_whole
 
     def _fly_to_id(self, client: Any, sphere_id: int) -> None:
         if sphere_id in self._graph.nodes:

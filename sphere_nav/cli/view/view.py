@@ -16,13 +16,15 @@ from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.offline import topics
 from sphere_nav.offline.settings import add_settings
 from sphere_nav.ros.maps.reader import MapReader, open_map
+from sphere_nav.spheres.graph import Experience
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
 
 HELP = """\
 Show a map in a web browser: its graph, its key spheres, and what a camera would see from anywhere near them. The mouse
 turns and zooms, W A S D Q E move, a click on a key sphere flies there. With --bag a drive is localised in the map,
-image by image: camera, residual and status are shown as it goes.
+image by image: camera, residual and status are shown as it goes. A map of many days is shown in the experience that
+is chosen on the page, or by --experience.
 
 With --screenshot a single view is written, without a browser. Poses are those of the vehicle's axes: x ahead, z up.
 
@@ -30,6 +32,7 @@ examples:
   sphere_nav view kitchen
   sphere_nav view kitchen --bag drive2
   sphere_nav view kitchen --screenshot view.png --pose 1.0,0.2,1.5,90
+  sphere_nav view day_and_night --experience night --screenshot night.png
   sphere_nav view kitchen --host 0.0.0.0 --port 9000
 """
 ENDINGS = (".png", ".jpg")
@@ -43,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--memory", type=float, default=500.0, metavar="MB", help="of key spheres kept (%(default)g)")
     parser.add_argument("--pose", metavar="x,y,z,yaw[,pitch,roll]", help="where to begin, m and degrees")
     parser.add_argument("--sphere", type=int, metavar="ID", help="begin at a key sphere (the first one)")
+    parser.add_argument("--experience", metavar="NAME", help="begin with this look of the map, as map-info names it")
     parser.add_argument("--screenshot", type=Path, metavar="F", help="write the first view (.png, .jpg) and end")
     parser.add_argument("--size", default="800x600", metavar="WxH", help="of the screenshot (%(default)s)")
     parser.add_argument("--fov", type=float, default=75.0, metavar="DEG", help="its width (%(default)g)")
@@ -60,9 +64,10 @@ def run(arguments: argparse.Namespace) -> int:
         start = first_pose(reader, arguments)
         scene = Scene(reader, arguments.memory)
         try:
-            return (
-                write_view(scene, start, arguments) if arguments.screenshot else serve(reader, scene, start, arguments)
-            )
+            find_experience(scene, arguments.experience)  # refused before anything is shown
+            if arguments.screenshot:
+                return write_view(scene, start, arguments)
+            return serve(reader, scene, start, arguments)
         finally:
             scene.close()
 
@@ -87,6 +92,16 @@ def first_pose(reader: MapReader, arguments: argparse.Namespace) -> SE3:
     return T @ T_BODY_OPTICAL
 
 
+def find_experience(scene: Scene, name: str | None) -> Experience | None:
+    """Return the experience of a name or drive; None for none. ValueError where the map has no such one."""
+    if not name:
+        return None
+    known = {str(one): one for one in reversed(scene.experiences)}
+    if name not in known:
+        raise ValueError(f"--experience: expected one of {', '.join(map(repr, reversed(known)))}, found {name!r}")
+    return known[name]
+
+
 def camera_for(size: str, fov_deg: float) -> Pinhole:
     """Return a pinhole camera of a size `WxH` and a horizontal field of view; ValueError for others."""
     width, found, height = size.partition("x")
@@ -105,7 +120,8 @@ def write_view(scene: Scene, T_map_camera: SE3, arguments: argparse.Namespace) -
         raise ValueError(f"{output}: expected a file {', '.join(ENDINGS)}, found ending {output.suffix!r}")
     if output.exists() and not arguments.overwrite:
         raise ValueError(f"{output}: expected no such file, found one: --overwrite replaces it")
-    view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov))
+    experience = find_experience(scene, arguments.experience)
+    view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience)
     output.write_bytes(encoded(shown(view), output.suffix))
     print(f"{output}: {arguments.size}, {100 * view.is_known.mean():.1f} % seen")
     return 0
@@ -115,7 +131,8 @@ def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Names
     """Show the page until interrupted; with a drive, localise and show it."""
     import_viser()
     drive = Drive(arguments, reader) if arguments.bag else None
-    page = Page(reader.graph, scene, start, host=arguments.host, port=arguments.port)
+    shown_first = find_experience(scene, arguments.experience)
+    page = Page(reader.graph, scene, start, shown_first, host=arguments.host, port=arguments.port)
     print(f"http://{arguments.host}:{page.port}  (Ctrl-C ends it)", flush=True)
     try:
         if drive is not None:

@@ -114,7 +114,7 @@ class JoinedSegments:
                         yield whole, small
 
 
-def join(parts: Sequence[SegmentPart], first_id: int = 0, bridge: Bridge | None = None) -> JoinedSegments:
+def join_segments(parts: Sequence[SegmentPart], first_id: int = 0, bridge: Bridge | None = None) -> JoinedSegments:
     """Join the maps of segments in their order; one without a place counts as lost."""
     joined = JoinedSegments()
     for part in parts:

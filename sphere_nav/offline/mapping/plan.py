@@ -26,6 +26,8 @@ from sphere_nav.ros.bags.samples import CAMERA_INFO
 from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav.ros.shared_files import software
 
+NAMED = "--experience"  # among the options of a plan: what the user calls the light of the drive
+
 
 @dataclass(frozen=True, eq=False)
 class MappingPlan:
@@ -84,6 +86,7 @@ def make_plan(arguments: argparse.Namespace, rig: str) -> MappingPlan:
     recipe = Recipe(arguments.bag.resolve(), values, remap, details, stitcher, pair, held=held)
     options = {
         "software": software(), "BAG": f"{arguments.bag.name}, {size}", "segments": str(len(segments)),
+        NAMED: arguments.experience,
         "--rig": hashlib.sha256(rig.encode()).hexdigest()[:16] if rig else "none",
         "topics": _text(remap | (stitcher[1] if stitcher else {})), "--set": _text(values),
         "--set-stitcher": _text({**stitcher[0], "rig": "", "jobs": ""} if stitcher else {}),

@@ -21,8 +21,8 @@ from tqdm import tqdm
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry.files.untrusted import load_json, read_text, required
 from sphere_nav.geometry.files.whole_file import PART
-from sphere_nav.offline.mapping.joining import Bridge, JoinedSegments, SegmentPart, join
-from sphere_nav.offline.mapping.plan import MappingPlan
+from sphere_nav.offline.mapping.joining import Bridge, JoinedSegments, SegmentPart, join_segments
+from sphere_nav.offline.mapping.plan import NAMED, MappingPlan
 from sphere_nav.offline.mapping.segment_work import (
     SegmentRecord,
     SegmentTask,
@@ -39,7 +39,8 @@ from sphere_nav.ros.maps.check import salvage_map
 from sphere_nav.ros.maps.reader import FILE_NAME, SPHERE, open_map
 from sphere_nav.ros.maps.writer import MapDetails, Stored, replace_map, write_stored
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav.spheres.experiences import with_experience
+from sphere_nav.spheres.graph import Experience, SphereGraph
 
 PLAN, WHOLE = "plan.json", "whole"
 DEATH_S = 5.0  # in which the workers of a killed run end
@@ -110,7 +111,7 @@ class Remains:
     ) -> JoinedSegments:
         """Join the maps of all segments, ids from `first_id` on."""
         names = (segment.name for segment in plan.segments)
-        return join(
+        return join_segments(
             [SegmentPart(self._map(name), record) for name, record in zip(names, records, strict=True)],
             first_id,
             bridge,
@@ -155,15 +156,22 @@ class Remains:
         target = self.output
         names = sorted({file.name.partition(".")[0] for file in self.folder.glob("segment_*")})
         with tempfile.TemporaryDirectory(prefix=f"{target.name}.", dir=target.parent) as folder:
-            joined = join([self._mended(name, Path(folder)) for name in names])
+            joined = join_segments([self._mended(name, Path(folder)) for name in names])
             if not len(joined.graph):
                 raise BagError(f"{self.folder}: expected key spheres of a segment, found none")
             with open_map(next(iter(joined.sources.values()))[0]) as reader:
                 source, rig = reader.info.source, reader.info.rig
                 details = MapDetails(source=source, parameters=reader.parameters, rig=rig)
-            write_stored(target, joined.graph, details, joined.index, joined.stored())
+            graph = with_experience(joined.graph, self._experience(source, joined.graph), joined.graph.nodes)
+            write_stored(target, graph, details, joined.index, joined.stored())
             joined.close()
         return len(joined.graph)
+
+    def _experience(self, source: str, graph: SphereGraph) -> Experience:
+        """Return what was mapped, by the name that the run was given."""
+        plan = load_json(self.folder / PLAN, read_text(self.folder / PLAN, "plan of a run"))
+        name = plan.get(NAMED, "") if isinstance(plan, dict) else ""
+        return Experience(str(name), "", source, min(node.stamp_ns for node in graph))
 
     def _mended(self, name: str, folder: Path) -> SegmentPart:
         """Return a segment that is done, else what can be read of it."""
@@ -200,7 +208,10 @@ def is_run(path: Path) -> bool:
 
 def check_options(file: Path, options: dict[str, str]) -> None:
     """Raise BagError where a run was begun with another bag or other options."""
-    found = required(load_json(file, read_text(file, "plan of a run")), str(file), list(options))
+    told = load_json(file, read_text(file, "plan of a run"))
+    if isinstance(told, dict):
+        told.setdefault(NAMED, "")  # plans did not name the light at first
+    found = required(told, str(file), list(options))
     for name, value in options.items():
         if found[name] != value:
             raise BagError(f"{file}: {name}: expected as the interrupted run had it ({found[name]}), found {value}")

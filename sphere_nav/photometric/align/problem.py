@@ -16,7 +16,7 @@ from sphere_nav.photometric.align.projection import KernelCamera, rolling
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import NO_FLOATS, Level
 from sphere_nav.photometric.pixels.reference import Selection, View
-from sphere_nav.photometric.pixels.selection import choose
+from sphere_nav.photometric.pixels.selection import choose_pixels
 
 MAX_VIEWS = kernels.MAX_VIEWS
 
@@ -88,7 +88,7 @@ class Problem:
         share = params.max_pixels // len(views)
         T_camera_world, camera = T_world_camera.inverse(), level.camera
         selections = (
-            choose(view.reference.level_like(camera), T_camera_world @ view.T_world_reference, camera, share)
+            choose_pixels(view.reference.level_like(camera), T_camera_world @ view.T_world_reference, camera, share)
             for view in views
         )
         moving = level.kernel_camera if motion is None else rolling(camera, motion.twist(T_world_camera))

@@ -18,7 +18,7 @@ from sphere_nav.photometric.constants import NUM_SAMPLES
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
 from sphere_nav.photometric.pixels.reference import Selection, View
-from sphere_nav.photometric.pixels.selection import choose
+from sphere_nav.photometric.pixels.selection import choose_pixels
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def sample_views(
     for view, gain, bias in zip(views, alignment.gains, alignment.biases, strict=True):
         T = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(level.camera)
-        selection = choose(pixels, T, level.camera, params.max_pixels // len(views))
+        selection = choose_pixels(pixels, T, level.camera, params.max_pixels // len(views))
         blocks = thin_blocks(selection, NUM_SAMPLES // len(views))
         samples.append(warp_sample(blocks, kernel_motion(T.matrix), camera, level, (gain, bias)))
     return samples

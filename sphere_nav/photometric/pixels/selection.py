@@ -21,7 +21,7 @@ from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.reference import Reference, ReferenceLevel, Selection
 
 
-def choose(pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int) -> Selection:
+def choose_pixels(pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int) -> Selection:
     """Return `select`, or the last selection for this camera where it still holds: images of a stream move little.
 
     While another thread selects as many, no image waits for it: one of any number serves that held a moment ago.
@@ -63,7 +63,7 @@ class Chosen:
     selection: Selection
 
     def keep(self) -> None:
-        """Let `choose` return it."""
+        """Let `choose_pixels` return it."""
         self.pixels.selections[self.camera, self.number] = self.selection
 
 

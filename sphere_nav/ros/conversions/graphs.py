@@ -73,11 +73,18 @@ def experiences_to_messages(graph: SphereGraph, frame_id: str) -> list[MapExperi
     return messages
 
 
+def message_to_experience(message: MapExperience) -> Experience:
+    """Return what its key spheres have in common."""
+    return Experience(message.name, message.camera, message.drive, time_to_ns(message.header.stamp))
+
+
 def messages_to_experiences(graph: SphereGraph, messages: Iterable[MapExperience]) -> SphereGraph:
-    """Return the graph with what messages say of its key spheres; ValueError unless each is of one of them at most."""
+    """Return the graph with what messages say of its key spheres, of an experience the last one.
+
+    ValueError unless each is of one of them at most.
+    """
     changes: dict[int, dict[str, Any]] = {}
-    for message in messages:
-        one = Experience(message.name, message.camera, message.drive, time_to_ns(message.header.stamp))
+    for one, message in {message_to_experience(message): message for message in messages}.items():
         if not len(message.ids) == len(message.served) == len(message.last_served):
             found = f"{len(message.ids)}, {len(message.served)}, {len(message.last_served)}"
             raise ValueError(f"experience {short(str(one))}: expected as many ids, served, last_served, found {found}")

@@ -7,16 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sphere_nav_msgs.msg import KeySphereGraph, MapInfo
+from sphere_nav_msgs.msg import KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags.mcap_salvage import Salvage
 from sphere_nav.ros.bags.reader import deserialize
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.conversions import message_to_sphere
-from sphere_nav.ros.conversions.graphs import message_to_graph
+from sphere_nav.ros.conversions.graphs import message_to_experience, message_to_graph
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.maps.reader import (
+    EXPERIENCE,
     FILE_NAME,
     GRAPH,
     GROWTH,
@@ -28,6 +29,7 @@ from sphere_nav.ros.maps.reader import (
     open_map,
     save_map,
 )
+from sphere_nav.spheres.experiences import with_experience
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
@@ -61,7 +63,7 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
     """
     source = Path(source)
     file = source / FILE_NAME if source.is_dir() else source
-    spheres, graphs, infos = _readable(file, progress)
+    spheres, graphs, infos, experiences = _readable(file, progress)
     if not spheres:
         raise BagError(f"{file}: expected readable parts of a map of format {MapInfo.FORMAT_VERSION}, found none")
     if not graphs:
@@ -74,18 +76,22 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
     if infos:
         info = infos[-1]
         details = replace(details, source=info.source, parameters=_parameters(info), rig=info.rig)
-    save_map(target, SphereGraph(nodes, edges), details)
+    graph = SphereGraph(nodes, edges)
+    for one in experiences:
+        graph = with_experience(graph, message_to_experience(one), kept & {int(number) for number in one.ids})
+    save_map(target, graph, details)
     return len(nodes)
 
 
-Found = tuple[dict[int, Sphere], list[tuple[KeySphereGraph, SphereGraph]], list[MapInfo]]
+Found = tuple[dict[int, Sphere], list[tuple[KeySphereGraph, SphereGraph]], list[MapInfo], list[MapExperience]]
 
 
 def _readable(file: Path, progress: Progress) -> Found:
-    """Return the spheres by id, the graphs as messages and as they are, and the infos that are whole."""
+    """Return the spheres by id, the graphs as messages and as they are, infos and experiences that are whole."""
     spheres: dict[int, Sphere] = {}
     graphs: list[tuple[KeySphereGraph, SphereGraph]] = []
     infos: list[MapInfo] = []
+    experiences: list[MapExperience] = []
     for channel, schema, record in Salvage(file).messages():
         if channel.topic not in KINDS or schema.name != type_name(KINDS[channel.topic]):
             continue
@@ -99,8 +105,10 @@ def _readable(file: Path, progress: Progress) -> Found:
                 graphs.append((message, message_to_graph(message)))
             elif channel.topic == INFO and message.format_version == MapInfo.FORMAT_VERSION:
                 infos.append(message)
+            elif channel.topic == EXPERIENCE:
+                experiences.append(message)
         progress(1)
-    return spheres, graphs, infos
+    return spheres, graphs, infos, experiences
 
 
 def grown(graph: SphereGraph, growth: SphereGraph) -> SphereGraph:

@@ -32,7 +32,7 @@ from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.coarse import coarse_sphere
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 FILE_NAME = "map.mcap"
@@ -87,6 +87,7 @@ class MapWriter:
         self._encoding = image_encoding
         self._places: dict[int, int] = {}  # of the chunk of each sphere
         self._told: set[int] = set()  # vertices of the last whole graph
+        self._experiences: list[MapExperience] = []  # that were told with it
         check_free(self.path, is_overwriting=is_overwriting)
         target = self.path.with_name(f"{self.path.name}.new") if self.path.exists() else self.path
         if (left := target.with_name(target.name + PARTIAL)).exists():
@@ -111,7 +112,10 @@ class MapWriter:
         if len(graph) >= len(self._told) * MORE:
             self._begin(graph)
             self._told = set(graph.nodes)
-            self._bag.write(GRAPH, _graph_message(graph, self.details), max(node.stamp_ns for node in graph))
+            last = max(node.stamp_ns for node in graph)
+            self._bag.write(GRAPH, _graph_message(graph, self.details), last)
+            if any(node.experience != Experience() for node in graph) and not self._experiences:
+                self._tell_experiences(graph, last)  # so that a torn map has them
             self._bag.end_chunk()
 
     def load(self, sphere_id: int) -> Sphere:
@@ -145,8 +149,8 @@ class MapWriter:
         self._bag.end_chunk()
         self._small.close()
         last = max(node.stamp_ns for node in nodes)
-        for message in experiences_to_messages(graph, self.details.frame_id):
-            self._bag.write(EXPERIENCE, message, last)
+        if experiences_to_messages(graph, self.details.frame_id) != self._experiences:
+            self._tell_experiences(graph, last)
         self._bag.write(INFO, _info(graph, self.details), last)
         self._bag.write(GRAPH, _graph_message(graph, self.details), last)
         target = self._bag.close()
@@ -161,6 +165,11 @@ class MapWriter:
         """Write no more; what was written stays, for `salvage_map`."""
         self._small.close()
         self._bag.leave()
+
+    def _tell_experiences(self, graph: SphereGraph, stamp: int) -> None:
+        self._experiences = experiences_to_messages(graph, self.details.frame_id)
+        for message in self._experiences:
+            self._bag.write(EXPERIENCE, message, stamp)
 
     def _begin(self, graph: SphereGraph) -> None:
         if not self._bag.num_messages:

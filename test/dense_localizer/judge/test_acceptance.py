@@ -98,7 +98,7 @@ def test_outliers_far_from_every_sphere_are_outside_the_region():
 def test_between_the_limits_a_pose_is_used_with_care():
     verdict = assessed(replace(GOOD, ncc=0.45))
     assert (verdict.is_accepted, verdict.is_good) == (True, False)
-    assert (verdict.finding.reason, verdict.finding.limit) == ("OUTLIERS", PARAMS.good_ncc)
+    assert (verdict.finding.reason, verdict.finding.limit) == ("OUTLIERS", 0.5)
     assert 0.0 < verdict.quality < 0.5
 
 

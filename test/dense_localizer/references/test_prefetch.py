@@ -8,7 +8,7 @@ from dense_localizer.references.prefetch import PixelPrefetch
 from sphere_nav.geometry import SE3
 from sphere_nav.params import build
 from sphere_nav.photometric import prepare_reference
-from sphere_nav.photometric.pixels.selection import choose, holds, image_speed
+from sphere_nav.photometric.pixels.selection import choose_pixels, holds, image_speed
 from worlds.localizer import PINHOLE, SMALL_IMAGES, at
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES).registration
@@ -35,7 +35,7 @@ def test_pixels_are_chosen_before_they_are_needed_and_used_when_asked(room_map):
     pixels.use(0)  # waits
     chosen = chosen_of(reference, T)
     assert np.array_equal(chosen.T_camera_reference.matrix, T.matrix)
-    assert choose(reference.level_like(PINHOLE), T, PINHOLE, NUMBER) is chosen
+    assert choose_pixels(reference.level_like(PINHOLE), T, PINHOLE, NUMBER) is chosen
     pixels.begin(0, reference, T @ SE3.exp([0, 0, 0, 0, 0.01, 0]), STILL, PINHOLE, 2)  # moved too little
     pixels.use(0)
     assert chosen_of(reference, T) is chosen
@@ -95,9 +95,9 @@ def test_an_image_before_its_pixels_are_chosen_uses_those_of_the_last_one(room_m
     turns = {name: SE3.exp([0, 0, 0, 0, share * PINHOLE.width / PINHOLE.fx, 0]) for name, share in SHARES.items()}
     pixels.begin(0, reference, turns["late"] @ T, STILL, PINHOLE, 2)
     pixels.begin(0, reference, turns["late"] @ T, STILL, PINHOLE, 1)  # as one view of one: of another number
-    assert choose(level, turns["late"] @ T, PINHOLE, NUMBER) is last
-    assert choose(level, turns["late"] @ T, PINHOLE, 2 * NUMBER) is last
-    assert choose(level, turns["too late"] @ T, PINHOLE, NUMBER) is not last
+    assert choose_pixels(level, turns["late"] @ T, PINHOLE, NUMBER) is last
+    assert choose_pixels(level, turns["late"] @ T, PINHOLE, 2 * NUMBER) is last
+    assert choose_pixels(level, turns["too late"] @ T, PINHOLE, NUMBER) is not last
     gate.set()
     assert blocker.result()
     for key in ((0, 2), (0, 1)):

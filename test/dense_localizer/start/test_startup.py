@@ -1,3 +1,5 @@
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -126,6 +128,14 @@ def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_
     assert part.matrix.shape == (45, 4, 4)  # 5 x 3 directions, 3 places
     middle = Spherical(100, 60, 512.0, 0.0, 98.0).unproject([49.5, 29.5])
     assert np.any(np.all(np.isclose(part.rotation[:, :, 2], middle, atol=1e-9), axis=1))
+
+
+@pytest.mark.parametrize(("away_m", "is_refused"), [(9.9, False), (10.1, True)])
+def test_a_pose_far_from_all_key_spheres_is_refused(room_map, away_m, is_refused):
+    search, above = PoseSearch(References(room_map, PARAMS), PARAMS), np.array([0.0, 0.0, away_m])
+    far = SE3.from_parts(np.eye(3), room_map.graph[0].T_map_sphere.translation + above)
+    with pytest.raises(ValueError, match="expected at most 10 m from a key sphere") if is_refused else nullcontext():
+        search.request(far)
 
 
 def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):

@@ -1,6 +1,7 @@
 """One path of a way, and how a vehicle beside it joins it: by the real control law and a car that is not its model."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,16 +55,17 @@ def test_a_joint_bends_no_more_than_what_was_driven(drive):
     assert path.speed[joint].min() == pytest.approx(1.4, abs=0.05)
 
 
-@pytest.mark.parametrize("direction", [1, -1])
-def test_a_join_is_feasible_and_short(drive, rng, direction):
+@pytest.mark.parametrize(("direction", "rear_steering"), [(1, 0.0), (-1, 0.8)])
+def test_a_join_is_feasible_and_short(drive, rng, direction, rear_steering):
     """From 80 starts: within the car's curvature, on the path within 10 m, no further off than full lock allows."""
     (edge,) = build_network([drive((60, 0))]).edges.values()
     c, order = edge.curve, slice(None, None, direction)
     curve = EdgeCurve(c.x[order], c.y[order], c.yaw[order], c.speed[order])
-    limit = math.tan(TURN_SHARE * VEHICLE.max_steering_angle) / VEHICLE.wheelbase
+    vehicle = replace(VEHICLE, rear_steering=rear_steering)
+    limit = (1.0 + rear_steering) * math.tan(TURN_SHARE * VEHICLE.max_steering_angle) / VEHICLE.wheelbase
     for left, turned in rng.uniform((-REACH, -TURNED), (REACH, TURNED), (80, 2)):
         pose = beside(curve, 0.0, left, turned)
-        poses, s = join(curve, direction, pose, VEHICLE, JOIN_WITHIN)
+        poses, s = join(curve, direction, pose, vehicle, JOIN_WITHIN)
         assert tuple(poses[0]) == pytest.approx(pose)
         assert s <= JOIN_WITHIN
         assert np.abs(bends_of(poses)).max(initial=0.0) <= limit + 1e-6

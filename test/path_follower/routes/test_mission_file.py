@@ -70,11 +70,11 @@ def test_a_course_is_what_the_follower_reads(fork, tmp_path):
         fork, plan(fork, [Spot(min(fork.edges), 1.0)], fork.spots_of(3), cruise=1.0).legs, None, VehicleParams()
     )
     course.speed[:50] = np.nan
-    write_course(tmp_path / "course.csv", course, "campus", 2.0)
+    write_course(tmp_path / "course.csv", course, "campus")
     path = read_path(tmp_path / "course.csv", FollowerParams())
     assert read_map_id(tmp_path / "course.csv") == "campus"
     assert path.length == pytest.approx(course.length, abs=0.05)
-    assert path.possible[10] == pytest.approx(2.0, abs=0.1)
+    assert path.possible[10] == pytest.approx(FollowerParams().vehicle.max_speed, abs=0.1)
 
 
 def test_the_folder_is_that_of_the_user_where_none_is_named(tmp_path, monkeypatch):

@@ -29,7 +29,9 @@ def calibration():
     ]
     seen = observations([0, 1], [0, 0], [0, 0], [np.zeros((4, 3)), np.zeros((3, 3))], pixels)
     residuals = np.array([[0.3, 0.4], [0.0, 0.1], [0.2, 0.0], [9.0, 9.0], [0.6, 0.8], [0.0, 0.0], [0.0, 0.5]])
-    cameras = [PINHOLE, FISHEYE]
+    lenses = np.zeros((2, 12))
+    for lens, camera in zip(lenses, (PINHOLE, FISHEYE), strict=True):
+        lens[: 4 + len(camera.distortion)] = camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion
     specs = [
         SimpleNamespace(name="a", model="pinhole", size=(80, 60)),
         SimpleNamespace(name="b", model="fisheye", size=(160, 120)),
@@ -45,12 +47,8 @@ def calibration():
     still = SE3(np.eye(4)[None])
     return SimpleNamespace(
         specs=specs,
-        camera=lambda index: SimpleNamespace(
-            coefficients=[getattr(cameras[index], n) for n in ("fx", "fy", "cx", "cy")]
-            + list(cameras[index].distortion)
-        ),
         start=SimpleNamespace(problem=problem, views=[SimpleNamespace(blur_px=blur) for blur in (0.6, np.nan, 0.8)]),
-        state=RigState(np.zeros((2, 12)), SE3(np.tile(np.eye(4), (2, 1, 1))), still, still),
+        state=RigState(lenses, SE3(np.tile(np.eye(4), (2, 1, 1))), still, still),
         residuals=residuals,
         kept=np.array([1.0, 1, 1, 0, 1, 1, 1]),
         spread=spread,

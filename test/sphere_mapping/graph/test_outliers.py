@@ -43,6 +43,16 @@ def test_the_optimum_of_the_true_loops_is_found_among_false_ones(planar, scale):
         assert edge_chi2(graph, plain.poses).sum() > 1.2 * clean  # three false ones are enough without
 
 
+def test_information_that_is_a_thousand_times_surer_along_one_axis_loses_no_true_loop():
+    _, graph = cylinder(6, 12, (0.05, 0.02), planar=True, seed=2)
+    is_loop = loops_of(graph)
+    information = graph.information.copy()
+    information[is_loop, 0, 0] *= 1000.0
+    graph = replace(graph, information=information)
+    spoiled, is_false = with_false(graph, 24)
+    np.testing.assert_array_equal(optimize_robustly(spoiled).is_outlier, is_false)
+
+
 def test_nothing_is_left_out_of_true_loops():
     _, graph = cylinder(6, 12, (0.1, 0.05), seed=3)
     found = optimize_robustly(graph)

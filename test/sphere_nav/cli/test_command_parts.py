@@ -251,8 +251,8 @@ def test_states_are_counted_with_their_remedies_and_times_without_silences():
     statuses = [Status(State.TRACKING, milliseconds=ms) for ms in (10.0, 20.0, 30.0)]
     statuses += [Status(State.LOST, Reason.TIMEOUT, remedy="look", milliseconds=999.0)] * 2
     statuses += [Status(State.LOST, "GAP")]
-    lines = plot_figure.describe(statuses)
+    lines = plot_figure.describe_states(statuses)
     assert lines[0].split() == ["3", "TRACKING"]
     assert lines[1].split() == ["2", "LOST", "TIMEOUT", "look"]
     assert lines[-1] == "time for an image: median 20.0 ms, p99 29.8 ms"
-    assert plot_figure.describe([]) == []
+    assert plot_figure.describe_states([]) == []

@@ -8,7 +8,7 @@ from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.geometry.trajectory_error import (
     Statistics,
     absolute_errors,
-    align,
+    align_trajectories,
     directions_of_motion,
     nees,
     nees_of_axes,
@@ -70,7 +70,7 @@ def test_alignment_finds_a_known_motion_and_scale(kind, scale):
     T_truth_estimate = SE3.exp([1.0, -2.0, 0.5, 0.3, -0.2, 2.0])
     estimate = TRUTH.moved(T_truth_estimate.inverse())
     estimate = estimate.moved(SE3.identity(), 1 / scale)
-    found, found_scale = align(estimate, TRUTH, kind)
+    found, found_scale = align_trajectories(estimate, TRUTH, kind)
     assert found_scale == pytest.approx(scale, rel=1e-9)
     aligned = estimate.moved(found, found_scale)
     np.testing.assert_allclose(aligned.positions, TRUTH.positions, atol=1e-9)
@@ -83,7 +83,7 @@ def test_alignment_is_the_best_one_under_noise():
         TRUTH.stamps_ns,
         SE3.from_parts(TRUTH.T_map_body.rotation, TRUTH.positions + rng.normal(0, 0.1, size=(len(TRUTH), 3))),
     )
-    T_truth_estimate, _ = align(noisy, TRUTH, "se3")
+    T_truth_estimate, _ = align_trajectories(noisy, TRUTH, "se3")
 
     def cost(T):
         return np.sum((noisy.moved(T).positions - TRUTH.positions) ** 2)
@@ -94,14 +94,14 @@ def test_alignment_is_the_best_one_under_noise():
 
 
 def test_no_alignment_is_identity_and_a_line_cannot_be_aligned():
-    found, scale = align(TRUTH, TRUTH, "none")
+    found, scale = align_trajectories(TRUTH, TRUTH, "none")
     np.testing.assert_array_equal(found.matrix, np.eye(4))
     assert scale == 1.0
     line = Trajectory(np.arange(9), SE3.from_parts(np.eye(3), np.outer(np.arange(9), [1.0, 2.0, 0.0])))
     with pytest.raises(ValueError, match="not on one line, found 9 poses"):
-        align(line, line, "se3")
+        align_trajectories(line, line, "se3")
     with pytest.raises(ValueError, match="expected one of none, poses, se3, sim3, found 'affine'"):
-        align(TRUTH, TRUTH, "affine")
+        align_trajectories(TRUTH, TRUTH, "affine")
 
 
 def test_relative_errors_see_drift_and_not_an_offset():
@@ -158,7 +158,7 @@ def test_a_straight_way_is_turned_by_its_rotations():
         estimate = noisy(truth, seed, 0.01, np.radians(0.5)).moved(SE3.exp([0.3, -0.2, 0.1, 0.2, -0.1, 0.4]))
         errors = {}
         for kind in ("se3", "poses"):
-            aligned = estimate.moved(align(estimate, truth, kind)[0])
+            aligned = estimate.moved(align_trajectories(estimate, truth, kind)[0])
             errors[kind] = truth.T_map_body.distance(aligned.T_map_body)
         assert np.degrees(np.median(errors["se3"][1])) > 5.0
         assert np.degrees(np.median(errors["poses"][1])) < 0.9  # of three errors of 0.5 degrees
@@ -168,7 +168,7 @@ def test_a_straight_way_is_turned_by_its_rotations():
 @pytest.mark.parametrize("way", [straight(), TRUTH[:1], TRUTH])
 def test_poses_that_agree_are_aligned_exactly(way):
     T_truth_estimate = SE3.exp([1.0, -2.0, 0.5, 0.3, -0.2, 2.0])
-    found, scale = align(way.moved(T_truth_estimate.inverse()), way, "poses")
+    found, scale = align_trajectories(way.moved(T_truth_estimate.inverse()), way, "poses")
     assert scale == 1.0
     np.testing.assert_allclose(found.matrix, T_truth_estimate.matrix, atol=1e-8)
 
@@ -176,7 +176,7 @@ def test_poses_that_agree_are_aligned_exactly(way):
 def test_a_long_bent_way_is_turned_by_its_positions_where_these_are_better():
     turns = SE3.exp(np.concatenate([np.zeros((len(TRUTH), 5)), np.full((len(TRUTH), 1), 0.2)], axis=1))
     estimate = Trajectory(TRUTH.stamps_ns, noisy(TRUTH, 4, 1e-4, 0.02).T_map_body @ turns)  # a wrong mounting
-    found, _ = align(estimate, TRUTH, "poses")
+    found, _ = align_trajectories(estimate, TRUTH, "poses")
     assert np.degrees(found.distance(SE3.identity())[1]) < 0.1
 
 
@@ -187,7 +187,7 @@ def test_wrong_poses_and_an_anchor_that_is_off_do_not_pull():
     poses[wrong] = SE3(poses[wrong]).matrix @ SE3.exp([0.5, 0.4, 0.3, 0.2, 0.3, 0.5]).matrix
     T_map_truth = SE3.exp([0.007, 0.003, -0.002, 0.0, 0.0, 0.004])  # the first pose of the map, taken for the frame
     moved = Trajectory(TRUTH.stamps_ns, SE3(poses)).moved(T_map_truth)
-    found, _ = align(moved, TRUTH, "poses")
+    found, _ = align_trajectories(moved, TRUTH, "poses")
     meters, radians = (found @ T_map_truth).distance(SE3.identity())
     assert meters < 1e-3
     assert radians < 3e-4

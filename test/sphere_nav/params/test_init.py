@@ -67,6 +67,11 @@ def test_a_wrong_value_is_refused_by_name(name: str, value: object, text: str) -
     assert str(caught.value) == text
 
 
+def test_the_bounds_themselves_are_allowed() -> None:
+    built = [build(Outer, {"inner.gain": value, "count": 1}) for value in (0.0, 2.0)]
+    assert [(item.inner.gain, item.count) for item in built] == [(0.0, 1), (2.0, 1)]
+
+
 def test_a_constructor_call_is_checked_too() -> None:
     with pytest.raises(ValueError, match=r"gain: expected 0\.0 to 2\.0, found -1\.0"):
         Inner(gain=-1.0)

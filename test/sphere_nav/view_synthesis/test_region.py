@@ -96,17 +96,50 @@ def test_what_is_as_far_as_the_sky_tells_no_position(range_m, expected):
     assert usable_share(surface_of(ball(range_m)), np.zeros(3)) == pytest.approx(expected, abs=0.02)
 
 
+def end_of(reach):
+    while not reach.is_found:
+        reach.narrow()
+    return reach.middle
+
+
+@pytest.mark.parametrize("number", [1, 2, 5, 6])
+def test_the_radius_is_the_median_and_what_cannot_be_it_is_not_looked_for(monkeypatch, number):
+    """Whatever is usable where: by chance, not less and less with the distance."""
+    places = []
+
+    def share(surface, shift):
+        places.append(shift)
+        return np.random.default_rng([surface, *np.rint(1e4 * np.abs(shift)).astype(int)]).random()
+
+    monkeypatch.setattr(region, "usable_share", share)
+    for seed in range(40):
+
+        def start(sphere, seed=seed):
+            return [region._Reach(seed, row, 0.35, 1.5) for row in np.random.default_rng(seed).normal(size=(number, 3))]
+
+        monkeypatch.setattr(region, "_start", start)
+        assert region_radius(None) == np.median(region_radii(None))
+    monkeypatch.setattr(region, "_start", lambda sphere: start(sphere)[:0])
+    assert region_radius(None) == 0.0
+    places.clear()
+    monkeypatch.setattr(region, "_start", start)
+    region_radius(None)
+    few = len(places)
+    region_radii(None)
+    assert few == len(places) - few if number < 3 else few < 0.8 * (len(places) - few)
+
+
 @pytest.mark.parametrize("radius", [0.3, 0.95, 3.0, 7.0, 12.0])
 def test_the_end_is_found_to_an_eighth_of_its_scale(monkeypatch, radius):
     monkeypatch.setattr(region, "usable_share", lambda surface, shift: 0.4 if np.linalg.norm(shift) <= radius else 0.1)
-    found = region._reach(None, np.array([0.0, 1.0, 0.0]), 1.0, 0.4)
+    found = end_of(region._Reach(None, np.array([0.0, 1.0, 0.0]), 0.4, 1.0))
     scale = 2.0 ** max(np.floor(np.log2(radius)), 0)
     assert abs(found - radius) <= scale / 16 + 1e-12
 
 
 def test_the_end_is_not_looked_for_beyond_sixteen_times_the_range(monkeypatch):
     monkeypatch.setattr(region, "usable_share", lambda surface, shift: 1.0)
-    assert region._reach(None, np.array([1.0, 0.0, 0.0]), 2.0, 0.2) == 2.0 * 15.5
+    assert end_of(region._Reach(None, np.array([1.0, 0.0, 0.0]), 0.2, 2.0)) == 2.0 * 15.5
 
 
 def test_azimuths_turn_to_the_left():

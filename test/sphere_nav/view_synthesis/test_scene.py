@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis import scene as scene_module
 from sphere_nav.view_synthesis.scene import MIN_KEPT, Scene
 from sphere_nav.view_synthesis.surface import surface_of
@@ -195,3 +196,24 @@ def test_of_three_spheres_the_farthest_sets_the_weights_of_the_others(sphere_map
     ]
     np.testing.assert_array_equal(scene.render(T, PINHOLE).image, synthesize(placed, T, PINHOLE).image)
     scene.close()
+
+
+def test_a_map_of_many_days_is_drawn_in_one_of_them():
+    camera, day, night = Spherical(64, 32), Experience("day"), Experience("night")
+    nodes = [
+        KeySphere(k, 1, SE3.from_planar(x, 0.0, 0.0), flat_sphere(camera, level), experience=one)
+        for k, (x, level, one) in enumerate([(0.0, 200, day), (0.5, 40, night), (-0.5, 40, night)])
+    ]
+    scene = Scene(MemoryMap(nodes))
+    assert scene.experiences == (day, night)
+    pose = optical(SE3.from_planar(0.0, 0.0, 0.0))
+    levels = [scene.render(pose, PINHOLE, one).image[60, 80, 0] for one in (None, day, night)]
+    assert levels[1:] == [200, 40]
+    assert levels[0] > 150  # the nearest one
+    assert scene.is_ready(pose, night)
+    scene.close()
+
+
+def flat_sphere(camera, level):
+    size = camera.height, camera.width
+    return Sphere(np.full(size, level, np.uint8), np.full(size, 3.0, np.float32), camera)

@@ -145,3 +145,13 @@ def test_the_same_instant_gives_the_same_bits(small_params, simulator):
 def test_traffic_is_no_part_of_the_world(simulator):
     assert len(simulator.renderer.mesh.triangles) > len(simulator.world.mesh.triangles)
     assert simulator.world.mesh.triangles[..., 2].min() > AWAY / 2
+
+
+def test_somebody_stands_in_the_way_where_he_is_put():
+    traffic = Traffic(world(), replace(PARAMS, standing_at=20.0), 5)
+    x, y, _, _ = world().path.at(20.0)
+    here = traffic._actor_of == len(traffic.actors) - 1
+    first, later = (traffic.poses(stamp)[here] for stamp in (SECOND, 500 * SECOND))
+    assert np.array_equal(first, later)  # nothing of him moves
+    assert np.hypot(*(first[0, :2, 3] - [x, y])) < 0.1  # his body; limbs hang from it
+    assert len(traffic.actors) == len(Traffic(world(), PARAMS, 5).actors) + 1

@@ -58,7 +58,7 @@ def test_turned_cameras_are_turned_back(rng, num_wrong):
     right = epipolar_errors(
         rig, [Matches(m.first, m.second, m.pixels_first[90:], m.pixels_second[90:]) for m in matches]
     )
-    found = rectify(disturbed(rig, rng), matches, RectifyParams())
+    found = rectify(disturbed(rig, rng), matches)
     assert found.before_deg > 3 * found.after_deg
     after = epipolar_errors(
         found.rig, [Matches(m.first, m.second, m.pixels_first[90:], m.pixels_second[90:]) for m in matches]
@@ -70,14 +70,14 @@ def test_turned_cameras_are_turned_back(rng, num_wrong):
 
 def test_a_right_rig_stays_as_it_is(rng):
     rig = make_rig()
-    found = rectify(rig, matches_in(rig, rng), RectifyParams())
+    found = rectify(rig, matches_in(rig, rng))
     assert found.after_deg == pytest.approx(found.before_deg, rel=0.1)
     assert max(found.angle_deg.values()) < 0.25  # noise; a turn and a shifted principal point look nearly the same
 
 
 def test_without_matches_nothing_changes():
     rig = make_rig()
-    found = rectify(rig, [], RectifyParams())
+    found = rectify(rig, [])
     assert found.rig is rig
     assert set(found.angle_deg.values()) == {0.0}
 
@@ -123,7 +123,7 @@ def test_known_ranges_tell_turns_that_epipolar_planes_do_not(rng):
         there = found.rig.cameras[1].camera.project(now.inverse().apply(seen[0]))[0]
         return np.median(np.linalg.norm(there - pixels[1], axis=1))
 
-    blind = rectify(turned, [Matches("a", "b", *pixels)], RectifyParams())
-    told = rectify(turned, [Matches("a", "b", *pixels, ranges)], RectifyParams())
+    blind = rectify(turned, [Matches("a", "b", *pixels)])
+    told = rectify(turned, [Matches("a", "b", *pixels, ranges)])
     assert error_of(blind) > 1.0  # 0.01 rad are 2.4 px
     assert error_of(told) < 0.8  # ranges are good to 5 %, and the rig file still has its say

@@ -1,18 +1,20 @@
 """The demo's folder, verdict and table; the whole of it is run by `make demo`."""
 
 import numpy as np
+import pytest
+import yaml
 
 from cycab_sim.params import SimParams, in_condition
-from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, Demo, has_ended, new_folder, result_table
+from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, Demo, check_taught, has_ended, new_folder, result_table
 from sphere_nav.cli.demo.report import DriveErrors
 from sphere_nav.params import build
 
 
 def verdict(tmp_path, lateral, share, has_finished=True):
     demo = Demo(tmp_path / "demo", 1, "straight", 46, {})
-    demo.end, demo.has_finished = "follower FINISHED", has_finished
+    demo.end, demo.has_finished, demo.num_key_spheres = "follower FINISHED", has_finished, 7
     path = np.zeros((3, 2))
-    return demo, demo.result(DriveErrors(path, path, np.arange(3.0), np.array(lateral), np.zeros(3), share), 7)
+    return demo, demo.result(DriveErrors(path, path, np.arange(3.0), np.array(lateral), np.zeros(3), share))
 
 
 def test_a_drive_on_the_path_to_its_end_has_followed(tmp_path):
@@ -67,3 +69,13 @@ def test_the_second_drive_alone_has_a_condition(tmp_path):
     assert params.light.has_street_lamps
     assert params.imaging.noise == 3.0
     assert params.light.clouds == OTHER_DAY["light.clouds"]
+
+
+def test_a_map_of_another_town_is_refused(tmp_path):
+    (tmp_path / "map").mkdir()
+    (tmp_path / "teach_logs").mkdir()
+    told = {"cycab_sim": {"ros__parameters": {"seed": 1, "path": "two_turns"}}}
+    (tmp_path / "teach_logs" / "cycab_sim.yaml").write_text(yaml.safe_dump(told))
+    assert check_taught(tmp_path, {"seed": 1}) == tmp_path
+    with pytest.raises(ValueError, match="seed: expected 2 as in this experiment, found 1"):
+        check_taught(tmp_path, {"seed": 2, "path": "two_turns"})

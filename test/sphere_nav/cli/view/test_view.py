@@ -2,6 +2,7 @@
 
 import sys
 from argparse import ArgumentParser
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import array_to_image, camera_to_info
 from sphere_nav.ros.maps.reader import open_map, save_map
+from sphere_nav.spheres.graph import Experience
 from worlds.localizer import PINHOLE, STEP_NS, drive, make_map
 from worlds.room import Room, optical
 
@@ -65,6 +67,7 @@ def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
         (["--pose", "1,2,3,nan"], "x,y,z,yaw"),
         (["--sphere", "77"], "77"),
         (["--memory", "0"], "--memory"),
+        (["--experience", "night"], "expected one of 'the first drive', found 'night'"),
     ],
 )
 def test_misuse_is_one_line(folder, tmp_path, monkeypatch, capsys, words, expected):
@@ -97,3 +100,9 @@ def test_a_drive_is_localized_image_by_image(folder):
         assert "TRACKING" in shot.text
         assert shot.image.shape == (120, 160, 3)
         assert np.abs(shot.residual.astype(int) - 128).mean() < 8
+
+
+def test_an_experience_is_found_by_its_name_or_drive():
+    looks = (Experience("", "", "monday"), Experience("night", "", "tuesday"))
+    scene = SimpleNamespace(experiences=looks)
+    assert [view.find_experience(scene, name) for name in ("night", "monday", None)] == [looks[1], looks[0], None]

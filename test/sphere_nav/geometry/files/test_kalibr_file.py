@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Omni, Pinhole
 from sphere_nav.geometry.files.kalibr_file import read_kalibr
 from worlds.foreign import read_foreign
 
@@ -75,15 +75,34 @@ def test_a_pose_of_the_camera_in_the_imu_is_read_too(path):
     np.testing.assert_allclose(read_kalibr(path).T_origin_camera[3].matrix, POSES[3].matrix, atol=1e-9)
 
 
-def test_omni_without_distortion_is_the_unified_camera(path):
-    values = {"cam0": {"camera_model": "omni", "intrinsics": [0.9, 833.0, 830.0, 373.0, 253.0]}}
-    values["cam0"] |= {"distortion_model": "none", "distortion_coeffs": [], "resolution": [752, 480]}
-    path.write_text(yaml.safe_dump(values))
+CAMCHAIN_OMNI = """\
+cam0:
+  cam_overlaps: []
+  camera_model: omni
+  distortion_coeffs: [{0}]
+  distortion_model: {1}
+  intrinsics: [0.9, 833.0, 830.0, 373.0, 253.0]
+  resolution: [752, 480]
+  rostopic: /cam0/image_raw
+"""  # as Kalibr writes it: xi fu fv pu pv
+
+
+@pytest.mark.parametrize("distortion", [(), (-0.27, 0.11, -1e-3, 2e-3)], ids=["none", "radtan"])
+def test_kalibrs_omni_is_meis_camera(path, distortion):
+    words = (", ".join(map(str, distortion)), "radtan" if distortion else "none")
+    path.write_text(CAMCHAIN_OMNI.format(*words))
     camera = read_kalibr(path).cameras[0]
+    assert (type(camera), camera.distortion) == (Omni, distortion)
     points = np.random.default_rng(0).normal((0.0, 0.0, 3.0), size=(50, 3))
-    divisor = points[:, 2] + 0.9 * np.linalg.norm(points, axis=1)  # Mei's x / (z + xi d)
-    expected = points[:, :2] / divisor[:, None] * (833.0, 830.0) + (373.0, 253.0)
-    np.testing.assert_allclose(camera.project(points)[0], expected, atol=1e-9)
+    x, y = points[:, :2].T / (points[:, 2] + 0.9 * np.linalg.norm(points, axis=1))  # Mei's x / (z + xi d)
+    k1, k2, p1, p2 = distortion or (0.0, 0.0, 0.0, 0.0)
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + k2 * r2**2
+    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    is_near = r2 < 0.5
+    expected = np.column_stack([833.0 * u + 373.0, 830.0 * v + 253.0])[is_near]
+    np.testing.assert_allclose(camera.project(points[is_near])[0], expected, atol=1e-9)
 
 
 def put(name, field, value):

@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.offline.mapping.joining import Bridge, SegmentPart, join
+from sphere_nav.offline.mapping.joining import Bridge, SegmentPart, join_segments
 from sphere_nav.offline.mapping.segment_work import SegmentRecord
 from sphere_nav.ros.bags import BagError
 from sphere_nav.ros.maps.reader import save_map
@@ -57,7 +57,7 @@ def test_segments_are_joined_by_the_instant_that_they_share(spheres, tmp_path):
         part_of(tmp_path / "a", spheres, [0, 1, 2, 3], num_lost=1),
         part_of(tmp_path / "b", spheres, [1, 2, 3, 4, 5, 6]),
     ]
-    joined = join(parts, first_id=10)
+    joined = join_segments(parts, first_id=10)
     is_whole(joined, 10)
     assert joined.num_lost == 1
     stored = list(joined.stored())
@@ -73,7 +73,7 @@ def test_an_edge_from_what_is_left_out_begins_at_the_shared_one(spheres, tmp_pat
         + [Edge(k, k + 1, WAY[k + 2].inverse() @ WAY[k + 3], np.eye(6)) for k in (2, 3)],
     )
     parts[1] = replace(parts[1], path=save_map(tmp_path / "c", graph))
-    joined = join(parts)
+    joined = join_segments(parts)
     is_whole(joined)
     edge = joined.graph.edges[3]
     np.testing.assert_allclose(edge.T_a_b.matrix, (WAY[3].inverse() @ WAY[4]).matrix, atol=1e-9)
@@ -81,15 +81,15 @@ def test_an_edge_from_what_is_left_out_begins_at_the_shared_one(spheres, tmp_pat
 
 def test_where_the_shared_instant_was_lost_the_next_one_is_aligned(spheres, tmp_path):
     parts = [part_of(tmp_path / "a", spheres, [0, 1, 2, 3]), part_of(tmp_path / "b", spheres, [4, 5, 6])]
-    is_whole(join(parts, bridge=Bridge(MapperParams())))
-    joined = join(parts)  # as a salvage does: nothing is aligned
+    is_whole(join_segments(parts, bridge=Bridge(MapperParams())))
+    joined = join_segments(parts)  # as a salvage does: nothing is aligned
     assert list(joined.graph.nodes) == [0, 1, 2, 3]
     assert joined.num_lost == 3
 
 
 def test_a_segment_without_key_spheres_is_passed_over(spheres, tmp_path):
     parts = [part_of(tmp_path / "a", spheres, [0, 1, 2, 3]), SegmentPart(None, SegmentRecord(num_lost=5))]
-    joined = join([*parts, part_of(tmp_path / "b", spheres, [3, 4, 5, 6])])
+    joined = join_segments([*parts, part_of(tmp_path / "b", spheres, [3, 4, 5, 6])])
     is_whole(joined)
     assert joined.num_lost == 5
     with pytest.raises(ValueError, match="key sphere 0: expected none after the last segment"):
@@ -108,7 +108,7 @@ def test_the_key_spheres_before_and_after_the_shared_one_are_aligned_too(spheres
     moved = [replace(node, T_map_sphere=off @ node.T_map_sphere) if node.id else node for node in nodes]
     edges = [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, np.eye(6)) for a, b in pairwise(moved)]
     parts[1] = replace(parts[1], path=save_map(tmp_path / "c", SphereGraph(moved, edges)))
-    bare, spanned = join(parts).graph, join(parts, bridge=Bridge(MapperParams())).graph
+    bare, spanned = join_segments(parts).graph, join_segments(parts, bridge=Bridge(MapperParams())).graph
     expected = WAY[2].inverse() @ WAY[4]
     errors = [(one[2].T_map_sphere.inverse() @ one[4].T_map_sphere).distance(expected)[0] for one in (bare, spanned)]
     assert errors[0] == pytest.approx(0.05)

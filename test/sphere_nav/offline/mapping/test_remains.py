@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.offline.mapping import remains, segments
-from sphere_nav.ros.bags import BagReader, BagWriter
+from sphere_nav.ros.bags import BagError, BagReader, BagWriter
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.ros.maps.writer import MapWriter
@@ -21,7 +21,7 @@ from worlds.room import wide_room
 
 CAMERA = Spherical(128, 64)
 NUM_SPHERES, SEGMENT = 6, 3
-SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.05")  # every sphere becomes a key sphere
+SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.05", "--experience", "dusk")  # all become key spheres
 # A process that has imported everything forks one for each run, which ends as it is told: (end, number of the call of
 # MapWriter.add, or of finish, at which it does).
 FORKS = """
@@ -113,6 +113,7 @@ def test_killed_or_out_of_disk_it_leaves_a_map_and_resumes(bag, whole, tmp_path)
         assert call("map-verify", f"{path}.partial", "--salvage", tmp_path / "mended") == 0
         with open_map(tmp_path / "mended") as reader:
             assert len(reader.graph) >= end[4]
+            assert {(node.experience.name, node.experience.drive) for node in reader.graph} == {("dusk", bag.name)}
         shutil.rmtree(tmp_path / "mended")
         assert call("map", bag, "-o", path, "--resume") == 0
         assert same(path, whole)
@@ -139,6 +140,15 @@ def test_interrupted_it_says_how_it_goes_on_by_the_same_words(bag, whole, tmp_pa
     assert call("map", bag, "-o", tmp_path / "map", "--resume") == 0
     assert same(tmp_path / "map", whole)
     assert [file.name for file in tmp_path.iterdir()] == ["map"]
+
+
+def test_a_run_begun_before_drives_were_named_goes_on_as_one_without_a_name(tmp_path):
+    (tmp_path / "plan.json").write_text('{"--set": "a=1"}')
+    remains.check_options(tmp_path / "plan.json", {"--set": "a=1", "--experience": ""})
+    with pytest.raises(
+        BagError, match=r"plan.json: --experience: expected as the interrupted run had it \(\), found dusk"
+    ):
+        remains.check_options(tmp_path / "plan.json", {"--set": "a=1", "--experience": "dusk"})
 
 
 def test_where_nothing_can_be_written_nothing_is_left(bag, tmp_path, monkeypatch, capsys):

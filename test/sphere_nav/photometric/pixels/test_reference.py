@@ -9,7 +9,7 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.arrays import OWN_PAGES
 from sphere_nav.photometric import PyramidParams, RegistrationParams, build_pyramid, prepare_reference
 from sphere_nav.photometric.pixels.reference import prepare_level
-from sphere_nav.photometric.pixels.selection import choose
+from sphere_nav.photometric.pixels.selection import choose_pixels
 from sphere_nav.photometric.pixels.squares import curve
 
 CAMERA = Pinhole(80, 60, 55.0, 55.0, 39.5, 29.5)
@@ -101,7 +101,7 @@ def test_the_image_of_a_reference_is_quantized_far_below_noise(room):
 def test_what_stays_with_a_key_sphere_lies_in_pages_of_its_own(room):
     camera = Spherical(512, 256)
     level = prepare_reference(*room.render(camera, SE3.identity()), camera, PARAMS).levels[0]
-    choose(level, T_ROOM_CAMERA.inverse(), CAMERA, 4000)
+    choose_pixels(level, T_ROOM_CAMERA.inverse(), CAMERA, 4000)
     squares, selected = level.squares, level.selections[CAMERA, 4000].blocks
     kept = [squares._image, squares._ranges, squares._made.pool, squares._made.keys, selected]
     assert min(array.nbytes for array in kept) >= OWN_PAGES

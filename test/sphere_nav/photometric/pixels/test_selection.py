@@ -9,7 +9,7 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import build_pyramid, prepare_reference
 from sphere_nav.photometric.align.iteration.kernels import SIDE
 from sphere_nav.photometric.pixels import squares
-from sphere_nav.photometric.pixels.selection import choose, holds, select, select_levels
+from sphere_nav.photometric.pixels.selection import choose_pixels, holds, select, select_levels
 
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 SPHERE = Spherical(1024, 512)
@@ -72,9 +72,9 @@ def points_of(selection):
 
 def test_a_selection_is_kept_while_the_image_moves_little(reference):
     pixels = reference.levels[1]
-    first = choose(pixels, T_CAMERA_BODY, CAMERA, 400)
-    near = choose(pixels, SE3.exp([0.01, 0, 0, 0, 0.01, 0]) @ T_CAMERA_BODY, CAMERA, 400)
-    turned = choose(pixels, SE3.exp([0, 0, 0, 0, 0.3, 0]) @ T_CAMERA_BODY, CAMERA, 400)
+    first = choose_pixels(pixels, T_CAMERA_BODY, CAMERA, 400)
+    near = choose_pixels(pixels, SE3.exp([0.01, 0, 0, 0, 0.01, 0]) @ T_CAMERA_BODY, CAMERA, 400)
+    turned = choose_pixels(pixels, SE3.exp([0, 0, 0, 0, 0.3, 0]) @ T_CAMERA_BODY, CAMERA, 400)
     assert near is first
     assert turned is not first
 
@@ -82,7 +82,7 @@ def test_a_selection_is_kept_while_the_image_moves_little(reference):
 def test_a_selection_holds_for_a_tenth_of_the_width_and_for_a_fifth_while_another_is_under_way(reference):
     pixels = reference.levels[1]
     pixels.selections.clear()
-    first = choose(pixels, T_CAMERA_BODY, CAMERA, 400)
+    first = choose_pixels(pixels, T_CAMERA_BODY, CAMERA, 400)
 
     def turned(share):
         """Return the pose after a turn that moves the image by a share of its width."""
@@ -91,8 +91,8 @@ def test_a_selection_holds_for_a_tenth_of_the_width_and_for_a_fifth_while_anothe
     assert holds(pixels, turned(0.098), CAMERA, 400)
     assert not holds(pixels, turned(0.102), CAMERA, 400)
     pixels.under_way.add(300)
-    assert choose(pixels, turned(0.195), CAMERA, 300) is first
-    assert choose(pixels, turned(0.205), CAMERA, 300) is not first
+    assert choose_pixels(pixels, turned(0.195), CAMERA, 300) is first
+    assert choose_pixels(pixels, turned(0.205), CAMERA, 300) is not first
     pixels.under_way.clear()
     pixels.selections.clear()
 
@@ -105,7 +105,7 @@ def test_what_is_chosen_ahead_is_used_once_it_is_kept(room, levels):
     for one in chosen:
         one.keep()
     for one in chosen:
-        assert choose(one.pixels, T_CAMERA_BODY, one.camera, 400) is one.selection
+        assert choose_pixels(one.pixels, T_CAMERA_BODY, one.camera, 400) is one.selection
     assert reference.num_bytes > sum(one.selection.blocks.nbytes for one in chosen)
     slightly = SE3.exp([0, 0, 0, 0, 0.08, 0]) @ T_CAMERA_BODY  # 9 px of 160
     assert holds(reference.level_like(CAMERA), slightly, CAMERA, 400)

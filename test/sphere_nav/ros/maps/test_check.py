@@ -6,6 +6,8 @@ import pytest
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.check import salvage_map, verify_map
 from sphere_nav.ros.maps.reader import SPHERE, open_map, save_map
+from sphere_nav.spheres.experiences import with_experience
+from sphere_nav.spheres.graph import Experience
 from worlds.maps import load_all
 
 
@@ -92,3 +94,16 @@ def test_a_map_cut_before_its_graph_is_refused(saved, tmp_path):
     (tmp_path / "cut.mcap").write_bytes((saved / "map.mcap").read_bytes()[:200])
     with pytest.raises(BagError, match="expected readable parts of a map of format"):
         salvage_map(tmp_path / "cut.mcap", tmp_path / "saved")
+
+
+def test_a_torn_map_keeps_the_names_of_its_experiences(sphere_graph, tmp_path):
+    night = Experience("night", "rgbd 24 x 10", "drive_2", 7)
+    save_map(tmp_path / "map", with_experience(sphere_graph, night, [11, 12]))
+    with open_map(tmp_path / "map") as reader:
+        assert [node.experience for node in reader.graph] == [Experience(), night, night]
+    data = (tmp_path / "map" / "map.mcap").read_bytes()
+    last = sphere_chunks(tmp_path / "map")[2].chunk_start_offset
+    (tmp_path / "cut.mcap").write_bytes(data[:last])
+    assert salvage_map(tmp_path / "cut.mcap", tmp_path / "saved") == 2
+    with open_map(tmp_path / "saved") as reader:
+        assert [node.experience for node in reader.graph] == [Experience(), night]

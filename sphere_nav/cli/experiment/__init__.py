@@ -1,0 +1,1 @@
+"""What `sphere_nav experiment` is made of: drives of the papers, and the form of a result."""

@@ -1,0 +1,47 @@
+"""`sphere_nav experiment`: the drives of the papers, each with a seed, plots, bags and a result."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from sphere_nav.cli.demo.watch import DriveFailed
+from sphere_nav.cli.experiment.drives import DRIVES
+
+PURPOSES = {name: drive.purpose for name, drive in DRIVES.items()}
+LISTING = "\n".join(f"  {name:<16} {purpose}" for name, purpose in PURPOSES.items())
+HELP = f"""\
+Repeat a drive of the papers in the simulator, through the real nodes, and write what it gave: bags, plots and
+result.json, in which each figure stands beside its bound. Exit status 1 if a bound is not kept.
+
+{LISTING}
+
+The drives teach and map a path first, as `sphere_nav demo` does. --taught uses the map of an earlier one of that seed.
+
+examples:
+  sphere_nav experiment blind --seed 7
+  sphere_nav experiment pedestrian --seed 7 --taught out/experiment/blind
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("name", metavar="NAME", choices=tuple(PURPOSES), help=", ".join(PURPOSES))
+    parser.add_argument("--seed", type=int, default=1, help="decides the town and every noise (%(default)s)")
+    parser.add_argument("-o", "--output", type=Path, default=None, metavar="DIR", help="(out/experiment/NAME)")
+    parser.add_argument("--taught", type=Path, default=None, metavar="DIR", help="output of an experiment of this seed")
+    parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do it; 1 where a bound is not kept or the drive failed."""
+    if arguments.seed < 0:
+        raise ValueError(f"--seed: expected 0 or more, found {arguments.seed}")
+    name: str = arguments.name
+    output = arguments.output or Path("out/experiment") / name
+    drive = DRIVES[name](name, output, arguments.seed, arguments.domain, arguments.taught)
+    try:
+        return 0 if drive.run() else 1
+    except (DriveFailed, RuntimeError) as error:
+        print(f"{name}: {error}; what the nodes said is in {drive.folder}")
+        return 1

@@ -1,0 +1,1 @@
+"""New versions of a map, made of the drives that a vehicle has kept beside it."""

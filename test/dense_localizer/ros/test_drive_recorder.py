@@ -1,0 +1,125 @@
+"""What is kept of a drive, beside the map: bounded, named at the end, and nothing where there is nothing to see."""
+
+import errno
+import os
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from dense_localizer.constants import MIN_KEY_IMAGES
+from dense_localizer.inputs import CameraImage
+from dense_localizer.judge.estimate import CameraEstimate
+from dense_localizer.references.rejections import Rejections
+from dense_localizer.ros import drive_recorder
+from dense_localizer.ros.drive_recorder import DriveRecorder, drives_of, prune
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.localization.status import State, Status
+from sphere_nav.ros.bags import BagReader, BagWriter
+
+CAMERA = Pinhole(32, 24, 30.0, 30.0, 15.5, 11.5)
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def reader(tmp_path):
+    (tmp_path / "campus").mkdir()
+    info = SimpleNamespace(map_id="abc", header=SimpleNamespace(frame_id="map"))
+    return SimpleNamespace(path=tmp_path / "campus", info=info)
+
+
+def follow(recorder, number, *, ncc=0.5, camera=CAMERA):
+    """Let a recorder see images, each a metre farther."""
+    candidate = SimpleNamespace(is_accepted=True, is_by_map=True, ncc=ncc, choice=SimpleNamespace(region_m=1.0))
+    for k in range(number):
+        status = Status(State.TRACKING, stamp_ns=(k + 1) * SECOND, references=(3,))
+        pose = SE3.from_planar(float(k), 0.0, 0.0)
+        said = CameraEstimate(status, pose, np.eye(6) * 1e-6, candidate=candidate)
+        recorder.see([CameraImage(np.full((24, 32), k + 1, np.uint8), camera)], said)
+
+
+def record(reader, number, **values):
+    said = []
+    recorder = DriveRecorder(reader, Rejections(), said.append, is_live=False)
+    follow(recorder, number, **values)
+    recorder.close()
+    return said
+
+
+def test_a_drive_is_a_bag_beside_the_map(reader):
+    (line,) = record(reader, MIN_KEY_IMAGES)
+    (drive,) = drives_of(reader.path).iterdir()
+    assert drive == reader.path.parent / "campus.drives" / "19700101_000001"
+    told = f"{drive}: the map explained 0 of {MIN_KEY_IMAGES} key images"
+    assert line == f"{told}: sphere_nav map-learn {reader.path} learns from it"
+    assert (drive / "rejections.json").is_file()
+    with BagReader(drive) as bag:
+        counts = {name: info.count for name, info in bag.topics.items()}
+        images = [item.message.data[0] for item in bag.messages(["/image_raw"])]
+        status = next(iter(bag.messages(["/status"]))).message
+    names = ("/camera_info", "/camera_pose", "/image_raw", "/likeness", "/status")
+    assert counts == dict.fromkeys(names, MIN_KEY_IMAGES)
+    assert images == list(range(1, MIN_KEY_IMAGES + 1))
+    assert (status.map_id, list(status.references)) == ("abc", [3])
+
+
+def test_the_cameras_of_a_rig_are_kept_where_each_was(reader):
+    recorder = DriveRecorder(reader, Rejections(), lambda line: None, is_live=False)
+    on_body = SE3.from_planar(0.5, 0.0, np.pi / 2)
+    recorder.see = lambda images, estimate: DriveRecorder.see(
+        recorder, [replace(images[0], T_body_camera=on_body, name="left")], estimate
+    )
+    follow(recorder, MIN_KEY_IMAGES)
+    recorder.close()
+    (drive,) = drives_of(reader.path).iterdir()
+    with BagReader(drive) as bag:
+        poses = [item.message.pose.pose for item in bag.messages(["/cameras/left/camera_pose"])]
+    assert [round(pose.position.x, 9) for pose in poses] == [k + 0.5 for k in range(MIN_KEY_IMAGES)]
+    assert poses[0].orientation.z == pytest.approx(np.sqrt(0.5))
+
+
+def test_a_drive_that_shows_too_little_is_dropped(reader):
+    assert record(reader, MIN_KEY_IMAGES - 1) == []
+    assert list(drives_of(reader.path).iterdir()) == []
+
+
+def test_a_drive_that_was_explained_is_kept_to_judge_by(reader):
+    (line,) = record(reader, MIN_KEY_IMAGES, ncc=0.9)
+    assert line.endswith(f"the map explained {MIN_KEY_IMAGES} of {MIN_KEY_IMAGES} key images")
+
+
+def test_a_drive_is_bounded(reader, monkeypatch):
+    monkeypatch.setattr(drive_recorder, "MAX_DRIVE_MB", 1e-4)
+    monkeypatch.setattr(BagWriter, "position", 200)
+    said = record(reader, 2 * MIN_KEY_IMAGES)
+    assert said == [f"{drives_of(reader.path)}/19700101_000001: 0 MB: the rest of the drive is not kept"]
+
+
+def test_a_full_disk_ends_the_drive_and_nothing_else(reader, monkeypatch):
+    def write(self, topic, message, stamp, **_):
+        raise OSError(errno.ENOSPC, "No space left on device", str(self.partial))
+
+    monkeypatch.setattr(BagWriter, "write", write)
+    said = record(reader, 3)
+    assert len(said) == 1
+    assert "No space left on device" in said[0]
+
+
+def test_what_a_camera_cannot_tell_ends_the_drive_in_words(reader):
+    said = record(reader, 3, camera=SimpleNamespace(model="omni"))
+    assert len(said) == 1
+    assert "CameraInfo" in said[0]
+
+
+def test_the_oldest_drives_make_room(tmp_path, monkeypatch):
+    monkeypatch.setattr(drive_recorder, "MAX_DRIVES_MB", 2.5e-3)
+    for k, name in enumerate(("c", "a", "b.refused", "torn.partial")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "bag").write_bytes(bytes(1000))
+        os.utime(tmp_path / name, (k, k))
+    prune(Path(tmp_path))
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["a", "b.refused", "torn.partial"]

@@ -1,0 +1,32 @@
+"""The table of experiments and what is refused; none is driven here."""
+
+import pytest
+
+from sphere_nav.cli.experiment.drives import DRIVES
+from sphere_nav.cli.experiment.experiment import HELP, PURPOSES
+from sphere_nav.cli.main import main
+
+
+def test_every_experiment_of_the_table_can_be_run():
+    assert set(DRIVES) == set(PURPOSES)
+    assert all(f"  {name}" in HELP for name in PURPOSES)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--seed", "-1"], "--seed: expected 0 or more, found -1"),
+        (["--taught", "nowhere"], "nowhere: expected the output of an experiment with a taught map, found none"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_one_line(tmp_path, monkeypatch, capsys, words, told):
+    monkeypatch.chdir(tmp_path)
+    assert main(["experiment", "blind", *words]) == 2
+    assert capsys.readouterr().err == f"sphere_nav experiment: {told}\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_name_is_refused(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["experiment", "moonwalk"])
+    assert "invalid choice: 'moonwalk'" in capsys.readouterr().err
