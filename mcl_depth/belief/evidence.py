@@ -36,6 +36,7 @@ from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.watch import CusumTest, WaldTest, excess
 from mcl_depth.constants import (
     APART,
+    EVEN_ODDS,
     LEAD_SCALE,
     LOCAL_M,
     MAX_HYPOTHESES,
@@ -43,6 +44,7 @@ from mcl_depth.constants import (
     MIN_PATCH,
     MIN_PLACES,
     MOVED_SHARE,
+    NEAR,
     NEW_SHARE,
     NUM_MAXIMA,
     OFF_MAP,
@@ -135,7 +137,7 @@ class Evidence:
         self._trial = WaldTest() if is_given else None
         self._retrial: WaldTest | None = None  # of a held place that is doubted
         self.doubt = FINE  # why
-        self.place: Array | None = None  # (3,) the best of the map, where it is more than chance and none is held
+        self.place: Array | None = None  # (3,) to measure motion at while none is held: `prove`
 
     @property
     def is_on_trial(self) -> bool:
@@ -143,7 +145,11 @@ class Evidence:
         return self._trial is not None
 
     def prove(self, comparison: Comparison, pose: Array, seen: Reconciled, *, is_held: bool) -> Proof:
-        """Ask how often chance would look like a pose (3,): as the best of the map, or, once it is held, by itself."""
+        """Ask how often chance would look like a pose (3,): as the best of the map, or, once it is held, by itself.
+
+        While none is held, `place` is the best of the map that is more than chance, or one that was given and is more
+        probably right than wrong.
+        """
         self._weigh(seen)
         self.place = None
         if is_held and seen.is_known:
@@ -151,8 +157,11 @@ class Evidence:
         self._watch.reset()
         self._retrial = None
         if self._trial is not None:
+            if np.all(self._grid.rows_around(pose, NEAR) < 0):
+                self._trial.add(0.0)  # nobody can be there: an image fits there as it does anywhere
             self._add_to([self._trial], comparison, pose)
             if not self._trial.is_refused(self._max_chance):
+                self.place = pose if self._trial.p_chance < EVEN_ODDS else None
                 return Proof(self._trial.p_chance)
             self._trial = None
         T_odom_level = seen.observation.T_odom_level
