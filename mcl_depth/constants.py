@@ -55,7 +55,7 @@ LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a stree
 PEAK = 2  # cells, and steps of headings, around a maximum that are lower
 APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what is nearer is the same place
 NUM_MAXIMA, TAIL_SHARE = 40, 0.5  # of the map that make its tail, and at most of all that there are
-MIN_MAXIMA = 8  # of a map that can tell chance by them
+MIN_MAXIMA = 8  # of a large map that can tell chance by them
 LEAD_SCALE = 1.0  # standard deviations of an image by which chance leads e times less often in a small map (mcl_homes)
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 
@@ -77,6 +77,7 @@ MIN_MEAN, MIN_SIGMA = 2.0, 1.0  # of a right place
 MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
 MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
 NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
+MAX_TRIAL = 12  # images of a trial: a right place takes five to eight
 
 # Odometry against the images (belief/test_image_motion); chosen in towns 61 and 62, `benchmarks contradictions`
 CONTRADICTION = (

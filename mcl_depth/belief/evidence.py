@@ -40,6 +40,7 @@ from mcl_depth.constants import (
     LEAD_SCALE,
     LOCAL_M,
     MAX_HYPOTHESES,
+    MAX_TRIAL,
     MIN_MAXIMA,
     MIN_PATCH,
     MIN_PLACES,
@@ -135,6 +136,7 @@ class Evidence:
         self._mirrored.reset()
         self._watch.reset()
         self._trial = WaldTest() if is_given else None
+        self._num_left = MAX_TRIAL  # images until a trial that is still open ends
         self._retrial: WaldTest | None = None  # of a held place that is doubted
         self.doubt = FINE  # why
         self.place: Array | None = None  # (3,) to measure motion at while none is held: `prove`
@@ -156,14 +158,10 @@ class Evidence:
             return Proof(self.watch(comparison, pose), is_held=True)
         self._watch.reset()
         self._retrial = None
-        if self._trial is not None:
-            if np.all(self._grid.rows_around(pose, NEAR) < 0):
-                self._trial.add(0.0)  # nobody can be there: an image fits there as it does anywhere
-            self._add_to([self._trial], comparison, pose)
-            if not self._trial.is_refused(self._max_chance):
-                self.place = pose if self._trial.p_chance < EVEN_ODDS else None
-                return Proof(self._trial.p_chance)
-            self._trial = None
+        if self._trial is not None and self._is_open(self._trial, comparison, pose):
+            self.place = pose if self._trial.p_chance < EVEN_ODDS else None
+            return Proof(self._trial.p_chance)
+        self._trial = None
         T_odom_level = seen.observation.T_odom_level
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
         self.place = survey.poses[0] if survey.is_proven else None
@@ -180,6 +178,19 @@ class Evidence:
         if self._retrial is not None and self._retrial.is_refused(self._max_chance):
             return 1.0
         return self._watch.p_chance(self._max_chance)
+
+    def _is_open(self, trial: WaldTest, comparison: Comparison, pose: Array) -> bool:
+        """Add an image to a trial of a pose (3,); return whether the place is not refused.
+
+        Particles seek what fits, so a wrong place that is given enough images finds some: a trial that stays open ends.
+        """
+        self._num_left -= 1
+        if np.all(self._grid.rows_around(pose, NEAR) < 0):
+            trial.add(0.0)  # nobody can be there: an image fits there as it does anywhere
+        else:
+            self._add_to([trial], comparison, pose)
+        is_decided = trial.p_chance < self._max_chance
+        return is_decided or (self._num_left > 0 and not trial.is_refused(self._max_chance))
 
     def _weigh(self, seen: Reconciled) -> None:
         """Doubt a held place until images confirm it as they do a start, where they contradict odometry.
@@ -285,9 +296,9 @@ def chances_in_small_map(values: Array, others: Array) -> tuple[float, float]:
     """Return how probably the best of a small map leads so far by chance: the mirrored drive's best, and all rivals.
 
     `values` (N,) are the maxima of the map, `others` (M,) those of the mirrored drive, falling. Of both drives' maxima
-    the first is the drive's own half of the time. Fewer than `MIN_MAXIMA` others tell nothing: 1.
+    the first is the drive's own half of the time, however few they are. Without a rival nothing is told: 1.
     """
-    if len(values) < MIN_MAXIMA + 1 or not len(others) or values[0] <= others[0]:
+    if len(values) < 2 or not len(others) or values[0] <= others[0]:
         return 1.0, 1.0
     leads = np.array([values[0] - others[0], values[0] - max(values[1], others[0])]) / LEAD_SCALE
     p_elsewhere, p_any = np.exp(-leads)

@@ -13,7 +13,7 @@ from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import APART, COST, FORGETTING, LEAD_SCALE, MIN_PLACES
+from mcl_depth.constants import APART, COST, FORGETTING, LEAD_SCALE, MAX_TRIAL, MIN_PLACES
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import FINE, Finding, Reason
 
@@ -80,8 +80,11 @@ def test_the_best_of_two_draws_leads_all_others_by_chance_as_often_as_is_said():
         margin = 4 * np.sqrt(level / 4000)
         assert np.mean(found[:, 1] < level) == pytest.approx(level, abs=margin)
         assert 0.3 * level < np.mean(found[:, 0] < level) < level + margin
-    assert chances_in_small_map(np.arange(5.0)[::-1] + 9.0, np.zeros(1)) == (1.0, 1.0)  # too few to tell
-    assert chances_in_small_map(np.arange(20.0)[::-1], np.zeros(0)) == (1.0, 1.0)
+    few = -np.sort(-rng.exponential(LEAD_SCALE, (4000, 2, 3)), axis=2)
+    found = np.array([chances_in_small_map(one, other)[1] for one, other in few])
+    assert np.mean(found < 0.01) == pytest.approx(0.01, abs=4 * np.sqrt(0.01 / 4000))  # however few
+    assert chances_in_small_map(np.array([20.0]), np.zeros(1)) == (1.0, 1.0)  # no rival
+    assert chances_in_small_map(np.array([20.0, 0.0]), np.zeros(0)) == (1.0, 1.0)
 
 
 def test_two_places_that_are_alike_are_named_where_one_of_them_is_right():
@@ -272,10 +275,11 @@ def test_a_room_that_looks_like_its_mirror_image_proves_nothing():
     assert survey.p_chance > 0.01
 
 
-def test_a_room_has_too_few_places_to_tell_chance_and_that_is_said():
+def test_a_room_of_few_places_looks_like_chance_where_images_are_of_another():
     grid = grid_of(5)
-    found = Evidence(grid, RATE).prove(Images(grid, 1), np.zeros(3), seen(), is_held=False)
-    assert (found.p_chance, found.is_small) == (1.0, True)
+    found = [Evidence(grid, RATE).prove(Images(grid, n), np.zeros(3), seen(), is_held=False) for n in range(30)]
+    assert min(proof.p_chance for proof in found) > RATE
+    assert all(proof.is_small for proof in found)
 
 
 def place_given():
@@ -301,6 +305,25 @@ def test_a_wrong_place_that_was_given_is_refused_and_the_map_searched():
     assert found[0].survey is None
     assert found[-1].survey is not None
     assert not evidence.is_on_trial
+
+
+def test_a_trial_that_stays_open_ends_and_so_does_one_off_the_map():
+    evidence, grid, pose = place_given()
+    images = [Images(grid, n, pose if n % 2 else None, 9.0) for n in range(MAX_TRIAL)]  # for it and against it
+    found = [evidence.prove(image, pose, seen(), is_held=False) for image in images]
+    assert [proof.survey is None for proof in found] == [True] * (MAX_TRIAL - 1) + [False]
+    evidence, grid, pose = place_given()
+    beyond = pose + [0.0, 60.0, 0.0]
+    found = [evidence.prove(Images(grid, n, beyond, 9.0), beyond, seen(), is_held=False) for n in range(6)]
+    assert [proof.survey is None for proof in found] == [True] * 4 + [False] * 2
+
+
+def test_motion_is_measured_at_a_place_on_trial_that_is_more_probably_right_than_wrong():
+    for truth in (True, False):
+        evidence, grid, pose = place_given()
+        for seed in range(3):
+            evidence.prove(Images(grid, seed, pose if truth else None, 9.0), pose, seen(), is_held=False)
+        assert (evidence.place is not None) == truth
 
 
 def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():
