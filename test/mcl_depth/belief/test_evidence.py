@@ -313,7 +313,7 @@ def test_a_trial_that_stays_open_ends_and_so_does_one_off_the_map():
     found = [evidence.prove(image, pose, seen(), is_held=False) for image in images]
     assert [proof.survey is None for proof in found] == [True] * (MAX_TRIAL - 1) + [False]
     evidence, grid, pose = place_given()
-    beyond = pose + [0.0, 60.0, 0.0]
+    beyond = pose + np.array([0.0, 60.0, 0.0])
     found = [evidence.prove(Images(grid, n, beyond, 9.0), beyond, seen(), is_held=False) for n in range(6)]
     assert [proof.survey is None for proof in found] == [True] * 4 + [False] * 2
 
