@@ -107,7 +107,7 @@ def drive(mesh: TriangleMesh, site: Site, seed: int) -> Drive:
     rng = np.random.default_rng([seed, 9])
     synthesizer = DepthSynthesizer(mesh, SynthesisParams(num_columns=COLUMNS))
     camera, middles = synthesizer.camera, site.area.middles
-    poses = np.full((NUM_IMAGES, 3), np.inf)
+    poses = np.full((NUM_IMAGES, 3), 1e9)
     while not site.area.contains(poses[:, :2]).all():
         poses[0] = *middles[rng.integers(len(middles))], rng.uniform(-np.pi, np.pi)
         step = np.array([STEP, 0.0, rng.uniform(-0.15, 0.15)])
