@@ -12,11 +12,10 @@ from sphere_nav_msgs.msg import AugmentedSphere
 from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.mount import CameraMount
-from sphere_mapping.ros.rgbd_intake import OnRgbd, RgbdIntake
+from sphere_mapping.ros.rgbd_intake import DEPTH, DEPTH_INFO, OnRgbd, RgbdIntake
 from sphere_mapping.ros.stereo_intake import OnPair, Report, StereoIntake, report_nothing
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.depth_intake import DEPTH, DEPTH_INFO
 from sphere_nav.ros.camera.drivers import read_driver
 from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth, read_rgb
 from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer

@@ -18,10 +18,12 @@ from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.ros import conversions
-from sphere_nav.ros.camera.depth_intake import DEPTH, IMAGE
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.synchronizer import Instant
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere
+
+IMAGE, INFO, DEPTH = "image_raw", "camera_info", "depth/image_raw"
+DEPTH_INFO = "depth/camera_info"  # only where depth is another camera's than the images
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import TOPICS, Intake, with_driver_input
+from sphere_mapping.ros.rgbd_intake import DEPTH_INFO
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.camera.depth_intake import DEPTH_INFO
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, image_to_array
 from sphere_nav.ros.node import ManagedNode
 from worlds.recordings import CAMERA, FRAME, ROOM, optical, pose, rgbd, sphere, stamp, stereo
