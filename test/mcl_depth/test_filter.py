@@ -13,6 +13,7 @@ from mcl_depth.site import Site
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
+from worlds.boxes import box
 
 SETTINGS = {
     "camera_height": 1.2,
@@ -22,13 +23,6 @@ SETTINGS = {
 }
 MIDDLE = np.array([0.3, 0.2, 1.2])
 POSES = [np.array([-2.0 + 0.25 * k, -1.0 + 0.05 * k, 0.1]) for k in range(14)]
-
-
-def box(low, high):
-    x, y, z = zip(low, high, strict=True)
-    corners = np.array([[a, b, c] for a in x for b in y for c in z], float)
-    quads = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
-    return corners[[index for a, b, c, d in quads for index in (a, b, c, a, c, d)]]
 
 
 @pytest.fixture(scope="module")

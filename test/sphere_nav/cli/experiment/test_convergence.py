@@ -20,15 +20,9 @@ from sphere_nav.cli.experiment.convergence import (
     run_particles,
 )
 from sphere_nav.params import build
+from worlds.boxes import box
 
 LINE = np.array([[-1.5 + 0.25 * k, -1.0, 0.1] for k in range(8)])
-
-
-def box(low, high):
-    x, y, z = zip(low, high, strict=True)
-    corners = np.array([[a, b, c] for a in x for b in y for c in z], float)
-    quads = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
-    return corners[[index for a, b, c, d in quads for index in (a, b, c, a, c, d)]]
 
 
 @pytest.fixture(scope="module")
