@@ -1,7 +1,7 @@
 """Several recordings of one place: the first is mapped, each other one localised, joined to the map, localised again.
 
 `python -m benchmarks repeats DIR` takes a folder of bags, or of recordings that `sphere_nav import` knows by their
-files (one kind: ROVER, 4Seasons, EuRoC, OpenLORIS, TUM, KITTI), in the order of their names. Without DIR a street of
+files (one kind: ROVER, 4Seasons, EuRoC, OpenLORIS, NCLT, TUM, KITTI), in the order of their names. Without DIR a street of
 the simulator is recorded in several lights.
 """
 
@@ -43,7 +43,11 @@ SIMULATION = {
 }  # fmt: skip
 WAY_M, QUICK_WAY_M, SPACING_M = 20.0, 8.0, 0.25  # of the example, and between two of its images
 TRUTHS = ("/ground_truth/odometry", "/ground_truth/pose")  # of the vehicle, of the camera
-IMAGES = ("/image_raw", "/left/image_raw")  # what is localised: the first of them that a bag has
+IMAGES = (
+    "/image_raw",
+    "/left/image_raw",
+    "/cameras/cam5/image_raw",
+)  # what is localised: the first of them that a bag has
 COLUMNS = (
     "recording", "images", "TRACKING in the first map", "wrong", "median error", "map", "TRACKING then", "wrong",
     "median error",
@@ -105,13 +109,13 @@ def follow(bags: Sequence[Path], work: Path, wrong_m: float) -> tuple[list[tuple
     notes: list[str] = []
     first = newest = work / "map_0"
     has_truth = true_poses(bags[0]) is not None
-    call("map", bags[0], "-o", first, *(("--anchor", "truth") if has_truth else ()))
+    call("map", bags[0], "-o", first, *(("--anchor", "truth") if has_truth else ()), *rig_options(bags[0]))
     rows.append((bags[0].stem, f"{_count(bags[0])}", "mapped", "", "", f"{_size(first)} key spheres", "", "", ""))
     for number, bag in enumerate(bags[1:], start=1):
         before = localise(first, bag, work / f"before_{number}", wrong_m)
         said = "refused"
         try:
-            call("map", bag, "-o", work / f"map_{number}", "--extend", newest)
+            call("map", bag, "-o", work / f"map_{number}", "--extend", newest, *rig_options(bag))
             newest = work / f"map_{number}"
             said = f"{_size(newest)} key spheres"
         except ValueError as error:
@@ -124,6 +128,12 @@ def follow(bags: Sequence[Path], work: Path, wrong_m: float) -> tuple[list[tuple
     count = _count(bags[0])
     rows.append((f"{bags[0].stem} again", f"{count}", *alone.cells(count), "", *again.cells(count)))
     return rows, notes
+
+
+def rig_options(bag: Path) -> tuple[object, ...]:
+    """Return what `sphere_nav map` needs of a bag with a rig (NCLT): its file, and that a LiDAR gives range."""
+    rig = bag / "rig.yaml"
+    return ("--rig", rig, "--set-stitcher", "has_cloud=true") if rig.is_file() else ()
 
 
 def localise(map_folder: Path, bag: Path, folder: Path, wrong_m: float) -> Found:
