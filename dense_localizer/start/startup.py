@@ -1,9 +1,10 @@
 """The first pose, and the pose after a loss: guesses, coarse alignment, decision (M15 section 5.4).
 
 The key spheres that look like the image (all of a small map) offer guesses: poses in and about their centers, and
-where features place the image. All are compared with the image, a few hundred points of the sphere projected from each
-pose into its coarsest level; the best are aligned at the coarsest levels. The best of those are for the localizer to
-align at full resolution with two references. A result that another place explains nearly as well is withheld.
+where features place the image. All are compared with the image, local contrast made equal in both: a few hundred
+points of the sphere projected from each pose into its coarsest level; the best are aligned at the coarsest levels. The
+best of those are for the localizer to align at full resolution with two references. A result that another place
+explains nearly as well is withheld.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from dense_localizer.constants import (
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
+from dense_localizer.references.contrast import equalize_pyramid
 from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.recognition import Recognition, find_body_axes
 from dense_localizer.references.reference import References
@@ -80,7 +82,8 @@ class Startup:
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance) > NUM_RETRIEVED:
             nodes, placed = self._recognize(seen, [attitude])
-        return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
+        even = equalize(seen)
+        return self._refine(even, placed + self._compare_all(even, nodes, [attitude], NUM_ALIGNED - len(placed)))
 
     def propose_turned(self, images: Sequence[RigImage], T_base_body: SE3 | None = None) -> list[SE3]:
         """Do the same for a camera that is turned about its axis in any way; where features place it, these suffice."""
@@ -91,7 +94,8 @@ class Startup:
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance):
             nodes, placed = self._recognize(seen, [upright, *attitudes])
-        return self._refine(seen, placed or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
+        even = equalize(seen)
+        return self._refine(even, placed or self._compare_all(even, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
 
     def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
         """Return the key spheres that look like the image, and where its features place it."""
@@ -117,11 +121,11 @@ class Startup:
         for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M):
             guesses.append(Guess(node, T_map_camera))
             guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
-        return self._refine(seen, guesses)
+        return self._refine(equalize(seen), guesses)
 
     def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
         """Return a guess for each of several poses in a sphere, with how much the image resembles it there."""
-        level = self._references.coarse.reference(node.id).levels[-1]
+        level = self._references.coarse.contrast(node.id).levels[-1]
         step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
         points, intensity = level.points[:, ::step].T, level.intensity[::step]
         scores = score_poses(points, intensity, T_sphere_camera.inverse(), seen.pyramid.levels[-1])
@@ -135,7 +139,7 @@ class Startup:
     def _align(self, seen: RigImage, guess: Guess) -> Guess:
         """Return a guess after alignment at the coarsest levels."""
         params = stop_at(len(seen.pyramid.levels) - NUM_COARSE_LEVELS, self._params.registration)
-        view = View(self._references.coarse.reference(guess.node.id), guess.node.T_map_sphere)
+        view = View(self._references.coarse.contrast(guess.node.id), guess.node.T_map_sphere)
         found = register(seen.pyramid, [view], guess.T_map_camera, params)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
         return Guess(guess.node, found.T_world_camera, float(score))
@@ -149,6 +153,11 @@ class Startup:
             if not any(is_same_pose(guess.T_map_camera, other.T_map_camera) for other in kept):
                 kept.append(guess)
         return kept
+
+
+def equalize(seen: RigImage) -> RigImage:
+    """Return an image as places are compared: coarse, its local contrast made equal."""
+    return replace(seen, pyramid=equalize_pyramid(seen.pyramid))
 
 
 def select_best(guesses: Sequence[Guess], count: int) -> list[Guess]:
