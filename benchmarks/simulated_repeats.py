@@ -142,9 +142,11 @@ def draw_drives(count: int, seed: int, kinds: tuple[str, ...] = KINDS) -> list[D
     rng = np.random.default_rng([seed, 26])
     rounds = -(-count // len(kinds))
     order = [kinds[k] for _ in range(rounds) for k in rng.permutation(len(kinds))][:count]
+    clouds = [
+        round(float(np.random.default_rng([seed, number]).uniform(0.0, MAX_CLOUDS)), 2) for number in range(count)
+    ]
     return [
-        Drive(number + 1, kind, order[: number + 1].count(kind), round(float(rng.uniform(0.0, MAX_CLOUDS)), 2))
-        for number, kind in enumerate(order)
+        Drive(number + 1, kind, order[: number + 1].count(kind), clouds[number]) for number, kind in enumerate(order)
     ]
 
 
