@@ -84,7 +84,6 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
         "--kinds", nargs="+", choices=("day", *KINDS[1:]), help="lights and seasons of the drives (all)"
     )
     parser.add_argument("--order", type=int, default=1, metavar="SEED", help="decides their order and clouds (1)")
-    parser.add_argument("--small", action="store_true", help="smaller images, spheres 512 wide: a fifth of the time")
     parser.add_argument("--driven", type=int, default=0, metavar="K", help="kinds driven over DDS at the end (0)")
     parser.add_argument(
         "--repeats-folder", type=Path, metavar="DIR", help="keep the drives and go on with what is there"
@@ -100,7 +99,7 @@ def run(options: argparse.Namespace) -> Report:
         work = options.repeats_folder or Path(name)
         if options.simulated:
             kinds = tuple("" if kind == "day" else kind for kind in options.kinds or KINDS)
-            way = Way(options.town, options.length, is_small=options.small)
+            way = Way(options.town, options.length)
             drives = draw_drives(options.simulated, options.order, kinds)
             return measure(way, drives, work, options.driven, options.threads)
         bags = find_recordings(folders[0], work) if folders else record_example(work, is_quick=options.quick)

@@ -40,7 +40,6 @@ from sphere_nav.ros.maps.reader import FILE_NAME, open_map
 
 KINDS = ("", "overcast", "autumn", "winter", "snow", "wet", "low_sun", "dusk", "night_lamps")  # "": the taught day
 WAYS = (("straight", 30.0), ("two_turns", 100.0), ("tour", 490.0))  # paths of the simulator and how long they are, m
-SMALL = {"rig.size": "288,288", "camera.size": "320,240", "camera.period": 0.4, "render.shadow_texel": 0.16}
 STEP_NS = 10_000_000
 WELL_TRACKED = 0.99  # share of a drive's images; what is below it is driven by the rig and extends the map
 MAX_CLOUDS = 0.7  # share of the sun that passing clouds take, at most
@@ -64,11 +63,10 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Way:
-    """What is driven: town, path, how far, and whether by small images."""
+    """What is driven: the town, and how far along the shortest path that is long enough."""
 
     seed: int
     length_m: float
-    is_small: bool = False
 
     @property
     def path(self) -> str:
@@ -78,8 +76,7 @@ class Way:
     def simulation(self, more: dict[str, Any]) -> dict[str, Any]:
         """Return the parameters of a drive."""
         place = dict(TOUR) if self.path == "tour" else {"path": self.path}
-        size = SMALL if self.is_small else {}
-        return SIMULATION | {"seed": self.seed, "mode": "teach"} | place | size | more
+        return SIMULATION | {"seed": self.seed, "mode": "teach"} | place | more
 
     def record(self, bag: Path, more: dict[str, Any], *, by_rig: bool) -> None:
         """Drive along the way by the simulator's driver; write what its node would publish."""
@@ -331,8 +328,9 @@ class Repeats:
         self.maps.append(made)
         return f"extended to {num_spheres(made)}"
 
-    def _rig(self, bag: Path) -> tuple[object, ...]:
-        return "--rig", bag / "rig.yaml", "--set-stitcher", f"stitch.width={512 if self.way.is_small else 1024}"
+    @staticmethod
+    def _rig(bag: Path) -> tuple[object, ...]:
+        return "--rig", bag / "rig.yaml"
 
 
 def size_of(map_folder: Path) -> int:

@@ -59,7 +59,7 @@ def test_errors_are_relative_to_the_taught_drive(tmp_path):
 
 
 def test_a_drive_is_what_the_node_publishes(tmp_path):
-    way = Way(4, 0.1, is_small=True)
+    way = Way(4, 0.1)
     assert (way.path, Way(4, 99.0).path, Way(4, 400.0).path) == ("straight", "two_turns", "tour")
     more = {"world": "corridor", "camera.size": "64,48", "traffic.density": "none", "teach.speed": 3.0}
     way.record(tmp_path / "bag", more, by_rig=False)
