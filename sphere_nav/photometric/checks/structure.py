@@ -78,11 +78,7 @@ def find_rig_structure(
     sampler: Sampler = sample_at
     pose = alignment.T_world_camera
     cameras = sampler(pose)
-    found = Structure()
-    if Aspect.FIT in aspects:
-        resolved = at_level(params, find_resolved_level(images, params))
-        coarser = cameras if resolved is params else list(_samples_of(images, alignment, resolved, motion))
-        found = _find_fit(images, cameras, coarser, params)
+    found = _find_fit(images, cameras, params) if Aspect.FIT in aspects else Structure()
     if Aspect.OCCLUSION in aspects:
         found = replace(found, occlusion=find_occlusion_bias(sampler, cameras, pose, params))
     if Aspect.ILLUMINATION not in aspects:
@@ -93,39 +89,12 @@ def find_rig_structure(
     return replace(found, illumination=find_illumination_bias(sampler, cameras, pose, params))
 
 
-def find_resolved_level(images: Sequence[RigImage], params: RegistrationParams) -> int:
-    """Return the finest level of the images that their references resolve.
-
-    What is finer in an image, grain and noise, is not in the map: its gradients agree with nothing in the right place.
-    """
-    finer = [
-        image.pyramid.cameras[0].pixels_per_radian
-        / max(view.reference.camera.pixels_per_radian for view in image.views)
-        for image in images
-        if image.views
-    ]
-    coarsest = min(len(image.pyramid.levels) for image in images) - 1
-    level = round(np.log2(min(finer))) if finer else 0
-    return max(params.pyramid.finest, min(level, coarsest))
-
-
-def at_level(params: RegistrationParams, level: int) -> RegistrationParams:
-    """Return the parameters with another finest level; the same object where it is that."""
-    return params if level == params.pyramid.finest else replace(params, pyramid=replace(params.pyramid, finest=level))
-
-
-def _find_fit(
-    images: Sequence[RigImage],
-    cameras: CameraSamples,
-    resolved: Sequence[tuple[object, Sequence[Sample]]],
-    params: RegistrationParams,
-) -> Structure:
-    """Return the mean agreement of gradients, at the level that is `resolved`, and the stretch that is most sure."""
+def _find_fit(images: Sequence[RigImage], cameras: CameraSamples, params: RegistrationParams) -> Structure:
+    """Return the mean agreement of gradients and the stretch that is most sure."""
     found = []
-    for image, (_, usable), (_, coarser) in zip(images, cameras, resolved, strict=True):
+    for image, (_, usable) in zip(images, cameras, strict=True):
         has_lens = not isinstance(image.pyramid.cameras[0], Spherical)
-        agreement = _agreement([part for part in coarser if len(part.residual) >= MIN_SAMPLES])
-        found.append(Structure(agreement, *_stretch(usable, params, has_lens=has_lens)))
+        found.append(Structure(_agreement(usable), *_stretch(usable, params, has_lens=has_lens)))
     surest = max(found, key=lambda one: abs(one.stretch) / one.stretch_sigma)
     return replace(surest, agreement=float(np.mean([one.agreement for one in found])))
 

@@ -105,27 +105,3 @@ def test_a_view_of_a_hundred_pixels_tells_something(room, views, monkeypatch, nu
     images = [RigImage(pyramid, views=tuple(views))]
     assert len(list(view_residuals(images, alignment, PARAMS))) == 2 * is_told
     assert (find_rig_structure(images, alignment, PARAMS).agreement > 0.5) == is_told
-
-
-def test_gradients_are_compared_at_the_level_that_the_map_resolves(room):
-    """A sphere of 128 columns and an image eight times as fine, with grain that no map of that size has."""
-    coarse = Spherical(128, 64)
-    views = [View(prepare_reference(*room.render(coarse, SE3.identity()), coarse, PARAMS), SE3.identity())]
-    camera = CAMERAS[0]
-    grain = np.random.default_rng(1).normal(0.0, 12.0, (camera.height, camera.width))
-    image = np.clip(room.photograph(camera, SOMEWHERE, 1) + grain, 1, 255).astype(np.uint8)
-    pyramid = build_pyramid(image, camera, PARAMS.pyramid)
-    found = [RigImage(pyramid, views=tuple(views))]
-    assert structure.find_resolved_level(found, PARAMS) == 2  # 110 px a rad in the image, 20 in the sphere
-    alignment = register(pyramid, views, SOMEWHERE, PARAMS)
-    finest = structure._agreement(structure._samples_of(found, alignment, PARAMS, None).__next__()[1])
-    resolved = structure_of(pyramid, views, alignment, PARAMS).agreement
-    assert finest < 0.6 * resolved
-    assert resolved > 0.3
-    fine = [
-        RigImage(
-            pyramid,
-            views=(View(prepare_reference(*room.render(SPHERE, SE3.identity()), SPHERE, PARAMS), SE3.identity()),),
-        )
-    ]
-    assert structure.find_resolved_level(fine, PARAMS) == 0
