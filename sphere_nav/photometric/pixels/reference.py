@@ -2,6 +2,9 @@
 
 Evenly spaced points on a sphere (P of M15 eq. 9), chosen from the pixels of its image.
 
+Beside a surface that ends, pixels of what is behind it show a part of it, and its edge: by their range the edge would
+have moved less than it did. They are left out, all along the way the same error would come with every alignment.
+
 Rows of latitude and longitude have as many pixels at the poles as at the equator: what is above and below counts many
 times over, and noise there looks like gradients. Of every row as many are kept as its circle has room for.
 """
@@ -20,6 +23,7 @@ from sphere_nav.geometry.arrays import empty_to_keep
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats
+from sphere_nav.photometric.constants import EDGE_PIXELS, EDGE_SHARE
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.pyramid import Image, Level, check_image, level_cameras, pad_of
@@ -36,6 +40,25 @@ def keep_evenly_spaced(ranges: NDArray[np.uint16], camera: Camera) -> None:
         for row in range(0, len(ranges), ROWS):
             unknown = np.subtract(is_kept[row : row + ROWS], 1, dtype=np.uint16)  # 0 - 1 is all bits: UNKNOWN
             ranges[row : row + ROWS] |= unknown
+
+
+def forget_behind_edges(range_m: Floats, codes: NDArray[np.uint16]) -> None:
+    """Forget the ranges, codes (H, W) of `kernels.encode_range`, of pixels within `EDGE_PIXELS` behind an edge.
+
+    The inverse range of a plane is nearly linear in its pixels; behind an edge it is below the mean of both sides. It
+    is so neither on the surface in front nor on a slanted one. What is unknown hides no edge.
+    """
+    height, width = range_m.shape
+    for row in range(0, height, ROWS):
+        first, last = max(row - EDGE_PIXELS, 0), min(row + ROWS + EDGE_PIXELS, height)
+        inverse = np.float32(1.0) / range_m[first:last]
+        is_behind = np.zeros(inverse.shape, np.bool_)
+        for off in range(1, EDGE_PIXELS + 1):
+            for values, found in ((inverse, is_behind), (inverse.T, is_behind.T)):
+                before, here, after = values[: -2 * off], values[off:-off], values[2 * off :]
+                found[off:-off] |= before + after - 2.0 * here > EDGE_SHARE * np.maximum(before, after)
+        rows = slice(row - first, row - first + ROWS)
+        codes[row : row + ROWS][is_behind[rows]] = kernels.UNKNOWN
 
 
 @lru_cache(maxsize=16)
@@ -142,7 +165,8 @@ def prepare_reference(
 ) -> Reference:
     """Prepare a grey image (H, W) with range along the ray (H, W) in metres, NaN unknown, +Inf far.
 
-    Of the pixels of a sphere those are used that are evenly spaced on it (M15 eq. 9).
+    Of the pixels of a sphere those are used that are evenly spaced on it (M15 eq. 9); of any image none beside a nearer
+    surface, but on the coarsest level, which begins an alignment and tells what overlaps.
 
     Raises ValueError for sizes that differ and ranges that are zero or negative.
     """
@@ -159,6 +183,8 @@ def prepare_reference(
             steps, ranges = _halve_steps(steps, pad), halve_range_image(ranges, params.surface_ratio)
         if index >= finest:  # else no image will be aligned that finely
             codes = in_codes(ranges)
+            if index < len(cameras) - 1:
+                forget_behind_edges(ranges, codes)
             keep_evenly_spaced(codes, smaller)
             levels.append(ReferenceLevel(Squares(steps, smaller, pad, codes, params.far)))
     return Reference(tuple(levels))
