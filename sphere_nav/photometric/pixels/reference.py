@@ -15,6 +15,7 @@ import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,20 +46,33 @@ def keep_evenly_spaced(ranges: NDArray[np.uint16], camera: Camera) -> None:
 def forget_behind_edges(range_m: Floats, codes: NDArray[np.uint16]) -> None:
     """Forget the ranges, codes (H, W) of `kernels.encode_range`, of pixels within `EDGE_PIXELS` behind an edge.
 
-    The inverse range of a plane is nearly linear in its pixels; behind an edge it is below the mean of both sides. It
-    is so neither on the surface in front nor on a slanted one. What is unknown hides no edge.
+    An edge is where the inverse range leaps from one pixel to the next, as it does on neither side: no slanted plane,
+    no corner of a room. What is unknown hides no edge.
     """
-    height, width = range_m.shape
-    for row in range(0, height, ROWS):
-        first, last = max(row - EDGE_PIXELS, 0), min(row + ROWS + EDGE_PIXELS, height)
-        inverse = np.float32(1.0) / range_m[first:last]
+    halo = EDGE_PIXELS + 1
+    for row in range(0, len(range_m), ROWS):
+        first = max(row - halo, 0)
+        inverse = np.float32(1.0) / range_m[first : row + ROWS + halo]
         is_behind = np.zeros(inverse.shape, np.bool_)
-        for off in range(1, EDGE_PIXELS + 1):
-            for values, found in ((inverse, is_behind), (inverse.T, is_behind.T)):
-                before, here, after = values[: -2 * off], values[off:-off], values[2 * off :]
-                found[off:-off] |= before + after - 2.0 * here > EDGE_SHARE * np.maximum(before, after)
-        rows = slice(row - first, row - first + ROWS)
-        codes[row : row + ROWS][is_behind[rows]] = kernels.UNKNOWN
+        _mark_behind(inverse, is_behind)
+        _mark_behind(inverse.T, is_behind.T)
+        codes[row : row + ROWS][is_behind[row - first : row - first + ROWS]] = kernels.UNKNOWN
+
+
+def _mark_behind(inverse: Floats, is_behind: NDArray[np.bool_]) -> None:
+    """Mark the pixels (N, M) behind edges across the first axis, by inverse range in 1/m."""
+    leap, last = np.diff(inverse, axis=0), len(inverse) - 1
+    v, u = np.nonzero(np.abs(leap) > EDGE_SHARE * np.maximum(inverse[:-1], inverse[1:]))
+    found = leap[v, u]
+    sign = np.sign(found)
+    before, after = sign * leap[np.maximum(v - 1, 0), u], sign * leap[np.minimum(v + 1, last - 1), u]
+    before[v == 0], after[v == last - 1] = 0.0, 0.0
+    usual = np.fmax(np.fmax(before, after), 0.0)
+    near = np.maximum(inverse[v, u], inverse[v + 1, u])
+    is_edge = sign * found - usual > EDGE_SHARE * near
+    v, u, is_up = v[is_edge], u[is_edge], sign[is_edge] > 0.0
+    for off in range(EDGE_PIXELS):
+        is_behind[np.clip(np.where(is_up, v - off, v + 1 + off), 0, last), u] = True
 
 
 @lru_cache(maxsize=16)
@@ -226,6 +240,10 @@ def _halve_steps(steps: Steps, pad: int) -> Steps:
 
 
 def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
-    """Prepare one level of an image with range (H, W) in metres; all its pixels are used."""
+    """Prepare one level of an image with range (H, W) in metres; all its pixels are used that are seen."""
     bare = level.image[:, level.pad : level.image.shape[1] - level.pad]
+    is_unseen = np.isnan(bare)
+    if is_unseen.any():  # nor has one beside it a gradient
+        beside = cv2.dilate(is_unseen.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        bare, range_m = np.nan_to_num(bare), np.where(beside, np.float32(np.nan), range_m)
     return ReferenceLevel(Squares(in_steps(bare, level.pad), level.camera, level.pad, in_codes(range_m), far))
