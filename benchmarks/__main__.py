@@ -73,6 +73,7 @@ BENCHMARKS = {
     "intake_rate": "benchmarks.intake_rate",
     "soak": "benchmarks.soak",
     "relight": "benchmarks.relight",
+    "dark": "benchmarks.dark",
     "learning": "benchmarks.learning",
     "false_joins": "benchmarks.false_joins",
 }

@@ -98,7 +98,7 @@ class Room:
     """A recording of a room, and what the commands make of it in a folder."""
 
     def __init__(self, data: Path, poses: Path, first: int, folder: Path) -> None:
-        self._data, self._poses, self._first, self._folder = data, poses, first, folder
+        self._data, self._poses, self._first, self.folder = data, poses, first, folder
         self.recording = open_recording(data, poses)
         self.calibration = self.recording.calibrations[-1]
         folder.mkdir(parents=True, exist_ok=True)
@@ -107,7 +107,7 @@ class Room:
         """Map the first drive in its own light, localise the third one in it."""
         for number in (0, 2):
             self.drive("day", None, number)
-        if not (self._folder / "map_day").exists():
+        if not (self.folder / "map_day").exists():
             self._map("day_0", "map_day")
         return self.localize("map_day", "day_2")
 
@@ -120,7 +120,7 @@ class Room:
         alone = self.localize("map_day", f"{name}_2")
         self._map(f"{name}_1", f"map_{name}_own")
         own = self.localize(f"map_{name}_own", f"{name}_2")
-        said = self._map(f"{name}_1", f"map_{name}", "--extend", self._folder / "map_day", "--experience", name)
+        said = self._map(f"{name}_1", f"map_{name}", "--extend", self.folder / "map_day", "--experience", name)
         if "refused" in said:
             after, first = Placed(day.num_images, {}, 0, np.nan), day
         else:
@@ -141,9 +141,9 @@ class Room:
         last = self._first + LENGTH
         return [self._poses / f"frame-{index:06d}.pose.txt" for index in range(first, last, STEP)]
 
-    def drive(self, name: str, light: Light | None, number: int) -> None:
+    def drive(self, name: str, light: Any, number: int) -> None:
         """Make a bag of a drive in a light."""
-        bag, folder = self._folder / f"{name}_{number}", self._folder / f"{name}_{number}_images"
+        bag, folder = self.folder / f"{name}_{number}", self.folder / f"{name}_{number}_images"
         if bag.exists():
             return
         folder.mkdir()
@@ -162,24 +162,24 @@ class Room:
 
     def _map(self, drive: str, name: str, *words: Any) -> str:
         """Make a map; return what was said of the joining, or why it was refused."""
-        target = self._folder / name
+        target = self.folder / name
         if target.exists():
             shutil.rmtree(target)
         anchor = () if words else ("--anchor", "truth")
-        status, said = call("map", self._folder / drive, "-o", target, *anchor, *words)
+        status, said = call("map", self.folder / drive, "-o", target, *anchor, *words)
         if status:
             return f"refused: {said.strip().splitlines()[-1]}"
         return next((line for line in said.splitlines() if line.startswith("joined")), "")
 
     def localize(self, name: str, drive: str, *words: str) -> Placed:
         """Localise a drive, judged by its truth; more words for the command."""
-        poses, summary = self._folder / "poses.tum", self._folder / "summary.json"
-        given = "localize", self._folder / name, self._folder / drive, "-o", poses, "--json", summary, "--overwrite"
+        poses, summary = self.folder / "poses.tum", self.folder / "summary.json"
+        given = "localize", self.folder / name, self.folder / drive, "-o", poses, "--json", summary, "--overwrite"
         call(*given, *words)
         found = json.loads(summary.read_text(encoding="utf-8"))
         if not found["poses"]:
             return Placed(found["images"], found["states"], 0, np.nan)
-        errors = evaluate_poses(read_tum(poses), read_poses(self._folder / drive, ("ground_truth/pose",))).errors
+        errors = evaluate_poses(read_tum(poses), read_poses(self.folder / drive, ("ground_truth/pose",))).errors
         is_wrong = (errors.translation_m > WRONG[0]) | (np.degrees(errors.rotation_rad) > WRONG[1])
         median = 1e3 * float(np.median(errors.translation_m))
         return Placed(found["images"], found["states"], int(is_wrong.sum()), median)

@@ -125,3 +125,9 @@ MIN_EXPLAINED_SHARE = 0.8  # of the key images, below which a drive is a lesson
 KEY_REACH, KEY_TURN = 0.1, 0.1  # between key images: share of the radius of a region; rad
 MIN_KEY_IMAGES, KEY_MEMORY = 6, 500  # of a drive that is kept; latest ones that the next is compared with
 MAX_KEY_SIGMA_M = 0.05  # standard deviation of the place of a key image
+
+# Geometry where grey levels do not do (track/test_range_support)
+NUM_RANGE_REFERENCES = 2  # key spheres that depth is aligned to, those that cover most of it
+NUM_RANGE_KEPT = 16  # ranges of key spheres that are kept ready: memory, no result
+GOOD_RANGE_OVERLAP, GOOD_RANGE_AGREEMENT = 0.4, 0.8  # shares; the least are those of any motion by ranges
+MAX_CONTRADICTION = 4.74  # deviations between both poses, chi of 6 at 0.001: beyond it they are not joined

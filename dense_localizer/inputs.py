@@ -14,15 +14,17 @@ from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization import FINE, Finding, InputCheck, Reason
+from sphere_nav.localization.input_check import SAMPLE_STEP
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.spheres.range_alignment import DepthImage
 
 
 @dataclass(frozen=True)
 class CameraImage:
     """A grey image (H, W) and its camera; where that is on the body (None: it is the body itself), and its name.
 
-    delay_s: when it was taken, after the stamp of the instant.
+    delay_s: when it was taken, after the stamp of the instant. depth: what a depth camera beside it saw.
     """
 
     image: NDArray[Any]
@@ -30,17 +32,22 @@ class CameraImage:
     T_body_camera: SE3 | None = None
     name: str = ""
     delay_s: float = 0.0
+    depth: DepthImage | None = None
 
 
 @dataclass(frozen=True)
 class LocalizerInput:
-    """The images of one instant with their pyramids (none where all are of no use, `finding` says why) and odometry."""
+    """The images of one instant with their pyramids (none where all are of no use, `finding` says why) and odometry.
+
+    depth: that of a camera; its pose is on the body.
+    """
 
     stamp_ns: int
     finding: Finding = FINE
     images: tuple[RigImage, ...] = ()
     T_odom_camera: SE3 | None = None  # of the body, where cameras are several
     is_clock_jump: bool = False  # stamps are of another time from here on
+    depth: DepthImage | None = None
 
 
 class Inputs:
@@ -54,6 +61,7 @@ class Inputs:
         """Forget the streams."""
         self.stream = InputCheck(self._params.input)  # the stamps that all cameras share
         self._checks: dict[str, InputCheck] = {}
+        self._depth_check = InputCheck(self._params.input)
 
     def check(
         self,
@@ -72,6 +80,7 @@ class Inputs:
             return LocalizerInput(stamp_ns, stream.finding)
         if stream.is_clock_jump:
             self._checks.clear()
+            self._depth_check.reset()
         is_moving = velocity is None or float(np.linalg.norm(velocity[:3])) > MOVING_SPEED
         usable, findings = [], []
         for one in images:
@@ -82,7 +91,23 @@ class Inputs:
                 pyramid = build_pyramid(one.image, one.camera, self._params.registration.pyramid)
                 usable.append(RigImage(pyramid, _mount_at_stamp(one, velocity), name=one.name))
         finding = next((one for one in findings if one.reason is not Reason.NONE), FINE)
-        return LocalizerInput(stamp_ns, finding, tuple(usable), T_odom_camera, stream.is_clock_jump)
+        seen = next((one for one in images if one.depth is not None), None)
+        depth = self._check_depth(seen, finding, is_moving=is_moving) if seen is not None else None
+        return LocalizerInput(stamp_ns, finding, tuple(usable), T_odom_camera, stream.is_clock_jump, depth)
+
+    def _check_depth(self, one: CameraImage, finding: Finding, *, is_moving: bool) -> DepthImage | None:
+        """Return the depth beside an image, seen from the body; None where it is frozen, or the camera is not to trust.
+
+        An image in which nothing is seen is no reason against it.
+        """
+        assert one.depth is not None
+        sample = np.nan_to_num(one.depth.depth_m[::SAMPLE_STEP, ::SAMPLE_STEP])
+        frozen = self._depth_check.check_frozen(sample, is_moving=is_moving)
+        if frozen.reason is not Reason.NONE or finding.reason not in (Reason.NONE, Reason.LOW_TEXTURE):
+            return None
+        if one.T_body_camera is None:
+            return one.depth
+        return replace(one.depth, T_image_depth=one.T_body_camera @ one.depth.T_image_depth)
 
 
 def _mount_at_stamp(one: CameraImage, velocity: Array | None) -> SE3 | None:

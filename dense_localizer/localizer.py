@@ -1,8 +1,8 @@
 """READ FIRST. One image after the other -> pose of the camera in the map (M15 section 5).
 
 For each instant: check the images, predict where they were taken, choose references by distance alone (eq. 17), align
-with two at once (eq. 19), assess the result, update the state; before the first pose and after a loss, search. Poses
-leave this package only in TRACKING and DEGRADED. Decisions depend on images and stamps alone. Cameras may be several.
+with two at once (eq. 19), assess, ask depth where images do not do, update the state; before the first pose and after a
+loss, search. Poses leave this package only in TRACKING and DEGRADED. Decisions depend on images and stamps alone.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from dense_localizer.references.reference import References, SphereMap
 from dense_localizer.start.search import PoseSearch
 from dense_localizer.track.align import align_rig
 from dense_localizer.track.inter_frame import InterFrame
+from dense_localizer.track.range_support import RangeSupport
 from dense_localizer.track.visual_odometry import VisualOdometry
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.localization import FINE, Finding, Reason, StateMachine, Status
@@ -37,8 +38,8 @@ class Localizer:
         self.references = References(sphere_map, params, is_live=is_live)
         self._integrity = Integrity(self.references, params)
         self._visual_odometry = VisualOdometry(self.references, params)
-        self.search = PoseSearch(self.references, params)
-        self._states = StateMachine(params.state)
+        self._range_support = RangeSupport(self.references, params)
+        self.search, self._states = PoseSearch(self.references, params), StateMachine(params.state)
 
     def update(self, image: NDArray[Any], camera: Camera, stamp_ns: int, T_odom: SE3 | None = None) -> CameraEstimate:
         """Localize one grey image (H, W); `T_odom` (camera) is odometry at its stamp, where there is any."""
@@ -68,21 +69,21 @@ class Localizer:
 
     def _track(self, frame: LocalizerInput) -> CameraEstimate:
         """Go on by the map, by the last images where it does not fit (M15 section 5.3), else by the prediction."""
-        if not frame.images:
+        if not (frame.images or frame.depth):
             return self._hold(frame, frame.finding)
         predictions = self._prior.propose(frame)  # the likeliest first
         candidate = select_first_accepted(self._locate(frame, prediction) for prediction in predictions)
         candidate = self._visual_odometry.verify(frame, candidate, is_trusted=self._states.is_trusted)
         if not candidate.is_accepted:
-            return self._hold(frame, candidate.finding, candidate)
+            return self._hold(frame, candidate.finding if frame.images else frame.finding, candidate)
         return self._update(frame, candidate)
 
     def _locate(self, frame: LocalizerInput, prediction: Prediction) -> PoseCandidate:
-        """Choose references, align, assess: of a prediction, or of a guess of the search."""
+        """Choose references, align, assess, ask depth: of a prediction, or of a guess of the search."""
         chosen = self.references.choose_rig(frame.images, prediction)
         alignment = align_rig(chosen, prediction, self.params)
         evidence = self._states.state, self._visual_odometry.usual_ncc
-        return self._integrity.assess(chosen, alignment, prediction, *evidence)
+        return self._range_support.support(frame, self._integrity.assess(chosen, alignment, prediction, *evidence))
 
     def _update(self, frame: LocalizerInput, candidate: PoseCandidate) -> CameraEstimate:
         """Go on from an accepted candidate; by the map and good as it is, what preceded it may ask for care."""
@@ -132,8 +133,8 @@ class Localizer:
 
     def silence(self, elapsed_s: float, finding: Finding = FINE) -> Status | None:
         """Return what to say so long after the last usable image, if that is too long; the state follows stamps."""
-        silence = self._inputs.stream.find_silence(elapsed_s, finding)
-        return silence and report_status(self._states.after_silence, *silence, self._prior.age(silence[0]))
+        found = self._inputs.stream.find_silence(elapsed_s, finding)
+        return found and report_status(self._states.after_silence, *found, self._prior.age(found[0]))
 
     def reset(self) -> None:
         """Forget pose, stream, losses and requests."""
@@ -144,7 +145,5 @@ class Localizer:
         for one in (self._prior, self.search, self._integrity, self._states, self._inter_frame, self._visual_odometry):
             one.reset()
 
-    def _report(
-        self, frame: LocalizerInput, finding: Finding, candidate: PoseCandidate | None = None
-    ) -> CameraEstimate:
-        return report_estimate(self._states, self._prior, frame.stamp_ns, finding, candidate)
+    def _report(self, frame: LocalizerInput, finding: Finding, used: PoseCandidate | None = None) -> CameraEstimate:
+        return report_estimate(self._states, self._prior, frame.stamp_ns, finding, used)

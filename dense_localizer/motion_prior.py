@@ -50,13 +50,14 @@ class Prediction:
     defies_odometry: bool = False  # made without the odometry that was there
     is_fallback: bool = False  # made because a likelier one failed
     is_guess: bool = False  # of a search: the pose may be any other
+    is_near: bool = False  # of a search near a pose that was given or lost
     T_map_aligned: SE3 | None = None  # pose of the last alignment
     growth: Array | None = None  # covariance (6, 6) of the motion since then
 
     @staticmethod
-    def guess(T_map_camera: SE3) -> Prediction:
+    def guess(T_map_camera: SE3, *, is_near: bool = False) -> Prediction:
         """Return a pose to try of which nothing else is known."""
-        return Prediction(T_map_camera, UNKNOWN_COVARIANCE, 0, is_guess=True)
+        return Prediction(T_map_camera, UNKNOWN_COVARIANCE, 0, is_guess=True, is_near=is_near)
 
     @property
     def finding(self) -> Finding:

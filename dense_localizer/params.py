@@ -99,5 +99,6 @@ class DenseLocalizerParams(LocalizerParams, NodeParams):
     """Everything that the node needs (`node.py`)."""
 
     map: str = param("", "map to localise in; empty: wait for the call load_map")
+    use_depth: bool = param(False, "place by depth/image_raw, too, where the images alone do not: by night, new light")
     learn: bool = param(False, "keep key images of each drive beside the map, for sphere_nav map-learn")
     rig: RigParams = group(RigParams)

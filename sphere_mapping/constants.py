@@ -30,11 +30,9 @@ MIN_INLIER_SHARE = 0.5  # of pixels that agree, below which a reference no longe
 MAX_PAIR_MAD = 0.05 * MAX_GRAY  # grey levels, of a true pair (M15 eq. 12)
 MIN_PAIR_OVERLAP = 0.3  # share of the reference's own coverage that must be in view
 MIN_PAIR_NCC = 0.6  # correlation of the aligned images, both ways
-MAX_GAP, MAX_GAP_SHARE = (0.05, 0.02), 0.02  # between the two results; share of their distance
 MIN_INLIERS = 15  # features that agree on a pose; between other places of a town 4 to 8 do
 MAX_FROM_FEATURES = (0.3, 0.05)  # between the motion by features and the dense one
 EDGE_FLOOR = (0.002, 0.0005)  # standard deviations that no measured motion falls below
-EDGE_SHARE = 0.005  # the same by the distance between the spheres: ranges and calibration err, too
 UNCONFIRMED, UNCONFIRMED_SHARE = (0.03, 0.01), 0.03  # deviations of an edge that one way measured; by its length
 
 # Places seen twice (test_loop_closure, test_verification)
@@ -95,21 +93,6 @@ GROUND_HEIGHT_M, GROUND_SPREAD = 0.1, 0.1  # of the camera above it, at least; i
 GROUND_LEAN_RAD = 0.25  # 15 deg: a mounting that is known is not farther off
 GROUND_FLOOR_RAD, GROUND_SIGMAS = 0.0035, 3.0  # 0.2 deg that ranges bend a floor by; deviations that prove a lean
 MOUNT_WAIT_S = 1.0  # of stamps, that a live node waits for /tf_static and the IMU before it begins a map
-
-# Ranges against ranges (experiences/test_range_alignment)
-NUM_RANGE_POINTS = 3000  # of a coarse sphere
-RANGE_GATES = ((0.3, 4), (0.1, 2), (0.04, 1))  # difference of range at which a point counts; every which point
-RANGE_STEPS, MIN_RANGE_STEP = 10, 3e-4  # iterations of each gate at most; m and rad, of the last
-MIN_RANGE_POINTS = 50  # in an alignment
-RANGE_NOISE = (0.003, 0.004)  # m, by the range: standard deviation of ranges, at least
-MAX_NORMAL_ANGLE = 1.2  # rad between a surface and the view of it, or two views of it
-MIN_RANGE_OVERLAP = 0.3  # share of the points that must fall on known ranges
-MIN_FACING_SHARE = 0.08  # of the points seen, that face along one axis, for these to be judged by themselves
-MIN_COARSE_AGREEMENT = 0.4  # the same on the way: below it, and there is no use in going on
-MIN_RANGE_AGREEMENT = 0.75  # share of these that must lie there, within the last gate
-MAX_RANGE_SIGMA = 0.01  # m: largest standard deviation of a motion, were errors independent: all six directions held
-RANGE_EDGE_FLOOR = (0.005, 0.002)  # standard deviations that no motion by ranges falls below; neighbours err alike
-RANGE_TURN_SHARE = 0.05  # deviation by the turn: a depth camera's lens is known to a few percent, and bends space
 
 # A drive placed in a map (experiences/test_joining)
 NUM_PASSES = 2  # of places sought, and the drive placed by them

@@ -6,6 +6,7 @@ can be. A change of light or the distance to a key sphere is none, however large
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from dense_localizer.constants import (
     GOOD_INNOVATION,
     GOOD_NCC_LEAD,
     GOOD_OVERLAP,
+    GOOD_RANGE_AGREEMENT,
+    GOOD_RANGE_OVERLAP,
     GOOD_SIGMA,
     GOOD_STRETCH,
     MAX_ATTITUDE_SIGMA_RAD,
@@ -35,12 +38,15 @@ from dense_localizer.constants import (
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
 from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.checks.bias import PoseBias
 from sphere_nav.photometric.checks.structure import Structure
 from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
+from sphere_nav.spheres.constants import MIN_RANGE_AGREEMENT, MIN_RANGE_OVERLAP
+from sphere_nav.spheres.range_alignment import RangeFit
 
 
 @dataclass(frozen=True)
@@ -79,9 +85,9 @@ class Check:
         return Finding(self.reason, float(self.value), self.hard if self.margin < 0 else self.good, self.detail)
 
 
-def measure_innovation(alignment: Alignment, covariance: Array, prediction: Prediction) -> float:
-    """Return the distance of an alignment from its prediction in standard deviations of both together."""
-    xi = (prediction.T_map_camera.inverse() @ alignment.T_world_camera).log()
+def measure_innovation(T_map_camera: SE3, covariance: Array, prediction: Prediction) -> float:
+    """Return the distance of a pose from its prediction in standard deviations of both together."""
+    xi = (prediction.T_map_camera.inverse() @ T_map_camera).log()
     return float(np.sqrt(squared_mahalanobis(xi, prediction.covariance + covariance)))
 
 
@@ -107,13 +113,25 @@ def assess(
     if structure is not None:
         checks += _check_structure(structure, params)
     if prediction is not None:
-        distance = measure_innovation(alignment, covariance, prediction)
-        good, what = GOOD_INNOVATION * MAX_INNOVATION, "standard deviations from prediction"
-        checks.append(Check(Reason.JUMP_REJECTED, distance, MAX_INNOVATION, good, what))
-    worst = min(checks, key=lambda check: check.margin)
-    is_accepted, is_good = worst.margin >= 0.0, worst.margin >= 0.5
-    finding = FINE if is_good else _name_cause(worst.finding, alignment, distance_ratio)
-    return Acceptance(is_accepted, is_good, finding, max(0.0, worst.margin))
+        checks.append(_check_jump(measure_innovation(alignment.T_world_camera, covariance, prediction)))
+    acceptance = _conclude(checks)
+    if acceptance.is_good:
+        return acceptance
+    return replace(acceptance, finding=_name_cause(acceptance.finding, alignment, distance_ratio))
+
+
+def assess_range(
+    fit: RangeFit, T_map_camera: SE3, covariance: Array, prediction: Prediction, params: AcceptanceParams
+) -> Acceptance:
+    """Assess a pose by range alone; what both ways must agree on has been asked (`measure_motion_by_ranges`)."""
+    checks = [
+        Check(Reason.LOW_OVERLAP, fit.overlap, MIN_RANGE_OVERLAP, GOOD_RANGE_OVERLAP, "of range and map"),
+        Check(Reason.OUTLIERS, fit.agreement, MIN_RANGE_AGREEMENT, GOOD_RANGE_AGREEMENT, "of surfaces"),
+        *_check_certainty(covariance, params),
+    ]
+    if not prediction.is_guess:
+        checks.append(_check_jump(measure_innovation(T_map_camera, covariance, prediction)))
+    return _conclude(checks)
 
 
 def refuse(finding: Finding) -> Acceptance:
@@ -203,6 +221,19 @@ def _name_cause(finding: Finding, alignment: Alignment, distance_ratio: float) -
         detail = f"{finding.detail}; {distance_ratio:.2g} times the region of the key sphere away".removeprefix("; ")
         return replace(finding, reason=Reason.OUTSIDE_REGION, detail=detail)
     return finding
+
+
+def _check_jump(distance: float) -> Check:
+    """Return the check of a distance from the prediction."""
+    good, what = GOOD_INNOVATION * MAX_INNOVATION, "standard deviations from prediction"
+    return Check(Reason.JUMP_REJECTED, distance, MAX_INNOVATION, good, what)
+
+
+def _conclude(checks: Sequence[Check]) -> Acceptance:
+    """Return what the worst of the checks makes of all."""
+    worst = min(checks, key=lambda check: check.margin)
+    is_accepted, is_good = bool(worst.margin >= 0.0), bool(worst.margin >= 0.5)
+    return Acceptance(is_accepted, is_good, FINE if is_good else worst.finding, max(0.0, worst.margin))
 
 
 def _check_certainty(covariance: Array, params: AcceptanceParams) -> list[Check]:

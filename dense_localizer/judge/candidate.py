@@ -35,6 +35,7 @@ class PoseCandidate:
     images: tuple[RigImage, ...] = ()
     is_biased: bool = False  # by an occlusion or uneven light, where that was checked; the bias is removed
     is_by_map: bool = True  # else by the last images alone
+    is_by_range: bool = False  # by geometry alone
 
     def refuse(self, finding: Finding) -> PoseCandidate:
         """Return it as one that is not used."""
@@ -58,7 +59,7 @@ class PoseCandidate:
     @property
     def noise(self) -> NDArray[np.float64]:
         """The part (6, 6) of the covariance that the image brings, not the map."""
-        return self.alignment.covariance if self.alignment is not None else self.covariance
+        return self.alignment.covariance if self.alignment is not None and not self.is_by_range else self.covariance
 
     @property
     def is_certain(self) -> bool:
@@ -68,7 +69,7 @@ class PoseCandidate:
     @property
     def ncc(self) -> float:
         """How well the references explain the image, -1...1."""
-        return self.alignment.ncc if self.alignment is not None else -1.0
+        return self.alignment.ncc if self.alignment is not None and not self.is_by_range else -1.0
 
 
 def select_first_accepted(candidates: Iterable[PoseCandidate]) -> PoseCandidate:

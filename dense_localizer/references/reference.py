@@ -83,9 +83,9 @@ class Choice:
 
     @staticmethod
     def merge(choices: Sequence[Choice]) -> Choice:
-        """Return the references of several cameras together."""
-        if len(choices) == 1:
-            return choices[0]
+        """Return the references of several cameras together, none of none."""
+        if len(choices) < 2:
+            return choices[0] if choices else Choice((), (), 0.0, np.inf, np.inf, np.inf)
         nearest = min(choices, key=lambda choice: choice.distance_m)
         ids = tuple(dict.fromkeys(sphere_id for choice in choices for sphere_id in choice.ids))
         views = tuple(view for choice in choices for view in choice.views)
@@ -180,12 +180,18 @@ class References:
         nearest = ready[: self._params.num_references] or usable[:1]
         chosen = self._near_enough(nearest, T_map_camera)
         if not chosen:
-            return Choice((), (), best, np.inf, np.inf, np.inf)
+            return replace(Choice.merge(()), overlap=best)
         references = [self._get(node.id) for node in chosen if ready] or [self.coarse.reference(chosen[0].id)]
         self._last = camera, tuple(node.id for node in chosen)
         views = tuple(View(one, node.T_map_sphere) for one, node in zip(references, chosen, strict=True))
         distance, typical = measure_distance(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
         return Choice(self._last[1], views, best, distance, typical, self._region(chosen[0]))
+
+    def covering(self, T_map_camera: SE3, camera: Camera, count: int) -> list[KeySphere]:
+        """Return the key spheres near a pose, of any experience, that cover most of what its camera sees."""
+        nodes, overlaps = self._candidates(T_map_camera, camera, 0)
+        best = np.argsort(-overlaps, kind="stable")[:count]
+        return [nodes[index] for index in best.tolist() if overlaps[index] >= MIN_VISIBLE_SHARE]
 
     def _of_experience(self, nodes: list[KeySphere], sight: Sight | None) -> list[KeySphere]:
         """Return those of the key spheres, nearest first, whose experience looks like the image."""

@@ -17,6 +17,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, BaseEstimate, Finding, State, Status, status_of
 from sphere_nav.photometric import warm_up
 from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.camera.depth_intake import DepthCameraIntake
 from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.localizer.node import LocalizerNode
@@ -56,7 +57,10 @@ class DenseLocalizerNode(LocalizerNode):
         """Subscribe to the camera, or to those of a rig."""
         p, callbacks = self.params, (self.on_picture, self.on_refusal)
         if not self.has_rig:
-            return super().make_intake()
+            kind = DepthCameraIntake if p.use_depth else CameraIntake
+            return kind(self.endpoints, p, *callbacks, has_sphere_info=True)
+        if p.use_depth:
+            raise ValueError(f"use_depth: expected one camera, found several: {p.rig.cameras or p.rig.calibration}")
         calibration = read_calibration(p.rig.calibration, self.maps.reader)
         return MultiCameraIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
 
@@ -117,7 +121,7 @@ class DenseLocalizerNode(LocalizerNode):
     def images_of(self, picture: Picture) -> tuple[CameraImage, ...]:
         """Return the images of an instant; one camera is its own body, that of several is the base."""
         if not self.has_rig:
-            return (CameraImage(picture.image, picture.camera),)
+            return (CameraImage(picture.image, picture.camera, depth=picture.depth),)
         return tuple(
             CameraImage(one.image, one.camera, one.T_base_camera, one.name, (one.stamp_ns - picture.stamp_ns) * 1e-9)
             for one in (picture, *picture.others)

@@ -104,7 +104,7 @@ class VisualOdometry:
         """
         by_images = None
         if by_map.is_accepted:
-            if self.is_needed:
+            if self.is_needed and not by_map.is_by_range:  # which knows no light
                 by_images = self._propagate(frame.images, by_map.prediction, CONTRADICTED)
                 by_map = by_map if self._supports(by_map, by_images) else by_map.refuse(CONTRADICTED)
             if by_map.is_accepted:
@@ -116,7 +116,7 @@ class VisualOdometry:
 
     def _start(self, candidate: PoseCandidate, stamp_ns: int) -> None:
         """Begin anew at an image that the map has placed."""
-        if not self.is_needed:
+        if not (self.is_needed or candidate.is_by_range):
             usual, ncc = self.usual_ncc, candidate.ncc
             self.usual_ncc += (1.0 - IMAGE_FORGETTING) * (ncc - usual) if usual else ncc
         self._last, self._way = candidate, Way(candidate.T_map_camera, candidate.covariance, stamp_ns)

@@ -19,17 +19,14 @@ from sphere_mapping.constants import (
     EDGE_FLOOR,
     GUESS_STEP_RAD,
     MAX_AWAY,
-    MAX_GAP,
     MIN_CONFIRMED_SHARE,
     MIN_RANGE_CONSENT,
     MIN_RANGE_JOINS,
     NUM_HEADINGS,
     NUM_PASSES,
     NUM_SEARCHED,
-    RANGE_TURN_SHARE,
     TRACK_SHARE,
 )
-from sphere_mapping.experiences.range_alignment import RangeFit, RangeSphere, measure_motion_by_ranges
 from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_graphs
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.verification import Run
@@ -37,7 +34,9 @@ from sphere_mapping.params import MapperParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.spheres.constants import MAX_GAP
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.range_alignment import RangeFit, RangeImage, measure_motion_by_ranges
 from sphere_nav.spheres.sphere import Sphere
 
 
@@ -89,7 +88,7 @@ def join_drive(
     run: Run = map,
 ) -> Joined:
     """Join a drive to a map; `T_map_start` is where its first sphere was, as somebody says, to half a meter."""
-    load_base = cache(lambda sphere_id: RangeSphere.prepare(base.load(sphere_id)))
+    load_base = cache(lambda sphere_id: RangeImage.from_sphere(base.load(sphere_id)))
     first = find_first(base, drive, images, params, T_map_start, run)
     if not first.edges:
         first = search_by_ranges(base.graph, drive, load_base, first.told)
@@ -141,13 +140,11 @@ def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
         yield Edge(image.located.a, key_id, T_a_key, symmetric_inverse(covariance), is_loop=True)
 
 
-def search_by_ranges(
-    base: SphereGraph, drive: Submap, load_base: Callable[[int], RangeSphere], told: str = ""
-) -> First:
+def search_by_ranges(base: SphereGraph, drive: Submap, load_base: Callable[[int], RangeImage], told: str = "") -> First:
     """Return the places of some key spheres of the drive that their ranges agree on."""
     edges = []
     for node in _spread(drive.graph, NUM_SEARCHED[0]):
-        own = RangeSphere.prepare(drive.load(node.id))
+        own = RangeImage.from_sphere(drive.load(node.id))
         fits = [(one.id, fit) for one in _spread(base, NUM_SEARCHED[1]) for fit in _fit_all(load_base(one.id), own)]
         best = sorted(fits, key=lambda pair: -pair[1].likeness)[: NUM_SEARCHED[2]]
         edges += [range_edge(fit, a, node.id) for a, fit in best]
@@ -158,7 +155,7 @@ def search_by_ranges(
 
 
 def refine_by_ranges(
-    base: SphereGraph, joined: SphereGraph, images: Sequence[DriveSphere], load_base: Callable[[int], RangeSphere]
+    base: SphereGraph, joined: SphereGraph, images: Sequence[DriveSphere], load_base: Callable[[int], RangeImage]
 ) -> tuple[list[Edge], int]:
     """Return joins of the map's key spheres with the image of the drive that is nearest to each, and how many had one.
 
@@ -168,38 +165,31 @@ def refine_by_ranges(
     for node in base:
         motions = [node.T_map_sphere.inverse() @ joined[one.track.key_id].T_map_sphere @ one.track.T_key_sphere
                    for one in images]  # fmt: skip
-        away = [_away(T, node.region_radius_m or 1.0, is_whole=load_base(node.id).camera.is_whole) for T in motions]
+        away = [_away(T, node.region_radius_m or 1.0, is_whole=load_base(node.id).is_whole) for T in motions]
         best = int(np.argmin(away))
         located = images[best].located
         if away[best] > MAX_AWAY or (located is not None and located.is_explained):
             continue
         num_tried += 1
         fit = measure_motion_by_ranges(
-            load_base(node.id), RangeSphere.prepare(images[best].load_small()), motions[best]
+            load_base(node.id), RangeImage.from_sphere(images[best].load_small()), motions[best]
         )
         if fit is not None:
             track = images[best].track
             to_key = track.T_key_sphere
             adjoint = to_key.adjoint()
-            covariance = adjoint @ range_covariance(fit) @ adjoint.T
+            covariance = adjoint @ fit.honest_covariance @ adjoint.T
             T_a_key = fit.T_a_b @ to_key.inverse()
             found.append(Edge(node.id, track.key_id, T_a_key, symmetric_inverse(covariance), is_loop=True))
     return found, num_tried
 
 
-def range_covariance(fit: RangeFit) -> Array:
-    """Return the covariance (6, 6) of a motion by ranges: a range camera that bends space errs by the turn."""
-    _, angle = SE3.identity().distance(fit.T_a_b)
-    share = RANGE_TURN_SHARE * float(angle)
-    return fit.covariance + np.diag(np.repeat([share * fit.typical_m, share], 3) ** 2)
-
-
 def range_edge(fit: RangeFit, a: int, b: int) -> Edge:
     """Return a motion by ranges as a robust edge of the graph."""
-    return Edge(a, b, fit.T_a_b, symmetric_inverse(range_covariance(fit)), is_loop=True)
+    return Edge(a, b, fit.T_a_b, symmetric_inverse(fit.honest_covariance), is_loop=True)
 
 
-def _fit_all(a: RangeSphere, b: RangeSphere) -> list[RangeFit]:
+def _fit_all(a: RangeImage, b: RangeImage) -> list[RangeFit]:
     """Return the motions between two spheres that ranges allow, where only the upright axis is known: a box has two."""
     headings, found = guess_headings(a, b), list[RangeFit]()
     for heading in headings.tolist():
@@ -209,9 +199,9 @@ def _fit_all(a: RangeSphere, b: RangeSphere) -> list[RangeFit]:
     return found
 
 
-def guess_headings(a: RangeSphere, b: RangeSphere) -> Array:
+def guess_headings(a: RangeImage, b: RangeImage) -> Array:
     """Return the yaws of T_a_b that are worth trying: of whole spheres the best by N17's column shifts."""
-    if not (a.camera.is_whole and b.camera == a.camera):
+    if not (a.is_whole and b.camera == a.camera):
         return np.array([-GUESS_STEP_RAD, 0.0, GUESS_STEP_RAD])
     one, other = (_without_mean(np.log(part.range_m)) for part in (a, b))
     spectrum = np.fft.rfft(other, axis=1) * np.conj(np.fft.rfft(one, axis=1))

@@ -13,10 +13,7 @@ import numpy as np
 
 from sphere_mapping.constants import (
     EDGE_FLOOR,
-    EDGE_SHARE,
     MAX_FROM_FEATURES,
-    MAX_GAP,
-    MAX_GAP_SHARE,
     MAX_PAIR_MAD,
     MIN_INLIERS,
     MIN_PAIR_NCC,
@@ -30,6 +27,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, register
 from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
+from sphere_nav.spheres.constants import EDGE_SHARE, MAX_GAP, MAX_GAP_SHARE
 from sphere_nav.spheres.graph import Edge
 
 ONE_WAY, FEATURES = "ONE_WAY", "FEATURES"  # the way back does not agree; features agree on another motion

@@ -125,7 +125,7 @@ class InputCheck:
             num_bad = int(np.sum(~np.isfinite(image)))
             return Finding(Reason.LOW_TEXTURE, num_bad, 0.0, "pixels that are no numbers")
         finding = self._check_light(sample)
-        return finding if finding.reason is not Reason.NONE else self._check_frozen(sample, is_moving)
+        return finding if finding.reason is not Reason.NONE else self.check_frozen(sample, is_moving=is_moving)
 
     def _check_light(self, sample: NDArray[Any]) -> Finding:
         levels, counts = _count_levels(sample)
@@ -139,7 +139,8 @@ class InputCheck:
         contrast, limit = float(np.sqrt((levels - mean) ** 2 @ counts / sample.size)), MIN_CONTRAST
         return Finding(Reason.LOW_TEXTURE, contrast, limit, "image has no contrast") if contrast < limit else FINE
 
-    def _check_frozen(self, sample: NDArray[Any], is_moving: bool) -> Finding:
+    def check_frozen(self, sample: NDArray[Any], *, is_moving: bool = False) -> Finding:
+        """Judge whether pixels (numbers) are new, of an image or of depth."""
         is_repeat = self._last_sample is not None and np.array_equal(sample, self._last_sample)
         self._num_repeats = self._num_repeats + 1 if is_repeat else 0
         if not is_repeat:

@@ -220,6 +220,8 @@ def find_localizer_topics(bag: BagReader, arguments: argparse.Namespace) -> dict
         return find_topics(bag, ("image_raw",), chosen)
     streams = read_streams(bag)
     with _name_bag(bag):
+        if settings.get("use_depth"):
+            return _beside_odometry(streams, find_wanted(streams, RGBD, chosen))
         found = find_lens_topics(streams, lambda wanted: find_wanted(streams, wanted, chosen))
     return _beside_odometry(streams, found)
 

@@ -33,7 +33,7 @@ def _halved(sphere: Sphere) -> Sphere:
     height, width = camera.height * factor, camera.width * factor
     gray = cv2.resize(sphere.gray[:height, :width], (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     image: Image = np.clip(np.rint(gray), UNSEEN + 1, 255).astype(np.uint8)
-    return Sphere(image, _nearest_surface(sphere.range_m[:height, :width], factor), camera, sphere.stamp_ns)
+    return Sphere(image, nearest_surface(sphere.range_m[:height, :width], factor), camera, sphere.stamp_ns)
 
 
 def _can_halve(camera: Spherical) -> bool:
@@ -42,7 +42,7 @@ def _can_halve(camera: Spherical) -> bool:
     return min(camera.width, camera.height) // 2 >= MIN_SIDE
 
 
-def _nearest_surface(range_m: Range, factor: int) -> Range:
+def nearest_surface(range_m: Range, factor: int) -> Range:
     """Return the mean inverse range of the nearest surface in each block, NaN where nothing is known of it."""
     height, width = range_m.shape[0] // factor, range_m.shape[1] // factor
     blocks: NDArray[np.float32] = range_m.reshape(height, factor, width, factor).transpose(0, 2, 1, 3)

@@ -125,6 +125,19 @@ def test_a_drive_gives_pose_odometry_transform_and_status(map_path, pictures):
     assert len(status.references) == 2
 
 
+@pytest.mark.parametrize(("use_depth", "state"), [(True, "TRACKING"), (False, "DEGRADED")])
+def test_where_the_light_goes_out_depth_goes_on(map_path, room, pictures, use_depth, state):
+    bench, way = Bench(map_path, use_depth=use_depth), drive(12)
+    for k, pose in enumerate(way[:8]):
+        depth_m = room.rgbd(PINHOLE, pose)[1]
+        bench.send("/depth/image_raw", array_to_image(depth_m, bench.now + STEP_NS, OPTICAL, "32FC1"))
+        answer = bench.see(pictures[k] if k < 6 else np.zeros_like(pictures[k]))
+    assert (answer["/status"].state, answer["/status"].reason) == (state, "LOW_TEXTURE")
+    if use_depth:
+        T_map_base, _ = pose_with_covariance_to_se3(answer["/pose"], "map")
+        assert T_map_base.distance(way[7] @ T_BASE_CAMERA.inverse())[0] < 0.03
+
+
 def test_the_twist_is_that_of_the_base(map_path, pictures):
     answer = Bench(map_path).follow(pictures)[-1]
     _, twist = odometry_to_se3(answer["/odometry"])

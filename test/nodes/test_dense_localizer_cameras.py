@@ -173,6 +173,7 @@ def test_a_camera_without_mounting_is_refused_by_name(map_path, pictures):
         ({"rig.calibration": "map", "rig.cameras": "front,side"}, "front, back"),
         ({"rig.cameras": "front", "base_frame": ""}, "base_frame"),
         ({"rig.calibration": "no_such_file.yaml"}, "no_such_file"),
+        ({"rig.cameras": "front", "use_depth": True}, "use_depth: expected one camera"),
     ],
 )
 def test_a_rig_that_cannot_be_is_refused_at_once(map_path, values, words):

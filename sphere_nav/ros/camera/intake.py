@@ -41,7 +41,7 @@ class CameraIntake:
         has_sphere_info: bool = False,
     ) -> None:
         """`on_refusal(stamp_ns, finding)` gets the images that cannot be used; `has_sphere_info` allows panoramas."""
-        self._tf = TransformListener(endpoints, ignored=params.map_frame)
+        self._params, self._tf = params, TransformListener(endpoints, ignored=params.map_frame)
         self.odometry = make_odometry(endpoints, self._tf.tree, params)
         mounting = read_mounting(params.mounting)
         T_base_camera = mounting @ T_BODY_OPTICAL if mounting is not None else None
@@ -59,6 +59,11 @@ class CameraIntake:
         """Accept the next calibration, frames and odometry as new ones."""
         self._stream.forget_camera()
         self.odometry.reset()
+
+    def find_pose(self, frame: str) -> SE3:
+        """Return where a frame is, seen from the camera; ValueError while nobody says it."""
+        image_frame = self._params.camera_frame or self._stream.image_frame
+        return SE3.identity() if frame in ("", image_frame) else self._tf.lookup(image_frame, frame)
 
     @property
     def images(self) -> Subscription:

@@ -21,6 +21,7 @@ from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.clocks import MAX_AHEAD_NS, ahead_s
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformListener
+from sphere_nav.spheres.range_alignment import DepthImage
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 ENCODINGS = "publish a usual encoding: mono8, mono16, rgb8, bgr8, rgba8, bgra8, or a PNG or JPEG"
@@ -37,6 +38,7 @@ class Picture:
     T_odom_base: SE3 | None
     name: str = ""
     others: tuple[Picture, ...] = ()
+    depth: DepthImage | None = None
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ class CameraStream:
         self.T_base_camera: SE3 | None = None
         self._fault = Finding(Reason.BAD_INFO, detail="no camera_info yet")
         self._is_refused = False  # the calibration that came
-        self._image_frame = self._info_frame = ""
+        self.image_frame = self._info_frame = ""
 
     @property
     def lack(self) -> Finding:
@@ -183,7 +185,7 @@ class CameraStream:
 
     def _check_frames(self, frame: str) -> None:
         """Raise ValueError where the image is not of the calibrated camera, or not of the one before."""
-        self._image_frame = _same_frame("image_raw", self._image_frame, frame)
+        self.image_frame = _same_frame("image_raw", self.image_frame, frame)
         if not self._params.camera_frame and self._info_frame and frame and self._info_frame != frame:
             raise ValueError(f"header.frame_id: expected that of camera_info, {self._info_frame!r}, found {frame!r}")
 

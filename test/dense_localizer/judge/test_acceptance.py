@@ -109,7 +109,7 @@ def test_a_start_may_be_anywhere():
 
 def test_the_jump_is_measured_in_standard_deviations_of_both():
     moved = replace(GOOD, T_world_camera=SE3.exp([0.01, 0, 0, 0, 0, 0]))
-    assert measure_innovation(moved, TIGHT, HERE) == pytest.approx(0.01 / np.sqrt(2e-6))
+    assert measure_innovation(moved.T_world_camera, TIGHT, HERE) == pytest.approx(0.01 / np.sqrt(2e-6))
 
 
 def test_a_check_without_a_range_of_care_is_a_plain_bound():

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from sphere_mapping.experiences.joining import DriveSphere, Localized, guess_headings, join_drive, locate_edges
-from sphere_mapping.experiences.range_alignment import RangeSphere
 from sphere_mapping.graph.extension import Submap
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
@@ -16,6 +15,7 @@ from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.appearance.features import SIZE, Features
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.range_alignment import RangeImage
 from sphere_nav.spheres.sphere import Sphere
 from worlds.room import sharp_room
 
@@ -124,7 +124,7 @@ def test_a_join_by_an_image_beside_its_key_sphere_is_that_of_the_key_sphere(base
 
 def test_the_heading_between_whole_spheres_is_among_the_guesses():
     whole, poses = Spherical(256, 128), [SE3.from_planar(0.3, 0.2, 0.4), SE3.from_planar(0.5, 0.1, 2.1)]
-    a, b = (RangeSphere.prepare(sharp_room().sphere(pose, whole)) for pose in poses)
+    a, b = (RangeImage.from_sphere(sharp_room().sphere(pose, whole)) for pose in poses)
     wrapped = np.angle(np.exp(1j * (guess_headings(a, b) - 1.7)))
     assert np.abs(wrapped).min() < 0.1
     assert len(wrapped) <= 4

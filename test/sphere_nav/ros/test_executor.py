@@ -97,16 +97,23 @@ def until(executor, condition):
         executor.spin_once(timeout_sec=0.05)
 
 
-def ask(executor, node, kind, name, request):
-    """Return the answer of a service; None where the request was dropped: it failed, and none came in `DROPPED`."""
-    client = node.create_client(kind, name)
-    until(executor, client.service_is_ready)
-    before, answer = executor.num_failed, client.call_async(request)
-    until(executor, lambda: answer.done() or executor.num_failed > before)
-    end = time.monotonic() + DROPPED
-    until(executor, lambda: answer.done() or time.monotonic() > end)
-    node.destroy_client(client)
-    return answer.result() if answer.done() else None
+class Clients:
+    """One client of each service of a peer: one that is made where its like has just gone is at times never matched."""
+
+    def __init__(self, executor, node):
+        self.executor, self.node, self.clients = executor, node, {}
+
+    def ask(self, kind, name, request):
+        """Return the answer; None where the request was dropped: it failed, and none came in `DROPPED`."""
+        if name not in self.clients:
+            self.clients[name] = self.node.create_client(kind, name)
+        client, executor = self.clients[name], self.executor
+        until(executor, client.service_is_ready)
+        before, answer = executor.num_failed, client.call_async(request)
+        until(executor, lambda: answer.done() or executor.num_failed > before)
+        end = time.monotonic() + DROPPED
+        until(executor, lambda: answer.done() or time.monotonic() > end)
+        return answer.result() if answer.done() else None
 
 
 # --- each kind of callback
@@ -247,11 +254,12 @@ class Desk:
         self.executor, self.peer, self.heard = GuardedExecutor(self.shell.failures), Node("peer"), []
         for node in (self.shell, self.peer):
             self.executor.add_node(node)
+        self.clients = Clients(self.executor, self.peer)
         self.peer.create_subscription(Int32, "answer", lambda message: self.heard.append(message.data), 10)
         self.numbers = self.peer.create_publisher(Int32, "number", 10)
 
     def ask(self, kind, name, request):
-        return ask(self.executor, self.peer, kind, f"echo/{name}", request)
+        return self.clients.ask(kind, f"echo/{name}", request)
 
     def works(self, number):
         """Whether a number comes back."""

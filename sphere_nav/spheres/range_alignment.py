@@ -1,6 +1,6 @@
-"""Ranges against ranges: two spheres aligned by geometry alone, which knows no light.
+"""Ranges against ranges: two spheres, or a sphere and a depth image, aligned by geometry alone, which knows no light.
 
-Points of one sphere are projected into the other and moved along the normals of the surfaces they fall on, coarse to
+Points of one are projected into the other and moved along the normals of the surfaces they fall on, coarse to
 fine, with robust weights. What both ways agree on, over surfaces that hold all six directions, is a motion.
 """
 
@@ -11,7 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.constants import (
+from sphere_nav.estimation.kernels import SIGMA_OF_MAD
+from sphere_nav.estimation.normal_equations import inverse_and_condition, scaled_step
+from sphere_nav.estimation.robust import HUBER, huber_weights
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.spheres.coarse import MIN_SIDE, coarse_sphere, nearest_surface
+from sphere_nav.spheres.constants import (
     EDGE_SHARE,
     MAX_GAP,
     MAX_GAP_SHARE,
@@ -28,37 +35,49 @@ from sphere_mapping.constants import (
     RANGE_GATES,
     RANGE_NOISE,
     RANGE_STEPS,
+    RANGE_TURN_SHARE,
 )
-from sphere_nav.estimation.kernels import SIGMA_OF_MAD
-from sphere_nav.estimation.normal_equations import inverse_and_condition, scaled_step
-from sphere_nav.estimation.robust import HUBER, huber_weights
-from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.spheres.coarse import coarse_sphere
-from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth
 
 
 @dataclass(frozen=True, eq=False)
-class RangeSphere:
-    """The coarse ranges of a sphere: points (H, W, 3) and normals (H, W, 3), NaN where not known."""
+class DepthImage:
+    """Depth (H, W) in m along the optical axis, NaN or 0 where there is none; its camera beside that of an image."""
 
-    camera: Spherical
+    depth_m: NDArray[np.floating]
+    camera: Camera
+    T_image_depth: SE3
+
+
+@dataclass(frozen=True, eq=False)
+class RangeImage:
+    """Coarse ranges along rays (H, W): flat points (H W, 3) in m and normals (H W, 3), NaN where not known."""
+
+    camera: Camera
+    is_whole: bool  # all around: columns have no end
+    T_camera_body: SE3  # body axes (x ahead) in those of the camera
     range_m: NDArray[np.float32]
     points: Array
     normals: Array
-    rows: NDArray[np.int64]  # of flat points with normals, evenly spread
+    rows: NDArray[np.int64]  # of flat points with normals
 
     @staticmethod
-    def prepare(sphere: Sphere) -> RangeSphere:
+    def from_sphere(sphere: Sphere) -> RangeImage:
         """Return what alignment needs of a sphere."""
         small = coarse_sphere(sphere)
-        range_m = np.where(np.isfinite(small.range_m), small.range_m, np.nan).astype(np.float32)
-        points = small.camera.unproject(pixel_grid(small.camera)) * range_m[..., None]
-        normals = find_normals(points, range_m, is_whole=small.camera.is_whole)
-        rows = np.flatnonzero(np.isfinite(normals[..., 0]))
-        step = max(1, len(rows) // NUM_RANGE_POINTS)
-        return RangeSphere(small.camera, range_m, points.reshape(-1, 3), normals.reshape(-1, 3), rows[::step])
+        return _prepare(small.camera, small.range_m, SE3.identity(), is_whole=small.camera.is_whole)
+
+    @staticmethod
+    def from_depth(depth: DepthImage) -> RangeImage:
+        """Return what alignment needs of a depth image; ValueError for one that is not of its camera's size."""
+        depth_m, camera, factor = depth.depth_m, depth.camera, 1
+        check_depth(depth_m, camera)
+        while min(camera.width, camera.height) // 2 >= MIN_SIDE:
+            camera, factor = camera.halve(), 2 * factor
+        used = depth_m[: camera.height * factor, : camera.width * factor].astype(np.float32)
+        small = nearest_surface(np.where(used > 0.0, used, np.float32(np.nan)), factor)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return _prepare(camera, small / pixel_rays(camera)[..., 2], T_BODY_OPTICAL.inverse(), is_whole=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +95,7 @@ class RangeFit:
     agreement: float
     sigma_m: float
     typical_m: float  # median range
+    turn_rad: float  # between two views; 0 where one is all around
 
     @property
     def likeness(self) -> float:
@@ -83,10 +103,26 @@ class RangeFit:
         return self.overlap * self.agreement
 
     @property
+    def honest_covariance(self) -> Array:
+        """The covariance (6, 6) and what a range camera that bends space adds, which errs by the turn."""
+        share = RANGE_TURN_SHARE * self.turn_rad
+        return self.covariance + np.diag(np.repeat([share * self.typical_m, share], 3) ** 2)
+
+    @property
     def is_good(self) -> bool:
         """Whether this way alone could be true."""
         is_seen = self.overlap >= MIN_RANGE_OVERLAP and self.agreement >= MIN_RANGE_AGREEMENT
         return is_seen and self.sigma_m <= MAX_RANGE_SIGMA
+
+
+def _prepare(camera: Camera, range_m: NDArray[np.floating], T_camera_body: SE3, *, is_whole: bool) -> RangeImage:
+    """Return the image of ranges (H, W)."""
+    known = np.where(np.isfinite(range_m), range_m, np.nan).astype(np.float32)
+    points = pixel_rays(camera) * known[..., None]
+    normals = find_normals(points, known, is_whole=is_whole)
+    rows = np.flatnonzero(np.isfinite(normals[..., 0]))
+    flat = points.reshape(-1, 3), normals.reshape(-1, 3), rows
+    return RangeImage(camera, is_whole, T_camera_body, known, *flat)
 
 
 def find_normals(points: Array, range_m: NDArray[np.float32], *, is_whole: bool) -> Array:
@@ -105,11 +141,19 @@ def find_normals(points: Array, range_m: NDArray[np.float32], *, is_whole: bool)
     return normals
 
 
-def align_ranges(a: RangeSphere, b: RangeSphere, T_a_b: SE3) -> RangeFit | None:
+def choose_points(a: RangeImage, b: RangeImage, T_a_b: SE3) -> NDArray[np.int64]:
+    """Return rows of points of `b`, evenly spread; of one all around only those that `a`, which is not, looks at."""
+    rows = b.rows
+    if b.is_whole and not a.is_whole:
+        rows = rows[a.camera.project(T_a_b.apply(b.points[rows]))[1]]
+    return rows[:: max(1, len(rows) // NUM_RANGE_POINTS)]
+
+
+def align_ranges(a: RangeImage, b: RangeImage, T_a_b: SE3) -> RangeFit | None:
     """Return T_a_b from a first guess; None where too little is seen in common on the way."""
+    chosen = choose_points(a, b, T_a_b)
     for gate, step in RANGE_GATES:
-        rows = b.rows[::step]
-        points, normals = b.points[rows], b.normals[rows]
+        points, normals = b.points[chosen[::step]], b.normals[chosen[::step]]
         for _ in range(RANGE_STEPS):
             system = _linearize(a, points, normals, T_a_b, gate)
             if system is None:
@@ -125,9 +169,10 @@ def align_ranges(a: RangeSphere, b: RangeSphere, T_a_b: SE3) -> RangeFit | None:
     return assess_ranges(a, b, T_a_b)
 
 
-def assess_ranges(a: RangeSphere, b: RangeSphere, T_a_b: SE3) -> RangeFit | None:
+def assess_ranges(a: RangeImage, b: RangeImage, T_a_b: SE3) -> RangeFit | None:
     """Return how well ranges fit at a motion, without moving it; None where too little is seen in common."""
-    points, normals = b.points[b.rows], b.normals[b.rows]
+    chosen = choose_points(a, b, T_a_b)
+    points, normals = b.points[chosen], b.normals[chosen]
     system = _linearize(a, points, normals, T_a_b, RANGE_GATES[-1][0])
     if system is None:
         return None
@@ -139,10 +184,12 @@ def assess_ranges(a: RangeSphere, b: RangeSphere, T_a_b: SE3) -> RangeFit | None
     variance = max(
         np.linalg.eigvalsh(covariance[:3, :3])[-1], np.linalg.eigvalsh(covariance[3:, 3:])[-1] * typical_m**2
     )
-    return RangeFit(T_a_b, covariance, overlap, agreement, float(np.sqrt(variance)), typical_m)
+    has_turned = not (a.is_whole or b.is_whole)
+    turn_rad = float(a.T_camera_body.distance(T_a_b @ b.T_camera_body)[1]) if has_turned else 0.0
+    return RangeFit(T_a_b, covariance, overlap, agreement, float(np.sqrt(variance)), typical_m, turn_rad)
 
 
-def measure_motion_by_ranges(a: RangeSphere, b: RangeSphere, T_a_b: SE3) -> RangeFit | None:
+def measure_motion_by_ranges(a: RangeImage, b: RangeImage, T_a_b: SE3) -> RangeFit | None:
     """Return what both ways agree on, each from the first guess; None unless both are good."""
     forward = align_ranges(a, b, T_a_b)
     if forward is None or not forward.is_good:
@@ -166,7 +213,7 @@ def measure_motion_by_ranges(a: RangeSphere, b: RangeSphere, T_a_b: SE3) -> Rang
 
 
 def _linearize(
-    a: RangeSphere, points: Array, normals: Array, T_a_b: SE3, gate: float
+    a: RangeImage, points: Array, normals: Array, T_a_b: SE3, gate: float
 ) -> tuple[Array, Array, Array, float, float] | None:
     """Return J (M, 6), residuals (M,) in m and weights (M,) of point to plane, overlap and agreement.
 
@@ -176,7 +223,7 @@ def _linearize(
     pixels, is_visible = a.camera.project(moved)
     column = np.rint(np.nan_to_num(pixels[:, 0])).astype(np.int64)
     row = np.rint(np.nan_to_num(pixels[:, 1])).astype(np.int64)
-    column = column % a.camera.width if a.camera.is_whole else np.clip(column, 0, a.camera.width - 1)
+    column = column % a.camera.width if a.is_whole else np.clip(column, 0, a.camera.width - 1)
     flat = np.clip(row, 0, a.camera.height - 1) * a.camera.width + column
     ranges = np.linalg.norm(moved, axis=1)
     known = a.range_m.ravel()[flat]
@@ -186,7 +233,8 @@ def _linearize(
         turned = normals @ T_a_b.rotation.T
         is_alike = ahead & (np.sum(turned * a.normals[flat], axis=1) > np.cos(MAX_NORMAL_ANGLE))
     used = np.flatnonzero(is_seen & is_alike)
-    if np.count_nonzero(is_seen) < MIN_RANGE_OVERLAP * len(points) or len(used) < MIN_RANGE_POINTS:
+    overlap = float(np.count_nonzero(is_seen)) / max(len(points), 1)
+    if overlap < MIN_RANGE_OVERLAP or len(used) < MIN_RANGE_POINTS:
         return None
     normal = a.normals[flat[used]]
     residual = np.sum(normal * (moved[used] - a.points[flat[used]]), axis=1)
@@ -195,7 +243,7 @@ def _linearize(
     floor = RANGE_NOISE[0] + RANGE_NOISE[1] * known[used]
     sigma = max(1.0, SIGMA_OF_MAD * float(np.median(np.abs(residual / floor)))) * floor
     weight = huber_weights(np.abs(residual) / sigma, HUBER) / sigma**2
-    return J, residual, weight, float(is_seen.mean()), _agree(normals, is_seen, is_seen & is_alike)
+    return J, residual, weight, overlap, _agree(normals, is_seen, is_seen & is_alike)
 
 
 def _agree(normals: Array, is_seen: NDArray[np.bool_], is_alike: NDArray[np.bool_]) -> float:

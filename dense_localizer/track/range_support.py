@@ -1,0 +1,91 @@
+"""Where grey levels do not place an image, geometry does: the depth of the instant against the map's own ranges.
+
+It knows no light: by night with a lamp of its own the vehicle goes on in a map of the day. An image that the map places
+well needs none of it. One that is placed with care is joined with it by their covariances; where they contradict each
+other geometry holds, as it does alone for one that is refused: if both ways fit and agree, all six directions are held,
+and the prediction allows it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dense_localizer.constants import MAX_CONTRADICTION, NUM_RANGE_KEPT, NUM_RANGE_REFERENCES
+from dense_localizer.inputs import LocalizerInput
+from dense_localizer.judge.acceptance import assess_range
+from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.params import LocalizerParams
+from dense_localizer.references.reference import References
+from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.spheres.range_alignment import DepthImage, RangeFit, RangeImage, measure_motion_by_ranges
+
+
+class RangeSupport:
+    """Places depth images among the ranges of the key spheres of one map."""
+
+    def __init__(self, references: References, params: LocalizerParams) -> None:
+        self._references, self._params = references, params
+        self._known: dict[int, RangeImage] = {}  # of key spheres, the latest that were asked
+        self._last: tuple[DepthImage, RangeImage] | None = None  # several predictions of one instant ask for it
+
+    def support(self, frame: LocalizerInput, candidate: PoseCandidate) -> PoseCandidate:
+        """Return a candidate with what the depth of its instant adds; as it is where that is nothing.
+
+        A guess of the whole map gets none: rooms that look different are the same to range.
+        """
+        prediction = candidate.prediction
+        is_anywhere = prediction.is_guess and not prediction.is_near
+        if frame.depth is None or candidate.acceptance.is_good or is_anywhere:
+            return candidate
+        found = self._place(frame.depth, prediction.T_map_camera)
+        if found is None:
+            return candidate
+        fit, T_map_body, covariance = found
+        acceptance = assess_range(fit, T_map_body, covariance, prediction, self._params.acceptance)
+        if not (acceptance.is_good or (acceptance.is_accepted and not candidate.is_accepted)):
+            return candidate
+        supported = replace(candidate, acceptance=acceptance)
+        if candidate.is_accepted:
+            T, joint, apart = join(candidate.T_map_camera, candidate.covariance, T_map_body, covariance)
+            if apart <= MAX_CONTRADICTION:
+                return replace(supported, T_map_camera=T, covariance=joint)
+        return replace(supported, T_map_camera=T_map_body, covariance=covariance, is_by_range=True)
+
+    def _place(self, depth: DepthImage, T_map_body: SE3) -> tuple[RangeFit, SE3, Array] | None:
+        """Return the best fit of depth near a pose, the pose of the body T_map_body by it and its covariance (6, 6)."""
+        T_body_depth = depth.T_image_depth
+        T_map_depth = T_map_body @ T_body_depth
+        if self._last is None or self._last[0] is not depth:
+            self._last = depth, RangeImage.from_depth(depth)
+        image = self._last[1]
+        best: tuple[RangeFit, SE3, Array] | None = None
+        for node in self._references.covering(T_map_depth, image.camera, NUM_RANGE_REFERENCES):
+            T_guess = node.T_map_sphere.inverse() @ T_map_depth
+            fit = measure_motion_by_ranges(self._range_of(node.id), image, T_guess)
+            if fit is None or (best is not None and fit.likeness <= best[0].likeness):
+                continue
+            by_map = self._references.error.covariance(node.id, fit.T_a_b)
+            Ad = T_body_depth.adjoint()
+            T_map_found = SE3.exp((node.T_map_sphere @ fit.T_a_b @ T_body_depth.inverse()).log())  # a rotation again
+            best = fit, T_map_found, Ad @ (fit.honest_covariance + by_map) @ Ad.T
+        return best
+
+    def _range_of(self, sphere_id: int) -> RangeImage:
+        known = self._known.pop(sphere_id, None) or RangeImage.from_sphere(self._references.coarse[sphere_id].load())
+        self._known[sphere_id] = known
+        if len(self._known) > NUM_RANGE_KEPT:
+            del self._known[next(iter(self._known))]
+        return known
+
+
+def join(T_a: SE3, covariance_a: Array, T_b: SE3, covariance_b: Array) -> tuple[SE3, Array, float]:
+    """Return the pose that two independent ones say, its covariance (6, 6), and how many deviations these are apart."""
+    xi = (T_a.inverse() @ T_b).log()
+    gain = covariance_a @ np.linalg.inv(covariance_a + covariance_b)
+    joint = (np.eye(6) - gain) @ covariance_a
+    apart = float(np.sqrt(squared_mahalanobis(xi, covariance_a + covariance_b)))
+    return T_a @ SE3.exp(gain @ xi), 0.5 * (joint + joint.T), apart

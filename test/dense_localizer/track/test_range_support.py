@@ -1,0 +1,204 @@
+"""Depth where images do not do: by night, in new light, beside a lamp; and what it must not do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dense_localizer.inputs import CameraImage
+from dense_localizer.judge.acceptance import Acceptance
+from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.motion_prior import Prediction
+from dense_localizer.track.range_support import RangeSupport, join
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.localization.status import FINE, Reason, State
+from sphere_nav.spheres.range_alignment import DepthImage
+from worlds.localizer import PINHOLE, STEP_NS, at, drive, error, make_localizer
+
+DEPTH_CAMERA = Pinhole(128, 96, 90.0, 90.0, 63.5, 47.5)
+T_IMAGE_DEPTH = SE3.exp([0.05, 0.01, -0.02, 0.0, 0.03, 0.02])
+BLACK = np.zeros((PINHOLE.height, PINHOLE.width), np.uint8)
+NOISE = 0.004  # of the depth
+
+
+class DepthRun:
+    """Feeds images and depth to a localizer."""
+
+    def __init__(self, room, localizer):
+        self.room, self.localizer, self.count, self.stamp_ns = room, localizer, 0, 1_000_000_000
+
+    def depth(self, T_room_camera):
+        depth_m = self.room.rgbd(DEPTH_CAMERA, T_room_camera @ T_IMAGE_DEPTH)[1]
+        rough = depth_m * (1.0 + NOISE * np.random.default_rng(self.count).normal(size=depth_m.shape))
+        return DepthImage(rough, DEPTH_CAMERA, T_IMAGE_DEPTH)
+
+    def see(self, T_room_camera, image=None, depth=None, **mounted):
+        self.count, self.stamp_ns = self.count + 1, self.stamp_ns + STEP_NS
+        image = self.room.photograph(PINHOLE, T_room_camera, self.count) if image is None else image
+        one = CameraImage(image, PINHOLE, depth=self.depth(T_room_camera) if depth is None else depth)
+        return self.localizer.update_rig((replace(one, **mounted),), self.stamp_ns)
+
+
+@pytest.fixture
+def run(room, room_map):
+    return DepthRun(room, make_localizer(room_map))
+
+
+def night(image):
+    """A torch that shows other patterns than the day's."""
+    return np.random.default_rng(1).permuted(image, axis=1)
+
+
+def test_by_night_it_goes_on(run, room):
+    way = drive(24, speed=0.5)
+    for pose in way[:8]:
+        estimate = run.see(pose)
+    assert estimate.status.state == State.TRACKING
+    by_images = error(estimate, way[7])[0]
+    states, errors, sigmas = [], [], []
+    for k, pose in enumerate(way[8:]):
+        estimate = run.see(pose, BLACK if k % 2 else night(room.photograph(PINHOLE, pose)))
+        states.append(estimate.status.state)
+        errors.append(error(estimate, pose))
+        sigmas.append(np.sqrt(np.trace(estimate.covariance[:3, :3])))
+    assert set(states) == {State.TRACKING}
+    meters, radians = np.array(errors).T
+    assert by_images < np.median(meters) < 0.01
+    assert np.median(radians) < np.radians(0.3)
+    assert np.all(meters < 3.0 * np.array(sigmas))
+    assert estimate.candidate.is_by_range
+    assert run.see(way[-1]).candidate.is_by_range is False  # light again
+
+
+def test_depth_of_a_camera_on_a_body_places_the_body(run):
+    T_body_camera = SE3.exp([0.3, -0.1, 0.2, 0.0, 0.2, 0.1])
+    way = drive(14, speed=0.5)
+    for k, pose in enumerate(way):
+        estimate = run.see(pose, BLACK if k >= 10 else None, T_body_camera=T_body_camera)
+    assert estimate.candidate.is_by_range
+    assert error(estimate, way[-1] @ T_body_camera.inverse())[0] < 0.015
+
+
+def test_without_depth_a_black_image_is_no_pose(run):
+    way = drive(22, speed=0.5)
+    nothing = DepthImage(np.full((96, 128), np.nan), DEPTH_CAMERA, T_IMAGE_DEPTH)
+    for k, pose in enumerate(way):
+        estimate = run.see(pose, *((BLACK, nothing) if k >= 8 else ()))
+    assert estimate.T_map_camera is None
+    assert estimate.status.reason == Reason.LOW_TEXTURE
+
+
+def test_frozen_depth_holds_no_pose(run):
+    way = drive(30, speed=0.5)
+    for pose in way[:8]:
+        run.see(pose)
+    frozen = run.depth(way[8])
+    for pose in way[8:]:
+        estimate = run.see(pose, BLACK, frozen)
+    assert estimate.T_map_camera is None
+
+
+def test_a_camera_that_is_not_to_trust_takes_its_depth_along(run):
+    """A frozen driver repeats both; that depth is new is not known of an image of another size, either."""
+    way = drive(12, speed=0.5)
+    for pose in way[:8]:
+        run.see(pose)
+    small = np.zeros((4, 4), np.uint8)
+    for pose in way[8:]:
+        estimate = run.see(pose, small)
+    assert estimate.candidate is None
+    assert estimate.status.reason == Reason.BAD_INFO
+
+
+def test_a_start_that_is_given_needs_no_light_and_one_from_nowhere_is_not_by_range(room, room_map):
+    pose = at(-1.0, 0.1, 0.1)
+    for given, state in ((pose @ SE3.exp([0.1, 0.05, 0.1, 0.03, 0.05, 0.0]), State.TRACKING), (None, State.SEARCHING)):
+        run = DepthRun(room, make_localizer(room_map))
+        if given is not None:
+            run.localizer.relocalize(given)
+        for _ in range(6):
+            estimate = run.see(pose, night(room.photograph(PINHOLE, pose, run.count)))
+        assert estimate.status.state == state
+    assert estimate.T_map_camera is None
+
+
+@pytest.fixture
+def support(room_map):
+    localizer = make_localizer(room_map)
+    return RangeSupport(localizer.references, localizer.params)
+
+
+def candidate_at(pose, sigma=0.02, *, is_accepted=True, is_guess=False):
+    prediction = Prediction.guess(pose) if is_guess else Prediction(pose, 0.05**2 * np.eye(6), 1)
+    acceptance = Acceptance(is_accepted, is_good=False, finding=FINE, quality=0.1)
+    return PoseCandidate(pose, sigma**2 * np.eye(6), prediction, None, acceptance)
+
+
+@pytest.mark.parametrize(("off_m", "is_joined"), [(0.03, True), (0.3, False)])
+def test_a_pose_with_care_is_joined_or_geometry_holds(run, support, off_m, is_joined):
+    pose, off = at(0.2, 0.1, 0.2), SE3.exp([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])
+    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
+    given = replace(candidate_at(pose @ off), prediction=candidate_at(pose).prediction)
+    found = support.support(frame, given)
+    assert (found.acceptance.is_good, found.is_by_range) == (True, not is_joined)
+    assert found.T_map_camera.distance(pose)[0] < 0.5 * 0.03
+    assert np.trace(found.covariance) < np.trace(given.covariance)
+
+
+def test_a_pose_that_is_good_needs_no_depth(run, support):
+    pose = at(0.2, 0.1, 0.2)
+    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
+    good = replace(candidate_at(pose), acceptance=Acceptance(True, is_good=True, finding=FINE, quality=1.0))
+    assert support.support(frame, good) is good
+
+
+def test_a_prediction_that_cannot_be_is_not_followed_there(run, support):
+    """The range places it 0.5 m away, where the vehicle cannot be: ten deviations."""
+    pose = at(0.2, 0.1, 0.2)
+    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
+    given = candidate_at(pose @ SE3.exp([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]), is_accepted=False)
+    assert not support.support(frame, given).is_accepted
+    near = candidate_at(pose @ SE3.exp([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), is_accepted=False)
+    found = support.support(frame, near)
+    assert found.is_by_range
+    assert found.T_map_camera.distance(pose)[0] < 0.02
+    assert not support.support(frame, candidate_at(pose, is_accepted=False, is_guess=True)).is_accepted
+
+
+def test_errors_of_the_map_are_in_the_covariance(run, support, monkeypatch):
+    pose = at(0.2, 0.1, 0.2)
+    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
+    before = support.support(frame, candidate_at(pose, is_accepted=False)).covariance
+    by_map = support._references.error.covariance(1, pose)
+    monkeypatch.setattr(support._references.error, "covariance", lambda *_: by_map + 1e-4 * np.eye(6))
+    added = support.support(frame, candidate_at(pose, is_accepted=False)).covariance - before
+    Ad = T_IMAGE_DEPTH.adjoint()
+    np.testing.assert_allclose(added, 1e-4 * Ad @ Ad.T, atol=1e-9)
+
+
+def test_the_last_images_do_not_judge_a_pose_by_range(run):
+    """By night they know nothing; and its correlation, which is none, is not what is usual."""
+    way = drive(8, speed=0.5)
+    for pose in way:
+        estimate = run.see(pose)
+    odometry = run.localizer._visual_odometry
+    usual = odometry.usual_ncc
+    odometry._way = replace(odometry._way, meters=1.0)
+    assert odometry.is_needed
+    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE),), run.stamp_ns + STEP_NS)
+    by_range = replace(estimate.candidate, is_by_range=True, acceptance=Acceptance(True, True, FINE, 1.0))
+    assert odometry.verify(frame, by_range, is_trusted=True) is by_range
+    assert not odometry.is_needed
+    odometry.verify(frame, by_range, is_trusted=True)
+    assert odometry.usual_ncc == usual > 0.0
+
+
+def test_two_poses_are_joined_as_information_adds():
+    rng = np.random.default_rng(4)
+    roots = [rng.normal(size=(6, 6)) * scale for scale in (0.01, 0.03)]
+    a, b = (root @ root.T + 1e-6 * np.eye(6) for root in roots)
+    xi = rng.normal(size=6) * 0.01
+    T, joint, apart = join(SE3.identity(), a, SE3.exp(xi), b)
+    np.testing.assert_allclose(np.linalg.inv(joint), np.linalg.inv(a) + np.linalg.inv(b), rtol=1e-6)
+    np.testing.assert_allclose(T.log(), joint @ np.linalg.solve(b, xi), atol=1e-9)
+    assert apart == pytest.approx(np.sqrt(xi @ np.linalg.solve(a + b, xi)))

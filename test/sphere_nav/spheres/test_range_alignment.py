@@ -1,0 +1,130 @@
+"""Ranges against ranges: motions come back, whatever the light; what does not hold is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.spheres.constants import RANGE_TURN_SHARE
+from sphere_nav.spheres.range_alignment import (
+    DepthImage,
+    RangeImage,
+    align_ranges,
+    assess_ranges,
+    measure_motion_by_ranges,
+)
+from sphere_nav.spheres.sphere import Sphere
+from worlds.room import Room, optical, sharp_room
+
+WHOLE = Spherical(256, 128)
+WINDOW = Spherical(160, 110, 512.0, 176.0, 60.0)
+T_A, T_B = SE3.from_planar(0.3, 0.2, 0.4), SE3.from_planar(0.6, -0.1, 0.55)
+T_A_B = T_A.inverse() @ T_B
+
+
+def ranges(pose, camera=WHOLE, room=None, noise=0.0):
+    sphere = (room or sharp_room()).sphere(pose, camera)
+    rng = np.random.default_rng(3)
+    rough = sphere.range_m * (1.0 + noise * rng.normal(size=sphere.range_m.shape))
+    dark = np.ones_like(sphere.image)  # light plays no part
+    return RangeImage.from_sphere(Sphere(dark, rough.astype(np.float32), camera))
+
+
+@pytest.mark.parametrize(
+    ("camera", "noise", "limit_mm"), [(WHOLE, 0.0, 3.0), (WHOLE, 0.005, 6.0), (WINDOW, 0.005, 12.0)]
+)
+def test_a_motion_is_found_from_afar(camera, noise, limit_mm):
+    guess = T_A_B @ SE3.exp([0.15, -0.1, 0.08, 0.03, -0.04, 0.1])
+    fit = measure_motion_by_ranges(ranges(T_A, camera, noise=noise), ranges(T_B, camera, noise=noise), guess)
+    distance, angle = T_A_B.distance(fit.T_a_b)
+    assert 1e3 * distance < limit_mm
+    assert angle < np.radians(0.3)
+    sigma_m = np.sqrt(np.trace(fit.covariance[:3, :3]) / 3)
+    assert distance < 4.0 * sigma_m < 0.05  # it knows how good it is
+
+
+def test_another_geometry_is_refused():
+    other = ranges(T_B, room=sharp_room((2.0, 5.0, 1.2)))
+    assert measure_motion_by_ranges(ranges(T_A), other, T_A_B) is None
+
+
+def test_a_single_wall_holds_no_motion():
+    """It could be slid along: not observable."""
+    rays = pixel_rays(WINDOW)
+    wall = Sphere(np.ones(rays.shape[:2], np.uint8), (2.0 / rays[..., 0]).astype(np.float32), WINDOW)
+    found = align_ranges(RangeImage.from_sphere(wall), RangeImage.from_sphere(wall), SE3.identity())
+    assert found is None or not found.is_good
+
+
+def test_what_is_not_measured_plays_no_part():
+    camera = WHOLE
+    sphere = sharp_room().sphere(T_B, camera)
+    holes = sphere.range_m.copy()
+    holes[:, 40:110], holes[60:] = np.nan, np.inf
+    fit = align_ranges(ranges(T_A), RangeImage.from_sphere(replace(sphere, range_m=holes)), T_A_B @ SE3.exp([0.05] * 6))
+    assert T_A_B.distance(fit.T_a_b)[0] < 0.005
+
+
+def test_nothing_in_common_is_nothing():
+    turned = Room().sphere(SE3.from_planar(0.0, 0.0, np.pi), WINDOW)
+    assert (
+        align_ranges(ranges(SE3.identity(), WINDOW), RangeImage.from_sphere(turned), SE3.from_planar(0, 0, np.pi))
+        is None
+    )
+
+
+PINHOLE = Pinhole(128, 96, 90.0, 90.0, 63.5, 47.5)
+
+
+def depth_image(T_room_camera, room=None):
+    return DepthImage((room or sharp_room()).rgbd(PINHOLE, T_room_camera)[1], PINHOLE, SE3.identity())
+
+
+@pytest.mark.parametrize("camera", [WHOLE, WINDOW])
+def test_a_depth_image_is_placed_in_a_sphere_both_ways(camera):
+    T_room_camera = optical(T_B)
+    true = T_A.inverse() @ T_room_camera
+    guess = true @ SE3.exp([0.1, -0.05, 0.08, 0.03, -0.04, 0.02])
+    fit = measure_motion_by_ranges(ranges(T_A, camera), RangeImage.from_depth(depth_image(T_room_camera)), guess)
+    distance, angle = true.distance(fit.T_a_b)
+    assert 1e3 * distance < 6.0
+    assert angle < np.radians(0.3)
+
+
+def test_the_points_of_a_depth_image_are_those_of_the_surfaces():
+    room, pose = sharp_room(), optical(T_B)
+    image = RangeImage.from_depth(depth_image(pose, room))
+    known = image.points[image.rows]
+    np.testing.assert_allclose(np.max(np.abs(pose.apply(known)) / room.half, axis=1), 1.0, atol=0.01)
+    assert np.all(np.sum(image.normals[image.rows] * known, axis=1) < 0.0)  # towards the camera
+
+
+def test_depth_of_zero_is_none():
+    depth = depth_image(optical(T_B))
+    holes = depth.depth_m.copy()
+    holes[:, :40] = 0.0
+    image = RangeImage.from_depth(replace(depth, depth_m=holes))
+    assert np.all(np.isnan(image.range_m[:, :40]))
+    assert np.all(np.isfinite(image.range_m[:, 41:]))
+
+
+def test_what_a_turn_costs_is_stated():
+    assert RANGE_TURN_SHARE == 0.05  # 5 % of it: in redkitchen, turns of 20 deg come out 2 deg off
+
+
+def test_a_turn_between_two_views_makes_a_motion_less_sure():
+    """Of views, not of axes: a sphere's look ahead, a camera's along z."""
+    window, turned = ranges(T_A, WINDOW), T_A @ SE3.exp([0, 0, 0, 0, 0, 0.3])
+    for T_room_body, expected in ((T_A, 0.0), (turned, 0.3)):
+        pose = optical(T_room_body)
+        fit = assess_ranges(window, RangeImage.from_depth(depth_image(pose)), T_A.inverse() @ pose)
+        assert fit.turn_rad == pytest.approx(expected, abs=1e-9)
+        added = np.diagonal(fit.honest_covariance - fit.covariance)
+        np.testing.assert_allclose(added[3:], (RANGE_TURN_SHARE * expected) ** 2, atol=1e-12)
+        np.testing.assert_allclose(added[:3], (RANGE_TURN_SHARE * expected * fit.typical_m) ** 2, atol=1e-12)
+    whole = assess_ranges(
+        ranges(T_A), RangeImage.from_depth(depth_image(optical(turned))), T_A.inverse() @ optical(turned)
+    )
+    assert whole.turn_rad == 0.0
