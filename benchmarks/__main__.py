@@ -56,6 +56,8 @@ BENCHMARKS = {
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",
+    "mcl_homes": "benchmarks.mcl_homes",
+    "mcl_rooms": "benchmarks.mcl_rooms",
     "mcl_town": "benchmarks.mcl_town",
     "mcl_wrong_map": "benchmarks.mcl_wrong_map",
     "mcl_kidnap": "benchmarks.mcl_kidnap",

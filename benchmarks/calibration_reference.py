@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Bound, Report, Table
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.detect import REFINEMENT, detect_all
+from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.intrinsics import calibrate_camera
 from rig_calibration.boards.observability import spread
 from rig_calibration.boards.state import camera_problem
 from rig_calibration.boards.views import observations
+from rig_calibration.constants import REFINEMENT
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.arrays import Array
 

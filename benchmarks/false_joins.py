@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from benchmarks.machine import describe
-from benchmarks.mcl_drives import LIGHTS, READ_NOISE, SHOT_NOISE
+from benchmarks.mcl_drives import LIGHTS, READ_NOISE, SHOT_NOISE, shadows_in
 from benchmarks.mcl_routes import kidnapped_line
 from benchmarks.report import Bound, Report, Table
-from cycab_sim.params import CarParams, RenderParams
+from cycab_sim.params import CarParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.imaging import expose
 from cycab_sim.world.town import draw_plan
@@ -129,4 +129,4 @@ def _submap(
 def _town(seed: int, light: int) -> tuple[World, Renderer]:
     """Return a town without traffic, and what draws it in a light."""
     world = build_world("town", seed, "block")
-    return world, Renderer(world.mesh, RenderParams(), LIGHTS[light])
+    return world, Renderer(world.mesh, shadows_in(LIGHTS[light]), LIGHTS[light])

@@ -32,7 +32,7 @@ from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 SECOND, STEP_NS, PERIOD_NS, LATENCY_NS, ODOM_NS = 1_000_000_000, 10_000_000, 100_000_000, 50_000_000, 20_000_000
-STREET = {"path": "straight", "camera.width": 320, "camera.height": 240, "sphere.width": 768, "render.supersampling": 1}
+STREET = {"path": "straight", "camera.size": "320,240", "sphere.width": 768, "render.supersampling": 1}
 SPACING = 1.5  # m between key spheres
 BEFORE = 2.0  # m of map behind the place where drives begin
 NOISE = 1.2  # grey levels

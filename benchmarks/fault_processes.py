@@ -150,7 +150,7 @@ class Base:
         self.frame, self.value, self.is_silent, self.has_status = "map", 0.0, False, True
         self.is_pressed = False
         self.others: list[Any] = []
-        self._due = time.monotonic()
+        self._due = self._told = time.monotonic()
 
     def _obey(self, message: Any) -> None:
         self.speed = message.linear.x
@@ -182,7 +182,11 @@ class Base:
         from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 
         stamp = self.node.get_clock().now().nanoseconds
-        self.x += self.speed * PERIOD
+        now = time.monotonic()
+        self.x, self._told = (
+            self.x + self.speed * (now - self._told),
+            now,
+        )  # a car that is late to say it has moved, too
         self.button.publish(Bool(data=self.is_pressed))
         if self.has_status:
             self.states.publish(status_to_message(Status(State(self.state)), stamp, "map"))

@@ -68,7 +68,7 @@ def view() -> dict[str, Any]:
 @cache
 def rig() -> Rig:
     """Return a rig of six small cameras."""
-    made = make_rig(CameraRigParams(kind="vertical", width=160, height=160), 0)
+    made = make_rig(CameraRigParams(kind="vertical", size="160,160"), 0)
     if made is None:
         raise ValueError("rig: expected cameras, found none")
     return made
@@ -130,7 +130,7 @@ CASES = (
     Case(BagRecorder, "", None, values=next_in, sends=lambda: {"text": String(data="hello")}),
     Case(SphereMapper, "graph", KeySphereGraph, qos.LATCHED, sends=sphere),
     Case(SphereStitcher, "sphere", AugmentedSphere, qos.LARGE, rig_in, pictures),
-    Case(CycabSim, "/clock", Clock, values=lambda folder: {"world": "corridor", "camera.is_on": False}),
+    Case(CycabSim, "/clock", Clock, values=lambda folder: {"world": "corridor", "camera.period": 0.0}),
 )
 
 

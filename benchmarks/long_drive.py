@@ -43,8 +43,8 @@ from sphere_nav.spheres.sphere import Sphere
 
 HELP = "490 m through a city with traffic, pedestrians and a change of light (takes a quarter of an hour)"
 STEP_NS = 10_000_000
-TEACH = {"mode": "teach", "camera.is_on": False, "sphere.distance": 1.0, "sphere.width": 1024}
-DRIVE = {"mode": "drive", "sphere.publish": "never", "camera.width": 512, "camera.height": 384, "camera.period": 0.2}
+TEACH = {"mode": "teach", "camera.period": 0.0, "capture.distance": 1.0, "sphere.width": 1024}
+DRIVE = {"mode": "drive", "sphere.width": 0, "camera.size": "512,384", "camera.period": 0.2}
 HALTED = (FollowerState.STOPPING, FollowerState.STOPPED)
 MAX_EVENTS = 40  # that are reported
 MAX_SECONDS = 1000.0  # of simulated time, after which a drive is given up
@@ -105,7 +105,7 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
 def run(options: argparse.Namespace) -> Report:
     """Teach, drive, compare."""
     way = QUICK_WAY if options.quick else np.inf
-    common = {"seed": options.tour_seed} | TOUR | BUSY | {"traffic.is_on": True}
+    common = {"seed": options.tour_seed} | TOUR | BUSY
     taught = teach(Simulator(build(SimParams, common | TEACH)), way)
     driven = drive(Simulator(build(SimParams, common | OTHER_DAY | DRIVE)), taught)
     along, lateral = distances_from_path(driven.truth, taught.truth)

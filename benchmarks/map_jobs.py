@@ -101,9 +101,7 @@ def makespan(seconds: list[float], workers: int) -> float:
 def _draw(folder: Path, number: int, width: int) -> None:
     """Write a bag with what six cameras see on the way through a town, and their rig file."""
     size = width * 17 // 32
-    simulator = Simulator(
-        build(SimParams, {"world": "city", "rig.kind": "vertical", "rig.width": size, "rig.height": size})
-    )
+    simulator = Simulator(build(SimParams, {"world": "city", "rig.kind": "vertical", "rig.size": f"{size},{size}"}))
     assert simulator.rig is not None
     write_rig(folder / "rig.yaml", simulator.rig)
     with BagWriter(folder / "bag") as bag:

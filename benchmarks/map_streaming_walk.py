@@ -16,7 +16,7 @@ from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric import build_pyramid, prepare_reference, register, warm_up
 from sphere_nav.ros.maps.reader import MapReader, open_map
-from sphere_nav.ros.process import return_free_memory, return_large_blocks, take_short_turns
+from sphere_nav.ros.run import return_free_memory, return_large_blocks, take_short_turns
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 CAMERA = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5)

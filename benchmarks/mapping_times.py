@@ -69,9 +69,7 @@ def run(options: argparse.Namespace) -> Report:
 
 def _measure(kind: str, number: int, report: Report) -> None:
     """Add one rig's table and bounds."""
-    simulator = Simulator(
-        build(SimParams, {"rig.kind": kind, "rig.width": WIDTH * 17 // 32, "rig.height": WIDTH * 17 // 32})
-    )
+    simulator = Simulator(build(SimParams, {"rig.kind": kind, "rig.size": f"{WIDTH * 17 // 32},{WIDTH * 17 // 32}"}))
     assert simulator.rig is not None
     stitcher = Stitcher(simulator.rig, build(StitchParams, {"width": WIDTH}))
     instants = list(_instants(simulator, number))

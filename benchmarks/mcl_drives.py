@@ -33,11 +33,12 @@ WAY_SHARE, TURN_DEG = 0.05, 1.0  # odometry: share of a step; for a way of one m
 TILT_DEG = 0.2  # of the IMU
 CLEAR = 1.2  # room around the camera that traffic leaves free, m
 READ_NOISE, SHOT_NOISE = 1.2, 0.012  # grey levels, as of the vehicle's camera
-LIGHTS = (  # azimuth, elevation, shadows, exposure
+SHADOWLESS = LightParams(exposure=0.5)
+LIGHTS = (
     LightParams(),
-    LightParams(sun_azimuth_deg=95.0, sun_elevation_deg=20.0, exposure=0.7),
-    LightParams(sun_azimuth_deg=320.0, sun_elevation_deg=60.0, exposure=1.2),
-    LightParams(has_shadows=False, exposure=0.5),
+    LightParams(sun="95,20", exposure=0.7),
+    LightParams(sun="320,60", exposure=1.2),
+    SHADOWLESS,
 )
 
 
@@ -134,8 +135,13 @@ class Studio:
 def _renderer(world: str, seed: int, light: LightParams) -> tuple[Renderer, Traffic | None]:
     """Return what draws a world, and who moves in it: cars, a tram, bicycles, pedestrians in the town's streets."""
     built = build_world(world, seed, "block")
-    traffic = Traffic(built, TrafficParams(is_on=True, may_cross=True), seed) if built.loops else None
-    return Renderer(built.mesh, RenderParams(), light, traffic), traffic
+    traffic = Traffic(built, TrafficParams(density="usual", may_cross=True), seed) if built.loops else None
+    return Renderer(built.mesh, shadows_in(light), light, traffic), traffic
+
+
+def shadows_in(light: LightParams) -> RenderParams:
+    """Return how a light is drawn: one is without shadows."""
+    return RenderParams(shadow_texel=0.0) if light == SHADOWLESS else RenderParams()
 
 
 def _odometry(line: Array, rng: np.random.Generator) -> Array:

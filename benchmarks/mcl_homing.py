@@ -121,8 +121,8 @@ def compare(site: Site, image: NDArray[np.uint8], rotation: Array) -> Comparison
 def drive(site: Site, seed: int, left: float) -> Ride:
     """Drive the path of 100 m, starting `left` m beside it, steered by nothing but the direction to the waypoint."""
     camera = SimCameraParams(
-        model="panorama", width=PANORAMA.camera.width, height=PANORAMA.camera.height, period=PERIOD,
-        x=float(PANORAMA.T_base_camera.translation[0]), z=HEIGHT, pitch_deg=0.0,
+        model="panorama", size=f"{PANORAMA.camera.width},{PANORAMA.camera.height}", period=PERIOD,
+        mounting_deg=f"{float(PANORAMA.T_base_camera.translation[0])},0,{HEIGHT},0,0,0",
     )  # fmt: skip
     simulator = Simulator(SimParams(seed=seed, noise_seed=seed, camera=camera))
     x, y, yaw, _ = simulator.path.at(0.0)

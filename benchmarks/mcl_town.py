@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks import mcl_sites
 from benchmarks.machine import describe
-from benchmarks.mcl_drives import LIGHTS, PANORAMA, Drive, Lens, Studio
+from benchmarks.mcl_drives import LIGHTS, PANORAMA, SHADOWLESS, Drive, Lens, Studio
 from benchmarks.mcl_routes import kidnapped_line, sampled
 from benchmarks.mcl_trials import NEAR_DEG, NEAR_M, Trial, run_filter
 from benchmarks.report import Bound, Report, Table
@@ -120,9 +120,7 @@ def _by_light(trials: Sequence[Trial]) -> Table:
     for index, light in enumerate(LIGHTS):
         part = trials[index :: len(LIGHTS)]
         share = 100.0 * np.mean([trial.has_converged for trial in part])
-        sun = (
-            f"sun {light.sun_azimuth_deg:.0f}, {light.sun_elevation_deg:.0f} deg" if light.has_shadows else "no shadows"
-        )
+        sun = f"sun {light.sun} deg" if light != SHADOWLESS else "no shadows"
         rows.append((f"{sun}, exposure {light.exposure:g}", str(len(part)), f"{share:.0f} %"))
     return Table("Kidnapped starts by light", ("light", "starts", "found"), rows)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -113,8 +114,21 @@ def walk(
     """Return the error at the end of a walk from panorama `start`: m and rad."""
     rng = np.random.default_rng([seed, start])
     filter_ = Filter(replace(site.params, seed=int(rng.integers(1 << 30))), site.depth_map, site.area)
+    pose = true = places[start].pose
+    for observation, true in steps(places, Spherical(1024, 512), start, seed, length, is_blind=is_blind):  # noqa: B007
+        belief = filter_.update(observation).belief
+        assert belief is not None
+        pose = belief.best.pose
+    return float(np.hypot(*(pose - true)[:2])), abs(float((pose[2] - true[2] + np.pi) % (2 * np.pi) - np.pi))
+
+
+def steps(
+    places: list[Place], camera: Spherical, start: int, seed: int, length: int, *, is_blind: bool = False
+) -> Iterator[tuple[Observation, Array]]:
+    """Yield what a filter takes on a walk from panorama `start`, and the true pose (3,)."""
+    rng = np.random.default_rng([seed, start])
+    rng.integers(1 << 30)  # that of the filter
     odometry, before, seconds = np.zeros(3), places[start].pose, 1.0
-    pose, true = odometry, before
     for index, number in enumerate(route(places, start, length)):
         true = places[number].pose
         motion = relative_motion(before, true)
@@ -125,13 +139,7 @@ def walk(
         image = places[number].image
         if is_blind:
             image = np.random.default_rng([number, 7]).integers(0, 255, image.shape).astype(np.uint8)
-        observation = Observation(
-            image, Spherical(1024, 512), int(seconds * 1e9), np.eye(3), SE3.from_planar(*odometry)
-        )
-        belief = filter_.update(observation).belief
-        assert belief is not None
-        pose = belief.best.pose
-    return float(np.hypot(*(pose - true)[:2])), abs(float((pose[2] - true[2] + np.pi) % (2 * np.pi) - np.pi))
+        yield Observation(image, camera, int(seconds * 1e9), np.eye(3), SE3.from_planar(*odometry)), true
 
 
 def route(places: list[Place], start: int, length: int) -> list[int]:

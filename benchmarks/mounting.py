@@ -55,7 +55,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 HELP = "the same drive with four mountings: taught paths, drives in the simulator, starts from nowhere"
 SIMULATION = {"seed": 3, "path": "two_turns", "camera.period": 0.2}
 WIDTH, ASPECT = 320, 0.75  # px of the camera; its height by its width
-STILL = {"sphere.publish": "never", "traffic.is_on": False}
+STILL = {"sphere.width": 0, "traffic.density": "none"}
 WAY_M, QUICK_WAY_M, SPACING_M = 8.0, 4.0, 0.25  # that is taught; between two images
 IMAGE_NOISE, DEPTH_NOISE = 1.5, 0.002  # grey levels; share of the depth
 SAME_MM, SAME_DEG = 5.0, 0.1  # between the taught paths of two mountings
@@ -140,7 +140,7 @@ def way_length(options: argparse.Namespace) -> float:
 
 def simulate(mounting: str, mode: str, options: argparse.Namespace) -> Simulator:
     """Return the town with a car whose camera sits so."""
-    size = {"camera.width": options.width, "camera.height": round(ASPECT * options.width)}
+    size = {"camera.size": f"{options.width},{round(ASPECT * options.width)}"}
     return Simulator(build(SimParams, SIMULATION | size | STILL | MOUNTINGS[mounting] | {"mode": mode}))
 
 

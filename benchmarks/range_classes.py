@@ -99,8 +99,8 @@ def _measure(stitcher: Stitcher, seen: Seen) -> tuple[list[Honesty], list[float]
 
 def _town(kind: str, seed: int, options: argparse.Namespace) -> Seen:
     values = {"rig.kind": kind, "seed": seed, "rig.view_deg": options.class_view}
-    sides = dict.fromkeys(("rig.width", "rig.height"), options.class_width * 17 // 32)
-    simulator = Simulator(build(SimParams, values | sides))
+    side = options.class_width * 17 // 32
+    simulator = Simulator(build(SimParams, values | {"rig.size": f"{side},{side}"}))
     assert simulator.rig is not None
     images = {name: frame.image for name, frame in simulator.capture_rig().items()}
     stitcher = Stitcher(simulator.rig, build(StitchParams, {"width": options.class_width, "range": "none"}))

@@ -24,7 +24,7 @@ TEXTURED, BARE, UNLIT, REPETITIVE = 0, 1, 2, 3
 CLASSES = ("textured", "bare", "unlit", "repetitive")
 PANEL_M = 1.3  # width of a wall's panel
 CLEAR_M = 0.35  # from the middle of the rig to boxes: the ring's cameras stand 0.3 m from it, and in no solid thing
-LIGHT = LightParams(has_shadows=False)
+EFFORT = RenderParams(shadow_texel=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +65,11 @@ def make_scene(seed: int, kind: str, width: int, lens: Mapping[str, object] | No
     """Return what a rig of a kind (vertical, ring) sees in the room of a seed; lens: parameters of its cameras."""
     rng = np.random.default_rng([seed, 71])
     mesh, kinds, size, boxes = _room(rng)
-    values = {"kind": kind, "width": width * 17 // 32, "height": width * 17 // 32} | dict(lens or {})
+    values = {"kind": kind, "size": f"{width * 17 // 32},{width * 17 // 32}"} | dict(lens or {})
     params = build(CameraRigParams, values)
     rig = make_rig(params, seed)
     assert rig is not None
-    renderer = Renderer(mesh, RenderParams(), LIGHT)
+    renderer = Renderer(mesh, EFFORT, LightParams())
     place = rig_place(params)
     lowered = SE3.from_parts(place.rotation, [*place.translation[:2], min(place.translation[2], 0.5 * size[2])])
     T_world_rig = _draw_place(rng, size) @ lowered

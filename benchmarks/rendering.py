@@ -28,8 +28,8 @@ CAMERAS: dict[str, Camera] = {
 }
 WORLDS: dict[str, tuple[str, TrafficParams | None]] = {
     "town": ("town", None),
-    "town, traffic": ("town", TrafficParams(is_on=True)),
-    "city, traffic": ("city", TrafficParams(is_on=True, is_busy=True)),
+    "town, traffic": ("town", TrafficParams(density="usual")),
+    "city, traffic": ("city", TrafficParams(density="busy")),
 }
 INSTANTS = 10  # at which traffic is moved
 

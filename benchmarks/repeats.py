@@ -38,8 +38,8 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 HELP = "recordings of one place on several days (DIR): map the first, localise and add the others"
 CONDITIONS = ("", "overcast", "low_sun", "night_lamps")  # of the example, the first is mapped
 SIMULATION = {
-    "seed": 4, "path": "straight", "camera.width": 320, "camera.height": 240, "sphere.publish": "never",
-    "traffic.is_on": False, "render.shadow_texel": 0.16,
+    "seed": 4, "path": "straight", "camera.size": "320,240", "sphere.width": 0,
+    "traffic.density": "none", "render.shadow_texel": 0.16,
 }  # fmt: skip
 WAY_M, QUICK_WAY_M, SPACING_M = 20.0, 8.0, 0.25  # of the example, and between two of its images
 TRUTHS = ("/ground_truth/odometry", "/ground_truth/pose")  # of the vehicle, of the camera

@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> Report:
 def _simulated(kind: str, seed: int, options: argparse.Namespace) -> list[Bound]:
     """Compare spheres of a simulated rig with what is there."""
     width = options.stitch_width
-    values = {"rig.kind": kind, "seed": seed, "rig.width": width * 17 // 32, "rig.height": width * 17 // 32}
+    values = {"rig.kind": kind, "seed": seed, "rig.size": f"{width * 17 // 32},{width * 17 // 32}"}
     simulator = Simulator(build(SimParams, values))
     assert simulator.rig is not None
     images = {name: frame.image for name, frame in simulator.capture_rig().items()}

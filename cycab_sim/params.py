@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from sphere_nav.params import build, group, leaves, param, parameters, to_mapping
 
 CONDITIONS: Mapping[str, Mapping[str, Any]] = {
     # hours are solar; an exposure brings the mean grey level of the town near that of the default light
-    "low_sun": {"light.day": 265, "light.hour": 17.2, "light.exposure": 2.2},
-    "overcast": {"light.day": 120, "light.hour": 10.0, "light.overcast": 1.0, "light.exposure": 1.6},
-    "wet": {"light.day": 120, "light.hour": 15.0, "light.overcast": 0.9, "season.wet": 1.0, "light.exposure": 1.8},
-    "autumn": {"light.day": 300, "light.hour": 10.0, "light.exposure": 1.2, "season.leaves": "yellow"},
-    "winter": {"light.day": 355, "light.hour": 11.0, "light.exposure": 1.4, "season.leaves": "none"},
+    "low_sun": {"light.sun": "265,17.2h", "light.exposure": 2.2},
+    "overcast": {"light.sun": "120,10.0h", "light.overcast": 1.0, "light.exposure": 1.6},
+    "wet": {"light.sun": "120,15.0h", "light.overcast": 0.9, "season.wet": 1.0, "light.exposure": 1.8},
+    "autumn": {"light.sun": "300,10.0h", "light.exposure": 1.2, "season.leaves": "yellow"},
+    "winter": {"light.sun": "355,11.0h", "light.exposure": 1.4, "season.leaves": "none"},
     "snow": {
-        "light.day": 20, "light.hour": 13.0, "light.overcast": 0.7, "light.exposure": 1.6,
+        "light.sun": "20,13.0h", "light.overcast": 0.7, "light.exposure": 1.6,
         "season.leaves": "none", "season.snow": 0.8,
     },
     "dusk": {
-        "light.day": 265, "light.hour": 18.35, "light.has_street_lamps": True, "light.torch": 3000.0,
+        "light.sun": "265,18.35h", "light.has_street_lamps": True, "light.torch": 3000.0,
         "light.exposure": 450.0, "imaging.noise": 2.0,
     },
     "night_lamps": {
-        "light.day": 300, "light.hour": 22.0, "light.has_street_lamps": True, "light.torch": 3000.0,
+        "light.sun": "300,22.0h", "light.has_street_lamps": True, "light.torch": 3000.0,
         "light.exposure": 900.0, "imaging.noise": 3.0,
     },
     "night_torch": {
-        "light.day": 300, "light.hour": 22.0, "light.torch": 6000.0, "light.exposure": 900.0, "imaging.noise": 3.0,
+        "light.sun": "300,22.0h", "light.torch": 6000.0, "light.exposure": 900.0, "imaging.noise": 3.0,
     },
 }  # fmt: skip
 
@@ -36,17 +36,12 @@ CONDITIONS: Mapping[str, Mapping[str, Any]] = {
 class LightParams:
     """Sun and exposure."""
 
-    sun_azimuth_deg: float = param(238.0, "direction to the sun, counter-clockwise from the x axis", "deg")
-    sun_elevation_deg: float = param(43.0, "height of the sun above the horizon", "deg", low=3.0, high=90.0)
-    has_shadows: bool = param(True, "whether things cast shadows")
+    sun: str = param(
+        "238,43",
+        "where the sun is: azimuth (from x, to the left), elevation (deg), or an hour: 9.5h; of a day: 265,9.5h",
+    )
     exposure: float = param(0.85, "factor from radiance to the range of the grey levels", low=0.0)
-    hour: float = param(
-        0.0, "solar time in hours that decides where the sun is; 0: the two angles do", low=0.0, high=24.0
-    )
-    day: int = param(
-        0, "day of the year of that hour, on which the sun sets; 0: end of May, it does not", low=0, high=366
-    )
-    hour_rate: float = param(0.0, "hours that pass in a second of simulated time", low=0.0, high=1.0)
+    hour_rate: float = param(0.0, "hours that pass in a second, where the sun has an hour", low=0.0, high=1.0)
     clouds: float = param(0.0, "share of the sun's light that passing clouds take", low=0.0, high=1.0)
     overcast: float = param(0.0, "share of the sky behind a closed layer of clouds", low=0.0, high=1.0)
     has_street_lamps: bool = param(False, "whether street lamps and some windows are lit")
@@ -54,6 +49,26 @@ class LightParams:
 
     cloud_period: ClassVar[float] = 90.0  # from cloud to cloud, about, s
     gamma: ClassVar[float] = 2.2  # grey level = 255 radiance^(1/gamma)
+
+    @property
+    def has_hour(self) -> bool:
+        """Whether an hour decides where the sun is; it does not set if the hour is of no day (end of May)."""
+        return self.sun.endswith("h")
+
+    @property
+    def sun_deg(self) -> tuple[float, float]:
+        """Azimuth, counter-clockwise from the x axis, and elevation of a sun without an hour, deg."""
+        azimuth, elevation = split_numbers("light.sun", self.sun, "azimuth,elevation", (-360.0, 3.0), (360.0, 90.0))
+        return azimuth, elevation
+
+    @property
+    def day_and_hour(self) -> tuple[float, float]:
+        """Day of the year, 0 where none is given, and solar time, h."""
+        text = self.sun.removesuffix("h")
+        day, hour = split_numbers(
+            "light.sun", text if "," in text else f"0,{text}", "day,hour", (0.0, 0.0), (366.0, 24.0)
+        )
+        return day, hour
 
 
 @parameters
@@ -90,8 +105,7 @@ class ImagingParams:
 class TrafficParams:
     """What moves through the streets of a town; where it is at an instant depends on the seed and the stamp alone."""
 
-    is_on: bool = param(False, "whether anything moves but the car")
-    is_busy: bool = param(False, "20 cars, 10 cyclists and 80 pedestrians instead of 12, 6 and 40")
+    density: str = param("none", "how many are under way; busy: twice as many", choices=("none", "usual", "busy"))
     seed: int = param(0, "decides who is under way, together with the seed of the town", low=0)
     may_cross: bool = param(False, "traffic may cross the path; who would touch the car is not there")
     standing_at: float = param(
@@ -102,8 +116,9 @@ class TrafficParams:
     bicycle_speed: ClassVar[float] = 3.5  # mean speed of cyclists, m/s
     walking_speed: ClassVar[float] = 1.3  # mean speed of pedestrians, m/s
     trams: ClassVar[int] = 1  # trams of three sections
-    usual: ClassVar[tuple[int, int, int]] = 12, 6, 40  # cars, cyclists, pedestrians
-    busy: ClassVar[tuple[int, int, int]] = 20, 10, 80
+    members: ClassVar[Mapping[str, tuple[int, int, int]]] = {  # cars, cyclists, pedestrians
+        "none": (0, 0, 0), "usual": (12, 6, 40), "busy": (20, 10, 80),
+    }  # fmt: skip
 
 
 @parameters
@@ -111,7 +126,7 @@ class RenderParams:
     """Effort spent on an image."""
 
     supersampling: int = param(2, "n x n rays for pixels where surfaces meet; 1: none", low=1, high=8)
-    shadow_texel: float = param(0.08, "resolution of the shadows", "m", low=0.01)
+    shadow_texel: float = param(0.08, "resolution of the shadows; 0: things cast none", "m", low=0.0)
 
     shadow_extent: ClassVar[float] = 160.0  # of the square with shadows around the middle of a world, m
 
@@ -153,31 +168,44 @@ class OdometryParams:
 class SimCameraParams:
     """The camera for driving, looking forward."""
 
-    is_on: bool = param(True, "publish images")
     model: str = param("pinhole", "lens; a panorama sees all around", choices=("pinhole", "fisheye", "panorama"))
-    period: float = param(0.1, "time between two images", "s", low=0.001)
-    width: int = param(640, "columns", "px", low=16, high=8192)
-    height: int = param(480, "rows; a panorama keeps this many around its horizon", "px", low=16, high=8192)
+    period: float = param(0.1, "time between two images; 0: there are none", "s", low=0.0)
+    size: str = param("640,480", "columns,rows; a panorama keeps as many rows around its horizon", "px")
     view_deg: float = param(80.0, "horizontal field of view of a lens", "deg", low=10.0, high=280.0)
-    x: float = param(1.0, "place on the car, forward of the rear axle", "m")
-    z: float = param(1.6, "height above the ground", "m", low=0.05)
-    pitch_deg: float = param(4.0, "looking down", "deg", low=-60.0, high=60.0)
-    roll_deg: float = param(0.0, "turned about its axis, clockwise; 180: upside down", "deg", low=-180.0, high=180.0)
+    mounting_deg: str = param(
+        "1,0,1.6,0,4,0", "x,y,z (m),roll,pitch,yaw on base_link; pitch looks down, roll 180: upside down", "deg"
+    )
 
-    y: ClassVar[float] = 0.0  # place on the car, to the left, m
     k1: ClassVar[float] = -0.05  # radial distortion of a lens
     k2: ClassVar[float] = 0.01  # radial distortion of a lens, second coefficient
     read_noise: ClassVar[float] = 1.2  # standard deviation of the read-out noise, grey level
     shot_noise: ClassVar[float] = 0.012  # variance of the shot noise over the grey level, grey level
+
+    @property
+    def columns_rows(self) -> tuple[int, int]:
+        """Columns and rows of the images, px."""
+        return columns_and_rows("camera.size", self.size)
+
+    @property
+    def place(self) -> tuple[float, ...]:
+        """Return x, y, z, roll, pitch, yaw on the car, m and deg; turns about its fixed axes, roll first."""
+        low, high = (-100.0, -100.0, 0.05, -180.0, -90.0, -180.0), (100.0, 100.0, 100.0, 180.0, 90.0, 180.0)
+        return split_numbers("camera.mounting_deg", self.mounting_deg, "x,y,z,roll,pitch,yaw", low, high)
+
+
+@parameters
+class CaptureParams:
+    """When the ideal sphere and the rig, on the roof, take images."""
+
+    when: str = param("teach", "while the simulator teaches, or always", choices=("teach", "always"))
+    distance: float = param(0.5, "way between two captures", "m", low=0.01)
 
 
 @parameters
 class SphereParams:
     """The ideal RGB-D sphere on the roof."""
 
-    publish: str = param("teach", "when to publish spheres", choices=("teach", "always", "never"))
-    distance: float = param(0.5, "way between two spheres", "m", low=0.01)
-    width: int = param(1024, "columns of the whole sphere, twice the rows", "px", low=32, high=8192)
+    width: int = param(1024, "columns of the whole sphere, twice the rows; 0: no spheres", "px", low=0, high=8192)
 
     x: ClassVar[float] = 0.4  # place on the car, forward of the rear axle, m
     y: ClassVar[float] = 0.0  # place on the car, to the left, m
@@ -191,11 +219,8 @@ class CameraRigParams:
     """Six cameras on the roof: three stereo pairs back to back one above the other, or a ring (M15 section 4.3)."""
 
     kind: str = param("none", "arrangement of the cameras", choices=("none", "vertical", "ring"))
-    publish: str = param("teach", "when to publish images", choices=("teach", "always", "never"))
-    distance: float = param(0.5, "way between two captures", "m", low=0.01)
     model: str = param("fisheye", "lens", choices=("pinhole", "fisheye"))
-    width: int = param(544, "columns of each camera", "px", low=16, high=8192)
-    height: int = param(544, "rows of each camera", "px", low=16, high=8192)
+    size: str = param("544,544", "columns,rows of each camera", "px")
     view_deg: float = param(190.0, "horizontal field of view of each camera", "deg", low=30.0, high=280.0)
     tolerance: float = param(1.0, "times 1 mm, 0.3 deg, 0.3 % of the focal length: where each is mounted", low=0.0)
     file: str = param("", "write the rig's true description to this file at the start; empty: nowhere")
@@ -209,6 +234,11 @@ class CameraRigParams:
     read_noise: ClassVar[float] = 0.8  # standard deviation of the read-out noise, grey level
     k1: ClassVar[float] = -0.02  # radial distortion of the lens
     k2: ClassVar[float] = 0.002  # radial distortion of the lens, second coefficient
+
+    @property
+    def columns_rows(self) -> tuple[int, int]:
+        """Columns and rows of the images, px."""
+        return columns_and_rows("rig.size", self.size)
 
 
 @parameters
@@ -286,6 +316,7 @@ class SimParams:
     actuation: ActuatorParams = group(ActuatorParams)
     odometry: OdometryParams = group(OdometryParams)
     camera: SimCameraParams = group(SimCameraParams)
+    capture: CaptureParams = group(CaptureParams)
     sphere: SphereParams = group(SphereParams)
     rig: CameraRigParams = group(CameraRigParams)
     imaging: ImagingParams = group(ImagingParams)
@@ -303,3 +334,23 @@ def in_condition(params: SimParams) -> SimParams:
     values = to_mapping(params)
     named = CONDITIONS.get(params.condition, {})
     return build(SimParams, values | {name: value for name, value in named.items() if values[name] == default[name]})
+
+
+def columns_and_rows(name: str, text: str) -> tuple[int, int]:
+    """Return columns and rows, px."""
+    columns, rows = split_numbers(name, text, "columns,rows", (16, 16), (8192, 8192))
+    if not (columns.is_integer() and rows.is_integer()):
+        raise ValueError(f"{name}: expected whole numbers columns,rows, found {text!r}")
+    return int(columns), int(rows)
+
+
+def split_numbers(name: str, text: str, form: str, low: Sequence[float], high: Sequence[float]) -> tuple[float, ...]:
+    """Return the numbers of a parameter, separated by commas, within their bounds; `form` says what they are."""
+    try:
+        found = tuple(map(float, text.split(",")))
+    except ValueError:
+        found = ()
+    if len(found) != len(low) or not all(a <= value <= b for a, value, b in zip(low, found, high, strict=True)):
+        bounds = f"{','.join(f'{value:g}' for value in low)} to {','.join(f'{value:g}' for value in high)}"
+        raise ValueError(f"{name}: expected {form} within {bounds}, found {text!r}")
+    return found

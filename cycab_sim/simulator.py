@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cycab_sim.driver import PurePursuitDriver
-from cycab_sim.params import CameraRigParams, SimParams, SphereParams, in_condition
+from cycab_sim.params import SimParams, in_condition
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.rendering.sky import is_constant, light_at
 from cycab_sim.sensors.cameras import forward_camera, roof_sphere
@@ -48,7 +48,7 @@ class Simulator:
         self.params = p = in_condition(params or SimParams())
         world = build_world(p.world, p.seed, p.path)
         self.world = replace(world, mesh=change_season(world.mesh, p.season, p.seed))
-        self.traffic = Traffic(self.world, p.traffic, p.seed) if p.traffic.is_on else None
+        self.traffic = Traffic(self.world, p.traffic, p.seed) if p.traffic.density != "none" else None
         bounds = self.world.bounds if self.world.is_wide else None
         self.renderer = Renderer(self.world.mesh, p.render, p.light, self.traffic, bounds, season=p.season)
         self.path = self.world.path
@@ -58,7 +58,7 @@ class Simulator:
         self.rig_names = rig_camera_names(p.rig.kind)
         self.faults = Faults(self.rig_names)
         self.rig = make_rig(p.rig, p.seed)
-        mounts = forward_camera(p.camera, p.imaging), roof_sphere(p.sphere), *rig_mounts(p.rig, p.imaging, self.rig)
+        mounts = forward_camera(p.camera, p.imaging), *roof_sphere(p.sphere), *rig_mounts(p.rig, p.imaging, self.rig)
         self.cameras = CameraArray(mounts, self.faults, self.renderer, self._set_scene, (p.seed, p.noise_seed))
         self.mounts = self.cameras.mounts
         self.odometry = WheelOdometry(p.odometry.period, p.noise_seed)
@@ -187,19 +187,14 @@ class Schedule:
 
     def __init__(self, params: SimParams) -> None:
         self._periods = {"odom": params.odometry.period}
-        if params.camera.is_on:
+        if params.camera.period:
             self._periods["camera"] = params.camera.period
         self._periods |= {name: p.period for name, p in (("imu", params.imu), ("scan", params.scan)) if p.is_on}
-        self._distances: dict[str, float] = {}
-        self._plan("sphere", params.sphere, params.mode)
-        if params.rig.kind != "none":
-            self._plan("rig", params.rig, params.mode)
+        has = {"sphere": params.sphere.width > 0, "rig": params.rig.kind != "none"}
+        names = [name for name in has if has[name] and params.capture.when in ("always", params.mode)]
+        self._distances = dict.fromkeys(names, params.capture.distance)
         self._ways = dict(self._distances)  # all are due at the start
         self.count = dict.fromkeys(NAMES, -1)
-
-    def _plan(self, name: str, params: SphereParams | CameraRigParams, mode: str) -> None:
-        if params.publish in ("always", mode):
-            self._distances[name] = params.distance
 
     def advance(self, way: float) -> None:
         """Add the way driven in a step, m."""

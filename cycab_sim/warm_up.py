@@ -7,11 +7,10 @@ from cycab_sim.simulator import Simulator
 from sphere_nav.params import build
 
 SMALL = {
-    "camera.width": 32,
-    "camera.height": 24,
+    "camera.size": "32,24",
     "sphere.width": 64,
     "render.shadow_texel": 2.0,
-    "traffic.is_on": True,
+    "traffic.density": "usual",
 }
 
 

@@ -33,6 +33,7 @@ NUM_YOUNG = 2  # images after which a particle keeps its own heading
 HEADING_SPREAD = np.radians(3.0)  # standard deviation left in an assigned heading
 GIVEN_SIGMA = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: of a pose that is given as if it were exact
 NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
+MOVED_SHARE = 0.9  # of them, where another place is proven
 NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places of a survey: half a cell, half a step
 
 # Hypotheses (belief/test_hypotheses, test_lineage)
@@ -54,7 +55,8 @@ LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a stree
 PEAK = 2  # cells, and steps of headings, around a maximum that are lower
 APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what is nearer is the same place
 NUM_MAXIMA, TAIL_SHARE = 40, 0.5  # of the map that make its tail, and at most of all that there are
-MIN_MAXIMA = 8  # of a map that can tell chance by them
+MIN_MAXIMA = 8  # of a large map that can tell chance by them
+LEAD_SCALE = 1.0  # standard deviations of an image by which chance leads e times less often in a small map (mcl_homes)
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 
 # Evidence of many images along odometry (belief/test_evidence)
@@ -75,8 +77,10 @@ MIN_MEAN, MIN_SIGMA = 2.0, 1.0  # of a right place
 MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
 MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
 NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
+MAX_TRIAL = 12  # images of a trial: a right place takes five to eight
 
 # Odometry against the images (belief/test_image_motion); chosen in towns 61 and 62, `benchmarks contradictions`
+MAX_REACH = 0.35  # way by the median range, 20 deg of parallax: beyond it images are not aligned, test_image_motion
 CONTRADICTION = (
     21.1  # chi^2 of 3 degrees of freedom: odometry and images that are right differ so in 1e-4 of the images
 )
@@ -105,7 +109,7 @@ FAR_M = 100.0  # range given to what is far
 SAMPLES = 2  # a side of a pixel of the panorama; a photograph that is finer by more is halved first
 OTHER_ANSWER = np.radians(20.0)  # a rotation farther from the best one than this is another answer
 
-# One image against every cell (likeness/test_matched_filter, test_partial_filter, test_gradient_correlation)
+# One image against every cell (likeness/test_matched_filter, test_partial_filter)
 MIN_PLACES = 1500  # cells whose covariance is taken, and fewest of a map: fewer do not tell what places have in common
 CODE_RANGE = 4.0  # standard deviations that a byte holds (likeness/test_spectra)
 NUM_FREQUENCIES = 37  # over azimuth: structure down to ten degrees
@@ -113,6 +117,7 @@ NUM_ENERGY_FREQUENCIES = 16  # of the energy in view: a view is wide
 BARE_SHARE = np.float32(1.5)  # 2/pi by 4/(3 pi): the first term of the series of |cos x| by the second
 SHRINKAGE, PART_SHRINKAGE = 4.0, 0.3  # of the covariance, by its mean level: of panoramas, of parts of the sphere
 FINENESS, PART_FINENESS = 2, 5  # curves are made at so many times the headings wanted: the best around each counts
+ROOT = 0.5  # power of an image's gradients in a small map: windows and furniture have the strongest (mcl_homes)
 NUM_CG_STEPS = 12  # of conjugate gradients
 MIN_VIEW_SHARE = 0.1  # of the depth gradients that are expected in view: one of next to nothing has these
 
@@ -131,6 +136,7 @@ MIN_NORMAL_SHARE = 0.8  # of the normals of a coarse voxel that must agree for i
 # Where the vehicle may be (geometry/test_area, test_floor_plan)
 BODY = 0.3  # points this far above or below the camera are in its way, m
 GROUND_STEP, GROUND_REACH = 0.5, 1.5  # m: side of a square; from one without points to one that lends its height
+FLOOR_REACH, MIN_FLOOR_SHARE = 0.25, 0.5  # m to a point of a floor; share of a room's squares that have one
 MESH_STEP = 0.15  # of the points that stand for a mesh in ground and area, m
 MAX_OFF_WALL, MIN_SILL = 0.15, 0.05  # m from an opening to its wall; a door that begins lower begins at the foot
 MIN_PIECE, SAME_CORNER = 1e-3, 0.02  # m of a wall; between the ends of walls that meet

@@ -121,8 +121,8 @@ class Filter:
         self._p_chance = proof.p_chance
         self.particles = resample(particles, p.resampling.num_particles, self._rng, self._gap)
         if proof.survey is not None and not self._states.is_following:
-            self.particles = inject_at_places(self.particles, proof.survey, self._rng)
-        belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance)
+            self.particles = inject_at_places(self.particles, proof.survey, self._rng, proof.share_of_new)
+        belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance, proof.places(hypotheses))
         return self._estimate(observation, verdict.finding, belief)
 
     def _estimate(self, observation: Observation, finding: Finding, belief: Belief | None = None) -> Estimate:

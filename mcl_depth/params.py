@@ -61,6 +61,7 @@ class AreaParams:
 
     step: float = param(0.25, "grid of possible positions", "m", low=0.05)
     clearance: float = param(0.3, "free space around the camera that a position needs", "m", low=0.0)
+    min_piece: float = param(0.5, "smaller pieces that nothing joins to the largest one are left out", "m^2", low=0.0)
     limits: str = param("", "x0,y0,x1,y1 in m of the part of the map that is considered; empty: all of it")
 
 

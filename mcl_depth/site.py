@@ -26,6 +26,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "outdoor": {
         "cache.max_distance": 0.5,  # what is seen is farther away (N17 table I, column ETHZ)
         "area.step": 0.5,
+        "area.min_piece": 400.0,  # the inside of a house is no street
         "synthesis.voxel_m": 0.2,
         "comparison.is_sky_far": True,  # the skyline is the strongest edge
     },
@@ -73,7 +74,7 @@ class Site:
         if not num_missing:
             if len(self.places) >= MIN_PLACES:
                 self.depth_map.matched_filter(self.places)
-                self.depth_map.partial_filter(self.places)
+            self.depth_map.partial_filter(self.places)
             self.depth_map.ranges_from(np.array([*self.places[0], 0.0]))  # no image waits for what draws
         return 1.0 - num_missing / len(self.places)
 

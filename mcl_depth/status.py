@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
@@ -68,6 +70,10 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
     best = hypotheses[0]
     second = hypotheses[1].weight if len(hypotheses) > 1 else 0.0
     limit = EVEN_ODDS if proof.is_held else max_chance
+    alike = proof.survey.alike() if proof.survey is not None else ()
+    if len(alike):
+        names = " or ".join(f"{x:.1f}, {y:.1f} at {np.degrees(yaw):.0f} deg" for x, y, yaw in alike)
+        return Verdict(Finding(Reason.AMBIGUOUS, proof.p_chance, limit, names), is_bad=True)
     if second >= AMBIGUOUS_SHARE * best.weight:
         return Verdict(Finding(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE), is_bad=True)
     if best.weight < MIN_WEIGHT:

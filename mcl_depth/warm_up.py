@@ -12,7 +12,7 @@ from mcl_depth.constants import STEP_EVERY
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
-from mcl_depth.likeness.matched_filter import MatchedFilter, correlate_part
+from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import FilterParams, SynthesisParams
 from sphere_nav import photometric
@@ -32,7 +32,6 @@ def warm_up(params: FilterParams) -> None:
     stack = depth_features_many(ranges, params.comparison)
     for is_seen in (None, gray > 10.0):
         similarity_many(visual_features(gray, is_seen), stack, num_headings)
-        correlate_part(visual_features(gray, is_seen), stack, num_headings, np.arange(len(stack)))
     PartialFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray, gray > 10.0), num_headings)
     MatchedFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
     joint, mask = JointEvidence(1.0, 1.0), np.ones((8, 8), np.bool_)

@@ -16,6 +16,7 @@ HALVED_FROM = 600  # rows and columns from which on several boards are looked fo
 AROUND = 1.25  # a board is wiped out with this much around its inner corners before the next one is looked for
 MIN_CORNERS = 4  # of a ChArUco board: as many as a homography needs
 HALF_WINDOW = (2, 7)  # px, least and most, in which a corner is refined
+REFINEMENT = (3, 50, 1e-3)  # of a corner by OpenCV: at most so many steps, or (1 + 2) until one is below so many px
 BLUR_PX = 0.5  # an edge that lies this far inside a window does not bend the corner
 MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 
@@ -64,6 +65,8 @@ LENS_STEPS, MIN_LENS_STEP = 12, 0.02  # at a level; in standard deviations, belo
 FOCAL_SHARE, CENTER_SHARE, READOUT_S = 0.1, 0.05, 0.02  # deviations before: of focal length and image width; s
 DISTORTION = {"pinhole": (0.3, 0.3, 0.01, 0.01), "fisheye": (0.1, 0.1, 0.1, 0.1)}  # the same
 MAP_LENS = (0.03, 0.03, 0.02, 0.02, 0.05, 0.05)  # deviations before of the map's own lens: f, centre / f, k1, k2
+MAX_TANGENT = 1.5  # of a ray to the axis of the map's lens, up to which its error grows
+SAME_ROW = 1e-3  # rows by which a pixel and the instant of its row may differ: sampling errs by more
 HELD = 1e-6  # of those: of a parameter that stays as it was known
 LENS_FLOOR = 5e-3  # of those: what sampling of image and map leaves however many images there are
 RELATIVE_STEP = 1e-3  # of numerical derivatives, in those standard deviations
@@ -77,6 +80,7 @@ MIN_HALF = 3  # images of a half
 OWN_STEPS, MIN_OWN_STEP = 10, 1e-3  # of pose and light of an image under a given lens; part of the cost, the last gain
 APART = 0.5  # of how far both halves are off the given lens: as far may they be from each other; chance gives 2
 LENS_GRID = (9, 7)  # pixels at which two lenses are compared
+SIGMAS = 3.0  # that a standard deviation is to hold for, as it does of a normal error
 BLAMED = 2.0  # times more would be known of a parameter, were another one known: both are not told apart
 
 # Points of a depth camera (drive/test_depth_pixels)

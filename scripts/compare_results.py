@@ -37,7 +37,7 @@ FOREIGN = {  # another installation must not leak in
 COMMAND_S, PATIENCE_S = 900.0, 30.0  # for a command; for a node to end after SIGINT
 VOLATILE_KEYS = ("milliseconds", "seconds", "software")  # of JSON files: no results
 TOWN = {"seed": 3, "world": "town", "path": "two_turns", "has_stamped_command": True}
-TEACH = {"mode": "teach", "camera.is_on": False, "sphere.publish": "never", "odometry.period": 0.05}
+TEACH = {"mode": "teach", "camera.period": 0.0, "sphere.width": 0, "odometry.period": 0.05}
 DRIVE_TOPICS = "/pose /odometry /status /scan /odom /cmd_vel /tf_static /image_raw /camera_info /ground_truth/odometry"
 MAP_FRAMES, DRIVE_FRAMES = "0:48", "48:66"  # of redkitchen
 STEREO_FRAMES = "0:8"  # of kitti_06
@@ -208,7 +208,7 @@ def without(value: Any, keys: Sequence[str]) -> Any:
 # --- inputs: made once
 def make_town(environment: Environment, folder: Path) -> None:
     """Spheres of a street, their map, its taught path and its cloud."""
-    simulation = TEACH | {"sphere.publish": "teach", "sphere.width": 512, "sphere.distance": 1.0}
+    simulation = TEACH | {"sphere.width": 512, "capture.distance": 1.0}
     topics = "/sphere /odom /ground_truth/odometry /tf_static"
     environment.drive(folder, {"topics": topics}, simulation, 22.0)
     environment.call("map", folder / "drive", "-o", folder / "map", "--taught", folder / "taught.tum")
@@ -223,13 +223,12 @@ def make_return(environment: Environment, folder: Path) -> None:
         {"topics": DRIVE_TOPICS},
         {
             "mode": "drive",
-            "sphere.publish": "never",
+            "sphere.width": 0,
             "camera.period": 0.2,
-            "camera.width": 320,
-            "camera.height": 240,
+            "camera.size": "320,240",
             "odometry.period": 0.05,
             "scan.is_on": True,
-            "traffic.is_on": True,
+            "traffic.density": "usual",
             "clock.max_wait": PATIENCE_S,
         },
         60.0,
@@ -246,7 +245,7 @@ def make_return(environment: Environment, folder: Path) -> None:
 
 def make_panorama(environment: Environment, folder: Path) -> None:
     """The street by a panoramic camera, wheels and an IMU."""
-    simulation = TEACH | {"camera.is_on": True, "camera.model": "panorama", "camera.width": 360, "camera.height": 96}
+    simulation = TEACH | {"camera.period": 0.1, "camera.model": "panorama", "camera.size": "360,96"}
     topics = "/image_raw /sphere_info /odom /imu /tf_static /ground_truth/odometry"
     more = {"camera.period": 0.5, "imu.is_on": True, "noise_seed": 2}
     environment.drive(folder, {"topics": topics}, simulation | more, 20.0)
@@ -256,8 +255,9 @@ def make_rig(kind: str) -> Callable[[Environment, Path], None]:
     """Return what records a few instants of six cameras on the roof."""
 
     def make(environment: Environment, folder: Path) -> None:
-        rig = {"rig.kind": kind, "rig.width": 320, "rig.height": 320, "rig.file": str(folder / "rig.yaml")}
-        environment.drive(folder, {"topic_set": "raw"}, TEACH | rig | {"rig.distance": 0.8, "traffic.is_on": True}, 7.0)
+        rig = {"rig.kind": kind, "rig.size": "320,320", "rig.file": str(folder / "rig.yaml")}
+        others = {"capture.distance": 0.8, "traffic.density": "usual"}
+        environment.drive(folder, {"topic_set": "raw"}, TEACH | rig | others, 7.0)
 
     return make
 
@@ -375,9 +375,9 @@ def optimize(env: Environment, results: Results, folder: Path) -> None:
 
 def simulator(env: Environment, results: Results, folder: Path) -> None:
     """What the simulator draws and measures, from when every topic is recorded for sure."""
-    rig = {"rig.kind": "ring", "rig.width": 96, "rig.height": 96, "rig.distance": 0.3}
-    camera = {"camera.is_on": True, "camera.width": 160, "camera.height": 120}
-    others = {"imu.is_on": True, "scan.is_on": True, "traffic.is_on": True}
+    rig = {"rig.kind": "ring", "rig.size": "96,96", "capture.distance": 0.3}
+    camera = {"camera.period": 0.1, "camera.size": "160,120"}
+    others = {"imu.is_on": True, "scan.is_on": True, "traffic.density": "usual"}
     env.drive(folder, {"topic_set": "raw"}, TEACH | rig | camera | others, SIMULATED_S[1] + 1.0)
     results.add_bag("simulator", folder / "drive", SIMULATED, since=SIMULATED_S[0], until=SIMULATED_S[1])
 

@@ -12,7 +12,7 @@ import os
 import threading
 from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -104,10 +104,10 @@ class Renderer:
         self._light = light
         self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
         (extent, texel), middle = _shadow_square(params, bounds), _middle(mesh, bounds)
-        self._shadows = ShadowMap(self._scene, (extent, texel), light, middle, self._pool)
+        shadow = extent, texel if params.shadow_texel > 0.0 else 0.0
+        self._shadows = ShadowMap(self._scene, shadow, light, middle, self._pool)
         self._weather = Weather(self.mesh, mesh, light, season or SeasonParams())
-        overhead = replace(light, has_shadows=True)
-        self._weather.cover(lambda a: ShadowMap(self._scene, (extent, max(a, texel)), overhead, middle, self._pool))
+        self._weather.cover(lambda a: ShadowMap(self._scene, (extent, max(a, texel)), light, middle, self._pool))
         self._now = light_at(light, 0.0, 0)
 
     def illuminate(self, light: SkyLight) -> None:

@@ -21,7 +21,8 @@ REACH = 400.0  # the sun's rays start this far away, m
 class ShadowMap:
     """Depths (K, K) f32 m along the sun's rays, seen from the sun; see `kernels.light` for how it is used.
 
-    It covers a square of (side m, texel m) around `center` (3,) m. What moves is drawn over what stands still.
+    It covers a square of (side m, texel m) around `center` (3,) m; of a texel of 0 nothing casts a shadow. What moves
+    is drawn over what stands still.
     The map holds for the unit vector `sun` (3,) towards the sun; `turn` puts the sun elsewhere.
     """
 
@@ -33,9 +34,10 @@ class ShadowMap:
         center: Array,
         pool: ThreadPoolExecutor,
     ) -> None:
-        extent, self.texel = square
-        self.has_shadows = light.has_shadows
-        self._size = int(extent / self.texel) if light.has_shadows else 2
+        extent, texel = square
+        self.has_shadows = texel > 0.0
+        self.texel = texel if self.has_shadows else 1.0
+        self._size = int(extent / self.texel) if self.has_shadows else 2
         self._scene, self._center, self._pool = scene, center, pool
         self._windows = np.zeros((0, 4), np.int32)
         self._lock = Lock()

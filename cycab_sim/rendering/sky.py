@@ -37,22 +37,23 @@ class SkyLight:
 
 def is_constant(params: LightParams) -> bool:
     """Whether the light never changes."""
-    return params.clouds == 0.0 and (params.hour == 0.0 or params.hour_rate == 0.0)
+    return params.clouds == 0.0 and (not params.has_hour or params.hour_rate == 0.0)
 
 
 def light_at(params: LightParams, seconds: float, seed: int) -> SkyLight:
     """Return the light after a time."""
-    if params.hour == 0.0:
-        azimuth, elevation = np.radians([params.sun_azimuth_deg, params.sun_elevation_deg])
+    day, hour = params.day_and_hour if params.has_hour else (0.0, 0.0)
+    if not params.has_hour:
+        azimuth, elevation = np.radians(params.sun_deg)
         red, share = np.ones(3), 1.0
-    elif params.day:
-        azimuth, true_elevation = sun_angles(params.hour + params.hour_rate * seconds, declination(params.day))
+    elif day:
+        azimuth, true_elevation = sun_angles(hour + params.hour_rate * seconds, declination(day))
         elevation = max(true_elevation, LOWEST)  # of the shadows
         above = float(np.clip(true_elevation / FADE + 0.5, 0.0, 1.0))
         red = np.exp(-HAZE * (_air(max(true_elevation, 0.0)) - _air(USUAL))) * above
         share = float(np.exp(np.interp(np.degrees(true_elevation), ELEVATIONS, np.log(DIFFUSE / 16_000.0))))
     else:
-        azimuth, elevation = sun_angles(params.hour + params.hour_rate * seconds)
+        azimuth, elevation = sun_angles(hour + params.hour_rate * seconds)
         elevation = max(elevation, LOWEST)
         red = np.exp(-HAZE * (_air(elevation) - _air(USUAL)))
         share = 0.35 + 0.65 * float(np.sin(elevation) / np.sin(USUAL))

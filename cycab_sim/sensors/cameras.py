@@ -39,9 +39,11 @@ class Mount:
 def forward_camera(params: SimCameraParams, imaging: ImagingParams) -> Mount:
     """Return the camera for driving; the frame of a panorama has body axes."""
     camera = make_lens(params, "camera")
-    tilt = SE3.exp([0.0, 0.0, 0.0, 0.0, np.radians(params.pitch_deg), 0.0])
-    tilt = tilt @ SE3.exp([0.0, 0.0, 0.0, np.radians(params.roll_deg), 0.0, 0.0])
-    place = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
+    x, y, z, roll, pitch, yaw = params.place
+    place = SE3.from_parts(np.eye(3), [x, y, z])
+    tilt = SE3.identity()
+    for axis, angle in ((5, yaw), (4, pitch), (3, roll)):
+        tilt = tilt @ SE3.exp(np.radians(angle) * np.eye(6)[axis])
     is_sphere = params.model == "panorama"
     T_base_camera = place @ tilt @ SE3.from_parts(np.eye(3) if is_sphere else OPTICAL, np.zeros(3))
     frame_id = "camera_link" if is_sphere else "camera_optical"
@@ -51,13 +53,16 @@ def forward_camera(params: SimCameraParams, imaging: ImagingParams) -> Mount:
     )
 
 
-def roof_sphere(params: SphereParams) -> Mount:
-    """Return the ideal RGB-D sphere."""
+def roof_sphere(params: SphereParams) -> tuple[Mount, ...]:
+    """Return the ideal RGB-D sphere, if there is one."""
+    if not params.width:
+        return ()
     if params.width % 2:
         raise ValueError(f"sphere.width: expected an even number, found {params.width}")
     T_base_camera = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
     camera = Spherical(params.width, params.width // 2)
-    return Mount("sphere", "sphere_link", camera, T_base_camera, False, params.read_noise, params.shot_noise, "sphere")
+    noises = params.read_noise, params.shot_noise
+    return (Mount("sphere", "sphere_link", camera, T_base_camera, False, *noises, "sphere"),)
 
 
 def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Center = (0.0, 0.0)) -> Camera:
@@ -65,19 +70,20 @@ def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Center 
 
     `name` of the group is for messages; the focal length is multiplied by `scale`, the centre moved by `offset` px.
     """
+    width, height = params.columns_rows
     if params.model == "panorama":
-        return panorama(params.width, params.height, name)
+        return panorama(width, height, name)
     if params.model == "pinhole" and params.view_deg > MAX_PINHOLE_DEG:
         raise ValueError(f"{name}.view_deg: expected at most {MAX_PINHOLE_DEG} of a pinhole, found {params.view_deg}")
     f = focal_length(params) * scale
-    center = ((params.width - 1) / 2 + offset[0], (params.height - 1) / 2 + offset[1])
+    center = ((width - 1) / 2 + offset[0], (height - 1) / 2 + offset[1])
     half = math.radians(params.view_deg) / 2
     if params.model == "pinhole":
-        pinhole = Pinhole(params.width, params.height, f, f, *center, (params.k1, params.k2, 0.0, 0.0, 0.0))
+        pinhole = Pinhole(width, height, f, f, *center, (params.k1, params.k2, 0.0, 0.0, 0.0))
         is_good, limit = math.tan(half) <= pinhole.max_radius, 2 * math.atan(pinhole.max_radius)
         camera: Camera = pinhole
     else:
-        camera = fisheye = Fisheye(params.width, params.height, f, f, *center, (params.k1, params.k2, 0.0, 0.0))
+        camera = fisheye = Fisheye(width, height, f, f, *center, (params.k1, params.k2, 0.0, 0.0))
         is_good, limit = half <= fisheye.max_angle, 2 * fisheye.max_angle
     if not is_good or f <= 0.0:
         raise ValueError(
@@ -91,14 +97,14 @@ def focal_length(params: LensParams) -> float:
     half = math.radians(params.view_deg) / 2
     r = math.tan(half) if params.model == "pinhole" else half
     radius = r * (1.0 + r * r * (params.k1 + r * r * params.k2))
-    return 0.5 * params.width / max(radius, 1e-2)  # a lens that folds back is refused by its limit
+    return 0.5 * params.columns_rows[0] / max(radius, 1e-2)  # a lens that folds back is refused by its limit
 
 
 def panorama(width: int, height: int, name: str) -> Spherical:
     """Return a sphere of `width` columns of which `height` rows around the horizon are kept."""
     if width % 2 or height % 2 or height > width // 2:
         expected = "expected even numbers, at most half as many rows as columns"
-        raise ValueError(f"{name}.width, height: {expected}, found {width} x {height}")
+        raise ValueError(f"{name}.size: {expected}, found {width},{height}")
     if height == width // 2:
         return Spherical(width, height)
     return Spherical(width, height, float(width), 0.0, (width / 2 - height) / 2)

@@ -79,7 +79,7 @@ def rig_file_text(rig: Rig, path: str = "") -> str:
 
 def _make_camera(params: CameraRigParams, name: str, rng: np.random.Generator) -> RigCamera:
     off = params.tolerance * rng.standard_normal(9)
-    du, dv = CENTER * params.width / 544 * off[7:]
+    du, dv = CENTER * params.columns_rows[0] / 544 * off[7:]
     lens = make_lens(params, "rig", float(1.0 + FOCAL * off[6]), (float(du), float(dv)))
     error = SE3.exp(off[:6] * ([LENGTH] * 3 + [ANGLE] * 3))
     level = name.partition("_")[0] if params.kind == "vertical" else ""

@@ -22,8 +22,7 @@ from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.maps.reader import MapReader
-from sphere_nav.ros.process import return_free_memory
-from sphere_nav.ros.run import run
+from sphere_nav.ros.run import return_free_memory, run
 
 
 class DenseLocalizerNode(LocalizerNode):

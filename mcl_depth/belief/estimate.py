@@ -39,6 +39,7 @@ class Belief:
     particles: Particles  # weighted, before resampling
     comparison: Comparison
     p_chance: float  # that the likeliest place is chance
+    places: tuple[Hypothesis, ...] = ()  # the same by the evidence of all images, while no place is held
 
     @property
     def best(self) -> Hypothesis:

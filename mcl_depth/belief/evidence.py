@@ -11,8 +11,10 @@ exact for any scale of the tail; a rival as good as the best makes it 1.
 
 A map of a few rooms has too few maxima for that, and they are not independent of the place that is right. There the
 images are compared a second time, mirrored, along mirrored odometry: a drive through streets or rooms of the same kind
-that are not in the map. What it reaches by chance, the drive itself reaches by chance, so the best place must lead the
-mirrored drive's best, too, by as many of its gaps.
+that are not in the map. What it reaches by chance, the drive itself reaches by chance. So of both drives' maxima the
+best must be the drive's own, and it must lead all others: by chance it leads by L standard deviations of an image with
+a probability below exp(-L / LEAD_SCALE) / 2, as measured on drives through homes in the maps of other homes. A place
+that leads the mirrored drive, but not another place of the map, is one of two that are alike.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import Field, JointEvidence
 from mcl_depth.belief.kernels import is_maximum
@@ -33,10 +36,17 @@ from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.watch import CusumTest, WaldTest, excess
 from mcl_depth.constants import (
     APART,
+    EVEN_ODDS,
+    LEAD_SCALE,
     LOCAL_M,
+    MAX_HYPOTHESES,
+    MAX_TRIAL,
     MIN_MAXIMA,
     MIN_PATCH,
     MIN_PLACES,
+    MOVED_SHARE,
+    NEAR,
+    NEW_SHARE,
     NUM_MAXIMA,
     OFF_MAP,
     PATCH,
@@ -60,6 +70,18 @@ class Survey:
     poses: Array
     shares: Array
     tolerance_m: float
+    is_in_map: bool = False  # one of the places is right, more surely than which
+    is_proven: bool = False  # the first of them is more than chance
+
+    def alike(self) -> Array:
+        """Return the places (2, 3) that look alike, where it is known that one of them is right; else none (0, 3)."""
+        return self.poses[: 2 if self.is_in_map else 0]
+
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """Return its best places; each is as sharp as the grid."""
+        covariance = np.diag([self.tolerance_m / 2.0, self.tolerance_m / 2.0, np.radians(10.0)]) ** 2
+        best = zip(self.poses[:MAX_HYPOTHESES], self.shares, strict=False)
+        return tuple(Hypothesis(pose, covariance, float(share), np.zeros(0, np.int64)) for pose, share in best)
 
     def agrees_with(self, pose: Array) -> bool:
         """Whether a pose (3,) is the best place."""
@@ -82,6 +104,20 @@ class Proof:
     is_small: bool = False
     survey: Survey | None = None
 
+    @property
+    def has_moved(self) -> bool:
+        """Whether a small map's best place is proven, and the belief is elsewhere."""
+        return self.is_small and not self.agrees and self.survey is not None and self.survey.is_proven
+
+    def places(self, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+        """Return the best places of the map where it was searched, else those of the belief."""
+        return self.survey.hypotheses() if self.survey is not None else tuple(hypotheses)
+
+    @property
+    def share_of_new(self) -> float:
+        """Return the share of the particles that are put to the best places of the survey."""
+        return MOVED_SHARE if self.has_moved else NEW_SHARE
+
 
 class Evidence:
     """Remembers the fields of the last images; sums them, and tests the best place of the map."""
@@ -100,9 +136,10 @@ class Evidence:
         self._mirrored.reset()
         self._watch.reset()
         self._trial = WaldTest() if is_given else None
+        self._num_left = MAX_TRIAL  # images until a trial that is still open ends
         self._retrial: WaldTest | None = None  # of a held place that is doubted
         self.doubt = FINE  # why
-        self.place: Array | None = None  # (3,) the best of the map, where it is more than chance and none is held
+        self.place: Array | None = None  # (3,) to measure motion at while none is held: `prove`
 
     @property
     def is_on_trial(self) -> bool:
@@ -110,21 +147,24 @@ class Evidence:
         return self._trial is not None
 
     def prove(self, comparison: Comparison, pose: Array, seen: Reconciled, *, is_held: bool) -> Proof:
-        """Ask how often chance would look like a pose (3,): as the best of the map, or, once it is held, by itself."""
+        """Ask how often chance would look like a pose (3,): as the best of the map, or, once it is held, by itself.
+
+        While none is held, `place` is the best of the map that is more than chance, or one that was given and is more
+        probably right than wrong.
+        """
         self._weigh(seen)
         self.place = None
         if is_held and seen.is_known:
             return Proof(self.watch(comparison, pose), is_held=True)
         self._watch.reset()
         self._retrial = None
-        if self._trial is not None:
-            self._add_to([self._trial], comparison, pose)
-            if not self._trial.is_refused(self._max_chance):
-                return Proof(self._trial.p_chance)
-            self._trial = None
+        if self._trial is not None and self._is_open(self._trial, comparison, pose):
+            self.place = pose if self._trial.p_chance < EVEN_ODDS else None
+            return Proof(self._trial.p_chance)
+        self._trial = None
         T_odom_level = seen.observation.T_odom_level
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
-        self.place = survey.poses[0] if survey.p_chance < self._max_chance else None
+        self.place = survey.poses[0] if survey.is_proven else None
         return Proof(survey.p_chance, survey.agrees_with(pose), is_small=self._is_small, survey=survey)
 
     def watch(self, comparison: Comparison, pose: Array) -> float:
@@ -138,6 +178,19 @@ class Evidence:
         if self._retrial is not None and self._retrial.is_refused(self._max_chance):
             return 1.0
         return self._watch.p_chance(self._max_chance)
+
+    def _is_open(self, trial: WaldTest, comparison: Comparison, pose: Array) -> bool:
+        """Add an image to a trial of a pose (3,); return whether the place is not refused.
+
+        Particles seek what fits, so a wrong place that is given enough images finds some: a trial that stays open ends.
+        """
+        self._num_left -= 1
+        if np.all(self._grid.rows_around(pose, NEAR) < 0):
+            trial.add(0.0)  # nobody can be there: an image fits there as it does anywhere
+        else:
+            self._add_to([trial], comparison, pose)
+        is_decided = trial.p_chance < self._max_chance
+        return is_decided or (self._num_left > 0 and not trial.is_refused(self._max_chance))
 
     def _weigh(self, seen: Reconciled) -> None:
         """Doubt a held place until images confirm it as they do a start, where they contradict odometry.
@@ -171,13 +224,15 @@ class Evidence:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
         joint, places, values = self._add(self._joint, comparison, odometry)
         p_chance, scale = chance_of_lead(values)
+        p_elsewhere = 1.0
         if self._is_small:
             mirrored = None if odometry is None else odometry * np.array([1.0, -1.0, -1.0])
             _, _, others = self._add(self._mirrored, comparison.mirrored, mirrored)
-            p_chance = max(p_chance, chance_over(values[0], others))
+            (p_elsewhere, p_chance), scale = chances_in_small_map(values, others), LEAD_SCALE
         shares = np.exp((values - values[0]) / max(scale, 1e-6))
-        poses = self._grid.poses_of(places, len(joint))
-        return Survey(p_chance, poses, shares / shares.sum(), max(1.0, 1.5 * self._grid.edge))
+        poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
+        is_in_map = p_elsewhere < self._max_chance <= p_chance and len(poses) > 1
+        return Survey(p_chance, poses, shares / shares.sum(), tolerance, is_in_map, p_chance < self._max_chance)
 
     def _add(
         self, joint: JointEvidence, comparison: Comparison, odometry: Array | None
@@ -237,15 +292,17 @@ def chance_of_lead(values: Array) -> tuple[float, float]:
     return float((1.0 + gaps[0] / max(rest, 1e-12)) ** -count), rest / count
 
 
-def chance_over(best: float, values: Array) -> float:
-    """Return at most how probably the best of a tail leads the falling values (N,) of another draw of it so far.
+def chances_in_small_map(values: Array, others: Array) -> tuple[float, float]:
+    """Return how probably the best of a small map leads so far by chance: the mirrored drive's best, and all rivals.
 
-    The lead of one best over the other, where it leads at all, has a thinner tail than the exponential of their gaps.
+    `values` (N,) are the maxima of the map, `others` (M,) those of the mirrored drive, falling. Of both drives' maxima
+    the first is the drive's own half of the time, however few they are. Without a rival nothing is told: 1.
     """
-    if len(values) < MIN_MAXIMA + 1:
-        return 1.0
-    gaps = np.arange(1, len(values)) * -np.diff(values)
-    return float((1.0 + max(best - values[0], 0.0) / max(float(gaps.sum()), 1e-12)) ** -len(gaps))
+    if len(values) < 2 or not len(others) or values[0] <= others[0]:
+        return 1.0, 1.0
+    leads = np.array([values[0] - others[0], values[0] - max(values[1], others[0])]) / LEAD_SCALE
+    p_elsewhere, p_any = np.exp(-leads)
+    return float(p_elsewhere), 0.5 * float(p_any)
 
 
 def _contrast(curves: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -25,6 +25,7 @@ from mcl_depth.constants import (
     IMAGE_DRIFT,
     IMAGE_FORGETTING,
     IMAGE_SIGMA,
+    MAX_REACH,
     MAX_SCALE_ERROR,
     MAX_USUAL_WAYS,
     MIN_MOUNTING_ERROR,
@@ -86,6 +87,7 @@ class ImageMotion:
     def reset(self) -> None:
         """Forget the image."""
         self._view: View | None = None
+        self._reach_m = 0.0
 
     def keep(self, gray: NDArray[np.float32], is_seen: NDArray[np.bool_], pose: Array) -> None:
         """Measure from this levelled image (H, W) on, taken at a pose (3,) of the map."""
@@ -93,14 +95,17 @@ class ImageMotion:
         self._view = None
         if range_m is not None:
             range_m[~is_seen] = np.nan
+            finite = range_m[np.isfinite(range_m)]
+            self._reach_m = MAX_REACH * float(np.median(finite)) if finite.size else 0.0
             self._view = View(prepare_reference(gray, range_m, self._map.camera, REGISTRATION), SE3.identity())
 
     def measure(self, observation: Observation, guess: Array) -> ImageStep | None:
         """Return the motion since the image that was kept, from a first guess (3,); None where there is none.
 
-        One that was not found has no weight; how well the image fits there tells whether it is of another place.
+        One that was not found has no weight; how well the image fits there tells whether it is of another place. Of a
+        way that is long by what is seen an alignment says nothing: a room looks another from its other end.
         """
-        if self._view is None:
+        if self._view is None or _way(guess) > self._reach_m:
             return None
         image = observation.image if observation.image.dtype == np.uint8 else observation.image.astype(np.float32)
         pyramid = build_pyramid(image, observation.camera, REGISTRATION.pyramid)

@@ -144,12 +144,14 @@ def sample_gaussian(T_map_level: SE3, covariance: Array, area: Area, count: int,
     return Particles.of_equal_weight(poses, NUM_YOUNG)
 
 
-def inject_at_places(particles: Particles, survey: Survey, rng: np.random.Generator) -> Particles:
+def inject_at_places(
+    particles: Particles, survey: Survey, rng: np.random.Generator, share: float = NEW_SHARE
+) -> Particles:
     """Return the set with a share of its particles, drawn by lot, put around the best places of a survey.
 
     A mixture of proposals (Thrun, Burgard, Fox, section 8.3.5); they keep the headings of the survey.
     """
-    count = int(NEW_SHARE * len(particles))
+    count = int(share * len(particles))
     poses = survey.poses[rng.choice(len(survey.poses), count, p=survey.shares)]
     poses = poses + NEW_SIGMA * rng.standard_normal((count, 3))
     poses[:, 2] = wrap_angle(poses[:, 2])

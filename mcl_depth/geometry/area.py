@@ -1,4 +1,4 @@
-"""Where the vehicle may be: places with ground beneath, free space around the camera, connected with each other.
+"""Where the vehicle may be: places with ground beneath and free space around the camera, in pieces of some size.
 
 The ground is the lowest surface of the map in a grid, smoothed over holes nearby.
 """
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt, label
 from scipy.spatial import cKDTree
 
-from mcl_depth.constants import BODY, GROUND_REACH, GROUND_STEP, MAX_ELEMENTS
+from mcl_depth.constants import BODY, FLOOR_REACH, GROUND_REACH, GROUND_STEP, MAX_ELEMENTS, MIN_FLOOR_SHARE
 from mcl_depth.params import AreaParams
 from sphere_nav.geometry.arrays import Array
 
@@ -40,7 +40,9 @@ class Area:
 def find_area(
     points: NDArray[np.floating], heights: Callable[[Array], Array], params: AreaParams, box: ArrayLike | None = None
 ) -> Area:
-    """Return the largest connected area; `points` (N, 3) are the map, `heights` the camera's height at (N, 2).
+    """Return the largest connected area, and others that are rooms; `points` (N, 3) are the map.
+
+    `heights` is the camera's height at (N, 2). A closed door parts rooms for the vehicle, not for where it may begin.
 
     `box` (x0, y0, x1, y1) in m bounds it, beside the parameter `limits`.
     """
@@ -58,8 +60,13 @@ def find_area(
     pieces, num_pieces = label(free)
     if not num_pieces:
         return Area(middles[:0], params.step)
-    largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
-    return Area(middles[(pieces == largest).ravel()], params.step)
+    sizes = np.bincount(pieces.ravel(), minlength=num_pieces + 1)[1:]
+    is_kept = sizes * params.step**2 >= params.min_piece
+    if np.count_nonzero(is_kept) > 1:
+        has_floor = _has_floor(middles, points, heights).reshape(counts)
+        is_kept &= np.bincount(pieces.ravel(), has_floor.ravel(), num_pieces + 1)[1:] > MIN_FLOOR_SHARE * sizes
+    is_kept[np.argmax(sizes)] = True
+    return Area(middles[np.append(False, is_kept)[pieces].ravel()], params.step)
 
 
 def limits_of(text: str) -> Array | None:
@@ -86,6 +93,19 @@ def _is_free(
         cells = np.unique(np.round(in_the_way / (0.25 * clearance)).astype(np.int64), axis=0) * (0.25 * clearance)
         free &= cKDTree(cells).query(middles, distance_upper_bound=clearance)[0] >= clearance
     return free
+
+
+def _has_floor(middles: Array, points: NDArray[np.floating], heights: Callable[[Array], Array]) -> NDArray[np.bool_]:
+    """Return which squares (K, 2) have points of the map below the camera at their own place, not only nearby.
+
+    Ground is lent to squares without any: a strip along the outside of every wall would be a room else.
+    """
+    below = points[points[:, 2] - heights(points[:, :2].astype(np.float64)) < -BODY][:, :2]
+    if not len(below):
+        return np.zeros(len(middles), np.bool_)
+    cells = np.unique(np.round(below / (0.25 * FLOOR_REACH)).astype(np.int64), axis=0) * (0.25 * FLOOR_REACH)
+    found: NDArray[np.bool_] = cKDTree(cells).query(middles, distance_upper_bound=FLOOR_REACH)[0] < FLOOR_REACH
+    return found
 
 
 class Ground:

@@ -40,12 +40,16 @@ class WallSurface:
 
 def read_floor_plan(path: Path) -> TriangleMesh:
     """Read a floor plan as a mesh."""
-    surfaces = list(read_surfaces(path))
+    return mesh_of(list(read_surfaces(path)), str(path))
+
+
+def mesh_of(surfaces: list[WallSurface], name: str) -> TriangleMesh:
+    """Return the mesh of a floor plan's surfaces; ValueError without a wall."""
     triangles = [corners for room in dict.fromkeys(item.room for item in surfaces) for corners in _room(surfaces, room)]
     if not triangles:
-        raise ValueError(f"{path}: expected at least one wall, found none")
+        raise ValueError(f"{name}: expected at least one wall, found none")
     vertices = np.concatenate(triangles)
-    return mesh_from_faces(vertices, np.arange(len(vertices)).reshape(-1, 3), str(path))
+    return mesh_from_faces(vertices, np.arange(len(vertices)).reshape(-1, 3), name)
 
 
 def read_surfaces(path: Path) -> Iterator[WallSurface]:

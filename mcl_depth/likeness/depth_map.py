@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.likeness.comparison import FeatureStack, GradientFeatures, depth_features_many, similarity_many
 from mcl_depth.likeness.depth_cache import Cell, DepthCache
-from mcl_depth.likeness.matched_filter import MatchedFilter, correlate_part
+from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Spherical
@@ -39,7 +39,6 @@ class Synthesizer(Protocol):
 BATCH = 64  # depth images made at once
 SAVE_EVERY = 2048  # depth images that an interruption may lose
 Kind = TypeVar("Kind", MatchedFilter, PartialFilter)
-Compare = Callable[[GradientFeatures, FeatureStack, int, NDArray[np.int64]], NDArray[np.float32]]
 Heights = Callable[[Array], Array]  # (N, 2) m -> height of the ground (N,) m, NaN where there is none
 
 
@@ -104,11 +103,14 @@ class DepthMap:
 
     def similarities(self, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
         """Return the similarity (N, num_headings) of an image with the depth images of cells; 0 without ground."""
-        return self._compare(similarity_many, visual, cells, num_headings)
-
-    def correlations(self, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
-        """Return the correlation (N, num_headings) of a part of the sphere with them; 0 without ground."""
-        return self._compare(correlate_part, visual, cells, num_headings)
+        curves = np.zeros((len(cells), num_headings), dtype=np.float32)
+        for first in range(0, len(cells), self.cache.capacity):
+            slots = self._slots(cells[first : first + self.cache.capacity])
+            known = np.flatnonzero(slots >= 0)
+            if len(known):
+                found = similarity_many(visual, self.cache.stack, num_headings, slots[known])
+                curves[first + known] = np.nan_to_num(found)
+        return curves
 
     def matched_filter(self, positions: Array) -> MatchedFilter:
         """Return what compares a panorama with all cells of positions (N, 2) at once; that of the last call is kept."""
@@ -162,18 +164,6 @@ class DepthMap:
         self._num_unsaved = 0
         if self._folder is not None:
             self.cache.save(self._folder)
-
-    def _compare(
-        self, compare: Compare, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int
-    ) -> NDArray[np.float32]:
-        curves = np.zeros((len(cells), num_headings), dtype=np.float32)
-        for first in range(0, len(cells), self.cache.capacity):
-            slots = self._slots(cells[first : first + self.cache.capacity])
-            known = np.flatnonzero(slots >= 0)
-            if len(known):
-                found = compare(visual, self.cache.stack, num_headings, slots[known])
-                curves[first + known] = np.nan_to_num(found)
-        return curves
 
     def _middles(self, cells: Sequence[Cell]) -> Array:
         """Return the camera positions (N, 3) that stand for cells."""

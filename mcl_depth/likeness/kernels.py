@@ -336,64 +336,6 @@ def compare_headings_many(vx, vy, vm, seen, directions, magnitudes, scales, indi
     return out
 
 
-# ---- parts of the sphere ----------------------------------------------------------------------------------------
-
-
-@njit(**OPTIONS)
-def _add_products(tx, ty, seen, dx, dy, energy, sums):
-    """Add products and energy in view of one row for all rotations; t, seen (n,), d (>= W + n,), sums (num_alpha, 2).
-
-    d begins at the column of t at heading 0, once around before it.
-    """
-    n = len(tx)
-    num_alpha = len(sums)
-    W = len(dx) - n
-    for i in range(num_alpha):
-        offset = W - i * (W // num_alpha)
-        x, y, e = dx[offset : offset + n], dy[offset : offset + n], energy[offset : offset + n]
-        product, in_view = np.float32(0.0), np.float32(0.0)
-        for u in range(n):
-            product += tx[u] * x[u] + ty[u] * y[u]
-            in_view += seen[u] * e[u]
-        sums[i, 0] += product
-        sums[i, 1] += in_view
-
-
-@njit(parallel=True, **OPTIONS)
-def correlate_tensors(tx, ty, seen, cosines, sines, directions, magnitudes, indices, min_share, num_alpha):
-    """Return the correlation (M, num_alpha) f4 of doubled gradients tx, ty (H, W) with those of coded panoramas.
-
-    seen (H, W) f4; cosines, sines (256,): of the doubled angle of a code. Divided by the length of the depth gradients
-    in view, taken to be no less than `min_share` of what is expected there.
-    """
-    H, W = tx.shape
-    out = np.zeros((len(indices), num_alpha), np.float32)
-    left, right = W, 0
-    for y in range(H):
-        for x in range(W):
-            if seen[y, x] > 0:
-                left, right = min(left, x), max(right, x + 1)
-    least = min_share * seen.mean()
-    for i in prange(len(indices)):
-        j = indices[i]
-        sums = np.zeros((num_alpha, 2))
-        rows = np.empty((3, W + right - left), np.float32)
-        total = 0.0
-        for y in range(H):
-            for x in range(W + right - left):
-                u = (left + x) % W
-                direction, m = directions[j, y, u], SQUARES[magnitudes[j, y, u]]
-                rows[0, x], rows[1, x], rows[2, x] = m * cosines[direction], m * sines[direction], m * m
-            for x in range(W):
-                total += rows[2, x]
-            view = slice(left, right)
-            _add_products(tx[y, view], ty[y, view], seen[y, view], rows[0], rows[1], rows[2], sums)
-        for a in range(num_alpha):
-            energy = max(sums[a, 1], least * total)
-            out[i, a] = sums[a, 0] / math.sqrt(energy) if energy > 0 else 0.0
-    return out
-
-
 # ---- matched filter ---------------------------------------------------------------------------------------------
 
 

@@ -8,13 +8,6 @@ of spectra.
 What all places of a map have in common tells none of them from another. So the image is weighed by the inverse
 covariance of the map's own spectra, as a signal is in coloured clutter (Turin 1960, eq. 22). The spectra are kept in
 bytes: ten times less work than eq. 2.
-
-How well a part of the sphere fits depth panoramas: the normalised correlation of their gradients.
-
-Eq. 2 sums |cos| times either magnitude, so an edge of one picture counts even where the other has none; of a whole
-panorama enough is left, of a part of it little. Here a pixel counts by the product of both magnitudes and by the cosine
-of the doubled angle between the gradients (Granlund 1978: an edge has a direction, but no sign), and the sum is divided
-by the length of the depth gradients in view, so that a place with many edges wins nothing by them.
 """
 
 from __future__ import annotations
@@ -26,8 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import BARE_SHARE, FINENESS, MIN_VIEW_SHARE, NUM_FREQUENCIES, SHRINKAGE
-from mcl_depth.likeness import kernels
+from mcl_depth.constants import BARE_SHARE, FINENESS, NUM_FREQUENCIES, SHRINKAGE
 from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 from mcl_depth.likeness.spectra import (
@@ -36,7 +28,6 @@ from mcl_depth.likeness.spectra import (
     DOUBLE_SINES,
     IS_DIRECTION,
     Curves,
-    Image,
     Spectra,
     correlate,
     encode_spectra,
@@ -46,29 +37,6 @@ from mcl_depth.likeness.spectra import (
     spectra_of,
     spectral_covariance,
 )
-
-
-def correlate_part(
-    visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer]
-) -> Curves:
-    """Return the correlation, -1 to 1, of an image with the panoramas of `indices` for all headings, (M, num_alpha).
-
-    Headings are those of eq. 2 (`comparison.similarity`).
-    """
-    seen = np.ones(visual.shape, np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
-    tensors = (*double_gradients(visual), seen)
-    tables = (DOUBLE_COSINES, DOUBLE_SINES, stack.directions, stack.magnitudes)
-    found: Curves = kernels.correlate_tensors(*tensors, *tables, indices.astype(np.int64), MIN_VIEW_SHARE, num_alpha)
-    return found
-
-
-def double_gradients(visual: GradientFeatures) -> Image:
-    """Return the gradients of an image with their angles doubled (2, H, W), their squares summing to 1."""
-    both = [visual.magnitude * (visual.x**2 - visual.y**2), visual.magnitude * (2.0 * visual.x * visual.y)]
-    doubled = np.stack(both).astype(np.float32)
-    normalized: Image = doubled / np.float32(max(float(np.sqrt(np.sum(doubled**2))), 1e-12))
-    return normalized
-
 
 ARRAYS = ("codes", "scales", "inverses")
 ABOVE_MEAN = range(1, NUM_FREQUENCIES)  # the mean over azimuth tells no heading

@@ -1,11 +1,15 @@
 """A part of the sphere against every cell of a map at once: the correlation of gradients, whitened within the view.
 
-As in `correlate_part`: the doubled gradients of the image meet those of the depth panoramas, divided by the
-length of the latter in view. By spectra over azimuth, as in the matched filter, that is quick; and it is sharper where
-what all places of the map have in common is weighed down (Turin 1960, eq. 22). The image is no panorama, though: what
-is not seen can weigh nothing. So the weights x are the solution of (M (C + s) M) x = t within the view M, where t is
-the image, C the covariance of the map's panoramas and s a share of its mean level. C is the same at any heading, so it
-is applied by spectra, and x is found by conjugate gradients (Hestenes, Stiefel 1952).
+Eq. 2 sums |cos| times either magnitude, so an edge of one picture counts even where the other has none; of a whole
+panorama enough is left, of a part of it little. Here a pixel counts by the product of both magnitudes and by the cosine
+of the doubled angle between the gradients (Granlund 1978: an edge has a direction, but no sign), and the sum is divided
+by the length of the depth gradients in view, so that a place with many edges wins nothing by them.
+
+By spectra over azimuth, as in the matched filter, that is quick; and it is sharper where what all places of the map
+have in common is weighed down (Turin 1960, eq. 22). The image is no panorama, though: what is not seen can weigh
+nothing. So the weights x are the solution of (M (C + s) M) x = t within the view M, where t is the image, C the
+covariance of the map's panoramas and s a share of its mean level. C is the same at any heading, so it is applied by
+spectra, and x is found by conjugate gradients (Hestenes, Stiefel 1952).
 """
 
 from __future__ import annotations
@@ -17,10 +21,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import MIN_VIEW_SHARE, NUM_CG_STEPS, NUM_ENERGY_FREQUENCIES, PART_FINENESS, PART_SHRINKAGE
+from mcl_depth.constants import (
+    MIN_VIEW_SHARE,
+    NUM_CG_STEPS,
+    NUM_ENERGY_FREQUENCIES,
+    PART_FINENESS,
+    PART_SHRINKAGE,
+    ROOT,
+)
 from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
-from mcl_depth.likeness.matched_filter import double_gradients
 from mcl_depth.likeness.spectra import (
     BATCH,
     DOUBLE_COSINES,
@@ -41,6 +51,18 @@ from mcl_depth.likeness.spectra import (
 
 ARRAYS = ("codes", "scales", "energies", "energy_scales", "covariances")
 ENERGY_FREQUENCIES = range(NUM_ENERGY_FREQUENCIES)
+
+
+def double_gradients(visual: GradientFeatures, power: float = 1.0) -> Image:
+    """Return the gradients of an image with their angles doubled (2, H, W), their squares summing to 1.
+
+    `power`: of the magnitudes.
+    """
+    magnitude = visual.magnitude**power
+    both = [magnitude * (visual.x**2 - visual.y**2), magnitude * (2.0 * visual.x * visual.y)]
+    doubled = np.stack(both).astype(np.float32)
+    normalized: Image = doubled / np.float32(max(float(np.sqrt(np.sum(doubled**2))), 1e-12))
+    return normalized
 
 
 @dataclass(frozen=True)
@@ -81,14 +103,23 @@ class PartialFilter:
         found = load_arrays(folder, ARRAYS)
         return None if found is None else cls(*(np.array(array) for array in found))
 
-    def curves(self, visual: GradientFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
+    def curves(
+        self,
+        visual: GradientFeatures,
+        num_headings: int,
+        rows: NDArray[np.int64] | None = None,
+        *,
+        is_whitened: bool = True,
+    ) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
 
-        `rows`: of some cells only. The best around each heading.
+        `rows`: of some cells only. The best around each heading. In a map of too few cells to know what all have in
+        common nothing is whitened; there the edges of furniture weigh less, by the root of the image's gradients.
         """
         seen = np.ones(visual.shape, np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
         count, width = PART_FINENESS * num_headings, visual.shape[1]
-        weights = spectra_of(self.weigh(double_gradients(visual), seen), FREQUENCIES) * self.scales
+        image = self.weigh(double_gradients(visual), seen) if is_whitened else seen * double_gradients(visual, ROOT)
+        weights = spectra_of(image, FREQUENCIES) * self.scales
         products = correlate(self.codes, weights, rows, 0, count)
         in_view = spectra_of(seen[None], ENERGY_FREQUENCIES) * self.energy_scales
         energies = correlate(self.energies, in_view, rows, 0, count) / width

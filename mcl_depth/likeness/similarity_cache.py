@@ -45,15 +45,12 @@ class Comparison:
     def survey(self, positions: Array, rows: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
         """Return how well the image fits at positions (N, 2) in m, or some rows of them, (N, A), in units of its own.
 
-        By the filters of a map that has enough places for them, of panoramas or of parts of the sphere; in a smaller
-        map by the correlation of gradients.
+        A panorama by the matched filter of a map that has enough places for it; else by the correlation of gradients.
         """
-        if len(positions) < MIN_PLACES:
-            chosen = positions if rows is None else positions[rows]
-            cells = [(int(x), int(y)) for x, y in self._map.cells(chosen)]
-            return self._map.correlations(self._visual, cells, self._num_headings)
-        if self._visual.is_seen is not None:
-            return self._map.partial_filter(positions).curves(self._visual, self._num_headings, rows)
+        is_large = len(positions) >= MIN_PLACES
+        if self._visual.is_seen is not None or not is_large:
+            parts = self._map.partial_filter(positions)
+            return parts.curves(self._visual, self._num_headings, rows, is_whitened=is_large)
         return self._map.matched_filter(positions).curves(self._visual, self._num_headings, rows)
 
     def _compare(self, cells: list[tuple[int, int]]) -> None:

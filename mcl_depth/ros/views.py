@@ -46,8 +46,8 @@ class Views:
         heading = np.array([*best[:2], best_headings(curve[None])[0]])
         T_map_heading = level_pose(heading, filter_.map.height(best))
         self._heading.publish(conversions.se3_to_pose_stamped(T_map_heading, stamp, self._frame))
-        heights = [filter_.map.height(item.pose) for item in belief.hypotheses]
-        self._hypotheses.publish(hypotheses_to_markers(belief.hypotheses, heights, stamp, self._frame))
+        heights = [filter_.map.height(item.pose) for item in belief.places]
+        self._hypotheses.publish(hypotheses_to_markers(belief.places, heights, stamp, self._frame))
         self._similarity.publish(similarities_to_scan(curve, float(best[2]), stamp, self._base_frame))
         if self._trajectory.num_subscriptions:
             poses = ((at, level_pose(pose, filter_.map.height(pose))) for at, pose in filter_.lineage.trajectory())

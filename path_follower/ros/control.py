@@ -26,7 +26,8 @@ from path_follower.reasons import FINE, StopReason, StopVerdict
 from path_follower.ros.intake import Answered, DirectionIntake, PoseIntake, ScanIntake
 from path_follower.ros.peers import LOOK_PERIOD, Peers
 from sphere_nav.ros import qos
-from sphere_nav.ros.clocks import MAX_AHEAD_NS, ClockWatch, SimulatedTicks, Times
+from sphere_nav.ros.clocks import ClockWatch, SimulatedTicks, Times
+from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import OK, WARN, Endpoints
 from sphere_nav.ros.tf import Transforms

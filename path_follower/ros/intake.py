@@ -23,7 +23,8 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import TRUSTED
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.clocks import MAX_AHEAD_NS, Times
+from sphere_nav.ros.clocks import Times
+from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import Transforms

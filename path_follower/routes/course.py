@@ -79,7 +79,7 @@ def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: Turn
     """Return the points with their beginning replaced by the way onto them, and how much longer that is."""
     base = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
     curve = EdgeCurve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
-    poses, s = join(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
+    poses, s = join_curve(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
     rest = table[base > s + STEP / 2]
     speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, table[:, 3])
     joined = np.concatenate([np.column_stack([poses, speed]), rest])
@@ -87,7 +87,9 @@ def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: Turn
     return joined, change
 
 
-def join(curve: EdgeCurve, direction: int, pose: Pose2, vehicle: TurningParams, reach: float) -> tuple[Array, float]:
+def join_curve(
+    curve: EdgeCurve, direction: int, pose: Pose2, vehicle: TurningParams, reach: float
+) -> tuple[Array, float]:
     """Return poses (K, 3) every STEP m from a pose onto a curve in order of driving, and the arc length where they end.
 
     ValueError where the vehicle is not on the curve within `reach` m of it; a shorter one is followed to its end.

@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from rig_calibration.boards import charuco, chessboard
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
-from rig_calibration.constants import BLUR_PX, HALF_WINDOW, MIN_CORNERS, MIN_SPACING_PX
+from rig_calibration.constants import BLUR_PX, HALF_WINDOW, MIN_CORNERS, MIN_SPACING_PX, REFINEMENT
 from sphere_nav.geometry.arrays import Array
 
 Gray = NDArray[np.uint8]
-
-REFINEMENT = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
 
 
 def detect_all(gray: Gray, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:

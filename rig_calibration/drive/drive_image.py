@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.constants import MARGIN, MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS
+from rig_calibration.constants import MARGIN, MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS, SAME_ROW
 from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.estimation.robust import HUBER, weigh
@@ -21,7 +21,6 @@ from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
 from sphere_nav.photometric.pixels.selection import select
 
-SAME_ROW = 1e-3  # rows: sampling errs by more
 ROW_OF_GRAY = GRAY // SIDE  # of a block, behind those of the point
 
 

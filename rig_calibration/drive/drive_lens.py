@@ -6,7 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig_calibration.constants import CENTER_SHARE, DISTORTION, FOCAL_SHARE, MAP_LENS, READOUT_S, RELATIVE_STEP
+from rig_calibration.constants import (
+    CENTER_SHARE,
+    DISTORTION,
+    FOCAL_SHARE,
+    MAP_LENS,
+    MAX_TANGENT,
+    READOUT_S,
+    RELATIVE_STEP,
+)
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
@@ -17,7 +25,6 @@ NAMES: dict[str, tuple[str, ...]] = {
 }
 MAP_NAMES = ("map_fx", "map_fy", "map_cx", "map_cy", "map_k1", "map_k2")
 READOUT, MAP = 8, 9  # where the readout and the errors of the map's lens stand in the vector
-MAX_TANGENT = 1.5  # of a ray to the axis of the map's lens, up to which its error grows
 
 
 @dataclass(frozen=True)

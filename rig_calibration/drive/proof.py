@@ -26,6 +26,7 @@ from rig_calibration.constants import (
     MIN_SIGMA,
     NUM_RUNS,
     OWN_STEPS,
+    SIGMAS,
 )
 from rig_calibration.drive.drive_image import DriveImage, ImageState, differentiate, weigh_part
 from rig_calibration.drive.drive_lens import MAP, Lens
@@ -47,7 +48,6 @@ WORDS = {
     "map_k1": "the distortion of the lens that made the map",
     "map_k2": "the distortion of the lens that made the map",
 }
-SIGMAS = 3.0  # that a standard deviation is to hold for, as it does of a normal error
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,7 +57,7 @@ COMMANDS = (
     Subcommand("up", "up", "start nodes that belong together, as ros2 launch does"),
     Subcommand("operate", "operate.operate", "an operator's page: teach, drive, pause, stop, see why it stands"),
     Subcommand("demo", "demo.demo", "teach, map and drive a loop in the simulator"),
-    Subcommand("experiment", "experiment.experiment", "repeat a drive of the papers in the simulator"),
+    Subcommand("experiment", "experiment.experiment", "repeat a drive or a figure of the papers in the simulator"),
 )
 
 

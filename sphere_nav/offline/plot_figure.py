@@ -20,7 +20,7 @@ from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav.spheres.experiences import names_of
+from sphere_nav.spheres.experiences import names_of_experiences
 
 STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
 POSE_NAMES = ("pose", "odometry")
@@ -81,7 +81,7 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool) -> Erro
 def find_experiences(map_path: Path, statuses: list[Status]) -> dict[int, str]:
     """Return by stamp which experience of a map placed an image; BagError where that was another map."""
     with open_map(map_path) as reader:
-        names, map_id = names_of(reader.graph), str(reader.info.map_id)
+        names, map_id = names_of_experiences(reader.graph), str(reader.info.map_id)
     others = {status.map_id for status in statuses} - {map_id, ""}
     if others:
         raise BagError(f"{map_path}: map_id: expected that of the recording, {min(others)}, found {map_id}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from math import inf
 
-MAX_AHEAD_NS = 100_000_000  # /clock may come later than what it stamps; more is a wrong clock
+from sphere_nav.ros.constants import CLOCK_PATIENCE_S, MAX_AHEAD_NS, MAX_CAUGHT_UP_NS, MAX_LOOK_S
 
 
 def ahead_s(stamp_ns: int, now_ns: int) -> float:
@@ -25,10 +25,6 @@ def check_stamp(stamp_ns: int, now_ns: int, name: str) -> None:
         raise ValueError(f"{name}: stamp: expected at most {MAX_AHEAD_NS * 1e-9:g} s ahead, found {found:.3f} s")
 
 
-PATIENCE = 0.4  # s of steady time without an advance of the node's clock: the ramp to zero begins
-MAX_LOOK = 0.1  # s
-
-
 class ClockWatch:
     """Compares the node's clock, which may be simulated, with steady time.
 
@@ -37,7 +33,7 @@ class ClockWatch:
     such.
     """
 
-    def __init__(self, give_up: float = inf, patience: float = PATIENCE, max_look: float = MAX_LOOK) -> None:
+    def __init__(self, give_up: float = inf, patience: float = CLOCK_PATIENCE_S, max_look: float = MAX_LOOK_S) -> None:
         """`patience`: s of standstill until it counts as a pause; `give_up`: s without a publisher until it is none.
 
         `max_look`: s between two looks that count; in a longer gap this process stood, not the clock.
@@ -72,9 +68,6 @@ class ClockWatch:
         return self.abandoned > max(self._give_up, self._patience)
 
 
-MAX_CAUGHT_UP = 10 * 1_000_000_000  # ns of simulated time; all silence has been judged after so long
-
-
 class SimulatedTicks:
     """When a node of simulated time acts by itself: every `period` s from `silence` s after the last message on.
 
@@ -93,7 +86,7 @@ class SimulatedTicks:
 
     def take(self, now_ns: int) -> Iterator[int]:
         """Yield the times that are due before now; the present itself belongs to messages that may still come."""
-        self._due_ns = max(self._due_ns or now_ns, now_ns - MAX_CAUGHT_UP)
+        self._due_ns = max(self._due_ns or now_ns, now_ns - MAX_CAUGHT_UP_NS)
         while 0 < self._due_ns < now_ns:
             due_ns, self._due_ns = self._due_ns, self._due_ns + self._period_ns
             yield due_ns

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from sphere_nav.geometry.files.rig_file import read_rig
-from sphere_nav.ros.camera.drivers import names_of, read_driver
+from sphere_nav.ros.camera.drivers import read_driver, topics_by_driver
 from sphere_nav.ros.site_file import check_site_file, meant
 
 Values = Mapping[str, str]
@@ -207,7 +207,7 @@ def _mapping(values: Values) -> list[NodeStart]:
 
 def _heard(values: Values, topic: str) -> str:
     """Return a camera's topic as the driver calls it, unless it is renamed."""
-    return names_of(values["driver"]).get(topic, topic)
+    return topics_by_driver(values["driver"]).get(topic, topic)
 
 
 def _player(values: Values, wait_for: str) -> NodeStart:
@@ -236,7 +236,7 @@ def _simulation(values: Values) -> list[NodeStart]:
         "mode": values["mode"],
         "seed": _number(values, "seed", int),
         "world": values["world"],
-        "traffic.is_on": _is(values, "traffic"),
+        "traffic.density": "usual" if _is(values, "traffic") else "none",
         "has_stamped_command": True,  # a command says which image it answers: lock-step
     }
     starts = [*_recorder(timed), _node(values, "cycab_sim", simulator)]

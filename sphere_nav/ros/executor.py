@@ -22,14 +22,10 @@ from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.task import Future
 
+from sphere_nav.ros.constants import LOG_PERIOD_S, MAX_IN_ROW, MAX_WAITS, PAUSE_S, RECENT_S
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Log
 from sphere_nav.ros.service import one_line
 
-RECENT_S = 10.0  # s for which a failure shows in the diagnostics
-MAX_IN_ROW = 3  # failures of one callback in a row, and it does not work
-LOG_PERIOD_S = 5.0  # s between two lines of failures at the same place
-MAX_WAITS = 50  # failed attempts to wait, in a row, before the process ends
-PAUSE_S = 0.02  # s between two of them
 FOREIGN = {"rclpy", *sys.stdlib_module_names}  # what raises there alone was asked for from outside
 
 

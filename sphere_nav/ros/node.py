@@ -31,7 +31,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from sphere_nav.params import parameters
-from sphere_nav.ros.camera.drivers import names_of
+from sphere_nav.ros.camera.drivers import topics_by_driver
 from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, Endpoints, Log, NodeShell, Publisher
 
 __all__ = ["ERROR", "OK", "STALE", "WARN", "Log", "ManagedNode", "NoParams", "NodeShell", "Publisher"]
@@ -63,7 +63,7 @@ class ManagedNode:
         self.publishers_of = endpoints.publishers_of
         self.inputs, self.reports = endpoints.inputs, endpoints.reports
         self.params = shell.read_parameters(self.PARAMS)
-        endpoints.driver_topics = names_of(getattr(self.params, "driver", ""))
+        endpoints.driver_topics = topics_by_driver(getattr(self.params, "driver", ""))
 
     # --- what a subclass overrides
     def configure(self) -> None:

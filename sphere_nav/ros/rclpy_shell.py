@@ -19,6 +19,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.actions import GuardedActionServer
+from sphere_nav.ros.constants import LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints, Log
 from sphere_nav.ros.executor import CallbackFailures
@@ -27,9 +28,7 @@ from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
 
 HEALTH_PERIOD = 1.0  # s
-JUMP_PERIOD = 1.0  # s between two lines about a clock that jumps
 EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
-MAX_REFUSED = 4  # messages in a row that are refused without an alarm
 
 
 class LivePublisher:
@@ -97,7 +96,7 @@ class RclpyShell(Node):
         raise NotImplementedError
 
     def _on_jump(self, jump: object) -> None:
-        self.log.warning("the clock went backwards: everything with a stamp is forgotten", every=JUMP_PERIOD)
+        self.log.warning("the clock went backwards: everything with a stamp is forgotten", every=LOG_PERIOD_S)
         self.clock_jumped()
 
     def now_ns(self) -> int:
@@ -201,7 +200,7 @@ class RclpyShell(Node):
 
         def report(where: str, error: BaseException) -> None:
             if isinstance(error, ValueError):
-                self.log.warning(f"{where}: {one_line(error)}", every=JUMP_PERIOD)
+                self.log.warning(f"{where}: {one_line(error)}", every=LOG_PERIOD_S)
             else:
                 self.failures.add(error, where)
 

@@ -10,6 +10,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
+from sphere_nav.ros.constants import LOG_PERIOD_S
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
 
@@ -55,7 +56,7 @@ class Subscription:
         self.num_refused += 1
         self.num_refused_in_row += 1
         self.last_refusal = reason
-        self.log.error(f"{self.topic}: refused: {reason}", every=5.0, key=f"refused {self.topic}")
+        self.log.error(f"{self.topic}: refused: {reason}", every=LOG_PERIOD_S, key=f"refused {self.topic}")
 
     def keep(self, message: Any) -> None:
         """Keep a latched message until the node is active: nobody will send it again."""

@@ -13,14 +13,12 @@ from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import qos
+from sphere_nav.ros.constants import LOG_PERIOD_S, PARENT_HOLD_NS, TF_MEMORY_NS
 from sphere_nav.ros.conversions import se3_to_transform, stamp_ns, transform_to_se3
 from sphere_nav.ros.endpoints import WARN, Endpoints
 
-MEMORY_NS = 10_000_000_000
-HOLD_NS = 1_000_000_000  # by which the stamps of a moving frame's parent must have ended before another one takes over
 MAX_DEPTH = 100  # frames up to the root
 MAX_FRAMES = 10_000  # a robot has some dozens; more would fill the memory
-CHANGE_PERIOD = 10.0  # s between two warnings that a frame has another parent
 
 
 class TransformError(ValueError):
@@ -31,11 +29,11 @@ class TransformTree:
     """Frames by name; static ones hold for ever, others are interpolated between stamps and forgotten after 10 s.
 
     A frame has one parent. Of several static ones the latest holds, and a static one before one that moves. Of several
-    that move the one that is there holds until its stamps have ended for `HOLD_NS`, or until time starts again. What
-    would close a loop is judged in the same way: an edge of it gives way, or the new one is refused.
+    that move the one that is there holds until its stamps have ended for `PARENT_HOLD_NS`, or until time starts again.
+    What would close a loop is judged in the same way: an edge of it gives way, or the new one is refused.
     """
 
-    def __init__(self, memory_ns: int = MEMORY_NS) -> None:
+    def __init__(self, memory_ns: int = TF_MEMORY_NS) -> None:
         self._memory_ns = memory_ns
         self._parents: dict[str, str] = {}
         self._static: dict[str, SE3] = {}
@@ -88,7 +86,7 @@ class TransformTree:
         if stamp is None or child in self._static:
             return stamp is None
         history = self._moving.get(child)
-        return not history or not -self._memory_ns <= stamp - history[-1][0] <= HOLD_NS
+        return not history or not -self._memory_ns <= stamp - history[-1][0] <= PARENT_HOLD_NS
 
     def _forget(self, child: str) -> None:
         self._parents.pop(child, None)
@@ -240,7 +238,7 @@ class TransformListener:
     def _report(self, change: str, child: str) -> None:
         if change:
             self._num_changes += 1
-            self._endpoints.log.warning(change, every=CHANGE_PERIOD, key=f"parent of {child}")
+            self._endpoints.log.warning(change, every=LOG_PERIOD_S, key=f"parent of {child}")
             self._endpoints.report("tf parents", WARN, change, changes=self._num_changes)
 
 

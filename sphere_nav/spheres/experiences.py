@@ -28,7 +28,7 @@ def split_by_experience(graph: SphereGraph) -> dict[Experience, SphereGraph]:
     return {experience: SphereGraph(nodes) for experience, nodes in found.items()}
 
 
-def names_of(graph: SphereGraph) -> dict[int, str]:
+def names_of_experiences(graph: SphereGraph) -> dict[int, str]:
     """Return what the experience of each key sphere is called, by id; where two are called the same, with a number."""
     names: dict[Experience, str] = {}
     for one in split_by_experience(graph):

@@ -13,6 +13,7 @@ from sphere_nav.params import Leaf, leaves
 UNITS = {
     "": "",
     "m": "_m",
+    "m^2": "",
     "m/s": "",
     "m/s^2": "",
     "m/s^3": "",

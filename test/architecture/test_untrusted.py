@@ -37,7 +37,7 @@ ALLOWED = {
     ("sphere_nav/ros/interfaces.py", "json.loads"): "a file of an installed interface package",
     ("sphere_nav/ros/interfaces.py", "path.read_text"): "a file of an installed interface package",
     ("sphere_nav/ros/maps/writer.py", "(self._bag.partial / FILE_NAME).open"): "a file that it writes",
-    ("sphere_nav/ros/process.py", "Path('/proc/self/maps').read_text"): "of the kernel",
+    ("sphere_nav/ros/run.py", "Path('/proc/self/maps').read_text"): "of the kernel",
 }
 
 

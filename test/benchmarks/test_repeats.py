@@ -30,7 +30,7 @@ def test_what_is_far_from_the_truth_is_wrong():
 
 
 def test_a_simulated_recording_tells_where_base_link_is(tmp_path):
-    simulator = Simulator(build(SimParams, repeats.SIMULATION | {"camera.width": 64, "world": "corridor"}))
+    simulator = Simulator(build(SimParams, repeats.SIMULATION | {"camera.size": "64,240", "world": "corridor"}))
     start = simulator.T_world_base
     repeats.record(simulator, tmp_path / "bag", 0.3)
     truth = repeats.true_poses(tmp_path / "bag")

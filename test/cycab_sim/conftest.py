@@ -54,7 +54,7 @@ def small_params():
     """A simulator that renders little."""
     return SimParams(
         seed=SEED,
-        camera=SimCameraParams(width=160, height=120),
+        camera=SimCameraParams(size="160,120"),
         sphere=SphereParams(width=128),
         render=RenderParams(shadow_texel=0.5),
     )

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cycab_sim.params import CONDITIONS, SimParams, in_condition
+from cycab_sim.params import CONDITIONS, CameraRigParams, LightParams, SimCameraParams, SimParams, in_condition
 from sphere_nav.params import build, to_mapping
 
 CYCAB = Path(__file__).resolve().parents[2] / "config" / "cycab.yaml"
@@ -27,3 +27,44 @@ def test_a_condition_sets_what_is_not_set(name):
 
 def test_without_a_condition_nothing_is_set():
     assert in_condition(SimParams(seed=3)) == SimParams(seed=3)
+
+
+@pytest.mark.parametrize(
+    ("read", "found"),
+    [
+        (lambda: LightParams(sun="95.5,20").sun_deg, (95.5, 20.0)),
+        (lambda: LightParams(sun="9.5h").day_and_hour, (0.0, 9.5)),
+        (lambda: LightParams(sun="265,17.2h").day_and_hour, (265.0, 17.2)),
+        (lambda: SimCameraParams(size="640,480").columns_rows, (640, 480)),
+        (lambda: SimCameraParams(mounting_deg="1,2,3,4,5,6").place, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)),
+    ],
+)
+def test_one_parameter_may_hold_several_numbers(read, found):
+    assert read() == found
+
+
+@pytest.mark.parametrize(
+    ("read", "message"),
+    [
+        (
+            lambda: LightParams(sun="238").sun_deg,
+            "light.sun: expected azimuth,elevation within -360,3 to 360,90, found '238'",
+        ),
+        (lambda: LightParams(sun="0,2.9").sun_deg, "light.sun: expected azimuth,elevation within .* found '0,2.9'"),
+        (
+            lambda: LightParams(sun="24.1h").day_and_hour,
+            "light.sun: expected day,hour within 0,0 to 366,24, found '0,24.1'",
+        ),
+        (lambda: CameraRigParams(size="wide").columns_rows, "rig.size: expected columns,rows within .* found 'wide'"),
+        (lambda: CameraRigParams(size="16,8193").columns_rows, "rig.size: expected .* to 8192,8192, found '16,8193'"),
+        (lambda: SimCameraParams(size="64.5,48").columns_rows, "camera.size: expected whole numbers"),
+        (lambda: SimCameraParams(size="nan,48").columns_rows, "camera.size: expected columns,rows within"),
+        (
+            lambda: SimCameraParams(mounting_deg="1,0,1.6,0,4").place,
+            "camera.mounting_deg: expected x,y,z,roll,pitch,yaw",
+        ),
+    ],
+)
+def test_what_is_not_such_numbers_is_refused_by_name(read, message):
+    with pytest.raises(ValueError, match=message):
+        read()

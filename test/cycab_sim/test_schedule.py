@@ -1,5 +1,6 @@
 from cycab_sim.params import (
     CameraRigParams,
+    CaptureParams,
     ImuParams,
     OdometryParams,
     ScanParams,
@@ -30,26 +31,26 @@ def test_outputs_come_by_their_period_and_are_counted():
 
 
 def test_spheres_come_by_the_way_in_the_teaching_drive_only():
-    sphere = SphereParams(distance=0.5)
-    schedule = Schedule(SimParams(mode="teach", sphere=sphere))
+    schedule = Schedule(SimParams(mode="teach"))
     assert [t for t, name in due(schedule, 1000, way=0.02) if name == "sphere"] == [0, 250, 500, 750, 1000]
-    assert "sphere" not in [name for _, name in due(Schedule(SimParams(sphere=sphere)), 1000, way=0.02)]
-    always = Schedule(SimParams(sphere=SphereParams(publish="always", distance=1.0)))
+    assert "sphere" not in [name for _, name in due(Schedule(SimParams()), 1000, way=0.02)]
+    always = Schedule(SimParams(capture=CaptureParams(when="always", distance=1.0)))
     assert [t for t, name in due(always, 1000, way=0.02) if name == "sphere"] == [0, 500, 1000]
-    never = Schedule(SimParams(mode="teach", sphere=SphereParams(publish="never")))
-    assert "sphere" not in [name for _, name in due(never, 1000, way=0.02)]
+    none = Schedule(SimParams(mode="teach", sphere=SphereParams(width=0)))
+    assert "sphere" not in [name for _, name in due(none, 1000, way=0.02)]
 
 
-def test_the_rig_has_its_own_way_and_is_off_without_cameras():
-    rig, sphere = CameraRigParams(kind="ring", distance=0.3), SphereParams(distance=0.5)
-    found = due(Schedule(SimParams(mode="teach", rig=rig, sphere=sphere)), 1000, way=0.02)
-    assert [t for t, name in found if name == "rig"] == [0, 150, 300, 450, 600, 750, 900]
-    assert [t for t, name in found if name == "sphere"] == [0, 250, 500, 750, 1000]
+def test_the_rig_comes_with_the_spheres_and_is_off_without_cameras():
+    rig, capture = CameraRigParams(kind="ring"), CaptureParams(distance=0.3)
+    found = due(Schedule(SimParams(mode="teach", rig=rig, capture=capture)), 1000, way=0.02)
+    for kind in ("rig", "sphere"):
+        assert [t for t, name in found if name == kind] == [0, 150, 300, 450, 600, 750, 900]
+    assert "rig" not in [name for _, name in due(Schedule(SimParams(rig=rig, capture=capture)), 1000, way=0.02)]
     assert "rig" not in [name for _, name in due(Schedule(SimParams(mode="teach")), 500, way=0.02)]
 
 
 def test_a_camera_that_is_off_is_never_due():
-    assert {name for _, name in due(Schedule(SimParams(camera=SimCameraParams(is_on=False))), 500)} == {"odom"}
+    assert {name for _, name in due(Schedule(SimParams(camera=SimCameraParams(period=0.0))), 500)} == {"odom"}
 
 
 def test_the_imu_and_the_scanner_have_their_rates_where_they_are_on():

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.params import CameraRigParams, ImagingParams, SimCameraParams
+from cycab_sim.params import CameraRigParams, CaptureParams, ImagingParams, SimCameraParams
 from cycab_sim.simulator import START_NS, Simulator
 from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry import SE3, Pinhole
@@ -99,7 +99,7 @@ def step_and_take(simulator):
 
 
 def test_actuator_and_wheel_faults(small_params):
-    simulator = Simulator(replace(small_params, camera=SimCameraParams(is_on=False)))
+    simulator = Simulator(replace(small_params, camera=SimCameraParams(period=0.0)))
     run(simulator, 300, VehicleCommand(1.0, 0.0))
     simulator.faults.add("speed", "stuck", 0.0, 0.0, 1.0, simulator.time_ns)
     run(simulator, 90, VehicleCommand(0.0, 0.0))
@@ -128,7 +128,7 @@ def test_teleporting_moves_the_car_and_not_the_odometry(simulator):
 
 
 def test_teaching_drives_the_path_to_its_end(small_params):
-    params = replace(small_params, mode="teach", path="straight", camera=SimCameraParams(is_on=False))
+    params = replace(small_params, mode="teach", path="straight", camera=SimCameraParams(period=0.0))
     simulator, num_spheres = Simulator(params), 0
     while not simulator.is_taught:
         num_spheres += "sphere" in simulator.take_due()
@@ -147,8 +147,9 @@ def test_a_view_from_anywhere(simulator):
 
 @pytest.fixture(scope="module")
 def rig_simulator(small_params):
-    rig = CameraRigParams(kind="vertical", width=64, height=64, publish="always")
-    return Simulator(replace(small_params, rig=rig, camera=SimCameraParams(is_on=False)))
+    rig = CameraRigParams(kind="vertical", size="64,64")
+    capture = CaptureParams(when="always")
+    return Simulator(replace(small_params, rig=rig, capture=capture, camera=SimCameraParams(period=0.0)))
 
 
 def test_all_cameras_of_the_rig_see_one_instant(rig_simulator):

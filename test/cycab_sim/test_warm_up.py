@@ -14,9 +14,9 @@ def test_cameras_of_every_kind_use_what_is_compiled():
     every = [*vars(kernels).values(), *vars(noise).values(), *vars(texture).values()]
     compiled = {kernel: len(kernel.signatures) for kernel in every if hasattr(kernel, "signatures")}
     assert compiled
-    small = {"width": 32, "height": 24}
+    small = {"size": "32,24"}
     rig = {f"rig.{name}": value for name, value in (small | {"kind": "ring"}).items()}
     camera = {f"camera.{name}": value for name, value in (small | {"model": "fisheye"}).items()}
-    fast = {"sphere.width": 32, "render.shadow_texel": 2.0, "traffic.is_on": True}
+    fast = {"sphere.width": 32, "render.shadow_texel": 2.0, "traffic.density": "usual"}
     Simulator(build(SimParams, rig | camera | fast)).capture_rig()
     assert {kernel: len(kernel.signatures) for kernel in compiled} == compiled

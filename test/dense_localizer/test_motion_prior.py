@@ -160,6 +160,22 @@ def test_a_pose_that_is_not_by_the_map_makes_the_pose_no_younger():
     assert_same(prior.last.T_map_camera, truth[2])
 
 
+@pytest.mark.parametrize("stamp_ns", [STEP_NS, STEP_NS // 2])
+def test_a_pose_at_no_later_stamp_moves_the_pose_but_no_velocity(stamp_ns):
+    prior, truth = moving()
+    velocity, covariance = prior.velocity, prior.velocity_covariance
+    prior.correct(truth[3], TIGHT, stamp_ns)
+    assert_same(prior.last.T_map_camera, truth[3])
+    np.testing.assert_array_equal(prior.velocity, velocity)
+    np.testing.assert_array_equal(prior.velocity_covariance, covariance)
+
+
+def test_the_first_pose_of_a_prior_that_was_not_started_has_no_velocity():
+    prior = PosePrior(PARAMS)
+    prior.correct(SE3.identity(), TIGHT, STEP_NS)
+    assert prior.velocity is None
+
+
 def test_an_error_that_two_images_share_moves_no_velocity():
     prior, noise = PosePrior(PARAMS), 1e-6 * np.eye(6)
     prior.start(SE3.identity(), TIGHT, 0)

@@ -13,6 +13,7 @@ from mcl_depth.site import Site
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
+from worlds.boxes import box
 
 SETTINGS = {
     "camera_height": 1.2,
@@ -22,13 +23,6 @@ SETTINGS = {
 }
 MIDDLE = np.array([0.3, 0.2, 1.2])
 POSES = [np.array([-2.0 + 0.25 * k, -1.0 + 0.05 * k, 0.1]) for k in range(14)]
-
-
-def box(low, high):
-    x, y, z = zip(low, high, strict=True)
-    corners = np.array([[a, b, c] for a in x for b in y for c in z], float)
-    quads = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
-    return corners[[index for a, b, c, d in quads for index in (a, b, c, a, c, d)]]
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +50,7 @@ def observe(site, pose, number, odometry=True):
 
 
 def started(site):
-    """A filter that was told where it begins: a room has too few places to prove one of them."""
+    """A filter that was told where it begins: in a room, a place takes long to prove."""
     filter_ = site.filter()
     filter_.start(SE3.from_planar(*(POSES[0] + [0.1, -0.1, 0.05])), np.diag([0.2, 0.2, 0.1, 0.1, 0.1, 0.1]) ** 2)
     return filter_
@@ -73,20 +67,26 @@ def test_the_pose_is_said_with_its_covariance(site):
     assert np.all(np.linalg.eigvalsh(estimate.covariance) > 0)
 
 
-def test_from_nowhere_the_place_is_found_and_withheld(site):
+def test_from_nowhere_the_place_is_withheld_until_it_is_proven(site):
     filter_ = site.filter()
-    for number, pose in enumerate(POSES):
-        estimate = filter_.update(observe(site, pose, number))
-    assert np.hypot(*(estimate.belief.best.pose - POSES[-1])[:2]) < 0.3
-    assert estimate.T_map_level is None
-    assert "few places" in estimate.status.remedy
+    estimates = [filter_.update(observe(site, pose, number)) for number, pose in enumerate(POSES)]
+    early = [estimate.status for estimate in estimates if estimate.status.p_chance >= 1e-3]
+    assert all(status.state is State.SEARCHING for status in early)
+    assert "few places" in early[-1].remedy
+    assert estimates[-1].status.state is State.TRACKING
+    for estimate, pose in zip(estimates, POSES, strict=True):
+        if estimate.T_map_level is not None:
+            assert np.hypot(*(estimate.T_map_level.translation - pose)[:2]) < 0.3
 
 
 def test_a_start_that_was_wrong_is_never_claimed(site):
     filter_ = site.filter()
     filter_.start(SE3.from_planar(0.5, 0.5, 2.5), np.diag([0.2, 0.2, 0.1, 0.1, 0.1, 0.1]) ** 2)
     for number, pose in enumerate(POSES):
-        assert filter_.update(observe(site, pose, number)).status.state is not State.TRACKING
+        estimate = filter_.update(observe(site, pose, number))
+        if estimate.T_map_level is not None:  # found after the start was refused
+            assert np.hypot(*(estimate.T_map_level.translation - pose)[:2]) < 0.3
+    assert not filter_.evidence.is_on_trial
 
 
 def test_nothing_is_published_before_the_place_is_confirmed(site):
@@ -163,7 +163,7 @@ def test_a_mounting_turned_by_a_right_angle_is_named_and_never_tracked(site):
         estimate = filter_.update(seen)
         assert estimate.status.state is not State.TRACKING
         remedies.append(estimate.status.remedy)
-    assert any("mounting" in remedy for remedy in remedies), remedies
+    assert ["mounting" in remedy for remedy in remedies[:4]] == [False, True, True, True], remedies
 
 
 def test_a_camera_put_down_elsewhere_is_not_tracked_at_the_old_place(site):

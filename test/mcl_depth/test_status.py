@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.belief.evidence import Proof
+from mcl_depth.belief.evidence import Proof, Survey
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.constants import LOST_IMAGES
@@ -51,6 +51,14 @@ def test_a_belief_is_judged(hypotheses, proof, step, reason, is_bad):
     verdict = judge_belief(hypotheses, proof, step, 1e-3)
     assert verdict.finding.reason in REMEDIES
     assert (verdict.finding.reason, verdict.is_bad) == (reason, is_bad)
+
+
+def test_two_places_that_are_alike_are_named():
+    poses = np.array([[1.0, 2.0, 0.0], [4.0, -2.0, np.pi / 2], [9.0, 9.0, 0.0]])
+    survey = Survey(0.3, poses, np.array([0.5, 0.4, 0.1]), 1.0, is_in_map=True)
+    finding = judge_belief([place()], Proof(0.3, is_small=True, survey=survey), DRIVEN, 1e-3).finding
+    assert finding.reason == Reason.AMBIGUOUS
+    assert finding.remedy(REMEDIES).startswith("1.0, 2.0 at 0 deg or 4.0, -2.0 at 90 deg; two places look alike")
 
 
 def test_in_a_small_map_the_status_asks_for_a_start_from_outside():

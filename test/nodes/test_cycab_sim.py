@@ -33,10 +33,9 @@ from sphere_nav.ros.conversions import camera_from_info, image_to_array, message
 START_LIMIT = 120.0  # s; kernels may have to be compiled first
 SMALL = {
     "seed": 5,
-    "camera.width": 160,
-    "camera.height": 120,
+    "camera.size": "160,120",
     "sphere.width": 128,
-    "sphere.publish": "always",
+    "capture.when": "always",
     "render.shadow_texel": 0.5,
     "clock.max_wait": 30.0,
     "imu.is_on": True,
@@ -227,7 +226,7 @@ def test_it_ends_in_order(driver, process):
 
 def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activation():
     bus = OfflineBus()
-    node = CycabSim(OfflineShell(bus, "cycab_sim", {"camera.is_on": False, "clock.real_time_factor": 0.0}, {}))
+    node = CycabSim(OfflineShell(bus, "cycab_sim", {"camera.period": 0.0, "clock.real_time_factor": 0.0}, {}))
     node.configure()
     request = SetFault.Request(fault=SimulationFault(target="odom", kind="silent"))
     assert node.shell.call("set_fault", request).success

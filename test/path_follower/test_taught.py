@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from path_follower.constants import CUSP_HYSTERESIS
 from path_follower.params import FollowerParams, PathParams, SpeedParams
 from path_follower.taught import taught_speeds
 
@@ -36,6 +37,13 @@ def test_a_way_back_of_a_few_centimeters_is_no_change_of_direction(kit, back, di
     poses = kit.course((5, 0), (-back, 0), (5, 0))
     path = kit.make_path(poses[:, :2], PARAMS, poses[:, 2])
     assert [segment.direction for segment in path.segments] == directions
+
+
+@pytest.mark.parametrize(("yaw", "direction"), [(0.0, 1), (np.pi, -1)])
+def test_a_first_step_as_long_as_what_counts_as_a_turn_tells_no_wrong_direction(kit, yaw, direction):
+    xy = np.stack([CUSP_HYSTERESIS * np.arange(40.0), np.zeros(40)], axis=1)
+    path = kit.make_path(xy, PARAMS, np.full(40, yaw))
+    assert [segment.direction for segment in path.segments] == [direction]
 
 
 def test_without_headings_everything_is_forward(kit):

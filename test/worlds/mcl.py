@@ -119,7 +119,7 @@ class Bench:
         return [self.see(pose) for pose in poses]
 
     def follow_from(self, poses):
-        """See all of it, told where it begins: a room has too few places to prove one of them."""
+        """See all of it, told where it begins: in a room, a place takes long to prove."""
         covariance = np.diag([0.2, 0.2, 0.1, 0.1, 0.1, 0.1]) ** 2
         self.send("/initialpose", se3_to_pose_with_covariance(poses[0], covariance, self.now, "map"))
         return self.follow(poses)

@@ -39,7 +39,7 @@ class Traffic:
 
     def __init__(self, world: World, params: TrafficParams, seed: int) -> None:
         if not world.loops:
-            raise ValueError("traffic.is_on: expected a world with streets (town), found one without")
+            raise ValueError("traffic.density: expected a world with streets (town), found one without")
         rng = np.random.default_rng([seed, params.seed, 71])
         self.loops = walk_around(free_loops(world.loops, world.path, params.may_cross), world.mesh)
         self._paces = np.array([_pace(loop, params, rng) for loop in self.loops])
@@ -125,7 +125,7 @@ def _pace(loop: Loop, params: TrafficParams, rng: np.random.Generator) -> float:
 
 def _populate(loops: Sequence[Loop], params: TrafficParams, rng: np.random.Generator) -> list[Actor]:
     """Return the actors: as many as asked for, or as there is room for, spread over the loops by their length."""
-    cars, bicycles, pedestrians = params.busy if params.is_busy else params.usual
+    cars, bicycles, pedestrians = params.members[params.density]
     makers: list[tuple[str, int, Callable[[np.random.Generator], Figure]]] = [
         ("road", cars, figures.make_car),
         ("cycle", bicycles, figures.make_cyclist),

@@ -48,23 +48,21 @@ BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} m, {elapsed}, {
 SIMULATION = {
     "has_stamped_command": True,
     "camera.period": 0.2,
-    "camera.width": 448,  # another kind of camera than that of the spheres, and quick to draw
-    "camera.height": 336,
+    "camera.size": "448,336",  # another kind of camera than that of the spheres, and quick to draw
     "odometry.period": 0.05,
     "rig.kind": "vertical",  # three stereo pairs back to back (M15 section 4.3)
-    "rig.width": 416,
-    "rig.height": 416,
-    "rig.distance": 1.5,
-    "sphere.publish": "never",
-    "traffic.is_on": True,
+    "rig.size": "416,416",
+    "capture.distance": 1.5,
+    "sphere.width": 0,
+    "traffic.density": "usual",
 }
 TOUR = {"world": "city", "teach.speed": 1.2}  # 490 m through streets, a square and a lane (M15 section 6.4.4)
-BUSY = {"traffic.is_busy": True}
+BUSY = {"traffic.density": "busy"}
 MOUNTINGS = {  # of the camera that drives
     "upright": {},
-    "pitched": {"camera.pitch_deg": 30.0},
-    "rolled": {"camera.roll_deg": 90.0},
-    "inverted": {"camera.roll_deg": 180.0},
+    "pitched": {"camera.mounting_deg": "1,0,1.6,0,30,0"},
+    "rolled": {"camera.mounting_deg": "1,0,1.6,90,4,0"},
+    "inverted": {"camera.mounting_deg": "1,0,1.6,180,4,0"},
 }
 OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and a camera that heeds them
     "traffic.seed": 1,
@@ -73,6 +71,7 @@ OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and
     "imaging.white_balance": 0.03,
 }
 LOCK_STEP = {"clock.is_strict": True, "clock.real_time_factor": 0.0}  # time waits, however slow the computer
+TEACHING = {"mode": "teach", "camera.period": 0.0}  # the rig sees what is mapped, the camera drives later
 PAUSE_AT = 4.0  # s of simulated time at which it stands until the follower is armed: found after half a second
 WARM_UP = (
     "from sphere_nav import photometric; photometric.warm_up(); "
@@ -165,10 +164,7 @@ class Demo:
             processes.start("bag_recorder", {"output": str(self.folder / "teach"), "topics": TEACH_TOPICS})
             processes.start(
                 "cycab_sim",
-                self.simulation
-                | LOCK_STEP
-                | {"mode": "teach", "camera.is_on": False}
-                | {"rig.file": str(self.folder / "rig.yaml")},
+                self.simulation | LOCK_STEP | TEACHING | {"rig.file": str(self.folder / "rig.yaml")},
             )
             self.follow(watch, "teaching drive", lambda: watch.is_taught)
             processes.stop("bag_recorder")
@@ -287,15 +283,15 @@ class Demo:
         }
 
 
-def check_taught(taught: Path, simulation: Mapping[str, Any]) -> Path:
-    """Return the folder of a teaching drive; ValueError where it was not made with these parameters."""
+def check_taught(taught: Path, simulation: dict[str, Any]) -> Path:
+    """Return the folder of a teaching drive; ValueError where it was not made in a simulation of these parameters."""
     told = taught / "teach_logs" / "cycab_sim.yaml"
     if not (taught / "map").is_dir() or not told.is_file():
         raise ValueError(f"{taught}: expected the output of an experiment with a taught map, found none")
     values = load_yaml(told, read_text(told, "file of parameters"))
     node = required(values, f"{told}", ["cycab_sim"])["cycab_sim"]
     made = required(node, f"{told}: cycab_sim", ["ros__parameters"])["ros__parameters"]
-    for key, value in simulation.items():
+    for key, value in (simulation | TEACHING).items():
         if made.get(key) != value:
             raise ValueError(f"{taught}: {key}: expected {value!r} as in this experiment, found {made.get(key)!r}")
     return taught

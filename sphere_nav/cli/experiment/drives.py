@@ -21,7 +21,7 @@ from sphere_nav.cli.experiment.plans import planar, turn_around, write_plan
 from sphere_nav.cli.experiment.result import JudgedFigure, write_result
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.trajectory import read_tum, write_tum
+from sphere_nav.geometry.trajectory import Trajectory, read_tum, write_tum
 from sphere_nav.params import build
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import stamp_ns
@@ -115,6 +115,29 @@ class TwoTurns(PaperDrive):
             f"largest distance within the first {JOINED:g} m", float(joining.max()), "m", 1.2 * self.offset[0]
         )
         return [*super().figures(errors), worst]
+
+
+class Reverse(PaperDrive):
+    """Taught forward, driven back in reverse gear: the camera still looks ahead (M15 fig. 14)."""
+
+    purpose = "taught forward, driven back in reverse gear by the same camera (M15 fig. 14)"
+    rmse_bound = max_bound = 0.08
+
+    def start(self) -> Array:
+        """Return where the teaching drive ended."""
+        return planar(read_truth(self.taught / "teach"))[-1]
+
+    def reference(self) -> Path:
+        """Return the taught poses from the last to the first."""
+        taught = read_tum(self.taught / "taught.tum")
+        back = Trajectory((taught.stamps_ns[-1] - taught.stamps_ns)[::-1].copy(), SE3(taught.T_map_body.matrix[::-1]))
+        write_tum(self.folder / "reverse.tum", back)
+        return self.folder / "reverse.tum"
+
+    def errors(self, T_world_map: SE3) -> DriveErrors:
+        """Compare with the teaching drive turned round."""
+        path = planar(read_truth(self.taught / "teach"))[::-1]
+        return drive_errors(self.taught / "teach", self.folder / "drive", T_world_map, path)
 
 
 class ThreePointTurn(PaperDrive):
@@ -222,6 +245,7 @@ def read_speeds(bag: Path) -> tuple[Array, Array]:
 
 DRIVES: Mapping[str, type[PaperDrive]] = {
     "two_turns": TwoTurns,
+    "reverse": Reverse,
     "three_point_turn": ThreePointTurn,
     "blind": Blind,
     "pedestrian": Pedestrian,

@@ -1,4 +1,4 @@
-"""`sphere_nav experiment`: the drives of the papers, each with a seed, plots, bags and a result."""
+"""`sphere_nav experiment`: the drives and figures of the papers, each with a seed, plots, bags and a result."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import argparse
 from pathlib import Path
 
 from sphere_nav.cli.demo.watch import DriveFailed
+from sphere_nav.cli.experiment.convergence import Convergence
 from sphere_nav.cli.experiment.drives import DRIVES
 
-PURPOSES = {name: drive.purpose for name, drive in DRIVES.items()}
+PURPOSES = {name: drive.purpose for name, drive in DRIVES.items()} | {"convergence": Convergence.purpose}
 LISTING = "\n".join(f"  {name:<16} {purpose}" for name, purpose in PURPOSES.items())
 HELP = f"""\
-Repeat a drive of the papers in the simulator, through the real nodes, and write what it gave: bags, plots and
+Repeat an experiment of the papers in the simulator, through the real nodes, and write what it gave: bags, plots and
 result.json, in which each figure stands beside its bound. Exit status 1 if a bound is not kept.
 
 {LISTING}
@@ -19,8 +20,8 @@ result.json, in which each figure stands beside its bound. Exit status 1 if a bo
 The drives teach and map a path first, as `sphere_nav demo` does. --taught uses the map of an earlier one of that seed.
 
 examples:
-  sphere_nav experiment blind --seed 7
-  sphere_nav experiment pedestrian --seed 7 --taught out/experiment/blind
+  sphere_nav experiment two_turns --seed 7
+  sphere_nav experiment reverse --seed 7 --taught out/experiment/two_turns
 """
 
 
@@ -39,6 +40,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--seed: expected 0 or more, found {arguments.seed}")
     name: str = arguments.name
     output = arguments.output or Path("out/experiment") / name
+    if name not in DRIVES:
+        if arguments.taught is not None:
+            raise ValueError(f"--taught: expected a drive, found {name}, which is taught nothing")
+        return 0 if Convergence(name, output, arguments.seed).run() else 1
     drive = DRIVES[name](name, output, arguments.seed, arguments.domain, arguments.taught)
     try:
         return 0 if drive.run() else 1

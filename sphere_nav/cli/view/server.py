@@ -143,8 +143,7 @@ class Page:
             x, y, z, w = shot.T_map_camera.quaternion
             self.server.scene.add_camera_frustum(
                 "/drive",
-                fov=2.0 * float(np.arctan(0.5 * camera.height / camera.pixels_per_radian)),
-                aspect=camera.width / camera.height,
+                **drawn_lens(camera),
                 scale=0.3,
                 color=COLORS["camera"],
                 wxyz=(w, x, y, z),
@@ -260,6 +259,12 @@ def browser_pose(camera: Any) -> SE3:
 def look_at(T_map_camera: SE3) -> NDArray[np.float64]:
     """Return the point (3,) in front of a camera about which the mouse turns it."""
     return T_map_camera.translation + LOOK_M * T_map_camera.rotation[:, 2]
+
+
+def drawn_lens(camera: Camera) -> dict[str, float]:
+    """Return how high (fov, rad) and how much wider than high a camera is drawn."""
+    fov = 2.0 * float(np.arctan(0.5 * camera.height / camera.pixels_per_radian))
+    return {"fov": fov, "aspect": camera.width / camera.height}
 
 
 def browser_camera(camera: Any) -> Pinhole:

@@ -68,7 +68,7 @@ class Marks:
         return ""
 
 
-def examine(reader: MapReader, images: Iterable[KeyImage], params: LocalizerParams) -> Marks:
+def localize_key_images(reader: MapReader, images: Iterable[KeyImage], params: LocalizerParams) -> Marks:
     """Localise key images in a map, each for itself; `params` as on the vehicle, but for a search of the whole map."""
     localizer = Localizer(params, reader)
     try:

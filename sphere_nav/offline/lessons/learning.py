@@ -16,7 +16,7 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.references.rejections import Rejections
 from sphere_mapping.experiences.budget import Budget
 from sphere_nav.offline.forgetting import together
-from sphere_nav.offline.lessons.examination import examine
+from sphere_nav.offline.lessons.examination import localize_key_images
 from sphere_nav.offline.lessons.kept_drives import KeptDrive, KeyImage, find_drives
 from sphere_nav.offline.lessons.teaching import Lesson, teach
 from sphere_nav.offline.lessons.versions import Versions
@@ -112,7 +112,7 @@ def _judge(
     params: LocalizerParams,
 ) -> tuple[str, bool]:
     """Say what a new version is worth, and whether it may take the place of the old one."""
-    marks = [examine(reader, _spread(withheld), params) for reader in (before, after)]
+    marks = [localize_key_images(reader, _spread(withheld), params) for reader in (before, after)]
     gain = f"explains {marks[1].num_explained} of {len(marks[1].placements)} withheld images"
     told = f"{gain}, before {marks[0].num_explained}"
     if marks[1].num_explained <= marks[0].num_explained or marks[1].num_placed < marks[0].num_placed:
@@ -120,7 +120,7 @@ def _judge(
     known = {node.experience.drive for node in before.graph}
     for drive in others[-MAX_JUDGES:]:
         images = _spread([one for one in drive.images() if one.is_explained or drive.name in known])
-        old, new = (examine(reader, images, params) for reader in (before, after))
+        old, new = (localize_key_images(reader, images, params) for reader in (before, after))
         if worse := old.find_worse(new):
             return f"{told}; {drive.name}: {worse}", False
     return f"{told}; {min(len(others), MAX_JUDGES)} other drives as before", True

@@ -15,6 +15,7 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagReader, Recorded, TopicInfo
 from sphere_nav.ros.bags.playback import Answers, Playback, is_latched
+from sphere_nav.ros.constants import LOG_PERIOD_S
 from sphere_nav.ros.conversions import ns_to_time
 from sphere_nav.ros.interfaces import message_class
 from sphere_nav.ros.live import LiveShell
@@ -182,7 +183,7 @@ class BagPlayer(ManagedNode):
         is_settled = self.answers.is_settled
         if self.answers.num_missed > missed:
             self.log.warning(
-                f"{missed + 1} messages without an answer on {self.params.answer_topic}", every=5.0, key="a"
+                f"{missed + 1} messages without an answer on {self.params.answer_topic}", every=LOG_PERIOD_S, key="a"
             )
         return is_settled
 

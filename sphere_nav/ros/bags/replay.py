@@ -29,7 +29,7 @@ from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, Recorded
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter, absolute
-from sphere_nav.ros.clocks import MAX_AHEAD_NS
+from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import decompress
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.node import Log, ManagedNode, ThrottledLog

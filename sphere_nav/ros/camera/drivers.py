@@ -75,7 +75,7 @@ def read_driver(name: str) -> Driver:
     return _driver(path, load_yaml(path, read_text(path, "driver preset", MAX_FILE_BYTES)))
 
 
-def names_of(driver: str) -> dict[str, str]:
+def topics_by_driver(driver: str) -> dict[str, str]:
     """Return the driver's topic for each of ours, relative to the node's namespace; none without a driver."""
     return read_driver(driver).names() if driver else {}
 

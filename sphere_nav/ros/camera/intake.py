@@ -14,12 +14,11 @@ from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.camera.stream import CameraStream, Fixture, Picture
 from sphere_nav.ros.camera.synchronizer import Synchronizer
+from sphere_nav.ros.constants import SILENCE_NS
 from sphere_nav.ros.endpoints import ERROR, OK, Endpoints
 from sphere_nav.ros.subscription import Subscription
 from sphere_nav.ros.tf import TransformListener, TransformTree
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
-
-SILENCE_NS = 500_000_000  # without any instant, until what is refused of one camera is the answer
 
 
 def make_odometry(endpoints: Endpoints, tree: TransformTree, params: NodeParams) -> OdometryInput:

@@ -9,11 +9,11 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.odometry import OdometryBuffer
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import check_stamp
+from sphere_nav.ros.constants import MAX_ODOMETRY_AGE_S
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.subscription import Subscription
 from sphere_nav.ros.tf import TransformError, TransformTree
 
-MAX_AGE_S = 0.2  # for which odometry is carried on by its own speed
 TRUTH_WORDS = ("ground_truth", "groundtruth", "truth")  # in names of what is no odometry
 
 
@@ -37,7 +37,7 @@ class OdometryInput:
     ) -> None:
         """`is_used`: subscribe to `odom`; `tree` is asked in any case, and must not know the map."""
         self._endpoints, self._tree, self._base_frame = endpoints, tree, base_frame
-        self._buffer, self._topic_frame = OdometryBuffer(MAX_AGE_S), ""
+        self._buffer, self._topic_frame = OdometryBuffer(MAX_ODOMETRY_AGE_S), ""
         self._topic: Subscription | None = None
         if is_used:
             self._topic = endpoints.add_subscription("odom", Odometry, self._on_odometry, profile, is_required=False)
@@ -78,7 +78,7 @@ class OdometryInput:
         edge = odometry_edge(self._tree, self._base_frame)
         if self._topic is None or self._topic_frame or edge is None:
             return self.at(stamp_ns)
-        T_odom_child = self._tree.carry_on(edge[1], stamp_ns, round(MAX_AGE_S * 1e9))
+        T_odom_child = self._tree.carry_on(edge[1], stamp_ns, round(MAX_ODOMETRY_AGE_S * 1e9))
         return T_odom_child and T_odom_child @ self._tree.lookup(edge[1], self._base_frame)
 
     def in_frame(self, stamp_ns: int) -> SE3 | None:

@@ -18,7 +18,8 @@ from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import AnyImage, image_topic, read_gray
 from sphere_nav.ros.camera.odometry_input import OdometryInput
-from sphere_nav.ros.clocks import MAX_AHEAD_NS, ahead_s
+from sphere_nav.ros.clocks import ahead_s
+from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformListener
 from sphere_nav.spheres.range_alignment import DepthImage

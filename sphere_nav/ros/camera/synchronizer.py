@@ -15,13 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[Any]  # levels, or metres of a depth camera
+from sphere_nav.ros.constants import BACK_NS, FINGERPRINT_STEP, FROZEN_AFTER, MAX_HOLD_NS, MAX_MISSES
 
-FINGERPRINT_STEP = 4  # every so many rows and columns of an image decide whether it is the last one again
-MAX_HOLD_NS = 500_000_000  # largest age of an image that is held for a late one
-FROZEN_AFTER = 3  # equal images in a row, while other cameras change, that are a frozen camera
-MAX_MISSES = 3  # instants in a row without an image, after which a camera is not waited for (without a deadline)
-BACK_NS = 1_000_000_000  # stamps so far before the last instant are of another time (without a deadline)
+Image = NDArray[Any]  # levels, or metres of a depth camera
 
 
 @dataclass

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.camera.odometry_input import OdometryInput
+from sphere_nav.ros.constants import AHEAD_NS, LOG_PERIOD_S, MAX_LATENCY_NS, ODOMETRY_PATIENCE_NS, TRANSFORM_PERIOD_S
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 from sphere_nav.ros.tf import TransformBroadcaster
 
-AHEAD_NS = 100_000_000  # map -> odom is stamped so far ahead that look-ups need not wait for the next one
-PERIOD_S = 0.05  # between two of them while no image comes
-MAX_LATENCY_NS = 1_000_000_000  # of an image; more means that its stamp is of another time, as of a recording
-PATIENCE_NS = 500_000_000  # for odometry on /tf to come up to the stamp of an image
 REPORT = "tf"
 
 
@@ -23,7 +20,7 @@ class MapTransform:
         self._last_ns = 0
         self._broadcaster = TransformBroadcaster(endpoints)
         self.clear()
-        endpoints.add_timer(PERIOD_S, self._on_tick)
+        endpoints.add_timer(TRANSFORM_PERIOD_S, self._on_tick)
 
     def clear(self) -> None:
         """Say nothing until the next pose, of whatever time."""
@@ -70,11 +67,11 @@ class MapTransform:
             if not self._odometry.is_on_tf:
                 text, level = f"{text}; nobody publishes {frame} -> {self._base_frame} on /tf", WARN
             self._endpoints.report(REPORT, level, text)
-        elif self._endpoints.now_ns() - self._since_ns > PATIENCE_NS:
+        elif self._endpoints.now_ns() - self._since_ns > ODOMETRY_PATIENCE_NS:
             self._T_map_odom = None
             text = f"{self._map_frame} -> {frame} is not sent: no odometry at the stamps of the images"
             self._endpoints.report(REPORT, ERROR, text)
-            self._endpoints.log.error(text, every=5.0)
+            self._endpoints.log.error(text, every=LOG_PERIOD_S)
 
     def _send(self, stamp_ns: int) -> None:
         if self._T_map_odom is not None and stamp_ns > self._last_ns:

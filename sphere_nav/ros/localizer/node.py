@@ -34,16 +34,12 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.clocks import ClockWatch
+from sphere_nav.ros.constants import FIRST_IMAGE_S, MAX_LOST_SHARE, NUM_COUNTED, STANDSTILL_S, WATCH_PERIOD_S
 from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
 from sphere_nav.ros.localizer.pose_outputs import PoseOutputs
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 
-WATCH_PERIOD = 0.25  # s between two looks at a silent camera
-STANDSTILL = 1.0  # s without an advance of /clock, and without its publisher, before the status says so
-NUM_COUNTED = 20  # images over which losses are counted
 CLOCK_STANDS = "/clock stands still", "start the simulator or the player again; the pose goes on with its time"
-MAX_LOST_SHARE = 0.2  # of the images, before it is said
-FIRST_IMAGE = 2.0  # s without any image before it is said
 
 
 class LocalizerNode(ManagedNode):
@@ -115,8 +111,8 @@ class LocalizerNode(ManagedNode):
         self.peer = PeerLocalizer(self.endpoints, self.params.map_frame, self.needs_help, self.on_offer)
         self.add_service("~/relocalize", Relocalize, self.on_relocalize)
         self.add_service("~/reset", Trigger, self.on_reset)
-        self.clock_watch = ClockWatch(give_up=STANDSTILL, patience=STANDSTILL, max_look=2 * WATCH_PERIOD)
-        self.add_timer(WATCH_PERIOD, self.on_watch, is_wall=True)
+        self.clock_watch = ClockWatch(give_up=STANDSTILL_S, patience=STANDSTILL_S, max_look=2 * WATCH_PERIOD_S)
+        self.add_timer(WATCH_PERIOD_S, self.on_watch, is_wall=True)
 
     def activate(self) -> None:
         """Wait for the first image from now on."""
@@ -207,7 +203,7 @@ class LocalizerNode(ManagedNode):
         told = self.outputs.state
         state = {State.UNCONFIGURED: State.NOT_LOCALISED, State.TRACKING: State.DEGRADED}.get(told, told)
         return status_of(
-            state, self.now_ns(), Finding(Reason.TIMEOUT, self.clock_watch.abandoned, STANDSTILL, *CLOCK_STANDS)
+            state, self.now_ns(), Finding(Reason.TIMEOUT, self.clock_watch.abandoned, STANDSTILL_S, *CLOCK_STANDS)
         )
 
     def find_silence(self) -> Status | None:
@@ -216,10 +212,10 @@ class LocalizerNode(ManagedNode):
         if self.heard_ns:
             return self.silence((now_ns - self.heard_ns) * 1e-9, self.refusal)
         waited = (now_ns - self.waits_since_ns) * 1e-9
-        if waited <= FIRST_IMAGE:
+        if waited <= FIRST_IMAGE_S:
             return None
         state = State.NOT_LOCALISED if self.has_map else State.NO_MAP
-        return status_of(state, self.now_ns(), Finding(Reason.TIMEOUT, waited, FIRST_IMAGE))
+        return status_of(state, self.now_ns(), Finding(Reason.TIMEOUT, waited, FIRST_IMAGE_S))
 
     # --- poses that are given
     def needs_help(self) -> bool:

@@ -15,11 +15,11 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.agreement import Agreement, Difference
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import check_stamp
+from sphere_nav.ros.constants import LOG_PERIOD_S, OFFER_PERIOD_NS
 from sphere_nav.ros.endpoints import ERROR, OK, Endpoints
 
 OWN, OTHER = 0, 1
 REPORT = "agreement"
-MIN_PERIOD_NS = 1_000_000_000  # between two offers that start a search
 
 
 class PeerLocalizer:
@@ -50,7 +50,7 @@ class PeerLocalizer:
         stamp = conversions.stamp_ns(message)
         check_stamp(stamp, self._endpoints.now_ns(), "pose of the other localiser")
         self._tell(self._agreement.add(OTHER, stamp, T_map_base, covariance))
-        if self._is_wanted() and not 0 <= stamp - self._offered_ns < MIN_PERIOD_NS:
+        if self._is_wanted() and not 0 <= stamp - self._offered_ns < OFFER_PERIOD_NS:
             self._offered_ns = stamp
             self._search(T_map_base, covariance)
 
@@ -59,5 +59,5 @@ class PeerLocalizer:
             return
         level, values = (ERROR if found.is_contradiction else OK), {"metres": found.meters, "radians": found.radians}
         if found.is_contradiction:
-            self._endpoints.log.error(f"the other localiser contradicts: {found}", every=5.0, key=REPORT)
+            self._endpoints.log.error(f"the other localiser contradicts: {found}", every=LOG_PERIOD_S, key=REPORT)
         self._endpoints.report(REPORT, level, str(found), distance=found.distance, **values)

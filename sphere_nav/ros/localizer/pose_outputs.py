@@ -17,11 +17,11 @@ from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import TRUSTED, BaseEstimate, State, Status, describe_status
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.odometry_input import OdometryInput
+from sphere_nav.ros.constants import LOG_PERIOD_S
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 from sphere_nav.ros.localizer.map_transform import MapTransform
 
 UNKNOWN_TWIST = np.diag(np.full(6, 1e6))  # variance of a velocity that nobody measured
-LOG_PERIOD = 5.0  # s between two lines about one state and reason
 REPORT = "localisation"
 
 
@@ -72,7 +72,7 @@ class PoseOutputs:
         change = f"{status.state} {status.reason}"
         if change != self._told:
             log = self._endpoints.log
-            (log.info if level == OK else log.warning)(text, every=LOG_PERIOD, key=change)
+            (log.info if level == OK else log.warning)(text, every=LOG_PERIOD_S, key=change)
         self._told = change
 
     def _publish_pose(self, estimate: BaseEstimate, T_map_base: SE3, covariance: Array) -> None:

@@ -40,7 +40,7 @@ def test_a_scene_keeps_its_triangles():
 
 def test_packets_and_single_rays_meet_the_same_traffic(rng):
     world = build_world("town", 5)
-    traffic = Traffic(world, TrafficParams(is_on=True), 5)
+    traffic = Traffic(world, TrafficParams(density="usual"), 5)
     rays = rng.normal(size=(4000, 3)).astype(np.float32) * np.float32([1, 1, 0.1])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     found = []

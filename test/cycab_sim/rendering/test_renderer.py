@@ -83,7 +83,7 @@ def test_exposure_is_a_factor_on_the_radiance(renderer, looking_along_x):
 
 
 def test_a_box_casts_its_shadow_away_from_the_sun(box_mesh):
-    light = LightParams(sun_azimuth_deg=0.0, sun_elevation_deg=45.0)
+    light = LightParams(sun="0,45")
     lit = Renderer(box_mesh, RenderParams(shadow_texel=0.05), light, bounds=NEAR)
     down = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), [4.0, 0.0, 12.0])  # looks down, x to the right
     camera = Pinhole(200, 200, 200.0, 200.0, 99.5, 99.5)

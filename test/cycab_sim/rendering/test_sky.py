@@ -6,7 +6,7 @@ from cycab_sim.rendering.sky import AMBIENT, SUN, is_constant, light_at, sun_ang
 
 
 def test_without_an_hour_the_angles_decide():
-    light = light_at(LightParams(sun_azimuth_deg=90.0, sun_elevation_deg=30.0), 1234.5, 1)
+    light = light_at(LightParams(sun="90,30"), 1234.5, 1)
     np.testing.assert_allclose(light.sun, [0.0, np.cos(np.pi / 6), 0.5], atol=1e-12)
     np.testing.assert_array_equal(light.sun_color, SUN)
     np.testing.assert_array_equal(light.sky_color, AMBIENT)
@@ -23,16 +23,16 @@ def test_the_sun_goes_from_east_over_south_to_west():
 
 
 def test_a_low_sun_is_weak_and_red():
-    noon, evening = (light_at(LightParams(hour=hour), 0.0, 1) for hour in (12.0, 18.3))
+    noon, evening = (light_at(LightParams(sun=f"{hour}h"), 0.0, 1) for hour in (12.0, 18.3))
     assert evening.sun_color.sum() < 0.7 * noon.sun_color.sum()
     assert evening.sun_color[2] / evening.sun_color[0] < 0.8 * noon.sun_color[2] / noon.sun_color[0]
 
 
 def test_the_hour_passes():
-    params = LightParams(hour=9.0, hour_rate=0.001)
-    np.testing.assert_allclose(light_at(params, 3000.0, 1).sun, light_at(LightParams(hour=12.0), 0.0, 1).sun)
+    params = LightParams(sun="9h", hour_rate=0.001)
+    np.testing.assert_allclose(light_at(params, 3000.0, 1).sun, light_at(LightParams(sun="12h"), 0.0, 1).sun)
     assert not is_constant(params)
-    assert is_constant(LightParams(hour=9.0))
+    assert is_constant(LightParams(sun="9h"))
     assert is_constant(LightParams())
 
 
@@ -48,7 +48,7 @@ def test_clouds_take_the_sun_and_give_it_back():
 
 def test_on_a_day_of_the_year_light_falls_with_the_sun_through_twilight_into_night():
     hours = np.arange(12.0, 24.0, 0.25)
-    lights = [light_at(LightParams(day=80, hour=hour), 0.0, 1) for hour in hours]  # sets at 18 h
+    lights = [light_at(LightParams(sun=f"80,{hour}h"), 0.0, 1) for hour in hours]  # sets at 18 h
     ground = np.array(
         [np.maximum(light.sun[2], 0.0) * light.sun_color.sum() + light.sky_color.sum() for light in lights]
     )
@@ -61,7 +61,7 @@ def test_on_a_day_of_the_year_light_falls_with_the_sun_through_twilight_into_nig
 
 
 def test_a_winter_sun_is_lower():
-    heights = [light_at(LightParams(day=day, hour=12.0), 0.0, 1).sun[2] for day in (172, 80, 355)]
+    heights = [light_at(LightParams(sun=f"{day},12h"), 0.0, 1).sun[2] for day in (172, 80, 355)]
     np.testing.assert_allclose(np.degrees(np.arcsin(heights)), [67.7, 44.2, 20.8], atol=0.6)  # 90 deg - 45.78 +- 23.44
 
 

@@ -11,15 +11,16 @@ from sphere_nav.geometry import SE3, Pinhole
 
 CAMERA = Pinhole(160, 120, 95.0, 95.0, 79.5, 59.5)
 QUICK = RenderParams(shadow_texel=0.3, supersampling=1)
+SHADOWLESS = replace(QUICK, shadow_texel=0.0)
 NEAR = (-14.0, -14.0, 14.0, 14.0)
-NIGHT = LightParams(day=300, hour=23.0, exposure=300.0)
+NIGHT = LightParams(sun="300,23h", exposure=300.0)
 DOWN = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), [2.0, 0.0, 12.0])  # looks down from above the box, x to the right
 AHEAD = SE3.from_parts(OPTICAL, [0.0, 0.0, 1.5])
 
 
-def radiance(mesh, light=NIGHT, season=None, pose=AHEAD, torch=None):
+def radiance(mesh, light=NIGHT, season=None, pose=AHEAD, torch=None, effort=QUICK):
     """Return the radiance (H, W, 3) before the exposure, in the unit of the light, and the range (H, W) m."""
-    renderer = Renderer(mesh, QUICK, light, bounds=NEAR, season=season)
+    renderer = Renderer(mesh, effort, light, bounds=NEAR, season=season)
     renderer.torch = torch
     image, range_m = renderer.render(CAMERA, pose)
     return (image / 255.0) ** 2.2 / light.exposure, range_m
@@ -57,9 +58,8 @@ def test_street_lamps_are_brightest_below_themselves(box_mesh):
 
 
 def test_snow_lies_on_upward_faces_only_and_changes_no_range(box_mesh):
-    light = LightParams(has_shadows=False)
-    bare, range_m = radiance(box_mesh, light)
-    snowy, same = radiance(box_mesh, light, SeasonParams(snow=1.0))
+    bare, range_m = radiance(box_mesh, LightParams(), effort=SHADOWLESS)
+    snowy, same = radiance(box_mesh, LightParams(), SeasonParams(snow=1.0), effort=SHADOWLESS)
     np.testing.assert_array_equal(range_m, same)
     points = range_m[..., None] * CAMERA.unproject(np.stack(np.meshgrid(np.arange(160.0), np.arange(120.0)), axis=-1))
     on_ground = np.abs(points[..., 1] - 1.5) < 1e-3
@@ -73,8 +73,8 @@ def test_snow_and_rain_do_not_fall_under_a_roof(box_mesh):
     lifted[lifted[:, :, 0].min(axis=1) >= 4.9] += np.array([0.0, 0.0, 2.0], np.float32)  # the box hangs in the air
     mesh = replace(box_mesh, triangles=lifted)
     pose = SE3.from_parts(OPTICAL, [1.0, 0.0, 1.0])
-    bare, range_m = radiance(mesh, LightParams(has_shadows=False), pose=pose)
-    snowy, _ = radiance(mesh, LightParams(has_shadows=False), SeasonParams(snow=1.0), pose=pose)
+    bare, range_m = radiance(mesh, LightParams(), pose=pose, effort=SHADOWLESS)
+    snowy, _ = radiance(mesh, LightParams(), SeasonParams(snow=1.0), pose=pose, effort=SHADOWLESS)
     rays = CAMERA.unproject(np.stack(np.meshgrid(np.arange(160.0), np.arange(120.0)), axis=-1))
     y, x = -(rays[..., 0] * range_m), 1.0 + rays[..., 2] * range_m
     on_ground = np.abs(rays[..., 1] * range_m - 1.0) < 1e-3
@@ -84,7 +84,7 @@ def test_snow_and_rain_do_not_fall_under_a_roof(box_mesh):
 
 
 def test_wet_ground_is_darker_and_mirrors_what_stands_on_it(box_mesh):
-    light = LightParams(overcast=1.0, hour=12.0, day=100)
+    light = LightParams(overcast=1.0, sun="100,12h")
     dry, range_m = radiance(box_mesh, light)
     wet, same = radiance(box_mesh, light, SeasonParams(wet=1.0))
     np.testing.assert_array_equal(range_m, same)
@@ -103,7 +103,7 @@ def test_an_overcast_sky_is_gray_brightest_overhead_and_without_shadows(box_mesh
     assert np.all(np.isinf(range_m[:40]))
     assert np.abs(sky[:40] / sky[:40].mean(axis=2, keepdims=True) - 1.0).max() < 0.02
     assert sky[0].mean() > 1.15 * sky[39].mean()
-    shadowless, _ = radiance(box_mesh, LightParams(overcast=1.0, has_shadows=False))
+    shadowless, _ = radiance(box_mesh, LightParams(overcast=1.0), effort=SHADOWLESS)
     np.testing.assert_array_equal(radiance(box_mesh, LightParams(overcast=1.0))[0], shadowless)
 
 

@@ -27,8 +27,8 @@ class Catcher:
 
 @pytest.fixture(scope="module")
 def simulator(small_params):
-    rig = CameraRigParams(kind="ring", width=48, height=40, publish="always")
-    camera = SimCameraParams(model="panorama", width=96, height=32)
+    rig = CameraRigParams(kind="ring", size="48,40")
+    camera = SimCameraParams(model="panorama", size="96,32")
     return Simulator(replace(small_params, rig=rig, camera=camera))
 
 

@@ -92,7 +92,7 @@ def test_a_moving_camera_blurs_along_its_way(small_params):
 
 
 def test_the_rig_and_the_camera_have_one_kind_of_sensor_and_an_exposure_each(small_params):
-    rig = CameraRigParams(kind="vertical", width=32, height=32)
+    rig = CameraRigParams(kind="vertical", size="32,32")
     imaging = ImagingParams(has_automatic_exposure=True, noise=2.0)
     simulator = Simulator(replace(small_params, rig=rig, imaging=imaging))
     assert {mount.group for mount in simulator.mounts.values()} == {"camera", "sphere", "rig"}

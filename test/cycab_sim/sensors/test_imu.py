@@ -18,7 +18,7 @@ NO_ERRORS = ImuErrors(
 
 
 def make(small_params, errors, along=0.0, **changes):
-    params = replace(small_params, imu=ImuParams(is_on=True), camera=SimCameraParams(is_on=False), **changes)
+    params = replace(small_params, imu=ImuParams(is_on=True), camera=SimCameraParams(period=0.0), **changes)
     simulator = Simulator(params)
     simulator.imu = Imu(params.imu, params.noise_seed, errors)
     simulator.teleport(*simulator.path.at(along)[:3])

@@ -14,7 +14,7 @@ EXACT = ScannerModel(noise=0.0, x=0.0, z=0.6, first_deg=-90.0, last_deg=90.0, nu
 
 @pytest.fixture(scope="module")
 def measure(box_mesh):
-    return Renderer(box_mesh, RenderParams(), LightParams(has_shadows=False)).measure
+    return Renderer(box_mesh, RenderParams(shadow_texel=0.0), LightParams()).measure
 
 
 def test_a_known_wall_is_where_it_is(measure):
@@ -61,7 +61,7 @@ def test_out_of_reach_is_infinite_and_too_close_negative(measure):
 
 
 def test_at_the_foot_of_the_ramp_the_road_is_seen(small_params):
-    simulator = Simulator(replace(small_params, world="ramp", camera=SimCameraParams(is_on=False)))
+    simulator = Simulator(replace(small_params, world="ramp", camera=SimCameraParams(period=0.0)))
     simulator.scanner = Scanner(1, EXACT)
     simulator.teleport(*simulator.path.at(15.0)[:3])
     assert simulator.vehicle.state.x == pytest.approx(15.0)

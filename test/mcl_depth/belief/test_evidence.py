@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.evidence import Evidence, chance_of_lead, chance_over, find_maxima
+from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_in_small_map, find_maxima
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import APART, COST, FORGETTING, MIN_PLACES
+from mcl_depth.constants import APART, COST, FORGETTING, LEAD_SCALE, MAX_TRIAL, MIN_PLACES
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import FINE, Finding, Reason
 
@@ -71,15 +71,36 @@ def test_a_rival_as_good_as_the_best_makes_it_chance():
     assert chance_of_lead(np.array([9.0, *tail[:4]]))[0] == 1.0  # too small a map to tell
 
 
-def test_the_best_of_one_draw_leads_the_best_of_another_by_chance_as_often_as_is_said_at_most():
+def test_the_best_of_two_draws_leads_all_others_by_chance_as_often_as_is_said():
     rng = np.random.default_rng(6)
-    draws = -np.sort(-rng.exponential(3.0, (4000, 2, 40)), axis=2)
-    found = np.array([chance_over(one[0], other) for one, other in draws])
-    assert np.mean(found < 1.0) == pytest.approx(0.5, abs=0.03)  # either leads
+    draws = -np.sort(-rng.exponential(LEAD_SCALE, (4000, 2, 40)), axis=2)
+    found = np.array([chances_in_small_map(one, other) for one, other in draws])
+    assert np.mean(found < 1.0, axis=0) == pytest.approx([0.5, 0.5], abs=0.03)  # either leads
     for level in (0.1, 0.01):
-        share = np.mean(found < level)
-        assert 0.3 * level < share < level + 4 * np.sqrt(level / 4000)
-    assert chance_over(9.0, np.arange(5.0)[::-1]) == 1.0  # too few to tell
+        margin = 4 * np.sqrt(level / 4000)
+        assert np.mean(found[:, 1] < level) == pytest.approx(level, abs=margin)
+        assert 0.3 * level < np.mean(found[:, 0] < level) < level + margin
+    few = -np.sort(-rng.exponential(LEAD_SCALE, (4000, 2, 3)), axis=2)
+    found = np.array([chances_in_small_map(one, other)[1] for one, other in few])
+    assert np.mean(found < 0.01) == pytest.approx(0.01, abs=4 * np.sqrt(0.01 / 4000))  # however few
+    assert chances_in_small_map(np.array([20.0]), np.zeros(1)) == (1.0, 1.0)  # no rival
+    assert chances_in_small_map(np.array([20.0, 0.0]), np.zeros(0)) == (1.0, 1.0)
+
+
+def test_two_places_that_are_alike_are_named_where_one_of_them_is_right():
+    grid, (poses, odometry) = grid_of(26), drive(6)
+    evidence = Evidence(grid, RATE)
+    for seed, (pose, before) in enumerate(zip(poses, odometry, strict=True)):
+        twin = Images(grid, seed)
+        for place in (pose - [1.0, 0.0, 0.0], pose + np.array([-1.0, 4.0, 0.0])):
+            nearest = np.argmin(np.linalg.norm(grid.positions - place[:2], axis=1))
+            twin._curves[nearest, round(place[2] / (2 * np.pi) * NUM_HEADINGS)] = 1.5
+        survey = evidence.survey(twin, before)
+    assert not survey.is_proven
+    assert sorted(survey.alike()[:, 1] - poses[-1][1]) == pytest.approx([0.0, 4.0], abs=0.6)
+    first, second = survey.hypotheses()[:2]
+    assert 0.2 < second.weight <= first.weight < 0.8
+    assert first.sigma_m == pytest.approx(survey.tolerance_m / 2.0)
 
 
 def drive(count):
@@ -236,6 +257,12 @@ def test_a_small_map_is_proven_against_the_mirrored_drive():
     assert found[-1].is_small
     assert found[-1].p_chance < RATE
     assert found[-1].agrees
+    assert not found[-1].has_moved
+    away = proofs(Evidence(grid, RATE), grid, range(6), poses, poses[-1] + [5.0, 0.0, 0.0], levels)
+    assert [proof.has_moved for proof in away] == [proof.survey.is_proven for proof in away]
+    assert away[-1].has_moved
+    assert away[-1].share_of_new > found[-1].share_of_new
+    assert len(away[-1].survey.alike()) == 0
 
 
 def test_a_room_that_looks_like_its_mirror_image_proves_nothing():
@@ -248,10 +275,11 @@ def test_a_room_that_looks_like_its_mirror_image_proves_nothing():
     assert survey.p_chance > 0.01
 
 
-def test_a_room_has_too_few_places_to_tell_chance_and_that_is_said():
+def test_a_room_of_few_places_looks_like_chance_where_images_are_of_another():
     grid = grid_of(5)
-    found = Evidence(grid, RATE).prove(Images(grid, 1), np.zeros(3), seen(), is_held=False)
-    assert (found.p_chance, found.is_small) == (1.0, True)
+    found = [Evidence(grid, RATE).prove(Images(grid, n), np.zeros(3), seen(), is_held=False) for n in range(30)]
+    assert min(proof.p_chance for proof in found) > RATE
+    assert all(proof.is_small for proof in found)
 
 
 def place_given():
@@ -277,6 +305,25 @@ def test_a_wrong_place_that_was_given_is_refused_and_the_map_searched():
     assert found[0].survey is None
     assert found[-1].survey is not None
     assert not evidence.is_on_trial
+
+
+def test_a_trial_that_stays_open_ends_and_so_does_one_off_the_map():
+    evidence, grid, pose = place_given()
+    images = [Images(grid, n, pose if n % 2 else None, 9.0) for n in range(MAX_TRIAL)]  # for it and against it
+    found = [evidence.prove(image, pose, seen(), is_held=False) for image in images]
+    assert [proof.survey is None for proof in found] == [True] * (MAX_TRIAL - 1) + [False]
+    evidence, grid, pose = place_given()
+    beyond = pose + np.array([0.0, 60.0, 0.0])
+    found = [evidence.prove(Images(grid, n, beyond, 9.0), beyond, seen(), is_held=False) for n in range(6)]
+    assert [proof.survey is None for proof in found] == [True] * 4 + [False] * 2
+
+
+def test_motion_is_measured_at_a_place_on_trial_that_is_more_probably_right_than_wrong():
+    for truth in (True, False):
+        evidence, grid, pose = place_given()
+        for seed in range(3):
+            evidence.prove(Images(grid, seed, pose if truth else None, 9.0), pose, seen(), is_held=False)
+        assert (evidence.place is not None) == truth
 
 
 def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():

@@ -57,7 +57,7 @@ def test_odometry_that_is_right_is_confirmed(check):
     np.testing.assert_allclose(planar_pose(seen.observation.T_odom_level), [1.0, 0.0, 0.0], atol=0.02)
 
 
-@pytest.mark.parametrize("odometry", [(0.5, 0.0, 0.0), (1.5, 0.0, 0.0), (1.0, 0.0, 0.2), (0.9, 0.4, 0.0)])
+@pytest.mark.parametrize("odometry", [(0.5, 0.0, 0.0), (1.4, 0.0, 0.0), (1.0, 0.0, 0.2), (0.9, 0.4, 0.0)])
 def test_wheels_that_stand_race_turn_or_slide_are_contradicted_and_the_motion_is_that_of_the_images(check, odometry):
     seen = check.reconcile(observe(image_at(1.0, 0.0), odometry), is_held=True)
     assert seen.is_contradicted
@@ -94,6 +94,15 @@ def test_images_that_do_not_tell_the_motion_confirm_no_standstill(check, monkeyp
     monkeypatch.setattr(check._images, "measure", lambda observation, guess: step)
     seen = check.reconcile(observe(image_at(0.5, 0.0), (0.5, 0.0, 0.0)), is_held=True)
     assert (seen.is_contradicted, seen.is_verified) == (False, is_verified)
+
+
+@pytest.mark.parametrize(("way", "is_compared"), [(0.9, True), (1.6, False)])
+def test_a_way_that_is_long_by_what_is_seen_is_left_to_odometry(check, way, is_compared):
+    """Of a room that is seen from three meters: the image is that of half a meter beside."""
+    seen = check.reconcile(observe(image_at(0.5 + way, 0.5), (0.5 + way, 0.0, 0.0)), is_held=True)
+    assert seen.is_contradicted is is_compared
+    if not is_compared:
+        np.testing.assert_allclose(planar_pose(seen.observation.T_odom_level), [0.5 + way, 0.0, 0.0], atol=0.02)
 
 
 def test_without_odometry_or_a_place_nothing_is_compared(check):

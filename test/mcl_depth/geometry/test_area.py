@@ -36,12 +36,24 @@ def test_a_roof_is_not_the_ground_and_small_holes_are_closed():
     np.testing.assert_allclose(heights, 0.0, atol=1e-9)
 
 
-def test_a_wall_keeps_its_distance_and_cuts_off_the_smaller_part():
-    y, z = np.meshgrid(np.arange(0.0, 4.0, 0.1), np.arange(0.0, 2.5, 0.1))
-    wall = np.column_stack([np.full(y.size, 6.0), y.ravel(), z.ravel()])
-    area = area_of(np.concatenate([floor(0.0, 8.0), wall]))
-    assert area.middles[:, 0].max() <= 6.0 - PARAMS.clearance
-    assert area.contains(np.array([[2.0, 2.0], [7.5, 2.0]])).tolist() == [True, False]
+def wall(x, y0=0.0, y1=4.0):
+    y, z = np.meshgrid(np.arange(y0, y1, 0.1), np.arange(0.0, 2.5, 0.1))
+    return np.column_stack([np.full(y.size, x), y.ravel(), z.ravel()])
+
+
+def test_a_wall_keeps_its_distance_and_the_room_behind_it_is_kept_if_it_is_large_enough():
+    points, places = np.concatenate([floor(0.0, 8.0), wall(6.0)]), np.array([[2.0, 2.0], [7.5, 2.0]])
+    area = area_of(points)
+    assert np.abs(area.middles[:, 0] - 6.0).min() >= PARAMS.clearance - 0.02  # cells of the wall
+    assert area.contains(places).tolist() == [True, True]
+    smaller = area_of(points, AreaParams(min_piece=8.0))  # the part behind the wall has 7 m2
+    assert smaller.contains(places).tolist() == [True, False]
+
+
+def test_a_strip_outside_of_a_wall_that_only_borrows_its_ground_is_no_room():
+    points = np.concatenate([floor(0.0, 6.0), wall(6.0), wall(9.0)])
+    assert np.isfinite(Ground(points).heights(np.array([[6.8, 2.0]]))[0])
+    assert area_of(points).middles[:, 0].max() < 6.0
 
 
 def test_box_and_limits_both_bound_the_area():

@@ -142,7 +142,7 @@ def test_a_map_of_few_places_is_surveyed_by_correlation_and_a_larger_one_by_its_
     places = np.unique(depth_map.cells(np.random.default_rng(3).uniform(-2, 2, (60, 2))), axis=0)
     positions = (places + 0.5) * depth_map.edge
     found = Comparison(visual, depth_map, HEADINGS).survey(positions)
-    correlated = depth_map.correlations(visual, [(int(x), int(y)) for x, y in places], HEADINGS)
+    correlated = depth_map.partial_filter(positions).curves(visual, HEADINGS, is_whitened=False)
     np.testing.assert_array_equal(found, correlated)
     monkeypatch.setattr(similarity_cache, "MIN_PLACES", len(positions))
     matched = depth_map.matched_filter(positions).curves(visual, HEADINGS)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mcl_depth.constants import MIN_VIEW_SHARE
 from mcl_depth.likeness import partial_filter
 from mcl_depth.likeness.comparison import GradientFeatures, depth_features_many
-from mcl_depth.likeness.matched_filter import correlate_part, double_gradients
-from mcl_depth.likeness.partial_filter import PartialFilter
+from mcl_depth.likeness.partial_filter import PartialFilter, double_gradients
 from mcl_depth.params import ComparisonParams
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window
 
@@ -25,6 +25,20 @@ def stack(ranges):
     return depth_features_many(ranges, ComparisonParams())
 
 
+def correlation(visual, stack):
+    """The correlation (N, NUM_HEADINGS) of gradients by its definition."""
+    shifts = np.arange(NUM_HEADINGS) * WIDTH // NUM_HEADINGS
+    x, y, m = visual.x.astype(np.float64), visual.y, visual.magnitude
+    seen, image = visual.is_seen, m * (x + 1j * y) ** 2
+    columns = (np.arange(WIDTH) + shifts[:, None]) % WIDTH
+    images, views = (a[:, columns].transpose(1, 0, 2).reshape(NUM_HEADINGS, -1) for a in (image, seen))
+    depths = np.stack([m * (x + 1j * y) ** 2 for x, y, m in decoded(stack)]).reshape(len(stack), -1)
+    squares = np.abs(depths) ** 2
+    least = MIN_VIEW_SHARE * seen.mean() * squares.sum(axis=1, keepdims=True)
+    lengths = np.sqrt(np.maximum(squares @ views.T, least) * np.sum(np.abs(image) ** 2))
+    return (depths @ images.conj().T).real / lengths
+
+
 @pytest.fixture(scope="module")
 def made(stack):
     return PartialFilter.of(stack, np.arange(NUM_CELLS))
@@ -36,7 +50,7 @@ def test_place_and_heading_of_a_part_are_found_and_stand_out_further(view, range
         visual = part_of(ranges[cell], heading, view)
         found = made.curves(visual, NUM_HEADINGS)
         assert np.unravel_index(np.argmax(found), found.shape) == (cell, heading)
-        plain = correlate_part(visual, stack, NUM_HEADINGS, np.arange(NUM_CELLS))
+        plain = correlation(visual, stack)
         lead, lead_of_plain = ((c.max() - np.delete(c, cell, 0).max()) / c.std() for c in (found, plain))
         assert lead > lead_of_plain
 
@@ -46,10 +60,24 @@ def test_where_nothing_is_whitened_it_is_the_correlation_of_gradients(ranges, st
     monkeypatch.setattr(partial_filter, "PART_FINENESS", 1)
     visual = part_of(ranges[9], 4, window(20, 46))
     found = 1e4 / WIDTH * made.curves(visual, NUM_HEADINGS)
-    wanted = correlate_part(visual, stack, NUM_HEADINGS, np.arange(NUM_CELLS))
+    wanted = correlation(visual, stack)
     assert np.corrcoef(found.ravel(), wanted.ravel())[0, 1] > 0.98  # fewer frequencies, and bytes
     assert np.abs(found - wanted).max() < 0.2
     assert np.unravel_index(np.argmax(found), found.shape) == (9, 4)
+
+
+def test_in_a_small_map_a_strong_edge_weighs_by_its_root_and_nothing_is_whitened(ranges, stack, made):
+    visual = part_of(ranges[9], 4, window(20, 46))
+    rooted = GradientFeatures(visual.x, visual.y, np.sqrt(visual.magnitude), visual.is_seen)
+    found = made.curves(visual, NUM_HEADINGS, is_whitened=False)
+    assert np.unravel_index(np.argmax(found), found.shape) == (9, 4)
+    wanted = correlation(rooted, stack)
+    likeness = [np.corrcoef(found.ravel(), c.ravel())[0, 1] for c in (wanted, correlation(visual, stack))]
+    assert likeness[0] > max(likeness[1], 0.95)  # the best around each heading, in bytes
+    dark = GradientFeatures(visual.x, visual.y, visual.magnitude * 1e-3, visual.is_seen)
+    np.testing.assert_allclose(made.curves(dark, NUM_HEADINGS, is_whitened=False), found, rtol=1e-3, atol=1e-6)
+    other = GradientFeatures(-visual.x, -visual.y, visual.magnitude, visual.is_seen)  # contrast upside down
+    np.testing.assert_allclose(made.curves(other, NUM_HEADINGS, is_whitened=False), found, rtol=1e-3, atol=1e-6)
 
 
 def test_the_weights_solve_their_equation_and_are_nothing_where_nothing_is_seen(ranges, made):

@@ -13,7 +13,7 @@ from path_follower.path import Pose2
 from path_follower.path_files import make_path as path_of
 from path_follower.routes.building import build_network
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_SHARE
-from path_follower.routes.course import join, make_course
+from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Spot
 from path_follower.routes.planning import Leg, plan
 
@@ -65,7 +65,7 @@ def test_a_join_is_feasible_and_short(drive, rng, direction, rear_steering):
     limit = (1.0 + rear_steering) * math.tan(TURN_SHARE * VEHICLE.max_steering_angle) / VEHICLE.wheelbase
     for left, turned in rng.uniform((-REACH, -TURNED), (REACH, TURNED), (80, 2)):
         pose = beside(curve, 0.0, left, turned)
-        poses, s = join(curve, direction, pose, vehicle, JOIN_WITHIN)
+        poses, s = join_curve(curve, direction, pose, vehicle, JOIN_WITHIN)
         assert tuple(poses[0]) == pytest.approx(pose)
         assert s <= JOIN_WITHIN
         assert np.abs(bends_of(poses)).max(initial=0.0) <= limit + 1e-6

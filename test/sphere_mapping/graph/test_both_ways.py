@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_mapping.constants import MAX_GAP
 from sphere_mapping.graph.both_ways import (
     FEATURES,
     ONE_WAY,
@@ -19,6 +18,7 @@ from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.photometric import register
 from sphere_nav.spheres.appearance.pose import FeaturePose
+from sphere_nav.spheres.constants import MAX_GAP
 from worlds.room import sharp_room
 
 PARAMS = MappingRegistrationParams()

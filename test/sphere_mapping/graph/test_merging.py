@@ -83,6 +83,13 @@ def test_the_newer_of_two_spheres_of_a_place_leaves_and_its_edges_are_composed()
     assert np.linalg.inv(composed.information)[0, 0] == pytest.approx(2e-4)
 
 
+def test_edges_are_in_order_of_their_newer_end():
+    merged = merge(line(0.0, 2.0, 4.0, 6.0, 2.2, loops=[(1, 4), (0, 3)]), np.zeros((0, 3)))
+    assert merged.replaced == {4: 1}
+    found = [(sorted((edge.a, edge.b), reverse=True), edge.is_loop) for edge in merged.graph.edges]
+    assert found == [([1, 0], False), ([2, 1], False), ([3, 0], True), ([3, 1], True), ([3, 2], False)]
+
+
 def test_a_sphere_stays_without_a_loop_or_where_its_region_is_needed_or_on_request():
     here = np.zeros((0, 3))
     assert merge(line(0.0, 2.0, 4.0, 2.2), here).replaced == {}

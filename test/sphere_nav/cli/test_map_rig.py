@@ -45,7 +45,7 @@ def write_images(bag, images, stamp):
 def drive(tmp_path_factory):
     """A short way straight on through the simulator's town, seen by the vertical rig."""
     folder = tmp_path_factory.mktemp("drive")
-    values = {"seed": 5, "rig.kind": "vertical", "rig.width": 192, "rig.height": 192, "render.shadow_texel": 0.5}
+    values = {"seed": 5, "rig.kind": "vertical", "rig.size": "192,192", "render.shadow_texel": 0.5}
     simulator = Simulator(build(SimParams, values))
     write_rig(folder / "rig.yaml", simulator.rig)
     T_base_rig = rig_place(simulator.params.rig)

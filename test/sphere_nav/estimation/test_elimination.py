@@ -39,6 +39,16 @@ def test_what_is_known_beforehand_counts_as_many_pixels(rng):
     assert CORRELATED_PIXELS > 1
 
 
+def test_a_step_is_measured_by_what_a_hundred_pixels_for_one_leave(rng):
+    H = np.diag([400.0, 25.0, 1.0, 1.0, 1.0])  # deviations 0.05 and 0.2 of independent pixels, 0.5 and 2.0 of these
+    for step, size in (([-0.1, 0.1], 0.2), ([0.1, -0.8], 0.4)):
+        part = Part(H, -H @ [*step, 0.0, 0.0, 0.0], 60, 1.0)
+        shared, own, told = Elimination([part], NO_PRIOR, np.zeros(SHARED)).step()
+        np.testing.assert_allclose(shared, step, rtol=1e-6)
+        np.testing.assert_allclose(own, np.zeros((1, OWN)), atol=1e-12)
+        np.testing.assert_allclose(told, size, rtol=1e-6)
+
+
 def test_the_covariance_is_the_scatter_of_many_drives(rng):
     found, told = [], []
     for _ in range(200):

@@ -3,15 +3,13 @@
 import pytest
 
 from sphere_nav.ros.clocks import (
-    MAX_AHEAD_NS,
-    MAX_CAUGHT_UP,
-    PATIENCE,
     ClockWatch,
     SimulatedTicks,
     Times,
     ahead_s,
     check_stamp,
 )
+from sphere_nav.ros.constants import CLOCK_PATIENCE_S, MAX_AHEAD_NS, MAX_CAUGHT_UP_NS
 
 SECOND = 1_000_000_000
 GIVE_UP = 5.0
@@ -40,7 +38,7 @@ def test_before_the_first_time_nothing_stands():
 
 def test_a_clock_that_stands_is_noticed_and_after_long_it_is_over():
     watch = ClockWatch(GIVE_UP)
-    now = stand(watch, 5 * SECOND, SECOND, PATIENCE - 0.05)
+    now = stand(watch, 5 * SECOND, SECOND, CLOCK_PATIENCE_S - 0.05)
     assert not watch.is_standing
     now = stand(watch, 5 * SECOND, now, 0.1)
     assert watch.is_standing
@@ -128,9 +126,9 @@ def test_a_clock_that_somebody_publishes_may_stand_for_any_time():
 
     for k in range(500):
         watch.observe(5 * SECOND, SECOND + k * SECOND // 40, has_publisher)
-        assert watch.is_over == (len(asked) >= 400 and watch.abandoned > PATIENCE)
+        assert watch.is_over == (len(asked) >= 400 and watch.abandoned > CLOCK_PATIENCE_S)
     assert watch.is_over  # 0.4 s after the publisher had gone
-    assert min(asked) > PATIENCE  # while it goes on nobody looks for who publishes it
+    assert min(asked) > CLOCK_PATIENCE_S  # while it goes on nobody looks for who publishes it
 
 
 # --- ticks of simulated time
@@ -164,6 +162,6 @@ def test_ticks_begin_when_time_is_heard_and_a_leap_of_hours_is_not_lived_through
     ticks = SimulatedTicks(0.12, 0.025)
     assert list(ticks.take(0)) == list(ticks.take(SECOND)) == []
     assert list(ticks.take(SECOND + 30_000_000)) == [SECOND, SECOND + 25_000_000]
-    assert len(list(ticks.take(3600 * SECOND))) == MAX_CAUGHT_UP // 25_000_000
+    assert len(list(ticks.take(3600 * SECOND))) == MAX_CAUGHT_UP_NS // 25_000_000
     ticks.restart(0)
     assert list(ticks.take(5 * SECOND)) == []

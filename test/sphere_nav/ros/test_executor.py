@@ -27,8 +27,9 @@ from std_srvs.srv import Trigger
 
 from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
+from sphere_nav.ros.constants import MAX_IN_ROW, MAX_WAITS, RECENT_S
 from sphere_nav.ros.endpoints import ERROR, OK, WARN
-from sphere_nav.ros.executor import MAX_IN_ROW, MAX_WAITS, RECENT_S, CallbackFailures, GuardedExecutor
+from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
 

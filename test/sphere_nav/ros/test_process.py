@@ -7,7 +7,7 @@ import pytest
 SCRIPT = """
 import sys
 import numpy as np
-from sphere_nav.ros.process import return_free_memory, return_large_blocks
+from sphere_nav.ros.run import return_free_memory, return_large_blocks
 
 def resident_mb():
     return int(open("/proc/self/statm").read().split()[1]) * 4096 / 1e6
@@ -39,7 +39,7 @@ COMPILER = """
 import re
 from pathlib import Path
 from llvmlite import binding
-from sphere_nav.ros.process import return_free_memory
+from sphere_nav.ros.run import return_free_memory
 
 def code_kb():
     found = re.findall(r" r-xp [^\\n]*libllvmlite[^\\n]*\\n(?:Size|KernelPageSize|MMUPageSize).*?Rss: +(\\d+) kB",

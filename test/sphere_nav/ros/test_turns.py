@@ -1,6 +1,6 @@
 import sys
 
-from sphere_nav.ros.process import TURN_S, take_short_turns
+from sphere_nav.ros.run import TURN_S, take_short_turns
 
 
 def test_threads_take_shorter_turns_than_python_gives_them():

@@ -13,7 +13,7 @@ from cycab_sim.world.traffic.traffic import AWAY, Traffic
 from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3, Pinhole
 
-PARAMS = TrafficParams(is_on=True)
+PARAMS = TrafficParams(density="usual")
 STEP = 100_000_000
 
 
@@ -41,7 +41,7 @@ def test_all_that_is_asked_for_is_there_and_moves_at_its_pace(traffic):
 
 
 def test_where_it_is_busy_more_are_under_way():
-    counts = Counter(loop.kind for loop in who_goes(replace(PARAMS, is_busy=True)))
+    counts = Counter(loop.kind for loop in who_goes(replace(PARAMS, density="busy")))
     assert counts == {"road": 20 + 1, "cycle": 10, "walk": 80}
 
 
@@ -90,7 +90,7 @@ def test_who_would_be_inside_the_car_is_not_there(traffic):
 
 
 def test_worlds_without_streets_have_no_traffic():
-    with pytest.raises(ValueError, match=r"traffic\.is_on: expected a world with streets"):
+    with pytest.raises(ValueError, match=r"traffic\.density: expected a world with streets"):
         Traffic(build_world("corridor", 3), PARAMS, 3)
 
 

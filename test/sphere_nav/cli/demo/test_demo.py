@@ -5,7 +5,17 @@ import pytest
 import yaml
 
 from cycab_sim.params import SimParams, in_condition
-from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, Demo, check_taught, has_ended, new_folder, result_table
+from sphere_nav.cli.demo.demo import (
+    BUSY,
+    OTHER_DAY,
+    SIMULATION,
+    TEACHING,
+    Demo,
+    check_taught,
+    has_ended,
+    new_folder,
+    result_table,
+)
 from sphere_nav.cli.demo.report import DriveErrors
 from sphere_nav.params import build
 
@@ -56,9 +66,8 @@ def test_the_tour_is_long_and_meets_another_day(tmp_path):
     demo = Demo(tmp_path / "demo", 1, "tour", 46, BUSY)
     assert round(demo.length) == 490
     assert demo.simulation["world"] == "city"
-    assert demo.simulation["traffic.is_busy"]
-    assert "traffic.is_busy" not in Demo(tmp_path / "plain", 1, "straight", 46, {}).simulation
-    assert demo.simulation["traffic.is_on"]
+    assert demo.simulation["traffic.density"] == "busy"
+    assert Demo(tmp_path / "plain", 1, "straight", 46, {}).simulation["traffic.density"] == "usual"
     assert {"traffic.seed", "light.clouds"} <= set(OTHER_DAY)
 
 
@@ -74,8 +83,8 @@ def test_the_second_drive_alone_has_a_condition(tmp_path):
 def test_a_map_of_another_town_is_refused(tmp_path):
     (tmp_path / "map").mkdir()
     (tmp_path / "teach_logs").mkdir()
-    told = {"cycab_sim": {"ros__parameters": {"seed": 1, "path": "two_turns"}}}
+    told = {"cycab_sim": {"ros__parameters": SIMULATION | {"seed": 1, "path": "two_turns"} | TEACHING}}
     (tmp_path / "teach_logs" / "cycab_sim.yaml").write_text(yaml.safe_dump(told))
-    assert check_taught(tmp_path, {"seed": 1}) == tmp_path
+    assert check_taught(tmp_path, SIMULATION | {"seed": 1}) == tmp_path
     with pytest.raises(ValueError, match="seed: expected 2 as in this experiment, found 1"):
         check_taught(tmp_path, {"seed": 2, "path": "two_turns"})

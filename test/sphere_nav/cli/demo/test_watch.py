@@ -1,10 +1,12 @@
 """The watch over a drive."""
 
+import io
 import time
 from contextlib import nullcontext
 
 import pytest
 from nav_msgs.msg import Odometry
+from tqdm import tqdm
 
 from sphere_nav.cli.demo import processes as processes_module
 from sphere_nav.cli.demo import watch as module
@@ -47,17 +49,19 @@ def test_however_long_nothing_happens_it_is_not_over_while_a_process_works(tmp_p
 
 @pytest.mark.parametrize(("speed", "ends"), [(0.0, "the car stands for 30 s"), (1.0, "")])
 def test_a_car_may_stand_for_a_while_of_simulated_time(tmp_path, speed, ends):
-    seconds = iter(range(1, 100))
+    seconds, bar, shown = iter(range(1, 100)), tqdm(total=20, file=io.StringIO()), []
 
     def drive() -> bool:
         now = next(seconds)
+        shown.append(bar.n)
         watch._on_truth(truth(now, speed * now))
         return now == 60
 
     with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
         verdict = pytest.raises(DriveFailed, match=ends) if ends else nullcontext()
         with verdict:
-            watch.wait("drive", drive, is_moving=True)
+            watch.wait("drive", drive, is_moving=True, bar=bar)
+    assert (shown[:4], shown[-1]) == (([0, 0, 1, 2], 20) if speed else ([0, 0, 0, 0], 0))
 
 
 def test_waiting_ends_when_it_holds(tmp_path):

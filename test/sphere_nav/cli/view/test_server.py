@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("viser", reason="optional: pip install viser")
 
 from sphere_nav.cli.view.drive import Shot
-from sphere_nav.cli.view.server import Page, browser_camera, browser_pose
+from sphere_nav.cli.view.server import Page, browser_camera, browser_pose, drawn_lens
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.localization.status import State, Status
 from sphere_nav.spheres.graph import Edge, SphereGraph
@@ -60,6 +60,11 @@ class Fixture:
         self.browser.close()
         self.page.close()
         self.scene.close()
+
+
+def test_a_camera_is_drawn_as_wide_as_it_sees():
+    camera = Pinhole(64, 48, 24.0, 24.0, 31.5, 23.5)
+    assert drawn_lens(camera) == pytest.approx({"fov": np.pi / 2, "aspect": 4 / 3})
 
 
 @pytest.fixture(scope="module")

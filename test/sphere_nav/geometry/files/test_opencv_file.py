@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
-from sphere_nav.geometry.files.opencv_file import read_opencv
+from sphere_nav.geometry.files.opencv_file import MAX_SKEW, read_opencv
 from worlds.foreign import read_foreign
 
 K = np.array([[535.9, 0.0, 342.3], [0.0, 536.2, 235.6], [0.0, 0.0, 1.0]])
@@ -68,6 +68,20 @@ def test_a_recorded_file_of_opencv_is_read(shared_data):
     path = shared_data / "checkerboard" / "opencv_stereo" / "left_intrinsics.yml"
     camera = read_foreign([path]).cameras[0].camera
     assert (camera.width, camera.fx, camera.cx) == (640, 535.91573396163199, 342.28315473308373)
+
+
+@pytest.mark.parametrize(("row", "column", "limit"), [(0, 1, MAX_SKEW), (1, 0, 0.0), (2, 0, 0.0), (2, 1, 0.0)])
+def test_a_matrix_of_a_camera_without_skew_is_taken_up_to_the_limit(tmp_path, row, column, limit):
+    for sign in (1.0, -1.0):
+        matrix = K.copy()
+        matrix[row, column] = sign * limit
+        assert (
+            read_foreign([store(tmp_path / "a.yml", **(GOOD | {"camera_matrix": matrix}))]).cameras[0].camera.fx
+            == K[0, 0]
+        )
+        matrix[row, column] = sign * (limit + 1e-7)
+        with pytest.raises(ValueError, match=r"cameramatrix: expected \[fx 0 cx"):
+            read_foreign([store(tmp_path / "a.yml", **(GOOD | {"camera_matrix": matrix}))])
 
 
 GOOD = {"image_width": 640, "image_height": 480, "camera_matrix": K, "distortion_coefficients": D}

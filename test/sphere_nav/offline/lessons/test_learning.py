@@ -19,7 +19,7 @@ from sphere_mapping.experiences.budget import Budget
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3
 from sphere_nav.offline.lessons import learning, versions
-from sphere_nav.offline.lessons.examination import Marks, Placement, examine
+from sphere_nav.offline.lessons.examination import Marks, Placement, localize_key_images
 from sphere_nav.offline.lessons.kept_drives import find_drives
 from sphere_nav.offline.lessons.learning import find_lessons, learn_map, list_drives, take_back
 from sphere_nav.offline.lessons.teaching import Lesson, draw_range, make_sphere, teach
@@ -146,7 +146,7 @@ def test_a_map_learns_a_light_and_forgets_it_again(campus, capsys):
         assert len(added) == len(lesson.taught)
         assert {node.experience.name for node in added} == {"evening"}
         assert {edge.b for edge in new.graph.edges} >= {node.id for node in added}
-        marks = [examine(reader, lesson.withheld, PARAMS) for reader in (old, new)]
+        marks = [localize_key_images(reader, lesson.withheld, PARAMS) for reader in (old, new)]
     assert [one.num_explained for one in marks] == [0, len(lesson.withheld)]
     assert main(["map-learn", str(campus), *SETTINGS]) == 1  # there is nothing left to learn
     assert main(["map-learn", str(campus), "--back"]) == 0
@@ -160,7 +160,7 @@ def test_a_version_that_makes_another_drive_worse_is_refused(campus, monkeypatch
     before = (campus / "map.mcap").read_bytes()
     good, lost = Placement(0.01, 0.001, 0.9), Marks((None,))
     marks = iter([lost, Marks((good,)), Marks((good,)), lost])
-    monkeypatch.setattr(learning, "examine", lambda *_: next(marks))
+    monkeypatch.setattr(learning, "localize_key_images", lambda *_: next(marks))
     (told,) = learn_map(campus, PARAMS)
     assert not told.is_taken
     assert told.told.endswith("19700101_000001: places 0 of 1 key images, before 1")
@@ -171,7 +171,7 @@ def test_a_version_that_makes_another_drive_worse_is_refused(campus, monkeypatch
 
 def test_a_version_that_explains_no_more_is_refused(campus, monkeypatch):
     same = Marks((Placement(0.01, 0.001, 0.7),))
-    monkeypatch.setattr(learning, "examine", lambda *_: same)
+    monkeypatch.setattr(learning, "localize_key_images", lambda *_: same)
     (told,) = learn_map(campus, PARAMS)
     assert (told.is_taken, told.told) == (False, "explains 0 of 1 withheld images, before 0")
 

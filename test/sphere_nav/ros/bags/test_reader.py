@@ -3,6 +3,8 @@
 import shutil
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from std_msgs.msg import Header, String
 
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter
@@ -45,6 +47,22 @@ def test_a_lone_file_and_a_folder_without_metadata_are_bags(make_bag):
     assert BagReader(path / "bag_0.mcap").num_messages == 81
     (path / "metadata.yaml").unlink()
     assert BagReader(path).num_messages == 81
+
+
+def test_a_file_without_statistics_is_counted(make_bag, tmp_path):
+    with (make_bag() / "bag_0.mcap").open("rb") as source, (tmp_path / "bare.mcap").open("wb") as file:
+        writer, ids = Writer(file, use_statistics=False), {}
+        writer.start("ros2")
+        for schema, channel, message in make_reader(source).iter_messages():
+            if channel.topic not in ids:
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.topic] = writer.register_channel(channel.topic, channel.message_encoding, schema_id)
+            writer.add_message(ids[channel.topic], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    with BagReader(tmp_path / "bare.mcap") as bag:
+        assert bag.files[0].summary.statistics is None
+        assert bag.time_range == (5_000_000_000, 8_900_000_001)
+        assert {name: info.count for name, info in bag.topics.items()} == {"/latched": 1, "/text": 40, "/stamp": 40}
 
 
 def test_several_files_are_one_bag(make_bag, tmp_path):

@@ -15,7 +15,7 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.bags.streams import RGBD, STEREO
-from sphere_nav.ros.camera.drivers import FIELDS, INPUTS, OPTIONAL, driver_names, names_of, read_driver
+from sphere_nav.ros.camera.drivers import FIELDS, INPUTS, OPTIONAL, driver_names, read_driver, topics_by_driver
 from sphere_nav.ros.conversions.images import ENCODINGS
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
@@ -86,8 +86,8 @@ def test_a_file_of_ones_own_is_as_good_as_a_name(tmp_path):
     content = yaml.safe_load((FILES / "usb_cam.yaml").read_text()) | {"root": "/head/"}
     path = tmp_path / "own.yaml"
     path.write_text(yaml.safe_dump(content))
-    assert names_of(str(path)) == {"image_raw": "head/image_raw", "camera_info": "head/camera_info"}
-    assert names_of("") == {}
+    assert topics_by_driver(str(path)) == {"image_raw": "head/image_raw", "camera_info": "head/camera_info"}
+    assert topics_by_driver("") == {}
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ import pytest
 
 pytest.importorskip("rclpy")  # of the package that it lies in
 
-from sphere_nav.ros.camera.synchronizer import MAX_MISSES, Synchronizer
+from sphere_nav.ros.camera.synchronizer import Synchronizer
+from sphere_nav.ros.constants import MAX_MISSES
 
 MS = 1_000_000
 

@@ -21,9 +21,10 @@ from sphere_nav.localization import FINE, InputCheck, Reason, State
 from sphere_nav.localization.params import InputParams, NodeParams
 from sphere_nav.localization.status import BaseEstimate, status_of
 from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.constants import NUM_COUNTED, STANDSTILL_S
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, ns_to_time, se3_to_pose_with_covariance, stamp_ns
 from sphere_nav.ros.live import LiveShell
-from sphere_nav.ros.localizer.node import NUM_COUNTED, STANDSTILL, LocalizerNode
+from sphere_nav.ros.localizer.node import LocalizerNode
 
 CAMERA = Pinhole(64, 48, 50.0, 50.0, 31.5, 23.5)
 SECOND = 10**9
@@ -244,13 +245,13 @@ def test_a_clock_that_stands_is_told_once_nobody_publishes_it_and_the_pose_goes_
     statuses.clear()
     until(lambda: "held by /peer" in shell.node.reports.get("/clock", (0, ""))[1])
     held = time.monotonic()
-    until(lambda: time.monotonic() > held + STANDSTILL)
+    until(lambda: time.monotonic() > held + STANDSTILL_S)
     assert not statuses  # somebody who waits holds it: nothing is wrong, however long
     peer.destroy_publisher(clock)
     until(lambda: statuses)
     told = statuses[-1]
     assert (told.state, told.reason, stamp_ns(told)) == ("DEGRADED", "TIMEOUT", 51 * STEP)
-    assert told.value > told.limit == STANDSTILL
+    assert told.value > told.limit == STANDSTILL_S
     assert "/clock stands still" in told.remedy
     assert "/clock stands still" in shell.node.reports["localisation"][1]
     clock = peer.create_publisher(Clock, "/clock", 10)

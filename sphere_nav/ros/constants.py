@@ -1,0 +1,44 @@
+"""The numbers that what nodes share depends on and nobody would set: unit, origin, and the test that pins each group.
+
+Tests are named below test/sphere_nav/ros/. Times are of what a machine or a network does: chosen well above what a busy
+one was seen to take. Sizes of buffers and bounds of files stand where they are read.
+"""
+
+from __future__ import annotations
+
+# Stamps and clocks (test_clocks)
+MAX_AHEAD_NS = 100_000_000  # /clock may come later than what it stamps; more is a wrong clock
+CLOCK_PATIENCE_S = 0.4  # of steady time without an advance of the node's clock: the ramp to zero begins
+MAX_LOOK_S = 0.1  # between two looks at the clock
+MAX_CAUGHT_UP_NS = 10_000_000_000  # of simulated time; all silence has been judged after so long
+
+# Images of an instant (camera/test_synchronizer, camera/test_intake)
+FINGERPRINT_STEP = 4  # every so many rows and columns of an image decide whether it is the last one again
+MAX_HOLD_NS = 500_000_000  # largest age of an image that is held for a late one
+FROZEN_AFTER = 3  # equal images in a row, while other cameras change, that are a frozen camera
+MAX_MISSES = 3  # instants in a row without an image, after which a camera is not waited for (without a deadline)
+BACK_NS = 1_000_000_000  # stamps so far before the last instant are of another time (without a deadline)
+SILENCE_NS = 500_000_000  # without any instant, until what is refused of one camera is the answer
+
+# Odometry and transforms (camera/test_odometry_input, test_tf, localizer/test_map_transform)
+MAX_ODOMETRY_AGE_S = 0.2  # for which odometry is carried on by its own speed
+TF_MEMORY_NS = 10_000_000_000  # as tf2 keeps transforms
+PARENT_HOLD_NS = 1_000_000_000  # by which the stamps of a frame's parent must have ended before another takes over
+AHEAD_NS = 100_000_000  # map -> odom is stamped so far ahead that look-ups need not wait for the next one
+TRANSFORM_PERIOD_S = 0.05  # between two of them while no image comes
+MAX_LATENCY_NS = 1_000_000_000  # of an image; more means that its stamp is of another time, as of a recording
+ODOMETRY_PATIENCE_NS = 500_000_000  # for odometry on /tf to come up to the stamp of an image
+
+# A localiser's node (localizer/test_node, localizer/test_peer_localizer)
+WATCH_PERIOD_S = 0.25  # between two looks at a silent camera
+STANDSTILL_S = 1.0  # without an advance of /clock, and without its publisher, before the status says so
+FIRST_IMAGE_S = 2.0  # without any image before it is said
+NUM_COUNTED, MAX_LOST_SHARE = 20, 0.2  # images over which losses are counted; share of them, before it is said
+OFFER_PERIOD_NS = 1_000_000_000  # between two poses of a peer that start a search
+
+# Failures (test_executor, test_rclpy_shell)
+RECENT_S = 10.0  # for which a failure shows in the diagnostics
+MAX_IN_ROW = 3  # failures of one callback in a row, and it does not work
+MAX_WAITS, PAUSE_S = 50, 0.02  # failed attempts to wait, in a row, before the process ends; between two of them
+MAX_REFUSED = 4  # messages in a row that are refused without an alarm
+LOG_PERIOD_S = 5.0  # between two equal lines of the log
