@@ -43,38 +43,6 @@ def keep_evenly_spaced(ranges: NDArray[np.uint16], camera: Camera) -> None:
             ranges[row : row + ROWS] |= unknown
 
 
-def forget_behind_edges(range_m: Floats, codes: NDArray[np.uint16]) -> None:
-    """Forget the ranges, codes (H, W) of `kernels.encode_range`, of pixels within `EDGE_PIXELS` behind an edge.
-
-    An edge is where the inverse range leaps from one pixel to the next, as it does on neither side: no slanted plane,
-    no corner of a room. What is unknown hides no edge.
-    """
-    halo = EDGE_PIXELS + 1
-    for row in range(0, len(range_m), ROWS):
-        first = max(row - halo, 0)
-        inverse = np.float32(1.0) / range_m[first : row + ROWS + halo]
-        is_behind = np.zeros(inverse.shape, np.bool_)
-        _mark_behind(inverse, is_behind)
-        _mark_behind(inverse.T, is_behind.T)
-        codes[row : row + ROWS][is_behind[row - first : row - first + ROWS]] = kernels.UNKNOWN
-
-
-def _mark_behind(inverse: Floats, is_behind: NDArray[np.bool_]) -> None:
-    """Mark the pixels (N, M) behind edges across the first axis, by inverse range in 1/m."""
-    leap, last = np.diff(inverse, axis=0), len(inverse) - 1
-    v, u = np.nonzero(np.abs(leap) > EDGE_SHARE * np.maximum(inverse[:-1], inverse[1:]))
-    found = leap[v, u]
-    sign = np.sign(found)
-    before, after = sign * leap[np.maximum(v - 1, 0), u], sign * leap[np.minimum(v + 1, last - 1), u]
-    before[v == 0], after[v == last - 1] = 0.0, 0.0
-    usual = np.fmax(np.fmax(before, after), 0.0)
-    near = np.maximum(inverse[v, u], inverse[v + 1, u])
-    is_edge = sign * found - usual > EDGE_SHARE * near
-    v, u, is_up = v[is_edge], u[is_edge], sign[is_edge] > 0.0
-    for off in range(EDGE_PIXELS):
-        is_behind[np.clip(np.where(is_up, v - off, v + 1 + off), 0, last), u] = True
-
-
 @lru_cache(maxsize=16)
 def is_spaced(camera: Spherical) -> NDArray[np.bool_]:
     """Return which pixels (H, W) are as far from each other along their row as neighbours at the equator."""
@@ -198,7 +166,7 @@ def prepare_reference(
         if index >= finest:  # else no image will be aligned that finely
             codes = in_codes(ranges)
             if index < len(cameras) - 1:
-                forget_behind_edges(ranges, codes)
+                kernels.forget_behind_edges(ranges, EDGE_PIXELS, np.float32(EDGE_SHARE), codes)
             keep_evenly_spaced(codes, smaller)
             levels.append(ReferenceLevel(Squares(steps, smaller, pad, codes, params.far)))
     return Reference(tuple(levels))
