@@ -89,7 +89,9 @@ def innovations(kept: PoseGraph, tried: PoseGraph, poses: Array, limit: float = 
     system = _anchored(factors_of(kept), kept, poses).linearize(values).sparseJacobian_()
     rows, columns = (index.astype(np.int64) - 1 for index in system[:2])
     A = coo_array((system[2], (rows, columns))).tocsc()[:, : size * len(kept.ids)]  # the last column is the error
-    information = splu(csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    information = splu(
+        csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
     edges = factors_of(tried).linearize(values)
     jacobians, errors = zip(*(edges.at(k).jacobian() for k in range(count)), strict=True) if count else ((), ())
     J, r = np.array(jacobians).reshape(count, size, 2 * size), np.array(errors).reshape(count, size)
