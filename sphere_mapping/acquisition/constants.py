@@ -155,7 +155,7 @@ ERODED_PX = 2  # kept off borders and masks, at each level
 TABLE_SIDE, MAX_HALF_TANGENT = 513, 4.0  # entries of a lens's table a side; tangent of half the angle off the axis
 HYPOTHESIS_PX = (0.7, 1.25)  # least and largest step of hypotheses, px of the coarsest level between neighbors
 
-# Range by the drive, chosen in town 71 and room 1, ring (range/test_drive; `range_classes --class-drive`)
+# Range by the drive, chosen in town 71 and room 1, ring, of `range_drive` (range/test_drive)
 NUM_EARLIER, DRIVE_REACH = 2, (0.05, 0.35)  # spheres that are kept; how far apart, by the median range
 DRIVE_WIDTH, DRIVE_BLOCK_PX = 512, 3  # columns of the spheres that are compared; half side of a block, px of these
 DRIVE_HYPOTHESES, DRIVE_CAP = 128, 400.0  # inverse ranges at most; squared grey levels that a difference counts up to
