@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,25 +49,26 @@ class Driven:
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Say which worlds are seen, and how; town 71 and room 1 are what the constants were chosen on."""
-    parser.add_argument("--drive-towns", type=int, nargs="*", default=[72, 73], help="seeds (%(default)s)")
-    parser.add_argument("--drive-rooms", type=int, nargs="*", default=[19, 20], help="seeds (%(default)s)")
-    parser.add_argument("--drive-rigs", nargs="+", default=["ring", "vertical"], help="rigs (%(default)s)")
-    parser.add_argument("--drive-width", type=int, default=1024, help="columns of the sphere (%(default)s)")
+    parser.add_argument("--parallax-towns", type=int, nargs="*", default=[72, 73], help="seeds (%(default)s)")
+    parser.add_argument("--parallax-rooms", type=int, nargs="*", default=[19, 20], help="seeds (%(default)s)")
+    parser.add_argument("--parallax-rigs", nargs="+", default=["ring", "vertical"], help="rigs (%(default)s)")
+    parser.add_argument("--parallax-width", type=int, default=1024, help="columns of the sphere (%(default)s)")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Measure worlds by each rig."""
     report = Report("range_drive", [], [], [describe(options.threads)])
-    for kind in options.drive_rigs:
-        for place, seeds in (("town", options.drive_towns), ("room", options.drive_rooms)):
-            counts, wrong_far, cpu_s = [], [], []
+    for kind in options.parallax_rigs:
+        for place, seeds in (("town", options.parallax_towns), ("room", options.parallax_rooms)):
+            counts: list[NDArray[Any]] = []
+            wrong_far, cpu_s = [], []
             for seed in seeds[:1] if options.quick else seeds:
-                driven = (_town if place == "town" else _room)(kind, seed, options.drive_width)
+                driven = (_town if place == "town" else _room)(kind, seed, options.parallax_width)
                 begun = time.process_time()
                 more = range_by_drive(driven.sphere, driven.earlier, MatchParams())
                 cpu_s.append(time.process_time() - begun)
                 of_three = _count(driven, more)
-                counts.append(of_three[0])
+                counts.append(np.array(of_three[0], dtype=object))
                 wrong_far.append(of_three[1])
             if counts:
                 _tell(report, f"{kind}, {place}s", np.sum(counts, axis=0), np.sum(wrong_far, axis=0), cpu_s)

@@ -90,8 +90,10 @@ class DriveRange:
     def filled(self) -> Sphere | None:
         """Return the last sphere with the range that the drive adds to it; None without any sphere."""
         last = self._last
-        if last is None or last.sphere.range_std_m is None or not last.sphere.camera.is_whole:
-            return last and last.sphere
+        if last is None:
+            return None
+        if last.sphere.range_std_m is None or not last.sphere.camera.is_whole:
+            return last.sphere
         earlier = [one for one in self._kept if DRIVE_REACH[0] <= _share(last, one) <= DRIVE_REACH[1]]
         ranged = last.sphere.range_m.copy(), last.sphere.range_std_m.copy()
         fill_unknown(ranged, range_by_drive(last.sphere, [one.by(last) for one in earlier], self._params))
@@ -105,9 +107,8 @@ def range_by_drive(sphere: Sphere, earlier: Sequence[PlacedSphere], params: Matc
     of a block minimizes S(x) = mean of (I(d) - I_earlier(p))^2; its variance is that of the levels by S'' / 2, and that
     of the motion.
     """
-    width = sphere.camera.width
-    step = max(width // DRIVE_WIDTH, 1)
-    whole = Spherical(width // step, sphere.camera.height // step)
+    step = shrinking(sphere.camera)
+    whole = Spherical(sphere.camera.width // step, sphere.camera.height // step)
     baseline_m = max((float(np.linalg.norm(one.T.translation)) for one in earlier), default=0.0)
     if len(earlier) < 2 or baseline_m == 0.0:  # one alone could have seen what moved
         return np.full(sphere.range_m.shape, np.nan, np.float32), np.full(sphere.range_m.shape, np.nan, np.float32)
@@ -132,6 +133,11 @@ def range_by_drive(sphere: Sphere, earlier: Sequence[PlacedSphere], params: Matc
     inverse = (x - 1) * np.float32(h)
     variance = h**2 * (variance + DRIVE_PX**2) + motion_variance(rays, inverse, earlier)
     return _ranged(inverse, np.sqrt(variance).astype(np.float32), is_good, h, sphere, params)
+
+
+def shrinking(camera: Spherical) -> int:
+    """Return by how much a sphere is shrunk to be compared: to DRIVE_WIDTH columns or the next size that divides it."""
+    return max(k for k in range(1, max(camera.width // DRIVE_WIDTH, 1) + 1) if camera.height % k == 0)
 
 
 def motion_variance(rays: Array, inverse: Plane, earlier: Sequence[PlacedSphere]) -> Array:
@@ -161,9 +167,9 @@ def _ranged(inverse: Plane, std: Plane, is_good: Flags, h: float, sphere: Sphere
     is_near = is_good & ~is_far & (inverse > 2 * factor * std) & (std_m <= params.max_relative_std * range_m)
     found = np.where(is_far, np.inf, np.where(is_near, range_m, np.nan))
     is_open = np.isnan(sphere.range_m) & sphere.is_seen
-    planes = (np.kron(plane, np.ones((step, step))) for plane in (found, np.where(is_near, std_m, np.nan)))
-    large, large_std = (np.where(is_open, plane, np.nan).astype(np.float32) for plane in planes)
-    return large, large_std
+    size = np.ones((step, step), np.float32)
+    large = np.where(is_open, np.kron(found, size), np.nan).astype(np.float32)
+    return large, np.where(is_open, np.kron(np.where(is_near, std_m, np.nan), size), np.nan).astype(np.float32)
 
 
 def _judge(inverse: Plane, std: Plane, is_good: Flags, h: float, sphere: Sphere, step: int) -> tuple[float, Flags]:
@@ -196,8 +202,8 @@ def _levels(sphere: Sphere, step: int) -> tuple[Plane, Plane]:
     side = 4 * COST_RADIUS
     wide = cv2.copyMakeBorder(small, 0, 0, side, side, cv2.BORDER_WRAP)
     less = (wide - cv2.blur(wide, (2 * side + 1,) * 2))[:, side:-side]
-    seen = sphere.is_seen.reshape(height, step, width, step).all(axis=(1, 3))
-    return np.ascontiguousarray(less), seen.astype(np.float32)
+    seen = np.asarray(sphere.is_seen.reshape(height, step, width, step).all(axis=(1, 3)), np.float32)
+    return np.ascontiguousarray(less), seen
 
 
 def _places(rays: Array, inverse: float, T: SE3, whole: Spherical) -> tuple[Plane, Plane]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.params import MatchParams
-from sphere_mapping.acquisition.range.drive import DriveRange, PlacedSphere, motion_variance, range_by_drive
+from sphere_mapping.acquisition.range.drive import DriveRange, PlacedSphere, motion_variance, range_by_drive, shrinking
 from sphere_nav.geometry import SE3, Spherical
 from worlds.room import sharp_room
 
@@ -102,3 +102,7 @@ def test_a_drive_keeps_spheres_that_are_apart_and_follows_the_map(drive):
     np.testing.assert_array_equal(found[KNOWN], last.range_m[KNOWN])
     kept.add(replace(last, range_std_m=None), T_map, SURE)
     assert kept.filled().range_std_m is None  # nothing is added to what has no deviation
+
+
+def test_spheres_of_any_size_are_shrunk_to_whole_pixels():
+    assert [shrinking(Spherical(2 * rows, rows)) for rows in (128, 512, 832, 1024)] == [1, 2, 2, 4]
