@@ -119,11 +119,18 @@ class SphereTracker:
         return keyframes.why_key_sphere(alignment, T_reference_sphere, reference, self._params.key)
 
     def make_key(self, key_id: int, graph: SphereGraph) -> tuple[KeySphere, Edge | None]:
-        """Make the last sphere the newest reference; return it as key sphere, and its edge to the one before."""
+        """Make the last sphere the newest reference; return it as key sphere, and its edge to the one before.
+
+        It is where both ways of the edge put it: what one way errs ahead, the other errs back, and all along the drive
+        one way alone would add up.
+        """
         assert self.last is not None
         sphere, edge = self.last.sphere, self._edge_to(key_id, graph)
         if self._drive is not None:
             sphere = self._drive.filled() or sphere
+        if edge is not None:
+            correction = graph[edge.a].T_map_sphere @ edge.T_a_b @ self.motion.newest.inverse()
+            self._transform(correction.orthonormal())  # else what rounding leaves would double with each
         self.references = [(key_id, self.last), *self.references][: self._params.num_references]
         return KeySphere(key_id, sphere.stamp_ns, self.motion.newest, sphere, self.last.region_m), edge
 
@@ -147,16 +154,19 @@ class SphereTracker:
     def follow(self, before: SphereGraph, corrected: SphereGraph) -> None:
         """Move with the newest key sphere, which a correction of the graph has moved."""
         newest = self.references[0][0] if self.references else next(iter(before.nodes))
-        T_corrected_before = corrected[newest].T_map_sphere @ before[newest].T_map_sphere.inverse()
-        self.motion.transform(T_corrected_before)
-        if self._drive is not None:
-            self._drive.transform(T_corrected_before)
+        self._transform(corrected[newest].T_map_sphere @ before[newest].T_map_sphere.inverse())
 
     def replace_first(self, sphere: Sphere) -> None:
         """Put another sphere in place of the last one, the only reference."""
         self.last = PreparedSphere(sphere, self._params.registration)
         self.references = [(self.references[0][0], self.last)]
         self._drive = self._drive and DriveRange()
+
+    def _transform(self, T_map_before: SE3) -> None:
+        """Move what is known of the drive with the map."""
+        self.motion.transform(T_map_before)
+        if self._drive is not None:
+            self._drive.transform(T_map_before)
 
     def _edge_to(self, newer_id: int, graph: SphereGraph) -> Edge | None:
         """Return the edge from the newest reference to the last sphere, measured both ways; None for the first."""
