@@ -40,7 +40,6 @@ BENCHMARKS = {
     "mapping_times": "benchmarks.mapping_times",
     "range_honesty": "benchmarks.range_honesty",
     "range_classes": "benchmarks.range_classes",
-    "range_drive": "benchmarks.range_drive",
     "lens_drive": "benchmarks.lens_drive",
     "lens_rigs": "benchmarks.lens_rigs",
     "pose_graphs": "benchmarks.pose_graphs",

@@ -71,7 +71,6 @@ class MapperParams:
     """The mapper and all its steps (`mapper.py`)."""
 
     num_references: int = param(2, "key spheres that each sphere is aligned to (M15 eq. 8)", low=1, high=4)
-    drive_range: bool = param(False, "whole key spheres: range of what was not measured by the spheres before them")
     partial: PartialParams = group(PartialParams)
     stereo: StereoParams = group(StereoParams)
     alignment: MappingAlignmentParams = group(MappingAlignmentParams)

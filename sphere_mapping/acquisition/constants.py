@@ -155,16 +155,6 @@ ERODED_PX = 2  # kept off borders and masks, at each level
 TABLE_SIDE, MAX_HALF_TANGENT = 513, 4.0  # entries of a lens's table a side; tangent of half the angle off the axis
 HYPOTHESIS_PX = (0.7, 1.25)  # least and largest step of hypotheses, px of the coarsest level between neighbors
 
-# Range by the drive, chosen in town 71 and room 1, ring, of `range_drive` (range/test_drive)
-NUM_EARLIER, DRIVE_REACH = 2, (0.05, 0.35)  # spheres that are kept; how far apart, by the median range
-DRIVE_WIDTH, DRIVE_BLOCK_PX = 512, 3  # columns of the spheres that are compared; half side of a block, px of these
-DRIVE_HYPOTHESES, DRIVE_CAP = 128, 400.0  # inverse ranges at most; squared grey levels that a difference counts up to
-DRIVE_CLEAR = (2.0, 0.3)  # of the least cost elsewhere to that of the match; squared grey levels added to it
-DRIVE_SIDE_SHARE = 0.1  # of the slopes of the quarter of a block that has most, which each other one must have
-DRIVE_EDGE_PX, DRIVE_PX = 2, 0.2  # kept off jumps; deviation that interpolation and the blending of views leave
-DRIVE_COMPARED, DRIVE_AROUND_PX = (500, 20), 15  # measured directions that are met at least: in all, this near
-DRIVE_QUANTILE, DRIVE_MISSED = (0.9, 1.645), 0.1  # share of them within so many deviations; share that may be missed
-
 # Fusion (range/test_fusion)
 PATCH_PX = 1  # half side of the patch that a LiDAR's point covers
 AGREEMENT_SIGMAS = 3.0  # sources, and pieces of a plane, that differ by more do not see the same: 1 in 370 by chance

@@ -8,7 +8,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from sphere_mapping.acquisition.range.drive import DriveRange
 from sphere_mapping.constants import CONTRADICTED, MAX_PASSES, NUM_LOST, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.both_ways import confirm, find_motion, why_denied
@@ -40,7 +39,6 @@ class SphereTracker:
         self.last: PreparedSphere | None = None
         self.references: list[tuple[int, PreparedSphere]] = []  # the newest first
         self._last_alignment: Alignment | None = None
-        self._drive = DriveRange() if params.drive_range else None
 
     def align(self, current: PreparedSphere, odometry: SE3 | None, graph: SphereGraph) -> Alignment:
         """Align a sphere with the newest key spheres; a result that is not expected, or one-sided, is refused.
@@ -107,10 +105,6 @@ class SphereTracker:
         """Take down where a sphere is: it is the last one now."""
         self.motion.update(Placed(current.sphere.stamp_ns, T_map_sphere, odometry))
         self.last, self._last_alignment = current, alignment
-        if self._drive is not None:
-            self._drive.add(
-                current.sphere, T_map_sphere, np.zeros((6, 6)) if alignment is None else alignment.covariance
-            )
 
     def why_key(self, alignment: Alignment, graph: SphereGraph) -> str:
         """Return why an aligned sphere must become the next key sphere, or `keyframes.NOT_YET` (M15 eq. 12)."""
@@ -126,11 +120,9 @@ class SphereTracker:
         """
         assert self.last is not None
         sphere, edge = self.last.sphere, self._edge_to(key_id, graph)
-        if self._drive is not None:
-            sphere = self._drive.filled() or sphere
         if edge is not None:
             correction = graph[edge.a].T_map_sphere @ edge.T_a_b @ self.motion.newest.inverse()
-            self._transform(correction.orthonormal())  # else what rounding leaves would double with each
+            self.motion.transform(correction.orthonormal())  # else what rounding leaves would double with each
         self.references = [(key_id, self.last), *self.references][: self._params.num_references]
         return KeySphere(key_id, sphere.stamp_ns, self.motion.newest, sphere, self.last.region_m), edge
 
@@ -154,19 +146,12 @@ class SphereTracker:
     def follow(self, before: SphereGraph, corrected: SphereGraph) -> None:
         """Move with the newest key sphere, which a correction of the graph has moved."""
         newest = self.references[0][0] if self.references else next(iter(before.nodes))
-        self._transform(corrected[newest].T_map_sphere @ before[newest].T_map_sphere.inverse())
+        self.motion.transform(corrected[newest].T_map_sphere @ before[newest].T_map_sphere.inverse())
 
     def replace_first(self, sphere: Sphere) -> None:
         """Put another sphere in place of the last one, the only reference."""
         self.last = PreparedSphere(sphere, self._params.registration)
         self.references = [(self.references[0][0], self.last)]
-        self._drive = self._drive and DriveRange()
-
-    def _transform(self, T_map_before: SE3) -> None:
-        """Move what is known of the drive with the map."""
-        self.motion.transform(T_map_before)
-        if self._drive is not None:
-            self._drive.transform(T_map_before)
 
     def _edge_to(self, newer_id: int, graph: SphereGraph) -> Edge | None:
         """Return the edge from the newest reference to the last sphere, measured both ways; None for the first."""

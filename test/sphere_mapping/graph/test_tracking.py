@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.range import drive
 from sphere_mapping.constants import CONTRADICTED
 from sphere_mapping.graph.both_ways import ONE_WAY
 from sphere_mapping.graph.registration import PreparedSphere
@@ -144,23 +143,3 @@ def test_what_spheres_in_a_row_contradict_is_not_expected_any_longer():
     found = tracker.align(prepared(FAR, 2 + CONTRADICTED), None, graph)
     assert found.is_converged
     assert found.T_world_camera.distance(FAR)[0] < 0.02
-
-
-def test_a_key_sphere_has_range_by_the_spheres_before_it_where_that_is_asked_for(monkeypatch):
-    added = np.full((128, 256), 2.5, np.float32)
-    monkeypatch.setattr(drive, "range_by_drive", lambda sphere, earlier, _: (added, np.full_like(added, 0.1)))
-    for is_asked in (False, True):
-        tracker, T_moved = SphereTracker(replace(PARAMS, drive_range=is_asked)), SE3.exp([9.0, 0, 0, 0, 0, 0])
-        graph = SphereGraph()
-        for number in range(2):
-            current = prepared(POSES[number], number)
-            range_m, std_m = current.sphere.range_m.copy(), np.full((128, 256), 0.01, np.float32)
-            range_m[:, :100] = std_m[:, :100] = np.nan
-            current = PreparedSphere(replace(current.sphere, range_m=range_m, range_std_m=std_m), current.params)
-            tracker.update(current, POSES[number], None, None)
-        graph.add(tracker.make_key(0, graph)[0])
-        assert np.isfinite(graph[0].sphere.range_m[:, :100]).all() == is_asked
-        np.testing.assert_array_equal(graph[0].sphere.range_m[:, 100:], range_m[:, 100:])
-        tracker.follow(graph, graph.with_poses({0: T_moved @ graph[0].T_map_sphere}))  # the map is corrected
-        if is_asked:
-            np.testing.assert_allclose(tracker._drive._last.T.matrix, (T_moved @ POSES[1]).matrix, atol=1e-12)
