@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
 
-from sphere_mapping.constants import ANCHOR_SIGMA, DESCENT_TOLERANCE, MAX_STEPS, ROBUST_WIDTH
+from sphere_mapping.constants import ANCHOR_SIGMA, BATCH_SOLVED, DESCENT_TOLERANCE, MAX_STEPS, ROBUST_WIDTH
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry.arrays import Array
 
@@ -76,19 +78,35 @@ def edge_chi2(graph: PoseGraph, poses: Array) -> Array:
     return np.array([2.0 * factors.at(k).error(values) for k in range(len(graph.ends))])
 
 
-def innovations(kept: PoseGraph, tried: PoseGraph, poses: Array) -> Array:
+def innovations(kept: PoseGraph, tried: PoseGraph, poses: Array, limit: float = np.inf) -> Array:
     """Return by how much (K,) each edge tried would add to chi2 if it alone joined the kept ones at their optimum.
 
-    r' (1 + J P J')^-1 r: r the edge's whitened error, J its derivative, P the joint covariance of its two poses.
+    r' (1 + J P J')^-1 r: r the edge's whitened error, J its derivative, P the joint covariance of its two poses. It is
+    at least (r' r)^2 / (r' r + r' J P J' r) (Cauchy-Schwarz), which takes one solution of the sparse system instead of
+    six; where that is above the limit already, it is returned.
     """
-    values = _values(kept, poses)
-    marginals = gtsam.Marginals(_anchored(factors_of(kept), kept, poses), values)
-    factors, found = factors_of(tried), np.empty(len(tried.ends))
-    for k, ends in enumerate(tried.ends.tolist()):
-        joint = marginals.jointMarginalCovariance(ends)
-        covariance = np.block([[joint.at(a, b) for b in ends] for a in ends])
-        jacobian, error = factors.at(k).linearize(values).jacobian()
-        found[k] = error @ np.linalg.solve(np.eye(len(error)) + jacobian @ covariance @ jacobian.T, error)
+    values, size, count = _values(kept, poses), TANGENT_SIZE[kept.dimension], len(tried.ends)
+    system = _anchored(factors_of(kept), kept, poses).linearize(values).sparseJacobian_()
+    rows, columns = (index.astype(np.int64) - 1 for index in system[:2])
+    A = coo_array((system[2], (rows, columns))).tocsc()[:, : size * len(kept.ids)]  # the last column is the error
+    information = splu(
+        csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
+    edges = factors_of(tried).linearize(values)
+    jacobians, errors = zip(*(edges.at(k).jacobian() for k in range(count)), strict=True) if count else ((), ())
+    J, r = np.array(jacobians).reshape(count, size, 2 * size), np.array(errors).reshape(count, size)
+    places = np.repeat(tried.ends * size, size, axis=1) + np.tile(np.arange(size), 2)  # (K, 2 p) unknowns of the ends
+    square, found = np.sum(r * r, axis=1), np.empty(count)
+    for first in range(0, count, BATCH_SOLVED):
+        own = np.arange(first, min(first + BATCH_SOLVED, count))
+        gradients, right = np.einsum("kij,ki->kj", J[own], r[own]), np.zeros((size * len(kept.ids), len(own)))
+        right[places[own], np.arange(len(own))[:, None]] = gradients
+        spread = np.einsum("kj,kj->k", gradients, information.solve(right)[places[own], np.arange(len(own))[:, None]])
+        found[own] = square[own] ** 2 / np.maximum(square[own] + spread, np.finfo(float).tiny)
+    for k in np.flatnonzero(found <= limit):
+        right = np.zeros((size * len(kept.ids), size))
+        right[places[k]] = J[k].T
+        found[k] = r[k] @ np.linalg.solve(np.eye(size) + J[k] @ information.solve(right)[places[k]], r[k])
     return found
 
 

@@ -4,10 +4,11 @@ A loop is an edge between poses that do not follow one another; edges between ne
 (1) Loops that close a short cycle with one another and with odometry support each other; a false one finds no such
 neighbor, whatever the drift is. (2) Graduated non-convexity with truncated least squares (Yang et al., RA-L 2020), each
 step solved by GTSAM, finds the core of those that are supported. (3) Loops are admitted that fit the result, and those
-that it can bend to within its own covariance, until nothing changes. How far is too far follows from the residuals
-themselves: information matrices of published graphs are off by factors of up to 20,000, and where one claims to be
-a thousand times surer in one direction, poses that are off by a centimeter refute a true loop. So all this is done with
-the mean variances of each edge; only the last optimum is that of the matrices themselves.
+that it can bend to within its own covariance and that are supported as well as nearly all kept ones, until nothing
+changes; of several that are bent to together those go again that do not fit then. How far is too far follows from the
+residuals themselves: information matrices of published graphs are off by factors of up to 20,000, and where one claims
+to be a thousand times surer in one direction, poses that are off by a centimeter refute a true loop. So all this is
+done with the mean variances of each edge; only the last optimum is that of the matrices themselves.
 GTSAM's own GncOptimizer begins each step at the first poses again, and at one limit: here a step begins where the last
 one ended.
 """
@@ -25,6 +26,7 @@ from sphere_mapping.constants import (
     ADMISSION_ROUNDS,
     ALIKE_QUANTILE,
     BATCH,
+    BENT_QUANTILE,
     CORE_RATIO,
     FEW_LOOPS,
     GNC_GROWTH,
@@ -61,10 +63,11 @@ def optimize_robustly(graph: PoseGraph) -> RobustOptimum:
     """Return the optimum without the loops that contradict the others; ValueError where every descent broke down."""
     is_loop = loops_of(graph)
     searched = _isotropic(graph)
-    is_tried = _supported(is_loop, cycle_support(searched, is_loop))
+    support = cycle_support(searched, is_loop)
+    is_tried = _supported(is_loop, support)
     start = chordal_poses(graph_of_edges(searched, ~is_loop | is_tried))
     is_kept, poses = _graduate(searched, ~is_loop, is_tried, start)
-    is_kept = _admit(searched, is_loop, is_kept, poses)
+    is_kept = _admit(searched, is_loop, is_kept, support, poses)
     optimum = optimize(graph_of_edges(graph, is_kept))
     return RobustOptimum(optimum, ~is_kept, edge_chi2(graph, optimum.poses))
 
@@ -153,22 +156,28 @@ def _isotropic(graph: PoseGraph) -> PoseGraph:
     return replace(graph, information=diagonal[:, :, None] * np.eye(TANGENT_SIZE[size]))
 
 
-def _admit(graph: PoseGraph, is_loop: Mask, is_kept: Mask, poses: Array) -> Mask:
+def _admit(graph: PoseGraph, is_loop: Mask, is_kept: Mask, support: Array, poses: Array) -> Mask:
     """Return the kept edges (M,) after all loops were admitted that fit, or that the kept ones can bend to."""
     seen: set[bytes] = set()
+    has_bent, limit = False, np.inf
     for _ in range(ADMISSION_ROUNDS):
         chi2 = edge_chi2(graph, poses)
-        limit = _too_far(graph, chi2[is_kept & is_loop])
-        is_kept = ~is_loop | (chi2 <= limit)
+        is_beyond = is_kept & is_loop & (chi2 > limit)
+        if has_bent and is_beyond.any():  # each alone could be bent to, all together cannot
+            is_kept = is_kept & ~is_beyond
+        else:
+            limit = _too_far(graph, chi2[is_kept & is_loop])
+            has_bent, is_kept = False, ~is_loop | (chi2 <= limit)
         if is_kept.tobytes() in seen:
-            others = np.flatnonzero(is_loop & ~is_kept)
+            usual = np.quantile(np.append(support[is_kept & is_loop], [np.inf] * 3), BENT_QUANTILE, method="lower")
+            others = np.flatnonzero(is_loop & ~is_kept & (support <= usual))
             others = others[np.argsort(chi2[others])][:BATCH]
-            added = innovations(graph_of_edges(graph, is_kept), graph_of_edges(graph, others), poses)
+            added = innovations(graph_of_edges(graph, is_kept), graph_of_edges(graph, others), poses, limit)
             is_tried = is_kept.copy()
             is_tried[others[added <= limit]] = True
             if is_tried.tobytes() in seen:
                 break
-            is_kept = is_tried
+            is_kept, has_bent = is_tried, True
         seen.add(is_kept.tobytes())
         poses = _solve(graph, is_kept, None, poses, MAX_STEPS["descent"])
     return is_kept

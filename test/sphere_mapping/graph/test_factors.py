@@ -37,3 +37,5 @@ def test_an_innovation_is_what_an_edge_adds_to_chi2(planar):
         after = minimize_poses(factors_of(graph), graph, graph.poses)
         added = innovations(without, graph_of_edges(graph, ~is_kept), before.poses)
         assert added[0] == pytest.approx(after.chi2 - before.chi2, rel=0.02)
+        bound = innovations(without, graph_of_edges(graph, ~is_kept), before.poses, 0.0)  # nothing is below the limit
+        assert 0.1 * added[0] < bound[0] <= added[0]

@@ -76,6 +76,24 @@ def test_a_single_loop_that_odometry_can_reach_is_kept_and_one_that_it_cannot_is
         assert optimize_robustly(one).is_outlier[-1] == is_outlier
 
 
+def test_a_loop_without_support_is_not_bent_to_where_nearly_all_others_have_it():
+    _, graph = cylinder(28, 12, (0.05, 0.02), planar=True, seed=1)
+    last = len(graph.ids) - 12  # behind it there is odometry alone, which would bend
+    graph = graph_of_edges(graph, ~loops_of(graph) | (graph.ends.max(axis=1) < last))
+    truth = optimize(graph).poses
+    off = np.array([[1.0, 0.0, 0.6], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    one = replace(
+        graph,
+        ends=np.vstack([graph.ends, [(5, len(truth) - 1)]]),
+        motions=np.concatenate([graph.motions, (np.linalg.inv(truth[5]) @ truth[-1] @ off)[None]]),
+        information=np.concatenate([graph.information, graph.information[:1]]),
+        is_robust=np.zeros(len(graph.ends) + 1, bool),
+    )
+    assert np.flatnonzero(optimize_robustly(one).is_outlier).tolist() == [len(graph.ends)]
+    alone = graph_of_edges(one, ~loops_of(one) | (np.arange(len(one.ends)) == len(graph.ends)))
+    assert not optimize_robustly(alone).is_outlier.any()
+
+
 def test_loops_support_each_other_along_short_odometry_only_and_in_any_direction():
     _, graph = cylinder(4, 12, (0.01, 0.005), seed=4)
     is_loop = loops_of(graph)
