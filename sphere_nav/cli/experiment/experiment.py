@@ -12,9 +12,15 @@ from sphere_nav.cli.experiment.drives import DRIVES, PaperDrive
 from sphere_nav.cli.experiment.homing import Homing
 from sphere_nav.cli.experiment.hybrid import Hybrid
 from sphere_nav.cli.experiment.kidnapped import Kidnapped
+from sphere_nav.cli.experiment.one_sphere import AroundOneSphere, MadOverDistance, OneSphere
 
 ALL_DRIVES: Mapping[str, type[PaperDrive]] = {**DRIVES, "kidnapped": Kidnapped, "homing": Homing, "hybrid": Hybrid}
-PURPOSES = {name: drive.purpose for name, drive in ALL_DRIVES.items()} | {"convergence": Convergence.purpose}
+OFFLINE: Mapping[str, type[Convergence | OneSphere]] = {  # which nobody is taught for
+    "convergence": Convergence,
+    "mad": MadOverDistance,
+    "around": AroundOneSphere,
+}
+PURPOSES = {name: kind.purpose for name, kind in {**ALL_DRIVES, **OFFLINE}.items()}
 LISTING = "\n".join(f"  {name:<16} {purpose}" for name, purpose in PURPOSES.items())
 HELP = f"""\
 Repeat an experiment of the papers in the simulator, through the real nodes, and write what it gave: bags, plots and
@@ -48,10 +54,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.starts is not None and (name != "kidnapped" or arguments.starts < 1):
         raise ValueError(f"--starts: expected 1 or more of kidnapped, found {arguments.starts} of {name}")
     output = arguments.output or Path("out/experiment") / name
-    if name not in ALL_DRIVES:
+    if name in OFFLINE:
         if arguments.taught is not None:
             raise ValueError(f"--taught: expected a drive, found {name}, which is taught nothing")
-        return 0 if Convergence(name, output, arguments.seed).run() else 1
+        return 0 if OFFLINE[name](name, output, arguments.seed).run() else 1
     drive = ALL_DRIVES[name](name, output, arguments.seed, arguments.domain, arguments.taught)
     if isinstance(drive, Kidnapped) and arguments.starts is not None:
         drive.num_starts = arguments.starts

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib import pyplot as plt
 from nav_msgs.msg import Path as PathMessage
 
 from sphere_nav.cli.demo.demo import DRIVE_TOPICS
+from sphere_nav.cli.demo.plots import save_figure
 from sphere_nav.cli.demo.report import distances_from_path, read_truth
 from sphere_nav.cli.demo.watch import DriveMonitor
-from sphere_nav.cli.experiment.drives import ALL_AROUND, PaperDrive
+from sphere_nav.cli.experiment.drives import PaperDrive
 from sphere_nav.cli.experiment.plans import planar
 from sphere_nav.cli.experiment.result import JudgedFigure
 from sphere_nav.geometry.arrays import Array
@@ -21,11 +22,10 @@ from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import poses_to_path
 
-mpl.use("Agg")
-from matplotlib import pyplot as plt
-
+PANORAMA = {"camera.model": "panorama", "camera.size": "360,96", "camera.mounting_deg": "0.4,0,1.8,0,0,0"}
 GOOD_DEG = 45.0  # a direction this close to that of the path ahead brings the car nearer
 AHEAD = 4.0  # m along the path: where the true direction points
+BEGIN = 2.0  # m along the taught path, of the path that is shown
 ARROWS = 3.0  # m of an arrow
 DIRECTION = "/homing/direction"
 
@@ -34,7 +34,7 @@ class Homing(PaperDrive):
     """100 m by direction."""
 
     purpose = "100 m by the direction to the next waypoint alone, in bare geometry (N17 fig. 8)"
-    simulator: Mapping[str, Any] = ALL_AROUND | {"camera.period": 0.4}
+    simulator: Mapping[str, Any] = PANORAMA | {"camera.period": 0.4}
     follower: Mapping[str, Any] = {
         "source": "homing",
         "safety.max_pose_silence": 1.0,
@@ -48,8 +48,9 @@ class Homing(PaperDrive):
         return {"mcl_depth": self.survey()}
 
     def depart(self, watch: DriveMonitor) -> None:
-        """Show the path before the first image, then start as ever."""
+        """Show the path before the first image, then start as ever; where the car stands no direction leads to it."""
         taught = read_tum(self.taught / "taught.tum")
+        taught = taught[taught.distances >= BEGIN]
         shown = watch.node.create_publisher(PathMessage, "reference_path", qos.LATCHED)
         poses = zip(taught.stamps_ns.tolist(), taught.T_map_body, strict=True)
         shown.publish(poses_to_path(poses, 0, "map"))
@@ -80,9 +81,7 @@ class Homing(PaperDrive):
         axes.set(aspect="equal", adjustable="datalim", xlabel="x [m]", ylabel="y [m]", title="Motion directions")
         axes.grid(alpha=0.3)
         axes.legend()
-        figure.tight_layout()
-        figure.savefig(self.folder / "top_view.png", dpi=100)
-        plt.close(figure)
+        save_figure(figure, self.folder / "top_view.png")
 
 
 def figures_of(
@@ -92,7 +91,7 @@ def figures_of(
     along, lateral = distances_from_path(driven[:, :2], taught[:, :2])
     steps = np.hypot(*np.diff(taught[:, :2], axis=0).T)
     length, distinct = np.concatenate([[0.0], np.cumsum(steps)]), np.concatenate([[True], steps > 0.0])
-    at, _ = distances_from_path(poses[:, :2], taught[:, :2])
+    at = along[np.argmin(np.hypot(*(poses[:, None, :2] - driven[None, :, :2]).transpose(2, 0, 1)), axis=1)]
     goals = [np.interp(at + AHEAD, length[distinct], taught[distinct, axis]) for axis in (0, 1)]
     true = np.arctan2(goals[1] - poses[:, 1], goals[0] - poses[:, 0])
     off = np.degrees(np.abs(np.angle(np.exp(1j * (poses[:, 2] + directions - true)))))

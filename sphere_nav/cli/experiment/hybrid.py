@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib import pyplot as plt
 from tqdm import tqdm
 
 from cycab_sim.params import SimParams
@@ -28,15 +28,13 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.track.align import align_rig
 from dense_localizer.track.visual_odometry import add_last
 from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, rms
+from sphere_nav.cli.demo.plots import save_figure
 from sphere_nav.cli.experiment.drives import PaperDrive
 from sphere_nav.cli.experiment.result import JudgedFigure, write_result
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
 from sphere_nav.ros.maps.reader import open_map
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt
 
 STEP, PERIOD_NS = 0.28, 200_000_000  # m and ns from image to image: 1.4 m/s at 5 Hz
 WAY = 60.0  # m of the path, with its first bend
@@ -130,9 +128,7 @@ class Hybrid(PaperDrive):
             axes.set(title=light, xlabel="place on the path [m]", ylabel="error of the pose [cm]", yscale="log")
             axes.grid(alpha=0.3)
             axes.legend(title="images with a pose")
-        figure.tight_layout()
-        figure.savefig(self.folder / "errors.png", dpi=100)
-        plt.close(figure)
+        save_figure(figure, self.folder / "errors.png")
 
 
 def localize(localizer: Localizer, images: list[tuple[RenderedFrame, SE3]], T_world_map: SE3) -> Track:

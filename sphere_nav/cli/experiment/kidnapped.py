@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from geometry_msgs.msg import TwistStamped
+from matplotlib import pyplot as plt
 from nav_msgs.msg import Odometry
 from sphere_nav_msgs.msg import LocalizationStatus
 from sphere_nav_msgs.srv import LoadTrajectory
@@ -21,6 +21,7 @@ from cycab_sim.driver import PurePursuitDriver
 from cycab_sim.params import SimParams
 from cycab_sim.vehicle import VehicleState
 from sphere_nav.cli.demo.demo import DRIVE_TOPICS, has_ended
+from sphere_nav.cli.demo.plots import save_figure
 from sphere_nav.cli.demo.report import ESTIMATE, read_truth
 from sphere_nav.cli.demo.watch import DriveMonitor
 from sphere_nav.cli.experiment.drives import ALL_AROUND, PaperDrive, beside, teleport
@@ -33,9 +34,6 @@ from sphere_nav.params import build
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import pose_to_se3, stamp_ns
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt
 
 BY_HAND = 30.0  # m after which a start counts as not found
 BY_ITSELF = 10.0  # m that are driven by the follower
@@ -82,9 +80,9 @@ class HandOver:
 
     @property
     def now_ns(self) -> int:
-        """The time at which time stands, 0 while it passes."""
-        ready = self._waiting is not None and self.is_held and self._told_ns >= stamp_ns(self._waiting)
-        return self._told_ns if ready else 0
+        """The stamp of the image at which time stands, as its answer is held; 0 while time passes."""
+        is_standing = self.is_held and self._waiting is not None and self._answered_ns >= stamp_ns(self._waiting)
+        return self._answered_ns if is_standing else 0
 
     def release(self) -> None:
         """Let time pass."""
@@ -218,9 +216,7 @@ class Kidnapped(PaperDrive):
         )
         axes.grid(alpha=0.3)
         axes.legend()
-        figure.tight_layout()
-        figure.savefig(self.folder / "top_view.png", dpi=100)
-        plt.close(figure)
+        save_figure(figure, self.folder / "top_view.png")
 
 
 def judge_start(start: Start, truth: Trajectory, fine: Trajectory, coarse: Trajectory) -> dict[str, float]:
