@@ -70,7 +70,7 @@ class Homing:
         in_map = self._median_direction(waypoint)
         distance = float(np.linalg.norm(self._offsets[best]))
         in_vehicle = float(wrap_angle(np.array(self._median_direction(beyond) - heading)))
-        is_clear = float(np.median(self._leads)) >= MIN_LEAD
+        is_clear = self.is_finished or float(np.median(self._leads)) >= MIN_LEAD  # no way is left that could be unclear
         return Advice(in_map, in_vehicle, heading, self.next, distance, lead, is_clear, self.is_finished)
 
     @property

@@ -64,7 +64,7 @@ def test_without_a_path_nothing_is_said(eye, cloud):
     assert "/homing/status" not in answer
 
 
-def test_beside_a_waypoint_the_direction_leads_back_to_it(eye, cloud):
+def test_beside_a_waypoint_the_direction_leads_to_the_path_beyond_it(eye, cloud):
     bench = bench_of(eye, cloud)
     bench.send("/reference_path", path_message())
     waypoint = bench.node.guide.homing.waypoints[0]
@@ -74,7 +74,8 @@ def test_beside_a_waypoint_the_direction_leads_back_to_it(eye, cloud):
     assert direction.header.frame_id == "base_link"
     assert stamp_ns(direction) == bench.now
     yaw = float(pose_to_se3(direction.pose).yaw)
-    assert abs(yaw - math.pi / 2) < np.radians(35.0)  # samples are 22.5 degrees apart
+    beyond = math.atan2(0.5, 2 * 0.5)  # as far ahead as the samples reach; they are 22.5 degrees apart
+    assert abs(yaw - beyond) < np.radians(20.0)
     status = answer["/homing/status"]
     assert (status.state, status.reason, status.is_armed) == ("DRIVING", "", True)
     assert (status.progress, status.distance_to_end > 3.0) == (0.0, True)
@@ -140,6 +141,7 @@ FOLLOWER = {
     "homing.speed": 0.4,
     "homing.look_ahead": 1.2,
     "safety.max_pose_silence": 1.5,
+    "safety.max_blind_time": 1.5,
     "vehicle.max_acceleration": 5.0,
     "vehicle.max_steering_rate": 3.0,
 }
