@@ -37,8 +37,8 @@ class Homing(PaperDrive):
     simulator: Mapping[str, Any] = PANORAMA | {"camera.period": 0.4}
     follower: Mapping[str, Any] = {
         "source": "homing",
-        "safety.max_pose_silence": 1.0,
-        "safety.max_blind_time": 1.0,
+        "safety.max_pose_silence": 3.0,  # some images of a bend are not clear
+        "safety.max_blind_time": 3.0,
     }
     recorded = f"{DRIVE_TOPICS} {DIRECTION} /homing/status"
     end_bound, max_bound = 1.0, 1.5  # m

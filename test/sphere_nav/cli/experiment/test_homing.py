@@ -12,7 +12,9 @@ def by_name(driven, poses, directions):
     return {figure.name: figure for figure in figures_of(TAUGHT, driven, poses, directions, 1.0, 1.5)}
 
 
-@pytest.mark.parametrize(("aside", "end", "is_near", "has_ended"), [(1.4, 49.2, True, True), (-1.6, 48.8, False, False)])
+@pytest.mark.parametrize(
+    ("aside", "end", "is_near", "has_ended"), [(1.4, 49.2, True, True), (-1.6, 48.8, False, False)]
+)
 def test_the_path_and_its_end_are_kept_or_not(aside, end, is_near, has_ended):
     x = np.append(np.arange(0.0, end, 0.4), end)
     y = np.where((x > 20.0) & (x < 25.0), aside, 0.2)

@@ -35,6 +35,7 @@ def images(room):
 @pytest.mark.parametrize("kind", [Localizer, HybridLocalizer])
 def test_a_drive_is_localised_and_compared_with_the_truth(room, images, kind, monkeypatch):
     counts = []
+
     def count(chosen, *rest):
         counts.append(len(chosen.images[0].views))
         return align_rig(chosen, *rest)
