@@ -192,7 +192,7 @@ class Demo:
                 {"output": str(self.folder / "drive"), "topics": self.recorded, "use_sim_time": True},
             )
             for node, values in self.localizers().items():
-                processes.start(node, SEE_ALL | values, self.topics.get(node, {}))
+                processes.start(node, SEE_ALL | dict(values), self.topics.get(node, {}))
                 watch.wait_for(f"{node}/reset")
             processes.start(
                 "cycab_sim",

@@ -52,7 +52,7 @@ class Homing(PaperDrive):
         taught = read_tum(self.taught / "taught.tum")
         taught = taught[taught.distances >= BEGIN]
         shown = watch.node.create_publisher(PathMessage, "reference_path", qos.LATCHED)
-        poses = zip(taught.stamps_ns.tolist(), taught.T_map_body, strict=True)
+        poses = [(int(stamp), taught.T_map_body[index]) for index, stamp in enumerate(taught.stamps_ns)]
         shown.publish(poses_to_path(poses, 0, "map"))
         super().depart(watch)
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import pyplot as plt
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from cycab_sim.params import SimParams
@@ -85,7 +86,7 @@ class Track:
     milliseconds: Array
 
     @property
-    def is_placed(self) -> Array:
+    def is_placed(self) -> NDArray[np.bool_]:
         """Which images have a pose."""
         return ~np.isnan(self.meters)
 

@@ -5,6 +5,7 @@ Ideal spheres of a simulated town, without messages: what is measured is the ali
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import pyplot as plt
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from cycab_sim.params import SimParams
@@ -40,14 +42,18 @@ RING, SHARE = 0.5, 0.95  # m wide; of its poses that must be good
 WORLD: Mapping[str, Any] = {"path": "two_turns", "sphere.width": 512, "camera.size": "800,600"}
 
 
-class OneSphere:
+class OneSphere(ABC):
     """A town of a seed, and where results go."""
 
     purpose = ""
 
     def __init__(self, name: str, output: Path, seed: int) -> None:
         self.name, self.seed, self.folder = name, seed, new_folder(output)
-        self.simulator = Simulator(build(SimParams, WORLD | {"seed": seed}))
+        self.simulator = Simulator(build(SimParams, dict(WORLD) | {"seed": seed}))
+
+    @abstractmethod
+    def run(self) -> bool:
+        """Measure, draw, judge; True where every bound is kept."""
 
     def see(self, camera: str, pose: Array) -> tuple[RenderedFrame, SE3]:
         """Return what a camera of the car at a pose (3,) in the world sees, and where the camera is."""
@@ -117,7 +123,7 @@ def by_reference(begins: Array, nearness: Array) -> tuple[Array, Array]:
 
 def rank_correlation(values: Array, others: Array) -> float:
     """Return Spearman's rank correlation of two series (N,); equal values share no rank."""
-    return float(np.corrcoef(*(np.argsort(np.argsort(series)) for series in (values, others)))[0, 1])
+    return float(np.corrcoef(np.argsort(np.argsort(values)), np.argsort(np.argsort(others)))[0, 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +135,7 @@ class Tried:
     degrees: Array
 
     @property
-    def is_good(self) -> Array:
+    def is_good(self) -> NDArray[np.bool_]:
         """Which were found well enough to drive by."""
         return (self.meters <= GOOD_M) & (self.degrees <= GOOD_DEG)
 
