@@ -71,7 +71,7 @@ class HandOver:
         self.human, self.speed = human, 0.0
         self.is_by_hand, self.is_braking, self.is_held = True, False, True
         self._waiting: TwistStamped | None = None
-        self._state, self._told_ns, self._answered_ns = VehicleState(), 0, 0
+        self._state, self._told_ns, self._answered_ns, self._passed_ns = VehicleState(), 0, 0, 0
         self._commands = watch.node.create_publisher(TwistStamped, "cmd_vel", qos.DEEP)
         subscribe = watch.node.create_subscription
         subscribe(TwistStamped, "follower/cmd_vel", self._on_command, qos.DEEP)
@@ -90,7 +90,8 @@ class HandOver:
         self._pass_on()
 
     def _on_command(self, message: TwistStamped) -> None:
-        if self._waiting is None or stamp_ns(message) > stamp_ns(self._waiting):
+        last_ns = self._passed_ns if self._waiting is None else stamp_ns(self._waiting)
+        if stamp_ns(message) > last_ns:  # else it repeats an answer
             self._waiting = message
         self._pass_on()
 
@@ -112,7 +113,7 @@ class HandOver:
             wanted = self.human.command(self._state)
             factor = 0.0 if self.is_braking else 1.0
             message.twist.linear.x, message.twist.angular.z = factor * wanted.speed, factor * wanted.yaw_rate
-        self._waiting = None
+        self._waiting, self._passed_ns = None, stamp_ns(message)
         self._commands.publish(message)
 
 

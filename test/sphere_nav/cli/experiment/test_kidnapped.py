@@ -79,6 +79,8 @@ def test_time_stands_at_the_image_whose_answer_is_held(bench):
     assert not bench.published
     bench.hand.release()
     assert len(bench.published) == 1
+    bench.hand.is_held = True
+    bench.heard["follower/cmd_vel"](stamped(TwistStamped(), 2 * S))  # once more: time passes nevertheless
     assert bench.hand.now_ns == 0
 
 
