@@ -110,7 +110,7 @@ class MadOverDistance(OneSphere):
         figures = [
             JudgedFigure(f"references on {STEP * NUM_SPHERES:g} m", len(begins)),
             JudgedFigure("way by a reference, median", float(np.median(ways)), "m"),
-            JudgedFigure("ways and nearness, rank correlation", rank_correlation(ways, near), "", 0.0),
+            JudgedFigure("ways and nearness, rank correlation", rank_correlation(ways, near)),
         ]
         return self.finish(figure, figures, {"mad": mads, "begins": begins})
 
