@@ -1,7 +1,8 @@
 """Follow a path by motion direction alone (N17 section III-D): where is the next waypoint, seen from the vehicle?
 
 The pose is not tracked: for every image, depth images around the next waypoint alone are compared. The best of them
-tells on which side of the waypoint the vehicle is; the way back from there is the motion direction.
+tells on which side of the waypoint the vehicle is; the way back from there is the motion direction. Near the waypoint
+that is chance, so a vehicle steers for the path beyond it, as far as the samples reach.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from sphere_nav.geometry.arrays import Array
 class Advice:
     """The way to the next waypoint; angles in rad."""
 
-    in_map: float  # from the map's x axis
-    in_vehicle: float  # from where the vehicle heads, positive to the left
+    in_map: float  # to the waypoint, from the map's x axis
+    in_vehicle: float  # to the path beyond it, from where the vehicle heads, positive to the left
     heading: float  # of the vehicle in the map, by the visual compass
     waypoint: int
     distance: float  # from the waypoint to the best sample around it, m
@@ -64,10 +65,12 @@ class Homing:
         self._leads.append(lead)
         self._pass(samples[best])
         heading = float(best_headings(curves[best : best + 1])[0])
-        in_map = self._median_direction()
+        waypoint = self.waypoints[self.next]
+        beyond = waypoint + NUM_DISTANCES * self._params.distance_step * self._tangent(self.next)
+        in_map = self._median_direction(waypoint)
         distance = float(np.linalg.norm(self._offsets[best]))
-        in_vehicle = float(wrap_angle(np.array(in_map - heading)))
-        is_clear = float(np.median(self._leads)) >= MIN_LEAD
+        in_vehicle = float(wrap_angle(np.array(self._median_direction(beyond) - heading)))
+        is_clear = self.is_finished or float(np.median(self._leads)) >= MIN_LEAD  # no way is left that could be unclear
         return Advice(in_map, in_vehicle, heading, self.next, distance, lead, is_clear, self.is_finished)
 
     @property
@@ -91,9 +94,9 @@ class Homing:
             self.is_finished = self.is_finished or self.next == last
             self.next, self._num_passed = min(self.next + 1, last), 0
 
-    def _median_direction(self) -> float:
-        """Return the median direction to the next waypoint from the last places; that of the path where they are it."""
-        ways = self.waypoints[self.next] - np.array(self._places)
+    def _median_direction(self, goal: Array) -> float:
+        """Return the median direction to a point from the last places; that of the path where they are it."""
+        ways = goal - np.array(self._places)
         at_it = np.linalg.norm(ways, axis=1) < 1e-6
         ways[at_it] = self._tangent(self.next)
         angles = np.arctan2(ways[:, 1], ways[:, 0])

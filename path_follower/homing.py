@@ -38,8 +38,13 @@ class HomingFollower(Follower):
         self.watch.see_pose(Pose2(0.0, 0.0, direction), time_ns)
 
     def see_source(self, *, is_trusted: bool, is_there: bool, way: tuple[float, float], now_ns: int) -> None:
-        """Take what the source of the directions says of them; `way`: m gone and m left along the path."""
-        self.watch.see_status(State.TRACKING if is_trusted or is_there else State.LOST, now_ns)
+        """Take what the source of the directions says of them; `way`: m gone and m left along the path.
+
+        While it says that none is clear the last one holds, slowly, for `safety.max_blind_time`.
+        """
+        is_blind = now_ns - self.watch.pose_ns > 1e9 * self.params.safety.max_blind_time
+        unclear = State.LOST if is_blind else State.DEGRADED
+        self.watch.see_status(State.TRACKING if is_trusted or is_there else unclear, now_ns)
         self.is_there = is_there
         self.progress, self.distance_to_end = way
 

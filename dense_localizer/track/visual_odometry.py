@@ -145,7 +145,7 @@ class VisualOdometry:
             return None
         chosen = self._references.choose_rig(images, prediction)
         registration = end_at(find_finest_level(images, self._params), self._params.registration)
-        seen = _add_last(chosen, last, registration)
+        seen = add_last(chosen, last, registration)
         if not seen:
             return None
         motion = prediction.frame_motion(self._params.camera.readout)
@@ -169,7 +169,7 @@ class VisualOdometry:
         return self._last
 
 
-def _add_last(chosen: RigChoice, last: PoseCandidate, params: RegistrationParams) -> tuple[RigImage, ...]:
+def add_last(chosen: RigChoice, last: PoseCandidate, params: RegistrationParams) -> tuple[RigImage, ...]:
     """Return images with the key spheres that cover them and the last image of the same camera."""
     before, seen = {image.name: image for image in last.images}, []
     for image in chosen.images:

@@ -169,8 +169,9 @@ class ControlLoop:
 
     def stamp_at(self, clock_ns: int) -> int:
         """Return the stamp of a command that answers nothing new: that of the last answer, unless it is too old."""
-        is_based = clock_ns - self.answered.stamp_ns <= 1e9 * self.params.safety.max_pose_silence
-        return self.answered.stamp_ns if is_based else clock_ns
+        last_ns = self.answered.stamp_ns
+        is_based = last_ns > 0 and clock_ns - last_ns <= 1e9 * self.params.safety.max_pose_silence
+        return last_ns if is_based else clock_ns
 
     def on_look(self) -> None:
         """Look who publishes what the vehicle is driven by, and commands."""

@@ -72,6 +72,7 @@ OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and
 }
 LOCK_STEP = {"clock.is_strict": True, "clock.real_time_factor": 0.0}  # time waits, however slow the computer
 TEACHING = {"mode": "teach", "camera.period": 0.0}  # the rig sees what is mapped, the camera drives later
+SEE_ALL = {"use_sim_time": True, "every_image": True}
 PAUSE_AT = 4.0  # s of simulated time at which it stands until the follower is armed: found after half a second
 WARM_UP = (
     "from sphere_nav import photometric; photometric.warm_up(); "
@@ -118,7 +119,10 @@ def run(arguments: argparse.Namespace) -> int:
 class Demo:
     """One run: its folder, its domain, and how long each stage took."""
 
-    follower: Mapping[str, Any] = {}  # its parameters that are not those of every drive
+    localizer: Mapping[str, Any] = {}  # parameters that are not those of every drive
+    follower: Mapping[str, Any] = {}
+    topics: Mapping[str, Mapping[str, str]] = {}  # by node: other names of its topics
+    recorded = DRIVE_TOPICS
 
     def __init__(
         self,
@@ -185,30 +189,31 @@ class Demo:
         with self.stage("drive"), self.processes("drive") as processes, DriveMonitor(processes, self.domain) as watch:
             processes.start(
                 "bag_recorder",
-                {"output": str(self.folder / "drive"), "topics": DRIVE_TOPICS, "use_sim_time": True},
+                {"output": str(self.folder / "drive"), "topics": self.recorded, "use_sim_time": True},
             )
-            processes.start(
-                "dense_localizer",
-                {"map": str(self.taught / "map"), "use_sim_time": True, "every_image": True},
-            )
-            watch.wait_for("dense_localizer/reset")
+            for node, values in self.localizers().items():
+                processes.start(node, SEE_ALL | dict(values), self.topics.get(node, {}))
+                watch.wait_for(f"{node}/reset")
             processes.start(
                 "cycab_sim",
-                self.simulation | self.other_day | LOCK_STEP | {"mode": "drive", "clock.pause_at": PAUSE_AT},
+                self.simulation | LOCK_STEP | {"mode": "drive", "clock.pause_at": PAUSE_AT} | self.other_day,
             )
             self.place(watch)
             processes.start(  # time stands until it is there
                 "path_follower",
                 {"trajectory": str(self.reference()), "enable_stamped_cmd_vel": True, "use_sim_time": True}
                 | dict(self.follower),
+                self.topics.get("path_follower", {}),
             )
-            watch.wait("localisation", lambda: watch.is_paused, is_moving=False)
-            watch.call("path_follower/start")
-            watch.call("cycab_sim/resume")
+            self.depart(watch)
             self.accompany(watch)
             self.has_finished = watch.follower.startswith("FINISHED")
             self.end = watch.describe()
             processes.stop("bag_recorder")
+
+    def localizers(self) -> dict[str, Mapping[str, Any]]:
+        """Return the parameters of each localiser of the drive."""
+        return {"dense_localizer": {"map": str(self.taught / "map")} | dict(self.localizer)}
 
     def reference(self) -> Path:
         """Return the file of the path to drive: the taught one."""
@@ -216,6 +221,12 @@ class Demo:
 
     def place(self, watch: DriveMonitor) -> None:
         """Prepare the world before time passes: the car stands at the beginning of the path, nothing is to be done."""
+
+    def depart(self, watch: DriveMonitor) -> None:
+        """Start the follower once the place is found."""
+        watch.wait("localisation", lambda: watch.is_paused, is_moving=False)
+        watch.call("path_follower/start")
+        watch.call("cycab_sim/resume")
 
     def accompany(self, watch: DriveMonitor) -> None:
         """See the drive to its end."""

@@ -32,7 +32,7 @@ def plot_top_view(path: Path, errors: DriveErrors, key_spheres: np.ndarray) -> N
     axes.set(aspect="equal", adjustable="datalim", xlabel="x [m]", ylabel="y [m]", title=title)
     axes.grid(alpha=0.3)
     axes.legend()
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def exaggerate(errors: DriveErrors, factor: float) -> np.ndarray:
@@ -61,10 +61,11 @@ def plot_errors(path: Path, errors: DriveErrors, poses: Trajectory) -> None:
     lower.set(xlabel="time [s]", ylabel="longitudinal error [cm]", title="Localisation against the truth")
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
-def _save(figure: plt.Figure, path: Path) -> None:
+def save_figure(figure: plt.Figure, path: Path) -> None:
+    """Write a figure and forget it."""
     figure.tight_layout()
     figure.savefig(path, dpi=110)
     plt.close(figure)

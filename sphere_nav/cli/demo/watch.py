@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
-from sphere_nav_msgs.srv import SetFault, Teleport
+from sphere_nav_msgs.srv import LoadTrajectory, SetFault, Teleport
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from tqdm import tqdm
@@ -28,10 +28,13 @@ LOOK = 0.1  # s
 MAX_CALLS = 600  # of a service that refuses
 SERVICES = {
     "path_follower/start": Trigger,
+    "path_follower/stop": Trigger,
+    "path_follower/load_trajectory": LoadTrajectory,
     "cycab_sim/resume": Trigger,
     "cycab_sim/teleport": Teleport,
     "cycab_sim/set_fault": SetFault,
     "dense_localizer/reset": Trigger,
+    "mcl_depth/reset": Trigger,
 }
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib import pyplot as plt
 from tqdm import tqdm
 
 from cycab_sim.params import SimParams
@@ -31,13 +31,11 @@ from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.cli.demo.demo import new_folder
+from sphere_nav.cli.demo.plots import save_figure
 from sphere_nav.cli.experiment.result import JudgedFigure, write_result
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
-
-mpl.use("Agg")
-from matplotlib import pyplot as plt
 
 HEIGHT = 1.8  # m, of the camera above the ground
 SPACING = 0.2  # m between the points of the cloud
@@ -213,9 +211,7 @@ def plot_curves(path: Path, found: dict[str, list[ParticleCurves]]) -> None:
         axes.legend()
     for axes in panels.ravel():
         axes.grid(alpha=0.3)
-    figure.tight_layout()
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    save_figure(figure, path)
 
 
 def plot_ways(path: Path, some: list[ParticleCurves], drives: list[KidnappedDrive]) -> None:
@@ -228,9 +224,7 @@ def plot_ways(path: Path, some: list[ParticleCurves], drives: list[KidnappedDriv
     axes.set(aspect="equal", adjustable="datalim", xlabel="x [m]", ylabel="y [m]", title="Ways of 1000 particles")
     axes.grid(alpha=0.3)
     axes.legend()
-    figure.tight_layout()
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    save_figure(figure, path)
 
 
 def _distances(some: list[ParticleCurves]) -> Array:

@@ -12,9 +12,10 @@ from sphere_nav_msgs.msg import SimulationFault
 from sphere_nav_msgs.srv import SetFault, Teleport
 
 from cycab_sim.params import SimParams
+from cycab_sim.world.paths import Path as WorldPath
 from cycab_sim.world.traffic.loops import standing_place
-from cycab_sim.world.worlds import build_world
-from sphere_nav.cli.demo.demo import Demo, has_ended, rms
+from cycab_sim.world.worlds import build_world, geometry_cloud
+from sphere_nav.cli.demo.demo import BUSY, Demo, has_ended, rms
 from sphere_nav.cli.demo.report import DriveErrors, drive_errors, read_truth
 from sphere_nav.cli.demo.watch import DriveMonitor
 from sphere_nav.cli.experiment.plans import planar, turn_around, write_plan
@@ -31,13 +32,22 @@ JOINED = 10.0  # m along the path after which the car is on it
 COVERED_FROM, COVERED_FOR = 15.0, 3.0  # s of simulated time
 STANDING_AT = 15.0  # m along the path: on the first straight
 PEDESTRIAN_RADIUS = 0.35  # m
+ALL_AROUND = {  # a lens for both localisers: half of the sphere
+    "camera.model": "fisheye",
+    "camera.view_deg": 190.0,
+    "camera.size": "416,416",
+    "camera.mounting_deg": "0.4,0,1.8,0,0,0",
+}
+SURVEY_SPACING, SURVEY_MARGIN = 0.2, 30.0  # m between points; m around the path, in which mcl_depth searches
 
 
 class PaperDrive(Demo):
     """One experiment: `prepare` teaches and maps, or takes what another one has taught; `run` drives and judges."""
 
     purpose = ""  # for the user
-    simulator: Mapping[str, Any] = {}  # parameters of the second drive alone
+    route: str = "two_turns"
+    world: Mapping[str, Any] = {}  # parameters of both drives
+    simulator: Mapping[str, Any] = {}  # of the second drive alone
     offset = (0.0, 0.0)  # m to the left, deg to the left: the car's place at the start
     rmse_bound, max_bound = 0.03, 0.10  # m
     judged_from = 0.0  # m along the path
@@ -45,7 +55,7 @@ class PaperDrive(Demo):
 
     def __init__(self, name: str, output: Path, seed: int, domain: int | None, taught: Path | None) -> None:
         """`taught`: output of an experiment of the same seed whose teaching drive and map are used again."""
-        super().__init__(output, seed, "two_turns", domain, {}, taught=taught)
+        super().__init__(output, seed, self.route, domain, self.world, taught=taught)
         self.name, self.seed = name, seed
         self.other_day = self.other_day | dict(self.simulator)
         params = build(SimParams, self.simulation)
@@ -61,9 +71,13 @@ class PaperDrive(Demo):
         """Drive, judge, write everything; True where every bound is kept."""
         self.prepare()
         self.drive()
-        self.judged = self.measure()
+        figures, told = self.evaluate()
         more = {"end": self.end, "length_m": self.length, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds}
-        return write_result(self.folder, self.name, self.seed, self.figures(self.judged), more)
+        return write_result(self.folder, self.name, self.seed, figures, more | dict(told))
+
+    def evaluate(self) -> tuple[list[JudgedFigure], Mapping[str, Any]]:
+        """Return what is judged, and what else is told."""
+        return self.figures(self.measure()), {}
 
     def figures(self, errors: DriveErrors) -> list[JudgedFigure]:
         """Return what is judged."""
@@ -77,15 +91,11 @@ class PaperDrive(Demo):
 
     def start(self) -> Array:
         """Return x, y, yaw (3,) of the car in the world at the start."""
-        x, y, yaw, _ = self.path.at(0.0)
-        left, turned = self.offset[0], np.radians(self.offset[1])
-        return np.array([x - left * np.sin(yaw), y + left * np.cos(yaw), yaw + turned])
+        return beside(self.path, 0.0, *self.offset)
 
     def place(self, watch: DriveMonitor) -> None:
         """Put the car where it starts, before time passes."""
-        x, y, yaw = map(float, self.start())
-        pose = Pose(position=Point(x=x, y=y), orientation=Quaternion(z=np.sin(yaw / 2), w=np.cos(yaw / 2)))
-        watch.call("cycab_sim/teleport", Teleport.Request(pose=pose))
+        teleport(watch, self.start())
 
     def reference(self) -> Path:
         """Return the file of the path to drive: the taught one, or its first `reach` m."""
@@ -101,6 +111,15 @@ class PaperDrive(Demo):
         driven = planar(truth[truth.distances <= self.reach])
         return drive_errors(self.taught / "teach", self.folder / "drive", T_world_map, driven)
 
+    def survey(self) -> dict[str, Any]:
+        """Write what a surveyor would have: the town as points, without colour; return it as mcl_depth takes it."""
+        T_map_world = self.anchor().inverse()
+        points = T_map_world.apply(geometry_cloud(self.seed, SURVEY_SPACING, "town"))
+        np.save(self.folder / "survey.npy", points.astype(np.float32))
+        path = read_tum(self.taught / "taught.tum").positions[:, :2]
+        limits = [*(path.min(axis=0) - SURVEY_MARGIN), *(path.max(axis=0) + SURVEY_MARGIN)]
+        return {"cloud": str(self.folder / "survey.npy"), "area.limits": ",".join(f"{value:.1f}" for value in limits)}
+
 
 class TwoTurns(PaperDrive):
     """M15 fig. 17 and 18, begun beside the path."""
@@ -115,6 +134,14 @@ class TwoTurns(PaperDrive):
             f"largest distance within the first {JOINED:g} m", float(joining.max()), "m", 1.2 * self.offset[0]
         )
         return [*super().figures(errors), worst]
+
+
+class Tour(PaperDrive):
+    """M15 fig. 19."""
+
+    purpose = "490 m of a city, over a square and through a lane, in traffic and other light (M15 fig. 19)"
+    route, world = "tour", BUSY
+    max_bound = 0.15
 
 
 class Reverse(PaperDrive):
@@ -227,6 +254,19 @@ class Pedestrian(PaperDrive):
         ]
 
 
+def beside(path: WorldPath, along: float, left: float, turned_deg: float) -> Array:
+    """Return the pose (3,) m, rad that is so far along a path, `left` m beside it and turned to the left."""
+    x, y, yaw, _ = path.at(along)
+    return np.array([x - left * np.sin(yaw), y + left * np.cos(yaw), yaw + np.radians(turned_deg)])
+
+
+def teleport(watch: DriveMonitor, pose: Array) -> None:
+    """Put the car at a pose (3,) m, rad in the world."""
+    x, y, yaw = map(float, pose)
+    there = Pose(position=Point(x=x, y=y), orientation=Quaternion(z=np.sin(yaw / 2), w=np.cos(yaw / 2)))
+    watch.call("cycab_sim/teleport", Teleport.Request(pose=there))
+
+
 def room_around(poses: Array, point: Array, front: float, rear: float, width: float) -> Array:
     """Return the distance (N,) m of a point (2,) from the body of a car at poses (N, 3)."""
     off = point - poses[:, :2]
@@ -249,4 +289,5 @@ DRIVES: Mapping[str, type[PaperDrive]] = {
     "three_point_turn": ThreePointTurn,
     "blind": Blind,
     "pedestrian": Pedestrian,
+    "tour": Tour,
 }

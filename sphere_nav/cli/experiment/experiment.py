@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 
 from sphere_nav.cli.demo.watch import DriveFailed
 from sphere_nav.cli.experiment.convergence import Convergence
-from sphere_nav.cli.experiment.drives import DRIVES
+from sphere_nav.cli.experiment.drives import DRIVES, PaperDrive
+from sphere_nav.cli.experiment.homing import Homing
+from sphere_nav.cli.experiment.hybrid import Hybrid
+from sphere_nav.cli.experiment.kidnapped import Kidnapped
+from sphere_nav.cli.experiment.one_sphere import AroundOneSphere, MadOverDistance, OneSphere
 
-PURPOSES = {name: drive.purpose for name, drive in DRIVES.items()} | {"convergence": Convergence.purpose}
+ALL_DRIVES: Mapping[str, type[PaperDrive]] = {**DRIVES, "kidnapped": Kidnapped, "homing": Homing, "hybrid": Hybrid}
+OFFLINE: Mapping[str, type[Convergence | OneSphere]] = {  # which nobody is taught for
+    "convergence": Convergence,
+    "mad": MadOverDistance,
+    "around": AroundOneSphere,
+}
+PURPOSES = {name: kind.purpose for name, kind in {**ALL_DRIVES, **OFFLINE}.items()}
 LISTING = "\n".join(f"  {name:<16} {purpose}" for name, purpose in PURPOSES.items())
 HELP = f"""\
 Repeat an experiment of the papers in the simulator, through the real nodes, and write what it gave: bags, plots and
@@ -31,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=1, help="decides the town and every noise (%(default)s)")
     parser.add_argument("-o", "--output", type=Path, default=None, metavar="DIR", help="(out/experiment/NAME)")
     parser.add_argument("--taught", type=Path, default=None, metavar="DIR", help="output of an experiment of this seed")
+    parser.add_argument("--starts", type=int, default=None, metavar="N", help="of kidnapped (20)")
     parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
 
 
@@ -39,12 +51,16 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.seed < 0:
         raise ValueError(f"--seed: expected 0 or more, found {arguments.seed}")
     name: str = arguments.name
+    if arguments.starts is not None and (name != "kidnapped" or arguments.starts < 1):
+        raise ValueError(f"--starts: expected 1 or more of kidnapped, found {arguments.starts} of {name}")
     output = arguments.output or Path("out/experiment") / name
-    if name not in DRIVES:
+    if name in OFFLINE:
         if arguments.taught is not None:
             raise ValueError(f"--taught: expected a drive, found {name}, which is taught nothing")
-        return 0 if Convergence(name, output, arguments.seed).run() else 1
-    drive = DRIVES[name](name, output, arguments.seed, arguments.domain, arguments.taught)
+        return 0 if OFFLINE[name](name, output, arguments.seed).run() else 1
+    drive = ALL_DRIVES[name](name, output, arguments.seed, arguments.domain, arguments.taught)
+    if isinstance(drive, Kidnapped) and arguments.starts is not None:
+        drive.num_starts = arguments.starts
     try:
         return 0 if drive.run() else 1
     except (DriveFailed, RuntimeError) as error:

@@ -25,7 +25,7 @@ class JudgedFigure:
         """Whether the value keeps its bound; what is no number does not."""
         if self.bound is None:
             return True
-        return self.value >= self.bound if self.is_minimum else self.value <= self.bound
+        return bool(self.value >= self.bound if self.is_minimum else self.value <= self.bound)
 
 
 def write_result(

@@ -64,3 +64,17 @@ def test_code_that_fails_is_told_and_code_that_ends_well_is_not(tmp_path):
         processes.run("bad", "sys.exit('no kernels')")
         with pytest.raises(RuntimeError, match="bad ended with status 1: no kernels"):
             processes.wait("bad")
+
+
+def test_topics_have_other_names_where_they_are_given(tmp_path, monkeypatch):
+    said = []
+    monkeypatch.setattr(Processes, "run", lambda self, name, code, *words: said.append((name, words)))
+    processes = Processes(tmp_path, DOMAIN)
+    processes.start("bag_recorder", {"output": "x"}, {"pose": "mcl/pose", "other/pose": "pose"})
+    processes.start("bag_recorder", {"output": "x"})
+    file = str(tmp_path / "bag_recorder.yaml")
+    plain = ("--ros-args", "--params-file", file)
+    assert said == [
+        ("bag_recorder", (*plain, "-r", "pose:=mcl/pose", "-r", "other/pose:=pose")),
+        ("bag_recorder", plain),
+    ]

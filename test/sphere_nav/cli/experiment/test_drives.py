@@ -5,7 +5,7 @@ import pytest
 
 from sphere_nav.cli.demo.report import DriveErrors
 from sphere_nav.cli.experiment import drives as module
-from sphere_nav.cli.experiment.drives import Blind, Pedestrian, TwoTurns, room_around
+from sphere_nav.cli.experiment.drives import Blind, Pedestrian, Tour, TwoTurns, beside, room_around
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 
@@ -25,6 +25,18 @@ def made(kind, tmp_path, **more):
 
 def by_name(figures):
     return {figure.name: figure for figure in figures}
+
+
+def test_the_tour_leads_through_the_city_among_twice_the_traffic():
+    assert (Tour.route, Tour.world["traffic.density"]) == ("tour", "busy")
+    assert (Tour.rmse_bound, Tour.max_bound) == (0.03, 0.15)
+
+
+def test_a_place_beside_a_path_is_to_its_left(tmp_path):
+    path = made(TwoTurns, tmp_path).path
+    x, y, yaw, _ = path.at(45.0)
+    off = beside(path, 45.0, 2.0, -20.0) - [x, y, yaw]
+    assert off == pytest.approx([-2.0 * np.sin(yaw), 2.0 * np.cos(yaw), -np.radians(20.0)])
 
 
 def test_two_turns_begins_beside_the_path_and_is_judged_once_it_has_joined_it(tmp_path):

@@ -2,26 +2,29 @@
 
 import pytest
 
-from sphere_nav.cli.experiment.drives import DRIVES
-from sphere_nav.cli.experiment.experiment import HELP, PURPOSES
+from sphere_nav.cli.experiment.experiment import ALL_DRIVES, HELP, OFFLINE, PURPOSES
 from sphere_nav.cli.main import main
 
 
 def test_every_experiment_of_the_table_can_be_run():
-    assert set(DRIVES) | {"convergence"} == set(PURPOSES)
+    assert set(ALL_DRIVES) | set(OFFLINE) == set(PURPOSES)
+    assert {"tour", "kidnapped", "homing", "hybrid", "mad", "around", "convergence", "reverse"} <= set(PURPOSES)
     assert all(f"  {name}" in HELP for name in PURPOSES)
 
 
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--seed", "-1"], "--seed: expected 0 or more, found -1"),
-        (["--taught", "nowhere"], "nowhere: expected the output of an experiment with a taught map, found none"),
+        (["reverse", "--seed", "-1"], "--seed: expected 0 or more, found -1"),
+        (["reverse", "--taught", "no"], "no: expected the output of an experiment with a taught map, found none"),
+        (["around", "--taught", "no"], "--taught: expected a drive, found around, which is taught nothing"),
+        (["reverse", "--starts", "3"], "--starts: expected 1 or more of kidnapped, found 3 of reverse"),
+        (["kidnapped", "--starts", "0"], "--starts: expected 1 or more of kidnapped, found 0 of kidnapped"),
     ],
 )
 def test_what_cannot_be_done_is_told_in_one_line(tmp_path, monkeypatch, capsys, words, told):
     monkeypatch.chdir(tmp_path)
-    assert main(["experiment", "reverse", *words]) == 2
+    assert main(["experiment", *words]) == 2
     assert capsys.readouterr().err == f"sphere_nav experiment: {told}\n"
     assert not list(tmp_path.iterdir())
 
