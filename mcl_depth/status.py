@@ -44,7 +44,7 @@ class Verdict:
     finding: Finding = FINE
     is_bad: bool = False
     is_lost: bool = False  # nobody knows where the vehicle is
-    num_images: int = 1  # that it counts for on probation
+    num_images: int = 1  # that it counts for on probation; where it is careful, 0 says that it does not end it
 
     def beside(self, seen: Reconciled, doubt: Finding) -> Verdict:
         """Return the verdict beside what images have against odometry now, and a `doubt` that was not dispelled."""
@@ -92,7 +92,8 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
         words = (SMALL_MAP, GIVE_A_START) if proof.is_small else ("probability that the place is chance",)
         return Verdict(Finding(Reason.OUTLIERS, proof.p_chance, limit, *words), is_bad=True)
     if best.sigma_m > GOOD_SIGMA_M:
-        return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m"), num_images=0)
+        finding = Finding(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
+        return Verdict(finding, num_images=0 if proof.is_small else 1)
     is_clear = proof.p_chance < CLEAR_SHARE * max_chance
     return Verdict(num_images=JOINT_IMAGES * (1 + is_clear) if proof.is_small else 1)
 

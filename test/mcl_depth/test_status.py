@@ -95,7 +95,7 @@ def test_a_joint_proof_counts_for_several_images_and_a_spread_on_probation_for_n
     joint, clear = (judge_belief([place()], Proof(p, is_small=True, survey=survey), DRIVEN, 1e-3) for p in (5e-4, 5e-5))
     assert states_of(searching(), [joint]) == [State.TRACKING]
     assert (Verdict().num_images, joint.num_images, clear.num_images) == (1, 2, 4)
-    wide = judge_belief([place(sigma_m=0.5)], SURE, DRIVEN, 1e-3)
+    wide = judge_belief([place(sigma_m=0.5)], Proof(5e-4, is_small=True, survey=survey), DRIVEN, 1e-3)
     machine = searching()
     assert states_of(machine, [Verdict(), wide, wide, Verdict()]) == [*[State.PROBATION] * 3, State.TRACKING]
     assert states_of(machine, [wide]) == [State.DEGRADED]
