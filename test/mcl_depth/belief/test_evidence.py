@@ -268,12 +268,15 @@ def proofs(evidence, grid, seeds, poses, pose_of_belief, odometry):
     return [evidence.prove(Images(grid, s, p, 9.0), pose_of_belief, seen(o), is_held=False) for s, p, o in asked]
 
 
-def test_a_small_map_is_proven_against_the_mirrored_drive():
+def test_a_small_map_is_proven_against_drives_that_are_not_in_it():
     grid, (poses, odometry) = grid_of(26), drive(6)
     assert len(grid.positions) < MIN_PLACES
     poses = [pose - [1.0, 0.0, 0.0] for pose in poses]
     levels = [SE3.from_planar(*pose) for pose in odometry]
-    found = proofs(Evidence(grid, RATE), grid, range(6), poses, poses[-1], levels)
+    evidence = Evidence(grid, RATE)
+    found = proofs(evidence, grid, range(6), poses, poses[-1], levels)
+    level = evidence.controls.level
+    assert max(level.mirrored, level.turned) < 0.5 * evidence.joint.total.max()  # neither is in the map
     assert found[-1].is_small
     assert found[-1].p_chance < RATE
     assert found[-1].agrees
