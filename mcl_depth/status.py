@@ -94,8 +94,11 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
     if best.sigma_m > GOOD_SIGMA_M:
         finding = Finding(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
         return Verdict(finding, num_images=0 if proof.is_small else 1)
-    is_clear = proof.p_chance < CLEAR_SHARE * max_chance
-    return Verdict(num_images=JOINT_IMAGES * (1 + is_clear) if proof.is_small else 1)
+    is_clear, is_joint = (
+        proof.p_chance < CLEAR_SHARE * max_chance,
+        proof.survey is not None and proof.survey.is_of_rooms,
+    )
+    return Verdict(num_images=JOINT_IMAGES * (1 + is_clear) if is_joint else 1)
 
 
 def count(states: StateMachine, verdict: Verdict, stamp_ns: int) -> None:

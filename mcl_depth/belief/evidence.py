@@ -37,6 +37,7 @@ from mcl_depth.constants import (
     APART,
     CHANCE_SIGMA,
     EVEN_ODDS,
+    LEAD_SCALE,
     LEAST_MIRRORED,
     LOCAL_M,
     MAX_HYPOTHESES,
@@ -52,6 +53,7 @@ from mcl_depth.constants import (
     PATCH,
     PEAK,
     RIVAL_SCALE,
+    ROOM_M,
     TAIL_SHARE,
 )
 from mcl_depth.likeness.similarity_cache import Comparison
@@ -73,6 +75,7 @@ class Survey:
     tolerance_m: float
     is_in_map: bool = False  # one of the places is right, more surely than which
     is_proven: bool = False  # the first of them is more than chance
+    is_of_rooms: bool = False  # of a small map, and of a drive through more than one of its rooms
 
     def alike(self) -> Array:
         """Return the places (2, 3) that look alike, where it is known that one of them is right; else none (0, 3)."""
@@ -227,15 +230,17 @@ class Evidence:
         joint = self.joint.add(field, odometry)
         places, values = find_maxima(joint, self._grid.mask)
         p_chance, scale = chance_of_lead(values)
-        p_elsewhere = 1.0
+        p_elsewhere, is_of_rooms = 1.0, False
         if self.is_small:
             mirrored = standardize(comparison.mirrored.survey(self._grid.positions), self._grid)
             level = self.controls.add(field, mirrored, odometry, self._grid.mask)
             (p_elsewhere, p_chance), scale = chances_in_small_map(values, level), RIVAL_SCALE
+            is_of_rooms = level.way_m >= ROOM_M
         shares = np.exp((values - values[0]) / max(scale, 1e-6))
         poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
         is_in_map = p_elsewhere < self._max_chance <= p_chance and len(poses) > 1
-        return Survey(p_chance, poses, shares / shares.sum(), tolerance, is_in_map, p_chance < self._max_chance)
+        is_proven = p_chance < self._max_chance
+        return Survey(p_chance, poses, shares / shares.sum(), tolerance, is_in_map, is_proven, is_of_rooms)
 
 
 def standardize(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
@@ -296,6 +301,9 @@ def chances_in_small_map(values: Array, level: Level) -> tuple[float, float]:
     belong to its way: p < exp(-z^2 / 2 s^2), Chernoff's bound for a normal z of standard deviation s = CHANCE_SIGMA;
     a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). The mirrored drive alone must be led by
     z / LEAST_MIRRORED. Without a rival nothing is told: 1.
+
+    A drive that may not have left the room that it began in (`ROOM_M`) fits any room of that size, where turned ones do
+    not: there the lead over the mirrored one and over rivals counts, exp(-lead / LEAD_SCALE).
     """
     if len(values) < 2:
         return 1.0, 1.0
@@ -303,7 +311,12 @@ def chances_in_small_map(values: Array, level: Level) -> tuple[float, float]:
     over_mirrored, over_turned = (values[0] - level.mirrored) / root, (values[0] - level.turned) / root - 1.0
     z = max(min(0.5 * (over_mirrored + over_turned), LEAST_MIRRORED * over_mirrored), 0.0)
     p_elsewhere = float(np.exp(-0.5 * (z / CHANCE_SIGMA) ** 2))
-    return p_elsewhere, max(p_elsewhere, float(np.exp(-(values[0] - values[1]) / RIVAL_SCALE)))
+    p_rival = float(np.exp(-(values[0] - values[1]) / RIVAL_SCALE))
+    if level.way_m < ROOM_M:
+        over = values[0] - np.array([level.mirrored, max(values[1], level.mirrored)])
+        p_mirrored, p_any = (float(p) for p in np.exp(-over / LEAD_SCALE))
+        p_elsewhere, p_rival = max(p_elsewhere, p_mirrored), max(p_rival, 0.5 * p_any)
+    return p_elsewhere, max(p_elsewhere, p_rival)
 
 
 def _contrast(curves: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -94,6 +94,7 @@ class Level:
     mirrored: float
     turned: float
     num_images: float  # that it is a sum of
+    way_m: float  # the largest distance from where the drive began
 
 
 class ControlDrives:
@@ -113,7 +114,8 @@ class ControlDrives:
         """Forget all images."""
         for drive in (self._mirrored, *self._turned.values()):
             drive.reset()
-        self.level = Level(0.0, 0.0, 0.0)
+        self.level = Level(0.0, 0.0, 0.0, 0.0)
+        self._begin: Array | None = None  # odometry
 
     def add(self, field: Field, mirrored: Field, odometry: Array | None, mask: NDArray[np.bool_]) -> Level:
         """Add an image, and its mirror image, taken at `odometry` (3,); return what the drives reach in the map."""
@@ -122,5 +124,9 @@ class ControlDrives:
         for share, drive in self._turned.items():
             turned = np.roll(field, round(share * len(field)), axis=0)
             best.append(float(drive.add(turned, odometry)[:, mask].max()))
-        self.level = Level(best[0], float(np.mean(best[1:])), self._mirrored.num_images)
+        way = 0.0
+        if odometry is not None:
+            self._begin = odometry if self._begin is None else self._begin
+            way = max(self.level.way_m, float(np.hypot(*(odometry - self._begin)[:2])))
+        self.level = Level(best[0], float(np.mean(best[1:])), self._mirrored.num_images, way)
         return self.level
