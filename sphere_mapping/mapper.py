@@ -34,10 +34,9 @@ class Mapper:
     def __init__(
         self, params: MapperParams | None = None, T_map_first: SE3 | None = None, store: SphereStore | None = None
     ) -> None:
-        self.params = params or MapperParams()
+        self.params, self._spheres = params or MapperParams(), SphereCache(store)
         self.num_loops, self.first_id = 0, 0
         self.T_map_first, self.origin = T_map_first or SE3.identity(), "the first sphere"
-        self._spheres = SphereCache(store)
         self._begin()
 
     def _begin(self) -> None:
@@ -128,6 +127,8 @@ class Mapper:
         self.graph.add(node)
         if edge is not None:
             self.graph.connect(edge)
+        if self.tracks and self.tracks[-1].stamp_ns == node.stamp_ns:
+            self.tracks[-1] = self._tracker.track(self.graph)
         if self.params.loop.automatic and (loop := self._loops.find(self.graph, self._tracker.last, node.id)):
             self._correct(self._optimum.with_loop(self.graph, loop))
         return True

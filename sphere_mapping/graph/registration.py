@@ -43,8 +43,9 @@ class PreparedSphere:
 
     @cached_property
     def pyramid(self) -> Pyramid:
-        """Its image from fine to coarse, for the current side."""
-        return build_pyramid(self.sphere.gray, self.sphere.camera, self.params.pyramid)
+        """Its image from fine to coarse, for the current side: NaN where no camera saw."""
+        sphere = self.sphere
+        return build_pyramid(sphere.gray, sphere.camera, self.params.pyramid, sphere.is_seen)
 
     @cached_property
     def reference(self) -> Reference:

@@ -113,9 +113,16 @@ class SphereTracker:
         return keyframes.why_key_sphere(alignment, T_reference_sphere, reference, self._params.key)
 
     def make_key(self, key_id: int, graph: SphereGraph) -> tuple[KeySphere, Edge | None]:
-        """Make the last sphere the newest reference; return it as key sphere, and its edge to the one before."""
+        """Make the last sphere the newest reference; return it as key sphere, and its edge to the one before.
+
+        It is where both ways of the edge put it: what one way errs ahead, the other errs back, and all along the drive
+        one way alone would add up.
+        """
         assert self.last is not None
         sphere, edge = self.last.sphere, self._edge_to(key_id, graph)
+        if edge is not None:
+            correction = graph[edge.a].T_map_sphere @ edge.T_a_b @ self.motion.newest.inverse()
+            self.motion.transform(correction.orthonormal())  # else what rounding leaves would double with each
         self.references = [(key_id, self.last), *self.references][: self._params.num_references]
         return KeySphere(key_id, sphere.stamp_ns, self.motion.newest, sphere, self.last.region_m), edge
 

@@ -22,6 +22,9 @@ MAX_VIEWS, MIN_SQUARES = (
     512,
 )  # squares that are kept: by those of one view, and in any case; test_selection
 
+# Behind the edge of a nearer surface: one pixel of the image and one of the gradient; share of the nearer inverse range
+EDGE_PIXELS, EDGE_SHARE = 2, 0.05  # test_reference, test_esm
+
 # Checks of the residuals: a few thousand pixels, all references together, and fewest of a view
 NUM_SAMPLES, MIN_SAMPLES = 2048, 100  # test_samples, test_structure
 NUM_REWEIGHTINGS = 2  # times that robust weights are found; one is too few (test_bias), a third changes little

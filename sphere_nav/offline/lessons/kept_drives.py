@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -117,8 +118,10 @@ class KeptDrive:
         return read_rejections(path, map_id) if path.is_file() else Rejections()
 
     def refuse(self) -> None:
-        """Learn from it no more, and do not judge by it."""
-        self.path.rename(self.path.with_name(self.name + REFUSED))
+        """Learn from it no more, and do not judge by it; an earlier one of its name that was refused stays too."""
+        names = (self.name if number == 1 else f"{self.name}-{number}" for number in count(1))
+        paths = (self.path.with_name(name + REFUSED) for name in names)
+        self.path.rename(next(path for path in paths if not path.exists()))
 
 
 def find_drives(map_path: Path, frame_id: str) -> list[KeptDrive]:

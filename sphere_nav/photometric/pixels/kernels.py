@@ -168,6 +168,50 @@ def encode_range(range_m, out):
             target[u] = min(max(code, 0), FAR) if source[u] == source[u] else UNKNOWN
 
 
+@njit(**OPTIONS)
+def _is_edge(before, a, b, after, share):
+    """Whether the inverse range leaps from a to b (m) by more than from `before` to a or b to `after`.
+
+    So it does on no slanted plane and in no corner of a room. What is unknown (NaN) hides no edge.
+    """
+    leap = ONE / b - ONE / a
+    sign = np.float32(math.copysign(1.0, leap))
+    usual = ZERO
+    for other in (sign * (ONE / a - ONE / before), sign * (ONE / after - ONE / b)):
+        if other > usual:
+            usual = other
+    return sign * leap - usual > share / min(a, b)
+
+
+@njit(**OPTIONS)
+def forget_behind_edges(range_m, pixels, share, codes):
+    """Write `UNKNOWN` into codes (H, W) u16 of ranges (H, W) f32 within so many pixels behind a nearer surface's edge.
+
+    An edge is a leap of the inverse range by a `share` of the nearer one.
+    """
+    rows, columns = range_m.shape
+    unknown, keep = np.float32(np.nan), ONE - share
+    for v in range(rows):
+        row = range_m[v]
+        for u in range(columns - 1):
+            a, b = row[u], row[u + 1]
+            if a < keep * b or b < keep * a:
+                before, after = row[u - 1] if u else unknown, row[u + 2] if u + 2 < columns else unknown
+                if _is_edge(before, a, b, after, share):
+                    for off in range(pixels):
+                        codes[v, max(u - off, 0) if b < a else min(u + 1 + off, columns - 1)] = UNKNOWN
+    for v in range(rows - 1):
+        row, below = range_m[v], range_m[v + 1]
+        for u in range(columns):
+            a, b = row[u], below[u]
+            if a < keep * b or b < keep * a:
+                before = range_m[v - 1, u] if v else unknown
+                after = range_m[v + 2, u] if v + 2 < rows else unknown
+                if _is_edge(before, a, b, after, share):
+                    for off in range(pixels):
+                        codes[max(v - off, 0) if b < a else min(v + 1 + off, rows - 1), u] = UNKNOWN
+
+
 SQUARE = 16  # px: pixels of a reference are kept square by square, `SIDE` of them
 NUM_KEYS = 1 << 8  # 32 octaves of |J| in 8 steps each: order within 12 %
 LOWEST_KEY = (127 - 12) << 3  # bits of 2^-12; what is smaller is all the same

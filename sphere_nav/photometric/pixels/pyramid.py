@@ -67,14 +67,20 @@ class Pyramid:
         return tuple(level.camera for level in self.levels)
 
 
-def build_pyramid(image: Image, camera: Camera, params: PyramidParams | None = None) -> Pyramid:
+def build_pyramid(
+    image: Image, camera: Camera, params: PyramidParams | None = None, is_seen: NDArray[np.bool_] | None = None
+) -> Pyramid:
     """Build the pyramid of a grey image (H, W), uint8 or float32; ValueError if it is not the camera's size.
+
+    Where not all of it `is_seen` (H, W), the rest is NaN on all levels, and nothing is compared with it.
 
     Level 0 is the image itself, copied only if it is read-only: kernels would be compiled once more for such arrays.
     The coarser ones are float32.
     """
     params = params or PyramidParams()
     check_image(image, camera)
+    if is_seen is not None and not is_seen.all():
+        image = np.where(is_seen, image, np.float32(np.nan)).astype(np.float32, copy=False)
     cameras = level_cameras(camera, params.num_levels, params.min_side)
     pad = pad_of(camera)
     levels = [Level(_pad(np.require(image, requirements=["C", "W"]), pad), camera, pad)]

@@ -2,6 +2,9 @@
 
 Evenly spaced points on a sphere (P of M15 eq. 9), chosen from the pixels of its image.
 
+Beside a surface that ends, pixels of what is behind it show a part of it, and its edge: by their range the edge would
+have moved less than it did. They are left out, all along the way the same error would come with every alignment.
+
 Rows of latitude and longitude have as many pixels at the poles as at the equator: what is above and below counts many
 times over, and noise there looks like gradients. Of every row as many are kept as its circle has room for.
 """
@@ -12,6 +15,7 @@ import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +24,7 @@ from sphere_nav.geometry.arrays import empty_to_keep
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats
+from sphere_nav.photometric.constants import EDGE_PIXELS, EDGE_SHARE
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.pyramid import Image, Level, check_image, level_cameras, pad_of
@@ -142,7 +147,8 @@ def prepare_reference(
 ) -> Reference:
     """Prepare a grey image (H, W) with range along the ray (H, W) in metres, NaN unknown, +Inf far.
 
-    Of the pixels of a sphere those are used that are evenly spaced on it (M15 eq. 9).
+    Of the pixels of a sphere those are used that are evenly spaced on it (M15 eq. 9); of any image none beside a nearer
+    surface, but on the coarsest level, which begins an alignment and tells what overlaps.
 
     Raises ValueError for sizes that differ and ranges that are zero or negative.
     """
@@ -159,6 +165,8 @@ def prepare_reference(
             steps, ranges = _halve_steps(steps, pad), halve_range_image(ranges, params.surface_ratio)
         if index >= finest:  # else no image will be aligned that finely
             codes = in_codes(ranges)
+            if index < len(cameras) - 1:
+                kernels.forget_behind_edges(ranges, EDGE_PIXELS, np.float32(EDGE_SHARE), codes)
             keep_evenly_spaced(codes, smaller)
             levels.append(ReferenceLevel(Squares(steps, smaller, pad, codes, params.far)))
     return Reference(tuple(levels))
@@ -200,6 +208,10 @@ def _halve_steps(steps: Steps, pad: int) -> Steps:
 
 
 def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
-    """Prepare one level of an image with range (H, W) in metres; all its pixels are used."""
+    """Prepare one level of an image with range (H, W) in metres; all its pixels are used that are seen."""
     bare = level.image[:, level.pad : level.image.shape[1] - level.pad]
+    is_unseen = np.isnan(bare)
+    if is_unseen.any():  # nor has one beside it a gradient
+        beside = cv2.dilate(is_unseen.view(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        bare, range_m = np.nan_to_num(bare), np.where(beside, np.float32(np.nan), range_m)
     return ReferenceLevel(Squares(in_steps(bare, level.pad), level.camera, level.pad, in_codes(range_m), far))

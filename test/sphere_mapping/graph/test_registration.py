@@ -39,6 +39,13 @@ def test_a_motion_is_recovered_from_identity(make, scale):
     assert angle < np.radians(0.05)
 
 
+def test_what_the_camera_did_not_see_is_not_in_the_image_that_is_aligned():
+    prepared = partial(AT)
+    is_seen = prepared.sphere.is_seen
+    assert not is_seen.all()
+    np.testing.assert_array_equal(np.isnan(prepared.pyramid.images[0]), ~is_seen)
+
+
 def test_the_residual_at_the_truth_is_far_below_that_at_the_guess():
     current, view = partial(AT @ MOTION), partial(AT).at(AT)
     before, after = residual_at(current, view, AT, PARAMS), residual_at(current, view, AT @ MOTION, PARAMS)

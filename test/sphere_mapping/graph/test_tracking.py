@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -83,6 +85,37 @@ def test_an_edge_that_one_way_measured_alone_is_wide():
         assert edge.T_a_b.distance(STEP)[0] < 0.005
         informations.append(np.trace(edge.information))
     assert informations[1] < 0.2 * informations[0]
+
+
+def test_a_key_sphere_is_where_both_ways_put_it_and_goes_on_as_fast():
+    """One way alone errs as much in each step, and all along the drive it would add up."""
+    tracker, graph = started(2)
+    current = prepared(POSES[2], 2)
+    alignment = tracker.align(current, None, graph)
+    ahead = alignment.T_world_camera @ SE3.exp([0.004, 0.0, 0.0, 0.0, 0.0, 0.0])  # what a one-sided view adds
+    tracker.update(current, ahead, None, replace(alignment, T_world_camera=ahead))
+    velocity = tracker.motion.velocity()
+    node, edge = tracker.make_key(1, graph)
+    assert node.T_map_sphere.distance(graph[0].T_map_sphere @ edge.T_a_b)[0] < 1e-9
+    assert node.T_map_sphere.distance(POSES[2])[0] < 0.003 < ahead.distance(POSES[2])[0]
+    assert node.T_map_sphere is tracker.motion.newest
+    np.testing.assert_allclose(tracker.motion.velocity(), velocity, atol=1e-6)
+
+
+def test_rounding_does_not_grow_from_key_sphere_to_key_sphere():
+    """An inverse is a transpose: what is not quite a rotation would be twice as far from one with each."""
+    tracker, graph = started(1)
+    bent = SE3.from_parts(np.diag([1.0 + 1e-7, 1.0, 1.0]), np.zeros(3))
+    alignment = tracker.align(prepared(STEP, 1), None, graph)
+    for number in range(1, 12):
+        current = prepared(STEP, number)
+        T_map_sphere = graph[number - 1].T_map_sphere @ STEP
+        tracker.update(current, T_map_sphere @ bent, None, replace(alignment, T_world_camera=T_map_sphere @ bent))
+        tracker.references = [(number - 1, prepared(POSES[0], number - 1))]
+        node, _ = tracker.make_key(number, graph)
+        graph.add(node)
+    R = node.T_map_sphere.rotation
+    assert np.abs(R.T @ R - np.eye(3)).max() < 1e-5
 
 
 FAR = SE3.exp([-0.8, 0.6, 0.1, 0.0, 0.05, 1.4])

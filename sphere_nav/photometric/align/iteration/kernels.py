@@ -315,6 +315,18 @@ def _gather(flat, stride, places, r):
 
 
 @njit(**OPTIONS)
+def _forget_unseen(r):
+    """Nothing is seen where one of the four pixels is NaN: where no camera saw anything."""
+    for i in range(SIDE):
+        a, b, c, e = r[TA + i], r[TB + i], r[TC + i], r[TD + i]
+        total = (a + b) + (c + e)
+        known = total == total
+        r[SEEN + i] = r[SEEN + i] if known else ZERO
+        r[TA + i], r[TB + i] = (a if known else ZERO), (b if known else ZERO)
+        r[TC + i], r[TD + i] = (c if known else ZERO), (e if known else ZERO)
+
+
+@njit(**OPTIONS)
 def locate(T, camera, image, d, r, places):
     """Warp a block and load the four grey levels around each of its pixels."""
     transform(T, d, r)
@@ -326,6 +338,7 @@ def locate(T, camera, image, d, r, places):
         _gather(image.bytes, np.uint64(image.width), places, r)
     else:
         _gather(image.floats, np.uint64(image.width), places, r)
+        _forget_unseen(r)
 
 
 @njit(**OPTIONS)

@@ -161,11 +161,19 @@ def test_a_version_that_makes_another_drive_worse_is_refused(campus, monkeypatch
     good, lost = Placement(0.01, 0.001, 0.9), Marks((None,))
     marks = iter([lost, Marks((good,)), Marks((good,)), lost])
     monkeypatch.setattr(learning, "localize_key_images", lambda *_: next(marks))
+    earlier = drives_of(campus) / "19700101_000140.refused"  # its name became free
+    earlier.mkdir()
+    (earlier / "kept").touch()
     (told,) = learn_map(campus, PARAMS)
     assert not told.is_taken
     assert told.told.endswith("19700101_000001: places 0 of 1 key images, before 1")
     assert (campus / "map.mcap").read_bytes() == before
-    assert sorted(one.name for one in drives_of(campus).iterdir()) == ["19700101_000001", "19700101_000140.refused"]
+    assert sorted(one.name for one in drives_of(campus).iterdir()) == [
+        "19700101_000001",
+        "19700101_000140-2.refused",
+        "19700101_000140.refused",
+    ]
+    assert [one.name for one in earlier.iterdir()] == ["kept"]
     assert list(versions.Versions(campus).folder.iterdir()) == [versions.Versions(campus).folder / "lock"]
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.arrays import OWN_PAGES
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import PyramidParams, RegistrationParams, build_pyramid, prepare_reference
 from sphere_nav.photometric.pixels.reference import prepare_level
 from sphere_nav.photometric.pixels.selection import choose_pixels
@@ -60,9 +61,30 @@ def test_unknown_range_is_left_out_and_far_is_far(room):
     range_m[30:40] = np.inf
     level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
     distance = np.linalg.norm(level.points, axis=0)
-    assert level.num_pixels == 29 * 78
-    assert np.sum(np.isclose(distance, PARAMS.far, rtol=1e-4)) == 10 * 78
+    assert level.num_pixels == 27 * 78  # two rows of the far are behind the edge of the room
+    assert np.sum(np.isclose(distance, PARAMS.far, rtol=1e-4)) == 8 * 78
     assert np.isfinite(level.gradient).all()
+
+
+def test_what_is_behind_the_edge_of_a_nearer_surface_is_left_out():
+    """Not the edge itself, nor a steep floor and the foot of a wall, nor what is beside unknown ranges."""
+    v, u = np.mgrid[0:60, 0:80]
+    inverse = 0.1 + 0.02 * abs(v - 10.0)  # up to 20 % from row to row
+    is_near = (abs(u - 40) < 10) & (abs(v - 30) < 6)
+    inverse[is_near] = 3.0
+    inverse[:, 10:14] = np.nan
+    z_of_ray = pixel_rays(CAMERA)[..., 2]
+    range_m = (1.0 / (inverse * z_of_ray)).astype(np.float32)
+    level = prepare_reference(np.zeros((60, 80), np.uint8), range_m, CAMERA, PARAMS).levels[0]
+    kept = np.zeros((60, 80), np.bool_)
+    column, row = np.rint(CAMERA.project(level.points.T)[0]).astype(int).T
+    kept[row, column] = True
+    expected = np.isfinite(inverse)
+    expected[[0, -1]], expected[:, [0, -1]] = False, False  # without a gradient
+    for off in (1, 2):
+        for axis in (0, 1):
+            expected &= is_near | ~(np.roll(is_near, off, axis) | np.roll(is_near, -off, axis))
+    np.testing.assert_array_equal(kept, expected)
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0])
