@@ -18,7 +18,6 @@ from mcl_depth.belief.motion_model import MotionModel, sample_motion
 from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_similarity
 from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import HOME_SIGMA_M
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.comparison import GradientFeatures, num_alpha_for, visual_features
 from mcl_depth.likeness.depth_map import DepthMap
@@ -52,9 +51,8 @@ class Filter:
     def reset(self) -> None:
         """Forget pose, stream and losses; the random numbers begin anew."""
         self._rng = np.random.default_rng(self.params.seed)
-        self._input.reset()
-        self.odometry.reset()
-        self._states.reset()
+        for part in (self._input, self.odometry, self._states):
+            part.reset()
         if self.params.automatic:
             self._states.search()
         self._begin(sample_uniform(self.area, self.params.resampling.num_particles, self._rng))
@@ -128,29 +126,19 @@ class Filter:
 
     def _estimate(self, observation: Observation, finding: Finding, belief: Belief | None = None) -> Estimate:
         """Return the likeliest place, moved to this image by odometry, if it may leave."""
-        status = self._status(observation.stamp_ns, finding)
-        if self._reckoning.best is None or not self._states.is_trusted:
+        status, reckoning = self._status(observation.stamp_ns, finding), self._reckoning
+        if reckoning.best is None or not self._states.is_trusted:
             return Estimate(status, belief=belief)
-        pose, covariance = self._reckoning.propagate(observation)
-        if self._is_too_vague(covariance) or not self.map.has_ground(pose):
+        pose, covariance = reckoning.propagate(observation)
+        is_vague = self.evidence.is_small and reckoning.is_vague(covariance, self._states.state)
+        if is_vague or not self.map.has_ground(pose):
             return Estimate(status, belief=belief)
         T_map_level = level_pose(pose, self.map.height(pose))
         return Estimate(status, T_map_level, pose_covariance(covariance, float(pose[2])), belief)
 
-    def _is_too_vague(self, covariance: Array) -> bool:
-        """Whether a pose with covariance (3, 3) is withheld: in a home a metre is another room.
-
-        After a way that was too long for one image to be sure, until the place is good again.
-        """
-        if float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) > HOME_SIGMA_M**2:
-            self._was_vague = True
-        elif self._states.state is State.TRACKING:
-            self._was_vague = False
-        return self._was_vague and self.evidence.is_small
-
     def _begin(self, particles: Particles, *, is_given: bool = False) -> None:
         """Begin with other particles, perhaps around a given place; nothing is known of earlier images."""
-        self.particles, self._p_chance, self._was_vague = particles, 1.0, False
+        self.particles, self._p_chance = particles, 1.0
         self.lineage.clear()
         self._reckoning.reset()
         self.odometry.forget()
