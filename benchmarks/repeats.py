@@ -1,8 +1,9 @@
 """Several recordings of one place: the first is mapped, each other one localised, joined to the map, localised again.
 
 `python -m benchmarks repeats DIR` takes a folder of bags, or of recordings that `sphere_nav import` knows by their
-files (one kind: ROVER, 4Seasons, EuRoC, OpenLORIS, TUM, KITTI), in the order of their names. Without DIR a street of
-the simulator is recorded in several lights.
+files (one kind: ROVER, 4Seasons, EuRoC, OpenLORIS, NCLT, TUM, KITTI), in the order of their names. With `--simulated N`
+a way is taught in the simulator and repeated N times (`simulated_repeats.py`); without either a street of it is
+recorded in several lights.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from benchmarks.end_to_end import call, errors, tracked
 from benchmarks.machine import describe
 from benchmarks.mounting import DEPTH_NOISE, FRAME, STEP_NS, write
 from benchmarks.report import Report, Table
+from benchmarks.simulated_repeats import KINDS, Way, draw_drives, measure
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from sphere_nav.geometry import Pinhole
@@ -43,7 +45,11 @@ SIMULATION = {
 }  # fmt: skip
 WAY_M, QUICK_WAY_M, SPACING_M = 20.0, 8.0, 0.25  # of the example, and between two of its images
 TRUTHS = ("/ground_truth/odometry", "/ground_truth/pose")  # of the vehicle, of the camera
-IMAGES = ("/image_raw", "/left/image_raw")  # what is localised: the first of them that a bag has
+IMAGES = (
+    "/image_raw",
+    "/left/image_raw",
+    "/cameras/cam5/image_raw",
+)  # what is localised: the first of them that a bag has
 COLUMNS = (
     "recording", "images", "TRACKING in the first map", "wrong", "median error", "map", "TRACKING then", "wrong",
     "median error",
@@ -69,6 +75,19 @@ class Found:
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
     parser.add_argument("--wrong", type=float, default=0.3, metavar="M", help="m off the truth that is wrong (0.3)")
+    parser.add_argument(
+        "--simulated", type=int, nargs="?", const=30, metavar="N", help="repeat a way of the simulator N times (30)"
+    )
+    parser.add_argument("--length", type=float, default=490.0, metavar="M", help="of that way, at most 490 (490)")
+    parser.add_argument("--town", type=int, default=1, metavar="SEED", help="where that way is (1)")
+    parser.add_argument(
+        "--kinds", nargs="+", choices=("day", *KINDS[1:]), help="lights and seasons of the drives (all)"
+    )
+    parser.add_argument("--order", type=int, default=1, metavar="SEED", help="decides their order and clouds (1)")
+    parser.add_argument("--driven", type=int, default=0, metavar="K", help="kinds driven over DDS at the end (0)")
+    parser.add_argument(
+        "--repeats-folder", type=Path, metavar="DIR", help="keep the drives and go on with what is there"
+    )
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -77,7 +96,12 @@ def run(options: argparse.Namespace) -> Report:
     if len(folders) > 1:
         raise ValueError(f"repeats: expected one folder of recordings, found {len(folders)}")
     with tempfile.TemporaryDirectory() as name:
-        work = Path(name)
+        work = options.repeats_folder or Path(name)
+        if options.simulated:
+            kinds = tuple("" if kind == "day" else kind for kind in options.kinds or KINDS)
+            way = Way(options.town, options.length)
+            drives = draw_drives(options.simulated, options.order, kinds)
+            return measure(way, drives, work, options.driven, options.threads)
         bags = find_recordings(folders[0], work) if folders else record_example(work, is_quick=options.quick)
         rows, notes = follow(bags, work, options.wrong)
     title = f"Repeats of {folders[0].name if folders else 'a simulated street'}"
@@ -105,13 +129,13 @@ def follow(bags: Sequence[Path], work: Path, wrong_m: float) -> tuple[list[tuple
     notes: list[str] = []
     first = newest = work / "map_0"
     has_truth = true_poses(bags[0]) is not None
-    call("map", bags[0], "-o", first, *(("--anchor", "truth") if has_truth else ()))
+    call("map", bags[0], "-o", first, *(("--anchor", "truth") if has_truth else ()), *rig_options(bags[0]))
     rows.append((bags[0].stem, f"{_count(bags[0])}", "mapped", "", "", f"{_size(first)} key spheres", "", "", ""))
     for number, bag in enumerate(bags[1:], start=1):
         before = localise(first, bag, work / f"before_{number}", wrong_m)
         said = "refused"
         try:
-            call("map", bag, "-o", work / f"map_{number}", "--extend", newest)
+            call("map", bag, "-o", work / f"map_{number}", "--extend", newest, *rig_options(bag))
             newest = work / f"map_{number}"
             said = f"{_size(newest)} key spheres"
         except ValueError as error:
@@ -124,6 +148,12 @@ def follow(bags: Sequence[Path], work: Path, wrong_m: float) -> tuple[list[tuple
     count = _count(bags[0])
     rows.append((f"{bags[0].stem} again", f"{count}", *alone.cells(count), "", *again.cells(count)))
     return rows, notes
+
+
+def rig_options(bag: Path) -> tuple[object, ...]:
+    """Return what `sphere_nav map` needs of a bag with a rig (NCLT): its file, and that a LiDAR gives range."""
+    rig = bag / "rig.yaml"
+    return ("--rig", rig, "--set-stitcher", "has_cloud=true") if rig.is_file() else ()
 
 
 def localise(map_folder: Path, bag: Path, folder: Path, wrong_m: float) -> Found:

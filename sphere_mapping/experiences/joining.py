@@ -44,13 +44,13 @@ from sphere_nav.spheres.sphere import Sphere
 class Localized:
     """Where the localizer saw a sphere of the drive: T_a_sphere by key sphere `a` of the map, covariance (6, 6).
 
-    is_explained: the localizer was sure of it, and the map explains the image well.
+    is_sure: the localizer was in TRACKING.
     """
 
     a: int
     T_a_sphere: SE3
     covariance: Array
-    is_explained: bool
+    is_sure: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +126,7 @@ def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
     nearest: dict[int, tuple[float, DriveSphere]] = {}
     for image in images:
         away = float(np.linalg.norm(image.track.T_key_sphere.translation))
-        if image.located is not None and image.located.is_explained:
+        if image.located is not None and image.located.is_sure:
             known = nearest.get(image.track.key_id)
             if known is None or away < known[0]:
                 nearest[image.track.key_id] = away, image
@@ -168,7 +168,7 @@ def refine_by_ranges(
         away = [_away(T, node.region_radius_m or 1.0, is_whole=load_base(node.id).is_whole) for T in motions]
         best = int(np.argmin(away))
         located = images[best].located
-        if away[best] > MAX_AWAY or (located is not None and located.is_explained):
+        if away[best] > MAX_AWAY or (located is not None and located.is_sure):
             continue
         num_tried += 1
         fit = measure_motion_by_ranges(

@@ -15,6 +15,7 @@ from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.offline.importing.frames import describe_folder, guess_format
 from sphere_nav.offline.importing.images import open_images
 from sphere_nav.offline.importing.kitti import KittiRecording
+from sphere_nav.offline.importing.nclt import NcltRecording, open_nclt
 from sphere_nav.offline.importing.recording import Recording
 from sphere_nav.offline.importing.rgbd import DepthCamera, open_openloris, open_rover, open_seven_scenes, open_tum
 from sphere_nav.offline.importing.spherical import open_spherical
@@ -32,6 +33,8 @@ Turn a recorded data set into an MCAP bag with our topics.
   rover         ROVER: the same, by the D435i; its truth, the place of a prism, is no pose and is left out
   euroc         EuRoC MAV, TUM-VI (ASL folder with mav0): left/image_raw, right/image_raw with camera_info
   four_seasons  4Seasons: the same, undistorted; the folder calibration inside the recording's or beside it
+  nclt          NCLT (a session with lb3; calibration in it or beside it): cameras/cam5/image_raw (ahead) ... cam0 (up),
+                undistorted, with camera_info, points of its LiDAR, and BAG/rig.yaml; truth of the vehicle
   spherical     rgbd360 rings of eight sensors, or equirectangular image_*.png with range_*.png: sphere
   images        image files or videos. Of a rig (--rig; each camera a folder or video of its name):
                 cameras/<name>/image_raw. Of one camera (--camera, or a rig file of one): image_raw. Of a stereo pair
@@ -40,7 +43,8 @@ Turn a recorded data set into an MCAP bag with our topics.
                 Names that are times since 1970 are stamps.
 
 The true poses go to ground_truth/pose: body axes (x forward, y left, z up) of the camera of image_raw, of the left
-camera or of the sphere, in the frame map. The optical frames are in /tf_static.
+camera or of the sphere, in the frame map. The optical frames are in /tf_static. NCLT: to ground_truth/odometry, of
+base_link.
 
 examples:
   sphere_nav import seven_scenes redkitchen/seq-01 -o kitchen --frames 0:120
@@ -51,7 +55,7 @@ examples:
   sphere_nav import images pair -o drive --camera 707.1,707.1,601.9,183.1 --baseline 0.537
   sphere_nav import images panoramas -o spheres --baseline 0.2
 """
-FORMATS = ("seven_scenes", "tum", "openloris", "rover", "kitti", "euroc", "four_seasons", "spherical", "images")
+FORMATS = ("seven_scenes", "tum", "openloris", "rover", "kitti", "euroc", "four_seasons", "nclt", "spherical", "images")
 KINECT_SIZE = (640, 480)
 LENSES = {  # fx, fy, cx, cy in px, as the data sets' pages tell them
     "seven_scenes": (525.0, 525.0, 320.0, 240.0),
@@ -144,6 +148,8 @@ def run(arguments: argparse.Namespace) -> int:
         write_frames(bag, recording, tqdm(indices, unit="frame", desc="import", disable=None))
         bag.annotate("source", f"{arguments.format} {arguments.folder.name}")
         bag.annotate("truth", recording.truth_name or "none")
+    if isinstance(recording, NcltRecording):
+        recording.write_rig(arguments.output)
     print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth_name or 'none'}")
     return 0
 
@@ -154,6 +160,7 @@ def open_recording(arguments: argparse.Namespace) -> Recording:
         "kitti": KittiRecording,
         "euroc": open_euroc,
         "four_seasons": open_four_seasons,
+        "nclt": open_nclt,
         "openloris": open_openloris,
         "spherical": open_spherical,
     }

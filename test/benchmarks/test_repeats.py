@@ -48,6 +48,8 @@ def _two(folder):
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path):
-    options = argparse.Namespace(folders=[tmp_path], wrong=0.3, quick=True, threads=1)
+    options = argparse.Namespace(
+        folders=[tmp_path], wrong=0.3, quick=True, threads=1, simulated=None, repeats_folder=None
+    )
     with pytest.raises(ValueError, match="expected at least two bags or recordings of a known kind, found 0"):
         repeats.run(options)

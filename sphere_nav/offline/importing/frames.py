@@ -22,6 +22,7 @@ SIGNS: dict[str, tuple[tuple[str, ...], ...]] = {
     "rover": (("*D435i",), ("d435i", "t265")),
     "euroc": (("mav0",), ("cam0", "cam1", "imu0")),
     "four_seasons": (("undistorted_images", "times.txt"),),
+    "nclt": (("lb3",),),
     "kitti": (("calib.txt", "image_0"), ("calib.txt", "image_2"), ("calib.txt", "image_l")),
     "spherical": (("sphere_*", "Extrinsics"), ("image_*.png", "range_*.png"), ("image_*.jpg", "range_*.png")),
 }  # format -> alternatives, of which all names must be there

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dense_localizer.judge.estimate import CameraEstimate
+from dense_localizer.key_images import is_explained
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_mapping.experiences.joining import DriveSphere, Localized
@@ -58,6 +59,7 @@ class DriveLocator:
         self._graph, self._localizer = base.graph, Localizer(params, base)
         self._found: dict[int, Localized | None] = {}
         self._judged: set[int] = set()  # stamps of images on which the localiser has a judgement
+        self._explained: set[int] = set()  # and of those that the map explains
         self._probation: set[int] = set()  # and of the latest ones, that are in probation
         self._small = CompactSpheres()
         self._numbers: dict[int, int] = {}  # of the small sphere of each stamp
@@ -82,6 +84,7 @@ class DriveLocator:
             return
         self._found[stamp_ns] = self._locate(estimate)
         self._judged.add(stamp_ns)
+        self._explained |= {stamp_ns} if is_explained(estimate) else set()
         if estimate.status.state is State.PROBATION:
             self._probation.add(stamp_ns)
         else:  # what ended well was no failure of the map
@@ -99,14 +102,16 @@ class DriveLocator:
         ]
 
     def unexplained(self, mapper: Mapper) -> set[int]:
-        """Return the key spheres of the drive most of whose images the map did not explain."""
+        """Return the key spheres of the drive most of whose images the map did not explain.
+
+        A sphere sees all around: it is tracked where one camera is not. So it must resemble the map, too.
+        """
         key_of = {track.stamp_ns: track.key_id for track in mapper.tracks} | {
             node.stamp_ns: node.id for node in mapper.graph
         }
         told: dict[int, list[bool]] = {node.id: [] for node in mapper.graph}
         for stamp_ns in self._judged & key_of.keys():
-            located = self._found[stamp_ns]
-            told[key_of[stamp_ns]].append(located is not None and located.is_explained)
+            told[key_of[stamp_ns]].append(stamp_ns in self._explained)
         return {key_id for key_id, images in told.items() if images and np.mean(images) < MIN_EXPLAINED_SHARE}
 
     def _odometry(self, mapper: Mapper, update: MapUpdate) -> SE3 | None:
@@ -128,12 +133,12 @@ class DriveLocator:
         if estimate.T_map_camera is None or estimate.covariance is None or not status.references:
             return None
         a = int(status.references[0])
-        is_explained = status.state is State.TRACKING
-        if is_explained:
+        is_sure = status.state is State.TRACKING
+        if is_sure:
             known = self.served.get(a, Service(0, 0))
             self.served[a] = Service(known.num_images + 1, status.stamp_ns)
         T_a_sphere = self._graph[a].T_map_sphere.inverse() @ estimate.T_map_camera
-        return Localized(a, T_a_sphere, estimate.covariance, is_explained)
+        return Localized(a, T_a_sphere, estimate.covariance, is_sure)
 
     def _loader(self, number: int) -> Callable[[], Sphere]:
         return lambda: self._small[number]

@@ -105,9 +105,7 @@ def test_elsewhere_and_where_all_corners_are_alike_nothing_is_joined(base):
 
 def test_what_the_localizer_placed_counts_before_all(base, night):
     """Two of three key spheres, as the localizer saw them: the others by the drive's own motions and by ranges."""
-    sure = {
-        100 + k: Localized(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_explained=k != 2) for k in (0, 1, 2)
-    }
+    sure = {100 + k: Localized(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=k != 2) for k in (0, 1, 2)}
     edges = list(locate_edges(images(night, sure)))
     assert [(edge.a, edge.b) for edge in edges] == [(0, 100), (1, 101)]  # it was not sure of the third
     joined = join_drive(base, night, images(night, sure), MapperParams())
@@ -117,7 +115,7 @@ def test_what_the_localizer_placed_counts_before_all(base, night):
 
 def test_a_join_by_an_image_beside_its_key_sphere_is_that_of_the_key_sphere(base, night):
     T_key_sphere = SE3.from_planar(0.1, 0.02, 0.05)
-    located = Localized(0, BASE[0].inverse() @ DRIVE[0] @ T_key_sphere, 1e-6 * np.eye(6), is_explained=True)
+    located = Localized(0, BASE[0].inverse() @ DRIVE[0] @ T_key_sphere, 1e-6 * np.eye(6), is_sure=True)
     (edge,) = locate_edges([DriveSphere(Track(7, 100, T_key_sphere), located, lambda: None)])
     assert edge.T_a_b.distance(BASE[0].inverse() @ DRIVE[0])[0] < 1e-9
 

@@ -15,6 +15,7 @@ FILES = {
     "rover": ("intelrealsense_D435i/rgb/1.5.png",),
     "euroc": ("mav0/cam0/data.csv",),
     "four_seasons": ("undistorted_images/cam0/1.png", "times.txt"),
+    "nclt": ("lb3/Cam5/1326030975726043.tiff",),
 }
 
 

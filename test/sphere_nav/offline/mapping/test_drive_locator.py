@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
@@ -57,3 +58,19 @@ def test_what_looks_like_nothing_in_the_map_is_new(taught):
         assert all(image.located is None for image in locator.images(mapper))
         assert locator.unexplained(mapper) == set(mapper.graph.nodes)
         assert locator.served == {}
+
+
+class HalfNew:
+    """A room whose texture is half that of another one: tracked all around, but no camera would call it the same."""
+
+    def sphere(self, pose, camera, stamp_ns):
+        known, other = (sharp_room(seed=seed).sphere(pose, camera, stamp_ns) for seed in (7, 1))
+        mixed = (known.image.astype(np.uint16) + other.image) // 2
+        return replace(known, image=mixed.astype(np.uint8))
+
+
+def test_what_is_tracked_but_looks_different_is_new(taught):
+    with open_map(taught) as reader:
+        mapper, locator = locate(reader, HalfNew())
+        assert sum(image.located is not None and image.located.is_sure for image in locator.images(mapper)) >= 4
+        assert locator.unexplained(mapper) == set(mapper.graph.nodes)
