@@ -46,6 +46,9 @@ MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
 AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
 MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
 MAX_SIGMA_RAD = float(np.radians(15.0))
+JOINT_IMAGES = 2  # that an image of a small map counts for on probation: its proof is that of all images (mcl_homes)
+CLEAR_SHARE = 0.1  # of the largest p_chance: below it an image of a small map counts twice as much (mcl_homes)
+HOME_SIGMA_M = 0.33  # of a pose that leaves in a small map: a metre, three of them, is another room
 EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
 
@@ -56,7 +59,12 @@ PEAK = 2  # cells, and steps of headings, around a maximum that are lower
 APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what is nearer is the same place
 NUM_MAXIMA, TAIL_SHARE = 40, 0.5  # of the map that make its tail, and at most of all that there are
 MIN_MAXIMA = 8  # of a large map that can tell chance by them
-LEAD_SCALE = 1.0  # standard deviations of an image by which chance leads e times less often in a small map (mcl_homes)
+CHANCE_SIGMA = 0.6  # of z in homes that a drive is not in, after any number of images (docs/notes/joint_evidence.md)
+RIVAL_SCALE = 0.6  # standard deviations of an image by which a wrong place leads the right one e times less often
+LEAD_SCALE = 1.0  # the same over the mirrored drive as well, where the drive may not have left its room (mcl_rooms)
+ROOM_M = 6.0  # from where a drive began: nearer, it may be in the same room (mcl_rooms)
+LEAST_MIRRORED = 3.0  # z by the lead over the mirrored drive: a room that is its own mirror image proves nothing
+TURNS = 0.25, 0.5, 0.75  # of a circle, between views and way of control drives
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 
 # Evidence of many images along odometry (belief/test_evidence)

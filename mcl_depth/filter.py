@@ -51,9 +51,8 @@ class Filter:
     def reset(self) -> None:
         """Forget pose, stream and losses; the random numbers begin anew."""
         self._rng = np.random.default_rng(self.params.seed)
-        self._input.reset()
-        self.odometry.reset()
-        self._states.reset()
+        for part in (self._input, self.odometry, self._states):
+            part.reset()
         if self.params.automatic:
             self._states.search()
         self._begin(sample_uniform(self.area, self.params.resampling.num_particles, self._rng))
@@ -127,11 +126,12 @@ class Filter:
 
     def _estimate(self, observation: Observation, finding: Finding, belief: Belief | None = None) -> Estimate:
         """Return the likeliest place, moved to this image by odometry, if it may leave."""
-        status = self._status(observation.stamp_ns, finding)
-        if self._reckoning.best is None or not self._states.is_trusted:
+        status, reckoning = self._status(observation.stamp_ns, finding), self._reckoning
+        if reckoning.best is None or not self._states.is_trusted:
             return Estimate(status, belief=belief)
-        pose, covariance = self._reckoning.propagate(observation)
-        if not self.map.has_ground(pose):
+        pose, covariance = reckoning.propagate(observation)
+        is_vague = self.evidence.is_small and reckoning.is_vague(covariance, self._states.state)
+        if is_vague or not self.map.has_ground(pose):
             return Estimate(status, belief=belief)
         T_map_level = level_pose(pose, self.map.height(pose))
         return Estimate(status, T_map_level, pose_covariance(covariance, float(pose[2])), belief)

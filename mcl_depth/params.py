@@ -26,6 +26,7 @@ class SurveyParams:
 
     origin: str = param("", "E,N,H in m of the file at the origin of the map; empty: near the cloud, where it is far")
     unit: str = param("auto", "of the file; auto: as it declares, else by its extent", choices=("auto", *UNITS))
+    crs: str = param("", "EPSG:<code> of the file, or auto: as it declares; then poses go out on fix, too; empty: not")
     up: str = param("auto", "axis of the file that points up; auto: by its ground", choices=("auto", "z", "y"))
 
 

@@ -13,8 +13,10 @@ from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.constants import (
     AMBIGUOUS_SHARE,
+    CLEAR_SHARE,
     EVEN_ODDS,
     GOOD_SIGMA_M,
+    JOINT_IMAGES,
     LOST_IMAGES,
     MAX_SIGMA_M,
     MAX_SIGMA_RAD,
@@ -42,6 +44,7 @@ class Verdict:
     finding: Finding = FINE
     is_bad: bool = False
     is_lost: bool = False  # nobody knows where the vehicle is
+    num_images: int = 1  # that it counts for on probation; where it is careful, 0 says that it does not end it
 
     def beside(self, seen: Reconciled, doubt: Finding) -> Verdict:
         """Return the verdict beside what images have against odometry now, and a `doubt` that was not dispelled."""
@@ -89,8 +92,13 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
         words = (SMALL_MAP, GIVE_A_START) if proof.is_small else ("probability that the place is chance",)
         return Verdict(Finding(Reason.OUTLIERS, proof.p_chance, limit, *words), is_bad=True)
     if best.sigma_m > GOOD_SIGMA_M:
-        return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m"))
-    return Verdict()
+        finding = Finding(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
+        return Verdict(finding, num_images=0 if proof.is_small else 1)
+    is_clear, is_joint = (
+        proof.p_chance < CLEAR_SHARE * max_chance,
+        proof.survey is not None and proof.survey.is_of_rooms,
+    )
+    return Verdict(num_images=JOINT_IMAGES * (1 + is_clear) if is_joint else 1)
 
 
 def count(states: StateMachine, verdict: Verdict, stamp_ns: int) -> None:
@@ -98,7 +106,8 @@ def count(states: StateMachine, verdict: Verdict, stamp_ns: int) -> None:
     if not verdict.is_bad:
         if not states.is_following:
             states.start()
-        states.confirm(stamp_ns, is_good=verdict.finding is FINE)
+        is_wide = states.state is State.PROBATION and verdict.num_images == 0
+        states.confirm(stamp_ns, is_good=verdict.finding is FINE or is_wide, num_images=verdict.num_images)
         return
     if verdict.is_lost or states.state in (State.PROBATION, State.LOST):
         states.search()

@@ -7,9 +7,10 @@ import numpy as np
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion
-from mcl_depth.constants import MIN_TURN, STANDSTILL_NS
+from mcl_depth.constants import HOME_SIGMA_M, MIN_TURN, STANDSTILL_NS
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.localization.status import State
 
 
 class DeadReckoning:
@@ -25,7 +26,7 @@ class DeadReckoning:
         self._confirmed_at: Array | None = None  # odometry
         self._compared_at: Array | None = None
         self._confirmed_ns = self._compared_ns = 0
-        self._stands = False
+        self._stands = self._was_vague = False
 
     def update(self, best: Hypothesis, observation: Observation, *, is_confirmed: bool) -> None:
         """Take note of an image that was compared; the place counts where the image confirms it."""
@@ -61,6 +62,17 @@ class DeadReckoning:
         side = self._noise.way_share * way + 0.5 * turn * way
         growth = np.diag(np.array([side, side, turn]) ** 2)
         return compose_planar(self.best.pose[None], motion)[0], self.best.covariance + growth
+
+    def is_vague(self, covariance: Array, state: State) -> bool:
+        """Whether a pose with covariance (3, 3) is too vague for a home, where a metre is another room.
+
+        After a way that was too long for one image to be sure, until the place is tracked again.
+        """
+        if float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) > HOME_SIGMA_M**2:
+            self._was_vague = True
+        elif state is State.TRACKING:
+            self._was_vague = False
+        return self._was_vague
 
     @property
     def quality(self) -> float:

@@ -9,12 +9,11 @@ the gaps between its largest values, times their rank, are independent and of on
 so the lead of the first over the second, by the mean of the other gaps, is F(2, 2 n) distributed. That is `p_chance`,
 exact for any scale of the tail; a rival as good as the best makes it 1.
 
-A map of a few rooms has too few maxima for that, and they are not independent of the place that is right. There the
-images are compared a second time, mirrored, along mirrored odometry: a drive through streets or rooms of the same kind
-that are not in the map. What it reaches by chance, the drive itself reaches by chance. So of both drives' maxima the
-best must be the drive's own, and it must lead all others: by chance it leads by L standard deviations of an image with
-a probability below exp(-L / LEAD_SCALE) / 2, as measured on drives through homes in the maps of other homes. A place
-that leads the mirrored drive, but not another place of the map, is one of two that are alike.
+A map of a few rooms has too few maxima for that, and they are not independent of the place that is right. There
+drives that are not in the map are made of the same images (`joint_evidence.ControlDrives`). What they reach by chance,
+the drive itself reaches by chance: in n images more or less by sqrt(n) / 2 or so. By how many sqrt(n) the best place
+exceeds them says whether the images are of this map, and by how much it leads its rivals whether it is that place:
+`chances_in_small_map`. Where only the first is sure, two places are alike.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from scipy.ndimage import uniform_filter
 
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import Field, JointEvidence
+from mcl_depth.belief.joint_evidence import ControlDrives, Field, JointEvidence, Level
 from mcl_depth.belief.kernels import is_maximum
 from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.particles import wrap_angle
@@ -36,8 +35,10 @@ from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.watch import CusumTest, WaldTest, excess
 from mcl_depth.constants import (
     APART,
+    CHANCE_SIGMA,
     EVEN_ODDS,
     LEAD_SCALE,
+    LEAST_MIRRORED,
     LOCAL_M,
     MAX_HYPOTHESES,
     MAX_TRIAL,
@@ -51,6 +52,8 @@ from mcl_depth.constants import (
     OFF_MAP,
     PATCH,
     PEAK,
+    RIVAL_SCALE,
+    ROOM_M,
     TAIL_SHARE,
 )
 from mcl_depth.likeness.similarity_cache import Comparison
@@ -72,6 +75,7 @@ class Survey:
     tolerance_m: float
     is_in_map: bool = False  # one of the places is right, more surely than which
     is_proven: bool = False  # the first of them is more than chance
+    is_of_rooms: bool = False  # of a small map, and of a drive through more than one of its rooms
 
     def alike(self) -> Array:
         """Return the places (2, 3) that look alike, where it is known that one of them is right; else none (0, 3)."""
@@ -104,19 +108,18 @@ class Proof:
     is_small: bool = False
     survey: Survey | None = None
 
-    @property
-    def has_moved(self) -> bool:
-        """Whether a small map's best place is proven, and the belief is elsewhere."""
-        return self.is_small and not self.agrees and self.survey is not None and self.survey.is_proven
-
     def places(self, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
         """Return the best places of the map where it was searched, else those of the belief."""
         return self.survey.hypotheses() if self.survey is not None else tuple(hypotheses)
 
     @property
     def share_of_new(self) -> float:
-        """Return the share of the particles that are put to the best places of the survey."""
-        return MOVED_SHARE if self.has_moved else NEW_SHARE
+        """Return the share of the particles that are put to the best places of the survey: most, to one that is proven.
+
+        What a small map's places tell is joint, what particles tell is of the last images.
+        """
+        is_proven = self.is_small and self.survey is not None and self.survey.is_proven
+        return MOVED_SHARE if is_proven else NEW_SHARE
 
 
 class Evidence:
@@ -125,15 +128,16 @@ class Evidence:
     def __init__(self, grid: SurveyGrid, max_chance: float) -> None:
         """`max_chance`: a place that was accepted is chance so often."""
         self._grid, self._max_chance = grid, max_chance
-        self._is_small = len(grid.positions) < MIN_PLACES
-        self._joint, self._mirrored = (JointEvidence(grid.edge, grid.diagonal) for _ in range(2))
+        self.is_small = len(grid.positions) < MIN_PLACES
+        self.joint = JointEvidence(grid.edge, grid.diagonal)
+        self.controls = ControlDrives(grid.edge, grid.diagonal)  # of a small map
         self._watch = CusumTest()
         self.reset()
 
     def reset(self, *, is_given: bool = False) -> None:
         """Forget all images. `is_given`: the place is known from outside, only to be confirmed."""
-        self._joint.reset()
-        self._mirrored.reset()
+        self.joint.reset()
+        self.controls.reset()
         self._watch.reset()
         self._trial = WaldTest() if is_given else None
         self._num_left = MAX_TRIAL  # images until a trial that is still open ends
@@ -165,7 +169,7 @@ class Evidence:
         T_odom_level = seen.observation.T_odom_level
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
         self.place = survey.poses[0] if survey.is_proven else None
-        return Proof(survey.p_chance, survey.agrees_with(pose), is_small=self._is_small, survey=survey)
+        return Proof(survey.p_chance, survey.agrees_with(pose), is_small=self.is_small, survey=survey)
 
     def watch(self, comparison: Comparison, pose: Array) -> float:
         """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one."""
@@ -222,24 +226,21 @@ class Evidence:
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Survey:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
-        joint, places, values = self._add(self._joint, comparison, odometry)
+        field = standardize(comparison.survey(self._grid.positions), self._grid)
+        joint = self.joint.add(field, odometry)
+        places, values = find_maxima(joint, self._grid.mask)
         p_chance, scale = chance_of_lead(values)
-        p_elsewhere = 1.0
-        if self._is_small:
-            mirrored = None if odometry is None else odometry * np.array([1.0, -1.0, -1.0])
-            _, _, others = self._add(self._mirrored, comparison.mirrored, mirrored)
-            (p_elsewhere, p_chance), scale = chances_in_small_map(values, others), LEAD_SCALE
+        p_elsewhere, is_of_rooms = 1.0, False
+        if self.is_small:
+            mirrored = standardize(comparison.mirrored.survey(self._grid.positions), self._grid)
+            level = self.controls.add(field, mirrored, odometry, self._grid.mask)
+            (p_elsewhere, p_chance), scale = chances_in_small_map(values, level), RIVAL_SCALE
+            is_of_rooms = level.way_m >= ROOM_M
         shares = np.exp((values - values[0]) / max(scale, 1e-6))
         poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
         is_in_map = p_elsewhere < self._max_chance <= p_chance and len(poses) > 1
-        return Survey(p_chance, poses, shares / shares.sum(), tolerance, is_in_map, p_chance < self._max_chance)
-
-    def _add(
-        self, joint: JointEvidence, comparison: Comparison, odometry: Array | None
-    ) -> tuple[Field, NDArray[np.int64], Array]:
-        """Add an image to a sum; return it with its maxima and their values."""
-        total = joint.add(standardize(comparison.survey(self._grid.positions), self._grid), odometry)
-        return total, *find_maxima(total, self._grid.mask)
+        is_proven = p_chance < self._max_chance
+        return Survey(p_chance, poses, shares / shares.sum(), tolerance, is_in_map, is_proven, is_of_rooms)
 
 
 def standardize(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
@@ -292,17 +293,30 @@ def chance_of_lead(values: Array) -> tuple[float, float]:
     return float((1.0 + gaps[0] / max(rest, 1e-12)) ** -count), rest / count
 
 
-def chances_in_small_map(values: Array, others: Array) -> tuple[float, float]:
-    """Return how probably the best of a small map leads so far by chance: the mirrored drive's best, and all rivals.
+def chances_in_small_map(values: Array, level: Level) -> tuple[float, float]:
+    """Return how probably a drive elsewhere reaches so much, and how probably it or a rival is taken for the place.
 
-    `values` (N,) are the maxima of the map, `others` (M,) those of the mirrored drive, falling. Of both drives' maxima
-    the first is the drive's own half of the time, however few they are. Without a rival nothing is told: 1.
+    `values` (N,) are the maxima of the map, falling. With z = (v_1 - v_chance) / sqrt(n), where v_chance is the mean of
+    both kinds of control drives, and those that are turned reach sqrt(n) less than a drive elsewhere, whose views
+    belong to its way: p < exp(-z^2 / 2 s^2), Chernoff's bound for a normal z of standard deviation s = CHANCE_SIGMA;
+    a rival leads the right place with exp(-(v_1 - v_2) / RIVAL_SCALE). The mirrored drive alone must be led by
+    z / LEAST_MIRRORED. Without a rival nothing is told: 1.
+
+    A drive that may not have left the room that it began in (`ROOM_M`) fits any room of that size, where turned ones do
+    not: there the lead over the mirrored one and over rivals counts, exp(-lead / LEAD_SCALE).
     """
-    if len(values) < 2 or not len(others) or values[0] <= others[0]:
+    if len(values) < 2:
         return 1.0, 1.0
-    leads = np.array([values[0] - others[0], values[0] - max(values[1], others[0])]) / LEAD_SCALE
-    p_elsewhere, p_any = np.exp(-leads)
-    return float(p_elsewhere), 0.5 * float(p_any)
+    root = np.sqrt(level.num_images)
+    over_mirrored, over_turned = (values[0] - level.mirrored) / root, (values[0] - level.turned) / root - 1.0
+    z = max(min(0.5 * (over_mirrored + over_turned), LEAST_MIRRORED * over_mirrored), 0.0)
+    p_elsewhere = float(np.exp(-0.5 * (z / CHANCE_SIGMA) ** 2))
+    p_rival = float(np.exp(-(values[0] - values[1]) / RIVAL_SCALE))
+    if level.way_m < ROOM_M:
+        over = values[0] - np.array([level.mirrored, max(values[1], level.mirrored)])
+        p_mirrored, p_any = (float(p) for p in np.exp(-over / LEAD_SCALE))
+        p_elsewhere, p_rival = max(p_elsewhere, p_mirrored), max(p_rival, 0.5 * p_any)
+    return p_elsewhere, max(p_elsewhere, p_rival)
 
 
 def _contrast(curves: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -12,12 +12,14 @@ metre, so the second of two that are nearer says only what is left. An image cou
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.kernels import relax, shift_headings
 from mcl_depth.belief.motion_model import relative_motion
-from mcl_depth.constants import COST, FORGETTING, MAX_STEPS, NEARLY, NEW_TURN, STEP_EVERY, WAY_SHARE
+from mcl_depth.constants import COST, FORGETTING, MAX_STEPS, NEARLY, NEW_TURN, STEP_EVERY, TURNS, WAY_SHARE
 from sphere_nav.geometry.arrays import Array
 
 Field = NDArray[np.float32]  # (A, X, Y) by heading and cell
@@ -34,18 +36,21 @@ class JointEvidence:
     def reset(self) -> None:
         """Forget all images."""
         self.total: Field | None = None
+        self.num_images = 0.0  # that are remembered: those that count in full, and less for each since
         self._num_images = 0.0  # that count in full, since odometry was last let err
         self._last = np.zeros(3)  # odometry
 
     def add(self, field: Field, odometry: Array | None) -> Field:
         """Add the field of an image taken at `odometry` (3,); return the sum. Without odometry it stands alone."""
         if self.total is None or odometry is None:
-            self.total, self._num_images = field.copy(), 1.0
+            self.total, self.num_images, self._num_images = field.copy(), 1.0, 1.0
             self._rests, self._turn = np.zeros((len(field), 2)), 0.0
         else:
             motion = relative_motion(self._last, odometry)
             news = self._news(motion)
-            self.total = FORGETTING ** np.float32(news) * self._propagate(self.total, motion) + np.float32(news) * field
+            kept = FORGETTING ** np.float32(news)
+            self.total = kept * self._propagate(self.total, motion) + np.float32(news) * field
+            self.num_images = float(kept) * self.num_images + news
             self._num_images += news
         self._last = odometry if odometry is not None else np.zeros(3)
         return self.total
@@ -80,3 +85,48 @@ class JointEvidence:
         if is_due:
             self._num_images -= STEP_EVERY
         return min(max(far, int(is_due)), MAX_STEPS)
+
+
+@dataclass(frozen=True)
+class Level:
+    """What drives reach that are not in the map: the mirrored one, and those of turned images in the mean."""
+
+    mirrored: float
+    turned: float
+    num_images: float  # that it is a sum of
+    way_m: float  # the largest distance from where the drive began
+
+
+class ControlDrives:
+    """Drives of the same images that are not in the map, to tell by what one reaches that may be there.
+
+    One is the drive in a mirror. It is of the same kind in all, but where a room is its own mirror image it fits that
+    room. The others see each image turned from the way by a right angle or two: they fit no room for long.
+    """
+
+    def __init__(self, edge: float, new_way: float) -> None:
+        """As `JointEvidence`."""
+        self._mirrored = JointEvidence(edge, new_way)
+        self._turned = {share: JointEvidence(edge, new_way) for share in TURNS}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all images."""
+        for drive in (self._mirrored, *self._turned.values()):
+            drive.reset()
+        self.level = Level(0.0, 0.0, 0.0, 0.0)
+        self._begin: Array | None = None  # odometry
+
+    def add(self, field: Field, mirrored: Field, odometry: Array | None, mask: NDArray[np.bool_]) -> Level:
+        """Add an image, and its mirror image, taken at `odometry` (3,); return what the drives reach in the map."""
+        away = None if odometry is None else odometry * np.array([1.0, -1.0, -1.0])
+        best = [float(self._mirrored.add(mirrored, away)[:, mask].max())]
+        for share, drive in self._turned.items():
+            turned = np.roll(field, round(share * len(field)), axis=0)
+            best.append(float(drive.add(turned, odometry)[:, mask].max()))
+        way = 0.0
+        if odometry is not None:
+            self._begin = odometry if self._begin is None else self._begin
+            way = max(self.level.way_m, float(np.hypot(*(odometry - self._begin)[:2])))
+        self.level = Level(best[0], float(np.mean(best[1:])), self._mirrored.num_images, way)
+        return self.level

@@ -101,24 +101,33 @@ def find_frame(
 
 def declared_unit(path: Path) -> str:
     """Return the unit that the header of a .las or .laz tells, by WKT or GeoTIFF keys; empty where it does not."""
-    with open_file(path, "map", MAX_ARRAY_BYTES) as file:
-        head = file.read(MAX_HEADER)
-    if head[:4] != b"LASF" or len(head) < 104:
-        return ""
-    head = head[: int.from_bytes(head[96:100], "little")]
+    head = read_las_head(path)
     for name, factor in reversed(re.findall(rb'UNIT\["([^"]+)",\s*([0-9.eE+-]+)', head)):
         if b"degree" not in name.lower():
             return next((unit for unit, meters in METERS.items() if abs(float(factor) / meters - 1.0) < 1e-7), "")
+    keys = geo_keys(head)
+    return EPSG_UNITS.get(keys.get(LINEAR_UNITS, keys.get(VERTICAL_UNITS, 0)), "")
+
+
+def read_las_head(path: Path) -> bytes:
+    """Return what lies before the points of a .las or .laz, at most `MAX_HEADER`; nothing of another file."""
+    with open_file(path, "map", MAX_ARRAY_BYTES) as file:
+        head = file.read(MAX_HEADER)
+    is_las = head[:4] == b"LASF" and len(head) >= 104
+    return head[: int.from_bytes(head[96:100], "little")] if is_las else b""
+
+
+def geo_keys(head: bytes) -> dict[int, int]:
+    """Return the GeoTIFF keys with a short value in the head of a .las; none where it has no record of them."""
     place = head.find(b"LASF_Projection")
     while place >= 0:
         record, length = (int.from_bytes(head[place + 16 + 2 * i : place + 18 + 2 * i], "little") for i in range(2))
         if record == GEO_KEYS:
             begin = place + 52
             keys = np.frombuffer(head[begin : begin + length // 8 * 8], "<u2").reshape(-1, 4)
-            found = {int(key): int(value) for key, where, _, value in keys[1:] if where == 0}
-            return EPSG_UNITS.get(found.get(LINEAR_UNITS, found.get(VERTICAL_UNITS, 0)), "")
+            return {int(key): int(value) for key, where, _, value in keys[1:] if where == 0}
         place = head.find(b"LASF_Projection", place + 16)
-    return ""
+    return {}
 
 
 def survey_box(survey: SurveyParams, limits: Array | None, unit: str) -> Array | None:

@@ -10,18 +10,19 @@ from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import PointStamped
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import NavSatFix, NavSatStatus, PointCloud2
 from sphere_nav_msgs.srv import LoadCloud
 
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import limits_of
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import TILE_ENDINGS, read_geometry
+from mcl_depth.geometry.geodetic import Geodetic, declared_crs
 from mcl_depth.geometry.mesh import TriangleMesh
 from mcl_depth.params import MclDepthParams
 from mcl_depth.site import Site
 from mcl_depth.status import REMEDIES
-from sphere_nav.localization.status import FINE, Finding, Reason, State, Status, status_of
+from sphere_nav.localization.status import FINE, BaseEstimate, Finding, Reason, State, Status, status_of
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions.driving import check_frames
 from sphere_nav.ros.endpoints import Endpoints
@@ -45,6 +46,8 @@ class GeometryLoader:
         self._site: Site | None = None
         self._share = 1.0  # of its depth images that are made
         self._origin = endpoints.add_publisher("map_origin", PointStamped, qos.LATCHED)
+        self._fix = endpoints.add_publisher("fix", NavSatFix, qos.STATE) if params.survey.crs else None
+        self._geodetic: Geodetic | None = None  # the survey's system, where it is known
         if params.cloud:
             self.use(read_map(params.cloud, params), map_id=find_map_id(params.cloud))
         endpoints.add_service("~/load_cloud", LoadCloud, self.on_load_cloud)
@@ -52,6 +55,7 @@ class GeometryLoader:
 
     def use(self, geometry: Cloud | TriangleMesh, voxel_m: float = 0.0, map_id: str = "") -> None:
         """Use another geometry, thinned to `voxel_m`, or as the parameter says where that is 0."""
+        self._geodetic = self._find_geodetic(geometry.name)
         synthesis = self._declared.synthesis
         voxel_m = voxel_m or synthesis.voxel_m
         self.geometry, self.fault, self.map_id = geometry, FINE, map_id
@@ -64,6 +68,31 @@ class GeometryLoader:
         self._origin.publish(message)
         for warning in geometry.warnings:
             self._log.warning(warning)
+
+    def _find_geodetic(self, name: str) -> Geodetic | None:
+        crs = self._declared.survey.crs
+        if crs == "auto" and not (crs := declared_crs(Path(name))):
+            self._log.warning(f"{name}: expected a declared system of coordinates for fix, found none: set survey.crs")
+        return Geodetic(crs) if crs else None
+
+    def tell_fix(self, estimate: BaseEstimate, stamp_ns: int) -> None:
+        """Publish where on Earth a pose of the base is; its height is that of the survey."""
+        pose, covariance = estimate.T_map_base, estimate.covariance
+        if self._fix is None or self._geodetic is None or self.geometry is None or pose is None or covariance is None:
+            return
+        east, north, height = pose.translation + self.geometry.origin
+        latitude, longitude = self._geodetic.degrees(east, north)
+        full = np.reshape(conversions.to_ros_covariance(covariance, pose), (6, 6))
+        message = NavSatFix(
+            header=conversions.header(stamp_ns, self._declared.base_frame),
+            status=NavSatStatus(status=NavSatStatus.STATUS_FIX, service=0),  # no satellites
+            latitude=float(latitude),
+            longitude=float(longitude),
+            altitude=float(height),
+            position_covariance=full[:3, :3].ravel().tolist(),
+            position_covariance_type=NavSatFix.COVARIANCE_TYPE_KNOWN,
+        )
+        self._fix.publish(message)
 
     def make_filter(self, camera_height: float) -> Filter | None:
         """Return a filter for the geometry, once its map is made ready; before, and where it cannot be used, None.

@@ -91,7 +91,9 @@ class MclDepthNode(LocalizerNode):
             self.belief = estimate.belief
             self.views.show(estimate.belief, self.filter, stamp)
         self.guide.answer(estimate.belief, estimate.status, stamp)
-        return to_base(estimate, T_base_level, tilt)
+        found = to_base(estimate, T_base_level, tilt)
+        self.clouds.tell_fix(found, stamp)
+        return found
 
     def refuse(self, stamp_ns: int, finding: Finding) -> Status:
         """Return the status of an image that cannot be used."""

@@ -24,7 +24,7 @@ examples:
   sphere_nav mcl campus drive2 -o poses.tum --bag result --set resampling.num_particles=2000
 """
 MAX_LEAP_S = 3600.0  # between images of a recording, which may be far apart
-TOPICS = ("/pose", "/status", "/tf", "/particle_cloud", "/heading", "/trajectory")
+TOPICS = ("/pose", "/fix", "/status", "/tf", "/particle_cloud", "/heading", "/trajectory")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -61,9 +61,12 @@ class StateMachine:
         self.num_losses += 1
         self._enter(State.LOST)
 
-    def confirm(self, stamp_ns: int, *, is_good: bool) -> None:
-        """Count an image that confirms the pose; `is_good` is false when it does so with care."""
-        self._num_good, self.num_refused = (self._num_good + 1 if is_good else 0), 0
+    def confirm(self, stamp_ns: int, *, is_good: bool, num_images: int = 1) -> None:
+        """Count an image that confirms the pose; `is_good` is false when it does so with care.
+
+        Of a pose on probation that several images prove together, it may count for more than one.
+        """
+        self._num_good, self.num_refused = (self._num_good + num_images if is_good else 0), 0
         if self.state is State.PROBATION and self._num_good >= self.probation_images:
             self._enter(State.TRACKING)
         elif self.state is State.TRACKING:

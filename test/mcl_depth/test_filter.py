@@ -138,6 +138,19 @@ def tracked(site):
     return filter_
 
 
+def test_in_a_room_a_vague_pose_is_withheld_until_the_place_is_good_again(site, monkeypatch):
+    filter_ = tracked(site)
+    pose, sharp = filter_._reckoning.propagate(observe(site, POSES[8], 8))
+    assert filter_.evidence.is_small
+    with monkeypatch.context() as patch:
+        patch.setattr(filter_._reckoning, "propagate", lambda _: (pose, sharp + 0.4**2 * np.eye(3)))
+        assert filter_.update(observe(site, POSES[9], 9)).T_map_level is None
+    filter_._states.refuse(is_lost=False)
+    found = [filter_.update(observe(site, pose, 10 + number)) for number, pose in enumerate(POSES[10:12])]
+    assert [estimate.status.state for estimate in found] == [State.DEGRADED, State.TRACKING]
+    assert [estimate.T_map_level is None for estimate in found] == [True, False]
+
+
 def test_wheels_that_stand_while_the_camera_goes_on_end_tracking_and_the_images_carry_the_pose(site):
     filter_ = tracked(site)
     stands = SE3.from_planar(*POSES[8])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,10 +11,10 @@ import pytest
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_in_small_map, find_maxima
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import JointEvidence
+from mcl_depth.belief.joint_evidence import JointEvidence, Level
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import APART, COST, FORGETTING, LEAD_SCALE, MAX_TRIAL, MIN_PLACES
+from mcl_depth.constants import APART, COST, FORGETTING, MAX_TRIAL, MIN_PLACES, RIVAL_SCALE, ROOM_M
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import FINE, Finding, Reason
 
@@ -39,8 +40,8 @@ def grid_of(side=SIDE, capacity=10**6):
 class Images:
     """Noise that fits every place by chance, and one place by `signal` standard deviations more."""
 
-    def __init__(self, grid, seed, pose=None, signal=0.0, across=None):
-        self._grid, self._seed, self._signal, self._across = grid, seed, signal, across
+    def __init__(self, grid, seed, pose=None, signal=0.0, *, is_symmetric=False):
+        self._grid, self._seed, self._is_symmetric = grid, seed, is_symmetric
         self._curves = np.random.default_rng(seed).normal(1.3, 0.02, (len(grid.positions), NUM_HEADINGS))
         if pose is not None:
             nearest = np.argmin(np.linalg.norm(grid.positions - pose[:2], axis=1))
@@ -49,8 +50,12 @@ class Images:
 
     @property
     def mirrored(self):
-        """The mirrored image shows the pose `across`, or no place of the map."""
-        return Images(self._grid, 1000 + self._seed, self._across, self._signal)
+        """The mirrored image shows no place of the map, or, where that is its own mirror image, the place across."""
+        images = Images(self._grid, 1000 + self._seed)
+        if self._is_symmetric:
+            curves = self._curves.reshape(*self._grid.shape, NUM_HEADINGS)[:, ::-1]
+            images._curves = np.roll(curves[..., ::-1], 1, axis=-1).reshape(-1, NUM_HEADINGS)
+        return images
 
     def survey(self, positions, rows=None):
         return self._curves[slice(None) if rows is None else rows].astype(np.float32)
@@ -71,20 +76,39 @@ def test_a_rival_as_good_as_the_best_makes_it_chance():
     assert chance_of_lead(np.array([9.0, *tail[:4]]))[0] == 1.0  # too small a map to tell
 
 
-def test_the_best_of_two_draws_leads_all_others_by_chance_as_often_as_is_said():
-    rng = np.random.default_rng(6)
-    draws = -np.sort(-rng.exponential(LEAD_SCALE, (4000, 2, 40)), axis=2)
-    found = np.array([chances_in_small_map(one, other) for one, other in draws])
-    assert np.mean(found < 1.0, axis=0) == pytest.approx([0.5, 0.5], abs=0.03)  # either leads
-    for level in (0.1, 0.01):
-        margin = 4 * np.sqrt(level / 4000)
-        assert np.mean(found[:, 1] < level) == pytest.approx(level, abs=margin)
-        assert 0.3 * level < np.mean(found[:, 0] < level) < level + margin
-    few = -np.sort(-rng.exponential(LEAD_SCALE, (4000, 2, 3)), axis=2)
-    found = np.array([chances_in_small_map(one, other)[1] for one, other in few])
-    assert np.mean(found < 0.01) == pytest.approx(0.01, abs=4 * np.sqrt(0.01 / 4000))  # however few
-    assert chances_in_small_map(np.array([20.0]), np.zeros(1)) == (1.0, 1.0)  # no rival
-    assert chances_in_small_map(np.array([20.0, 0.0]), np.zeros(0)) == (1.0, 1.0)
+def test_a_place_of_a_small_map_leads_both_its_rivals_and_drives_that_are_not_there():
+    sure = Level(mirrored=8.0, turned=7.0, num_images=9.0, way_m=ROOM_M)
+    p_elsewhere, p_chance = chances_in_small_map(np.array([18.0, 9.0]), sure)
+    assert p_elsewhere < RATE
+    assert p_chance == p_elsewhere  # the rival is further behind
+    assert chances_in_small_map(np.array([18.0, 15.0]), sure) == (
+        p_elsewhere,
+        pytest.approx(np.exp(-3.0 / RIVAL_SCALE)),
+    )
+    later = Level(mirrored=8.0, turned=7.0, num_images=16.0, way_m=ROOM_M)  # what many images add up to says less
+    assert chances_in_small_map(np.array([18.0, 9.0]), later)[0] > 10.0 * p_elsewhere
+    alike = Level(mirrored=17.0, turned=2.0, num_images=9.0, way_m=ROOM_M)  # a room is its own mirror image
+    assert chances_in_small_map(np.array([18.0, 9.0]), alike)[0] > 0.01
+    assert chances_in_small_map(np.array([7.5, 1.0]), sure) == (1.0, 1.0)
+    one_room = replace(sure, mirrored=14.0, turned=1.0, way_m=0.9 * ROOM_M)  # any room of that size fits
+    assert chances_in_small_map(np.array([18.0, 9.0]), one_room) == pytest.approx((np.exp(-4.0), np.exp(-4.0)))
+    assert chances_in_small_map(np.array([18.0, 9.0]), replace(one_room, way_m=ROOM_M))[0] < RATE
+    assert chances_in_small_map(np.array([20.0]), sure) == (1.0, 1.0)  # no rival
+
+
+def test_control_drives_of_images_that_show_nothing_reach_what_the_drive_reaches():
+    grid, (_, odometry) = grid_of(26), drive(8)
+    found = []
+    for trial in range(8):
+        evidence = Evidence(grid, RATE)
+        for number, before in enumerate(odometry):
+            survey = evidence.survey(Images(grid, 100 * trial + number), before)
+        level = evidence.controls.level
+        best = float(evidence.joint.total[:, grid.mask].max())
+        found.append([level.mirrored - best, level.turned - best])
+        assert level.num_images == pytest.approx(sum(float(FORGETTING) ** k for k in range(8)))
+        assert survey.p_chance > 0.01
+    assert np.abs(np.mean(found, axis=0)) == pytest.approx([0.0, 0.0], abs=1.0)  # standard deviations of an image
 
 
 def test_two_places_that_are_alike_are_named_where_one_of_them_is_right():
@@ -248,20 +272,22 @@ def proofs(evidence, grid, seeds, poses, pose_of_belief, odometry):
     return [evidence.prove(Images(grid, s, p, 9.0), pose_of_belief, seen(o), is_held=False) for s, p, o in asked]
 
 
-def test_a_small_map_is_proven_against_the_mirrored_drive():
+def test_a_small_map_is_proven_against_drives_that_are_not_in_it():
     grid, (poses, odometry) = grid_of(26), drive(6)
     assert len(grid.positions) < MIN_PLACES
     poses = [pose - [1.0, 0.0, 0.0] for pose in poses]
     levels = [SE3.from_planar(*pose) for pose in odometry]
-    found = proofs(Evidence(grid, RATE), grid, range(6), poses, poses[-1], levels)
+    evidence = Evidence(grid, RATE)
+    found = proofs(evidence, grid, range(6), poses, poses[-1], levels)
+    level = evidence.controls.level
+    assert max(level.mirrored, level.turned) < 0.5 * evidence.joint.total.max()  # neither is in the map
     assert found[-1].is_small
     assert found[-1].p_chance < RATE
     assert found[-1].agrees
-    assert not found[-1].has_moved
     away = proofs(Evidence(grid, RATE), grid, range(6), poses, poses[-1] + [5.0, 0.0, 0.0], levels)
-    assert [proof.has_moved for proof in away] == [proof.survey.is_proven for proof in away]
-    assert away[-1].has_moved
-    assert away[-1].share_of_new > found[-1].share_of_new
+    assert not away[-1].agrees
+    assert not away[0].survey.is_proven
+    assert found[-1].share_of_new == away[-1].share_of_new > away[0].share_of_new  # what is proven draws particles
     assert len(away[-1].survey.alike()) == 0
 
 
@@ -270,8 +296,7 @@ def test_a_room_that_looks_like_its_mirror_image_proves_nothing():
     poses = [pose - [1.0, 0.0, 0.0] for pose in poses]
     evidence = Evidence(grid, RATE)
     for seed, (pose, before) in enumerate(zip(poses, odometry, strict=True)):
-        across = np.array([0.0, 26 * EDGE, 0.0]) + pose * [1.0, -1.0, -1.0]
-        survey = evidence.survey(Images(grid, seed, pose, 9.0, across), before)
+        survey = evidence.survey(Images(grid, seed, pose, 9.0, is_symmetric=True), before)
     assert survey.p_chance > 0.01
 
 

@@ -13,6 +13,7 @@ from mcl_depth.geometry.cloud import Cloud
 from mcl_depth.ros.clouds import find_map_id, read_map
 from mcl_depth.ros.node import MclDepthNode
 from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.localization.status import BaseEstimate, State, Status
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.maps.reader import MapDetails, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
@@ -51,6 +52,27 @@ def test_a_cloud_that_cannot_be_read_leaves_the_present_one(node, tmp_path):
         assert name in answer.message
         assert "\n" not in answer.message
     assert node.clouds.geometry is before
+
+
+def test_a_pose_is_published_as_latitude_and_longitude_where_the_system_is_known(tmp_path):
+    points = np.random.default_rng(1).uniform((-4, -3, 0), (4, 3, 2), (500, 3))
+    np.save(tmp_path / "room.npy", points + np.array([500_000.0, 4_982_950.4, 120.0]))
+    bus = OfflineBus()
+    node = bus.add(MclDepthNode, {"cloud": str(tmp_path / "room.npy"), "survey.crs": "EPSG:32632"})
+    origin = np.array(node.clouds.geometry.origin)
+    quarter = SE3.from_planar(0.0, 0.0, np.pi / 2)
+    pose = SE3.from_parts(quarter.rotation, np.array([500_000.0, 4_982_950.4, 121.5]) - origin)
+    covariance = np.diag([0.04, 0.01, 0.09, 1e-3, 1e-3, 1e-3])  # along the way, which leads north
+    node.clouds.tell_fix(BaseEstimate(Status(State.TRACKING), pose, covariance), 7)
+    node.clouds.tell_fix(BaseEstimate(Status(State.SEARCHING)), 8)
+    (fix,) = (item.message for item in bus.settle() if item.topic == "/fix")
+    assert (fix.latitude, fix.longitude, fix.altitude) == pytest.approx((45.0, 9.0, 121.5), abs=1e-8)
+    np.testing.assert_allclose(np.diag(np.reshape(fix.position_covariance, (3, 3))), [0.01, 0.04, 0.09], atol=1e-12)
+    assert (fix.position_covariance_type, fix.header.frame_id) == (3, "base_link")
+    silent = bus.add(MclDepthNode, {"cloud": str(tmp_path / "room.npy"), "survey.crs": "auto"})  # declares none
+    silent.clouds.tell_fix(BaseEstimate(Status(State.TRACKING), pose, covariance), 9)
+    assert not [item for item in bus.settle() if item.topic == "/fix"]
+    bus.close()
 
 
 def test_the_spheres_of_a_map_are_points_where_they_stood(tmp_path):

@@ -53,6 +53,15 @@ def test_a_poor_frame_starts_the_probation_again():
     assert machine.state is State.TRACKING
 
 
+def test_an_image_may_count_for_several_or_for_none():
+    machine = started()
+    machine.confirm(SECOND, is_good=True, num_images=2)
+    machine.confirm(SECOND, is_good=True, num_images=0)
+    assert machine.state is State.PROBATION
+    machine.confirm(SECOND, is_good=True, num_images=2)
+    assert machine.state is State.TRACKING
+
+
 def test_a_refused_image_on_probation_loses_the_pose():
     machine = started()
     machine.refuse(is_lost=False)

@@ -1,0 +1,67 @@
+"""Where on Earth a point of a survey is: UTM by its own series, other systems by pyproj where that is installed."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import laspy
+import numpy as np
+import pytest
+
+from mcl_depth.geometry.geodetic import Geodetic, declared_crs
+
+WKT = (
+    'COMPD_CS["UTM 32N + height",PROJCS["WGS 84 / UTM zone 32N",GEOGCS["WGS 84",AUTHORITY["EPSG","4326"]],'
+    'UNIT["metre",1,AUTHORITY["EPSG","9001"]],AUTHORITY["EPSG","32632"]],'
+    'VERT_CS["height",UNIT["metre",1,AUTHORITY["EPSG","9001"]],AUTHORITY["EPSG","5783"]]]'
+)
+
+
+def test_utm_is_that_of_the_ellipsoid() -> None:
+    north = Geodetic("EPSG:32632")
+    np.testing.assert_allclose(north.degrees(500_000.0, 0.9996 * 4_984_944.378), [45.0, 9.0], atol=1e-8)  # 1 mm
+    np.testing.assert_allclose(north.degrees(500_000.0, 0.0), [0.0, 9.0], atol=1e-12)
+    toronto = Geodetic("32617").degrees(630_084.0, 4_833_438.0)  # 43 deg 38' 33.24" N, 79 deg 23' 13.7" W
+    np.testing.assert_allclose(toronto, [43.642567, -79.387139], atol=1e-5)
+    south = Geodetic("EPSG:32733").degrees(261_878.0, 10_000_000.0 - 4_833_438.0)
+    mirrored = Geodetic("EPSG:32633").degrees(261_878.0, 4_833_438.0)
+    np.testing.assert_allclose(south, mirrored * [-1.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(Geodetic("25832").degrees(5e5, 5e6), north.degrees(5e5, 5e6), atol=1e-9)
+
+
+@pytest.mark.parametrize("crs", ["utm 32", "EPSG:32661", "EPSG:99999999999"])
+def test_what_is_no_system_is_refused_in_one_line(crs: str) -> None:
+    with pytest.raises(ValueError, match=r"survey\.crs: expected .*, found '") as error:
+        Geodetic(crs)
+    assert "\n" not in str(error.value)
+
+
+def test_another_system_is_left_to_pyproj(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyproj", None)
+    with pytest.raises(ValueError, match=r"UTM.*where pyproj is not installed"):
+        Geodetic("EPSG:2056")
+
+    def from_crs(source: str, target: str, *, always_xy: bool) -> SimpleNamespace:
+        assert (source, target, always_xy) == ("EPSG:2056", "EPSG:4326", True)
+        return SimpleNamespace(transform=lambda east, north: (east / 1e6, north / 1e5))
+
+    fake = SimpleNamespace(Transformer=SimpleNamespace(from_crs=from_crs))
+    monkeypatch.setitem(sys.modules, "pyproj", fake)
+    np.testing.assert_allclose(Geodetic("EPSG:2056").degrees(2.6e6, 1.2e6), [12.0, 2.6])
+
+
+@pytest.mark.parametrize("record", ["wkt", "keys", "none"])
+def test_a_tile_declares_its_system(tmp_path: Path, record: str) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    if record == "wkt":
+        header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "", WKT.encode()))
+    elif record == "keys":
+        keys = np.array([[1, 1, 0, 2], [1024, 0, 1, 1], [3072, 0, 1, 32632]], "<u2")
+        header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "", keys.tobytes()))
+    (tmp_path / "tiles").mkdir()
+    laspy.LasData(header).write(tmp_path / "tiles" / "a.las")
+    expected = "" if record == "none" else "EPSG:32632"
+    assert declared_crs(tmp_path / "tiles" / "a.las") == declared_crs(tmp_path / "tiles") == expected
+    assert declared_crs(tmp_path / "absent.npy") == ""
