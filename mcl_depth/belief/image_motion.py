@@ -97,7 +97,9 @@ class ImageMotion:
             range_m[~is_seen] = np.nan
             finite = range_m[np.isfinite(range_m)]
             self._reach_m = MAX_REACH * float(np.median(finite)) if finite.size else 0.0
-            self._view = View(prepare_reference(gray, range_m, self._map.camera, REGISTRATION), SE3.identity())
+            self._view = View(
+                prepare_reference(gray, range_m, self._map.camera, REGISTRATION, keep_edges=True), SE3.identity()
+            )
 
     def measure(self, observation: Observation, guess: Array) -> ImageStep | None:
         """Return the motion since the image that was kept, from a first guess (3,); None where there is none.

@@ -143,12 +143,18 @@ class View:
 
 
 def prepare_reference(
-    image: Image, range_m: NDArray[np.floating], camera: Camera, params: RegistrationParams | None = None
+    image: Image,
+    range_m: NDArray[np.floating],
+    camera: Camera,
+    params: RegistrationParams | None = None,
+    *,
+    keep_edges: bool = False,
 ) -> Reference:
     """Prepare a grey image (H, W) with range along the ray (H, W) in metres, NaN unknown, +Inf far.
 
     Of the pixels of a sphere those are used that are evenly spaced on it (M15 eq. 9); of any image none beside a nearer
-    surface, but on the coarsest level, which begins an alignment and tells what overlaps.
+    surface, but on the coarsest level, which begins an alignment and tells what overlaps. `keep_edges`: those, too, of
+    an image so small that little is left without them.
 
     Raises ValueError for sizes that differ and ranges that are zero or negative.
     """
@@ -165,7 +171,7 @@ def prepare_reference(
             steps, ranges = _halve_steps(steps, pad), halve_range_image(ranges, params.surface_ratio)
         if index >= finest:  # else no image will be aligned that finely
             codes = in_codes(ranges)
-            if index < len(cameras) - 1:
+            if index < len(cameras) - 1 and not keep_edges:
                 kernels.forget_behind_edges(ranges, EDGE_PIXELS, np.float32(EDGE_SHARE), codes)
             keep_evenly_spaced(codes, smaller)
             levels.append(ReferenceLevel(Squares(steps, smaller, pad, codes, params.far)))
