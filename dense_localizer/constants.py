@@ -115,9 +115,6 @@ FORWARD_STEP = 0.2  # before and behind a center, as share of the range
 NUM_COMPARED_POINTS, MIN_COMPARED_POINTS = 600, 20  # of a sphere with the image; visible, below which nothing is said
 NUM_ALIGNED, NUM_VERIFIED = 30, 4  # best guesses that are aligned coarsely, and of them at full resolution
 NUM_TURNED = 4  # spheres in which an image is compared at all turns about its axis, where no features place it
-# Local contrast (references/test_contrast). 13 to 42 deg put the right place among the first 5 of 378 in a town under
-# clouds that was mapped in sunshine; plain grey levels put it between place 3 and 78.
-CONTRAST_WINDOW_DEG, CONTRAST_FLOOR, CONTRAST_SCALE = 30.0, 4.0, 30.0  # around a pixel; grey levels; grey levels
 NUM_NEAR = 6  # key spheres around a given or lost pose
 SAME_POSE_M, SAME_POSE_DEG = 0.3, 10.0  # candidates closer than this are one
 SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.5, 2.0  # between two searches of the whole map; that a given or lost pose is tried

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import NUM_COARSE_LEVELS, NUM_COVERAGE_POINTS
-from dense_localizer.references.contrast import equalize_contrast
 from sphere_nav.geometry import Spherical
 from sphere_nav.photometric import Reference, RegistrationParams, prepare_reference
 from sphere_nav.spheres.sphere import Sphere
@@ -41,13 +40,6 @@ class CoarseReference:
         return prepare_reference(sphere.levels, sphere.range_m, sphere.camera, limit_levels(self.params))
 
     @cached_property
-    def contrast(self) -> Reference:
-        """Its levels, their local contrast made equal."""
-        sphere = self.load()
-        image = equalize_contrast(sphere.levels, sphere.camera)
-        return prepare_reference(image, sphere.range_m, sphere.camera, limit_levels(self.params))
-
-    @cached_property
     def points(self) -> NDArray[np.float32]:
         """A few points (N, 3) m of the sphere."""
         was_ready, points = "reference" in self.__dict__, self.reference.levels[-1].points
@@ -57,8 +49,7 @@ class CoarseReference:
 
     def forget(self) -> None:
         """Free what alignment needs; it is made again when needed."""
-        for name in ("reference", "contrast"):
-            self.__dict__.pop(name, None)
+        self.__dict__.pop("reference", None)
 
 
 class CoarseReferences(dict[int, CoarseReference]):
@@ -75,20 +66,13 @@ class CoarseReferences(dict[int, CoarseReference]):
 
     def reference(self, sphere_id: int) -> Reference:
         """Return a prepared small sphere."""
-        return self._prepared(sphere_id).reference
-
-    def contrast(self, sphere_id: int) -> Reference:
-        """Return a prepared small sphere, its local contrast made equal."""
-        return self._prepared(sphere_id).contrast
-
-    def _prepared(self, sphere_id: int) -> CoarseReference:
         self._latest.pop(sphere_id, None)
         self._latest[sphere_id] = None
         if len(self._latest) > NUM_PREPARED:
             oldest = next(iter(self._latest))
             del self._latest[oldest]
             self[oldest].forget()
-        return self[sphere_id]
+        return self[sphere_id].reference
 
 
 @cache

@@ -1,19 +1,16 @@
 """The first pose, and the pose after a loss: guesses, coarse alignment, decision (M15 section 5.4).
 
 The key spheres that look like the image (all of a small map) offer guesses: poses in and about their centers, and
-where features place the image. All are compared with the image, a few hundred points of the sphere projected from
-each pose into its coarsest level; the best are aligned at the coarsest levels. This is done by grey levels, which lead
-from farther away, and by contrast, which is the same in another light (`references/contrast.py`). The best of both are
-for the localizer to align at full resolution with two references. A result that another place explains nearly as well
-is withheld.
+where features place the image. All are compared with the image, a few hundred points of the sphere projected from each
+pose into its coarsest level; the best are aligned at the coarsest levels. The best of those are for the localizer to
+align at full resolution with two references. A result that another place explains nearly as well is withheld.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -38,13 +35,12 @@ from dense_localizer.constants import (
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
-from dense_localizer.references.contrast import equalize_pyramid
 from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.recognition import Recognition, find_body_axes
 from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.localization.status import FINE, Finding, Reason
-from sphere_nav.photometric import Reference, RegistrationParams, View, register
+from sphere_nav.photometric import RegistrationParams, View, register
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.graph import KeySphere
 
@@ -56,13 +52,6 @@ class Guess:
     node: KeySphere
     T_map_camera: SE3
     ncc: float = -1.0
-
-
-class Look(NamedTuple):
-    """An image, and what small key spheres look like to it: plain, or local contrast made equal in both."""
-
-    seen: RigImage
-    reference: Callable[[int], Reference]
 
 
 class SearchResult(NamedTuple):
@@ -91,8 +80,7 @@ class Startup:
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance) > NUM_RETRIEVED:
             nodes, placed = self._recognize(seen, [attitude])
-        looks, count = self._looks(seen), NUM_ALIGNED // 2 - len(placed)
-        return self._refine(looks, [placed + self._compare_all(look, nodes, [attitude], count) for look in looks])
+        return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
 
     def propose_turned(self, images: Sequence[RigImage], T_base_body: SE3 | None = None) -> list[SE3]:
         """Do the same for a camera that is turned about its axis in any way; where features place it, these suffice."""
@@ -103,9 +91,7 @@ class Startup:
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance):
             nodes, placed = self._recognize(seen, [upright, *attitudes])
-        looks, near = self._looks(seen), nodes[:NUM_TURNED]
-        guesses = [placed or self._compare_all(look, near, attitudes, NUM_ALIGNED // 2) for look in looks]
-        return self._refine(looks, guesses)
+        return self._refine(seen, placed or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
 
     def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
         """Return the key spheres that look like the image, and where its features place it."""
@@ -113,18 +99,15 @@ class Startup:
         placed = [Guess(node(one), node(one).T_map_sphere @ T) for one, T in recognition.match_poses()]
         return [node(one.sphere_id) for one in recognition.alike], placed
 
-    def _looks(self, seen: RigImage) -> tuple[Look, Look]:
-        """Return the image as it is, and its contrast."""
-        even = replace(seen, pyramid=equalize_pyramid(seen.pyramid))
-        return Look(seen, self._references.coarse.reference), Look(even, self._references.coarse.contrast)
-
-    def _compare_all(self, look: Look, nodes: Sequence[KeySphere], attitudes: Sequence[SE3], count: int) -> list[Guess]:
+    def _compare_all(
+        self, seen: RigImage, nodes: Sequence[KeySphere], attitudes: Sequence[SE3], count: int
+    ) -> list[Guess]:
         """Return the best of many poses in some key spheres."""
         guesses: list[Guess] = []
         for node in nodes:
             for attitude in attitudes:
-                coarse, camera = self._references.coarse[node.id], look.seen.pyramid.cameras[0]
-                guesses += self._compare(look, node, candidate_poses(coarse, self._params.start, camera, attitude))
+                coarse, camera = self._references.coarse[node.id], seen.pyramid.cameras[0]
+                guesses += self._compare(seen, node, candidate_poses(coarse, self._params.start, camera, attitude))
         return select_best(guesses, count)
 
     def propose_near(self, images: Sequence[RigImage], T_map_body: SE3) -> list[SE3]:
@@ -134,31 +117,25 @@ class Startup:
         for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M):
             guesses.append(Guess(node, T_map_camera))
             guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
-        return self._refine(self._looks(seen), [guesses, guesses])
+        return self._refine(seen, guesses)
 
-    def _compare(self, look: Look, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
+    def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
         """Return a guess for each of several poses in a sphere, with how much the image resembles it there."""
-        level = look.reference(node.id).levels[-1]
+        level = self._references.coarse.reference(node.id).levels[-1]
         step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
         points, intensity = level.points[:, ::step].T, level.intensity[::step]
-        scores = score_poses(points, intensity, T_sphere_camera.inverse(), look.seen.pyramid.levels[-1])
+        scores = score_poses(points, intensity, T_sphere_camera.inverse(), seen.pyramid.levels[-1])
         rows = enumerate(scores.tolist())
         return [Guess(node, node.T_map_sphere @ T_sphere_camera[index], score) for index, score in rows]
 
-    def _refine(self, looks: Sequence[Look], guesses: Sequence[Sequence[Guess]]) -> list[SE3]:
-        """Return the best poses of each look after alignment, in turn; a correlation of one says nothing in another."""
-        aligned = [
-            select_best([self._align(look, guess) for guess in some], len(some))
-            for look, some in zip(looks, guesses, strict=True)
-        ]
-        in_turn = [guess for ranked in zip_longest(*aligned) for guess in ranked if guess is not None]
-        return [looks[0].seen.body(guess.T_map_camera) for guess in self._select_distinct(in_turn)]
+    def _refine(self, seen: RigImage, guesses: Sequence[Guess]) -> list[SE3]:
+        aligned = select_best([self._align(seen, guess) for guess in guesses], len(guesses))
+        return [seen.body(guess.T_map_camera) for guess in self._select_distinct(aligned)]
 
-    def _align(self, look: Look, guess: Guess) -> Guess:
+    def _align(self, seen: RigImage, guess: Guess) -> Guess:
         """Return a guess after alignment at the coarsest levels."""
-        seen = look.seen
         params = stop_at(len(seen.pyramid.levels) - NUM_COARSE_LEVELS, self._params.registration)
-        view = View(look.reference(guess.node.id), guess.node.T_map_sphere)
+        view = View(self._references.coarse.reference(guess.node.id), guess.node.T_map_sphere)
         found = register(seen.pyramid, [view], guess.T_map_camera, params)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
         return Guess(guess.node, found.T_world_camera, float(score))

@@ -42,16 +42,6 @@ def test_the_camera_is_found_anywhere_at_any_heading(room, room_map, pose):
     assert (distance, angle) < (0.015, 0.008)  # as in tracking
 
 
-def test_a_place_is_proposed_in_another_light(room, room_map):
-    """A quarter of the texture is left under a light of its own, which grey levels take for the picture."""
-    pose, (row, column) = at(0.2, 0.1, 0.4), np.mgrid[: PINHOLE.height, : PINHOLE.width]
-    light = 90.0 + 60.0 * np.sin(column / 25.0) * np.cos(row / 30.0)
-    image = np.clip(0.25 * room.photograph(PINHOLE, pose, 3) + light, 1, 255).astype(np.uint8)
-    pyramid = build_pyramid(image, PINHOLE, PARAMS.registration.pyramid)
-    proposed = Startup(References(room_map, PARAMS), PARAMS).propose([RigImage(pyramid)])
-    assert min(float(sum(one.distance(pose))) for one in proposed) < 0.4  # m and rad: one place
-
-
 @pytest.mark.parametrize("roll_deg", [45.0, 90.0, 180.0, -70.0])
 @pytest.mark.parametrize("has_features", [True, False])
 def test_a_camera_turned_about_its_axis_is_found(room, room_map, monkeypatch, roll_deg, has_features):
