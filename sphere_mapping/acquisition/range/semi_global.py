@@ -86,7 +86,9 @@ def match_semi_globally(top: Image, bottom: Image, first: int, *, is_whole: bool
     padded = [cv2.copyMakeBorder(image, 0, 0, max(margin, 0), max(-first, 0), cv2.BORDER_REPLICATE) for image in padded]
     length, last = -(-across[0].shape[0] // number), across[0].shape[0]
     strips = [slice(k * length, min((k + 1) * length, last) + 2 * around) for k in range(number)]
-    found = in_threads(lambda strip: _matcher(first).compute(padded[0][strip], padded[1][strip]), strips, jobs)
+    found = in_threads(
+        lambda strip: _matcher(first, is_whole).compute(padded[0][strip], padded[1][strip]), strips, jobs
+    )
     raw = np.concatenate([part[around : len(part) - around] for part in found])
     raw = raw[:, max(margin, 0) :][:, : across[0].shape[1]]
     scale = cv2.StereoMatcher_DISP_SCALE
@@ -105,13 +107,15 @@ def _without_mean(image: Image, is_whole: bool) -> NDArray[np.int16]:
     return less[:, side:-side]
 
 
-def _matcher(first: int) -> cv2.StereoSGBM:
-    return cv2.StereoSGBM_create(
-        minDisparity=first,
-        numDisparities=NUM_DISPARITIES,
-        **SGBM,
-        mode=cv2.STEREO_SGBM_MODE_SGBM,  # one thread, so the same bits every time
-    )
+def _matcher(first: int, is_whole: bool) -> cv2.StereoSGBM:
+    """Return the matcher; its modes are those of one thread, so the same bits every time.
+
+    Its first mode smooths down the rows only, so that where disparity grows from row to row, as on the road before a
+    pair, it lags by half a pixel; the other one smooths up the rows, too. Rows of a whole sphere are its columns, along
+    which disparity grows here and falls there.
+    """
+    mode = cv2.STEREO_SGBM_MODE_SGBM if is_whole else cv2.STEREO_SGBM_MODE_HH
+    return cv2.StereoSGBM_create(minDisparity=first, numDisparities=NUM_DISPARITIES, **SGBM, mode=mode)
 
 
 def check_order(top: Image, bottom: Image, names: tuple[str, str], *, is_whole: bool) -> None:

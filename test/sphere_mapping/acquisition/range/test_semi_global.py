@@ -51,3 +51,17 @@ def test_smoothness_carries_matches_into_a_bare_wall_where_nothing_is_clear():
     inner = np.s_[60:-20, 160:220]
     assert np.isnan(find_clear_matches(top, bottom, -2, is_whole=True)[inner]).all()
     assert np.isfinite(match_semi_globally(top, bottom, -2, is_whole=True)[40:-20, :140]).mean() > 0.9
+
+
+def test_ground_before_a_pair_does_not_lag_behind_its_slant():
+    noise = np.random.default_rng(1).normal(0, 1, (240, 480))
+    smooth = cv2.GaussianBlur(noise, (0, 0), 1.5)
+    right = np.clip(128 + 40 * smooth / smooth.std(), 1, 255).astype(np.float32)
+    rows, columns = np.mgrid[:240, :480].astype(np.float32)
+    slant = 4.0 + 0.2 * rows  # px: nearer from row to row
+    left = cv2.remap(right, columns - slant, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    top, bottom = (np.ascontiguousarray(np.rint(image).clip(0, 255).astype(np.uint8).T) for image in (left, right))
+    found = match_semi_globally(top, bottom, -2, is_whole=False).T
+    error = (found - slant)[20:-20, 80:-20]
+    assert np.isfinite(error).mean() > 0.8
+    assert abs(np.nanmedian(error)) < 0.1  # by passes down the rows alone it lags by half a pixel
