@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from dense_localizer.constants import INTEGRITY_PERIOD, MAP_PHASE, REJECTION_PHASE
-from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
+from dense_localizer.judge.acceptance import measure_innovation
+from dense_localizer.judge.integrity import CHECKS_DUE, Integrity, cover_slip
+from dense_localizer.motion_prior import PosePrior
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import TRUSTED, State
+from sphere_nav.localization.status import TRUSTED, Reason, State
 from sphere_nav.photometric.checks.structure import EVERYTHING
 from worlds.localizer import PINHOLE, STEP_NS, Run, at, drive, error, make_localizer, make_map
 from worlds.room import Room
@@ -66,3 +68,31 @@ def test_what_covers_a_part_of_the_view_and_moves_with_the_camera_does_not_drag_
         if k > 3:
             assert estimate.status.state in TRUSTED
             assert error(estimate, pose)[0] < 0.1  # 0.46 m off in TRACKING, then lost, without that evidence
+
+
+def test_after_a_slip_the_next_image_is_not_held_to_a_motion_that_never_was():
+    period_ns, small = 100_000_000, np.diag(np.full(6, 1e-6))
+    step = SE3.from_parts(np.eye(3), [0.0, 0.0, 1.4])
+    prior = PosePrior(LocalizerParams().prior)
+    poses = [SE3.identity(), step, step @ step, step @ step @ step]
+    prior.start(poses[0], small, period_ns)
+    prior.correct(poses[1], small, 2 * period_ns)
+    prediction = prior.predict(3 * period_ns)
+    near, slipped = (poses[2] @ SE3.exp([0.0, meters, 0.0, 0.0, 0.0, 0.0]) for meters in (0.1, 0.19))
+    np.testing.assert_array_equal(cover_slip(near, small, prediction), small)  # 4 deviations: the car may do that
+    covariance = cover_slip(slipped, small, prediction)
+    np.testing.assert_allclose(covariance - small, np.diag([0.0, 0.19**2, 0.0, 0.0, 0.0, 0.0]), atol=1e-9)
+    prior.correct(slipped, covariance, 3 * period_ns, noise=small)
+    assert measure_innovation(poses[3], small, prior.predict(4 * period_ns)) < 3.0
+    prior.correct(slipped, small, 3 * period_ns)  # as if it were sure of the slip
+    assert measure_innovation(poses[3], small, prior.predict(4 * period_ns)) > 8.0
+
+
+def test_a_camera_that_is_pushed_for_one_image_is_found_in_the_next_one(room, room_map):
+    run = Run(room, make_localizer(room_map))
+    poses = [at(-1.2 + 0.05 * k, 0.043 * (k == 14)) for k in range(16)]
+    run.localizer.relocalize(poses[0])
+    *_, pushed, after = run.follow(poses)
+    assert (pushed.status.state, pushed.status.reason) == (State.DEGRADED, Reason.JUMP_REJECTED)
+    assert 0.035 < np.sqrt(pushed.covariance[:3, :3].trace()) < 0.05  # it may have slipped there
+    assert error(after, poses[-1])[0] < 0.005  # held to the motion of the push, it would be 0.05 m off
