@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.world import city
+from cycab_sim.world import city, road
 from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.paths import Path, rounded
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT
@@ -107,6 +107,32 @@ def city_loops() -> tuple[Loop, ...]:
     )
 
 
+def road_loops() -> tuple[Loop, ...]:
+    """Return the loop of the road: against the car, and back behind the houses."""
+    middle, ends = road.road_path(0.0), road.BEYOND + 8.0
+    ways = np.arange(-ends, middle.length + ends, 1.0)
+    against = np.array([road.place_beside(middle, s, road.LANE)[:2, 3] for s in ways[::-1]])
+    behind = np.array([road.place_beside(middle, s, road.WALL + 2 * road.DEEP)[:2, 3] for s in ways])
+    corners = np.concatenate([against, behind, against[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    s = np.arange(0.0, along[-1] - SPACING / 2, SPACING)
+    return (Loop("road", np.stack([np.interp(s, along, axis) for axis in corners.T], axis=1)),)
+
+
+def square_loops() -> tuple[Loop, ...]:
+    """Return the loops of the square: a road around it, cyclists and people upon it."""
+    rings = [_inset(road.SQUARE, d) for d in (3.0, 26.0, 45.0)]
+    upon = [
+        [(-50.0, 16.0), (45.0, 16.0), (45.0, 30.0), (-50.0, 30.0)],
+        [(-40.0, -40.0), (50.0, -40.0), (50.0, -15.0), (-40.0, -15.0)],
+    ]
+    return (
+        *_loops("road", rings[:1], 6.0),
+        *_loops("cycle", rings[1:2], 6.0),
+        *_loops("walk", [rings[2][::-1], *upon], 2.0),
+    )
+
+
 def free_loops(loops: Iterable[Loop], path: Path, may_cross: bool) -> list[Loop]:
     """Return the loops on which nothing comes into the way of a car on the path; all of them if they may cross it."""
     taught = path.at(np.arange(0.0, path.length, 0.5))[:, :2]
@@ -131,6 +157,8 @@ def standing_place(path: Path, distance: float) -> Loop:
 def walk_around(loops: Iterable[Loop], mesh: Mesh) -> list[Loop]:
     """Return the loops with walks led around what stands on the pavement."""
     loops = list(loops)
+    if not any(loop.kind == "walk" for loop in loops):
+        return loops
     every = np.concatenate([loop.points for loop in loops] or [np.zeros((1, 2))])
     corner = every.min(axis=0) - MARGIN
     grid = _room(mesh, corner, np.ptp(every, axis=0) + 2 * MARGIN)

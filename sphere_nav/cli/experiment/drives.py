@@ -144,6 +144,25 @@ class Tour(PaperDrive):
     max_bound = 0.15
 
 
+class Square(PaperDrive):
+    """M15 section 6.4.5: far houses tell little of where the car is, and shadows are elsewhere."""
+
+    purpose = "60 m over an open square, houses further than 60 m, in shadows of three hours later (M15 6.4.5)"
+    world: Mapping[str, Any] = {"world": "square", "light.sun": "172,9h"}
+    simulator: Mapping[str, Any] = {"light.sun": "172,12h"}
+    rmse_bound = max_bound = 0.05
+
+    def figures(self, errors: DriveErrors) -> list[JudgedFigure]:
+        """Allow that the drive ends where the localiser withholds the pose."""
+        is_withheld = not self.has_finished and "localiser TRACKING" not in self.end
+        kept = super().figures(errors)[:2]
+        told = [
+            JudgedFigure("share of the path that was driven", errors.share_driven),
+            JudgedFigure("end reached, or pose withheld", float(self.has_finished or is_withheld), "", 1.0, True),
+        ]
+        return [*kept, *told]
+
+
 class Reverse(PaperDrive):
     """Taught forward, driven back in reverse gear: the camera still looks ahead (M15 fig. 14)."""
 
@@ -290,4 +309,5 @@ DRIVES: Mapping[str, type[PaperDrive]] = {
     "blind": Blind,
     "pedestrian": Pedestrian,
     "tour": Tour,
+    "square": Square,
 }

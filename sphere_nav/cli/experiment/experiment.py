@@ -13,12 +13,14 @@ from sphere_nav.cli.experiment.homing import Homing
 from sphere_nav.cli.experiment.hybrid import Hybrid
 from sphere_nav.cli.experiment.kidnapped import Kidnapped
 from sphere_nav.cli.experiment.one_sphere import AroundOneSphere, MadOverDistance, OneSphere
+from sphere_nav.cli.experiment.street import Street
 
 ALL_DRIVES: Mapping[str, type[PaperDrive]] = {**DRIVES, "kidnapped": Kidnapped, "homing": Homing, "hybrid": Hybrid}
-OFFLINE: Mapping[str, type[Convergence | OneSphere]] = {  # which nobody is taught for
+OFFLINE: Mapping[str, type[Convergence | OneSphere | Street]] = {  # which nobody is taught for
     "convergence": Convergence,
     "mad": MadOverDistance,
     "around": AroundOneSphere,
+    "street": Street,
 }
 PURPOSES = {name: kind.purpose for name, kind in {**ALL_DRIVES, **OFFLINE}.items()}
 LISTING = "\n".join(f"  {name:<16} {purpose}" for name, purpose in PURPOSES.items())

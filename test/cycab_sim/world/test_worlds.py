@@ -41,7 +41,9 @@ def test_a_cloud_needs_a_spacing(spacing):
 
 
 def test_unknown_worlds_are_refused():
-    with pytest.raises(ValueError, match="world: expected one of town, city, corridor, ramp, found 'moon'"):
+    with pytest.raises(
+        ValueError, match="world: expected one of town, city, corridor, ramp, road, square, found 'moon'"
+    ):
         build_world("moon", 1)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from sphere_nav.cli.demo.report import DriveErrors
 from sphere_nav.cli.experiment import drives as module
-from sphere_nav.cli.experiment.drives import Blind, Pedestrian, Tour, TwoTurns, beside, room_around
+from sphere_nav.cli.experiment.drives import Blind, Pedestrian, Square, Tour, TwoTurns, beside, room_around
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 
@@ -73,3 +73,17 @@ def test_the_pedestrian_keeps_half_a_meter(tmp_path, monkeypatch, stands, is_met
     gap = 15.0 - 0.35 - 1.55 - stands  # where he stands, his radius, the nose of the car
     assert found["least room between car and pedestrian"].value == pytest.approx(gap, abs=1e-6)
     assert found["least room between car and pedestrian"].is_met is is_met
+
+
+@pytest.mark.parametrize(
+    ("has_finished", "end", "is_met"),
+    [(True, "localiser TRACKING", True), (False, "localiser SEARCHING", True), (False, "localiser TRACKING", False)],
+)
+def test_on_the_square_the_pose_may_be_withheld_but_not_be_wrong(tmp_path, has_finished, end, is_met):
+    drive = made(Square, tmp_path, has_finished=has_finished, end=end)
+    assert drive.path.length == pytest.approx(60.0, abs=0.01)
+    found = by_name(drive.figures(errors_of([0, 1, 2], [0.0, -0.06, 0.01])))
+    assert found["end reached, or pose withheld"].is_met is is_met
+    assert not found["lateral error, largest"].is_met
+    assert found["lateral error, RMSE"].is_met
+    assert found["share of the path that was driven"].bound is None

@@ -1,0 +1,73 @@
+"""The road of 1 km and the open square: what lies beside their ways."""
+
+import numpy as np
+import pytest
+
+from cycab_sim.world.road import (
+    HALF_ROAD,
+    LANE,
+    SQUARE,
+    WALL,
+    build_road,
+    build_square,
+    place_beside,
+    road_path,
+    square_path,
+)
+from cycab_sim.world.traffic.loops import free_loops, road_loops, square_loops
+
+
+def test_the_road_has_a_kilometre_that_a_car_drives_at_14_meters_a_second():
+    way, middle = road_path(), road_path(0.0)
+    assert middle.length == pytest.approx(1000.0, abs=0.1)
+    assert abs(way.length - middle.length) < 2.0
+    poses = way.at(np.arange(0.0, way.length, 1.0))
+    assert np.abs(poses[:, 3]).max() * 13.9**2 < 2.6  # m/s^2 across
+    assert {1.0, -1.0} <= set(np.sign(poses[:, 3]))
+    for s in (0.0, 100.0, 190.0, 300.0, 400.0, 560.0, 640.0, 990.0):  # in straights and in bends of both kinds
+        x, y = middle.at(s)[:2]
+        across = np.hypot(*(way.at(np.linspace(s - 20.0, s + 20.0, 4001))[:, :2] - [x, y]).T).min()
+        assert across == pytest.approx(LANE, abs=0.01)
+
+
+def test_a_place_beside_a_path_is_to_its_left_and_turned():
+    placement = place_beside(road_path(0.0), 60.0, 2.0, np.pi / 2, 0.5)
+    np.testing.assert_allclose(placement[:3, 3], [60.0, 2.0, 0.5])
+    np.testing.assert_allclose(placement[:3, 0], [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_houses_leave_the_road_free_on_both_sides_and_in_its_bends():
+    triangles = build_road(3).triangles
+    high = triangles[triangles[..., 2].min(axis=1) > 2.5]  # of houses: above cars, boxes and benches
+    corners = high.reshape(-1, 3)[:, :2]
+    for s in np.arange(2.0, 1000.0, 23.0):
+        x, y, heading, _ = road_path(0.0).at(s)
+        off = corners - [x, y]
+        along = off @ [np.cos(heading), np.sin(heading)]
+        across = (off @ [-np.sin(heading), np.cos(heading)])[np.abs(along) < 3.0]
+        near = across[np.abs(across) < WALL + 12.0]
+        assert np.abs(near).min() > HALF_ROAD - 1.9  # trees reach over the kerb
+        assert near.min() < -WALL or near.max() > WALL
+
+
+def test_the_square_is_open_for_60_meters_around_the_way():
+    triangles = build_square(3).triangles
+    houses = triangles[np.ptp(triangles[..., 2], axis=1) > 3.0].mean(axis=1)[:, :2]
+    way = square_path().at(np.linspace(0.0, square_path().length, 50))[:, :2]
+    inside = houses[np.all((houses > np.array(SQUARE[:2]) + 8.0) & (houses < np.array(SQUARE[2:]) - 8.0), axis=1)]
+    around = np.array([house for house in houses if not np.any(np.all(np.isclose(inside, house), axis=1))])
+    assert np.linalg.norm(way[:, None] - around[None], axis=2).min() > 60.0
+    assert len(inside) < 100  # lamps
+    assert square_path().length == pytest.approx(60.0, abs=0.01)
+
+
+def test_cars_come_towards_the_car_on_the_road_and_people_walk_on_the_square():
+    [loop] = free_loops(road_loops(), road_path(), may_cross=False)
+    steps = np.diff(loop.points, axis=0)
+    assert np.abs(np.hypot(*steps.T) - 0.25).max() < 0.1  # at its corners
+    here = np.argmin(np.linalg.norm(loop.points - road_path(0.0).at(60.0)[:2], axis=1))
+    assert loop.points[here] == pytest.approx([60.0, LANE], abs=0.3)
+    assert steps[here][0] < -0.2  # the car drives along x there
+    kinds = [loop.kind for loop in free_loops(square_loops(), square_path(), may_cross=False)]
+    assert kinds.count("walk") >= 2
+    assert {"road", "cycle"} <= set(kinds)
