@@ -90,7 +90,8 @@ def test_a_ply_with_faces_is_a_mesh(tmp_path: Path, form: str) -> None:
     (tmp_path / "m.ply").write_bytes(ply(form, faces=True))
     found = read_geometry(tmp_path / "m.ply")
     assert isinstance(found, TriangleMesh)
-    assert found.triangles.shape == (1, 3)
+    assert found.triangles.tolist() == [[0, 1, 2]]
+    np.testing.assert_allclose(found.vertices, POINTS)
 
 
 def test_arrays(tmp_path: Path) -> None:
@@ -224,10 +225,24 @@ def test_a_face_beyond_the_end_and_lists_before_the_vertices_are_refused(tmp_pat
         read_geometry(tmp_path / "strip.ply")
 
 
-def test_faces_with_more_than_their_corners_are_not_read_and_the_points_are(tmp_path: Path) -> None:
-    data = ply("binary_little_endian", faces=True).replace(b"element face 1\n", b"element face 1\nproperty uchar red\n")
-    (tmp_path / "a.ply").write_bytes(data + bytes(4))
-    np.testing.assert_allclose(read_geometry(tmp_path / "a.ply").points, POINTS)
+FACE = "element face 1\nproperty list uchar int vertex_indices\n"
+NO_FACES = {  # what stands instead of the face, its row of numbers and their kinds
+    "color": ("element face 1\nproperty uchar red\nproperty list uchar int i\n", (9, 3, 0, 1, 2), "u1 u1 i4 i4 i4"),
+    "two": (FACE + "property list uchar int more\n", (3, 0, 1, 2, 1, 5), "u1 i4 i4 i4 u1 i4"),
+    "strip": (FACE.replace("face", "tristrips"), (3, 0, 1, 2), "u1 i4 i4 i4"),
+}
+
+
+@pytest.mark.parametrize("kind", NO_FACES)
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_rows_that_are_not_corners_alone_are_not_read_and_the_points_are(tmp_path: Path, form: str, kind: str) -> None:
+    element, row, kinds = NO_FACES[kind]
+    head, _, _ = ply(form, faces=True).replace(FACE.encode(), element.encode()).partition(b"end_header\n")
+    body = rows_of(form, POINTS, ["f4"] * 3) + rows_of(form, [row], kinds.split())
+    (tmp_path / "a.ply").write_bytes(head + b"end_header\n" + body)
+    found = read_geometry(tmp_path / "a.ply")
+    assert not isinstance(found, TriangleMesh)
+    np.testing.assert_allclose(found.points, POINTS)
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary", "binary_compressed"])
