@@ -51,6 +51,9 @@ def test_dashes_stop_before_a_crossing_and_stripes_lie_before_and_behind():
     assert np.ptp(marks[2:, :, 1], axis=1) == pytest.approx(2 * HALF)
     gutters = corners[np.isclose(sides(corners)[:, 1], 0.3, atol=1e-4)]
     np.testing.assert_allclose(np.sort(gutters[:, :, 1].min(axis=1)), [-HALF, -HALF, HALF - 0.3, HALF - 0.3], atol=1e-5)
+    for a, b in expected[:2]:
+        part = gutters[(gutters[..., 0] > a).all(axis=1) & (gutters[..., 0] < b).all(axis=1)]
+        np.testing.assert_allclose(np.sort(part[..., 0].ravel())[[0, -1]], [a + 3, b - 3], atol=1e-3)
 
 
 def test_a_street_lies_where_it_is_placed():

@@ -13,7 +13,7 @@ import pytest
 from mcl_depth.geometry.cloud import cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
-from mcl_depth.geometry.las import read_points
+from mcl_depth.geometry.las import _check_chunks, read_points
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 
@@ -365,6 +365,20 @@ def test_cubes_of_several_sizes_are_kept_apart() -> None:
     np.testing.assert_allclose(found[~is_near].mean(axis=0), far.mean(axis=0), atol=0.1)
 
 
+def write_lying_tile(path: Path, *lies: tuple[str, int, int, int]) -> None:
+    """Write a packed tile of 200 points in one chunk, then say something else of it."""
+    tile = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
+    tile.x, tile.y, tile.z = np.random.default_rng(1).uniform(-30, 30, (3, 200))
+    tile.write(path)
+    data = bytearray(path.read_bytes())
+    points = int.from_bytes(data[96:100], "little")
+    record = data.find(b"laszip encoded") + 52
+    starts = {"header": 0, "points": points, "record": record, "chunks": int.from_bytes(data[points:][:8], "little")}
+    for place, offset, width, value in lies:
+        struct.pack_into({2: "<H", 4: "<I", 8: "<Q"}[width], data, starts[place] + offset, value)
+    path.write_bytes(data)
+
+
 ATTACKS = {  # on a tile of 200 points: where, how wide, what
     "a billion chunks, of which lazrs aborts": ("chunks", 4, 4, 2**31 - 1),
     "chunks of all memory, of which lazrs aborts": ("record", 12, 4, 2**31),
@@ -378,16 +392,23 @@ ATTACKS = {  # on a tile of 200 points: where, how wide, what
 @pytest.mark.parametrize("name", ATTACKS)
 def test_what_a_packed_tile_says_of_its_chunks_is_checked(tmp_path: Path, name: str) -> None:
     """Read in this very process, where lazrs would end it."""
-    place, offset, width, value = ATTACKS[name]
-    tile = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
-    tile.x, tile.y, tile.z = np.random.default_rng(1).uniform(-30, 30, (3, 200))
-    tile.write(tmp_path / "a.laz")
-    data = bytearray((tmp_path / "a.laz").read_bytes())
-    points = int.from_bytes(data[96:100], "little")
-    record = data.find(b"laszip encoded") + 52
-    starts = {"header": 0, "points": points, "record": record, "chunks": int.from_bytes(data[points:][:8], "little")}
-    struct.pack_into({2: "<H", 4: "<I", 8: "<Q"}[width], data, starts[place] + offset, value)
-    (tmp_path / "a.laz").write_bytes(data)
+    write_lying_tile(tmp_path / "a.laz", ATTACKS[name])
     with pytest.raises(ValueError, match=r"a\.laz: .*expected.*found") as caught:
         read_points(tmp_path / "a.laz")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("per_chunk", "most"), [(2**32 - 1, 200), (100, 2), (199, 2), (200, 1), (50_000, 1)], ids=lambda n: str(n)
+)
+def test_a_packed_tile_has_no_more_chunks_than_its_points_fill(tmp_path: Path, per_chunk: int, most: int) -> None:
+    """As many as points where each chunk says for itself how many it holds (2^32 - 1)."""
+    path = tmp_path / "a.laz"
+    for count in (most, most + 1):
+        write_lying_tile(path, ("record", 12, 4, per_chunk), ("chunks", 4, 4, count))
+        with laspy.open(path) as file:
+            if count == most:
+                _check_chunks(path, file.header, path.stat().st_size)
+            else:
+                with pytest.raises(ValueError, match=f"expected 200 points, found {count} chunks of {per_chunk} points"):
+                    _check_chunks(path, file.header, path.stat().st_size)
