@@ -108,7 +108,7 @@ def test_a_point_of_the_drive_is_found_on_the_curve_that_was_made_of_it():
     here = _Run(HERE, 200, 210, np.arange(11))
     for at, (strand, index) in {
         0: (4, 0), 100: (4, 100), 111: (5, 1),
-        105: (3, 62),  # on a curve of another drive
+        103: (3, 60), 105: (3, 62), 106: (3, 63),  # on a curve of another drive
         101: (4, 100), 109: (5, 0), 115: (5, 2),  # between them: the nearest end
     }.items():  # fmt: skip
         assert _resolve(runs, pieces, here, at) == _Anchor(strand, index)
