@@ -29,6 +29,11 @@ class Element:
     scalars: list[tuple[str, str]] = field(default_factory=list)
     lists: list[tuple[str, str, str]] = field(default_factory=list)
 
+    @property
+    def is_polygons(self) -> bool:
+        """Whether its rows are the corners of faces and nothing else."""
+        return self.name == "face" and len(self.lists) == 1 and not self.scalars
+
 
 def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return points (N, 3) and triangles (T, 3) of vertex indices, T = 0 without faces; polygons become fans."""
@@ -86,7 +91,7 @@ def _ascii(path: Path, body: bytes, elements: list[Element]) -> _Rows:
             if item.name == "vertex":
                 table = np.array(b" ".join(part).split(), np.float64).reshape(item.count, len(item.scalars))
                 found.points = list(table.T)
-            elif item.name == "face" and item.lists and not item.scalars:
+            elif item.is_polygons:
                 rows = [[int(word) for word in line.split()] for line in part]
                 if any(not row or row[0] != len(row) - 1 or row[0] > MAX_FACE for row in rows):
                     raise ValueError("a face with another number of corners than it says")
@@ -106,7 +111,7 @@ def _binary(path: Path, body: bytes, elements: list[Element], order: str) -> _Ro
                 f"{path}: {item.name}: expected {item.count} rows of {smallest} bytes, found {len(body) - start} bytes"
             )
         if item.lists:
-            if item.name == "face" and len(item.lists) == 1 and not item.scalars:
+            if item.is_polygons:
                 found.triangles, start = _faces(path, body, start, item, order)
                 continue
             break  # rows of unknown length, nothing that is needed here

@@ -20,6 +20,8 @@ from cycab_sim.params import SimParams
 from cycab_sim.sensors.imaging import RenderedFrame
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
+from sphere_mapping.constants import MAX_GRAY
+from sphere_mapping.params import KeySphereParams
 from sphere_nav.cli.demo.demo import new_folder
 from sphere_nav.cli.demo.plots import save_figure
 from sphere_nav.cli.experiment.result import JudgedFigure, write_result
@@ -30,7 +32,7 @@ from sphere_nav.photometric import View, build_pyramid, prepare_reference, regis
 from sphere_nav.spheres.sphere import Sphere
 
 STEP, NUM_SPHERES = 0.2, 500  # m; M15 fig. 3 has 500 images
-MAX_MAD = 0.05 * 255  # grey levels: eq. 12
+MAX_MAD = KeySphereParams().max_mad_share * MAX_GRAY  # grey levels: eq. 12
 SECOND = 1_000_000_000
 NUM_POSES, FARTHEST = 240, 6.0  # around a sphere; m
 BESIDE = 20.0  # m along the path, where that sphere is

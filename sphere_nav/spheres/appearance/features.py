@@ -94,7 +94,7 @@ def features_of_image(
     pixels = (pixels + 0.5) * scale - 0.5  # pixel centres are integers on every scale
     rays = camera.unproject(pixels)
     column, row = np.rint(pixels).astype(np.int64).T
-    is_usable = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height) & ~np.isnan(rays[:, 0])
+    is_usable = (column >= 0) & (column < camera.width) & ~np.isnan(rays[:, 0])  # SIFT finds none at a border
     if pad:
         is_usable &= np.abs(rays[:, 2]) < np.sin(MAX_ELEVATION)
     if is_seen is not None:

@@ -95,7 +95,7 @@ def _solve_three(rays: Array, points: Array) -> list[SE3]:
         return []
     found = []
     for rotation, translation in zip(rotations, translations, strict=True):
-        if np.all(np.isfinite(rotation)) and np.all(np.isfinite(translation)):
+        if np.all(np.isfinite([rotation, translation])):
             found.append(SE3.from_parts(turn.T @ cv2.Rodrigues(rotation)[0], turn.T @ translation.ravel()))
     return found
 

@@ -5,7 +5,9 @@ import pytest
 
 from cycab_sim.params import LightParams, RenderParams, SeasonParams
 from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.rendering.weather import PixelView, Weather
 from cycab_sim.sensors.cameras import OPTICAL
+from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture import kernels as materials
 from sphere_nav.geometry import SE3, Pinhole
 
@@ -105,6 +107,26 @@ def test_an_overcast_sky_is_gray_brightest_overhead_and_without_shadows(box_mesh
     assert sky[0].mean() > 1.15 * sky[39].mean()
     shadowless, _ = radiance(box_mesh, LightParams(overcast=1.0), effort=SHADOWLESS)
     np.testing.assert_array_equal(radiance(box_mesh, LightParams(overcast=1.0))[0], shadowless)
+
+
+def test_noise_is_averaged_over_what_a_ray_covers_of_the_ground():
+    """The cone of a ray meets the ground in an ellipse: as wide as the cone there, and as long as its edges say."""
+    height, cone = 2.0, 5e-4
+    slopes = np.array([np.pi / 2, 1.2, 0.7, 0.3, 0.1, 0.05, 0.02])  # below the horizon; the last is taken as 0.03
+    rays = np.stack([0.6 * np.cos(slopes), -0.8 * np.cos(slopes), -np.sin(slopes)], axis=1).astype(np.float32)
+    ranges = (height / np.sin(slopes)).astype(np.float32)
+    view = PixelView(np.array([1.0, 2.0, height]), rays, ranges, np.zeros(7, np.int32), np.full(7, cone, np.float32))
+    points = view.origin.astype(np.float32) + ranges[:, None] * rays
+    edges = [height / np.tan(np.maximum(slopes, 0.03) + side * 1e-3 * cone) for side in (-0.5, 0.5)]
+    rows = np.empty((8, 7), np.float32)
+    rows[:2], rows[2], rows[3] = points[:, :2].T, ranges * cone, 1e3 * (edges[0] - edges[1])
+    rows[3, -1] = ranges[-1] * cone / 0.03
+    rows[4:6], rows[6], rows[7] = np.array([[0.6], [-0.8]]), 1 / 1.7, 0.7
+    expected = np.empty(7, np.float32)
+    sum_octaves(rows, np.full(7, 5, np.uint32), expected)
+    found = Weather._noise(Weather.__new__(Weather), view, np.arange(7), points, 1.7, 5)
+    np.testing.assert_allclose(found, expected, atol=2e-3)
+    assert np.ptp(found) > 0.2
 
 
 @pytest.mark.parametrize("season", [SeasonParams(wet=0.7), SeasonParams(snow=0.5)])

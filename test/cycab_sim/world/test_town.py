@@ -3,7 +3,7 @@ import pytest
 
 from cycab_sim.world import building, furniture, street
 from cycab_sim.world.mesh import MeshBuilder, placed
-from cycab_sim.world.town import build_town, draw_plan, path_names, taught_path
+from cycab_sim.world.town import add_skyline, build_town, draw_plan, path_names, taught_path
 
 CLEARANCE = 0.6 + 0.3  # half the width of the car, and what a driver leaves
 
@@ -14,6 +14,31 @@ def test_a_seed_is_a_town(town):
     for name in ("triangles", "normals", "surface_of", "frames", "kinds", "params", "colors"):
         np.testing.assert_array_equal(getattr(again, name), getattr(town[0], name))
     assert draw_plan(6) != plan
+
+
+class Middle(np.random.Generator):
+    """Draws the middle of what may be drawn."""
+
+    def uniform(self, low=0.0, high=1.0, size=None):
+        return np.full(size, (low + high) / 2) if size else (low + high) / 2
+
+    def normal(self, loc=0.0, scale=1.0, size=None):
+        return loc
+
+
+def test_towers_stand_all_around_beyond_the_edge():
+    mesh = MeshBuilder(np.random.default_rng(0))
+    add_skyline(mesh, (-20.0, 10.0, 100.0, 90.0), Middle(np.random.PCG64(1)))  # 120 m by 80 m around (40, 50)
+    towers = mesh.build().triangles.reshape(28, 36, 3)
+    middle = (towers.min(axis=1) + towers.max(axis=1))[:, :2] / 2
+    angle = 2 * np.pi * np.arange(28) / 28 + 0.1
+    expected = np.stack([40 + (1.3 * 60 + 90) * np.cos(angle), 50 + (1.3 * 40 + 90) * np.sin(angle)], axis=1)
+    np.testing.assert_allclose(middle, expected, atol=1e-3)
+    np.testing.assert_allclose(towers[..., 2].min(axis=1), 0.0, atol=1e-6)
+    np.testing.assert_allclose(towers[..., 2].max(axis=1), 25.0, rtol=1e-6)
+    ahead = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    away = np.einsum("tni,ti->tn", towers[..., :2] - middle[:, None], ahead)
+    np.testing.assert_allclose(away.max(axis=1), 9.5, atol=1e-3)  # half of 19 m
 
 
 def test_everything_has_a_surface(town):

@@ -82,6 +82,13 @@ def test_draws_are_spread_evenly_over_the_squares():
     assert np.abs(drawn[:, 1]).max() <= 0.25
 
 
+@pytest.mark.parametrize("inside", [(-0.24, 2.0), (10.24, 2.0), (5.0, -0.24), (5.0, 4.24)])
+def test_the_ground_ends_half_a_square_beyond_the_map(inside):
+    outside = np.array(inside) + 0.02 * np.sign(np.array(inside) - (5.0, 2.0))
+    heights = Ground(floor(0.0, 10.0), step=0.5).heights(np.array([inside, outside]))
+    np.testing.assert_array_equal(heights, [0.0, np.nan])
+
+
 def test_heights_are_bilinear_between_the_middles_of_squares():
     """One point in the middle of each square, at heights that are no plane."""
     x, y = np.meshgrid(np.arange(5) * 0.5, np.arange(4) * 0.5, indexing="ij")

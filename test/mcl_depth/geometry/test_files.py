@@ -13,7 +13,7 @@ import pytest
 from mcl_depth.geometry.cloud import cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
-from mcl_depth.geometry.las import read_points
+from mcl_depth.geometry.las import _check_chunks, read_points
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 
@@ -90,7 +90,8 @@ def test_a_ply_with_faces_is_a_mesh(tmp_path: Path, form: str) -> None:
     (tmp_path / "m.ply").write_bytes(ply(form, faces=True))
     found = read_geometry(tmp_path / "m.ply")
     assert isinstance(found, TriangleMesh)
-    assert found.triangles.shape == (1, 3)
+    assert found.triangles.tolist() == [[0, 1, 2]]
+    np.testing.assert_allclose(found.vertices, POINTS)
 
 
 def test_arrays(tmp_path: Path) -> None:
@@ -224,10 +225,24 @@ def test_a_face_beyond_the_end_and_lists_before_the_vertices_are_refused(tmp_pat
         read_geometry(tmp_path / "strip.ply")
 
 
-def test_faces_with_more_than_their_corners_are_not_read_and_the_points_are(tmp_path: Path) -> None:
-    data = ply("binary_little_endian", faces=True).replace(b"element face 1\n", b"element face 1\nproperty uchar red\n")
-    (tmp_path / "a.ply").write_bytes(data + bytes(4))
-    np.testing.assert_allclose(read_geometry(tmp_path / "a.ply").points, POINTS)
+FACE = "element face 1\nproperty list uchar int vertex_indices\n"
+NO_FACES = {  # what stands instead of the face, its row of numbers and their kinds
+    "color": ("element face 1\nproperty uchar red\nproperty list uchar int i\n", (9, 3, 0, 1, 2), "u1 u1 i4 i4 i4"),
+    "two": (FACE + "property list uchar int more\n", (3, 0, 1, 2, 1, 5), "u1 i4 i4 i4 u1 i4"),
+    "strip": (FACE.replace("face", "tristrips"), (3, 0, 1, 2), "u1 i4 i4 i4"),
+}
+
+
+@pytest.mark.parametrize("kind", NO_FACES)
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_rows_that_are_not_corners_alone_are_not_read_and_the_points_are(tmp_path: Path, form: str, kind: str) -> None:
+    element, row, kinds = NO_FACES[kind]
+    head, _, _ = ply(form, faces=True).replace(FACE.encode(), element.encode()).partition(b"end_header\n")
+    body = rows_of(form, POINTS, ["f4"] * 3) + rows_of(form, [row], kinds.split())
+    (tmp_path / "a.ply").write_bytes(head + b"end_header\n" + body)
+    found = read_geometry(tmp_path / "a.ply")
+    assert not isinstance(found, TriangleMesh)
+    np.testing.assert_allclose(found.points, POINTS)
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary", "binary_compressed"])
@@ -350,6 +365,20 @@ def test_cubes_of_several_sizes_are_kept_apart() -> None:
     np.testing.assert_allclose(found[~is_near].mean(axis=0), far.mean(axis=0), atol=0.1)
 
 
+def write_lying_tile(path: Path, *lies: tuple[str, int, int, int]) -> None:
+    """Write a packed tile of 200 points in one chunk, then say something else of it."""
+    tile = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
+    tile.x, tile.y, tile.z = np.random.default_rng(1).uniform(-30, 30, (3, 200))
+    tile.write(path)
+    data = bytearray(path.read_bytes())
+    points = int.from_bytes(data[96:100], "little")
+    record = data.find(b"laszip encoded") + 52
+    starts = {"header": 0, "points": points, "record": record, "chunks": int.from_bytes(data[points:][:8], "little")}
+    for place, offset, width, value in lies:
+        struct.pack_into({2: "<H", 4: "<I", 8: "<Q"}[width], data, starts[place] + offset, value)
+    path.write_bytes(data)
+
+
 ATTACKS = {  # on a tile of 200 points: where, how wide, what
     "a billion chunks, of which lazrs aborts": ("chunks", 4, 4, 2**31 - 1),
     "chunks of all memory, of which lazrs aborts": ("record", 12, 4, 2**31),
@@ -363,16 +392,23 @@ ATTACKS = {  # on a tile of 200 points: where, how wide, what
 @pytest.mark.parametrize("name", ATTACKS)
 def test_what_a_packed_tile_says_of_its_chunks_is_checked(tmp_path: Path, name: str) -> None:
     """Read in this very process, where lazrs would end it."""
-    place, offset, width, value = ATTACKS[name]
-    tile = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
-    tile.x, tile.y, tile.z = np.random.default_rng(1).uniform(-30, 30, (3, 200))
-    tile.write(tmp_path / "a.laz")
-    data = bytearray((tmp_path / "a.laz").read_bytes())
-    points = int.from_bytes(data[96:100], "little")
-    record = data.find(b"laszip encoded") + 52
-    starts = {"header": 0, "points": points, "record": record, "chunks": int.from_bytes(data[points:][:8], "little")}
-    struct.pack_into({2: "<H", 4: "<I", 8: "<Q"}[width], data, starts[place] + offset, value)
-    (tmp_path / "a.laz").write_bytes(data)
+    write_lying_tile(tmp_path / "a.laz", ATTACKS[name])
     with pytest.raises(ValueError, match=r"a\.laz: .*expected.*found") as caught:
         read_points(tmp_path / "a.laz")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("per_chunk", "most"), [(2**32 - 1, 200), (100, 2), (199, 2), (200, 1), (50_000, 1)], ids=lambda n: str(n)
+)
+def test_a_packed_tile_has_no_more_chunks_than_its_points_fill(tmp_path: Path, per_chunk: int, most: int) -> None:
+    """As many as points where each chunk says for itself how many it holds (2^32 - 1)."""
+    path = tmp_path / "a.laz"
+    for count in (most, most + 1):
+        write_lying_tile(path, ("record", 12, 4, per_chunk), ("chunks", 4, 4, count))
+        with laspy.open(path) as file:
+            if count == most:
+                _check_chunks(path, file.header, path.stat().st_size)
+            else:
+                with pytest.raises(ValueError, match=f"expected 200 points, found {count} chunks of {per_chunk} points"):
+                    _check_chunks(path, file.header, path.stat().st_size)

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.missions import taught_drives
 from path_follower.path import wrap
-from path_follower.routes.building import build_network, fade
+from path_follower.routes.building import HERE, OWN, _Anchor, _resolve, _Run, build_network, fade
 from path_follower.routes.constants import BLEND, LANE, MIN_SHARED, SAME_HEADING
 
 TURN = (6 * math.pi / 2, 1 / 6)
@@ -100,6 +100,19 @@ def test_the_same_way_backwards_makes_an_edge_reversible(drive):
     both = [edge for edge in network.edges.values() if edge.is_reverse]
     assert [edge.length for edge in both] == [pytest.approx(20.0, abs=0.5)]
     assert all(edge.is_forward for edge in network.edges.values())
+
+
+def test_a_point_of_the_drive_is_found_on_the_curve_that_was_made_of_it():
+    pieces = {0: (4, 0, 100), 2: (5, 110, 112)}  # number of the curve, its first and last point
+    runs = [_Run(OWN, 0, 100, np.empty(0, np.int64)), _Run(3, 103, 106, np.array([60, 61, 62, 63]))]
+    here = _Run(HERE, 200, 210, np.arange(11))
+    for at, (strand, index) in {
+        0: (4, 0), 100: (4, 100), 111: (5, 1),
+        103: (3, 60), 105: (3, 62), 106: (3, 63),  # on a curve of another drive
+        101: (4, 100), 109: (5, 0), 115: (5, 2),  # between them: the nearest end
+    }.items():  # fmt: skip
+        assert _resolve(runs, pieces, here, at) == _Anchor(strand, index)
+    assert _resolve(runs, pieces, runs[1], 7) == _Anchor(3, 7)
 
 
 def test_the_fastest_and_the_worst_localised_drive_count(drive):

@@ -21,6 +21,7 @@ class Trip:
         self.now, self.asked = 0.0, []
         self.state, self.reason, self.progress, self.length = "NO_PATH", "", 0.0, 0.0
         self.localizer, self.pose, self.is_answering, self.refusal = "TRACKING", Pose2(1.0, 0.1, 0.0), True, ""
+        self.silent = ""  # who says nothing
 
     def follow(self):
         self.mission.see_follower(
@@ -32,9 +33,12 @@ class Trip:
         before = len(self.asked)
         for _ in range(round(seconds / TICK)):
             self.now += TICK
-            self.mission.see_pose(self.pose, self.now)
-            self.mission.see_localizer(self.localizer, self.now)
-            self.follow()
+            if self.silent != "pose":
+                self.mission.see_pose(self.pose, self.now)
+            if self.silent != "localizer":
+                self.mission.see_localizer(self.localizer, self.now)
+            if self.silent != "follower":
+                self.follow()
             request = self.mission.tick(self.now)
             if request is not None:
                 self.asked.append(request.name)
@@ -100,6 +104,34 @@ def test_it_waits_for_what_is_lacking_and_says_so(trip):
     trip.localizer = "TRACKING"
     assert trip.live(0.5 * STEADY) == []
     assert trip.live(STEADY) == ["load", "start"]
+
+
+@pytest.mark.parametrize("has_spoken", [False, True])
+@pytest.mark.parametrize(
+    ("silent", "told"),
+    [
+        ("localizer", "no status of the localiser: see that it runs"),
+        ("pose", "no pose: see the localiser and the topic of the pose"),
+        ("follower", "no status of path_follower: see that it runs"),
+    ],
+)
+def test_it_waits_for_who_is_silent(trip, silent, told, has_spoken):
+    if has_spoken:
+        trip.live(2.0)
+    trip.silent = silent
+    trip.live(PARAMS.max_silence + TICK)
+    trip.mission.begin(GOAL, trip.now)
+    assert trip.live(3 * STEADY) == []
+    assert trip.mission.reason == told
+    trip.silent = ""
+    assert trip.live(2 * STEADY) == ["load", "start"]
+
+
+def test_it_waits_for_a_follower_that_is_under_way(trip):
+    trip.state = "DRIVING"
+    trip.mission.begin(GOAL, 0.0)
+    trip.live(TICK)
+    assert trip.mission.reason == "path_follower is under way"
 
 
 @pytest.mark.parametrize("reason", ["NOT_LOCALISED", "POSE_TIMEOUT", "LOCALISATION_DEGRADED"])

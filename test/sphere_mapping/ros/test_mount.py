@@ -40,8 +40,9 @@ class Vehicle:
         for transform in mount().transforms:
             self.tree.add(transform, is_static=True)
 
-    def hear(self, at_ns, force=(0.0, 0.0, 9.81), frame_id="base_link"):
+    def hear(self, at_ns, force=(0.0, 0.0, 9.81), frame_id="base_link", lean=0.0):
         message = Imu(header=header(at_ns, frame_id))
+        message.orientation.x, message.orientation.w = np.sin(lean / 2), np.cos(lean / 2)
         vector = message.linear_acceleration
         vector.x, vector.y, vector.z = force
         self.frame.on_imu(message)
@@ -69,6 +70,23 @@ def test_it_waits_for_an_imu_that_has_a_publisher():
     assert vehicle.frame.waits(SECOND)
     vehicle.hear(SECOND)
     assert not vehicle.frame.waits(SECOND)
+
+
+@pytest.mark.parametrize(
+    ("lean", "force", "is_kept"),
+    [
+        (0.0, (0.0, 0.0, 9.81), True),
+        (0.0, (0.0, 0.0, 0.0), False),  # neither says what is up
+        (0.2, (0.0, 0.0, 0.0), True),
+        (0.2, (0.0, np.nan, 9.81), False),
+    ],
+)
+def test_a_sample_counts_that_says_what_is_up(lean, force, is_kept):
+    vehicle = Vehicle(has_imu=True)
+    vehicle.mount()
+    vehicle.frame.find(FRAME, True)
+    vehicle.hear(SECOND, force, lean=lean)
+    assert vehicle.frame.waits(SECOND) is not is_kept
 
 
 def test_a_replay_does_not_wait():

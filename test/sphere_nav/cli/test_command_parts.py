@@ -18,7 +18,8 @@ from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.localization.status import Reason, State, Status
 from sphere_nav.offline import forgetting, plot_figure, refine_camera, registering
 from sphere_nav.ros.bags.streams import Stream
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.experiences import Service, with_experience, with_service
+from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 SECOND = 10**9
@@ -110,6 +111,23 @@ def test_the_facts_about_a_map(tmp_path):
     assert (found["first_stamp_s"], found["last_stamp_s"]) == (10.0, 8.0)
     assert found["pixels_per_degree"] == pytest.approx(128 / 360, abs=0.005)
     assert (found["measured_share"], found["sphere_size"], found["whole_sphere"]) == (0.75, [128, 64], True)
+
+
+def test_the_facts_about_experiences(tmp_path):
+    reader = sphere_map(tmp_path)
+    night = Experience("night", "rgbd 64 x 48", "drive_2", 7_500_000_000)
+    wide = reader.graph.with_nodes({2: {"region_radius_m": 7.0}})
+    served = {0: Service(8, 20 * SECOND + SECOND // 4), 1: Service(3, 12 * SECOND)}
+    reader.graph = with_service(with_experience(wide, night, [0, 1]), served)
+    found = map_info.map_facts(reader)
+    assert found["places_by_experiences"] == {"1": 2, "2": 1}  # a night's is 3.4 m, of 3.5 m, from the last
+    second, first = found["experiences"]  # in the order of the key spheres
+    assert first["last_served_s"] is None
+    assert (first["name"], first["drive"], first["key_spheres"], first["images_served"]) == ("", "", 1, 0.0)
+    assert second == {
+        "name": "night", "drive": "drive_2", "camera": "rgbd 64 x 48", "first_stamp_s": 7.5, "key_spheres": 2,
+        "images_served": 11.0, "last_served_s": 20.25,
+    }  # fmt: skip
 
 
 def test_a_map_of_one_sphere_has_no_way_and_no_spacing(tmp_path):

@@ -37,7 +37,9 @@ def test_a_camchain_becomes_a_rig_file(capsys, camchain, tmp_path):
     ("words", "expected"),
     [
         (["--size", "640"], "--size: expected WIDTHxHEIGHT such as 640x480, found '640'"),
-        (["--unit", "-1"], "--unit: expected a positive length in m"),
+        (["--unit", "-1"], "--unit: expected a positive length in m, found -1.0"),
+        (["--unit", "0"], "--unit: expected a positive length in m, found 0.0"),
+        (["--unit", "inf"], "--unit: expected a positive length in m, found inf"),
         (["--frame", "imu"], "camchain.yaml: expected poses relative to an IMU"),
     ],
 )

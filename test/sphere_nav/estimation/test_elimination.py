@@ -68,6 +68,8 @@ def test_images_that_err_alike_count_once(rng):
     copies = Elimination([part for part in runs for _ in range(4)], NO_PRIOR, np.zeros(SHARED))
     np.testing.assert_allclose(np.diagonal(copies.covariance(num_blocks=5)), each, rtol=1e-6)
     assert np.all(np.diagonal(copies.covariance()) < 0.5 * each)
+    for number in (1, 20, 27):  # no runs, or as many as parts
+        np.testing.assert_array_equal(copies.covariance(num_blocks=number), copies.covariance())
 
 
 def test_information_grows_by_what_is_taken_for_a_parameter(rng):

@@ -8,8 +8,8 @@ from sphere_nav.geometry import SE3
 EXACT = 1e-12
 
 
-def assert_same(a, b, atol=EXACT):
-    np.testing.assert_allclose(a.matrix, np.broadcast_to(b.matrix, a.matrix.shape), atol=atol)
+def assert_same(a, b, rtol=0.0, atol=EXACT):
+    np.testing.assert_allclose(a.matrix, np.broadcast_to(b.matrix, a.matrix.shape), rtol=0.0, atol=atol)
 
 
 def test_group_axioms(motions):
@@ -24,10 +24,10 @@ def test_group_axioms(motions):
 def test_apply_is_the_group_action(motions):
     T_a_b, T_b_c, _ = motions
     points_c = np.random.default_rng(0).normal(size=(7, 3))
-    np.testing.assert_allclose((T_a_b @ T_b_c).apply(points_c), T_a_b.apply(T_b_c.apply(points_c)), atol=EXACT)
+    np.testing.assert_allclose((T_a_b @ T_b_c).apply(points_c), T_a_b.apply(T_b_c.apply(points_c)), rtol=0.0, atol=EXACT)
     homogeneous = np.concatenate([points_c, np.ones((7, 1))], axis=-1)
     expected = (homogeneous @ np.swapaxes(T_a_b.matrix, -1, -2))[..., :3]
-    np.testing.assert_allclose(T_a_b.apply(points_c), expected, atol=EXACT)
+    np.testing.assert_allclose(T_a_b.apply(points_c), expected, rtol=0.0, atol=EXACT)
 
 
 def test_log_undoes_exp(tangent):
@@ -43,18 +43,18 @@ def test_exp_of_parallel_tangents_adds(tangent):
 
 
 def test_exp_is_a_pure_translation_without_rotation():
-    np.testing.assert_allclose(SE3.exp([1.0, -2.0, 3.0, 0, 0, 0]).translation, [1.0, -2.0, 3.0], atol=EXACT)
+    np.testing.assert_allclose(SE3.exp([1.0, -2.0, 3.0, 0, 0, 0]).translation, [1.0, -2.0, 3.0], rtol=0.0, atol=EXACT)
 
 
 def test_adjoint_moves_a_tangent_to_the_other_side(motions, tangent):
     T_a_b = motions[0]
     moved = (T_a_b.adjoint() @ tangent[..., None])[..., 0]
-    assert_same(SE3.exp(moved) @ T_a_b, T_a_b @ SE3.exp(tangent), atol=1e-11)
+    assert_same(SE3.exp(moved) @ T_a_b, T_a_b @ SE3.exp(tangent), rtol=0.0, atol=1e-11)
 
 
 def test_adjoint_of_a_product_is_the_product(motions):
     T_a_b, T_b_c, _ = motions
-    np.testing.assert_allclose((T_a_b @ T_b_c).adjoint(), T_a_b.adjoint() @ T_b_c.adjoint(), atol=1e-11)
+    np.testing.assert_allclose((T_a_b @ T_b_c).adjoint(), T_a_b.adjoint() @ T_b_c.adjoint(), rtol=0.0, atol=1e-11)
 
 
 def test_quaternion_and_translation_rebuild_the_motion(motions):
@@ -64,21 +64,21 @@ def test_quaternion_and_translation_rebuild_the_motion(motions):
 def test_planar_pose_has_its_yaw():
     T_map_base = SE3.from_planar(3.0, -1.0, 2.5)
     assert T_map_base.yaw == pytest.approx(2.5, abs=EXACT)
-    np.testing.assert_allclose(T_map_base.apply([[1.0, 0, 0]]), [[3 + np.cos(2.5), -1 + np.sin(2.5), 0]], atol=EXACT)
+    np.testing.assert_allclose(T_map_base.apply([[1.0, 0, 0]]), [[3 + np.cos(2.5), -1 + np.sin(2.5), 0]], rtol=0.0, atol=EXACT)
 
 
 def test_distance_is_that_of_the_motion_between(motions):
     step = SE3.exp([0.3, 0.4, 0.0, 0.0, 0.0, 0.25])
     meters, radians = motions[0].distance(motions[0] @ step)
-    np.testing.assert_allclose(meters, np.linalg.norm(step.translation), atol=EXACT)
-    np.testing.assert_allclose(radians, 0.25, atol=EXACT)
+    np.testing.assert_allclose(meters, np.linalg.norm(step.translation), rtol=0.0, atol=EXACT)
+    np.testing.assert_allclose(radians, 0.25, rtol=0.0, atol=EXACT)
 
 
 def test_from_matrix_mends_rounding(motions):
     rounded = np.round(motions[0].matrix, 5)
     mended = SE3.from_matrix(rounded)
     R = mended.rotation
-    np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=EXACT)
+    np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), rtol=0.0, atol=EXACT)
     assert_same(mended, motions[0], atol=2e-5)
 
 

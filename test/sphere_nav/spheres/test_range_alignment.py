@@ -10,6 +10,7 @@ from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.constants import RANGE_TURN_SHARE
 from sphere_nav.spheres.range_alignment import (
     DepthImage,
+    RangeFit,
     RangeImage,
     align_ranges,
     assess_ranges,
@@ -91,6 +92,42 @@ def test_a_depth_image_is_placed_in_a_sphere_both_ways(camera):
     distance, angle = true.distance(fit.T_a_b)
     assert 1e3 * distance < 6.0
     assert angle < np.radians(0.3)
+
+
+GOOD = RangeFit(SE3.from_planar(0.6, 0.8, 0.3), 1e-6 * np.eye(6), 0.9, 0.8, 0.001, 3.0, 0.0)
+
+
+def both_ways(monkeypatch, gap, forward=GOOD, back=GOOD):
+    """Return what both ways make of a forward motion of 1 m and one back that is off by a gap (6,)."""
+    back = back and replace(back, T_a_b=SE3.exp(gap) @ GOOD.T_a_b.inverse())
+    fits = iter((forward, back))
+    monkeypatch.setattr("sphere_nav.spheres.range_alignment.align_ranges", lambda *_: next(fits))
+    return measure_motion_by_ranges(None, None, SE3.identity())
+
+
+@pytest.mark.parametrize(
+    ("axis", "limit"), [(0, 0.07), (1, -0.07), (2, 0.07), (3, 0.02), (4, -0.02), (5, 0.02)]
+)  # 5 cm and 2 % of 1 m; rad
+def test_both_ways_agree_within_their_gap(monkeypatch, axis, limit):
+    assert both_ways(monkeypatch, 0.999 * limit * np.eye(6)[axis]) is not None
+    assert both_ways(monkeypatch, 1.001 * limit * np.eye(6)[axis]) is None
+
+
+def test_both_ways_must_be_good(monkeypatch):
+    none = np.zeros(6)
+    for poor in (None, replace(GOOD, overlap=0.01)):
+        assert both_ways(monkeypatch, none, forward=poor) is None
+        assert both_ways(monkeypatch, none, back=poor) is None
+
+
+def test_half_of_the_gap_is_given_to_each_way_and_widens_the_covariance(monkeypatch):
+    gap = np.array([0.03, -0.02, 0.01, 0.004, 0.006, -0.012])
+    forward, back = replace(GOOD, overlap=0.7, agreement=0.95), replace(GOOD, overlap=0.8, agreement=0.9)
+    fit = both_ways(monkeypatch, gap, forward, back)
+    np.testing.assert_allclose((fit.T_a_b.inverse() @ GOOD.T_a_b).log(), 0.5 * gap, rtol=0.0, atol=1e-12)
+    added = np.repeat([0.01**2 + 14e-4 / 12, 0.002**2 + 196e-6 / 12], 3)  # a uniform gap varies by a twelfth
+    np.testing.assert_allclose(fit.covariance, GOOD.covariance + np.diag(added), rtol=1e-9, atol=0.0)
+    assert (fit.overlap, fit.agreement) == (0.7, 0.9)
 
 
 def test_the_points_of_a_depth_image_are_those_of_the_surfaces():

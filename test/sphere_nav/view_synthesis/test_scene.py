@@ -156,6 +156,21 @@ def test_the_nearest_that_is_ready_stands_in_for_what_is_not(sphere_map):
     scene.close()
 
 
+def test_what_is_ready_is_blended_without_waiting_and_what_is_not_is_waited_for(sphere_map):
+    source = Counting(sphere_map.graph, held=(6, 7))
+    scene = Scene(source)
+    places = [optical(PLACES[number]) for number in (3, 7)]
+    ready(scene, places[0])
+    found = scene.render(places[0], PINHOLE, is_waiting=False)
+    threading.Timer(0.2, source.gate.set).start()
+    waited = scene.render(places[1], PINHOLE)
+    scene.close()
+    whole = Scene(sphere_map)
+    for T, view in zip(places, (found, waited), strict=True):
+        np.testing.assert_array_equal(view.image, whole.render(T, PINHOLE).image)
+    whole.close()
+
+
 def test_where_nothing_is_ready_it_waits_for_the_nearest(sphere_map):
     source = Counting(sphere_map.graph, held=(0, 1))
     scene = Scene(source)

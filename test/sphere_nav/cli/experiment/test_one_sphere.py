@@ -6,6 +6,7 @@ import pytest
 from sphere_nav.cli.experiment.one_sphere import (
     CLEAR,
     FARTHEST,
+    MAX_MAD,
     Tried,
     by_reference,
     figures_of,
@@ -25,6 +26,10 @@ def test_the_way_by_a_reference_goes_with_how_near_things_are():
     assert near == pytest.approx([0.1, 0.5, 0.05])
     assert rank_correlation(ways, near) == pytest.approx(-1.0)
     assert rank_correlation(ways, np.array([1.0, 3.0, 2.0])) == pytest.approx(-0.5)
+
+
+def test_the_next_reference_begins_where_equation_12_says():
+    assert MAX_MAD == 12.75  # 5 % of white
 
 
 def sphere(left_m):

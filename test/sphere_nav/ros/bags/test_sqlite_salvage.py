@@ -128,6 +128,16 @@ def test_a_log_that_was_not_merged_is_part_of_it(tmp_path):
     assert {stamp for _, stamp in contents(tmp_path / "saved")} == {10**9 + number + 7 for number in range(NUM)}
 
 
+def test_an_empty_message_is_counted_as_lost(tmp_path):
+    file = file_of(write(tmp_path / "drive"))
+    with closing(sqlite3.connect(file)) as database:
+        database.execute("UPDATE messages SET data = X'' WHERE timestamp < ?", (10**9 + 3,))
+        database.commit()
+    saved = SqliteSalvage(file)
+    assert [message.log_time for _, _, message in saved.messages()] == sorted(2 * [10**9 + k for k in range(3, NUM)])
+    assert saved.damages == [f"{file}: 6 of 80 messages: expected whole rows, found cut ones"]
+
+
 def test_another_file_is_refused_in_one_line(tmp_path):
     (tmp_path / "a.db3").write_bytes(b"hello" * 100)
     with pytest.raises(BagError, match="expected an sqlite3 database, found bytes 68 65"):

@@ -25,6 +25,13 @@ def matched(a, b):
     return np.flatnonzero(cosines[np.arange(len(a)), best] > 0.95), best
 
 
+def noise_of(seed):
+    """Return an image (256, 512) with features everywhere."""
+    noise = np.random.default_rng(seed).normal(size=(256, 512)).astype(np.float32)
+    blurred = cv2.GaussianBlur(noise, (0, 0), 1.5)
+    return np.clip(128 + 50 * blurred / blurred.std(), 1, 255).astype(np.uint8)
+
+
 def test_points_lie_on_the_walls():
     found = features_of_sphere(ROOM.sphere(AT, CAMERA))
     points = AT.apply(found.points.astype(np.float64))
@@ -53,6 +60,15 @@ def test_an_image_of_a_camera_shows_the_same_features():
     angle = np.arccos(np.clip(np.sum(image.rays[rows] @ from_optical.T * sphere.rays[best[rows]], axis=1), -1, 1))
     assert len(rows) >= 10
     assert np.mean(angle < 0.03) > 0.8
+
+
+def test_features_lie_in_every_column_of_a_sphere_once():
+    found = features_of_image(noise_of(1), CAMERA, max_features=10**5)
+    pixels, _ = CAMERA.project(found.rays.astype(np.float64))
+    columns = np.rint(pixels[:, 0]).astype(int) % 512
+    per_column = np.bincount(columns, minlength=512)
+    assert per_column[[0, 511]].min() >= 1
+    assert per_column[:8].sum() + per_column[-8:].sum() < 2.0 * 16 * per_column.mean()  # the pad counts none twice
 
 
 def test_what_no_camera_saw_has_no_features_and_a_blank_image_none():
@@ -97,9 +113,7 @@ def test_features_of_images_taken_nearby_are_finer(camera, factor):
 
 def test_the_strongest_features_are_kept_and_none_at_the_poles():
     image = ROOM.sphere(AT, CAMERA).image
-    noise = np.random.default_rng(0).normal(size=(256, 512)).astype(np.float32)
-    blurred = cv2.GaussianBlur(noise, (0, 0), 1.5)
-    noisy = np.clip(128 + 50 * blurred / blurred.std(), 1, 255).astype(np.uint8)  # features everywhere
+    noisy = noise_of(0)
     found = features_of_image(noisy, CAMERA)
     assert len(found) == 500
     elevation = np.degrees(np.arcsin(found.rays[:, 2]))
