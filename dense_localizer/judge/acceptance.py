@@ -91,6 +91,17 @@ def measure_innovation(T_map_camera: SE3, covariance: Array, prediction: Predict
     return float(np.sqrt(squared_mahalanobis(xi, prediction.covariance + covariance)))
 
 
+def cover_slip(T_map_camera: SE3, covariance: Array, prediction: Prediction) -> Array:
+    """Return the covariance (6, 6) of a pose that may have slipped: the way from a prediction far off is added.
+
+    So the next image, predicted by a motion that may never have been, is not held to it.
+    """
+    if measure_innovation(T_map_camera, covariance, prediction) <= GOOD_INNOVATION * MAX_INNOVATION:
+        return covariance
+    xi = (prediction.T_map_camera.inverse() @ T_map_camera).log()
+    return covariance + np.outer(xi, xi)
+
+
 def assess(
     alignment: Alignment,
     covariance: Array,
@@ -114,6 +125,12 @@ def assess(
         checks += _check_structure(structure, params)
     if prediction is not None:
         checks.append(_check_jump(measure_innovation(alignment.T_world_camera, covariance, prediction)))
+        covered = cover_slip(alignment.T_world_camera, covariance, prediction)
+        detail = "{}: far from the prediction, it may have slipped"
+        checks += [
+            replace(check, reason=Reason.JUMP_REJECTED, detail=detail.format(check.detail))
+            for check in _check_certainty(covered, params)
+        ]
     acceptance = _conclude(checks)
     if acceptance.is_good:
         return acceptance

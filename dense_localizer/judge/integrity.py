@@ -16,18 +16,16 @@ from numpy.typing import NDArray
 from dense_localizer.constants import (
     FIT_PHASE,
     FULL_CHECK_NCC,
-    GOOD_INNOVATION,
     INTEGRITY_PERIOD,
     LIGHT_PHASE,
     MAP_PHASE,
-    MAX_INNOVATION,
     MIN_VISIBLE_SHARE,
     OCCLUSION_PHASE,
     REJECTION_PHASE,
     REMAINING_BIAS,
 )
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.judge.acceptance import assess, measure_innovation, refuse
+from dense_localizer.judge.acceptance import assess, cover_slip, refuse
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
 from dense_localizer.motion_prior import UNKNOWN_COVARIANCE, Prediction
@@ -103,7 +101,7 @@ class Integrity:
         covariance = alignment.covariance + remaining + self._map_error.covariance(choice.ids[0], T_sphere_camera)
         limits, before = (self._params.acceptance, registration.max_mad), None if prediction.is_guess else prediction
         acceptance = assess(alignment, covariance, choice.distance_ratio, before, *limits, structure)
-        if before is not None:
+        if before is not None and acceptance.is_accepted:
             covariance = cover_slip(pose, covariance, before)
         evidence = prediction, choice, acceptance, alignment, motion, images
         return PoseCandidate(pose, covariance, *evidence, is_biased=bool(biases))
@@ -137,17 +135,6 @@ def remove_bias(alignment: Alignment, biases: Sequence[PoseBias]) -> tuple[Align
         pose = pose @ SE3.exp(bias.xi)
         remaining = remaining + np.diag(np.repeat(REMAINING_BIAS * np.array(bias.lengths), 3) ** 2)
     return replace(alignment, T_world_camera=pose), remaining
-
-
-def cover_slip(T_map_camera: SE3, covariance: NDArray[np.float64], prediction: Prediction) -> NDArray[np.float64]:
-    """Return the covariance (6, 6) of a pose that may have slipped: the way from a prediction far off is added.
-
-    So the next image, predicted by a motion that may never have been, is not held to it.
-    """
-    if measure_innovation(T_map_camera, covariance, prediction) <= GOOD_INNOVATION * MAX_INNOVATION:
-        return covariance
-    xi = (prediction.T_map_camera.inverse() @ T_map_camera).log()
-    return covariance + np.outer(xi, xi)
 
 
 def _make_sample(frame: LocalizerInput, candidate: PoseCandidate) -> OdometrySample | None:

@@ -67,6 +67,13 @@ def test_each_cause_refuses_with_its_reason_and_remedy(change, reason):
     assert verdict.finding.reason in REMEDIES
 
 
+@pytest.mark.parametrize(("meters", "is_accepted"), [(0.15, True), (0.25, False)])
+def test_a_pose_that_may_have_slipped_by_more_than_a_pose_may_be_uncertain_is_refused(meters, is_accepted):
+    wide = Prediction(SE3.identity(), np.diag([(meters / 6.5) ** 2] * 3 + [1e-7] * 3), 0)  # 6.5 deviations off
+    verdict = assessed(replace(GOOD, T_world_camera=SE3.exp([0.0, meters, 0, 0, 0, 0])), prediction=wide)
+    assert (verdict.is_accepted, verdict.is_good, verdict.finding.reason) == (is_accepted, False, "JUMP_REJECTED")
+
+
 def test_an_uncertain_pose_is_refused():
     for wide in (np.diag([0.05, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7]), np.diag([1e-6] * 3 + [1e-7, 0.01, 1e-7])):
         verdict = assessed(GOOD, covariance=wide)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dense_localizer.constants import INTEGRITY_PERIOD, MAP_PHASE, REJECTION_PHASE
-from dense_localizer.judge.acceptance import measure_innovation
-from dense_localizer.judge.integrity import CHECKS_DUE, Integrity, cover_slip
+from dense_localizer.judge.acceptance import cover_slip, measure_innovation
+from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
 from dense_localizer.motion_prior import PosePrior
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
