@@ -73,8 +73,10 @@ def run(options: argparse.Namespace) -> Report:
             report.tables.append(Table(f"{title}: {len(found)} frames, standard deviations, medians", head, rows))
         if len(found) >= MIN_FRAMES:
             report.bounds += [
-                Bound(f"{title}: where measured not above its mirrored, p", 0.01, _p(found[:, 2, 0], found[:, 2, 1])),
-                Bound(f"{title}: where measured not above eq. 2, p", 0.01, _p(found[:, 2, 0], found[:, 0, 0])),
+                Bound(
+                    f"{title}: where measured not above its mirrored, p", 0.01, _p(found[:, 2, 0], found[:, 2, 1]), ""
+                ),
+                Bound(f"{title}: where measured not above eq. 2, p", 0.01, _p(found[:, 2, 0], found[:, 0, 0]), ""),
             ]
     if not report.tables:
         report.skipped = f"no folder {options.surround}, and no --street"

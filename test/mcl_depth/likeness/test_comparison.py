@@ -288,7 +288,10 @@ def test_edges_only_where_measured_rest_on_ranges(rng) -> None:
     range_m[:5, 20:] = np.nan  # above
     range_m[8, 12] = np.nan  # alone
     measured = around(around(np.isfinite(range_m), np.any), np.all)
-    assert measured[8, 12] and not measured[:, 3].any() and not measured[:, -5].any() and 0.2 < measured.mean() < 0.8
+    assert measured[8, 12]
+    assert not measured[:, 3].any()
+    assert not measured[:, -5].any()
+    assert 0.2 < measured.mean() < 0.8
     everywhere = depth_features(range_m, PARAMS)
     found = depth_features(range_m, ComparisonParams(is_measured_only=True))
     assert np.array_equal(found.magnitude > 0.0, measured & (everywhere.magnitude > 0.0))
@@ -304,5 +307,6 @@ def test_what_is_unknown_above_is_no_sky_where_only_ranges_count(rng) -> None:
     range_m = rng.uniform(5.0, 9.0, (H, W)).astype(np.float32)
     range_m[:5] = np.nan
     found = depth_features(range_m, ComparisonParams(is_sky_far=True, is_measured_only=True))
-    assert not found.magnitude[:5].any() and found.magnitude[7:].any()
+    assert not found.magnitude[:5].any()
+    assert found.magnitude[7:].any()
     assert depth_features(range_m, ComparisonParams(is_sky_far=True)).magnitude[4].any()
