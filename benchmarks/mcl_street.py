@@ -11,6 +11,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -98,10 +99,8 @@ def measure(frame: Frame) -> Array:
     found = []
     image = visual_features(gray, seen)
     for visual in (image, image.mirrored):
-        curves = (
-            similarity_many(visual, stack, SYNTHESIS.num_columns),
-            *(correlation(visual, tensors) for tensors in (everywhere, measured)),
-        )
+        curves: list[NDArray[Any]] = [similarity_many(visual, stack, SYNTHESIS.num_columns)]
+        curves += [correlation(visual, tensors) for tensors in (everywhere, measured)]
         found.append([figures(curve) for curve in curves])
     return np.swapaxes(np.array(found), 0, 1)
 
@@ -206,4 +205,5 @@ def read_calibration(path: Path) -> tuple[Array, Array]:
     if "R0_rect" in found:
         R_rectified[:3, :3] = np.array(found["R0_rect"], np.float64).reshape(3, 3)
     T_camera_rectified[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
-    return P[:, :3], np.linalg.inv(T_camera_rectified @ R_rectified @ T_camera0_lidar)
+    T_lidar_camera = np.linalg.inv(T_camera_rectified @ R_rectified @ T_camera0_lidar).astype(np.float64)
+    return P[:, :3], T_lidar_camera

@@ -1,4 +1,4 @@
-"""What the benchmark of streets computes by itself: the correlation, its figures, frames of a drive as KITTI has them."""
+"""What the benchmark of streets computes by itself: the correlation, its figures, frames of a drive as of KITTI."""
 
 from __future__ import annotations
 
