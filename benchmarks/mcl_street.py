@@ -171,6 +171,8 @@ def _drive(options: argparse.Namespace) -> Iterator[Frame]:
     folder = options.street
     if folder is None:
         return
+    if options.every < 1:
+        raise ValueError(f"--every: expected at least 1, found {options.every}")
     sweeps = sorted((folder / "velodyne").glob("*.bin"))[:: options.every]
     if not sweeps:
         raise ValueError(f"--street: {folder / 'velodyne'}: expected sweeps .bin, found none")

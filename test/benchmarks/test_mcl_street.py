@@ -74,6 +74,8 @@ def test_a_calibration_that_is_none_is_refused(tmp_path) -> None:
     path.write_text(f"{P2}\n", encoding="utf-8")
     with pytest.raises(ValueError, match="Tr: expected 12 numbers, found 0"):
         read_calibration(path)
+    with pytest.raises(ValueError, match="--every: expected at least 1, found 0"):
+        list(_drive(Namespace(street=tmp_path, every=0)))
     with pytest.raises(ValueError, match=r"expected sweeps \.bin, found none"):
         list(_drive(Namespace(street=tmp_path, every=1)))
 
