@@ -55,6 +55,7 @@ BENCHMARKS = {
     "nothing_lost": "benchmarks.nothing_lost",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
+    "mcl_street": "benchmarks.mcl_street",
     "mcl_walks": "benchmarks.mcl_walks",
     "mcl_homes": "benchmarks.mcl_homes",
     "mcl_rooms": "benchmarks.mcl_rooms",

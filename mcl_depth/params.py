@@ -35,6 +35,9 @@ class ComparisonParams:
     """Gradient features of depth images (N17 section III-B)."""
 
     is_sky_far: bool = param(False, "unknown pixels above all known ones of their column are far, not interpolated")
+    is_measured_only: bool = param(
+        False, "edges of depth only where ranges are known on both sides, none to the sky: for sweeps of a LiDAR"
+    )
 
 
 @parameters

@@ -129,10 +129,11 @@ def stack_features(features: Sequence[GradientFeatures]) -> FeatureStack:
     return stack
 
 
-def _options(params: ComparisonParams, width: int) -> tuple[bool, float, int, float]:
+def _options(params: ComparisonParams, width: int) -> tuple[bool, bool, float, int, float]:
     """Return what the kernels of depth images take, in their order."""
     share = LCN_SHARE_OUTDOORS if params.is_sky_far else LCN_SHARE
-    return params.is_sky_far, FAR_M, max(round(share * width), 1), MIN_CONTRAST_M
+    is_sky_far = params.is_sky_far and not params.is_measured_only  # what is unknown was not measured
+    return is_sky_far, params.is_measured_only, FAR_M, max(round(share * width), 1), MIN_CONTRAST_M
 
 
 def _panorama(image: Image, what: str) -> Image:

@@ -160,9 +160,9 @@ def _to_unit(x, y, magnitude):
 
 
 @njit(**OPTIONS)
-def visual_gradients(gray, seen):
-    """Return direction x, y, magnitude (H, W) f4 summing to 1, and which pixels (H, W) saw all that they used."""
-    H, W = gray.shape
+def _inner(mask):
+    """Return which pixels (H, W) have all 3 x 3 around them in mask (H, W); what is above and below counts."""
+    H, W = mask.shape
     inner = np.empty((H, W), np.bool_)
     for y in range(H):
         for x in range(W):
@@ -170,14 +170,28 @@ def visual_gradients(gray, seen):
             for row in range(max(y - 1, 0), min(y + 1, H - 1) + 1):
                 for column in range(x - 1, x + 2):
                     c = column + W if column < 0 else column - W if column >= W else column
-                    whole = whole and seen[row, c]
+                    whole = whole and mask[row, c]
             inner[y, x] = whole
+    return inner
+
+
+@njit(**OPTIONS)
+def _clear_outside(mask, gx, gy):
+    """Set gradients (H, W) to 0 outside mask (H, W)."""
+    for y in range(len(mask)):
+        for x in range(mask.shape[1]):
+            if not mask[y, x]:
+                gx[y, x], gy[y, x] = np.float32(0.0), np.float32(0.0)
+
+
+@njit(**OPTIONS)
+def visual_gradients(gray, seen):
+    """Return direction x, y, magnitude (H, W) f4 summing to 1, and which pixels (H, W) saw all that they used."""
+    H, W = gray.shape
+    inner = _inner(seen)
     gx, gy, magnitude = np.empty((H, W), np.float32), np.empty((H, W), np.float32), np.empty((H, W), np.float32)
     _sobel(gray, gx, gy)
-    for y in range(H):
-        for x in range(W):
-            if not inner[y, x]:
-                gx[y, x], gy[y, x] = np.float32(0.0), np.float32(0.0)
+    _clear_outside(inner, gx, gy)
     _to_unit(gx, gy, magnitude)
     return gx, gy, magnitude, inner
 
@@ -201,13 +215,19 @@ def _bound(range_m, sky_far, far):
 
 
 @njit(**OPTIONS)
-def depth_gradients(range_m, sky_far, far, k, min_sigma):
-    """Return direction x, y and magnitude (H, W) f4 of a range panorama (H, W) f4 in m."""
+def depth_gradients(range_m, sky_far, measured_only, far, k, min_sigma):
+    """Return direction x, y and magnitude (H, W) f4 of a range panorama (H, W) f4 in m.
+
+    measured_only: none where a pixel that it uses is unknown, and so are all around that one.
+    """
     image = _bound(range_m, sky_far, np.float32(far))
+    measured = _inner(~_inner(np.isnan(image))) if measured_only else np.ones(image.shape, np.bool_)
     fill_nan(image)
     image = normalize_contrast(image, k, min_sigma)
     gx, gy, magnitude = np.empty_like(image), np.empty_like(image), np.empty_like(image)
     _sobel(image, gx, gy)
+    if measured_only:
+        _clear_outside(measured, gx, gy)
     _to_unit(gx, gy, magnitude)
     return gx, gy, magnitude
 
@@ -235,12 +255,12 @@ def encode_features(x, y, magnitude, directions, magnitudes):
 
 
 @njit(parallel=True, **OPTIONS)
-def encode_depth_many(ranges_m, sky_far, far, k, min_sigma):
+def encode_depth_many(ranges_m, sky_far, measured_only, far, k, min_sigma):
     """Return directions, magnitudes (M, H, W) u1 and scales (M,) f4 of range panoramas (M, H, W) f4 in m."""
     directions, magnitudes = np.empty(ranges_m.shape, np.uint8), np.empty(ranges_m.shape, np.uint8)
     scales = np.empty(len(ranges_m), np.float32)
     for i in prange(len(ranges_m)):
-        x, y, m = depth_gradients(ranges_m[i], sky_far, far, k, min_sigma)
+        x, y, m = depth_gradients(ranges_m[i], sky_far, measured_only, far, k, min_sigma)
         scales[i] = encode_features(x, y, m, directions[i], magnitudes[i])
     return directions, magnitudes, scales
 

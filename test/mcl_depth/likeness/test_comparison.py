@@ -270,3 +270,43 @@ def test_features_are_coded_alike_alone_and_together(rng) -> None:
     strong = first.magnitude > np.median(first.magnitude)
     cosine = np.abs(np.cos(angle) * first.x + np.sin(angle) * first.y)[strong]
     assert cosine.min() > np.cos(np.radians(1.0))
+
+
+def around(mask: np.ndarray, combine) -> np.ndarray:
+    """What `combine` says of the 3 x 3 around every pixel of (H, W); columns wrap, the outer rows repeat."""
+    padded = np.pad(np.pad(mask, ((1, 1), (0, 0)), "edge"), ((0, 0), (1, 1)), "wrap")
+    return combine(np.lib.stride_tricks.sliding_window_view(padded, (3, 3)), axis=(2, 3))
+
+
+def test_edges_only_where_measured_rest_on_ranges(rng) -> None:
+    """A gap of up to two pixels between two ranges is an edge; the rim of what is unknown is none, at the seam neither.
+
+    What is left is as it is without the rule, but for the sum.
+    """
+    range_m = rng.uniform(5.0, 9.0, (H, W)).astype(np.float32)
+    range_m[:, :4] = range_m[:, -5:] = np.nan  # across the seam
+    range_m[:5, 20:] = np.nan  # above
+    range_m[8, 12] = np.nan  # alone
+    measured = around(around(np.isfinite(range_m), np.any), np.all)
+    assert measured[8, 12]
+    assert not measured[:, 3].any()
+    assert not measured[:, -5].any()
+    assert 0.2 < measured.mean() < 0.8
+    everywhere = depth_features(range_m, PARAMS)
+    found = depth_features(range_m, ComparisonParams(is_measured_only=True))
+    assert np.array_equal(found.magnitude > 0.0, measured & (everywhere.magnitude > 0.0))
+    assert np.allclose(found.magnitude.sum(), 1.0, atol=1e-5)
+    expected = np.where(measured, everywhere.magnitude, 0.0)
+    assert np.allclose(found.magnitude, expected / expected.sum(), rtol=1e-4)
+    assert np.array_equal(found.x[measured], everywhere.x[measured])
+    coded = depth_features_many(range_m[None], ComparisonParams(is_measured_only=True))
+    assert not coded.magnitudes[0][~measured].any()
+
+
+def test_what_is_unknown_above_is_no_sky_where_only_ranges_count(rng) -> None:
+    range_m = rng.uniform(5.0, 9.0, (H, W)).astype(np.float32)
+    range_m[:5] = np.nan
+    found = depth_features(range_m, ComparisonParams(is_sky_far=True, is_measured_only=True))
+    assert not found.magnitude[:5].any()
+    assert found.magnitude[7:].any()
+    assert depth_features(range_m, ComparisonParams(is_sky_far=True)).magnitude[4].any()
