@@ -79,6 +79,7 @@ def _places(images: object) -> list[Place]:
 
 def _walk(site: Site, places: list[Place], camera: Spherical, start: int, seed: int) -> Outcome:
     """Walk from a panorama; images of another home are wrong wherever they are claimed to be."""
+    seed += 1000 * (start // len(places))  # the second walk from a panorama is another one
     filter_ = Filter(replace(site.params, seed=seed), site.depth_map, site.area)
     error, wrong, out, chances, times, finding = np.nan, 0, 0, [], [], str(Reason.NONE)
     for index, (observation, true) in enumerate(steps(places, camera, start % len(places), seed, PUBLISHED_BY)):
