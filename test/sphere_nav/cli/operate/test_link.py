@@ -1,7 +1,6 @@
 """Who confirms a command: the follower, by what it says after the command, not before."""
 
-import threading
-import time
+from itertools import chain, repeat
 from types import SimpleNamespace
 
 import pytest
@@ -9,23 +8,28 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_nav.cli.operate.link import Link
-from sphere_nav.cli.operate.words import Heard
 
 STOPPED = SimpleNamespace(state="STOPPED", reason="OPERATOR")
+OLD, NEW = 1000.0, 0.0  # s since it was heard
 
 
 @pytest.mark.parametrize(
-    ("state", "after_s", "told"),
-    [("STOPPED", 0.1, "STOPPED OPERATOR"), ("STOPPED", None, "NOT CONFIRMED"), ("DRIVING", 0.1, "NOT CONFIRMED")],
+    ("state", "ages", "told"),
+    [
+        ("STOPPED", chain([OLD] * 3, repeat(NEW)), "STOPPED OPERATOR"),
+        ("STOPPED", repeat(OLD), "NOT CONFIRMED"),
+        ("DRIVING", repeat(NEW), "NOT CONFIRMED"),
+    ],
+    ids=["after", "before", "another"],
 )
-def test_what_the_follower_said_before_a_command_does_not_confirm_it(monkeypatch, state, after_s, told):
-    monkeypatch.setattr("sphere_nav.cli.operate.link.CONFIRMED_S", 5.0 if told.endswith("OPERATOR") else 0.3)
-    link = Link.__new__(Link)
-    link.seen = Heard()
-    link.seen.hear("follower", STOPPED)
-    time.sleep(0.01)
-    if after_s is not None:
-        threading.Timer(after_s, link.seen.hear, ("follower", STOPPED)).start()
-    begin = time.monotonic()
+def test_what_the_follower_said_before_a_command_does_not_confirm_it(monkeypatch, state, ages, told):
+    monkeypatch.setattr("sphere_nav.cli.operate.link.CONFIRMED_S", 60.0 if told == "STOPPED OPERATOR" else 0.2)
+    link, heard = Link.__new__(Link), []
+
+    def tell(name):
+        heard.append(next(ages))
+        return STOPPED, heard[-1]
+
+    link.seen = SimpleNamespace(told=tell)
     assert link._confirmed(lambda status: status.state == state).startswith(told)
-    assert time.monotonic() - begin >= 0.1
+    assert told == "NOT CONFIRMED" or heard == [OLD] * 3 + [NEW]
