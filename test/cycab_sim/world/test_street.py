@@ -30,7 +30,7 @@ def test_patches_are_as_large_as_repairs_and_lie_within_the_kerbs():
     tar = corners[kinds == finishes.TAR.kind]
     assert 25 < len(tar) < 60  # 55 % of one every 5 m
     along, across, _ = sides(tar).T
-    assert (0.8 <= along).all() and 3.0 < along.max() <= 4.0  # noqa: PT018
+    assert (along >= 0.8).all() and 3.0 < along.max() <= 4.0  # noqa: PT018
     assert across.min() >= 0.29 and 1.8 < across.max() <= 2.5  # noqa: PT018
     assert np.abs(corners[..., 1]).max() <= HALF
     assert tar[..., 1].max() <= HALF - 0.34

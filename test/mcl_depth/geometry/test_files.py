@@ -410,5 +410,7 @@ def test_a_packed_tile_has_no_more_chunks_than_its_points_fill(tmp_path: Path, p
             if count == most:
                 _check_chunks(path, file.header, path.stat().st_size)
             else:
-                with pytest.raises(ValueError, match=f"expected 200 points, found {count} chunks of {per_chunk} points"):
+                with pytest.raises(
+                    ValueError, match=f"expected 200 points, found {count} chunks of {per_chunk} points"
+                ):
                     _check_chunks(path, file.header, path.stat().st_size)

@@ -24,7 +24,9 @@ def test_group_axioms(motions):
 def test_apply_is_the_group_action(motions):
     T_a_b, T_b_c, _ = motions
     points_c = np.random.default_rng(0).normal(size=(7, 3))
-    np.testing.assert_allclose((T_a_b @ T_b_c).apply(points_c), T_a_b.apply(T_b_c.apply(points_c)), rtol=0.0, atol=EXACT)
+    np.testing.assert_allclose(
+        (T_a_b @ T_b_c).apply(points_c), T_a_b.apply(T_b_c.apply(points_c)), rtol=0.0, atol=EXACT
+    )
     homogeneous = np.concatenate([points_c, np.ones((7, 1))], axis=-1)
     expected = (homogeneous @ np.swapaxes(T_a_b.matrix, -1, -2))[..., :3]
     np.testing.assert_allclose(T_a_b.apply(points_c), expected, rtol=0.0, atol=EXACT)
@@ -64,7 +66,9 @@ def test_quaternion_and_translation_rebuild_the_motion(motions):
 def test_planar_pose_has_its_yaw():
     T_map_base = SE3.from_planar(3.0, -1.0, 2.5)
     assert T_map_base.yaw == pytest.approx(2.5, abs=EXACT)
-    np.testing.assert_allclose(T_map_base.apply([[1.0, 0, 0]]), [[3 + np.cos(2.5), -1 + np.sin(2.5), 0]], rtol=0.0, atol=EXACT)
+    np.testing.assert_allclose(
+        T_map_base.apply([[1.0, 0, 0]]), [[3 + np.cos(2.5), -1 + np.sin(2.5), 0]], rtol=0.0, atol=EXACT
+    )
 
 
 def test_distance_is_that_of_the_motion_between(motions):
