@@ -43,11 +43,14 @@ class Dictionary:
         unlike = np.flatnonzero(words < 0)
         own = descriptors[unlike]
         alike = own @ own.T >= MIN_COSINE
-        found = np.full(len(own), -1, np.int64)  # the first of the new words that is like it
+        fresh: list[int] = []  # rows of `own` that became words
         for row in range(len(own)):
-            if found[row] < 0 and self._number < MAX_WORDS:
-                found[alike[:, row] & (found < 0)] = found[row] = self._append(own[row])
-        words[unlike] = found
+            known = np.flatnonzero(alike[row, fresh])
+            if known.size:
+                words[unlike[row]] = words[unlike[fresh[known[0]]]]
+            elif self._number < MAX_WORDS:
+                words[unlike[row]] = self._append(own[row])
+                fresh.append(row)
         late = np.flatnonzero(words < 0)  # after the last word
         if late.size:
             words[late] = self.read(descriptors[late])
