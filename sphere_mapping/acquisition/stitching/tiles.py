@@ -33,7 +33,7 @@ def tiles_of(
     step-th pixel of a sphere of `width` columns.
     """
     rows, columns = block.height // step, block.width // step
-    is_used: Flags = (is_owned > 0).reshape(rows, step, columns, step).any(axis=(1, 3))
+    is_used: Flags = np.asarray(np.any((is_owned > 0).reshape(rows, step, columns, step), axis=(1, 3)), np.bool_)
     for seam in seams:
         if view in (seam.first, seam.second):
             is_used |= block.at(step.bit_length() - 1).cut(seam.weight > 0)
