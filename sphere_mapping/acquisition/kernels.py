@@ -40,11 +40,12 @@ def to_levels(total, image):
 
 
 @njit(**OPTIONS)
-def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, u, v):
+def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, top, first, u, v):
     """Write camera pixels u, v (h, w) f32 of a block of a sphere whose inverse range (H, W) f32 is known everywhere.
 
     grid (gh, gw, K, 2) f32: pixels at every step-th row and column of the block, at each of K inverse ranges. Linear
-    in all three.
+    in all three. Of the block, which begins at (row, column), only the part that begins at its row `top` and its column
+    `first`, multiples of step.
     """
     height, width = u.shape
     whole, number = inverse_range.shape[1], inverse_levels.size
@@ -52,18 +53,20 @@ def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, u, v):
     left, right = np.empty((number, 2), np.float32), np.empty((number, 2), np.float32)
     per_interval = one / (inverse_levels[1:] - inverse_levels[:-1])
     for y in range(height):
-        gy = y // step
-        fy = np.float32(y - gy * step) / np.float32(step)
+        gy = (top + y) // step
+        fy = np.float32(top + y - gy * step) / np.float32(step)
+        g = first // step
         for k in range(number):
             for c in range(2):
-                left[k, c] = grid[gy, 0, k, c] + fy * (grid[gy + 1, 0, k, c] - grid[gy, 0, k, c])
-        at = column
+                left[k, c] = grid[gy, g, k, c] + fy * (grid[gy + 1, g, k, c] - grid[gy, g, k, c])
+        at = (column + first) % whole
         for gx in range((width + step - 1) // step):
+            g += 1
             for k in range(number):
                 for c in range(2):
-                    right[k, c] = grid[gy, gx + 1, k, c] + fy * (grid[gy + 1, gx + 1, k, c] - grid[gy, gx + 1, k, c])
+                    right[k, c] = grid[gy, g, k, c] + fy * (grid[gy + 1, g, k, c] - grid[gy, g, k, c])
             for i in range(min(step, width - gx * step)):
-                w = inverse_range[row + y, at]
+                w = inverse_range[row + top + y, at]
                 at = at + 1 if at + 1 < whole else 0
                 k = 0
                 while k < number - 2 and w > inverse_levels[k + 1]:
@@ -76,6 +79,71 @@ def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, u, v):
                 u[y, gx * step + i] = u0 + fw * (u1 - u0)
                 v[y, gx * step + i] = v0 + fw * (v1 - v0)
             left, right = right, left
+
+
+@njit(**OPTIONS)
+def _spread(values, step, first, line):
+    """Write values (n, c) f32 of the middles of every `step` pixels to the pixels from `first` on: line (w * c) f32."""
+    channels, last = values.shape[1], values.shape[0] - 1
+    for i in range(line.size // channels):
+        x = (np.float32(first + i) + np.float32(0.5)) / np.float32(step) - np.float32(0.5)
+        x = min(max(x, np.float32(0.0)), np.float32(last))
+        left = min(int(x), max(last - 1, 0))
+        right, share = min(left + 1, last), x - np.float32(left)
+        for c in range(channels):
+            line[i * channels + c] = values[left, c] + share * (values[right, c] - values[left, c])
+
+
+@njit(**OPTIONS)
+def change_levels(part, factor, step, top, first, height, width):
+    """Multiply levels 1...255 of height x width pixels of part (h, w * c) u8 from (top, first) on.
+
+    factor (h / step, w / step, c) f32 is that of the middle of step x step pixels, linear between; beyond the outermost
+    ones it goes on.
+    """
+    channels, last = factor.shape[2], factor.shape[0] - 1
+    least, most = np.float32(1.0), np.float32(255.0)
+    above, below = np.empty(width * channels, np.float32), np.empty(width * channels, np.float32)
+    upper = -1
+    for v in range(top, top + height):
+        y = min(
+            max((np.float32(v) + np.float32(0.5)) / np.float32(step) - np.float32(0.5), np.float32(0.0)),
+            np.float32(last),
+        )
+        here = min(int(y), max(last - 1, 0))
+        if here != upper:
+            upper = here
+            _spread(factor[upper], step, first, above)
+            _spread(factor[min(upper + 1, last)], step, first, below)
+        share, row = y - np.float32(upper), part[v, first * channels : (first + width) * channels]
+        for i in range(row.size):
+            level = np.rint(np.float32(row[i]) * (above[i] + share * (below[i] - above[i])))
+            row[i] = np.uint8(min(max(level, least), most))
+
+
+@njit(**OPTIONS)
+def find_same_detail(one, other, both, row, column, radius, at, min_correlation, faint, flat, is_same):
+    """Write which of the places at (N, 2) i32 of a block show the same detail in two images (H, W) f32 to is_same (N,).
+
+    both (h, w) bool: where both images of the block that begins at (row, column) are seen; its columns wrap around.
+    What is seen of (2 radius + 1)^2 pixels must correlate, or there is no detail in either: deviations above `faint`
+    in both, below `flat` in both.
+    """
+    height, width = both.shape
+    whole = one.shape[1]
+    for n in range(at.shape[0]):
+        count, a, b, aa, bb, ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for v in range(max(at[n, 0] - radius, 0), min(at[n, 0] + radius + 1, height)):
+            for u in range(max(at[n, 1] - radius, 0), min(at[n, 1] + radius + 1, width)):
+                if both[v, u]:
+                    x, y = float(one[row + v, (column + u) % whole]), float(other[row + v, (column + u) % whole])
+                    count += 1
+                    a, b, aa, bb, ab = a + x, b + y, aa + x * x, bb + y * y, ab + x * y
+        a, b = a / max(count, 1), b / max(count, 1)
+        aa, bb = max(aa / max(count, 1) - a * a, 0.0), max(bb / max(count, 1) - b * b, 0.0)
+        ab, most, least = ab / max(count, 1) - a * b, max(aa, bb), min(aa, bb)
+        is_like = ab > min_correlation * np.sqrt(most * least) and least > faint * faint
+        is_same[n] = both[at[n, 0], at[n, 1]] and (is_like or most < flat * flat)
 
 
 @njit(**OPTIONS)
@@ -666,7 +734,11 @@ def warm_up() -> None:
         to_levels(sums, image)
     grid, out = np.zeros((3, 3, 2, 2), np.float32), np.empty((4, 4), np.float32)
     levels = np.array([0.0, 1.0], np.float32)
-    warp_by_range(grid, levels, 2, plane, 0, 0, out, out.copy())
+    warp_by_range(grid, levels, 2, plane, 0, 0, 0, 0, out, out.copy())
+    change_levels(color.reshape(4, -1), np.ones((2, 2, 3), np.float32), 2, 0, 0, 4, 4)
+    change_levels(byte.reshape(4, -1), np.ones((2, 2, 1), np.float32), 2, 0, 0, 4, 4)
+    found = np.zeros(1, np.bool_)
+    find_same_detail(plane, plane, plane > 0, 0, 0, 1, np.zeros((1, 2), np.int32), 0.5, 0.1, 0.2, found)
     level = np.zeros((4, 4), np.uint8)
     align_along_columns(level, level, plane, np.ones(4, np.float32), 1, plane.copy(), out, out.copy())
     above, below = np.zeros((6, 8), np.int16), np.zeros((6, 7 + NUM_DISPARITIES), np.int16)

@@ -218,6 +218,8 @@ def draw_quads(corners, placed, pixels, sphere_width, wraps, nearness, source):
             continue
         if not wraps and (right < low or left > right_edge):
             continue
+        if math.ceil(top) > math.floor(bottom) or math.ceil(left) > math.floor(right):  # between pixels
+            continue
         ua, ub, uc, ud = pixels[a, 1], pixels[b, 1], pixels[c, 1], pixels[d, 1]
         ub, uc = (ub + turn if ub < ua else ub), (uc + turn if uc < ud else uc)
         va, vb, vc, vd = pixels[a, 0], pixels[b, 0], pixels[c, 0], pixels[d, 0]

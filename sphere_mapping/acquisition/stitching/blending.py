@@ -31,8 +31,11 @@ def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | No
     """
     whole, colors = layout.whole, images[layout.views[0].name].shape[2:]
     image = np.zeros((whole.height, whole.width, *colors), np.uint8)
-    parts = [warp_view(view, images[view.name], inverse_range) for view in layout.views]
-    parts = feather(parts, [view.block for view in layout.views], layout.seams, layout.step)
+    parts = [
+        warp_view(view, images[view.name], inverse_range, tiles)
+        for view, tiles in zip(layout.views, layout.tiles, strict=True)
+    ]
+    feather(parts, [view.block for view in layout.views], layout.seams, layout.step, layout.tiles)
     for view, part in zip(layout.views, parts, strict=True):
         _put(image, part, view.block, view.is_owned)
     for strip in layout.strips:
@@ -48,16 +51,26 @@ def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | No
     return image
 
 
-def warp_view(view: StitchedView, image: Image, inverse_range: Plane | None = None) -> Image:
-    """Return the part (h, w[, 3]) of a camera's image in its block of the sphere, 1 to 255."""
-    if inverse_range is None:
-        part = cv2.remap(image, *view.table, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    else:
-        block = view.block
-        u, v = (np.empty((block.height, block.width), np.float32) for _ in range(2))
-        warp_by_range(view.by_range, INVERSE_LEVELS, GRID_STEP, inverse_range, block.row, block.column, u, v)
-        part = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.maximum(part, 1, out=part)
+def warp_view(
+    view: StitchedView, image: Image, inverse_range: Plane | None = None, tiles: Sequence[Block] | None = None
+) -> Image:
+    """Return the part (h, w[, 3]) of a camera's image in its block of the sphere, 1 to 255.
+
+    tiles: what is needed of it, by the place in the block; 0 elsewhere.
+    """
+    block = view.block
+    part = np.zeros((block.height, block.width, *image.shape[2:]), np.uint8)
+    for tile in (Block(0, 0, block.height, block.width),) if tiles is None else tiles:
+        rows, columns = slice(tile.row, tile.row + tile.height), slice(tile.column, tile.column + tile.width)
+        if inverse_range is None:
+            maps = [table[rows, columns] for table in view.table]
+        else:
+            maps = [np.empty((tile.height, tile.width), np.float32) for _ in range(2)]
+            place = block.row, block.column, tile.row, tile.column
+            warp_by_range(view.by_range, INVERSE_LEVELS, GRID_STEP, inverse_range, *place, *maps)
+        drawn = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        np.maximum(drawn, 1, out=part[rows, columns])
+    return part
 
 
 def _put(image: Image, part: Image, block: Block, mask: NDArray[np.uint8]) -> None:
@@ -76,8 +89,7 @@ def _join(strip: Strip, layout: Layout, parts: Sequence[Image]) -> Image:
     block, num_bands = strip.block, len(strip.shares[0].weights) - 1
     totals = _zeros(block, num_bands, 1 if is_gray else 3)
     for share in strip.shares:
-        first, last = share.columns.start, share.columns.stop
-        wanted = Block(block.row, block.column + first, block.height, last - first)
+        wanted = strip.part(share)
         part = _cut(parts[share.view], layout.views[share.view].block, wanted, layout.whole.width)
         if wanted == block:
             _add(part, share.weights, totals)
@@ -85,7 +97,7 @@ def _join(strip: Strip, layout: Layout, parts: Sequence[Image]) -> Image:
         own = _zeros(wanted, num_bands, totals[0].shape[2])
         _add(part, share.weights, own)
         for level, (total, band) in enumerate(zip(totals, own, strict=True)):
-            total[:, first >> level : last >> level] += band
+            total[:, share.columns.start >> level : share.columns.stop >> level] += band
     joined = totals[-1]
     for total in reversed(totals[:-1]):
         finer = cv2.pyrUp(joined, dstsize=(total.shape[1], total.shape[0])).reshape(total.shape)
@@ -103,10 +115,7 @@ def _zeros(block: Block, num_bands: int, channels: int) -> list[NDArray[np.int16
 
 def _cut(part: Image, own: Block, wanted: Block, width: int) -> Image:
     """Return a view's part (h, w[, 3]) of a strip's block; beyond what the view has, its border goes on."""
-    columns = (np.arange(wanted.width) + wanted.column - own.column) % width
-    is_beyond = columns >= own.width
-    columns[is_beyond] = np.where(2 * columns[is_beyond] < own.width + width, own.width - 1, 0)
-    rows = np.clip(np.arange(wanted.height) + wanted.row - own.row, 0, own.height - 1)
+    rows, columns = own.places_of(wanted, width)
     inside = part[rows[0] : rows[-1] + 1] if rows[-1] - rows[0] + 1 == rows.size else part[rows]
     if columns[-1] - columns[0] + 1 == columns.size:
         return inside[:, columns[0] : columns[-1] + 1]

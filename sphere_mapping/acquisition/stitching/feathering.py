@@ -23,6 +23,7 @@ from sphere_mapping.acquisition.constants import (
     MIN_CHANGE,
     USUAL_CHANGE,
 )
+from sphere_mapping.acquisition.kernels import change_levels
 from sphere_mapping.acquisition.stitching.strips import Block
 
 Image = NDArray[np.uint8]
@@ -49,17 +50,28 @@ def seams_of(owner: NDArray[np.int8], is_seen: Sequence[NDArray[np.bool_]], step
     return tuple(Seam(i, j, both.astype(np.float32)) for i, j, both in pairs if both.any())
 
 
-def feather(parts: Sequence[Image], blocks: Sequence[Block], seams: Sequence[Seam], step: int) -> list[Image]:
-    """Return the views' parts (h, w[, 3]) of the sphere with light that meets at the seams."""
+def feather(
+    parts: Sequence[Image], blocks: Sequence[Block], seams: Sequence[Seam], step: int, tiles: Sequence[Sequence[Block]]
+) -> None:
+    """Change the light of the views' parts (h, w[, 3]) of the sphere, so that it meets at the seams.
+
+    tiles: what is needed of each part, by the place in it; only that is changed.
+    """
     if not seams:
-        return list(parts)
+        return
     planes = [_coarse(part, block, seams[0].weight.shape, step) for part, block in zip(parts, blocks, strict=True)]
     changes = [np.zeros_like(plane) for plane in planes]
     for seam in seams:
         half = 0.5 * _difference(planes[seam.first], planes[seam.second], seam.weight)
         changes[seam.first] -= half
         changes[seam.second] += half
-    return [_apply(*pair, step) for pair in zip(parts, blocks, changes, strict=True)]
+    for part, block, change, needed in zip(parts, blocks, changes, tiles, strict=True):
+        inside = block.at(step.bit_length() - 1).cut(change)
+        if float(np.abs(inside).max()) >= MIN_CHANGE:
+            factor = np.exp(inside)
+            for tile in needed:
+                place = tile.row, tile.column, tile.height, tile.width
+                change_levels(part.reshape(block.height, -1), factor, step, *place)
 
 
 def _difference(first: Plane, second: Plane, weight: Plane) -> Plane:
@@ -83,16 +95,6 @@ def _coarse(part: Image, block: Block, shape: tuple[int, ...], step: int) -> Pla
     values = small.reshape(own.height, own.width, -1)[:, : columns.size]
     plane[own.row : own.row + own.height, columns] = np.maximum(values, 1)
     return plane
-
-
-def _apply(part: Image, block: Block, change: Plane, step: int) -> Image:
-    own = block.at(step.bit_length() - 1)
-    inside = own.cut(change)
-    if float(np.abs(inside).max()) < MIN_CHANGE:
-        return part
-    factor = cv2.resize(np.exp(inside), (block.width, block.height), interpolation=cv2.INTER_LINEAR)
-    changed: Image = cv2.multiply(part, factor.reshape(part.shape), dtype=cv2.CV_8U).astype(np.uint8, copy=False)
-    return np.maximum(changed, 1, out=changed)
 
 
 def _smooth(plane: Plane) -> Plane:

@@ -27,6 +27,7 @@ from sphere_mapping.acquisition.constants import (
     OVERLAP_GRID,
     VERY_FAR_M,
 )
+from sphere_mapping.acquisition.kernels import find_same_detail
 from sphere_mapping.acquisition.stitching.strips import Block
 from sphere_mapping.acquisition.stitching.views import RigView, block_around
 from sphere_nav.geometry.arrays import Array
@@ -38,17 +39,16 @@ Plane = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """Two cameras by number, the block of the grid in which both see, where (h, w), and their angles (h, w) rad.
+    """Two cameras by number, the block of the grid in which both see, and where (h, w).
 
-    chosen: (h, w), the directions that are compared; share: (h, w), of their neighbourhood that both see.
+    chosen: (N, 2), rows and columns of the block of the directions that are compared; angles: theirs (N,) in rad.
     """
 
     first: int
     second: int
     block: Block
     both: NDArray[np.bool_]
-    chosen: NDArray[np.bool_]
-    share: Plane
+    chosen: NDArray[np.int32]
     angles: tuple[Array, Array]
 
 
@@ -83,11 +83,9 @@ class Overlaps:
             block = block_around(both, OVERLAP_GRID, 1, 0, 1)
             if block is not None and (number := np.count_nonzero(both & is_even)) >= MIN_SHARED:
                 block = Block(block.row, block.column, block.height, min(block.width, OVERLAP_GRID.width))
-                own = block.cut(both & is_even)
-                own.flat[np.flatnonzero(own)[np.arange(number) % -(-number // MAX_SHARED) != 0]] = False
-                there = block.cut(both)
-                own_angles = (block.cut(angles[a]), block.cut(angles[b]))
-                self.pairs.append(Overlap(a, b, block, there, own, share_of(there), own_angles))
+                chosen = np.argwhere(block.cut(both & is_even))[:: -(-number // MAX_SHARED)].astype(np.int32)
+                own_angles = (block.cut(angles[a])[*chosen.T], block.cut(angles[b])[*chosen.T])
+                self.pairs.append(Overlap(a, b, block, block.cut(both), chosen, own_angles))
 
     def compare(self, images: Mapping[int, Image]) -> list[Shared]:
         """Return what pairs of the images (h, w[, 3]) by number of the camera have in common."""
@@ -100,9 +98,9 @@ class Overlaps:
         for pair in self.pairs:
             if {pair.first, pair.second} <= set(images):
                 sides = (pair.first, pair.second)
-                one, other = (pair.block.cut(logs[k]) for k in sides)
-                fits = pair.chosen & is_same_detail(one, other, pair.both, pair.share)
-                first, second = (pair.block.cut(planes[k])[fits].astype(np.float64) for k in sides)
+                fits = is_same_detail(logs[pair.first], logs[pair.second], pair.both, pair.block, pair.chosen)
+                rows, columns = pair.chosen[fits].T + np.array([[pair.block.row], [pair.block.column]])
+                first, second = (planes[k][rows, columns % OVERLAP_GRID.width].astype(np.float64) for k in sides)
                 good = np.all((np.minimum(first, second) > low) & (np.maximum(first, second) < high), axis=1)
                 if np.count_nonzero(good) >= MIN_SHARED:
                     angles = (pair.angles[0][fits][good], pair.angles[1][fits][good])
@@ -110,24 +108,17 @@ class Overlaps:
         return found
 
 
-def is_same_detail(first: Plane, second: Plane, both: NDArray[np.bool_], share: Plane) -> NDArray[np.bool_]:
-    """Return where (h, w) the detail of two images of logarithms correlates, or where neither has any.
+def is_same_detail(
+    first: Plane, second: Plane, both: NDArray[np.bool_], block: Block, chosen: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Return at which of the chosen places (N, 2) of a block of two images of logarithms the detail correlates.
 
-    both: where both are seen; share: `share_of(both)`.
+    Or neither has any. both: where (h, w) of the block both are seen.
     """
-    weight = both.astype(np.float32)
-    means = [_mean(plane * weight) / share for plane in (first, second)]
-    moments = [_mean(a * b * weight) / share for a, b in ((first, first), (second, second), (first, second))]
-    variances = [np.maximum(moments[k] - means[k] * means[k], 0.0) for k in (0, 1)]
-    product = moments[2] - means[0] * means[1]
-    most, least = np.maximum(*variances), np.minimum(*variances)
-    is_like = (product > MIN_CORRELATION * np.sqrt(most * least)) & (least > FAINT_DETAIL * FAINT_DETAIL)
-    return both & (is_like | (most < FLAT_DETAIL * FLAT_DETAIL))
-
-
-def share_of(both: NDArray[np.bool_]) -> Plane:
-    """Return which share (h, w) of the neighbourhood of each direction both cameras see, above zero."""
-    return np.maximum(_mean(both.astype(np.float32)), np.float32(1e-6))
+    found = np.empty(len(chosen), np.bool_)
+    limits = MIN_CORRELATION, FAINT_DETAIL, FLAT_DETAIL
+    find_same_detail(first, second, both, block.row, block.column, DETAIL_WINDOW // 2, chosen, *limits, found)
+    return found
 
 
 def angles_of(rig_view: RigView, pixels: NDArray[np.float64]) -> Array:
@@ -149,10 +140,6 @@ def _mean_logarithm(plane: Plane) -> Plane:
     for channel in range(1, logs.shape[2]):  # NumPy's sum along so short an axis takes several times as long
         total = total + logs[:, :, channel]
     return np.asarray(total / logs.shape[2], np.float32)
-
-
-def _mean(plane: Plane) -> Plane:
-    return cv2.blur(plane, (DETAIL_WINDOW, DETAIL_WINDOW), borderType=cv2.BORDER_CONSTANT).astype(np.float32)
 
 
 def _step(rig_view: RigView) -> int:

@@ -41,6 +41,16 @@ class Block:
             place += parts[-1].shape[1]
         return np.concatenate(parts, axis=1)
 
+    def places_of(self, wanted: Block, width: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return which rows and columns of this block are those of another one; beyond what it has, its border.
+
+        width: columns of the sphere.
+        """
+        columns = (np.arange(wanted.width) + wanted.column - self.column) % width
+        is_beyond = columns >= self.width
+        columns[is_beyond] = np.where(2 * columns[is_beyond] < self.width + width, self.width - 1, 0)
+        return np.clip(np.arange(wanted.height) + wanted.row - self.row, 0, self.height - 1), columns
+
 
 @dataclass(frozen=True, eq=False)
 class Strip:
@@ -49,6 +59,11 @@ class Strip:
     block: Block
     inner: tuple[slice, slice]
     shares: tuple[Share, ...]
+
+    def part(self, share: Share) -> Block:
+        """Return the part of the sphere in which a view has a share."""
+        first, last = share.columns.start, share.columns.stop
+        return Block(self.block.row, self.block.column + first, self.block.height, last - first)
 
 
 @dataclass(frozen=True, eq=False)

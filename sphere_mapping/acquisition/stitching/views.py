@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS, SEAM_FROM_BORDER, VERY_FAR_M
 from sphere_mapping.acquisition.stitching.feathering import Seam, seams_of
 from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
+from sphere_mapping.acquisition.stitching.tiles import tiles_of
 from sphere_nav.geometry import SE3, Camera, Rig, RigCamera, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.files.encoded import read_image_file
@@ -64,7 +65,10 @@ class StitchedView:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """All views of a sphere; owner (H, W) int8 says which view shows a pixel, -1 none; strips are where views mix."""
+    """All views of a sphere; owner (H, W) int8 says which view shows a pixel, -1 none; strips are where views mix.
+
+    tiles: what is needed of each view's block, by the place in it.
+    """
 
     whole: Spherical
     views: tuple[StitchedView, ...]
@@ -72,6 +76,7 @@ class Layout:
     strips: tuple[Strip, ...]
     seams: tuple[Seam, ...]
     step: int  # px of the sphere between directions where views are compared along the seams
+    tiles: tuple[tuple[Block, ...], ...]
 
     @property
     def is_covered(self) -> Flags:
@@ -131,7 +136,12 @@ def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float,
         is_owned = _cut_once((owner == number).astype(np.uint8) * np.uint8(255), block)
         views.append(StitchedView(rig_view, block, _table(*projected), is_owned, _by_range(rig_view, whole, block)))
     seams = seams_of(owner, [_seen_at(view.rig_view, whole, align, distance_m) for view in views], align)
-    return Layout(whole, tuple(views), owner, strips_of(owner, len(kept), num_bands), seams, align)
+    strips = strips_of(owner, len(kept), num_bands)
+    tiles = (
+        tiles_of(number, view.block, view.is_owned, strips, seams, align, whole.width)
+        for number, view in enumerate(views)
+    )
+    return Layout(whole, tuple(views), owner, strips, seams, align, tuple(tiles))
 
 
 def block_around(is_wanted: Flags, whole: Spherical, step: int, margin: int, align: int) -> Block | None:

@@ -155,11 +155,35 @@ def test_pixels_by_range_are_linear_between_the_tables_entries():
     grid = np.ascontiguousarray(grid, dtype=np.float32)
     inverse = rng.uniform(0, 1, (30, 40)).astype(np.float32)
     u, v = (np.empty((24, 32), np.float32) for _ in range(2))
-    kernels.warp_by_range(grid, levels, 8, inverse, 3, 20, u, v)
+    kernels.warp_by_range(grid, levels, 8, inverse, 3, 20, 0, 0, u, v)
     rows, columns = np.mgrid[0:24, 0:32]
     w = inverse[3 + rows, (20 + columns) % 40]
     np.testing.assert_allclose(u, columns + np.interp(w, levels, base[:, 0]), atol=1e-4)
     np.testing.assert_allclose(v, rows + np.interp(w, levels, base[:, 1]), atol=1e-4)
+    part = [np.empty((8, 16), np.float32) for _ in range(2)]
+    kernels.warp_by_range(grid, levels, 8, inverse, 3, 20, 16, 8, *part)
+    np.testing.assert_array_equal(part, [u[16:, 8:24], v[16:, 8:24]])
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_levels_are_changed_as_by_an_image_of_factors(channels):
+    rng = np.random.default_rng(5)
+    part = rng.integers(1, 256, (32, 40 * channels), np.uint8)
+    factor = rng.uniform(0.001, 1.5, (4, 5, channels)).astype(np.float32)
+    wide = cv2.resize(factor, (40, 32), interpolation=cv2.INTER_LINEAR).reshape(part.shape)
+    expected = np.maximum(cv2.multiply(part, wide, dtype=cv2.CV_8U), 1)
+    for place in ((0, 0, 32, 40), (8, 16, 16, 8), (24, 32, 8, 8)):
+        changed = part.copy()
+        kernels.change_levels(changed, factor, 8, *place)
+        rows, columns = (
+            slice(place[0], place[0] + place[2]),
+            slice(place[1] * channels, (place[1] + place[3]) * channels),
+        )
+        off = np.abs(changed[rows, columns].astype(int) - expected[rows, columns])
+        assert off.max() <= 1
+        assert off.mean() < 0.002  # halves are rounded either way
+        changed[rows, columns] = part[rows, columns]
+        np.testing.assert_array_equal(changed, part)
 
 
 def test_the_nearest_of_two_points_covers_a_pixel():

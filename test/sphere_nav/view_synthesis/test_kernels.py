@@ -91,6 +91,22 @@ def test_a_triangle_from_behind_is_not_drawn():
     assert not drawn[1][0].any()
 
 
+@pytest.mark.parametrize("wraps", [False, True])
+def test_quads_smaller_than_a_pixel_are_drawn_where_they_hold_one(wraps):
+    side, shape = 0.375, (6, 9)
+    rows, columns = np.mgrid[0:17, 0:25]
+    v, u = (side * rows.ravel() - 0.4).astype(np.float32), (side * columns.ravel() - 0.4).astype(np.float32)
+    placed = np.stack([u, v, np.ones_like(u)], axis=1)
+    pixels = np.stack([rows.ravel(), columns.ravel()], axis=1).astype(np.float32)
+    first = (25 * np.arange(16)[:, None] + np.arange(24)).ravel()
+    corners = np.stack([first, first + 1, first + 26, first + 25], axis=1).astype(np.int32)
+    nearness, source = np.zeros(shape, np.float32), np.full((*shape, 2), np.nan, np.float32)
+    kernels.draw_quads(corners, placed, pixels, 1000, wraps, nearness, source)
+    np.testing.assert_allclose(nearness, 1.0, rtol=1e-5)
+    v, u = np.mgrid[0:6, 0:9]
+    np.testing.assert_allclose(source, np.stack([(u + 0.4) / side, (v + 0.4) / side], axis=-1), atol=1e-4)
+
+
 def test_only_small_holes_are_closed():
     weights, image, range_m = np.ones((9, 9), F), np.full((9, 9, 3), 40, np.uint8), np.full((9, 9), 2.0, F)
     weights[2, 2] = weights[5:8, 5:8] = 0

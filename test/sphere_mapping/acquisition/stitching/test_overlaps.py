@@ -1,12 +1,17 @@
 """Only what is the same in both cameras is compared."""
 
+import cv2
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.stitching.overlaps import is_same_detail, share_of
+from sphere_mapping.acquisition.constants import DETAIL_WINDOW, FAINT_DETAIL, FLAT_DETAIL, MIN_CORRELATION
+from sphere_mapping.acquisition.stitching.overlaps import is_same_detail
+from sphere_mapping.acquisition.stitching.strips import Block
 
 EVERYWHERE = np.ones((40, 60), np.bool_)
-INNER = np.s_[8:-8, 8:-8]
+WHOLE = Block(0, 0, 40, 60)
+INNER = np.argwhere(EVERYWHERE[8:-8, 8:-8]).astype(np.int32) + np.int32(8)
+ALL = np.argwhere(EVERYWHERE).astype(np.int32)
 
 
 @pytest.fixture
@@ -16,25 +21,47 @@ def detail(rng):
 
 def test_the_same_detail_in_another_light_is_the_same(rng, detail):
     noise = rng.normal(0, 0.03, detail.shape).astype(np.float32)
-    assert (
-        is_same_detail(detail, detail - np.float32(0.7) + noise, EVERYWHERE, share_of(EVERYWHERE))[INNER].mean() > 0.98
-    )
+    assert is_same_detail(detail, detail - np.float32(0.7) + noise, EVERYWHERE, WHOLE, INNER).mean() > 0.98
 
 
 def test_other_detail_is_not_the_same(rng, detail):
     other = rng.permutation(detail.ravel()).reshape(detail.shape)
-    assert is_same_detail(detail, other, EVERYWHERE, share_of(EVERYWHERE)).mean() < 0.02
-    assert not is_same_detail(detail, np.full_like(detail, 4.5), EVERYWHERE, share_of(EVERYWHERE))[INNER].any()
+    assert is_same_detail(detail, other, EVERYWHERE, WHOLE, ALL).mean() < 0.02
+    assert not is_same_detail(detail, np.full_like(detail, 4.5), EVERYWHERE, WHOLE, INNER).any()
 
 
 def test_bare_walls_are_compared(rng):
     walls = [
         np.full((40, 60), level, np.float32) + rng.normal(0, 0.01, (40, 60)).astype(np.float32) for level in (4, 5)
     ]
-    assert is_same_detail(*walls, EVERYWHERE, share_of(EVERYWHERE)).all()
+    assert is_same_detail(*walls, EVERYWHERE, WHOLE, ALL).all()
 
 
 def test_what_one_camera_does_not_see_is_not_compared(detail):
     both = EVERYWHERE.copy()
     both[:, 30:] = False
-    assert not is_same_detail(detail, detail, both, share_of(both))[:, 30:].any()
+    found = is_same_detail(detail, detail, both, WHOLE, ALL).reshape(40, 60)
+    assert not found[:, 30:].any()
+    assert found[8:-8, 8:29].all()
+
+
+def test_a_block_around_the_seam_is_compared_by_what_both_see(rng, detail):
+    """Against means of whole images: of a block that wraps around, its borders and holes."""
+    other = detail + rng.normal(0, 0.2, detail.shape).astype(np.float32)
+    block = Block(5, 40, 30, 45)
+    both = rng.random((30, 45)) < 0.8
+    one, two = (block.cut(plane).astype(np.float64) for plane in (detail, other))
+    size = DETAIL_WINDOW, DETAIL_WINDOW
+
+    def mean(plane):
+        return cv2.blur(plane * both, size, borderType=cv2.BORDER_CONSTANT) / cv2.blur(
+            both.astype(float), size, borderType=cv2.BORDER_CONSTANT
+        )
+
+    a, b = (mean(plane * plane) - mean(plane) ** 2 for plane in (one, two))
+    product = mean(one * two) - mean(one) * mean(two)
+    is_like = (product > MIN_CORRELATION * np.sqrt(a * b)) & (np.minimum(a, b) > FAINT_DETAIL**2)
+    expected = both & (is_like | (np.maximum(a, b) < FLAT_DETAIL**2))
+    chosen = np.argwhere(np.ones((30, 45))).astype(np.int32)
+    assert 0.1 < expected.mean() < 0.7
+    np.testing.assert_array_equal(is_same_detail(detail, other, both, block, chosen), expected.ravel())

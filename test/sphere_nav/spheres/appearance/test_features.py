@@ -3,7 +3,9 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.spheres.appearance import features
 from sphere_nav.spheres.appearance.features import (
+    SEAM,
     Features,
     _roots,
     _shrink,
@@ -79,6 +81,22 @@ def test_what_no_camera_saw_has_no_features_and_a_blank_image_none():
     assert len(found) > 50
     assert np.all(found.rays[:, 1] < 0.05)  # the right half looks to the right
     assert len(features_of_image(np.full((256, 512), 90, np.uint8), CAMERA)) == 0
+
+
+def test_what_is_not_described_would_not_have_been_used(monkeypatch):
+    sphere = ROOM.sphere(AT, CAMERA)
+    found, before = features_of_sphere(sphere), features._usable
+    with monkeypatch.context() as patch:
+        patch.setattr(features, "_usable", lambda *args: np.ones_like(before(*args)))
+        whole = features_of_sphere(sphere)
+    for name in ("rays", "range_m", "descriptors"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name))
+    mask = before(CAMERA, (512, 256), SEAM)
+    assert not mask[:40].any()
+    assert not mask[-40:].any()
+    assert not mask[:, : SEAM - 1].any()
+    assert not mask[:, 1 - SEAM :].any()
+    assert mask[43:-43, SEAM:-SEAM].all()
 
 
 def test_shapes_are_checked():

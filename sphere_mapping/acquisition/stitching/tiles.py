@@ -1,0 +1,55 @@
+"""Which part of a view's block a sphere needs: what it shows, what strips mix and what is compared along the seams.
+
+The block of a camera that shows a pole has all columns, from the one pole to the other. A third of it is enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.stitching.feathering import Seam
+from sphere_mapping.acquisition.stitching.strips import Block, Strip
+
+ROWS = 4  # cells of a tile: as wide as it is needed anywhere in them
+
+Flags = NDArray[np.bool_]
+
+
+def tiles_of(
+    view: int,
+    block: Block,
+    is_owned: NDArray[np.uint8],
+    strips: Sequence[Strip],
+    seams: Sequence[Seam],
+    step: int,
+    width: int,
+) -> tuple[Block, ...]:
+    """Return the rectangles of a view's block that are needed, by their place in it, in multiples of `step`.
+
+    is_owned: (h, w) of the block, not 0 where the sphere shows the view. Seams are given at every
+    step-th pixel of a sphere of `width` columns.
+    """
+    rows, columns = block.height // step, block.width // step
+    is_used: Flags = np.asarray(np.any((is_owned > 0).reshape(rows, step, columns, step), axis=(1, 3)), np.bool_)
+    for seam in seams:
+        if view in (seam.first, seam.second):
+            is_used |= block.at(step.bit_length() - 1).cut(seam.weight > 0)
+    for strip in strips:
+        for share in strip.shares:
+            if share.view == view:
+                places = block.places_of(strip.part(share), width)
+                is_used[np.ix_(*(np.unique(at // step) for at in places))] = True
+    return tuple(_rectangles(is_used, step))
+
+
+def _rectangles(is_used: Flags, step: int) -> Iterator[Block]:
+    """Yield rectangles of so many rows of cells (h, w), each as wide as what is used in one of them."""
+    for top in range(0, len(is_used), ROWS):
+        used = np.any(is_used[top : top + ROWS], axis=0)
+        edges = np.flatnonzero(np.diff(used, prepend=False, append=False))
+        height = min(ROWS, len(is_used) - top)
+        for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            yield Block(top * step, first * step, height * step, (last - first) * step)

@@ -1,0 +1,85 @@
+"""Tiles of a view's block hold all that a sphere needs of it, once, and leave out the rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sphere_mapping.acquisition.params import StitchParams
+from sphere_mapping.acquisition.stitching.blending import blend
+from sphere_mapping.acquisition.stitching.feathering import Seam
+from sphere_mapping.acquisition.stitching.layouts import Layouts
+from sphere_mapping.acquisition.stitching.strips import Block, Share, Strip
+from sphere_mapping.acquisition.stitching.tiles import tiles_of
+from sphere_nav.params import build
+from worlds.rig import vertical_rig
+
+STEP, WHOLE = 16, 256
+BLOCK = Block(0, 192, 128, 128)  # around the seam of the columns
+
+
+def covered(tiles, block=BLOCK):
+    found = np.zeros((block.height, block.width), int)
+    for tile in tiles:
+        found[tile.row : tile.row + tile.height, tile.column : tile.column + tile.width] += 1
+    return found
+
+
+def tiles(is_owned=None, strips=(), seams=(), view=1):
+    nothing = np.zeros((BLOCK.height, BLOCK.width), np.uint8)
+    return tiles_of(view, BLOCK, nothing if is_owned is None else is_owned, strips, seams, STEP, WHOLE)
+
+
+def test_what_is_shown_is_needed_and_little_else():
+    is_owned = np.zeros((128, 128), np.uint8)
+    is_owned[3, 40], is_owned[100, 17], is_owned[127, 127] = 255, 255, 255
+    found = covered(tiles(is_owned))
+    assert found[is_owned > 0].tolist() == [1, 1, 1]
+    assert found.sum() == 3 * STEP * 4 * STEP  # rows are taken by four cells
+
+
+def test_what_is_compared_along_its_own_seams_is_needed():
+    weight = np.zeros((WHOLE // 2 // STEP, WHOLE // STEP), np.float32)
+    weight[2, 1] = 1.0  # column 16 of the sphere: 80 of the block
+    for seam in (Seam(1, 2, weight), Seam(0, 1, weight)):
+        found = covered(tiles(seams=(seam,)))
+        assert found[32:48, 80:96].min() == 1
+        assert found.sum() == 4 * STEP * STEP
+    assert tiles(seams=(Seam(0, 2, weight),)) == ()
+
+
+def test_what_a_strip_mixes_of_it_is_needed_and_what_it_takes_from_its_border():
+    strip = Strip(Block(0, 160, 64, 96), (slice(0, 64), slice(0, 96)), (Share(1, slice(16, 64), ()),))
+    found = covered(tiles(strips=(strip,)))  # columns 176 to 224 of the sphere: from 16 before the block on
+    assert found[:64, :32].min() == 1
+    assert found.sum() == 64 * 32
+    before = replace(
+        strip, shares=(Share(1, slice(0, 16), ()),)
+    )  # all of it before the block: its first column goes on
+    assert covered(tiles(strips=(before,))).sum() == 64 * STEP
+    assert tiles(strips=(strip,), view=0) == ()
+
+
+@pytest.fixture(scope="module")
+def layout():
+    layouts = Layouts(vertical_rig(), build(StitchParams, {"width": 1024}), {})
+    return layouts.of("top", layouts.rig.names)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("has_range", [True, False])
+def test_the_sphere_is_the_same_as_of_whole_blocks(layout, channels, has_range, rng):
+    images = {
+        view.name: rng.integers(90 + 5 * k, 110 + 5 * k, (160, 160, 3)[: channels // 2 + 2], np.uint8)
+        for k, view in enumerate(layout.views)  # unlike enough in light to be feathered
+    }
+    inverse = rng.uniform(0.0, 1.0, (512, 1024)).astype(np.float32) if has_range else None
+    blocks = [view.block for view in layout.views]
+    whole = replace(layout, tiles=tuple((Block(0, 0, one.height, one.width),) for one in blocks))
+    image = blend(layout, images, inverse)
+    np.testing.assert_array_equal(image, blend(whole, images, inverse))
+    unfeathered = blend(replace(layout, seams=()), images, inverse)
+    assert (image != unfeathered).any()
+    needed = [covered(tiles, block) for tiles, block in zip(layout.tiles, blocks, strict=True)]
+    assert max(one.max() for one in needed) == 1
+    assert sum(one.sum() for one in needed) < 0.95 * sum(block.height * block.width for block in blocks)
