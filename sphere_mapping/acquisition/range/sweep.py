@@ -190,7 +190,8 @@ class SphereSweep:
             found[twice(at_jumps(half * np.float32(0.5), SWEEP_EDGE_PX, is_whole=True))] = np.nan
         spread = twice(spread_around(half, SPREAD_RADIUS, is_whole=True))
         found[is_unlike(unlike, spread, found, MAX_UNLIKE)] = np.nan
-        return found * px, np.hypot(std, SPREAD_STD * px * spread)
+        spread *= SPREAD_STD * px
+        return found * px, np.sqrt(std * std + spread * spread)
 
     def _align(
         self, k: int, images: Levels, before: tuple[Plane, Plane], sight: CameraSight, rest: Sequence[Plane]

@@ -123,7 +123,8 @@ def withhold_edges(disparity: Disparity, top: Image, bottom: Image, noise: float
     spread = spread_around(found, SPREAD_RADIUS, is_whole=True)
     is_edge = twice(is_unlike(unlike, spread, found, MAX_UNLIKE_COLUMNS))
     disparity.value[is_edge], disparity.std[is_edge] = np.nan, np.nan
-    np.hypot(disparity.std, COLUMN_SPREAD_STD * twice(spread), out=disparity.std)
+    deviation = COLUMN_SPREAD_STD * spread
+    np.sqrt(disparity.std**2 + twice(deviation * deviation), out=disparity.std)
 
 
 def _mean_around(plane: NDArray[np.float32]) -> NDArray[np.float32]:
