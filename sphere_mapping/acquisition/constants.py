@@ -125,6 +125,8 @@ STD_FACTOR = 1.3  # errors of neighbors are not independent: of the deviation th
 SMOOTH = np.array([1.0, 0.03], np.float32)  # px, and by the disparity: neighbors that differ more are not averaged
 
 # Range from disparity (range/test_vertical)
+COLUMN_RADIUS = 2  # px of half the size: of the blocks in which both levels are compared at the end
+MAX_UNLIKE_COLUMNS, COLUMN_SPREAD_STD = 30.0, 0.1  # as MAX_UNLIKE, SPREAD_STD of the sweep (towns 61, 62; room 1)
 FAR_M = 120.0  # what is surely farther is known to be far
 MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
 MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, so different images do not match
@@ -137,10 +139,13 @@ ORDER_COLUMNS = 320  # px, at which the order is looked at
 MAX_SWEEP_WIDTH = 640  # columns up to which all hypotheses are compared; wider spheres are halved
 SWEEP_RADIUS = 2  # px, half side of the blocks that are smoothed; that of those that are compared is COST_RADIUS
 SWEEP_PENALTIES = (60, 600)  # of a step to the next hypothesis, to any other, in eighths of a grey level of a block
-SWEEP_COST_RATIO = 1.16  # of the least cost elsewhere to that of the match
+SWEEP_COST_RATIO = 1.08  # of the least cost elsewhere to that of the match
 SWEEP_FLOOR = 10  # eighths of a grey level added to each difference, so that noise decides nothing
-MIN_SWEEP_MARGIN = 1.05  # of the second smoothed cost to the least
-SWEEP_EDGE_PX = (1, 2)  # kept off jumps, at the coarsest level and at half of the finest
+MIN_SWEEP_MARGIN = 1.04  # of the second smoothed cost to the least
+SWEEP_EDGE_PX = 1  # kept off jumps, at half of the finest level
+MISALIGNED = 0.3  # px^2 that cameras may be misaligned by, beside the noise, where they are compared at the end
+MAX_UNLIKE = 30.0  # of what they differ by, to the median of all pixels measured; by 1 + the spread of range there
+SPREAD_RADIUS, SPREAD_STD = 4, 0.3  # px at half of the finest level, within which it is taken; deviation by it
 COARSE_STEPS = 2  # of alignment at the coarsest level; finer ones start near enough for one
 MAX_ROW_STEP = 3  # between the rows that finer levels sample: blocks of neighboring rows tell nearly the same
 SWEEP_STEP_PX, START_STD_PX = 0.7, 3.0  # most of one step; standard deviation of where it starts

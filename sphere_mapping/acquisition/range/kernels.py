@@ -338,9 +338,9 @@ def _sum_along(row, radius, out):
 
 
 @njit(**OPTIONS)
-def _settle(sums, before, start, limits, out, std, left):
+def _settle(sums, before, start, limits, out, std, left, unlike):
     """Move a row (W,) f32 to where its blocks are most probable; see `align`."""
-    limit_px, least, noise, prior_px, max_px, calibration, dependent = limits
+    limit_px, least, noise, prior_px, max_px, calibration, dependent, misaligned = limits
     zero, one, nan, tiny = np.float32(0.0), np.float32(1.0), np.float32(np.nan), np.float32(1e-9)
     factor = np.float32(INDEPENDENT)
     for c in range(NUM_TERMS, len(sums), 2):  # exposures of cameras are never quite equal
@@ -363,7 +363,9 @@ def _settle(sums, before, start, limits, out, std, left):
         residual = max(ee - ge * ge / gg, zero) / freedom
         new = x + move
         out[u] = new if is_known else nan
-        left[u] = residual / (noise + gg / (freedom * per_px * per_px)) if is_known else np.float32(np.inf)
+        per_square = gg / (freedom * per_px * per_px)
+        left[u] = residual / (noise + per_square) if is_known else np.float32(np.inf)
+        unlike[u] = residual / (noise + misaligned * per_square) if is_known else np.float32(np.inf)
         excess = max(residual - noise, zero)
         variance = (noise * factor / n + excess * (factor / n + dependent)) / gg
         # calibration leaves as much across as along the search: on a line nearly along it, this becomes range
@@ -400,18 +402,19 @@ def _compare_row(x, v, directions, images, lens, runs, spare, at, sums, own):
 
 
 @njit(**OPTIONS)
-def align(x, start, directions, images, lens, runs, first_runs, radius, every, limits, rows, out, std, left):
+def align(x, start, directions, images, lens, runs, first_runs, radius, every, limits, rows, out, std, left, unlike):
     """Do one Gauss-Newton step of inverse range of every block of (2 radius + 1)^2 px over all cameras that see it.
 
     x, start (H, W) f32: inverse range 1/m, NaN unknown, and where it may be from the coarser level. directions: sine
     and cosine of azimuths (2, W) and elevations (2, H). images: levels of all cameras one after the other, starts (C,),
     sizes (C, 2), scales (C,) f32: this level's pixels by those of the tables. lens: rotations (C, 3, 3), centers (C, 3)
     in the frame of the camera, extents (C, 2), tables (C, S S, 2) f32: see `_place`. runs (N, 3) i32, first_runs
-    (H + 1,) i32: which columns of a row a camera sees. Every `every`-th row is sampled. limits (7,) f32: largest step
+    (H + 1,) i32: which columns of a row a camera sees. Every `every`-th row is sampled. limits (8,) f32: largest step
     in px; least samples of a block; variance of a level; standard deviation of the start in px; largest way from it in
     px; standard deviation in px that calibration leaves; share of what is left that all pixels of a block have in
-    common. rows (2,): first, beyond the last. out, std, left (H, W) f32: moved x, its deviation, and the squared
-    misalignment in px that would explain what is left.
+    common; squared misalignment in px that `unlike` allows. rows (2,): first, beyond the last. out, std, left, unlike
+    (H, W) f32: moved x, its deviation, the squared misalignment in px that would explain what is left, and what the
+    cameras differ by over what noise and a small misalignment explain.
 
     With levels I_c and slopes g_c = dI_c / dx, less their means over the cameras c and, of each camera, over the block,
     the step minimizes the sum over block and cameras of (I_c + g_c dx)^2 / noise.
@@ -441,4 +444,4 @@ def align(x, start, directions, images, lens, runs, first_runs, radius, every, l
                     total[i] += row[i]
             for k in range(number):
                 _sum_along(sums[k], radius, wide[k])
-            _settle(wide, x[o], start[o], limits, out[o], std[o], left[o])
+            _settle(wide, x[o], start[o], limits, out[o], std[o], left[o], unlike[o])

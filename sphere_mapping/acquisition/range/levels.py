@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,7 @@ def halve_image(image: Image, is_whole: bool) -> Image:
 
 def double(disparity: Plane) -> Plane:
     """Return a disparity at twice the size, every pixel four times."""
-    return 2 * np.repeat(np.repeat(disparity, 2, axis=0), 2, axis=1)
+    return 2 * twice(disparity)
 
 
 def interpolate(disparity: Plane, is_whole: bool) -> Plane:
@@ -76,9 +78,8 @@ def at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> Flags:
     """
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     padded = cv2.copyMakeBorder(disparity, 0, 0, radius + 1, radius + 1, border)
-    known, kernel = ~np.isnan(padded), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
-    high = cv2.dilate(np.where(known, padded, np.float32(-UNKNOWN_PX)), kernel)
-    low = cv2.erode(np.where(known, padded, np.float32(UNKNOWN_PX)), kernel)
+    kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    high, low = _extremes(padded, kernel)
     slant = np.zeros_like(padded)
     for axis in range(2):
         step = np.abs(np.diff(padded, axis=axis, append=np.nan))
@@ -86,6 +87,30 @@ def at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> Flags:
         slant += np.where(least < UNKNOWN_PX, 2 * radius * least, np.float32(0.0))
     limit = np.maximum(np.float32(JUMP[0]), np.float32(JUMP[1]) * high) + slant
     return (high - low > limit)[:, radius + 1 : -radius - 1]
+
+
+def spread_around(disparity: Plane, radius: int, *, is_whole: bool) -> Plane:
+    """Return by how much the disparity (H, W) varies within 2 radius + 1 rows and columns; 0 where nothing is known."""
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    padded = cv2.copyMakeBorder(disparity, 0, 0, radius, radius, border)
+    high, low = _extremes(padded, np.ones((2 * radius + 1, 2 * radius + 1), np.uint8))
+    return np.ascontiguousarray(np.maximum(high - low, 0)[:, radius:-radius])
+
+
+def is_unlike(unlike: Plane, spread: Plane, found: Plane, most: float) -> Flags:
+    """Return where (H, W) images differ by far more than is usual where something is found: at edges, thin things.
+
+    unlike: squared differences by what is allowed; spread: px by which what is found varies around. Where it does, a
+    block may see two surfaces, and less is too much: differences times 1 + spread may be `most` times their median.
+    """
+    some = unlike[::8, ::8][~np.isnan(found[::8, ::8])]  # the median of so many is that of all
+    limit = most * np.median(some) if some.size else np.inf
+    return unlike * (1 + spread) > limit
+
+
+def twice(plane: NDArray[Any]) -> NDArray[Any]:
+    """Return a plane at twice the size, every pixel four times."""
+    return np.repeat(np.repeat(plane, 2, axis=0), 2, axis=1)
 
 
 def at_unknown(disparity: Plane, *, is_whole: bool) -> Flags:
@@ -97,6 +122,13 @@ def at_unknown(disparity: Plane, *, is_whole: bool) -> Flags:
     large = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, square)
     near = cv2.dilate(large, np.ones((2 * FROM_UNKNOWN + 1, 2 * FROM_UNKNOWN + 1), np.uint8))
     return near[:, margin:-margin] > 0
+
+
+def _extremes(disparity: Plane, kernel: NDArray[np.uint8]) -> tuple[Plane, Plane]:
+    """Return the largest and the least known disparity (H, W) around each pixel."""
+    known = ~np.isnan(disparity)
+    high = cv2.dilate(np.where(known, disparity, np.float32(-UNKNOWN_PX)), kernel)
+    return high, cv2.erode(np.where(known, disparity, np.float32(UNKNOWN_PX)), kernel)
 
 
 def _pad(image: Image, margin: int, is_whole: bool) -> Image:

@@ -31,14 +31,18 @@ from sphere_mapping.acquisition.constants import (
     MAX_RESIDUAL,
     MAX_ROW_STEP,
     MAX_SWEEP_WIDTH,
+    MAX_UNLIKE,
     MIN_RANGE_SHARE,
     MIN_SAMPLED_SHARE,
     MIN_SWEEP_MARGIN,
+    MISALIGNED,
     NUM_STRIPS,
     REFINE_RADIUS,
     SMOOTH,
     SMOOTH_BETWEEN,
     SMOOTH_LAST,
+    SPREAD_RADIUS,
+    SPREAD_STD,
     START_STD_PX,
     SWEEP_COST_RATIO,
     SWEEP_EDGE_PX,
@@ -60,7 +64,7 @@ from sphere_mapping.acquisition.range.kernels import (
     sum_paths,
     sweep,
 )
-from sphere_mapping.acquisition.range.levels import at_jumps, at_unknown
+from sphere_mapping.acquisition.range.levels import at_jumps, at_unknown, is_unlike, spread_around, twice
 from sphere_mapping.acquisition.range.semi_global import in_threads
 from sphere_mapping.acquisition.range.sweep_tables import (
     CameraSight,
@@ -151,7 +155,7 @@ class SphereSweep:
         return found, matched
 
     def _match(self, images: Levels, sight: CameraSight) -> Plane:
-        """Return the inverse range (h, w) at the coarsest level, NaN at edges and where nothing is clearly the best."""
+        """Return the inverse range (h, w) at the coarsest level, NaN where nothing is clearly the best."""
         level, shape = self._levels[-1], sight.numbers.shape
         volumes = self._take_volumes(shape)
         tables = (self._table, GRID_STEP, images, level.starts, level.sizes, sight.cameras, sight.numbers)
@@ -164,15 +168,15 @@ class SphereSweep:
         choose(volumes.total, volumes.wide, *np.array([floor, SWEEP_COST_RATIO, MIN_SWEEP_MARGIN], np.float32), found)
         self._spare.append(volumes)
         found = _smooth(found, REFINE_RADIUS - 1)
-        found[at_jumps(found, SWEEP_EDGE_PX[0], is_whole=True) | at_unknown(found, is_whole=True)] = np.nan
+        found[at_unknown(found, is_whole=True)] = np.nan
         return (np.float32(self._first) + found * np.float32(self._step)).astype(np.float32)
 
     def _refine(self, k: int, images: Levels, start: Plane, sight: CameraSight) -> tuple[Plane, Plane]:
         """Return inverse range and deviation (H, W) of a level, from where the coarser one has ended."""
         from_coarsest, found = len(self._levels) - 1 - k, start
-        std, left = np.empty_like(start), np.empty_like(start)
+        std, left, unlike = (np.empty_like(start) for _ in range(3))
         for _ in range(COARSE_STEPS if from_coarsest == 0 else 1):
-            found = self._align(k, images, (found, start), sight, (std, left))
+            found = self._align(k, images, (found, start), sight, (std, left, unlike))
         does_fit = left <= MAX_RESIDUAL
         px = np.float32(self._step / 2**from_coarsest)  # about a pixel of the coarsest level, at this one
         if k > 0:
@@ -181,22 +185,24 @@ class SphereSweep:
         std[~does_fit] = np.nan
         found[np.isnan(std)] = np.nan
         found = _smooth(found / px, SMOOTH_LAST)
+        half = np.ascontiguousarray(found[::2, ::2])
         if from_coarsest > 0:
-            half = np.ascontiguousarray(found[::2, ::2] * np.float32(0.5))
-            is_edge = at_jumps(half, SWEEP_EDGE_PX[1], is_whole=True)
-            found[np.repeat(np.repeat(is_edge, 2, axis=0), 2, axis=1)] = np.nan
-        return found * px, std
+            found[twice(at_jumps(half * np.float32(0.5), SWEEP_EDGE_PX, is_whole=True))] = np.nan
+        spread = twice(spread_around(half, SPREAD_RADIUS, is_whole=True))
+        found[is_unlike(unlike, spread, found, MAX_UNLIKE)] = np.nan
+        spread *= SPREAD_STD * px
+        return found * px, np.sqrt(std * std + spread * spread)
 
     def _align(
         self, k: int, images: Levels, before: tuple[Plane, Plane], sight: CameraSight, rest: Sequence[Plane]
     ) -> Plane:
-        """Return inverse range (H, W) moved by a step, from itself and its start; write deviation and what is left."""
+        """Return inverse range (H, W) moved by a step, from itself and its start; write what else `align` does."""
         level, match, out = self._levels[k], self._params.match, np.empty_like(before[0])
         every = min(len(self._levels) - k, MAX_ROW_STEP)  # rows next to each other tell nearly the same
         noise = SCALE * max(match.noise / 2 ** min(level.halvings), min(match.noise, LEAST_NOISE))
         least = MIN_SAMPLED_SHARE * (2 * REFINE_RADIUS + 1) ** 2 / every
         own = (SWEEP_STEP_PX, least, noise**2, START_STD_PX, MAX_REFINEMENT, match.calibration_px, DEPENDENT_SHARE)
-        limits, pictures = np.array(own, np.float32), (images, level.starts, level.sizes, level.scales)
+        limits, pictures = np.array([*own, MISALIGNED], np.float32), (images, level.starts, level.sizes, level.scales)
         given = (*before, level.directions, pictures, self._lens, sight.runs[k], sight.first_runs[k])
         numbers = (REFINE_RADIUS, every, limits)
         in_threads(lambda rows: align(*given, *numbers, rows, out, *rest), _strips(len(out)), self._jobs)

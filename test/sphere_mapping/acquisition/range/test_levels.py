@@ -4,7 +4,16 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.range.levels import fit, halve_image, has_texture_around, interpolate, usable_at
+from sphere_mapping.acquisition.range.levels import (
+    fit,
+    halve_image,
+    has_texture_around,
+    interpolate,
+    is_unlike,
+    spread_around,
+    twice,
+    usable_at,
+)
 
 
 def waves(height, width, phase=0.0):
@@ -56,3 +65,27 @@ def test_faint_texture_is_texture_where_there_is_no_stronger_one():
     rng = np.random.default_rng(0)
     image = 120 + 4 * cv2.GaussianBlur(rng.normal(0, 4, (96, 96)), (0, 0), 2.0)
     assert has_texture_around(np.rint(image).astype(np.uint8), False)[8:-8, 8:-8].mean() > 0.95
+
+
+def test_the_spread_is_that_of_what_is_known_around_and_wraps_around():
+    plane = np.full((16, 32), 5.0, np.float32)
+    plane[8, 0], plane[8, 10], plane[2, 20] = 9.0, np.nan, 4.0
+    plane[10:, 24:] = np.nan
+    found = spread_around(plane, 2, is_whole=True)
+    expected = np.zeros((16, 32))
+    expected[6:11, [30, 31, 0, 1, 2]] = 4.0
+    expected[0:5, 18:23] = 1.0
+    np.testing.assert_array_equal(found, expected)
+    assert spread_around(plane, 2, is_whole=False)[8, 31] == 0.0
+    np.testing.assert_array_equal(twice(plane)[::2, ::2], plane)
+    np.testing.assert_array_equal(twice(plane)[1::2, 1::2], plane)
+
+
+@pytest.mark.parametrize("exposure", [1.0, 50.0])
+def test_unlike_is_what_differs_by_far_more_than_usual_less_of_it_where_the_range_varies(exposure):
+    unlike, spread, found = (np.full((32, 64), value, np.float32) for value in (0.02 * exposure, 0.0, 7.0))
+    found[:, 32:], unlike[:, 32:] = np.nan, 1e6  # what is not measured does not say what is usual
+    unlike[4, 4], unlike[6, 6], unlike[9, 9] = 0.22 * exposure, 0.18 * exposure, 0.18 * exposure
+    spread[9, 9] = 0.5
+    assert np.argwhere(is_unlike(unlike, spread, found, 10.0)[:, :32]).tolist() == [[4, 4], [9, 9]]
+    assert not is_unlike(unlike, spread, np.full_like(found, np.nan), 10.0).any()
