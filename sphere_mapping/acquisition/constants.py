@@ -126,7 +126,8 @@ SMOOTH = np.array([1.0, 0.03], np.float32)  # px, and by the disparity: neighbor
 
 # Range from disparity (range/test_vertical)
 COLUMN_RADIUS = 2  # px of half the size: of the blocks in which both levels are compared at the end
-MAX_UNLIKE_COLUMNS, COLUMN_SPREAD_STD = 30.0, 0.1  # as MAX_UNLIKE, SPREAD_STD of the sweep (towns 61, 62; room 1)
+MAX_UNLIKE_COLUMNS = 30.0  # as MAX_UNLIKE of the sweep (towns 61, 62; room 1)
+COLUMN_SPREAD_STD = 0.1  # of the spread of range around a pixel, that counts as deviation (chosen there, too)
 FAR_M = 120.0  # what is surely farther is known to be far
 MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
 MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, so different images do not match
@@ -145,7 +146,7 @@ MIN_SWEEP_MARGIN = 1.04  # of the second smoothed cost to the least
 SWEEP_EDGE_PX = 1  # kept off jumps, at half of the finest level
 MISALIGNED = 0.3  # px^2 that cameras may be misaligned by, beside the noise, where they are compared at the end
 MAX_UNLIKE = 30.0  # of what they differ by, to the median of all pixels measured; by 1 + the spread of range there
-SPREAD_RADIUS, SPREAD_STD = 4, 0.3  # px at half of the finest level, within which it is taken; deviation by it
+SPREAD_RADIUS = 4  # px at half of the finest level, within which that spread is taken
 COARSE_STEPS = 2  # of alignment at the coarsest level; finer ones start near enough for one
 MAX_ROW_STEP = 3  # between the rows that finer levels sample: blocks of neighboring rows tell nearly the same
 SWEEP_STEP_PX, START_STD_PX = 0.7, 3.0  # most of one step; standard deviation of where it starts

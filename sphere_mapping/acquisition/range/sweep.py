@@ -42,7 +42,6 @@ from sphere_mapping.acquisition.constants import (
     SMOOTH_BETWEEN,
     SMOOTH_LAST,
     SPREAD_RADIUS,
-    SPREAD_STD,
     START_STD_PX,
     SWEEP_COST_RATIO,
     SWEEP_EDGE_PX,
@@ -190,8 +189,7 @@ class SphereSweep:
             found[twice(at_jumps(half * np.float32(0.5), SWEEP_EDGE_PX, is_whole=True))] = np.nan
         spread = twice(spread_around(half, SPREAD_RADIUS, is_whole=True))
         found[is_unlike(unlike, spread, found, MAX_UNLIKE)] = np.nan
-        spread *= SPREAD_STD * px
-        return found * px, np.sqrt(std * std + spread * spread)
+        return found * px, std
 
     def _align(
         self, k: int, images: Levels, before: tuple[Plane, Plane], sight: CameraSight, rest: Sequence[Plane]
