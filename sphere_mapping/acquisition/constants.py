@@ -125,9 +125,6 @@ STD_FACTOR = 1.3  # errors of neighbors are not independent: of the deviation th
 SMOOTH = np.array([1.0, 0.03], np.float32)  # px, and by the disparity: neighbors that differ more are not averaged
 
 # Range from disparity (range/test_vertical)
-COLUMN_RADIUS = 2  # px of half the size: of the blocks in which both levels are compared at the end
-MAX_UNLIKE_COLUMNS = 30.0  # as MAX_UNLIKE of the sweep (towns 61, 62; room 1)
-COLUMN_SPREAD_STD = 0.1  # of the spread of range around a pixel, that counts as deviation (chosen there, too)
 FAR_M = 120.0  # what is surely farther is known to be far
 MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
 MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, so different images do not match

@@ -5,17 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import (
-    COLUMN_RADIUS,
-    COLUMN_SPREAD_STD,
-    MAX_UNLIKE_COLUMNS,
-    MISALIGNED,
-    SPREAD_RADIUS,
-)
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.epipolar import (
     baseline_error,
@@ -27,8 +19,7 @@ from sphere_mapping.acquisition.range.epipolar import (
     to_common_center,
 )
 from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange, inverse_range
-from sphere_mapping.acquisition.range.levels import is_unlike, spread_around, twice
-from sphere_mapping.acquisition.range.matching import Disparity, match_columns
+from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
 from sphere_mapping.acquisition.range.semi_global import check_order, in_threads
 from sphere_mapping.acquisition.stitching.blending import blend
@@ -85,7 +76,6 @@ class VerticalStereo:
             self.is_checked = True
         is_usable, match = layouts[0].is_covered & layouts[1].is_covered, self._params.match
         disparity = match_columns(top, bottom, self._search, match, is_usable, self._jobs)
-        withhold_edges(disparity, top, bottom, match.noise)
         return range_from_disparity(disparity, self._layouts.whole, self._layouts.baseline_m, match)
 
     def _fit_planes(
@@ -104,33 +94,6 @@ class VerticalStereo:
         error, per_m = baseline_error(layouts, baseline_m), 1.0 / distance_m if distance_m else 0.0
         shrink = 1.0 / (1.0 + joined_share(layouts[0], per_m))
         return Viewpoints(baseline_m, layouts[0].owner, layouts[0].centers, error, shrink, per_m)
-
-
-def withhold_edges(disparity: Disparity, top: Image, bottom: Image, noise: float) -> None:
-    """Make a disparity (H, W) NaN where the levels (H, W) differ there; raise its deviation where it varies around.
-
-    Every other row and column is looked at.
-    """
-    found = np.ascontiguousarray(disparity.value[::2, ::2])
-    is_known = ~np.isnan(found)
-    v, u = (2 * plane.astype(np.float32) for plane in np.indices(found.shape))
-    below = cv2.remap(bottom, u, v - np.where(is_known, found, 0), cv2.INTER_LINEAR)
-    difference = cv2.subtract(below, top[::2, ::2], dtype=cv2.CV_32F) * is_known
-    share = np.maximum(_mean_around(is_known.astype(np.float32)), 0.02)
-    slope = cv2.Sobel(top, cv2.CV_32F, 0, 1, ksize=1)[::2, ::2] / 2
-    unlike = _mean_around(difference * difference) / (2 * share)
-    unlike /= noise * noise + MISALIGNED * _mean_around(slope * slope)
-    spread = spread_around(found, SPREAD_RADIUS, is_whole=True)
-    is_edge = twice(is_unlike(unlike, spread, found, MAX_UNLIKE_COLUMNS))
-    disparity.value[is_edge], disparity.std[is_edge] = np.nan, np.nan
-    deviation = COLUMN_SPREAD_STD * spread
-    np.sqrt(disparity.std**2 + twice(deviation * deviation), out=disparity.std)
-
-
-def _mean_around(plane: NDArray[np.float32]) -> NDArray[np.float32]:
-    margin = COLUMN_RADIUS
-    padded = cv2.copyMakeBorder(plane, 0, 0, margin, margin, cv2.BORDER_WRAP)
-    return cv2.blur(padded, (2 * margin + 1,) * 2)[:, margin:-margin]
 
 
 def _to_common_center(
