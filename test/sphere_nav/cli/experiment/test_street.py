@@ -85,3 +85,8 @@ def test_the_second_drive_is_beside_the_first_one_by_one_camera():
     off = drive.poses[0].translation[:2] - [x, y]
     assert off == pytest.approx([AHEAD, BESIDE], abs=1e-6)  # the road begins along x
     assert yaw == 0.0
+    drive.drive_to(150)  # in the first bend
+    x, y, yaw, _ = drive.simulator.path.at(150 * SPEED * PERIOD_NS * 1e-9 + AHEAD)
+    off = drive.simulator.T_world_base.translation[:2] - [x, y]
+    assert off == pytest.approx([-BESIDE * np.sin(yaw), BESIDE * np.cos(yaw)], abs=1e-6)
+    assert yaw > 0.3
