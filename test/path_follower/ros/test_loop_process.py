@@ -23,6 +23,20 @@ from benchmarks.fault_processes import CRUISE, Base
 from path_follower.ros.loop_process import PRIORITY
 from sphere_nav.ros import qos
 
+# a process of its own: whoever publishes waits for the front, and the base must go on telling where it is
+SEND = """
+import signal, sys
+import rclpy
+from nav_msgs.msg import Path
+from sphere_nav.ros import qos
+
+rclpy.init()
+publisher = rclpy.create_node("sender").create_publisher(Path, "reference_path", qos.LATCHED)
+print("ready", flush=True)
+publisher.publish(sys.stdin.buffer.read())
+signal.pause()
+"""
+
 
 def process(module, *arguments):
     code = f"import sys; from {module} import main; sys.exit(main())"
@@ -50,6 +64,15 @@ def base():
     rclpy.try_shutdown()
 
 
+@pytest.fixture
+def sender():
+    """Return a process that publishes what it reads."""
+    with subprocess.Popen([sys.executable, "-c", SEND], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        assert child.stdout.readline() == b"ready\n"
+        yield child
+        child.kill()
+
+
 def is_running(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
@@ -57,16 +80,13 @@ def is_running(pid):
         return False
 
 
-def test_a_front_that_is_busy_holds_up_neither_commands_nor_the_stop(follower, base):
+def test_a_front_that_is_busy_holds_up_neither_commands_nor_the_stop(follower, base, sender):
     """2,000,000 bytes of path cost the front seconds; a signal to it would, too."""
-    from nav_msgs.msg import Path as PathMessage
-
-    path = big_path(20_000)  # before it drives: poses come from here, too, and must not wait for this
-    publisher = base.node.create_publisher(PathMessage, "reference_path", qos.LATCHED)
     base.drive_off()
     os.kill(front_of(follower.pid), signal.SIGSTOP)  # as busy as can be
-    publisher.publish(path)
     base.commands.clear()
+    sender.stdin.write(big_path(20_000))
+    sender.stdin.close()
     base.live(1.0)
     times = [when for when, _ in base.commands]
     assert max(b - a for a, b in itertools.pairwise(times)) < 0.5  # 0.1 s on an idle machine
