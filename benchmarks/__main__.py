@@ -38,6 +38,7 @@ BENCHMARKS = {
     "calibration_doubts": "benchmarks.calibration_doubts",
     "stitching": "benchmarks.stitching",
     "mapping_times": "benchmarks.mapping_times",
+    "leg_scale": "benchmarks.leg_scale",
     "range_honesty": "benchmarks.range_honesty",
     "range_classes": "benchmarks.range_classes",
     "lens_drive": "benchmarks.lens_drive",
