@@ -75,6 +75,7 @@ BENCHMARKS = {
     "endpoints": "benchmarks.endpoints",
     "map_streaming": "benchmarks.map_streaming",
     "intake_rate": "benchmarks.intake_rate",
+    "live_rigs": "benchmarks.live_rigs",
     "soak": "benchmarks.soak",
     "relight": "benchmarks.relight",
     "dark": "benchmarks.dark",

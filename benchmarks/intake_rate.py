@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -82,13 +83,13 @@ def _measure(transport: str, seconds: float) -> tuple[dict[str, Any], dict[str, 
     words = ["--ros-args", *(word for setting in settings for word in ("-p", setting)), "--log-level", "error"]
     mapper = subprocess.Popen([sys.executable, "-P", "-c", NODE, *words])
     try:
-        _spin(node, PATIENCE, lambda: bool(node.count_publishers("map_cloud")))
+        spin(node, PATIENCE, lambda: bool(node.count_publishers("map_cloud")))
         command = [sys.executable, "-P", "-c", PLAYER, transport, str(seconds), CHECKOUT]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as player:
-            _spin(node, PATIENCE + seconds, lambda: player.poll() is not None)
+            spin(node, PATIENCE + seconds, lambda: player.poll() is not None)
             assert player.stdout is not None
             said = json.loads(player.stdout.read())
-        _spin(node, 3.0, lambda: False)
+        spin(node, 3.0, lambda: False)
         return said, values
     finally:
         mapper.terminate()
@@ -98,7 +99,8 @@ def _measure(transport: str, seconds: float) -> tuple[dict[str, Any], dict[str, 
         rclpy.try_shutdown()
 
 
-def _spin(node: Any, seconds: float, is_done: Any) -> None:
+def spin(node: Any, seconds: float, is_done: Callable[[], bool]) -> None:
+    """Let a node hear what comes until something is done, or for so long."""
     import rclpy
 
     end = time.monotonic() + seconds
