@@ -18,6 +18,7 @@ class PageClient:
         self._codec, self._zstd = msgspec.msgpack, zstandard.ZstdDecompressor()
         self.storage = {} if storage is None else storage
         self.parts, self.is_silent = {}, False  # shown, by uuid; silent: it answers nothing any more
+        self.camera = ()  # where the map is looked at from
         url, protocols = f"ws://127.0.0.1:{port}", [f"viser-v{viser.__version__}"]
         self._socket = connect(url, subprotocols=protocols, max_size=None, open_timeout=WAIT_S)
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -44,6 +45,8 @@ class PageClient:
         elif kind == "LocalStorageGetItemRequestMessage" and not self.is_silent:
             value, uuid = self.storage.get(message["key"]), message["request_uuid"]
             self._send("LocalStorageGetItemResponseMessage", request_uuid=uuid, value=value, error=None)
+        elif kind == "SetCameraPositionMessage":
+            self.camera = tuple(message["position"])
         elif kind == "GuiRemoveMessage":
             self.parts.pop(message["uuid"], None)
         elif kind == "GuiUpdateMessage":

@@ -18,7 +18,7 @@ import numpy as np
 
 from sphere_nav.cli.operate.link import Link
 from sphere_nav.cli.operate.teaching import Teaching
-from sphere_nav.cli.operate.words import Place, banner, ellipse, health, log_of, pieces
+from sphere_nav.cli.operate.words import Place, banner, ellipse, health, log_of, pieces, way_driven
 from sphere_nav.cli.view.server import colored, make_server
 
 PERIOD_S, PICTURE_S = 0.2, 0.5  # between two looks at what was heard; between two pictures
@@ -230,17 +230,17 @@ class Desk:
         set_if_new(self._path, "options", tuple(self.teaching.paths or [NO_PATH]))
         set_if_new(self._recorded, "options", tuple(self.teaching.drives or [NO_PATH]))
         self._show_places(seen.told("places")[0] or [])
-        for name, color, height in (("path", PATH, 0.02), ("trail", TRAIL, 0.04), ("odometry", SPHERES, 0.01)):
-            points, _ = seen.told(name)
-            has_pose = seen.told("pose")[0] is not None
-            if points is not None and not (name == "odometry" and has_pose):  # of another frame
-                self._draw(name, points, color, height)
+        self._draw("path", seen.told("path")[0], PATH, 0.02)
+        driven = way_driven(seen)
+        self._draw("driven", driven, TRAIL, 0.04)
+        if driven:
+            self._move_map(*driven[-1])
         self._show_spheres(seen.told("spheres")[0])
         self._show_car(*seen.told("pose"))
 
     def _draw(self, name: str, points: Any, color: tuple[int, ...], height: float) -> None:
         """Draw a line, where it is another one than the last time."""
-        if self._drawn.get(name) == (mark := hash((len(points), np.asarray(points[-1:]).tobytes()))):
+        if points is None or self._drawn.get(name) == (mark := hash((len(points), np.asarray(points[-1:]).tobytes()))):
             return
         self._drawn[name] = mark
         line = pieces(points, height)
@@ -279,17 +279,15 @@ class Desk:
             self._drawn["car"] = hash(color)
             self._car = scene.add_box("/car", color=color, dimensions=BODY_M, opacity=0.8)
         self._car.position, self._car.wxyz = ahead, turned
-        if self._follows.value:
-            self._move_map(np.array([x, y, 0.0]))
         outline = pieces(ellipse(x, y, covariance), BODY_M[2] + 0.05)
         scene.add_line_segments("/covariance", points=outline, colors=color, thickness=2.0, thickness_units="screen")
 
-    def _move_map(self, place: Any) -> None:
+    def _move_map(self, x: float, y: float) -> None:
         """Move the view as the vehicle moves; how it is turned and how near it is, the mouse says."""
-        step = place - self._middle
-        if np.hypot(*step[:2]) < STEP_M:
+        step = np.array([x, y, 0.0]) - self._middle
+        if not self._follows.value or np.hypot(*step[:2]) < STEP_M:
             return
-        camera, self._middle = self.client.camera, place
+        camera, self._middle = self.client.camera, self._middle + step
         with self.client.atomic():
             position, look_at = np.array(camera.position) + step, np.array(camera.look_at) + step
             camera.position, camera.look_at = position, look_at

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from sphere_nav.cli.demo.processes import node_command, python_command
+from sphere_nav.ros.bags.writer import PARTIAL
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 MAPPING = "from sphere_nav.cli.main import main; sys.exit(main(sys.argv[1:]))"
@@ -67,8 +68,9 @@ class Teaching:
 
     @property
     def drives(self) -> list[str]:
-        """Names of what was recorded here."""
-        return sorted(path.parent.name for path in self.folder.glob("*/*.mcap") if path.name != "map.mcap")
+        """Names of what was recorded here, and is complete."""
+        bags = (path.parent.name for path in self.folder.glob("*/*.mcap") if path.name != "map.mcap")
+        return sorted(name for name in set(bags) if not name.endswith(PARTIAL))
 
     @property
     def paths(self) -> list[str]:
@@ -81,7 +83,7 @@ class Teaching:
             return ""
         status, said = self._process.poll(), self._last_words()
         if status is None:
-            size = sum(path.stat().st_size for path in (self.folder / self.name).glob("*")) / 1e6
+            size = sum(path.stat().st_size for path in (self.folder / (self.name + PARTIAL)).glob("*")) / 1e6
             grown = f", {size:.1f} MB" if self._job == "recording" else ""
             return f"{self._job} {self.name}: {time.monotonic() - self._begun:.0f} s{grown} {said}".strip()
         return f"{self._job} {self.name}: {'done' if status == 0 else f'FAILED ({status})'} {said}".strip()

@@ -127,6 +127,11 @@ def ellipse(x: float, y: float, covariance: NDArray[np.float64]) -> NDArray[np.f
     return points
 
 
+def way_driven(seen: Heard) -> Any:
+    """Return the way driven, points (x, y): in the map, or by the wheels where nobody localises; None for none."""
+    return seen.told("odometry" if seen.told("pose")[0] is None else "trail")[0]
+
+
 def pieces(points: Any, height: float) -> NDArray[np.float32]:
     """Return the pieces (N, 2, 3) of a line through points (M, 2), at most `MAX_DRAWN`; none through fewer than two."""
     line = np.asarray(points, dtype=np.float32).reshape(-1, 2)

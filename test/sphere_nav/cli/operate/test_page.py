@@ -44,7 +44,7 @@ class FakeFollower:
         rclpy.init(context=self.context)
         self.node = rclpy.create_node("path_follower", context=self.context)
         self.state, self.reason, self.emergency, self.loaded = "IDLE", "", [], []
-        self.refusal = ""
+        self.refusal, self.x = "", 0.0
         self.status = self.node.create_publisher(FollowerStatus, "~/status", qos.STATE)
         self.pose = self.node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
         self.node.create_timer(0.05, self.tell)
@@ -60,7 +60,7 @@ class FakeFollower:
     def tell(self):
         self.status.publish(FollowerStatus(state=self.state, reason=self.reason, remedy="<b>see</b> the log"))
         message = PoseWithCovarianceStamped()
-        message.pose.pose.orientation.w = 1.0
+        message.pose.pose.orientation.w, message.pose.pose.position.x = 1.0, self.x
         self.pose.publish(message)
 
     def do(self, state, answer):
@@ -165,6 +165,24 @@ def test_commands_are_confirmed_by_the_node(follower, enter):
     page.wait_for("start: OFF_PATH: 3 m, limit 1")
     page.click("go there")
     page.wait_for("expected one of route_navigator, found none")
+
+
+def test_the_map_moves_with_the_vehicle_unless_that_is_switched_off(follower, enter):
+    page = enter()
+    page.wait_for("map moves with the vehicle")
+    wait_until(lambda: page.camera)
+    begin = page.camera
+    follower.x = 7.0
+    try:
+        wait_until(lambda: page.camera != begin)
+        assert np.subtract(page.camera, begin) == pytest.approx((7.0, 0.0, 0.0))
+        page.set("map moves with the vehicle", False)
+        time.sleep(0.5)
+        follower.x = 9.0
+        time.sleep(0.5)
+        assert np.subtract(page.camera, begin) == pytest.approx((7.0, 0.0, 0.0))
+    finally:
+        follower.x = 0.0
 
 
 def test_a_page_that_is_closed_or_reloaded_changes_nothing_and_two_pages_see_the_same(follower, enter):

@@ -10,8 +10,14 @@ from sphere_nav.cli.operate.teaching import Teaching
 
 RECORDER = """
 import pathlib, signal, sys, time
-bag = pathlib.Path(sys.argv[1]); bag.mkdir(); (bag / 'a.mcap').write_bytes(b'0' * 2000000)
-signal.signal(signal.SIGINT, lambda *_: sys.exit(print('[INFO] [1.5] [bag_recorder]: 82 messages')))
+bag = pathlib.Path(sys.argv[1]); partial = bag.with_name(bag.name + '.partial')
+partial.mkdir(); (partial / 'a.mcap').write_bytes(b'0' * 2000000)
+
+def end(*_):
+    partial.rename(bag)
+    sys.exit(print('[INFO] [1.5] [bag_recorder]: 82 messages'))
+
+signal.signal(signal.SIGINT, end)
 print('ready', flush=True)
 time.sleep(60)
 """
@@ -47,6 +53,7 @@ def test_a_drive_is_recorded_and_mapped_by_its_name(desk):
     assert desk.record("yard") == "recording yard"
     wait_for(lambda: "2.0 MB ready" in desk.describe())
     assert desk.record("other") == "recording yard is not over"
+    assert desk.drives == []  # a map is made of a drive that is complete
     assert "being completed" in desk.finish()
     wait_for(lambda: not desk.busy)
     assert desk.describe() == "recording yard: done 82 messages"

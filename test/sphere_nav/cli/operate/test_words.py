@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.cli.operate import words
-from sphere_nav.cli.operate.words import Heard, banner, ellipse, health, log_of, pieces, places_of
+from sphere_nav.cli.operate.words import Heard, banner, ellipse, health, log_of, pieces, places_of, way_driven
 
 STOPPED = SimpleNamespace(
     state="STOPPED", reason="OFF_PATH", value=1.25, limit=1.0, remedy="bring it <onto> the path", progress=3.0
@@ -77,3 +77,13 @@ def test_long_lines_are_thinned_from_end_to_end():
     assert found[0, 0].tolist() == [0.0, 0.0, 0.5]
     assert found[-1, 1].tolist() == [8999.0, 0.0, 0.5]
     assert len(pieces(line[:1], 0.0)) == 0
+
+
+def test_the_way_driven_is_that_of_the_wheels_until_somebody_localises():
+    seen = Heard()
+    assert way_driven(seen) is None
+    seen.hear("odometry", [(0.0, 0.0), (1.0, 0.0)])
+    assert way_driven(seen) == [(0.0, 0.0), (1.0, 0.0)]
+    seen.hear("pose", (5.0, 5.0, 0.0, np.eye(2)))
+    seen.hear("trail", [(5.0, 5.0)])
+    assert way_driven(seen) == [(5.0, 5.0)]  # the other is of another frame
