@@ -232,7 +232,7 @@ class Desk:
         self._show_places(seen.told("places")[0] or [])
         self._draw("path", seen.told("path")[0], PATH, 0.02)
         driven = way_driven(seen)
-        self._draw("driven", driven, TRAIL, 0.04)
+        self._draw("driven", driven, TRAIL, 0.2)  # well above: from far away depths of a browser are coarse
         if driven:
             self._move_map(*driven[-1])
         self._show_spheres(seen.told("spheres")[0])
