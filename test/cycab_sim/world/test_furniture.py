@@ -100,3 +100,12 @@ def test_prisms_are_as_wide_and_high_as_asked_and_stand_on_their_place():
         )
         volume = np.sum(np.linalg.det(built_mesh.triangles.astype(np.float64))) / 6  # closed, and looks outward
         assert volume == pytest.approx(2.0 * 8 * 0.5 * 0.5 * 0.5 * np.sin(np.pi / 4), rel=1e-6)
+
+
+def test_the_ball_of_a_lump_is_closed_and_round():
+    points, faces = furniture._sphere_faces()
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1.0)
+    edges = {(a, b) for face in faces.tolist() for a, b in zip(face, face[1:] + face[:1], strict=True)}
+    assert len(edges) == 3 * len(faces)  # each once in each direction
+    assert {(b, a) for a, b in edges} == edges
+    assert 0.85 < np.sum(np.linalg.det(points[faces])) / 6 / (4 / 3 * np.pi) < 1.0
