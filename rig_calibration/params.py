@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sphere_nav.estimation.robust import HUBER
 from sphere_nav.params import param, parameters
 
 
@@ -10,7 +11,7 @@ class CalibrationParams:
     """Rejection of false corners, what is held out, and from where on a warning is given."""
 
     num_distortion: int = param(5, "distortion coefficients of a pinhole: 0, 4, 5 or 8", low=0, high=8)
-    huber_width: float = param(1.345, "residual beyond which its weight falls", "standard deviations", low=0.5)
+    huber_width: float = param(HUBER, "residual beyond which its weight falls", "standard deviations", low=0.5)
     corner_limit: float = param(5.0, "residual beyond which a corner is left out", "standard deviations", low=2.0)
     view_ratio: float = param(
         4.0, "median residual of a view, by that of its camera, beyond which it is left out", "x", low=1.5

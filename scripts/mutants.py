@@ -6,13 +6,14 @@ constant twice as large, `and` for `or`, `min` for `max`, a `not` that is gone. 
 
 1. the test that mirrors the module and those that import it, for a ROS shell also those of its node in test/nodes,
    for parameters also those that hold for the parameters of all packages;
-2. if they pass, the rest of the package's tests, those nearest to the module first, until `--limit` seconds are over;
-   not with `--near`, which is quicker: `--rerun` then repeats the survivors with all tests.
+2. if they pass, the rest of the package's tests, those nearest to the module first, until they have taken `--limit`
+   seconds of CPU; not with `--near`, which is quicker: `--rerun` then repeats the survivors with all tests.
 
 Everything happens in a copy, with the copy's packages in front of the installed ones. A kill counts if the failing
 test passes without the mutant; a time-out if the test that was running takes too long by itself, and only with the
-mutant. Mutants that change no result (`<` and `<=` of two floats) are not sorted out: they count as survivors.
-Recordings are used where SPHERE_NAV_DATA names them. Run it with the environment's python.
+mutant. CPU time is what counts, so that other work on the machine makes no time-out; where a test waits without end,
+IDLE times as long by the clock. Mutants that change no result (`<` and `<=` of two floats) are not sorted out: they
+count as survivors. Recordings are used where SPHERE_NAV_DATA names them. Run it with the environment's python.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from queue import Queue
@@ -39,6 +42,8 @@ from mutations import Mutant, apply, draw, mutants_of, numeric_constants
 
 ROOT = Path(__file__).resolve().parents[1]
 MARGIN = " " * 17
+POLL = 0.5  # how often the CPU time of the tests is looked at, s
+IDLE = 5  # a full machine leaves a process at least a fifth of a CPU
 SKIPPED = {"kernels", "warm_up", "plot", "plots", "figure", "figures"}  # a name of a module, or one of its words
 
 
@@ -62,10 +67,11 @@ class Result:
 
 @dataclass
 class Run:
-    """How a run of pytest ended: `passed`, `failed` or `timed out`, and the test that failed or was running."""
+    """How a run of pytest ended: `passed`, `failed` or `timed out`, the test that failed or was running, CPU time."""
 
     outcome: str
     test: str = ""
+    seconds: float = 0.0
 
 
 class Stage:
@@ -97,11 +103,11 @@ class Stage:
 
     def judge(self, result: Result, tests: tuple[list[str], list[str]], limit: float, *, is_near: bool = False) -> None:
         """Run a mutant against its tests, or only those near to its module, and fill in what became of it."""
-        begin = time.monotonic()
         steps = [files for files in tests if files]
         for files in steps:
-            remaining = limit - (time.monotonic() - begin)
+            remaining = limit - result.seconds
             run = self._run_sound(result.mutant, files, remaining) if remaining > 0 else Run("timed out")
+            result.seconds = round(result.seconds + run.seconds, 1)
             if run.outcome == "timed out" and not self._is_slowed(result.mutant, run.test, limit / 2):
                 result.is_cut = True
                 break
@@ -111,7 +117,6 @@ class Stage:
             if is_near and len(steps) > 1:
                 result.is_cut = True
                 break
-        result.seconds = round(time.monotonic() - begin, 1)
 
     def _run_sound(self, mutant: Mutant, files: list[str], limit: float) -> Run:
         """Run tests with a mutant, without those that fail in any case."""
@@ -151,20 +156,28 @@ class Stage:
             command = [sys.executable, "-P", "-m", "pytest", *words]
             process = subprocess.Popen(command, cwd=self.checkout, env=self.environment, stdout=stream, stderr=stream)
             try:
-                code: int | None = process.wait(limit)
-            except subprocess.TimeoutExpired:
-                code = None
+                code, seconds = self._wait(process, limit)
             finally:
                 self._end_processes()
                 process.wait()
                 if mutant:
                     self._write(mutant.path, original, None)
         if code in (0, 5):  # 5: all tests deselected
-            return Run("passed")
+            return Run("passed", seconds=seconds)
         lines = log.read_text(errors="replace").splitlines()
         failed = [line.split(" ", 1)[1].split(" - ")[0] for line in lines if line.startswith(("FAILED ", "ERROR "))]
         running = [line.split(" ")[0] for line in lines if line.startswith("test/") and "::" in line]
-        return Run("timed out" if code is None else "failed", (failed or running or tests)[-1])
+        return Run("timed out" if code is None else "failed", (failed or running or tests)[-1], seconds)
+
+    def _wait(self, process: subprocess.Popen, limit: float) -> tuple[int | None, float]:
+        """Wait for the end of a process; return its code, None where it takes too long, and its CPU time in seconds."""
+        begin, seconds = time.monotonic(), 0.0
+        while seconds < limit and time.monotonic() - begin < IDLE * limit:
+            try:
+                return process.wait(POLL), seconds
+            except subprocess.TimeoutExpired:
+                seconds = max(seconds, sum(map(cpu_seconds, self._processes())))
+        return None, seconds
 
     def _write(self, path: str, text: bytes | None, mutant: Mutant | None) -> bytes:
         """Write a module in both copies, with a mutant if given; return what stood there."""
@@ -179,13 +192,26 @@ class Stage:
 
     def _end_processes(self) -> None:
         """End every process that was started in here."""
+        for folder in self._processes():
+            with suppress(OSError):  # it ended by itself
+                os.kill(int(folder.name), signal.SIGKILL)
+
+    def _processes(self) -> Iterator[Path]:
+        """Yield the folders in /proc of the processes that were started in here."""
         mark = f"STAGE={self.environment['STAGE']}".encode()
         for folder in Path("/proc").glob("[0-9]*"):
-            try:
+            with suppress(OSError):  # it ended, or is not ours
                 if mark in (folder / "environ").read_bytes().split(b"\0"):
-                    os.kill(int(folder.name), signal.SIGKILL)
-            except OSError:
-                pass  # it ended by itself, or is not ours
+                    yield folder
+
+
+def cpu_seconds(folder: Path) -> float:
+    """Return the CPU time of a process and of its children that have ended, in seconds, by its folder in /proc."""
+    try:
+        fields = (folder / "stat").read_text().rpartition(")")[2].split()
+    except OSError:  # it has ended
+        return 0.0
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
 
 
 def copy(source: Path, target: Path) -> None:
@@ -276,7 +302,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=6, help="mutants of each package (6)")
     parser.add_argument("--package", action="append", default=[], help="only this one; may be repeated")
     parser.add_argument("--jobs", type=int, default=1, help="mutants at the same time, each in its own copy")
-    parser.add_argument("--limit", type=float, default=120.0, help="seconds for the tests of one mutant (120)")
+    parser.add_argument("--limit", type=float, default=120.0, help="seconds of CPU for the tests of one mutant (120)")
     parser.add_argument("--near", action="store_true", help="quick: only tests that mirror or import the module")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there, after each mutant")
     parser.add_argument(

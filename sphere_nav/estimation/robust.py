@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
 
 HUBER, CAUCHY = 1.345, 2.385  # standard deviations; both 95 % efficient for normal errors (M15 eq. 34; Holland 1977)
-TINY = 1e-12
 
 
 def median_and_mad(residual: NDArray[np.floating]) -> tuple[float, float]:
@@ -20,7 +19,8 @@ def median_and_mad(residual: NDArray[np.floating]) -> tuple[float, float]:
 
 def huber_weights(size: NDArray[np.floating], bound: float) -> NDArray[np.floating]:
     """Return psi(d) / d for sizes d >= 0 of residuals, Huber's psi with its bound in the same unit (eq. 34)."""
-    return np.minimum(1.0, bound / np.maximum(size, TINY))
+    with np.errstate(divide="ignore"):  # a size of 0 weighs 1, too
+        return np.minimum(1.0, bound / size)
 
 
 def cauchy_weights(square: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ import dataclasses
 import importlib
 from pathlib import Path
 
-from architecture.tree import MODULES, parse
+from architecture.tree import modules_with, parse
 from sphere_nav.params import Leaf, leaves
 
 UNITS = {
@@ -46,7 +46,7 @@ def declares_parameters(module: Path) -> bool:
 
 def parameter_classes() -> list[type]:
     found = []
-    for module in filter(declares_parameters, MODULES):
+    for module in filter(declares_parameters, modules_with("sphere_nav.params import")):
         name = ".".join(module.with_suffix("").parts)
         items = vars(importlib.import_module(name)).values()
         found += [item for item in items if isinstance(item, type) and item.__module__ == name]

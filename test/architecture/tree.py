@@ -31,6 +31,11 @@ def parse(module: Path) -> ast.Module:
     return ast.parse((ROOT / module).read_text(encoding="utf-8"))
 
 
+def modules_with(text: str) -> Iterator[Path]:
+    """Yield the modules that a text occurs in: to parse all takes seconds, which each worker would spend to collect."""
+    yield from (module for module in MODULES if text in (ROOT / module).read_text(encoding="utf-8"))
+
+
 def imports(module: Path, *, is_at_load: bool = False) -> Iterator[str]:
     """Yield the dotted name of everything a module imports, `from a.b import c` as `a.b.c`; or only at load."""
     for node in parse(module).body if is_at_load else ast.walk(parse(module)):

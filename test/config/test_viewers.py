@@ -12,7 +12,7 @@ import yaml
 
 pytest.importorskip("rclpy")
 
-from architecture.tree import MODULES, parse
+from architecture.tree import modules_with, parse
 from sphere_nav.ros.interfaces import message_class
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,7 +34,7 @@ PACKAGES = ("sphere_nav_msgs", "sensor_msgs", "nav_msgs", "geometry_msgs", "visu
 def calls(name: str) -> dict[str, tuple[str, str]]:
     """Return the type, and the profile where one is named, of every topic that the packages open by this call."""
     found = {}
-    for module in MODULES:
+    for module in modules_with(f".{name}("):
         owner = f"/{module.parts[0]}/"
         for node in ast.walk(parse(module)):
             is_call = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == name

@@ -3,7 +3,16 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cycab_sim.params import CONDITIONS, CameraRigParams, LightParams, SimCameraParams, SimParams, in_condition
+from cycab_sim.params import (
+    CONDITIONS,
+    CameraRigParams,
+    LightParams,
+    SimCameraParams,
+    SimParams,
+    columns_and_rows,
+    in_condition,
+    split_numbers,
+)
 from sphere_nav.params import build, to_mapping
 
 CYCAB = Path(__file__).resolve().parents[2] / "config" / "cycab.yaml"
@@ -68,3 +77,23 @@ def test_one_parameter_may_hold_several_numbers(read, found):
 def test_what_is_not_such_numbers_is_refused_by_name(read, message):
     with pytest.raises(ValueError, match=message):
         read()
+
+
+@pytest.mark.parametrize(
+    ("text", "is_taken"),
+    [("1,-2", True), ("0,-3", True), ("4,5", True), ("4.1,0", False), ("-0.1,0", False), ("2,5.1", False),
+     ("2,-3.1", False), ("1", False), ("1,2,3", False), ("a,2", False), ("nan,1", False), ("", False)],
+)  # fmt: skip
+def test_numbers_of_a_parameter_keep_each_to_its_own_bounds(text, is_taken):
+    if is_taken:
+        assert split_numbers("it", text, "a,b", (0, -3), (4, 5)) == tuple(map(float, text.split(",")))
+    else:
+        with pytest.raises(ValueError, match=f"^it: expected a,b within 0,-3 to 4,5, found '{text}'$"):
+            split_numbers("it", text, "a,b", (0, -3), (4, 5))
+
+
+@pytest.mark.parametrize("text", ["320,240.5", "320.5,240", "15,240", "320,8193"])
+def test_images_have_whole_columns_and_rows(text):
+    assert columns_and_rows("size", "320,240") == (320, 240)
+    with pytest.raises(ValueError, match="size: expected "):
+        columns_and_rows("size", text)

@@ -1,6 +1,7 @@
 """Faults put into the code: each kind, what is left alone, the sample, which tests, what counts as noticed."""
 
 import ast
+import os
 import random
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from architecture.tree import ROOT
 
 sys.path.append(str(ROOT / "scripts"))  # not installed
 
+import mutants
 from checkout import Tree, package_of
 from mutants import Report, Result, Run, Stage, all_mutants, earlier_results, sample_of
 from mutations import KINDS, Mutant, apply, draw, mutants_of, numeric_constants
@@ -276,6 +278,42 @@ def test_what_counts_as_noticed(outcomes, expected):
         stage._is_sound = lambda test, limit: False
     stage.judge(result, (["a"], ["b"]), 60.0)
     assert (result.outcome, result.by, result.is_cut) == expected
+
+
+@pytest.mark.parametrize(
+    ("code", "limit", "idle", "expected"),
+    [
+        ("import time; time.sleep(1.2)", 0.6, 60, 0),  # what waits takes no CPU time
+        ("sum(1 for _ in iter(int, 1))", 0.3, 30, None),
+        ("import os\nwhile True: os.fork() and os.wait() or (sum(range(5_000_000)), os._exit(0))", 0.3, 30, None),
+        ("import time; time.sleep(600)", 0.3, 2, None),  # but not without end
+    ],
+)
+def test_the_limit_is_of_cpu_time(tmp_path, monkeypatch, code, limit, idle, expected):
+    monkeypatch.setattr(mutants, "POLL", 0.05)
+    monkeypatch.setattr(mutants, "IDLE", idle)
+    stage = Scripted()
+    stage.environment = os.environ | {"STAGE": str(tmp_path)}
+    process = subprocess.Popen([sys.executable, "-S", "-c", code], env=stage.environment)
+    try:
+        found, seconds = stage._wait(process, limit)
+    finally:
+        stage._end_processes()
+        process.wait()
+    assert found == expected
+    assert (limit <= seconds < 8 * limit) == (idle == 30)
+
+
+def test_the_time_of_all_runs_of_a_mutant_counts_together():
+    stage, limits = Scripted(), []
+
+    def run(tests, limit, mutant=None, *, is_collecting=False):
+        limits.append(limit)
+        return Run("passed", seconds=25.0)
+
+    stage.run, result = run, Result("a", MUTANT)
+    stage.judge(result, (["a"], ["b"]), 60.0)
+    assert (limits, result.seconds) == ([60.0, 35.0], 50.0)
 
 
 def test_a_quick_run_leaves_the_rest_of_the_tests():

@@ -1,12 +1,16 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from cycab_sim.params import LightParams, RenderParams, SeasonParams
 from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.rendering.weather import PixelView, Weather
+from cycab_sim.rendering.sky import SkyLight
+from cycab_sim.rendering.weather import SNOW, PixelView, Weather
 from cycab_sim.sensors.cameras import OPTICAL
+from cycab_sim.world.finishes import ASPHALT
+from cycab_sim.world.mesh import MeshBuilder
 from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture import kernels as materials
 from sphere_nav.geometry import SE3, Pinhole
@@ -138,3 +142,80 @@ def test_an_image_of_weather_is_the_same_for_one_thread_and_two(box_mesh, season
         drawn.torch = SE3.from_parts(np.eye(3), [0.0, 0.0, 1.0])
         images.append(drawn.render(CAMERA, AHEAD)[0])
     np.testing.assert_array_equal(*images)
+
+
+HEIGHT = 0.4  # of the level ground below, m
+
+
+def weather_of(season, light=None, noise=0.0):
+    """Return weather over level ground without a roof, and a view of it from 1.5 m above in three slopes."""
+    mesh = MeshBuilder(np.random.default_rng(1))
+    mesh.panels([[[-50, -50, HEIGHT], [50, -50, HEIGHT], [50, 50, HEIGHT], [-50, 50, HEIGHT]]], ASPHALT)
+    built = mesh.build()
+    weather = Weather(built, built, light or LightParams(), season)
+    weather._noise = lambda *_: np.full(3, noise, np.float32)
+    down = np.array([0.2, 0.5, 0.9])
+    rays = np.stack([0.6 * np.sqrt(1 - down**2), 0.8 * np.sqrt(1 - down**2), -down], axis=1).astype(np.float32)
+    ranges, triangles, cone = (1.5 / down).astype(np.float32), np.zeros(3, np.int32), np.full(3, 1e-3, np.float32)
+    return weather, PixelView(np.array([1.0, 2.0, HEIGHT + 1.5]), rays, ranges, triangles, cone)
+
+
+def test_wet_ground_mirrors_what_a_viewer_below_it_would_see():
+    """A puddle of water: Fresnel's share by Schlick, 1 at a grazing view, and a fixed point where both are alike."""
+    weather, view = weather_of(SeasonParams(wet=0.6), noise=0.9)
+    asked = []
+
+    def look(*question):
+        asked.append(question)
+        return np.full((3, 3), 7.0, np.float32)
+
+    color = np.full((3, 3), 2.0, np.float32)
+    weather.mirror(view, color, look)
+    ((below, rays, points, _),) = asked
+    np.testing.assert_allclose(below, [1.0, 2.0, HEIGHT - 1.5], atol=1e-6)
+    np.testing.assert_allclose(rays, view.rays * [1.0, 1.0, -1.0], atol=1e-7)
+    np.testing.assert_allclose(points, view.origin + view.ranges[:, None] * view.rays, atol=1e-5)
+    share = 0.6 * (0.02 + 0.98 * (1.0 + view.rays[:, 2]) ** 5)
+    np.testing.assert_allclose(color, 2.0 + 5.0 * np.repeat(share[:, None], 3, axis=1), rtol=1e-5)
+    alike = np.full((3, 3), 7.0, np.float32)
+    weather.mirror(view, alike, look)
+    np.testing.assert_allclose(alike, 7.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("snow", "cover"), [(1.0, 1.0), (0.7, 0.34), (0.5, 0.0)])
+def test_snow_covers_worn_ground_later_and_covered_ground_is_as_white_as_snow(snow, cover):
+    weather, view = weather_of(SeasonParams(snow=snow))
+    color = np.full((3, 3), 0.2, np.float32)
+    weather.change(view, None, color)
+    np.testing.assert_allclose(color, 0.2 + cover * (SNOW - 0.2) * np.ones((3, 1)), atol=1e-5)
+
+
+def test_what_is_open_to_the_sky_is_blended_over_four_texels():
+    weather, _ = weather_of(SeasonParams(wet=1.0))
+    still = np.full((5, 5), 100.0, np.float32)  # along the light, which comes from above: -z
+    still[2, 1], still[2, 2], still[1, 2] = 0.5, 3.0, 1.0
+    turned = np.diag([1.0, -1.0, -1.0])
+    weather._roof = SimpleNamespace(T_sun_world=turned, corner=np.array([-4.0, -6.0]), texel=0.5, still=still)
+    x, y, z = (-4.0 + 0.5 * 1.25, 6.0 - 0.5 * 1.6, -2.0)  # column 1.25, row 1.6, 2 m along the light
+    lit = 1.0 - 0.75 * 0.6 - 0.25 * 0.4  # all but (2, 1) and (1, 2), whose first surfaces lie above the point
+    points = np.array([[x, y, z], [x, y, 0.0], [x, -60.0, z], [60.0, y, z], [-4.0 + 2.1, 6.0 - 2.1, z]], np.float32)
+    np.testing.assert_allclose(weather._openness(points), [lit, 1.0, 1.0, 1.0, 1.0], atol=1e-5)
+
+
+def test_wet_ground_keeps_half_of_its_light():
+    weather, view = weather_of(SeasonParams(wet=0.5))
+    color = np.full((3, 3), 0.2, np.float32)
+    weather.change(view, None, color)
+    np.testing.assert_allclose(color, 0.15, rtol=1e-6)
+
+
+def test_a_closed_sky_gives_level_ground_the_light_of_an_even_one():
+    """Its radiance, three times as bright overhead, weighed by the cosine over the hemisphere (CIE 1955)."""
+    weather, view = weather_of(SeasonParams(), LightParams(overcast=1.0))
+    up = (np.arange(400) + 0.5) / 400
+    rays = np.stack([np.sqrt(1 - up**2), 0 * up, up], axis=1).astype(np.float32)
+    sky = replace(view, rays=rays, triangles=np.full(400, -1, np.int32))
+    color = np.full((400, 3), 0.7, np.float32)  # of clouds as bright as usual
+    weather.change(sky, SkyLight(np.array([0.0, 0.0, 1.0]), np.ones(3), np.array([2.0, 4.0, 6.0]), 2.0), color)
+    np.testing.assert_allclose(np.mean(2 * up[:, None] * color, axis=0), [1.0, 2.0, 3.0], rtol=1e-4)
+    assert color[-1, 0] / color[0, 0] == pytest.approx(3.0, rel=0.01)

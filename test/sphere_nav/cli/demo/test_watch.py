@@ -64,6 +64,20 @@ def test_a_car_may_stand_for_a_while_of_simulated_time(tmp_path, speed, ends):
     assert (shown[:4], shown[-1]) == (([0, 0, 1, 2], 20) if speed else ([0, 0, 0, 0], 0))
 
 
+def test_a_service_that_refuses_is_asked_again_a_moment_later(tmp_path, monkeypatch):
+    pauses = []
+    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
+        monkeypatch.setattr(watch.executor, "spin_once", lambda timeout_sec: pauses.append(timeout_sec))
+        answers = iter(["not yet", "not yet", ""])
+        monkeypatch.setattr(watch, "ask", lambda name: next(answers))
+        watch.insist("start")
+        monkeypatch.setattr(watch, "ask", lambda name: "no path")
+        with pytest.raises(DriveFailed, match="start refused: no path; localiser silent"):
+            watch.insist("start")
+    assert 0.01 <= min(pauses) == max(pauses) <= 1.0  # it hears what is said, and does not hang
+    assert len(pauses) == 2 + module.MAX_CALLS
+
+
 def test_waiting_ends_when_it_holds(tmp_path):
     with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
         answers = iter([False, False, True])

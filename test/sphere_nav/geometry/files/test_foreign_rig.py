@@ -69,6 +69,14 @@ def test_a_format_may_be_told(tmp_path):
         read_foreign([path, path])
 
 
+@pytest.mark.parametrize(("file_format", "number"), [("kalibr", 1), ("opencv", 2), ("basalt", 2)])
+def test_only_several_camchains_are_joined(tmp_path, file_format, number):
+    path = tmp_path / "x.json"
+    path.write_text(json.dumps({"cam0": CAM0}))
+    with pytest.raises(ValueError, match=f"expected several camchains of Kalibr, found {number} {file_format}"):
+        read_foreign([path] * number, file_format=file_format, is_joining=True)
+
+
 def test_axes_of_an_imu_need_one(tmp_path):
     path = tmp_path / "x.yaml"
     path.write_text(yaml.safe_dump({"cam0": CAM0}))

@@ -122,6 +122,7 @@ def test_what_the_user_names_holds():
             "one topic with images (image_raw), found /camera/camera/color",
         ),
         (COLOR, ("image_raw",), {"image_raw": "/none"}, "image_raw: expected topic /none, found /camera"),
+        (COLOR, ("image_raw",), {"image_raw": COLOR[1].topic}, "expected images, found sensor_msgs/msg/CameraInfo"),
         ([COLOR[0]], ("image_raw", "camera_info"), {}, "camera_info of /camera/camera/color/image_raw, found none"),
     ],
 )

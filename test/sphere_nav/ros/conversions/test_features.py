@@ -1,3 +1,6 @@
+from contextlib import nullcontext
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,3 +54,11 @@ def test_what_does_not_fit_is_refused(rng, field, value, reason):
 def test_what_is_no_feature_is_refused(rng, changed, reason):
     with pytest.raises(ValueError, match=reason):
         message_to_features(features_to_message(*sample(rng, **changed), 5, "sphere_link"))
+
+
+@pytest.mark.parametrize(("length", "is_taken"), [(0.9995, True), (1.0005, True), (0.998, False), (1.002, False)])
+def test_a_ray_is_as_long_as_a_unit_vector_to_a_thousandth(rng, length, is_taken):
+    features, words = sample(rng)
+    message = features_to_message(replace(features, rays=length * features.rays), words, 5, "sphere_link")
+    with nullcontext() if is_taken else pytest.raises(ValueError, match="unit vectors"):
+        message_to_features(message)
