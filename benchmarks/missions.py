@@ -15,6 +15,7 @@ import argparse
 import logging
 import math
 import tempfile
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -43,6 +44,7 @@ from path_follower.routes.planning import Leg, plan
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import State, Status
+from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell
 from sphere_nav.ros.conversions import header, se3_to_pose_with_covariance, se3_to_transform, status_to_message
 
@@ -91,6 +93,9 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
     parser.add_argument("--missions", type=int, default=MISSIONS, help=f"random missions ({MISSIONS})")
     parser.add_argument("--closed", type=int, default=CLOSED, help=f"missions with an edge closed under way ({CLOSED})")
     parser.add_argument("--mission-seed", type=int, default=101, help="of drives, missions and walkers (101)")
+    told = "localized by a camera, in the map of the city in this folder, made there where it is not (an hour)"
+    parser.add_argument("--cameras", type=Path, metavar="DIR", help=told)
+    parser.add_argument("--city-seed", type=int, default=101, help="of the city of --cameras (101)")
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -98,7 +103,7 @@ def run(options: argparse.Namespace) -> Report:
     count, closed = (8, 4) if options.quick else (options.missions, options.closed)
     logging.getLogger("sphere_nav").setLevel(logging.CRITICAL)
     with tempfile.TemporaryDirectory() as folder:
-        town = Town(Path(folder), options.mission_seed)
+        town = make_town(Path(folder), options)
         driven = [town.drive(closing="") for _ in range(count)]
         shut = [town.drive(closing=("call", "obstacle")[number % 2]) for number in range(closed)]
     report = Report("missions", notes=[describe(options.threads), __doc__ or ""])
@@ -109,19 +114,29 @@ def run(options: argparse.Namespace) -> Report:
     ]  # fmt: skip
     columns = ("from", "to", "closed", "arrived", "m", "contacts", "lateral RMSE m", "at branches m", "stops at joints")
     report.tables.append(Table(f"missions over {town.length:.0f} m, {len(town.network.edges)} edges", columns, rows))
-    every = [*driven, *shut]
+    every, what = [*driven, *shut], "missions" if options.cameras is None else "missions by a camera"
     named = sum(d.is_arrived or "no way" in d.reason for d in shut)
     report.bounds += [
-        Bound(f"missions: arrived, of {count}", count, sum(d.is_arrived for d in driven), "", is_minimum=True),
-        Bound("missions: contacts", 0, sum(d.contacts for d in every), ""),
-        Bound("missions: lateral RMSE", 0.03, rmse([e for d in driven for e in d.lateral]), "m"),
-        Bound("missions: lateral RMSE at branches", 0.05, rmse([e for d in driven for e in d.at_branches]), "m"),
-        Bound("missions: stops at joints", 0, sum(d.stops for d in driven), ""),
-        Bound(
-            f"missions: edge closed: another way or a named refusal, of {closed}", closed, named, "", is_minimum=True
-        ),
+        Bound(f"{what}: arrived, of {count}", count, sum(d.is_arrived for d in driven), "", is_minimum=True),
+        Bound(f"{what}: contacts", 0, sum(d.contacts for d in every), ""),
+        Bound(f"{what}: lateral RMSE", 0.03, rmse([e for d in driven for e in d.lateral]), "m"),
+        Bound(f"{what}: lateral RMSE at branches", 0.05, rmse([e for d in driven for e in d.at_branches]), "m"),
+        Bound(f"{what}: stops at joints", 0, sum(d.stops for d in driven), ""),
+        Bound(f"{what}: edge closed: another way or a named refusal, of {closed}", closed, named, "", is_minimum=True),
     ]
+    if options.cameras is not None:
+        report.notes.append(town.told)
     return report
+
+
+def make_town(folder: Path, options: argparse.Namespace) -> Town:
+    """Return the network with poses that are the truth with noise, or those of the localizer."""
+    if options.cameras is None:
+        return Town(folder, options.mission_seed)
+    from benchmarks.mission_cameras import QUICK_TOUR, TOUR, CameraTown, City  # which derive from what is here
+
+    city = City(options.cameras, options.city_seed, QUICK_TOUR if options.quick else TOUR, options.threads)
+    return CameraTown(folder, city, options.mission_seed)
 
 
 def rmse(errors: list[float]) -> float:
@@ -133,11 +148,12 @@ def taught_drives(rng: np.random.Generator) -> list[TaughtDrive]:
     """Return the drives as they were recorded: a few centimetres beside what was meant, slowly varying."""
     drives = []
     for corners in CORNERS:
-        x, y, yaw, _ = rounded_way(corners).T
+        way = rounded_way(corners)
+        x, y, yaw, _ = way.at(np.arange(0.0, way.length, 0.1)).T
         s = 0.1 * np.arange(len(x))
         off = sum(
-            0.03 * np.sin(2 * np.pi * s / way + phase)
-            for way, phase in zip((23.0, 41.0), rng.uniform(0, 6.28, 2), strict=True)
+            0.03 * np.sin(2 * np.pi * s / wave + phase)
+            for wave, phase in zip((23.0, 41.0), rng.uniform(0, 6.28, 2), strict=True)
         )
         drives.append(
             TaughtDrive(even_curve(x - off * np.sin(yaw), y + off * np.cos(yaw), yaw, np.full(len(x), CRUISE)))
@@ -145,8 +161,8 @@ def taught_drives(rng: np.random.Generator) -> list[TaughtDrive]:
     return drives
 
 
-def rounded_way(corners: tuple[tuple[float, float], ...]) -> Array:
-    """Return points (N, 4) every 0.1 m along an open polygon whose inner corners are arcs of 6 m radius."""
+def rounded_way(corners: tuple[tuple[float, float], ...]) -> Way:
+    """Return the way along an open polygon whose inner corners are arcs of 6 m radius."""
     points = np.array(corners)
     legs = np.diff(points, axis=0)
     lengths, heads = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
@@ -157,12 +173,25 @@ def rounded_way(corners: tuple[tuple[float, float], ...]) -> Array:
         pieces.append(Piece(float(length - cuts[number] - cuts[number + 1])))
         if number < len(turns):
             pieces.append(turn(6.0, float(np.degrees(turns[number]))))
-    way = Way((*corners[0], float(heads[0])), tuple(pieces))
-    return way.at(np.arange(0.0, way.length, 0.1))
+    return Way((*corners[0], float(heads[0])), tuple(pieces))
+
+
+def named(network: Network) -> Network:
+    """Return a network with those of the places that are on it."""
+    for name, at in PLACES.items():
+        spots = []
+        for edge in network.edges.values():
+            off = np.hypot(edge.curve.x - at[0], edge.curve.y - at[1])
+            spots.append(Spot(edge.id, float(edge.curve.arc[int(np.argmin(off))]), float(off.min())))
+        nearest = min(spots, key=lambda spot: spot.left)
+        network = network.with_place(name, nearest) if nearest.left < RIGHT else network
+    return network
 
 
 class Town:
     """The network, the nodes, the car, and who walks before it."""
+
+    told = ""  # of the localizer
 
     def __init__(self, folder: Path, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -195,14 +224,7 @@ class Town:
         self.tree = cKDTree(np.column_stack([self.points[:, :2], 2.0 * np.cos(yaw), 2.0 * np.sin(yaw)]))
 
     def _network(self) -> Network:
-        network = build_network(taught_drives(self.rng), "city", 1.2)
-        for name, at in PLACES.items():
-            spots = []
-            for edge in network.edges.values():
-                off = np.hypot(edge.curve.x - at[0], edge.curve.y - at[1])
-                spots.append(Spot(edge.id, float(edge.curve.arc[int(np.argmin(off))]), float(off.min())))
-            network = network.with_place(name, min(spots, key=lambda spot: spot.left))
-        return network
+        return named(build_network(taught_drives(self.rng), "city", 1.2))
 
     def _spot(self, place: str) -> tuple[int, Pose2]:
         node = self.network.nodes[self.network.places[place]]
@@ -211,7 +233,7 @@ class Town:
     # --- a mission
     def drive(self, closing: str) -> Driven:
         """Drive to another place."""
-        goals = [name for name in PLACES if name != self.here]
+        goals = [name for name in PLACES if name in self.network.places and name != self.here]
         if closing:
             here = Spot(self.network.departures(self.network.places[self.here])[0].id, 0.0)
             goals = [goal for goal in goals if self.passable(here, goal)] or goals
@@ -263,7 +285,8 @@ class Town:
             answer = self.shell.call("close_edge", request)
             assert answer.success, answer.message
         else:
-            pose = self.network.edges[leg.edge].curve.pose(leg.first + (0.6 * leg.length if self.is_near else 2.0))
+            way = leg.first + (0.6 * leg.length if self.is_near else 2.0)
+            pose = self.placed(self.network.edges[leg.edge].curve.pose(way))
             if math.hypot(pose.x - self.car.state.x, pose.y - self.car.state.y) < ROOM:
                 return ""  # nothing falls from the sky before the car: the next edge, later
             self.is_near = not self.is_near
@@ -292,16 +315,34 @@ class Town:
             self.step(Driven("", "", ""), may_walk=False)
         self.follower.loop.ask("stop")
         self.here = "church"
-        _, pose = self._spot(self.here)
+        self.put(self._spot(self.here)[1])
+
+    def placed(self, pose: Pose2) -> Pose2:
+        """Return where a pose of the network truly is."""
+        return pose
+
+    def put(self, pose: Pose2) -> None:
+        """Put the car down, and let the nodes see it there."""
         self.car.state = VehicleState(*pose)
         for _ in range(40):
             self.step(Driven("", "", ""), may_walk=False)
 
     # --- time
     def step(self, driven: Driven, *, may_walk: bool) -> None:
-        """Let 50 ms pass: a pose every second time, with a scan; the car obeys the last command."""
+        """Let 50 ms pass: the nodes hear what is measured now, the car obeys the last command."""
         now = self.bus.now_ns + STEP_NS
-        said = list(self.bus.advance(now))
+        for record in self.sense(now):
+            if record.topic == "/cmd_vel":
+                self.command = VehicleCommand(record.message.twist.linear.x, record.message.twist.angular.z)
+        self.move()
+        if may_walk:
+            self._walk(now)
+        self.walkers = [walker for walker in self.walkers if walker[1] > now]
+        self._measure(driven)
+
+    def sense(self, now: int) -> Iterator[Recorded]:
+        """Let time pass; publish a pose every second time, with a scan; yield what is said."""
+        yield from self.bus.advance(now)
         if now % PERIOD_NS == 0:
             state = self.car.state
             noisy = Pose2(*(np.array((state.x, state.y, state.yaw)) + self.rng.normal(size=3) * NOISE))
@@ -311,16 +352,12 @@ class Town:
             self.bus.publish("/status", status_to_message(Status(State.TRACKING), stamp, "map"))
             self.bus.publish("/pose", se3_to_pose_with_covariance(SE3.from_planar(*pose), COVARIANCE, stamp, "map"))
             self.bus.publish("/scan", self.scan(stamp))
-            said += list(self.bus.settle())
-        for record in said:
-            if record.topic == "/cmd_vel":
-                self.command = VehicleCommand(record.message.twist.linear.x, record.message.twist.angular.z)
+            yield from self.bus.settle()
+
+    def move(self) -> None:
+        """Let the car obey for a step."""
         for _ in range(5):
             self.car.step(self.command, STEP_NS / 5e9)
-        if may_walk:
-            self._walk(now)
-        self.walkers = [walker for walker in self.walkers if walker[1] > now]
-        self._measure(driven)
 
     def _walk(self, now: int) -> None:
         """Let somebody step before the car every 150 m of a mission, and off again."""

@@ -27,7 +27,7 @@ from cycab_sim.sensors.imu import Imu, ImuReading
 from cycab_sim.sensors.rigs import make_rig, rig_camera_names, rig_mounts
 from cycab_sim.sensors.scanner import Scan, Scanner
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelOdometry
-from cycab_sim.world.paths import arc
+from cycab_sim.world.paths import Path, arc
 from cycab_sim.world.season import change_season
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import build_world
@@ -44,10 +44,11 @@ T_BASE_TORCH = SE3.from_parts(np.eye(3), [1.5, 0.0, 0.7]) @ SE3.exp([0.0, 0.0, 0
 class Simulator:
     """A world, a Cycab in it, and the sensors on the Cycab."""
 
-    def __init__(self, params: SimParams | None = None) -> None:
+    def __init__(self, params: SimParams | None = None, path: Path | None = None) -> None:
+        """`path`: to start on and to teach, of which traffic keeps off, in place of the world's own."""
         self.params = p = in_condition(params or SimParams())
         world = build_world(p.world, p.seed, p.path)
-        self.world = replace(world, mesh=change_season(world.mesh, p.season, p.seed))
+        self.world = replace(world, mesh=change_season(world.mesh, p.season, p.seed), path=path or world.path)
         self.traffic = Traffic(self.world, p.traffic, p.seed) if p.traffic.density != "none" else None
         bounds = self.world.bounds if self.world.is_wide else None
         self.renderer = Renderer(self.world.mesh, p.render, p.light, self.traffic, bounds, season=p.season)

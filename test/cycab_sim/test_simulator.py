@@ -6,6 +6,7 @@ import pytest
 from cycab_sim.params import CameraRigParams, CaptureParams, ImagingParams, SimCameraParams
 from cycab_sim.simulator import START_NS, Simulator
 from cycab_sim.vehicle import VehicleCommand
+from cycab_sim.world.paths import Path, Piece
 from sphere_nav.geometry import SE3, Pinhole
 
 STEP = 10_000_000
@@ -136,6 +137,15 @@ def test_teaching_drives_the_path_to_its_end(small_params):
         assert simulator.time_ns < 60 * 10**9
     assert num_spheres == pytest.approx(simulator.path.length / 0.5, abs=2)
     assert simulator.vehicle.state.x == pytest.approx(4.0 + 30.0, abs=0.1)
+
+
+def test_another_path_is_driven_instead_of_the_world_s_own(small_params):
+    path = Path((20.0, -1.75, 0.0), (Piece(3.0),))
+    simulator = Simulator(replace(small_params, mode="teach", world="town"), path)
+    while not simulator.is_taught:
+        simulator.step(simulator.teach_command(), 20_000_000)
+    np.testing.assert_allclose(simulator.T_world_base.translation[:2], (23.0, -1.75), atol=0.15)
+    assert simulator.world.path is path  # of which traffic keeps off
 
 
 def test_a_view_from_anywhere(simulator):

@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     if name in OFFLINE:
         if arguments.taught is not None:
             raise ValueError(f"--taught: expected a drive, found {name}, which is taught nothing")
-        return 0 if OFFLINE[name](name, output, arguments.seed).run() else 1
+        return _run_offline(OFFLINE[name](name, output, arguments.seed))
     drive = ALL_DRIVES[name](name, output, arguments.seed, arguments.domain, arguments.taught)
     if isinstance(drive, Kidnapped) and arguments.starts is not None:
         drive.num_starts = arguments.starts
@@ -67,4 +67,13 @@ def run(arguments: argparse.Namespace) -> int:
         return 0 if drive.run() else 1
     except (DriveFailed, RuntimeError) as error:
         print(f"{name}: {error}; what the nodes said is in {drive.folder}")
+        return 1
+
+
+def _run_offline(experiment: Convergence | OneSphere | Street) -> int:
+    """Do one without nodes; 1 where a bound is not kept, or a command that it runs failed and has said why."""
+    try:
+        return 0 if experiment.run() else 1
+    except RuntimeError as error:
+        print(f"{experiment.name}: {error}; what was made is in {experiment.folder}")
         return 1

@@ -2,6 +2,7 @@
 
 import pytest
 
+from sphere_nav.cli.experiment import street
 from sphere_nav.cli.experiment.experiment import ALL_DRIVES, HELP, OFFLINE, PURPOSES
 from sphere_nav.cli.main import main
 
@@ -33,3 +34,15 @@ def test_an_unknown_name_is_refused(capsys):
     with pytest.raises(SystemExit, match="2"):
         main(["experiment", "moonwalk"])
     assert "invalid choice: 'moonwalk'" in capsys.readouterr().err
+
+
+def test_a_street_that_cannot_be_mapped_is_told_in_one_line_each(tmp_path, monkeypatch, capsys):
+    """Nothing was recorded: the command `map` says so, and the experiment that ran it ends."""
+    monkeypatch.setattr(street, "StereoDrive", lambda *_: None)
+    monkeypatch.setattr(street.Street, "record", lambda *_: None)
+    folder = tmp_path / "street"
+    assert main(["experiment", "street", "-o", str(folder)]) == 1
+    told = capsys.readouterr()
+    assert told.out == f"street: map: failed; what was made is in {folder}\n"
+    assert told.err.startswith(f"sphere_nav map: {folder / 'teach'}: expected a bag")
+    assert told.err.count("\n") == 1
