@@ -27,7 +27,7 @@ from scipy.ndimage import uniform_filter
 
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import ControlDrives, Field, JointEvidence, Level
+from mcl_depth.belief.joint_evidence import ControlDrives, EvidenceLevel, Field, JointEvidence
 from mcl_depth.belief.kernels import is_maximum
 from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.particles import wrap_angle
@@ -293,7 +293,7 @@ def chance_of_lead(values: Array) -> tuple[float, float]:
     return float((1.0 + gaps[0] / max(rest, 1e-12)) ** -count), rest / count
 
 
-def chances_in_small_map(values: Array, level: Level) -> tuple[float, float]:
+def chances_in_small_map(values: Array, level: EvidenceLevel) -> tuple[float, float]:
     """Return how probably a drive elsewhere reaches so much, and how probably it or a rival is taken for the place.
 
     `values` (N,) are the maxima of the map, falling. With z = (v_1 - v_chance) / sqrt(n), where v_chance is the mean of

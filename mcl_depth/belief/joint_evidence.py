@@ -88,7 +88,7 @@ class JointEvidence:
 
 
 @dataclass(frozen=True)
-class Level:
+class EvidenceLevel:
     """What drives reach that are not in the map: the mirrored one, and those of turned images in the mean."""
 
     mirrored: float
@@ -114,10 +114,10 @@ class ControlDrives:
         """Forget all images."""
         for drive in (self._mirrored, *self._turned.values()):
             drive.reset()
-        self.level = Level(0.0, 0.0, 0.0, 0.0)
+        self.level = EvidenceLevel(0.0, 0.0, 0.0, 0.0)
         self._begin: Array | None = None  # odometry
 
-    def add(self, field: Field, mirrored: Field, odometry: Array | None, mask: NDArray[np.bool_]) -> Level:
+    def add(self, field: Field, mirrored: Field, odometry: Array | None, mask: NDArray[np.bool_]) -> EvidenceLevel:
         """Add an image, and its mirror image, taken at `odometry` (3,); return what the drives reach in the map."""
         away = None if odometry is None else odometry * np.array([1.0, -1.0, -1.0])
         best = [float(self._mirrored.add(mirrored, away)[:, mask].max())]
@@ -128,5 +128,5 @@ class ControlDrives:
         if odometry is not None:
             self._begin = odometry if self._begin is None else self._begin
             way = max(self.level.way_m, float(np.hypot(*(odometry - self._begin)[:2])))
-        self.level = Level(best[0], float(np.mean(best[1:])), self._mirrored.num_images, way)
+        self.level = EvidenceLevel(best[0], float(np.mean(best[1:])), self._mirrored.num_images, way)
         return self.level

@@ -9,13 +9,13 @@ from pathlib import Path
 from sphere_nav.cli.demo.watch import DriveFailed
 from sphere_nav.cli.experiment.convergence import Convergence
 from sphere_nav.cli.experiment.drives import DRIVES, PaperDrive
-from sphere_nav.cli.experiment.homing import Homing
+from sphere_nav.cli.experiment.homing import HomingDrive
 from sphere_nav.cli.experiment.hybrid import Hybrid
 from sphere_nav.cli.experiment.kidnapped import Kidnapped
 from sphere_nav.cli.experiment.one_sphere import AroundOneSphere, MadOverDistance, OneSphere
 from sphere_nav.cli.experiment.street import Street
 
-ALL_DRIVES: Mapping[str, type[PaperDrive]] = {**DRIVES, "kidnapped": Kidnapped, "homing": Homing, "hybrid": Hybrid}
+ALL_DRIVES: Mapping[str, type[PaperDrive]] = {**DRIVES, "kidnapped": Kidnapped, "homing": HomingDrive, "hybrid": Hybrid}
 OFFLINE: Mapping[str, type[Convergence | OneSphere | Street]] = {  # which nobody is taught for
     "convergence": Convergence,
     "mad": MadOverDistance,

@@ -30,7 +30,7 @@ ARROWS = 3.0  # m of an arrow
 DIRECTION = "/homing/direction"
 
 
-class Homing(PaperDrive):
+class HomingDrive(PaperDrive):
     """100 m by direction."""
 
     purpose = "100 m by the direction to the next waypoint alone, in bare geometry (N17 fig. 8)"
@@ -64,7 +64,7 @@ class Homing(PaperDrive):
             at, known = truth.at(found.stamps_ns)
             poses, directions = planar(at), np.atleast_1d(found[known].T_map_body.yaw)
             self.plot(taught, planar(truth), poses, directions)
-        figures = figures_of(taught, planar(truth), poses, directions, self.end_bound, self.max_bound)
+        figures = homing_figures(taught, planar(truth), poses, directions, self.end_bound, self.max_bound)
         return [*figures, JudgedFigure("end of the path told", float(self.has_finished), "", 1.0, True)], {}
 
     def plot(self, taught: Array, driven: Array, poses: Array, directions: Array) -> None:
@@ -84,7 +84,7 @@ class Homing(PaperDrive):
         save_figure(figure, self.folder / "top_view.png")
 
 
-def figures_of(
+def homing_figures(
     taught: Array, driven: Array, poses: Array, directions: Array, end_bound: float, max_bound: float
 ) -> list[JudgedFigure]:
     """Judge a drive (N, 3) by a taught one (M, 3); `directions` (K,) rad, from the heading, were told at `poses`."""

@@ -78,7 +78,7 @@ WAYS: Mapping[str, tuple[type[Localizer], Mapping[str, Any]]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class TrackErrors:
     """Of each image: error (K,) m, NaN without a pose; its square by the covariance (K,); CPU time (K,) ms."""
 
     meters: Array
@@ -99,7 +99,7 @@ class Hybrid(PaperDrive):
     def run(self) -> bool:
         """Localise the images of each light in each way; judge."""
         self.prepare()
-        T_world_map, found = self.anchor(), dict[str, dict[str, Track]]()
+        T_world_map, found = self.anchor(), dict[str, dict[str, TrackErrors]]()
         with self.stage("localise"), open_map(self.taught / "map") as made:
             for light, values in LIGHTS.items():
                 images = list(tqdm(self.record(values), desc=light, total=round(WAY / STEP), disable=None))
@@ -108,7 +108,7 @@ class Hybrid(PaperDrive):
                     for name, (kind, params) in WAYS.items()
                 }
         self.plot(found)
-        return write_result(self.folder, self.name, self.seed, list(figures_of(found)))
+        return write_result(self.folder, self.name, self.seed, list(hybrid_figures(found)))
 
     def record(self, values: Mapping[str, Any]) -> Iterator[tuple[RenderedFrame, SE3]]:
         """Draw images along the path, each with its true pose."""
@@ -119,7 +119,7 @@ class Hybrid(PaperDrive):
             yield simulator.capture("camera"), simulator.T_world_base @ T_base_camera
             simulator.step(VehicleCommand(), PERIOD_NS)
 
-    def plot(self, found: Mapping[str, Mapping[str, Track]]) -> None:
+    def plot(self, found: Mapping[str, Mapping[str, TrackErrors]]) -> None:
         """Draw the errors along the path."""
         figure, panels = plt.subplots(2, 3, figsize=(14, 8), sharex=True, sharey=True)
         for axes, (light, tracks) in zip(panels.ravel(), found.items(), strict=True):
@@ -132,7 +132,7 @@ class Hybrid(PaperDrive):
         save_figure(figure, self.folder / "errors.png")
 
 
-def localize(localizer: Localizer, images: list[tuple[RenderedFrame, SE3]], T_world_map: SE3) -> Track:
+def localize(localizer: Localizer, images: list[tuple[RenderedFrame, SE3]], T_world_map: SE3) -> TrackErrors:
     """Localise images one after the other, the first one near its true pose."""
     T_map_world = T_world_map.inverse()
     localizer.relocalize(T_map_world @ images[0][1])
@@ -147,10 +147,10 @@ def localize(localizer: Localizer, images: list[tuple[RenderedFrame, SE3]], T_wo
         xi = ((T_map_world @ T_world_camera).inverse() @ estimate.T_map_camera).log()
         rows.append((float(np.linalg.norm(xi[:3])), float(xi @ np.linalg.solve(estimate.covariance, xi)), spent))
     localizer.references.close()
-    return Track(*np.array(rows).T)
+    return TrackErrors(*np.array(rows).T)
 
 
-def figures_of(found: Mapping[str, Mapping[str, Track]]) -> Iterator[JudgedFigure]:
+def hybrid_figures(found: Mapping[str, Mapping[str, TrackErrors]]) -> Iterator[JudgedFigure]:
     """Tell each light and way; ours places no image wrongly, nor fewer than the map alone."""
     for light, tracks in found.items():
         for name, track in tracks.items():

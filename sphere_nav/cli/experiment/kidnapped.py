@@ -197,7 +197,7 @@ class Kidnapped(PaperDrive):
             self.plot(truth, outcomes)
         told = [asdict(start) | outcome for start, outcome in zip(self.starts, outcomes, strict=True)]
         known = [{name: value for name, value in row.items() if np.isfinite(value)} for row in told]
-        return figures_of(outcomes), {"starts": known}
+        return kidnap_figures(outcomes), {"starts": known}
 
     def plot(self, truth: Trajectory, outcomes: list[dict[str, float]]) -> None:
         """Draw from above what was driven by hand and by itself, and the first pose of mcl_depth."""
@@ -240,7 +240,7 @@ def judge_start(start: Start, truth: Trajectory, fine: Trajectory, coarse: Traje
     }
 
 
-def figures_of(outcomes: list[dict[str, float]]) -> list[JudgedFigure]:
+def kidnap_figures(outcomes: list[dict[str, float]]) -> list[JudgedFigure]:
     """Judge all starts."""
     table = {name: np.array([outcome[name] for outcome in outcomes]) for name in outcomes[0]}
     good = (table["coarse_m"] <= NEAR) & (table["fine_m"] <= RIGHT) & (table["by_itself_m"] >= 0.95 * BY_ITSELF)

@@ -161,7 +161,7 @@ class AroundOneSphere(OneSphere):
             meters, radians = truth.distance(alignment.T_world_camera)
             rows.append((float(meters), float(np.degrees(radians))) if alignment.is_converged else (np.nan, np.nan))
         tried = Tried(poses, *np.array(rows).T)
-        return self.finish(self.draw(tried, middle), list(figures_of(tried, middle)), {})
+        return self.finish(self.draw(tried, middle), list(ring_figures(tried, middle)), {})
 
     def draw(self, tried: Tried, middle: Array) -> plt.Figure:
         """Draw where the camera was, which way it looked, and whether it was found."""
@@ -193,7 +193,7 @@ def spiral(middle: Array, sphere: Sphere) -> Iterator[Array]:
             yield np.array([x, y, middle[2] + LOOK * angle])
 
 
-def figures_of(tried: Tried, middle: Array) -> Iterator[JudgedFigure]:
+def ring_figures(tried: Tried, middle: Array) -> Iterator[JudgedFigure]:
     """Tell how far out the camera is found; M15 says up to 3.5 m."""
     radius = np.hypot(*(tried.poses[:, :2] - middle[:2]).T)
     ring = (radius / RING).astype(int)

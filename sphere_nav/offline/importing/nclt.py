@@ -66,7 +66,7 @@ class NcltRecording(CameraRecording):
             )
         cloud = self.clouds / f"{stamp // 1000}.bin"
         if cloud.is_file():
-            yield "points", cloud_to_message(T_BASE_BODY.apply(read_points(cloud)), stamp, RIG_FRAME)
+            yield "points", cloud_to_message(T_BASE_BODY.apply(read_velodyne(cloud)), stamp, RIG_FRAME)
         for topic, message in super().frame(index):
             name = topic.split("/")[1]
             message.header.frame_id = f"{name}_optical"
@@ -121,7 +121,7 @@ def open_nclt(folder: Path) -> NcltRecording:
     if not parts:
         raise ValueError(f"{images}: expected folders Cam0 to Cam5, found none")
     truth = _find(folder, f"groundtruth_{folder.resolve().name}.csv")
-    poses = None if truth is None else read_truth(truth)
+    poses = None if truth is None else read_ground_truth(truth)
     return NcltRecording(cameras, Rig(tuple(parts)), folder / "velodyne_sync", poses)
 
 
@@ -151,7 +151,7 @@ def read_undistortion(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float
     return columns, rows
 
 
-def read_points(path: Path) -> Array:
+def read_velodyne(path: Path) -> Array:
     """Return the points (N, 3) in m of a file of velodyne_sync, in the frame of the robot's body, z down."""
     data = read_bytes(path, "cloud of NCLT", LIMITS["cloud"])
     if len(data) % POINT.itemsize:
@@ -159,7 +159,7 @@ def read_points(path: Path) -> Array:
     return np.frombuffer(data, POINT)["place"] * POINT_SCALE + POINT_OFFSET
 
 
-def read_truth(path: Path) -> Trajectory:
+def read_ground_truth(path: Path) -> Trajectory:
     """Return where base_link was, in a world with z up; rows without a pose (NaN) are left out."""
     table = _table(path, None, 7)
     table = table[np.isfinite(table).all(axis=1)]

@@ -11,7 +11,7 @@ import pytest
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_in_small_map, find_maxima
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import JointEvidence, Level
+from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.constants import APART, COST, FORGETTING, MAX_TRIAL, MIN_PLACES, RIVAL_SCALE, ROOM_M
@@ -77,7 +77,7 @@ def test_a_rival_as_good_as_the_best_makes_it_chance():
 
 
 def test_a_place_of_a_small_map_leads_both_its_rivals_and_drives_that_are_not_there():
-    sure = Level(mirrored=8.0, turned=7.0, num_images=9.0, way_m=ROOM_M)
+    sure = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=9.0, way_m=ROOM_M)
     p_elsewhere, p_chance = chances_in_small_map(np.array([18.0, 9.0]), sure)
     assert p_elsewhere < RATE
     assert p_chance == p_elsewhere  # the rival is further behind
@@ -85,9 +85,11 @@ def test_a_place_of_a_small_map_leads_both_its_rivals_and_drives_that_are_not_th
         p_elsewhere,
         pytest.approx(np.exp(-3.0 / RIVAL_SCALE)),
     )
-    later = Level(mirrored=8.0, turned=7.0, num_images=16.0, way_m=ROOM_M)  # what many images add up to says less
+    later = EvidenceLevel(
+        mirrored=8.0, turned=7.0, num_images=16.0, way_m=ROOM_M
+    )  # what many images add up to says less
     assert chances_in_small_map(np.array([18.0, 9.0]), later)[0] > 10.0 * p_elsewhere
-    alike = Level(mirrored=17.0, turned=2.0, num_images=9.0, way_m=ROOM_M)  # a room is its own mirror image
+    alike = EvidenceLevel(mirrored=17.0, turned=2.0, num_images=9.0, way_m=ROOM_M)  # a room is its own mirror image
     assert chances_in_small_map(np.array([18.0, 9.0]), alike)[0] > 0.01
     assert chances_in_small_map(np.array([7.5, 1.0]), sure) == (1.0, 1.0)
     one_room = replace(sure, mirrored=14.0, turned=1.0, way_m=0.9 * ROOM_M)  # any room of that size fits

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from sphere_nav.cli.experiment.homing import Homing, figures_of
+from sphere_nav.cli.experiment.homing import HomingDrive, homing_figures
 
 TAUGHT = np.column_stack([np.arange(0.0, 50.1, 0.5), np.zeros(101), np.zeros(101)])
 
 
 def by_name(driven, poses, directions):
-    return {figure.name: figure for figure in figures_of(TAUGHT, driven, poses, directions, 1.0, 1.5)}
+    return {figure.name: figure for figure in homing_figures(TAUGHT, driven, poses, directions, 1.0, 1.5)}
 
 
 @pytest.mark.parametrize(
@@ -37,5 +37,5 @@ def test_a_direction_is_that_from_the_heading_to_the_path_ahead():
 
 
 def test_the_follower_has_no_pose():
-    assert Homing.follower["source"] == "homing"
-    assert "/homing/direction" in Homing.recorded.split()
+    assert HomingDrive.follower["source"] == "homing"
+    assert "/homing/direction" in HomingDrive.recorded.split()

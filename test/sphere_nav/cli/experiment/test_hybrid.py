@@ -8,7 +8,7 @@ from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from dense_localizer.track.align import align_rig
 from sphere_nav.cli.experiment import hybrid as module
-from sphere_nav.cli.experiment.hybrid import HybridLocalizer, Track, figures_of, localize
+from sphere_nav.cli.experiment.hybrid import HybridLocalizer, TrackErrors, hybrid_figures, localize
 from sphere_nav.geometry import SE3
 from sphere_nav.params import build
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
@@ -53,9 +53,9 @@ def test_a_drive_is_localised_and_compared_with_the_truth(room, images, kind, mo
 
 
 def test_what_is_told_of_each_way_and_light():
-    ours = Track(np.array([0.01, np.nan, 0.31]), np.array([6.0, np.nan, 18.0]), np.array([4.0, 5.0, 9.0]))
-    lost = Track(np.full(3, np.nan), np.full(3, np.nan), np.array([1.0, 2.0, 3.0]))
-    found = {one.name: one for one in figures_of({"dusk": {"map alone": lost, "hybrid (M15)": ours, "ours": ours}})}
+    ours = TrackErrors(np.array([0.01, np.nan, 0.31]), np.array([6.0, np.nan, 18.0]), np.array([4.0, 5.0, 9.0]))
+    lost = TrackErrors(np.full(3, np.nan), np.full(3, np.nan), np.array([1.0, 2.0, 3.0]))
+    found = {one.name: one for one in hybrid_figures({"dusk": {"map alone": lost, "hybrid (M15)": ours, "ours": ours}})}
     assert found["dusk, ours: images with a pose"].value == pytest.approx(200.0 / 3.0)
     assert found["dusk, ours: error, largest"].value == 0.31
     assert found["dusk, ours: NEES / 6, median"].value == 2.0

@@ -9,7 +9,7 @@ from nav_msgs.msg import Odometry
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from cycab_sim.vehicle import VehicleCommand
-from sphere_nav.cli.experiment.kidnapped import HandOver, Kidnapped, Start, draw_starts, figures_of, judge_start
+from sphere_nav.cli.experiment.kidnapped import HandOver, Kidnapped, Start, draw_starts, judge_start, kidnap_figures
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.conversions import ns_to_time
@@ -116,7 +116,7 @@ def test_a_start_is_judged_by_what_both_said_and_how_far_the_car_went():
 )  # fmt: skip
 def test_a_start_counts_where_all_of_it_went_well(change, share):
     good = {"coarse_m": 0.7, "fine_m": 0.1, "by_hand_m": 8.0, "by_itself_m": 10.0, "wrong_m": 0.0}
-    found = {figure.name: figure for figure in figures_of([good, good | {"by_hand_m": 10.0} | change])}
+    found = {figure.name: figure for figure in kidnap_figures([good, good | {"by_hand_m": 10.0} | change])}
     judged = found["starts found, right, and driven from"]
     assert judged.value == share
     assert judged.is_met is (share == 100.0)

@@ -9,8 +9,8 @@ from sphere_nav.cli.experiment.one_sphere import (
     MAX_MAD,
     Tried,
     by_reference,
-    figures_of,
     rank_correlation,
+    ring_figures,
     spiral,
 )
 from sphere_nav.geometry import Spherical
@@ -56,10 +56,10 @@ def test_a_sphere_reaches_as_far_as_whole_rings_are_found(lost_at, reach, is_met
     poses = np.column_stack([MIDDLE[0] + radius, np.full(60, MIDDLE[1]), np.zeros(60)])
     is_lost = (radius > lost_at) & (radius < lost_at + 0.2)
     tried = Tried(poses, np.where(is_lost, 0.4, 0.03), np.full(60, 0.2))
-    found = {figure.name: figure for figure in figures_of(tried, MIDDLE)}
+    found = {figure.name: figure for figure in ring_figures(tried, MIDDLE)}
     assert found["95 % of each ring found, up to"].value == reach
     assert found["95 % of each ring found, up to"].is_met is is_met
     assert found["error within that, RMSE"].value == pytest.approx(0.03)
     assert found["all poses found"].value == pytest.approx(100.0 * np.mean(~is_lost))
     unseen = Tried(poses, np.where(is_lost, np.nan, 0.03), np.where(radius < 1.0, 1.1, 0.2))
-    assert next(f for f in figures_of(unseen, MIDDLE) if "each ring" in f.name).value == 0.0  # turned too far
+    assert next(f for f in ring_figures(unseen, MIDDLE) if "each ring" in f.name).value == 0.0  # turned too far
