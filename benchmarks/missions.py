@@ -94,8 +94,8 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
     parser.add_argument("--closed", type=int, default=CLOSED, help=f"missions with an edge closed under way ({CLOSED})")
     parser.add_argument("--mission-seed", type=int, default=101, help="of drives, missions and walkers (101)")
     told = "localized by a camera, in the map of the city in this folder, made there where it is not (an hour)"
-    parser.add_argument("--cameras", type=Path, metavar="DIR", help=told)
-    parser.add_argument("--city-seed", type=int, default=101, help="of the city of --cameras (101)")
+    parser.add_argument("--city-map", type=Path, metavar="DIR", help=told)
+    parser.add_argument("--city-seed", type=int, default=101, help="of the city of --city-map (101)")
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -114,7 +114,7 @@ def run(options: argparse.Namespace) -> Report:
     ]  # fmt: skip
     columns = ("from", "to", "closed", "arrived", "m", "contacts", "lateral RMSE m", "at branches m", "stops at joints")
     report.tables.append(Table(f"missions over {town.length:.0f} m, {len(town.network.edges)} edges", columns, rows))
-    every, what = [*driven, *shut], "missions" if options.cameras is None else "missions by a camera"
+    every, what = [*driven, *shut], "missions" if options.city_map is None else "missions by a camera"
     named = sum(d.is_arrived or "no way" in d.reason for d in shut)
     report.bounds += [
         Bound(f"{what}: arrived, of {count}", count, sum(d.is_arrived for d in driven), "", is_minimum=True),
@@ -124,18 +124,18 @@ def run(options: argparse.Namespace) -> Report:
         Bound(f"{what}: stops at joints", 0, sum(d.stops for d in driven), ""),
         Bound(f"{what}: edge closed: another way or a named refusal, of {closed}", closed, named, "", is_minimum=True),
     ]
-    if options.cameras is not None:
+    if options.city_map is not None:
         report.notes.append(town.told)
     return report
 
 
 def make_town(folder: Path, options: argparse.Namespace) -> Town:
     """Return the network with poses that are the truth with noise, or those of the localizer."""
-    if options.cameras is None:
+    if options.city_map is None:
         return Town(folder, options.mission_seed)
     from benchmarks.mission_cameras import QUICK_TOUR, TOUR, CameraTown, City  # which derive from what is here
 
-    city = City(options.cameras, options.city_seed, QUICK_TOUR if options.quick else TOUR, options.threads)
+    city = City(options.city_map, options.city_seed, QUICK_TOUR if options.quick else TOUR, options.threads)
     return CameraTown(folder, city, options.mission_seed)
 
 
