@@ -22,19 +22,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from scipy.spatial import cKDTree
 from sphere_nav_msgs.msg import LocalizationStatus
 
-from benchmarks.missions import (
-    CRUISE,
-    LATENCY_NS,
-    NORTH,
-    PERIOD_NS,
-    RIGHT,
-    SOUTH,
-    STEP_NS,
-    Driven,
-    Town,
-    named,
-    rounded_way,
-)
+from benchmarks.mission_network import CRUISE, NORTH, RIGHT, SOUTH, named, rounded_way
+from benchmarks.missions import LATENCY_NS, PERIOD_NS, STEP_NS, Driven, Town
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
 from cycab_sim.simulator import START_NS, Simulator

@@ -29,15 +29,14 @@ from sphere_nav_msgs.srv import CloseEdge
 from tf2_msgs.msg import TFMessage
 
 from benchmarks.machine import describe
+from benchmarks.mission_network import CRUISE, PLACES, named, taught_drives
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import ActuatorParams, CarParams
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
-from cycab_sim.world.paths import Path as Way
-from cycab_sim.world.paths import Piece, turn
 from path_follower.path import Pose2
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import TaughtDrive, build_network, even_curve
+from path_follower.routes.building import build_network
 from path_follower.routes.network import Network, Spot
 from path_follower.routes.network_file import write_network
 from path_follower.routes.planning import Leg, plan
@@ -52,24 +51,12 @@ HELP = "missions over a network: arrived, contacts, lateral error, error at bran
 MISSIONS, CLOSED = 100, 20
 NOISE = (0.01, 0.01, 0.003)  # m, m, rad of a pose
 PERIOD_NS, LATENCY_NS, STEP_NS = 100_000_000, 50_000_000, 50_000_000
-CRUISE = 2.0  # m/s
 ROOM = 12.0  # m of an edge that is closed
 BRANCH = 8.0  # m around a node where ways part or meet
 PATIENCE = 900.0  # s of simulated time for a mission
 WALKER, STAYING = 0.3, 4.0  # m radius; s before the car
 BEAMS, SCAN_RANGE = 121, 20.0
 COVARIANCE = 1e-4 * np.eye(6)
-RIGHT = 1.75  # m to the right of the middle of a street
-SOUTH, NORTH = -RIGHT, 110.0 + RIGHT  # y of the streets A eastwards and B westwards
-CORNERS = (  # of the drives, driven in this order; the first is where one begins
-    ((0.0, SOUTH), (120.0, SOUTH), (120.0, NORTH), (-20.0 - RIGHT, NORTH), (-20.0 - RIGHT, SOUTH), (30.0, SOUTH)),
-    ((0.0, SOUTH), (40.0 + RIGHT, SOUTH), (40.0 + RIGHT, NORTH), (0.0, NORTH)),
-    ((90.0, NORTH), (40.0 - RIGHT, NORTH), (40.0 - RIGHT, SOUTH), (80.0, SOUTH)),
-    ((60.0, SOUTH), (95.0, SOUTH), (95.0, NORTH), (55.0, NORTH)),
-    ((-20.0 + RIGHT, -50.0), (-20.0 + RIGHT, 110.0 - RIGHT), (40.0 - RIGHT, 110.0 - RIGHT), (40.0 - RIGHT, 30.0)),
-)
-PLACES = {"square": (100.0, SOUTH), "lane": (120.0, 60.0), "market": (80.0, NORTH)}
-PLACES |= {"church": (-20.0 - RIGHT, 60.0), "gate": (40.0 + RIGHT, 60.0), "school": (40.0 - RIGHT, 60.0)}
 
 
 @dataclass
@@ -90,17 +77,19 @@ class Driven:
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
-    parser.add_argument("--missions", type=int, default=MISSIONS, help=f"random missions ({MISSIONS})")
-    parser.add_argument("--closed", type=int, default=CLOSED, help=f"missions with an edge closed under way ({CLOSED})")
+    parser.add_argument("--missions", type=int, help=f"random missions ({MISSIONS})")
+    parser.add_argument("--closed", type=int, help=f"missions with an edge closed under way ({CLOSED})")
     parser.add_argument("--mission-seed", type=int, default=101, help="of drives, missions and walkers (101)")
     told = "localized by a camera, in the map of the city in this folder, made there where it is not (an hour)"
-    parser.add_argument("--cameras", type=Path, metavar="DIR", help=told)
-    parser.add_argument("--city-seed", type=int, default=101, help="of the city of --cameras (101)")
+    parser.add_argument("--city-map", type=Path, metavar="DIR", help=told)
+    parser.add_argument("--city-seed", type=int, default=101, help="of the city of --city-map (101)")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Drive all missions, one after the other, each from where the last one ended."""
-    count, closed = (8, 4) if options.quick else (options.missions, options.closed)
+    count, closed = (8, 4) if options.quick else (MISSIONS, CLOSED)
+    count = count if options.missions is None else options.missions
+    closed = closed if options.closed is None else options.closed
     logging.getLogger("sphere_nav").setLevel(logging.CRITICAL)
     with tempfile.TemporaryDirectory() as folder:
         town = make_town(Path(folder), options)
@@ -114,7 +103,7 @@ def run(options: argparse.Namespace) -> Report:
     ]  # fmt: skip
     columns = ("from", "to", "closed", "arrived", "m", "contacts", "lateral RMSE m", "at branches m", "stops at joints")
     report.tables.append(Table(f"missions over {town.length:.0f} m, {len(town.network.edges)} edges", columns, rows))
-    every, what = [*driven, *shut], "missions" if options.cameras is None else "missions by a camera"
+    every, what = [*driven, *shut], "missions" if options.city_map is None else "missions by a camera"
     named = sum(d.is_arrived or "no way" in d.reason for d in shut)
     report.bounds += [
         Bound(f"{what}: arrived, of {count}", count, sum(d.is_arrived for d in driven), "", is_minimum=True),
@@ -124,68 +113,24 @@ def run(options: argparse.Namespace) -> Report:
         Bound(f"{what}: stops at joints", 0, sum(d.stops for d in driven), ""),
         Bound(f"{what}: edge closed: another way or a named refusal, of {closed}", closed, named, "", is_minimum=True),
     ]
-    if options.cameras is not None:
+    if options.city_map is not None:
         report.notes.append(town.told)
     return report
 
 
 def make_town(folder: Path, options: argparse.Namespace) -> Town:
     """Return the network with poses that are the truth with noise, or those of the localizer."""
-    if options.cameras is None:
+    if options.city_map is None:
         return Town(folder, options.mission_seed)
     from benchmarks.mission_cameras import QUICK_TOUR, TOUR, CameraTown, City  # which derive from what is here
 
-    city = City(options.cameras, options.city_seed, QUICK_TOUR if options.quick else TOUR, options.threads)
+    city = City(options.city_map, options.city_seed, QUICK_TOUR if options.quick else TOUR, options.threads)
     return CameraTown(folder, city, options.mission_seed)
 
 
 def rmse(errors: list[float]) -> float:
     """Return the root of the mean square; 0 of nothing."""
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
-
-
-def taught_drives(rng: np.random.Generator) -> list[TaughtDrive]:
-    """Return the drives as they were recorded: a few centimetres beside what was meant, slowly varying."""
-    drives = []
-    for corners in CORNERS:
-        way = rounded_way(corners)
-        x, y, yaw, _ = way.at(np.arange(0.0, way.length, 0.1)).T
-        s = 0.1 * np.arange(len(x))
-        off = sum(
-            0.03 * np.sin(2 * np.pi * s / wave + phase)
-            for wave, phase in zip((23.0, 41.0), rng.uniform(0, 6.28, 2), strict=True)
-        )
-        drives.append(
-            TaughtDrive(even_curve(x - off * np.sin(yaw), y + off * np.cos(yaw), yaw, np.full(len(x), CRUISE)))
-        )
-    return drives
-
-
-def rounded_way(corners: tuple[tuple[float, float], ...]) -> Way:
-    """Return the way along an open polygon whose inner corners are arcs of 6 m radius."""
-    points = np.array(corners)
-    legs = np.diff(points, axis=0)
-    lengths, heads = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
-    turns = (np.diff(heads) + np.pi) % (2 * np.pi) - np.pi
-    cuts = np.concatenate([[0.0], 6.0 * np.tan(np.abs(turns) / 2), [0.0]])
-    pieces: list[Piece] = []
-    for number, length in enumerate(lengths):
-        pieces.append(Piece(float(length - cuts[number] - cuts[number + 1])))
-        if number < len(turns):
-            pieces.append(turn(6.0, float(np.degrees(turns[number]))))
-    return Way((*corners[0], float(heads[0])), tuple(pieces))
-
-
-def named(network: Network) -> Network:
-    """Return a network with those of the places that are on it."""
-    for name, at in PLACES.items():
-        spots = []
-        for edge in network.edges.values():
-            off = np.hypot(edge.curve.x - at[0], edge.curve.y - at[1])
-            spots.append(Spot(edge.id, float(edge.curve.arc[int(np.argmin(off))]), float(off.min())))
-        nearest = min(spots, key=lambda spot: spot.left)
-        network = network.with_place(name, nearest) if nearest.left < RIGHT else network
-    return network
 
 
 class Town:

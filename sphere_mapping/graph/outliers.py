@@ -179,14 +179,14 @@ def _admit(graph: PoseGraph, is_loop: Mask, is_kept: Mask, support: Array, poses
                 break
             is_kept, has_bent = is_tried, True
         seen.add(is_kept.tobytes())
-        poses = _solve(graph, is_kept, None, poses, MAX_STEPS["descent"])
+        poses = _settle(graph, is_kept, poses)
     return is_kept
 
 
 def _graduate(graph: PoseGraph, is_believed: Mask, is_tried: Mask, poses: Array) -> tuple[Mask, Array]:
     """Return which edges (M,) fit together and their poses: all believed ones, and of those tried the core, by GNC."""
     is_used = is_believed | is_tried
-    poses = _solve(graph, is_used, None, poses, MAX_STEPS["descent"])
+    poses = _solve(graph, is_used, None, poses)
     chi2 = edge_chi2(graph, poses)
     bound = CORE_RATIO * float(np.median(chi2[is_tried])) if is_tried.any() else np.inf
     worst = float(chi2[is_tried].max(initial=0.0))
@@ -196,12 +196,20 @@ def _graduate(graph: PoseGraph, is_believed: Mask, is_tried: Mask, poses: Array)
     for _ in range(GNC_ROUNDS):
         weights = np.sqrt(bound * mu * (mu + 1) / np.maximum(chi2, np.finfo(float).tiny)) - mu
         weights = np.where(is_believed, 1.0, np.clip(weights, 0.0, 1.0) * is_tried)
-        poses = _solve(graph, weights > 0, weights, poses, MAX_STEPS["gnc"])
+        poses = _solve(graph, weights > 0, weights, poses, max_steps=MAX_STEPS["gnc"])
         chi2, is_kept = edge_chi2(graph, poses), weights >= 0.5
         if np.all((weights == 0) | (weights == 1)):
             break
         mu *= GNC_GROWTH
-    return is_kept, _solve(graph, is_kept, None, poses, MAX_STEPS["descent"])
+    return is_kept, _solve(graph, is_kept, None, poses)
+
+
+def _settle(graph: PoseGraph, is_kept: Mask, poses: Array) -> Array:
+    """Return the optimum of the kept edges (M,): the lower end of descents from these poses and chordal ones.
+
+    Poses found without the loops that have just come in may be in a valley that keeps others of the same place out.
+    """
+    return _solve(graph, is_kept, None, poses, chordal_poses(graph_of_edges(graph, is_kept)))
 
 
 def _too_far(graph: PoseGraph, chi2: Array) -> float:
@@ -218,9 +226,12 @@ def _too_far(graph: PoseGraph, chi2: Array) -> float:
     return float(max(middle * gaussian_limit / gaussian_middle, last * (last / ninety) ** TAIL_DECADES))
 
 
-def _solve(graph: PoseGraph, is_used: Mask, weights: Array | None, poses: Array, max_steps: int) -> Array:
+def _solve(
+    graph: PoseGraph, is_used: Mask, weights: Array | None, *starts: Array, max_steps: int = MAX_STEPS["descent"]
+) -> Array:
     used = graph_of_edges(graph, is_used, weights)
-    found = minimize_poses(factors_of(used), used, poses, max_steps)
-    if found is None:
+    ends = [minimize_poses(factors_of(used), used, poses, max_steps) for poses in starts]
+    found = [end for end in ends if end is not None]
+    if not found:
         raise ValueError("pose graph: expected edges that determine all poses, found a system without a solution")
-    return found.poses
+    return min(found, key=lambda end: end.chi2).poses

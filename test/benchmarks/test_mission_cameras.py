@@ -9,7 +9,7 @@ pytest.importorskip("rclpy")
 
 from benchmarks import mission_cameras
 from benchmarks.mission_cameras import QUICK_TOUR, TOUR, City, Taught
-from benchmarks.missions import PLACES, named, rounded_way
+from benchmarks.mission_network import PLACES, named, rounded_way
 from cycab_sim.world.city import build_city
 from cycab_sim.world.traffic.loops import _room
 from path_follower.routes.building import TaughtDrive, build_network, even_curve
@@ -25,16 +25,21 @@ def trajectory(poses):
 
 
 def test_the_drift_of_the_map_does_not_count():
-    """There along x and 0.5 m beside it back; the map turns, and stretches by 1 %."""
+    """There along x and back on the same line; the map turns, stretches by 1 %, and has the way back 0.15 m aside."""
     there = [SE3.from_planar(x, 0.0, 0.0) for x in np.arange(0.0, 20.0, 2.0)]
-    back = [SE3.from_planar(x, 0.5, np.pi) for x in np.arange(18.0, -2.0, -2.0)]
+    truth = [*there, *(T @ SE3.from_planar(0.0, 0.0, np.pi) for T in reversed(there))]
+    aside = [0.0] * 10 + [0.15] * 10
     T_map_world = SE3.from_planar(30.0, -7.0, 1.2)
-    drifted = [SE3.from_planar(1.01 * T.translation[0], T.translation[1], float(T.yaw)) for T in (*there, *back)]
-    taught = Taught(trajectory([T_map_world @ T for T in drifted]), trajectory([*there, *back]))
+    drifted = [
+        T_map_world @ SE3.from_planar(1.01 * T.translation[0], y, float(T.yaw))
+        for T, y in zip(truth, aside, strict=True)
+    ]
+    taught = Taught(trajectory(drifted), trajectory(truth))
     for number in (7, 12):  # at x = 14 m, each way
         off = SE3.from_planar(0.3, 0.1, 0.05)
-        found = taught.to_world(T_map_world @ drifted[number] @ off)
-        np.testing.assert_allclose(found.matrix, ((*there, *back)[number] @ off).matrix, atol=1e-9)
+        np.testing.assert_allclose(
+            taught.to_world(drifted[number] @ off).matrix, (truth[number] @ off).matrix, atol=1e-9
+        )
 
 
 @pytest.mark.parametrize(("corners", "length", "num_places"), [(QUICK_TOUR, 600.0, 5), (TOUR, 1000.0, 6)])

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sphere_mapping.graph import outliers
 from sphere_mapping.graph.factors import edge_chi2
 from sphere_mapping.graph.optimum import optimize
 from sphere_mapping.graph.outliers import cycle_support, graph_of_edges, loops_of, optimize_robustly
@@ -92,6 +93,19 @@ def test_a_loop_without_support_is_not_bent_to_where_nearly_all_others_have_it()
     assert np.flatnonzero(optimize_robustly(one).is_outlier).tolist() == [len(graph.ends)]
     alone = graph_of_edges(one, ~loops_of(one) | (np.arange(len(one.ends)) == len(graph.ends)))
     assert not optimize_robustly(alone).is_outlier.any()
+
+
+def test_the_kept_edges_are_settled_from_their_own_start_where_the_poses_are_in_a_valley_and_from_the_poses_else():
+    _, graph = cylinder(6, 12, (0.05, 0.02), planar=True, seed=2)
+    best, first, every = optimize(graph), len(graph.ids) // 2, np.ones(len(graph.ends), bool)
+    poses, turned = best.poses.copy(), np.diag([-1.0, -1.0, 1.0])
+    poses[first:] = poses[first] @ turned @ np.linalg.inv(poses[first]) @ poses[first:]
+    assert edge_chi2(graph, outliers._solve(graph, every, None, poses)).sum() > 100 * best.chi2_after
+    assert edge_chi2(graph, outliers._settle(graph, every, poses)).sum() == pytest.approx(best.chi2_after, rel=1e-6)
+    spoiled, is_false = with_false(graph, 24)  # so many spoil the start that needs no poses
+    every = np.ones(len(is_false), bool)
+    near = edge_chi2(spoiled, outliers._solve(spoiled, every, None, best.poses)).sum()
+    assert edge_chi2(spoiled, outliers._settle(spoiled, every, best.poses)).sum() == pytest.approx(near, rel=1e-6)
 
 
 def test_loops_support_each_other_along_short_odometry_only_and_in_any_direction():
