@@ -62,7 +62,7 @@ def drive(kind: str, seed: int, length: float, width: int) -> tuple[float, float
     simulator = Simulator(build(SimParams, values | {"rig.kind": kind, "rig.size": size}))
     assert simulator.rig is not None
     stitcher, mapper = Stitcher(simulator.rig, build(StitchParams, {"width": width})), Mapper(MapperParams())
-    place, placed, truth = rig_place(simulator.params.rig), [], []
+    placed, truth, place = [], [], rig_place(simulator.params.rig) @ stitcher.T_rig_sphere
     for index in range(int(length / SPACING) + 1):
         x, y, yaw, _ = simulator.path.at(BEGIN + SPACING * index).tolist()
         simulator.teleport(x, y, yaw)
