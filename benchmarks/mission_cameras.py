@@ -129,7 +129,8 @@ class Taught:
     def __init__(self, mapped: Trajectory, truth: Trajectory) -> None:
         at, known = truth.at(mapped.stamps_ns)
         self.T_world, self.T_map = at.T_map_body[known], mapped[known].T_map_body
-        self.tree = cKDTree(features(*self.T_map.translation[:, :2].T, np.asarray(self.T_map.yaw)))
+        x, y, _ = self.T_map.translation.T
+        self.tree = cKDTree(features(x, y, np.asarray(self.T_map.yaw)))
 
     def to_world(self, T_map: SE3) -> SE3:
         """Return where a pose of the map truly is, by the nearest taught pose that heads alike."""
