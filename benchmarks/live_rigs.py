@@ -34,6 +34,7 @@ HELP = "both rigs over DDS at 2 spheres a second for 5 minutes: what is dropped,
 RATE, MINUTES, QUICK_MINUTES, SPACING = 2.0, 5.0, 0.25, 0.7  # spheres a second; m
 DRAIN = 15.0  # s after the last image, in which all that waits is worked off
 DOMAIN = "46"
+COMPLETE = "complete"  # a file that says that all images are there
 NODES = {"sphere_stitcher": "sphere_mapping.acquisition.ros.node", "sphere_mapper": "sphere_mapping.ros.node"}
 READY = ("sphere_stitcher: stitching", "sphere_mapper: mapping")  # what they report when they listen
 PLAYER = "import sys; sys.path.append(sys.argv[2]); from benchmarks.live_rigs import play; play(sys.argv[1])"
@@ -45,6 +46,7 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
     parser.add_argument("--live-minutes", type=float, default=MINUTES, help="length of each run (%(default)s)")
     parser.add_argument("--live-rigs", nargs="+", default=["ring", "vertical"], help="rigs (%(default)s)")
     parser.add_argument("--live-seed", type=int, default=401, help="seed of the city (%(default)s)")
+    parser.add_argument("--live-images", type=Path, help="folder that keeps the drawn images for another run (none)")
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -52,9 +54,14 @@ def run(options: argparse.Namespace) -> Report:
     report, rows = Report("live_rigs", notes=[describe(options.threads), __doc__ or ""]), []
     minutes = QUICK_MINUTES if options.quick else options.live_minutes
     for kind in options.live_rigs:
-        with tempfile.TemporaryDirectory() as folder:
-            draw(kind, options.live_seed, round(60.0 * RATE * minutes), Path(folder))
-            sent, values, ages = drive(Path(folder))
+        number = round(60.0 * RATE * minutes)
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = Path(scratch)
+            if options.live_images is not None:
+                folder = options.live_images / f"{kind}_{options.live_seed}_{number}"
+            if not (folder / COMPLETE).exists():
+                draw(kind, options.live_seed, number, folder)
+            sent, values, ages = drive(folder, Path(scratch) / "maps")
         counts = [lost_by(values, name) for name in NODES]
         middle, oldest = (np.median(ages), max(ages)) if ages else (np.inf, np.inf)
         rows.append((kind, *map(str, (sent, *counts, len(ages))), f"{middle:.2f}", f"{oldest:.2f}"))
@@ -70,6 +77,7 @@ def run(options: argparse.Namespace) -> Report:
 
 def draw(kind: str, seed: int, number: int, folder: Path) -> None:
     """Write the rig file, and the images of so many instants along the tour, into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
     values = {"world": "city", "seed": seed, "noise_seed": seed, "sphere.width": 0, "rig.kind": kind}
     simulator = Simulator(build(SimParams, values))
     assert simulator.rig is not None
@@ -82,9 +90,10 @@ def draw(kind: str, seed: int, number: int, folder: Path) -> None:
             shape = (number, *images.shape)
             file = np.lib.format.open_memmap(folder / "images.npy", mode="w+", dtype=np.uint8, shape=shape)
         file[index] = images
+    (folder / COMPLETE).touch()
 
 
-def drive(folder: Path) -> tuple[int, Values, list[float]]:
+def drive(folder: Path, maps: Path) -> tuple[int, Values, list[float]]:
     """Return how many instants were sent, the last diagnostics of both nodes, and the ages of the poses in s."""
     os.environ |= {"ROS_DOMAIN_ID": DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     import rclpy
@@ -108,7 +117,7 @@ def drive(folder: Path) -> tuple[int, Values, list[float]]:
     node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
     node.create_subscription(Odometry, "odometry", on_pose, 10)
     try:
-        with nodes(folder):
+        with nodes(folder, maps):
             spin(node, PATIENCE, lambda: all(ready in values for ready in READY))
             command = [sys.executable, "-P", "-c", PLAYER, str(folder), CHECKOUT]
             with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as player:
@@ -123,11 +132,11 @@ def drive(folder: Path) -> tuple[int, Values, list[float]]:
 
 
 @contextmanager
-def nodes(folder: Path) -> Iterator[None]:
-    """Run both nodes with their defaults."""
+def nodes(folder: Path, maps: Path) -> Iterator[None]:
+    """Run both nodes with their defaults; the mapper writes to the folder of maps."""
     own = {
         "sphere_stitcher": [f"rig:={folder / 'rig.yaml'}"],
-        "sphere_mapper": [f"map_folder:={folder / 'maps'}", "mounting:=0,0,1.6,0,0,0"],
+        "sphere_mapper": [f"map_folder:={maps}", "mounting:=0,0,1.6,0,0,0"],
     }
     running = []
     for name, settings in own.items():

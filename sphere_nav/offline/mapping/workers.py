@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from itertools import chain, islice
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
@@ -56,12 +56,28 @@ class Workers:
         return self._executor
 
     def run(self, function: Callable[[Any], Any], questions: Iterable[Any]) -> Iterator[Any]:
-        """Yield the answers to all questions, in order; a lone one is not worth a process."""
+        """Yield the answers to all questions, in order; a lone one is not worth a process.
+
+        OSError where workers or their cluster are gone: killed for want of memory, or not answering any more.
+        """
         remaining = iter(questions)
         first = list(islice(remaining, 2))
         if len(first) < 2 or self.executor is None:
-            return map(function, chain(first, remaining))
-        return run_in(self.executor, self.num_ahead)(function, chain(first, remaining))
+            yield from map(function, chain(first, remaining))
+            return
+        try:
+            yield from run_in(self.executor, self.num_ahead)(function, chain(first, remaining))
+        except (BrokenExecutor, CancelledError, *self._lost()) as error:
+            where = "--jobs" if self._client is None else "--scheduler"
+            raise OSError(f"{where}: expected workers to the end, found one gone: {type(error).__name__}") from error
+
+    def _lost(self) -> tuple[type[Exception], ...]:
+        """Return what Dask raises where a worker is gone and no other could do its work."""
+        if self._client is None:
+            return ()
+        from distributed import KilledWorker
+
+        return (KilledWorker,)
 
     def __enter__(self) -> Self:
         return self

@@ -29,6 +29,25 @@ def test_several_jobs_are_done_in_other_processes_but_a_lone_piece_is_not():
         assert workers.num_ahead == 4
 
 
+def test_a_worker_that_is_gone_is_one_line():
+    with (
+        pytest.raises(OSError, match="^--jobs: expected workers to the end, found one gone: BrokenProcessPool$"),
+        Workers(2) as workers,
+    ):
+        list(workers.run(os._exit, [1, 1, 1]))
+
+
+def test_a_worker_of_a_cluster_that_is_gone_is_one_line():
+    distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster,
+        pytest.raises(OSError, match="^--scheduler: expected workers to the end, found one gone: KilledWorker$"),
+        Workers(scheduler=cluster.scheduler_address) as workers,
+    ):
+        list(workers.run(os._exit, [1, 1]))
+
+
 def test_without_dask_or_a_scheduler_it_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ValueError, match=r"^--scheduler: expected the package distributed, found none: pip install"):
