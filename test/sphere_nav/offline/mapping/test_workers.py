@@ -31,7 +31,7 @@ def test_several_jobs_are_done_in_other_processes_but_a_lone_piece_is_not():
 
 def test_a_worker_that_is_gone_is_one_line():
     with (
-        pytest.raises(OSError, match="^--jobs: expected workers to the end, found one gone: BrokenProcessPool$"),
+        pytest.raises(OSError, match=r"^--jobs: expected workers to the end, found one gone: BrokenProcessPool$"),
         Workers(2) as workers,
     ):
         list(workers.run(os._exit, [1, 1, 1]))
@@ -39,10 +39,11 @@ def test_a_worker_that_is_gone_is_one_line():
 
 def test_a_worker_of_a_cluster_that_is_gone_is_one_line():
     distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster,
-        pytest.raises(OSError, match="^--scheduler: expected workers to the end, found one gone: KilledWorker$"),
+        distributed.LocalCluster(**options) as cluster,
+        pytest.raises(OSError, match=r"^--scheduler: expected workers to the end, found one gone: KilledWorker$"),
         Workers(scheduler=cluster.scheduler_address) as workers,
     ):
         list(workers.run(os._exit, [1, 1]))
