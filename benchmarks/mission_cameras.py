@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from benchmarks.mission_network import CRUISE, NORTH, RIGHT, SOUTH, named, rounded_way
-from benchmarks.missions import LATENCY_NS, PERIOD_NS, STEP_NS, Driven, Town
+from benchmarks.mission_town import LATENCY_NS, PERIOD_NS, STEP_NS, Driven, Town
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
 from cycab_sim.simulator import START_NS, Simulator
