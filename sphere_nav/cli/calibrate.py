@@ -24,7 +24,7 @@ examples:
   sphere_nav calibrate recordings/* --boards boards.yaml --model fisheye -o rig.yaml
 
 One folder, or one quoted glob, for each camera. Images of one instant have the same name, or the same number in it.
-A board counts inner corners. report.json and report.png are written beside the rig file.
+A board counts inner corners. rig_report.json and rig_report.png are written beside rig.yaml.
 """
 
 

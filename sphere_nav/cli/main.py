@@ -33,7 +33,7 @@ class Subcommand(NamedTuple):
 COMMANDS = (
     Subcommand("import", "import_", "turn a recorded data set into a bag with our topics and its truth"),
     Subcommand("calibrate", "calibrate", "find the parameters of a rig of cameras from images of a board"),
-    Subcommand("rig-convert", "rig_convert", "turn a calibration of Kalibr, basalt or OpenCV into a rig file"),
+    Subcommand("rig-convert", "rig_convert", "turn a file of Kalibr, basalt, OpenCV or OCamCalib into a rig file"),
     Subcommand("register", "register", "align two spheres, RGB-D images or stereo pairs"),
     Subcommand("optimize", "optimize", "optimise a pose graph"),
     Subcommand("inspect", "bags.inspect_", "tell what a bag offers, and what to type"),

@@ -28,8 +28,8 @@ examples:
 
 Kalibr: pinhole (radtan, equidistant, none), ds, omni (none, radtan); several camchains that share the IMU or a camera
 (rostopic) with --join. basalt: ds, ucm, kb4, pinhole, pinhole-radtan8. OpenCV: one camera or a stereo pair, YAML of
-FileStorage. OCamCalib: calib_results.txt. Models that are none of ours (omni with radtan, OCamCalib's polynomial)
-become the double sphere or fisheye that comes nearest; how near is printed; beyond 0.3 px RMS or 1 px it is refused.
+FileStorage. OCamCalib: calib_results.txt. Every lens keeps its own model; models that the rig file does not have are
+refused by name.
 """
 
 

@@ -1,9 +1,11 @@
-"""Pages name what exists: files, benchmarks and commands; and every numbered item of the papers has its row."""
+"""Pages name what exists: files, tests, links, benchmarks; and every numbered item of the papers has its row."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
 
 import pytest
 
@@ -11,10 +13,14 @@ from architecture.tree import EXECUTABLES, PACKAGES, ROOT
 from benchmarks.__main__ import BENCHMARKS
 from sphere_nav.cli.main import COMMANDS
 
-PAGES = ("README.md", "docs/architecture.md", "docs/conventions.md", "docs/papers.md")
+PAGES = sorted(str(page.relative_to(ROOT)) for page in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+EXACT = {"README.md", "docs/conventions.md", "docs/papers.md"}  # paths from the root; elsewhere of what a page is about
 NUMBERED = {"M15": {"eq": 35, "alg": 1, "fig": 20}, "N17": {"eq": 2, "alg": 2, "fig": 8}}
 TABLES = {"M15": "tab. 1", "N17": "tab. I"}
 ELSEWHERE = {"ros/", "out/demo/", "redkitchen/"}  # a kind of folder, and what commands make or read
+TREES = (*PACKAGES, "msg_defs", "test", "benchmarks", "scripts", "docs", "config", "launch", "cmake", "rosdep", "bags")
+MAX_LINES = {"docs": 120, "CHANGELOG.md": 60}  # of a page for users; a table of the papers is as long as they are
+LONG = {"docs/papers.md", "docs/architecture.md", "docs/results.md", "docs/parameters.md", "docs/faults.md"}
 FIGURE = {6: 4, 4: 2}  # column of the figure reached, by the number of columns of a table
 
 
@@ -29,20 +35,64 @@ def rows(page: str) -> Iterator[list[str]]:
             yield [cell.strip() for cell in line.strip("|").split(" | ")]
 
 
+@cache
+def files() -> set[str]:
+    """Return the files of the checkout, and their folders with a slash at the end, below the root."""
+    found = {str(path.relative_to(ROOT)) for path in ROOT.iterdir() if path.is_file()}
+    for path in (path for tree in TREES for path in [ROOT / tree, *(ROOT / tree).rglob("*")]):
+        found.add(f"{path.relative_to(ROOT)}{'/' if path.is_dir() else ''}")
+    return found
+
+
+@cache
+def ends() -> set[str]:
+    """Return what a page may call a file or folder by: its path, or the end of it."""
+    parts = [(path, path.strip("/").split("/")) for path in files()]
+    return {"/".join(words[at:]) + path[len(path.rstrip("/")) :] for path, words in parts for at in range(len(words))}
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_named_files_exist(page):
-    """A path starts at the root or at `test/`; in architecture.md also at the package that the paragraph is about."""
-    folders = [ROOT, ROOT / "test"]
-    if page == "docs/architecture.md":
-        folders += [path.parent for name in PACKAGES for path in (ROOT / name).rglob("__init__.py")]
-    named = set(re.findall(r"`([\w./]+\.(?:py|msg|md)|[\w./]+/)`", text_of(page))) - ELSEWHERE
-    assert [name for name in sorted(named) if not any((at / name).exists() for at in folders)] == []
+    """A path starts at the root or at `test/`; on other pages it may be the end of one: they name a folder before."""
+    text = re.sub(r"`([^`\n]*)\n([^`\n]*)`", r"`\1\2`", text_of(page))
+    named = set(re.findall(r"`([\w./]+\.(?:py|msg|srv|action|md|sh)|[\w./]+/)`", text)) - ELSEWHERE
+    known = files() | {f.removeprefix("test/") for f in files()} if page in EXACT else ends()
+    assert [name for name in sorted(named) if name not in known] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_named_tests_exist(page):
+    code = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "test").rglob("test_*.py"))
+    named = set(re.findall(r"`(test_\w+)`", text_of(page)))
+    modules = {path.stem for path in (ROOT / "test").rglob("test_*.py")}
+    assert [name for name in sorted(named) if name not in modules and f"def {name}(" not in code] == []
 
 
 @pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page):
-    targets = re.findall(r"\]\(([^)#:]+)\)", text_of(page))
-    assert [target for target in targets if not ((ROOT / page).parent / target).exists()] == []
+    """A link names a file that exists, and behind `#` one of its headings."""
+    targets = re.findall(r"\]\(([^)\s]+)\)", text_of(page))
+    wrong = []
+    for target in (target for target in targets if "://" not in target):
+        name, _, heading = target.partition("#")
+        file = (ROOT / page).parent / name if name else ROOT / page
+        if not file.exists() or (heading and heading not in headings(file)):
+            wrong.append(target)
+    assert wrong == []
+
+
+def headings(page: Path) -> set[str]:
+    """Return the headings of a page as links name them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    lines = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", line.strip().lower()).replace(" ", "-") for line in lines}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_pages_for_users_are_short(page):
+    limit = MAX_LINES.get(str(Path(page).parent), MAX_LINES.get(page))
+    if limit and page not in LONG:
+        assert len(text_of(page).splitlines()) <= limit
 
 
 @pytest.mark.parametrize("paper", NUMBERED)

@@ -16,8 +16,8 @@ Publish the messages of a bag in the order and at the pace of recording. Latched
 examples:
   sphere_nav play drive --clock
   sphere_nav play drive --rate 0.5 --start 12 --topics /image_raw /camera_info
-  sphere_nav play drive --rate 0 --wait-for /image_raw        as fast as the listeners take it
-  sphere_nav play drive --rate 0 --answer status              the next image when status has the stamp of the last one
+  sphere_nav play drive --rate 0 --wait-for /image_raw        # as fast as the listeners take it
+  sphere_nav play drive --rate 0 --answer status              # the next image when status has the stamp of the last one
 """
 
 

@@ -17,7 +17,7 @@ Read every message of a bag, check its checksums, and tell what is in it. Exit s
 examples:
   sphere_nav verify-bag drive
   sphere_nav verify-bag drive --json
-  sphere_nav verify-bag drive.partial --salvage drive     what is readable of a bag that was cut off
+  sphere_nav verify-bag drive.partial --salvage drive     # what is readable of a bag that was cut off
 """
 
 
