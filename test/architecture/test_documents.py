@@ -122,3 +122,9 @@ def test_the_commands_of_the_readme_exist():
     targets = set(re.findall(r"^\.PHONY: (.*)$", text_of("Makefile"), re.MULTILINE)[0].split())
     assert set(re.findall(r"(?:^|`)make ([a-z-]+)", text, re.MULTILINE)) - targets == set()
     assert set(re.findall(r"\.venv/bin/(\w+)", text)) - set(EXECUTABLES) == set()
+
+
+def test_the_topics_of_a_map_are_those_of_its_writer():
+    code = text_of("sphere_nav/ros/maps/writer.py")
+    told = set(re.findall(r"`(/map/\w+)`", text_of("docs/architecture.md")))
+    assert told == set(re.findall(r'"(/map/\w+)"', code)) != set()

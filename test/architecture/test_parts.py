@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from architecture.tree import MODULES, dotted, parse, room
+from architecture.tree import MODULES, dotted, imports, parse, room
 
 NODE_BASES = {"ManagedNode", "LocalizerNode"}
 
@@ -30,3 +30,9 @@ def is_part(module: Path) -> bool:
 
 def test_no_part_is_given_its_node() -> None:
     assert [f"{module}: {text}" for module in filter(is_part, MODULES) for text in node_parameters(module)] == []
+
+
+def test_one_executor_calls_the_callbacks_of_nodes() -> None:
+    """Only the guarded executor takes from rclpy's; the demo watches others with one of its own, and is no node."""
+    users = [str(module) for module in MODULES if any(name.endswith("ThreadedExecutor") for name in imports(module))]
+    assert sorted(users) == ["sphere_nav/cli/demo/watch.py", "sphere_nav/ros/executor.py"]
