@@ -19,7 +19,8 @@ NUMBERED = {"M15": {"eq": 35, "alg": 1, "fig": 20}, "N17": {"eq": 2, "alg": 2, "
 TABLES = {"M15": "tab. 1", "N17": "tab. I"}
 ELSEWHERE = {"ros/", "out/demo/", "redkitchen/"}  # a kind of folder, and what commands make or read
 TREES = (*PACKAGES, "msg_defs", "test", "benchmarks", "scripts", "docs", "config", "launch", "cmake", "rosdep", "bags")
-MAX_LINES = {"docs": 120, "CHANGELOG.md": 60}  # of a page for users; a table of the papers is as long as they are
+MAX_LINES = {"docs": 120, "README.md": 120, "CHANGELOG.md": 60}  # of a page for users; a table of the papers is as long as they are
+MAX_WORDS = 40
 LONG = {"docs/papers.md", "docs/architecture.md", "docs/results.md", "docs/parameters.md", "docs/faults.md"}
 FIGURE = {6: 4, 4: 2}  # column of the figure reached, by the number of columns of a table
 
@@ -128,3 +129,25 @@ def test_the_topics_of_a_map_are_those_of_its_writer():
     code = text_of("sphere_nav/ros/maps/writer.py")
     told = set(re.findall(r"`(/map/\w+)`", text_of("docs/architecture.md")))
     assert told == set(re.findall(r'"(/map/\w+)"', code)) != set()
+
+
+@pytest.mark.parametrize("note", [page for page in PAGES if page.startswith("docs/notes/")])
+def test_a_note_says_its_question_where_the_code_is_and_how_to_measure(note):
+    if note == "docs/notes/README.md":
+        names = {Path(page).name for page in PAGES if page.startswith("docs/notes/")} - {"README.md"}
+        assert set(re.findall(r"\]\((\w+\.md)\)", text_of(note))) == names
+        return
+    text = " ".join(text_of(note).split())
+    assert "**Question.**" in text
+    assert "**Where.**" in text
+    assert re.search(r"python -m benchmarks \w|`sphere_nav \w|`test/|`test_", text)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_sentences_of_pages_for_users_are_short(page):
+    if str(Path(page).parent) not in ("docs", ".") or page in LONG:
+        return
+    text = re.sub(r"^```.*?^```|^\|.*?$|^#.*?$|^ {4}.*?$", "", text_of(page), flags=re.DOTALL | re.MULTILINE)
+    pieces = re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d\.) )", text)
+    sentences = [one for piece in pieces for one in re.split(r"(?<=[.!?:])\s+(?=[A-Z*`\[])", " ".join(piece.split()))]
+    assert [one for one in sentences if len(one.split()) > MAX_WORDS] == []
