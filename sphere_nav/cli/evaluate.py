@@ -19,10 +19,10 @@ examples:
   sphere_nav evaluate poses.tum drive_bag --truth-topic /ground_truth/odometry --align poses --tolerance 0.02
   sphere_nav evaluate poses.tum drive_bag --align poses --align-by taught.tum teaching_bag
 
-A map has a frame of its own, where the truth does not give it one. --align poses takes that away by all positions and
-rotations together, each by its own scatter, wrong ones left out: also for a straight path. With --align-by it is found
-on the drive that made the map (sphere_nav map --taught) and applied to the poses, which nothing is fitted to. se3 and
-sim3 fit the positions alone, as evo does; the turn about a straight path is then left to chance.
+A map has a frame of its own, and first of all its place in the frame of the truth must be found. --align poses finds it
+from all positions and rotations together, also for a straight path; wrong poses count little. --align-by finds it on
+the drive that made the map (sphere_nav map --taught), so that nothing is fitted to the poses that are judged. se3 and
+sim3 fit positions alone, as evo does; the rotation about a straight path is then meaningless.
 
 Poses are paired by the nearest stamp within the tolerance (or the truth is interpolated). Lateral is left of the
 true direction of motion, longitudinal ahead along it, both in the horizontal plane. Statistics are of absolute values.

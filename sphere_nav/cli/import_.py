@@ -30,7 +30,7 @@ Turn a recorded data set into an MCAP bag with our topics.
   tum           TUM RGB-D: the same; a sequence with rgb.txt, or a pair img_prev.png, img_curr.png, ...
   kitti         KITTI odometry: left/image_raw, left/camera_info, right/image_raw, right/camera_info
   openloris     OpenLORIS-Scene (package): the same, by colour and aligned_depth, on the robot's base_link
-  rover         ROVER: the same, by the D435i; its truth, the place of a prism, is no pose and is left out
+  rover         ROVER: the same, by the D435i; its truth has no rotations and is left out
   euroc         EuRoC MAV, TUM-VI (ASL folder with mav0): left/image_raw, right/image_raw with camera_info
   four_seasons  4Seasons: the same, undistorted; the folder calibration inside the recording's or beside it
   nclt          NCLT (a session with lb3; calibration in it or beside it): cameras/cam5/image_raw (ahead) ... cam0 (up),

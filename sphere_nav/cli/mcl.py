@@ -11,10 +11,10 @@ from sphere_nav.offline import localizing
 from sphere_nav.ros.bags.replay import OfflineBus
 
 HELP = """\
-Find the camera of a bag in bare geometry, from nowhere, or around --initial-pose: a room or two have too few places to
-prove one of them. CLOUD is .ply, .pcd, .las, .laz, .npy, .e57, a floor plan .csv, a folder of
-tiles, or a map made by `sphere_nav map`.
-The poses of base_link in the states TRACKING and DEGRADED are written as a TUM file.
+Find the camera of a bag in bare geometry. It needs no start; in a map of one or two rooms give --initial-pose, because
+there a right place is hard to tell from a chance match. CLOUD is .ply, .pcd, .las, .laz, .npy, .e57, a floor plan .csv,
+a folder of tiles, or a map made by `sphere_nav map`. The poses of base_link in the states TRACKING and DEGRADED are
+written as a TUM file.
 
 examples:
   sphere_nav mcl town.ply drive -o poses.tum

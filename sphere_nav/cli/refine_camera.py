@@ -13,24 +13,21 @@ from sphere_nav.offline.settings import add_settings
 from sphere_nav.ros.maps.reader import open_map
 
 HELP = """\
-Estimate what is wrong with the calibration of a camera from a drive, by the images alone.
+Correct the calibration of a camera by a recorded drive, without boards.
 
-With MAP: focal lengths, centre, distortion and readout time (rolling shutter). Give what camera_info says, or a guess:
-within 5 % of the focal length will do. The result is a calibration file of ROS (camera_info_manager) with `readout` and
-`standard_deviations` beside. Turn and move while recording: a readout time shows in motion, a lens in surfaces near and
-far all over the image. With odometry in the bag the file says, too, where the camera sits on the vehicle (`mounting`,
-which --mounting and the nodes read from it).
+With MAP: focal lengths, centre, distortion and readout time (rolling shutter). The focal length in camera_info must be
+within 5 % of the true one. The result is a calibration file of ROS (camera_info_manager) with `readout` and
+`standard_deviations`. Turn and move while recording, past surfaces near and far that fill the image. With odometry in
+the bag the file also says where the camera sits on the vehicle (`mounting`; --mounting and the nodes read it).
 
-Without MAP: where the depth camera of an RGB-D camera sits beside the image's, from a bag with images and depth. The
-result is a file for the parameter depth_pose of sphere_mapper. Move by half of the distance to what is seen, in all
-directions, before surfaces of several slopes; give --readout for a rolling shutter. The scale of depth is not told: the
-motion would be scaled alike.
+The lens found from one half of the drive must explain the images of the other half better than camera_info does, and
+both halves must agree. Otherwise nothing is written, the status is 1, and the quantities that the drive does not
+separate are named. A wrong lens cannot be found in a map that was made with the same wrong lens.
 
-With MAP the result must prove itself: what one half of the drive finds must explain the other half's images better than
-camera_info does, and both halves must agree. Else nothing is written, status is 1, and what is not told apart is named.
-Standard deviations come from how differently stretches of the drive pull and, in a map of partial spheres, from what
-the lens that made the map may be off: a wrong lens in a map of the same wrong lens cannot be found.
-Without MAP what the drive does not tell is named (status 1).
+Without MAP: where the depth camera of an RGB-D camera sits beside the colour camera, from a bag with images and depth.
+The result is a file for the parameter depth_pose of sphere_mapper. Move in all directions, by half of the distance to
+what the camera sees, before surfaces of several slopes; give --readout for a rolling shutter. What the drive does not
+determine is named (status 1). The scale of depth is never found.
 
 examples:
   sphere_nav refine-camera campus drive2 -o camera.yaml

@@ -33,7 +33,7 @@ def add_budget(parser: argparse.ArgumentParser) -> None:
         "--budget",
         type=_budget,
         metavar="N|MB",
-        help="experiences a place may hold, as 3, or size of the key spheres, as 200MB: what explained least leaves",
+        help="experiences a place may hold, as 3, or size of all key spheres, as 200MB; the least used leave first",
     )
 
 

@@ -14,14 +14,15 @@ from sphere_nav.offline.settings import add_budget, add_settings
 HELP = """\
 Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the cameras of a rig.
 
-The bag holds spheres; or images, camera_info and depth; or a stereo pair with both camera_info (raw images are
-rectified by D, R and P or by /tf_static; what the images themselves show to be off is told and corrected); or, with
---rig, the cameras of a rig, which go through the node sphere_stitcher. Topics of any names are found by type, name,
-frame and size (`sphere_nav inspect BAG` shows how), or named by options. The map frame is that of base_link at the
-first sphere, level by an IMU of the bag or by the ground. A drive is mapped in segments of about 100 instants: the map
-is the same for every number of jobs, and what is mapped stays in MAP.partial whatever happens, until the map is whole;
---resume goes on from there. What cannot be read of the bag is left out and told. Where an RGB-D drive contradicts the
-place of its depth camera, one line says so (`sphere_nav refine-camera --help`).
+The bag holds spheres; or images, camera_info and depth; or a stereo pair with both camera_info; or, with --rig, the
+cameras of a rig, whose images go through the node sphere_stitcher. Raw stereo images are rectified by D, R and P or by
+/tf_static; errors that the images show are reported and corrected. Topics of any names are found by type, name, frame
+and size (`sphere_nav inspect BAG` shows how), or named by options.
+
+The map frame is that of base_link at the first sphere, level by an IMU of the bag or by the ground. A drive is mapped
+in segments of about 100 instants; the map is the same for every number of jobs. Until the map is whole, what is mapped
+stays in MAP.partial, also after a crash; --resume goes on from there. Parts of the bag that cannot be read are left out
+and reported. One line says so if an RGB-D drive contradicts the pose of its depth camera (`sphere_nav refine-camera`).
 
 examples:
   sphere_nav map kitchen -o kitchen_map
