@@ -30,8 +30,8 @@ TROUBLE = """\
 <!-- Written by `make docs`: change the text in docs/generate.py, the remedies in the reasons of each node. -->
 
 Every node says in one line what is wrong and what to do. The line is in its log and on `/diagnostics`; localisers also
-publish it in `status` (state, reason, measured value, limit, remedy). Look there first, then find the word in the tables
-below.
+publish it in `status` (state, reason, measured value, limit, remedy). Look there first, then find the word in the
+tables below.
 
 ```
 ros2 topic echo --once /status
@@ -52,16 +52,16 @@ sphere_nav plot result -o result.png
 | what you see | cause | what to do |
 | --- | --- | --- |
 | `waiting for image_raw (...): no publisher` | the camera's topic has another name | set `driver`, or remap the topic |
-| `... is incompatible: reliability` | the publisher is best effort, or volatile | set `qos_overrides` as the line says |
+| `... is incompatible: reliability` | the publisher is best effort, or volatile | `qos_overrides`, as the line says |
 | `taking F as base_link` | nobody says where the camera sits | publish `/tf_static`, or set `mounting` |
-| `messages lost in the last second` | queue or network dropped them | set `transport` to `compressed`; enlarge the socket buffer |
-| `waiting for /clock` | `use_sim_time` is set, but nobody publishes the clock | play with `--clock`, or set it to false |
-| `callbacks` is ERROR on `/diagnostics` | a part of the node fails each time; the rest goes on | report it, with the log |
-| `use_sim_time: fixed while ...` | the clock cannot change while the node works | call cleanup first, or set it at the start |
+| `messages lost in the last second` | queue or network dropped them | `transport:=compressed`; larger socket buffer |
+| `waiting for /clock` | `use_sim_time`, but nobody publishes the clock | play with `--clock`, or set it false |
+| `callbacks` is ERROR on `/diagnostics` | a part of the node fails; the rest goes on | report it, with the log |
+| `use_sim_time: fixed while ...` | the clock cannot change while the node works | set it at the start |
 | `parent A is replaced by B` | two static transforms of one frame | the latest one is used: remove the wrong one |
-| `expected parent A, found a second one, B` | two nodes publish where one frame is | end one; B is used 1 s after A has ended |
+| `expected parent A, found a second one, B` | two nodes publish one frame | end one; B counts 1 s after A ended |
 | `expected a calibrated camera` | `camera_info` is all zero | [calibrate](calibration.md) |
-| a command prints one line, exit code 2 | bad input: file, field, expected, found | correct it; `SPHERE_NAV_DEBUG=1` shows where |
+| a command prints one line, exit code 2 | bad input | as it says; `SPHERE_NAV_DEBUG=1` shows where |
 | `... key spheres stay in MAP.partial` | `map` was interrupted, or the disk is full | free space, then `--resume` |
 
 ## The localiser
