@@ -1,4 +1,4 @@
-"""What a page or a help text tells the reader to type is understood: commands, options, arguments, parameters, topics."""
+"""What a page or a help text tells the reader to type is understood: commands, options, parameters, topics."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import re
 import shlex
 from collections.abc import Iterator, Sequence
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -107,7 +108,7 @@ SETTINGS = {  # which node an option of a command gives a parameter to
 
 def wrong_settings(words: Sequence[str]) -> str:
     """Return a complaint about a parameter that `--set NAME=VALUE` gives to a node that has none of that name."""
-    for option, value in zip(words, words[1:], strict=False):
+    for option, value in pairwise(words):
         node = SETTINGS.get(words[0], {}).get(option)
         if node and value.split("=")[0] not in parameters()[node]:
             return f"{' '.join(words)}: {node} has no parameter {value.split('=')[0]}"
@@ -145,7 +146,7 @@ def wrong_ros(words: Sequence[str]) -> str:
     node = words[3] if words[0] == "ros2" else words[0].removeprefix(".venv/bin/")
     if node not in EXECUTABLES:
         return f"no executable {node}"
-    named = [value.split(":=")[0] for option, value in zip(words, words[1:], strict=False) if option == "-p"]
+    named = [value.split(":=")[0] for option, value in pairwise(words) if option == "-p"]
     wrong = [name for name in named if name not in parameters()[node] and name != "use_sim_time"]
     return f"{node} has no parameter {wrong[0]}" if wrong else ""
 

@@ -19,8 +19,8 @@ NUMBERED = {"M15": {"eq": 35, "alg": 1, "fig": 20}, "N17": {"eq": 2, "alg": 2, "
 TABLES = {"M15": "tab. 1", "N17": "tab. I"}
 ELSEWHERE = {"ros/", "out/demo/", "redkitchen/"}  # a kind of folder, and what commands make or read
 TREES = (*PACKAGES, "msg_defs", "test", "benchmarks", "scripts", "docs", "config", "launch", "cmake", "rosdep", "bags")
-MAX_LINES = {"docs": 120, "README.md": 120, "CHANGELOG.md": 60}  # of a page for users; a table of the papers is as long as they are
-MAX_WORDS = 40
+MAX_LINES = {"docs": 120, "README.md": 120, "CHANGELOG.md": 60}  # of a page for users
+MAX_WORDS = 40  # of a sentence on such a page
 LONG = {"docs/papers.md", "docs/architecture.md", "docs/results.md", "docs/parameters.md", "docs/faults.md"}
 FIGURE = {6: 4, 4: 2}  # column of the figure reached, by the number of columns of a table
 
