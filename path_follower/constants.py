@@ -23,7 +23,7 @@ SEARCH_WINDOW = 2.0  # m ahead of the last place on the path within which the ne
 # Control law
 EPSILON = 0.1  # m/s, keeps the longitudinal gain alive where U* is 0 (M15 eq. 25); test_speed
 GOAL_TOLERANCE = 0.05  # m before its end a segment is finished; test_speed
-MAX_BANDWIDTH = 1.6  # rad/s; the natural frequency in time is kept below it at high speed; test_steering
+MAX_BANDWIDTH = 2.5  # rad/s; the natural frequency in time is kept below it at high speed; test_steering
 MAX_HEADING_ERROR = 1.0  # rad; errors beyond are cut, where tan grows without bound; test_steering
 MAX_ANGLE = 1.2  # rad between heading and direction beyond which a direction cannot be driven; test_homing
 
