@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> Report:
     report.tables.append(Table("starts", columns, rows))
     report.bounds += [
         at_least(f"join: on the path within {WITHIN:.0f} m", [j.way <= WITHIN for j in joins]),
-        at_least("join: never beyond 1.2 x the offset where a curve of the car can", [j.growth <= GROWTH for j in possible]),
+        at_least("join: never beyond 1.2 x the offset where a car can", [j.growth <= GROWTH for j in possible]),
         Bound("join: most beyond the best curve", CONTROL, max(more), "m"),
         at_least("join: never beyond 1.2 x the offset, all starts", [j.growth <= GROWTH for j in joins]),
     ]

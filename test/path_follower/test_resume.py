@@ -78,7 +78,7 @@ def test_noise_does_not_add_up_to_progress_while_the_vehicle_stands_paused(kit):
     progress = []
 
     def interfere(now, follower, car):
-        if follower.mode.is_driving and 7.1 < car.pose.x and not progress:
+        if follower.mode.is_driving and car.pose.x > 7.1 and not progress:
             follower.pause()
         if follower.mode.state is FollowerState.PAUSED and car.speed < 0.001:
             progress.append(follower.location.arc_length)
