@@ -21,6 +21,7 @@ from path_follower.routes.constants import (
     JOIN_WITHIN,
     JOINED,
     LEAD,
+    MAX_DETOUR,
     MAX_GROWTH,
     STEP,
     TURN_RATE,
@@ -33,7 +34,7 @@ from sphere_nav.geometry.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Points (N,) in order of driving; `ends` (K,) m of way at which legs end, from the vehicle; joining is in the first.
+    """Points (N,) in order of driving; `ends` (K,) m from the vehicle at which legs end; joining is in the first.
 
     The points begin `lead` m behind a vehicle that joins.
     """
@@ -152,7 +153,7 @@ def _steered(
         offsets.append(abs(left))
         if abs(left) <= JOINED[0] and abs(turned) <= JOINED[1]:
             return np.array(poses), s, max(offsets) / max(offsets[0], JOINED[0])
-        if s >= reach - 1e-6:
+        if s >= reach - 1e-6 or len(poses) * STEP > MAX_DETOUR * reach:
             found = f"{abs(left):.2f} m and {math.degrees(abs(turned)):.0f} deg beside it after {reach:.1f} m"
             raise ValueError(f"way: expected a vehicle that can drive onto the path, found {found}: bring it closer")
         error = min(max(turned, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)

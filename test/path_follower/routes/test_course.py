@@ -88,7 +88,7 @@ def test_a_course_begins_behind_a_vehicle_that_joins_on_the_circle_that_it_drive
     points = np.stack([course.x, course.y, course.yaw], axis=-1)
     bends = bends_of(points[: count + 2], direction)
     np.testing.assert_allclose(bends, bends[-1], rtol=1e-6)
-    assert direction * bends[-1] < -0.35  # 1/m: as far as the wheel may, to the path
+    assert bends[-1] < -0.35  # 1/m: as far as the wheel may, to the path
     steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
     assert course.length == pytest.approx(steps.sum() - LEAD, abs=0.01)
 
@@ -96,14 +96,14 @@ def test_a_course_begins_behind_a_vehicle_that_joins_on_the_circle_that_it_drive
 def test_full_lock_is_taken_only_where_the_offset_would_grow(drive):
     (edge,) = build_network([drive((60, 0))]).edges.values()
     firm, gentle = (
-        join_curve(edge.curve, 1, beside(edge.curve, 0.0, 0.5, turned), VEHICLE, JOIN_WITHIN)[0]
-        for turned in (0.2, 0.02)
+        join_curve(edge.curve, 1, beside(edge.curve, 0.0, 0.1, turned), VEHICLE, JOIN_WITHIN)[0]
+        for turned in (0.1, 0.02)
     )
     limit = math.tan(TURN_SHARE * VEHICLE.max_steering_angle) / VEHICLE.wheelbase
     assert bends_of(firm)[0] == pytest.approx(-limit, rel=1e-6)
-    assert np.abs(firm[:, 1]).max() < 0.5 + (1 - math.cos(0.2)) / limit + 0.002
-    assert bends_of(gentle)[0] > -limit
-    assert np.abs(gentle[:, 1]).max() < MAX_GROWTH * 0.5
+    assert np.abs(firm[:, 1]).max() < 0.1 + (1 - math.cos(0.1)) / limit + 0.002
+    assert -0.15 < bends_of(gentle)[0] < 0.0
+    assert np.abs(gentle[:, 1]).max() < MAX_GROWTH * 0.1
 
 
 def test_a_car_drives_onto_the_path(drive, kit):
