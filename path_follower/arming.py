@@ -65,6 +65,11 @@ class Arming:
             return last
         return Motion(math.copysign(0.0, self.path.segments[self.location.segment].direction), last.steering_angle)
 
+    @property
+    def is_standing(self) -> bool:
+        """Whether zero is commanded and the actuators are thought to have obeyed."""
+        return self.limiter.last.speed == 0.0 and self.predictor.is_standing
+
     def load(self, path: ReferencePath) -> None:
         """Take a path, in standstill and disarmed; ValueError otherwise."""
         if self.mode.is_armed or self.mode.state is FollowerState.STOPPING:

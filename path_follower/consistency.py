@@ -253,7 +253,7 @@ class MotionConsistency:
         commanded, growth = now.commanded.since(then.commanded)
         Q = process_noise(commanded, growth, self._errors)
         by_commands = _Innovation(pose, commanded, noise + Q)
-        wheels = _Innovation(pose, ORIGIN, noise)
+        wheels: _Innovation | None = None
         found = by_commands
         if then.odometry is not None and now.odometry is not None:
             driven, sums = now.odometry.since(then.odometry)
@@ -346,16 +346,16 @@ def process_noise(motion: Pose2, growth: Reckoning, errors: MotionErrors) -> Arr
     """
     yaw = (errors.yaw_per_meter * growth.way) ** 2 + (errors.turn * growth.turned) ** 2
     yaw += (errors.timing * growth.bend_change) ** 2
-    lever = np.array([-motion.y / 2.0, motion.x / 2.0, 1.0])
     along = (errors.along * growth.way) ** 2 + (errors.timing * growth.speed_change) ** 2
     along += (errors.stamp * growth.speed) ** 2
     across = (errors.across * growth.way) ** 2
-    middle = motion.yaw / 2.0
-    u = np.array([math.cos(middle), math.sin(middle), 0.0])
-    v = np.array([-u[1], u[0], 0.0])
-    turn = (errors.stamp * growth.speed * growth.turned / max(growth.way, 0.1)) ** 2
-    covariance: Array = along * np.outer(u, u) + across * np.outer(v, v) + (yaw + turn) * np.outer(lever, lever)
-    return covariance
+    yaw += (errors.stamp * growth.speed * growth.turned / max(growth.way, 0.1)) ** 2
+    c, s = math.cos(motion.yaw / 2.0), math.sin(motion.yaw / 2.0)  # of the direction of the way
+    x, y = -motion.y / 2.0, motion.x / 2.0  # what an error of the turn moves the end by
+    xx = along * c * c + across * s * s + yaw * x * x
+    xy = (along - across) * c * s + yaw * x * y
+    yy = along * s * s + across * c * c + yaw * y * y
+    return np.array([[xx, xy, yaw * x], [xy, yy, yaw * y], [yaw * x, yaw * y, yaw]])
 
 
 def _arc(way: float, turn: float) -> Pose2:

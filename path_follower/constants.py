@@ -18,12 +18,13 @@ CUSP_HYSTERESIS = 0.15  # m of way backwards that make a change of direction: mo
 MIN_TAUGHT = 0.3  # m/s; slower taught speeds are raised to it: the teacher stood; test_taught
 MAX_SIDEWAYS = math.radians(60.0)  # a car does not move across its heading; test_taught
 SAME_PLACE = 0.25  # m: passes of the path that are this much further than the closest are as good at a start; test_path
+SAME_DIRECTION = 0.3  # rad: passes of the path turned this much more than the best head elsewhere; test_path
 SEARCH_WINDOW = 2.0  # m ahead of the last place on the path within which the next one is looked for; test_safety
 
 # Control law
 EPSILON = 0.1  # m/s, keeps the longitudinal gain alive where U* is 0 (M15 eq. 25); test_speed
 GOAL_TOLERANCE = 0.05  # m before its end a segment is finished; test_speed
-MAX_BANDWIDTH = 1.6  # rad/s; the natural frequency in time is kept below it at high speed; test_steering
+MAX_BANDWIDTH = 2.5  # rad/s; of the loop in time at most: docs/notes/control_loop.md, chosen on S-curves; test_steering
 MAX_HEADING_ERROR = 1.0  # rad; errors beyond are cut, where tan grows without bound; test_steering
 MAX_ANGLE = 1.2  # rad between heading and direction beyond which a direction cannot be driven; test_homing
 

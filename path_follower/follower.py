@@ -66,7 +66,9 @@ class Follower(Arming):
         if path is None or pose is None or self.location is None or self.mode.is_at_rest:
             return None
         window = SEARCH_WINDOW + 0.5 * abs(self.predictor.motion.speed)
-        self.location = path.advance(pose, self.location, window)
+        here = path.advance(pose, self.location, window)
+        # Progress only goes forward: of a vehicle that stands the noise of its poses would add up.
+        self.location = replace(here, arc_length=self.location.arc_length) if self.is_standing else here
         predicted = self.predictor.predict(pose, self.watch.pose_ns, now_ns, self.measured_speed)
         ahead = path.advance(predicted, self.location, window)
         virtual = path.at(ahead.arc_length + self.params.steering.distance, ahead.segment)
@@ -94,8 +96,7 @@ class Follower(Arming):
         """Standing at the end of a segment: go on behind the cusp, or be finished."""
         if tracking is None or self.path is None or not self.mode.is_driving:
             return
-        is_standing = self.limiter.last.speed == 0.0 and self.predictor.is_standing
-        if is_standing and tracking.remaining <= GOAL_TOLERANCE:
+        if self.is_standing and tracking.remaining <= GOAL_TOLERANCE:
             following = tracking.location.segment + 1
             if following < len(self.path.segments):
                 self.location = self.path.begin_of(following)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from path_follower.constants import SAME_PLACE
+from path_follower.constants import SAME_DIRECTION, SAME_PLACE
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 
@@ -153,15 +153,17 @@ class ReferencePath:
     def locate(self, pose: Pose2, max_heading_error: float) -> Location | None:
         """Search the whole path for a start: the closest edge that heads as the pose does; None if none does.
 
-        Where the path comes by more than once, as a taught loop does at its end, the earliest of the passes counts.
+        Where the path comes by more than once, as a taught loop does at its end, the earliest of the passes counts; at
+        a crossing they head differently, and the one counts that heads as the pose does.
         """
         edges = np.concatenate([np.arange(part.first, part.last) for part in self.segments])
         feet = self._feet(pose, edges)
-        turned = np.abs((self.yaw[edges] - pose.yaw + np.pi) % (2.0 * np.pi) - np.pi) <= max_heading_error
-        distance = np.where(turned, feet.distance, np.inf)
-        if not turned.any():
+        turned = np.abs((self.yaw[edges] - pose.yaw + np.pi) % (2.0 * np.pi) - np.pi)
+        distance = np.where(turned <= max_heading_error, feet.distance, np.inf)
+        if not np.isfinite(distance).any():
             return None
         near = distance <= distance.min() + SAME_PLACE
+        near &= turned <= turned[near].min() + SAME_DIRECTION
         first = int(np.argmax(near))
         last = first + int(np.argmin(np.append(near[first:], False)))
         best = first + int(np.argmin(distance[first:last]))

@@ -7,8 +7,8 @@ car gives d e_y / ds = sin(e_psi), s being the way driven. To first order
 
 The defaults, w = 0.9 1/m and z = 1, halve an offset within 1.9 m without overshoot. The poles belong to the way, not to
 time, so that the vehicle moves on the same curve at every speed; but delays belong to time. What prediction leaves
-over, a tenth of a second or two, is harmless as long as w |U| stays below a few rad/s, hence `MAX_BANDWIDTH`: above
-that speed k_y and k_psi are scaled by f^2 and f, which keeps z.
+over, a tenth of a second or two, is harmless as long as it stays below 0.65 / (w |U|) s, hence `MAX_BANDWIDTH`: above
+that speed k_y and k_psi are scaled by f^2 and f, which keeps z. A slower loop passes more of the noise of headings on.
 
 Backwards the car gives d e_y / ds = -sin(e_psi) for s > 0, so that the lateral term must change its sign to keep both
 poles in the left half plane: k_y U* e_y, not the k_y |U*| e_y that eq. 25 prints for forward driving.

@@ -40,6 +40,8 @@ def reference_path(
     """
     xy, headings, speeds = _check(points, yaw, speed)
     is_closed = is_closed or path.is_closed
+    if is_closed:
+        _check_ring(xy)
     parts = _split(xy, headings, CUSP_HYSTERESIS) if headings is not None else [(0, len(xy) - 1, 1)]
     if is_closed and len(parts) > 1:
         raise ValueError(f"path: expected no change of direction on a closed path, found {len(parts) - 1}")
@@ -86,6 +88,15 @@ def _check(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) ->
     if is_constant and headings is not None and _is_across(xy, float(headings[0])):
         headings = None  # every orientation left at its default: positions only
     return xy, headings, speeds
+
+
+def _check_ring(xy: Array) -> None:
+    """Refuse what is no round: fewer than three places, or an end that is nowhere near the beginning."""
+    places, gap = len(np.unique(xy, axis=0)), float(np.hypot(*(xy[-1] - xy[0])))
+    if places < 3:
+        raise ValueError(f"path: expected three points or more of a closed path, found {places}")
+    if gap > MAX_GAP:
+        raise ValueError(f"path: expected the last point at most {MAX_GAP:.0f} m from the first, found {gap:.4g} m")
 
 
 def _is_across(xy: Array, yaw: float) -> bool:

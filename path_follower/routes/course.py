@@ -2,8 +2,8 @@
 
 Joining: the beginning of the path is the way of a car that is steered onto it by the law of the follower (its poles
 belong to the way, not to time, see `steering.py`), with the wheel turning at a limited rate a metre and no further than
-a share of what the car can. So the curve is feasible, the offset falls without overshoot, and where the vehicle heads
-away from the path it grows no more than that curvature makes it.
+a share of what the car can. So the curve is feasible and the offset falls without overshoot. Where the vehicle heads
+away from the path it grows no more than that curvature makes it: there the wheel goes as far as it may.
 """
 
 from __future__ import annotations
@@ -17,7 +17,16 @@ import numpy as np
 from path_follower.constants import MAX_HEADING_ERROR, MAX_POINTS
 from path_follower.params import SteeringParams, TurningParams
 from path_follower.path import Pose2, wrap
-from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_RATE, TURN_SHARE
+from path_follower.routes.constants import (
+    JOIN_WITHIN,
+    JOINED,
+    LEAD,
+    MAX_DETOUR,
+    MAX_GROWTH,
+    STEP,
+    TURN_RATE,
+    TURN_SHARE,
+)
 from path_follower.routes.network import EdgeCurve, Network
 from path_follower.routes.planning import Leg
 from sphere_nav.geometry.arrays import Array
@@ -25,7 +34,10 @@ from sphere_nav.geometry.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Points (N,) in order of driving; `ends` (K,) are the arc lengths at which legs end; joining is in the first."""
+    """Points (N,) in order of driving; `ends` (K,) m from the vehicle at which legs end; joining is in the first.
+
+    The points begin `lead` m behind a vehicle that joins.
+    """
 
     x: Array
     y: Array
@@ -33,6 +45,7 @@ class Course:
     speed: Array
     legs: tuple[Leg, ...]
     ends: tuple[float, ...]
+    lead: float = 0.0
 
     @property
     def length(self) -> float:
@@ -55,14 +68,14 @@ def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehic
         way += leg.length
         points.append(columns[1:] if number else columns)
         ends.append(way)
-    table = np.concatenate(points)
+    table, lead = np.concatenate(points), 0.0
     if pose is not None:
-        table, change = _joined(table, legs[0].direction, _first_run(legs), pose, vehicle)
+        table, change, lead = _joined(table, legs[0].direction, _first_run(legs), pose, vehicle)
         ends = [end + change for end in ends]
     if len(table) > MAX_POINTS:
         raise ValueError(f"way: expected at most {MAX_POINTS} points, found {len(table)}: fewer laps")
     x, y, yaw, speed = table.T
-    return Course(x, y, yaw, speed, tuple(legs), tuple(ends))
+    return Course(x, y, yaw, speed, tuple(legs), tuple(ends), lead)
 
 
 def _first_run(legs: Sequence[Leg]) -> float:
@@ -75,8 +88,10 @@ def _first_run(legs: Sequence[Leg]) -> float:
     return run
 
 
-def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: TurningParams) -> tuple[Array, float]:
-    """Return the points with their beginning replaced by the way onto them, and how much longer that is."""
+def _joined(
+    table: Array, direction: int, run: float, pose: Pose2, vehicle: TurningParams
+) -> tuple[Array, float, float]:
+    """Return the points with their beginning replaced by the way onto them, how much longer that is, and the lead."""
     base = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
     curve = EdgeCurve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
     poses, s = join_curve(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
@@ -84,7 +99,24 @@ def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: Turn
     speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, table[:, 3])
     joined = np.concatenate([np.column_stack([poses, speed]), rest])
     change = float(np.sum(np.hypot(*np.diff(joined[:, :2], axis=0).T))) - float(base[-1])
-    return joined, change
+    behind = _behind(poses, direction)
+    lead = np.column_stack([behind, np.full(len(behind), speed[0])])
+    return np.concatenate([lead, joined]), change, STEP * len(behind)
+
+
+def _behind(poses: Array, direction: int) -> Array:
+    """Return poses (M, 3) of the circle on which poses begin, LEAD m behind them: none for a vehicle on the path.
+
+    The follower smooths what it is given; a curve that began at the vehicle would begin only half as sharp.
+    """
+    turn = wrap(float(poses[1, 2] - poses[0, 2])) if len(poses) > 1 else 0.0
+    behind, (x, y, yaw) = [], poses[0].tolist()
+    for _ in range(round(LEAD / STEP) if len(poses) > 1 else 0):
+        x -= direction * STEP * math.cos(yaw - turn / 2)
+        y -= direction * STEP * math.sin(yaw - turn / 2)
+        yaw -= turn
+        behind.append((x, y, yaw))
+    return np.array(behind[::-1]).reshape(-1, 3)
 
 
 def join_curve(
@@ -92,13 +124,24 @@ def join_curve(
 ) -> tuple[Array, float]:
     """Return poses (K, 3) every STEP m from a pose onto a curve in order of driving, and the arc length where they end.
 
-    ValueError where the vehicle is not on the curve within `reach` m of it; a shorter one is followed to its end.
+    The law alone where the offset hardly grows by it; else with the wheel as far as it goes until the vehicle heads
+    away no more. ValueError where it is not on the curve within `reach` m; a shorter curve is followed to its end.
     """
+    poses, s, growth = _steered(curve, direction, pose, vehicle, reach, is_firm=False)
+    if growth > MAX_GROWTH:
+        poses, s, _ = _steered(curve, direction, pose, vehicle, reach, is_firm=True)
+    return poses, s
+
+
+def _steered(
+    curve: EdgeCurve, direction: int, pose: Pose2, vehicle: TurningParams, reach: float, *, is_firm: bool
+) -> tuple[Array, float, float]:
+    """Return the poses, where they end, and the largest offset over the first one."""
     law, limit = SteeringParams(), TURN_SHARE * vehicle.max_steering_angle
     bend = direction * np.gradient(curve.yaw, np.maximum(curve.arc, 1e-9 * np.arange(len(curve))))
     x, y, yaw, s = pose.x, pose.y, pose.yaw, 0.0
     angle: float | None = None  # of the wheel: it may stand anyhow before the start
-    poses = [(x, y, yaw)]
+    poses, offsets = [(x, y, yaw)], []
     while True:
         there = curve.pose(s)
         dx, dy = x - there.x, y - there.y
@@ -107,14 +150,17 @@ def join_curve(
         there = curve.pose(s)
         left = math.cos(there.yaw) * (y - there.y) - math.sin(there.yaw) * (x - there.x)
         turned = wrap(yaw - there.yaw)
+        offsets.append(abs(left))
         if abs(left) <= JOINED[0] and abs(turned) <= JOINED[1]:
-            return np.array(poses), s
-        if s >= reach - 1e-6:
+            return np.array(poses), s, max(offsets) / max(offsets[0], JOINED[0])
+        if s >= reach - 1e-6 or len(poses) * STEP > MAX_DETOUR * reach:
             found = f"{abs(left):.2f} m and {math.degrees(abs(turned)):.0f} deg beside it after {reach:.1f} m"
             raise ValueError(f"way: expected a vehicle that can drive onto the path, found {found}: bring it closer")
         error = min(max(turned, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
         wanted = float(np.interp(s, curve.arc, bend)) - law.k_y * left - direction * law.k_psi * math.tan(error)
         wheel = math.atan(vehicle.virtual_wheelbase * wanted)
+        if is_firm and direction * left * turned > 0.0:
+            wheel = -direction * math.copysign(limit, turned)
         if angle is not None:
             wheel = min(max(wheel, angle - TURN_RATE * STEP), angle + TURN_RATE * STEP)
         angle = min(max(wheel, -limit), limit)

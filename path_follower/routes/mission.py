@@ -125,9 +125,11 @@ class Mission:
 
     def _way_of(self, view: FollowerView) -> float | None:
         """Return how far the follower is on the course in m, which it has smoothed; None: it drives another path."""
-        total, length = view.progress + view.distance_to_end, self.course.length if self.course is not None else 0.0
-        is_ours = length > 0.0 and abs(total - length) < 1.0 + SMOOTHED * length
-        return view.progress * length / total if is_ours and total > 0.0 else None
+        total = view.progress + view.distance_to_end
+        length, lead = (self.course.length, self.course.lead) if self.course is not None else (0.0, 0.0)
+        whole = length + lead
+        is_ours = length > 0.0 and abs(total - whole) < 1.0 + SMOOTHED * whole
+        return max(view.progress * whole / total - lead, 0.0) if is_ours and total > 0.0 else None
 
     def answer(self, request: Request, failure: str, now: float) -> None:
         """Take the answer to a request, empty: it was done; one that was given up counts no more."""
@@ -456,6 +458,7 @@ class Mission:
             "seconds": self._route.seconds if self._route else 0.0,
             "legs": [] if course is None else [[leg.edge, leg.direction, leg.first, leg.last] for leg in course.legs],
             "ends": [] if course is None else list(course.ends),
+            "lead": 0.0 if course is None else course.lead,
         }
 
     def restore(self, goal: Goal | None, legs: list[Leg], values: dict[str, Any], now: float) -> None:
@@ -468,7 +471,7 @@ class Mission:
         self._lap_legs = (values["lap_legs"][0], values["lap_legs"][1])
         if legs and all(leg.edge in self.network.edges for leg in legs):
             none = self.network.edges[legs[0].edge].curve.x[:0]
-            self.course = Course(none, none, none, none, tuple(legs), tuple(values["ends"]))
+            self.course = Course(none, none, none, none, tuple(legs), tuple(values["ends"]), values["lead"])
             self._route = Route(tuple(legs), values["seconds"])
         self._is_restored = True
         self._go(MissionState.WAITING, now, "the navigator began anew")

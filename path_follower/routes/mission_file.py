@@ -57,6 +57,7 @@ def read_mission(path: Path, mission: Mission, now: float) -> None:
         "lap_legs": [int(value) for value in numbers(values["lap_legs"], f"{where}: lap_legs", 2)],
         "seconds": number(values["seconds"], f"{where}: seconds"),
         "ends": ends,
+        "lead": number(values.get("lead", 0.0), f"{where}: lead"),
     }
     mission.restore(_goal(values["goal"], f"{where}: goal"), [_leg(leg, f"{where}: legs") for leg in legs], plain, now)
 

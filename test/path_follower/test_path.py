@@ -98,6 +98,20 @@ def test_passes_further_apart_than_a_quarter_of_a_metre_are_two_places(kit, besi
     assert (found.arc_length < 10.0) == is_first
 
 
+@pytest.mark.parametrize("beside", [0.1, 0.2])
+def test_a_start_at_a_flat_crossing_takes_the_pass_that_heads_as_the_vehicle_does(kit, beside):
+    """The path crosses itself at 0.6 rad; both passes are within reach, and either may be the closer one."""
+    bend, ring = 1 / 4, 2 * math.pi - 0.6
+    poses = kit.course((20, 0), (ring / bend, bend), (20, 0))
+    path = kit.make_path(poses[:, :2], PARAMS, poses[:, 2])
+    crossing = 20.0 - 4.0 * math.tan(0.3)  # the straights, lengthened, meet behind the bend's beginning
+    for s, side in ((crossing, 1), (crossing, -1), (path.length - crossing, 1), (path.length - crossing, -1)):
+        there = path.at(s, 0)
+        dx, dy = -side * beside * math.sin(there.yaw), side * beside * math.cos(there.yaw)
+        pose = Pose2(there.x + dx, there.y + dy, there.yaw)
+        assert path.locate(pose, 1.0).arc_length == pytest.approx(s, abs=0.05)
+
+
 def test_the_foot_stays_before_a_cusp(kit):
     there_and_back = kit.course((5, 0), (-5, 0))
     path = kit.make_path(there_and_back[:, :2], PARAMS, there_and_back[:, 2])

@@ -61,7 +61,7 @@ def test_the_bandwidth_in_time_is_bounded_and_keeps_the_damping():
     omega = math.sqrt(PARAMS.k_y)
     lateral = -curvature_law(reference(fast), Errors(0, 1.0, 0), PARAMS, fast)
     heading = -curvature_law(reference(fast), Errors(0, 0, 1e-6), PARAMS, fast) / 1e-6
-    assert math.sqrt(lateral) * fast == pytest.approx(1.6)
+    assert math.sqrt(lateral) * fast == pytest.approx(2.5)
     assert heading / (2 * math.sqrt(lateral)) == pytest.approx(PARAMS.k_psi / (2 * omega), rel=1e-6)
     assert -curvature_law(reference(slow), Errors(0, 1.0, 0), PARAMS, slow) == pytest.approx(PARAMS.k_y)
 
@@ -69,7 +69,7 @@ def test_the_bandwidth_in_time_is_bounded_and_keeps_the_damping():
 @pytest.mark.parametrize("yaw", [math.pi / 2, -math.pi / 2, 3.0, -3.0])
 def test_large_heading_errors_stay_finite_and_turn_the_right_way(yaw):
     found = curvature_law(reference(), Errors(0, 0, yaw), PARAMS, 1.4)
-    factor = min(1.0, 1.6 / (math.sqrt(PARAMS.k_y) * 1.4))
+    factor = min(1.0, 2.5 / (math.sqrt(PARAMS.k_y) * 1.4))
     assert found == pytest.approx(-math.copysign(PARAMS.k_psi * factor * math.tan(1.0), yaw))
 
 

@@ -115,6 +115,22 @@ def test_a_closed_path_has_no_cusps(kit):
         kit.make_path(poses[:, :2], PARAMS, poses[:, 2], is_closed=True)
 
 
+@pytest.mark.parametrize(
+    ("points", "found"),
+    [
+        ([(0, 0), (5, 0), (5, 0), (0, 0)], "expected three points or more of a closed path, found 2"),
+        (
+            [(900.0 * i, 0.001 * i * i) for i in range(3)],
+            r"expected the last point at most 1000 m from the first, found 1800 m",
+        ),
+    ],
+)
+def test_what_is_no_round_is_refused_as_a_closed_path(kit, points, found):
+    with pytest.raises(ValueError, match=found):
+        kit.make_path(points, PARAMS, is_closed=True)
+    assert kit.make_path(points[:2], PARAMS).length > 1.0
+
+
 def test_taught_speeds_come_from_stamps_and_do_not_see_noise(kit):
     poses = with_noise(kit.course((20, 0)))
     stamps = (np.arange(len(poses)) * 0.05 / 1.1 * 1e9).astype(np.int64)  # 1.1 m/s

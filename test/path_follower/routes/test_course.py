@@ -11,8 +11,8 @@ from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.path_files import make_path as path_of
-from path_follower.routes.building import build_network
-from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_SHARE
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_GROWTH, STEP, TURN_SHARE
 from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Spot
 from path_follower.routes.planning import Leg, plan
@@ -73,6 +73,37 @@ def test_a_join_is_feasible_and_short(drive, rng, direction, rear_steering):
         assert abs(poses[-1, 1]) <= JOINED[0]
         turn, is_away = (1 - math.cos(turned)) / limit, left * turned * direction > 0
         assert np.abs(poses[:, 1]).max() <= 0.05 + (abs(left) + turn if is_away else max(abs(left), turn - abs(left)))
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_course_begins_behind_a_vehicle_that_joins_on_the_circle_that_it_drives(drive, direction):
+    network = build_network([drive((30, 0)), TaughtDrive(drive((30, 0)).curve, -1)])
+    (edge,) = network.edges.values()
+    first, last = (5.0, 25.0)[::direction]
+    pose = beside(edge.curve, first, 0.5, direction * 0.25)
+    course = make_course(network, [Leg(edge.id, direction, first, last)], pose, VEHICLE)
+    count = round(LEAD / STEP)
+    assert course.lead == pytest.approx(LEAD)
+    assert (course.x[count], course.y[count], course.yaw[count]) == pytest.approx(pose)
+    points = np.stack([course.x, course.y, course.yaw], axis=-1)
+    bends = bends_of(points[: count + 2], direction)
+    np.testing.assert_allclose(bends, bends[-1], rtol=1e-6)
+    assert bends[-1] < -0.35  # 1/m: as far as the wheel may, to the path
+    steps = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    assert course.length == pytest.approx(steps.sum() - LEAD, abs=0.01)
+
+
+def test_full_lock_is_taken_only_where_the_offset_would_grow(drive):
+    (edge,) = build_network([drive((60, 0))]).edges.values()
+    firm, gentle = (
+        join_curve(edge.curve, 1, beside(edge.curve, 0.0, 0.1, turned), VEHICLE, JOIN_WITHIN)[0]
+        for turned in (0.1, 0.02)
+    )
+    limit = math.tan(TURN_SHARE * VEHICLE.max_steering_angle) / VEHICLE.wheelbase
+    assert bends_of(firm)[0] == pytest.approx(-limit, rel=1e-6)
+    assert np.abs(firm[:, 1]).max() < 0.1 + (1 - math.cos(0.1)) / limit + 0.002
+    assert -0.15 < bends_of(gentle)[0] < 0.0
+    assert np.abs(gentle[:, 1]).max() < MAX_GROWTH * 0.1
 
 
 def test_a_car_drives_onto_the_path(drive, kit):

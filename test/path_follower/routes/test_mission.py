@@ -20,12 +20,15 @@ class Trip:
         self.mission = Mission(network, PARAMS, VehicleParams())
         self.now, self.asked = 0.0, []
         self.state, self.reason, self.progress, self.length = "NO_PATH", "", 0.0, 0.0
+        self.lead = 0.0  # m that the path begins behind the vehicle
         self.localizer, self.pose, self.is_answering, self.refusal = "TRACKING", Pose2(1.0, 0.1, 0.0), True, ""
         self.silent = ""  # who says nothing
 
     def follow(self):
         self.mission.see_follower(
-            FollowerView(self.state, self.reason, "call start", self.progress, self.length - self.progress, self.now)
+            FollowerView(
+                self.state, self.reason, "call start", self.progress + self.lead, self.length - self.progress, self.now
+            )
         )
 
     def live(self, seconds=TICK):
@@ -52,7 +55,7 @@ class Trip:
             if request.name != "stop" or self.state not in ("NO_PATH", "IDLE", "FINISHED"):
                 self.state, self.reason = states[request.name], "OPERATOR" if request.name == "stop" else ""
             if request.course is not None:
-                self.length, self.progress = request.course.length, 0.0
+                self.length, self.progress, self.lead = request.course.length, 0.0, request.course.lead
         self.mission.answer(request, self.refusal, self.now)
 
     def drive_off(self, goal=GOAL):
@@ -85,6 +88,15 @@ def test_a_mission_loads_starts_and_arrives(trip):
     outcome = trip.mission.outcome
     assert (outcome.success, outcome.reason, outcome.distance) == (True, "", pytest.approx(trip.length, abs=0.1))
     assert trip.mission.state is MissionState.IDLE
+
+
+def test_the_way_counts_from_the_vehicle_though_the_path_begins_behind_it(trip):
+    trip.drive_off()
+    assert trip.lead == pytest.approx(1.0)
+    trip.progress = 0.4
+    trip.live()
+    assert trip.mission.progress == pytest.approx(0.4)
+    assert trip.mission.distance_remaining == pytest.approx(trip.length - 0.4)
 
 
 def test_a_place_is_stayed_at_for_the_time_asked_for(trip):
