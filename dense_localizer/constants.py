@@ -28,7 +28,6 @@ MAX_MISMATCH_RATIO, MISMATCH_FLOOR = 3.0, 0.02  # of a supported prediction: fac
 MAX_ROTATION_MISMATCH = 0.7  # of a measured rotation, as share of that of the prediction
 
 # Choice of references, M15 eq. 17 (references/test_reference)
-COVERAGE_COLUMNS, COVERAGE_ROWS = 8, 6  # cells of an image; one counts as covered where a point falls into it
 NUM_COVERAGE_POINTS = 150  # of a partial sphere, at its coarsest level
 NUM_CANDIDATES, MIN_CANDIDATES = 12, 4  # nearest key spheres that are considered; of each experience, at least
 MIN_VISIBLE_SHARE, RELATIVE_SHARE = 0.25, 0.6  # covered by a reference: of the image, of what the best one covers
@@ -53,7 +52,6 @@ EDGE_ERROR = 2.0  # factor of the covariance of an edge
 MAX_OBSERVED_SIGMAS = 3.0  # that one observation counts at most; 1 in 370 by chance
 REFUSED_FADING = 0.8  # weight that observations keep with each refused image (references/test_map_error)
 MIN_EDGE_M = 0.1  # shorter edges say nothing of a meter
-DRIFT_WITHOUT_EDGES = np.repeat([0.002, 0.0015], 3) ** 2  # (6,) m^2, rad^2 a meter: CovarianceParams' defaults
 
 # Squares that are rejected again and again, M15 section 6.4.5 (references/test_rejections). By chance a square with a
 # twentieth of outliers is rejected once in 70 times, six of eight times in 1e-10 of all.

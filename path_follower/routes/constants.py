@@ -34,5 +34,4 @@ SMOOTHED = 0.005  # share of its length that smoothing may take from a path
 ADVANCED = 0.3  # m of progress that make an obstacle another one
 
 MAX_NAME = 64  # characters of a place
-MAX_BYTES = 256 << 20  # of a network file: 10 km are about 6 MB
 MAX_ITEMS = 100_000  # nodes, or edges

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from path_follower.path import Pose2
-from path_follower.routes.constants import MAX_BYTES, MAX_ITEMS, MAX_NAME
+from path_follower.routes.constants import MAX_ITEMS, MAX_NAME
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_text, required, short
 from sphere_nav.geometry.files.whole_file import write_whole
 
@@ -42,7 +43,7 @@ def write_network(path: str | os.PathLike[str], network: Network) -> None:
 
 def read_network(path: str | os.PathLike[str], map_id: str = "") -> Network:
     """Read a network; ValueError in one line for anything that is none, or of another map than `map_id`."""
-    network = from_geojson(read_text(path, "network of routes (GeoJSON)", MAX_BYTES), str(path))
+    network = from_geojson(read_text(path, "network of routes (GeoJSON)", LIMITS["routes"]), str(path))
     if map_id and network.map_id and network.map_id != map_id:
         raise ValueError(f"{path}: network.map_id: expected that of the map, {map_id}, found {network.map_id}")
     return network

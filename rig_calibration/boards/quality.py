@@ -15,7 +15,6 @@ from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.validation import Validation
 from rig_calibration.boards.views import BoardView, Indices
 from rig_calibration.constants import (
-    CELLS,
     MAX_BLUR_SHARE,
     MAX_HALVES_DEG,
     MAX_HALVES_FOCAL,
@@ -26,6 +25,7 @@ from rig_calibration.constants import (
     MIN_TILT_DEG,
 )
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.constants import CELLS
 
 
 def quality_warnings(

@@ -37,7 +37,10 @@ GRADIENT_SHARE = 0.2  # of the squared residuals that it explains; noise explain
 LAST_GRADIENT_STEP = 0.1  # share of the bias, below which a step is the last; test_illumination
 
 # Occlusion
-COLUMNS, ROWS = 8, 6  # cells of an image; test_occlusion
+CELLS = (
+    8,
+    6,
+)  # columns and rows of an image, wherever one is cut into cells; test_occlusion, rig_calibration/boards/test_quality
 MIN_CELL_PIXELS = 12  # of a cell, to be used; test_occlusion
 TYPICAL_QUANTILE = 0.75  # of the cells' cosines: what counts as agreement; test_occlusion
 MIN_COSINE_RATIO = 0.5  # of the typical cosine, below which a cell shows something else; test_occlusion

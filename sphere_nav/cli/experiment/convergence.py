@@ -36,11 +36,12 @@ from sphere_nav.cli.experiment.result import JudgedFigure, write_result
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
+from sphere_nav.ros.conversions.stamps import SECOND
 
 HEIGHT = 1.8  # m, of the camera above the ground
 SPACING = 0.2  # m between the points of the cloud
 SIDE = 100.0  # m, of the part of the town in which the camera may be
-STEP, SECOND = 1.0, 1_000_000_000  # m and ns from image to image
+STEP = 1.0  # m from image to image, a second each
 ASIDE = 0.5  # m beside the path at most
 WAY_SHARE, TURN_DEG = 0.05, 1.0  # what odometry has wrong: of a way; after a way of one metre, growing with its root
 NEAR = 1.0  # m from the truth is the right place

@@ -26,7 +26,6 @@ PANORAMA = {"camera.model": "panorama", "camera.size": "360,96", "camera.mountin
 GOOD_DEG = 45.0  # a direction this close to that of the path ahead brings the car nearer
 AHEAD = 4.0  # m along the path: where the true direction points
 BEGIN = 2.0  # m along the taught path, of the path that is shown
-ARROWS = 3.0  # m of an arrow
 DIRECTION = "/homing/direction"
 
 
@@ -73,7 +72,7 @@ class HomingDrive(PaperDrive):
         axes.plot(*taught[:, :2].T, "-", color="0.6", linewidth=3, label="taught (truth)")
         axes.plot(*driven[:, :2].T, "-", color="tab:red", label="driven by direction (truth)")
         angles = poses[:, 2] + directions
-        arrows = ARROWS * np.cos(angles), ARROWS * np.sin(angles)
+        arrows = 3.0 * np.cos(angles), 3.0 * np.sin(angles)  # m
         axes.quiver(
             *poses[:, :2].T, *arrows, angles="xy", scale_units="xy", scale=1, width=0.002, color="tab:blue",
             label="direction of an image",

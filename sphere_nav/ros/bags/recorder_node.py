@@ -14,6 +14,7 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagWriter
 from sphere_nav.ros.bags.recording_sets import NAMES, belongs
+from sphere_nav.ros.bags.writer import FLUSH_PERIOD
 from sphere_nav.ros.interfaces import message_class
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import OK, WARN, ManagedNode
@@ -21,7 +22,6 @@ from sphere_nav.ros.run import run
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
 
-FLUSH_PERIOD = 1.0  # s
 LOOK_PERIOD = 0.2  # s; what is published before its topic is found is not recorded
 CHECK_PERIOD = 1.0  # s between two looks at the QoS of topics that are recorded already
 LOSS_PERIOD = 30.0  # s between two lines about the losses of a topic
