@@ -65,7 +65,7 @@ MAX_FORGOTTEN_SHARE = 0.3  # of the squares seen of a sphere
 # Acceptance (judge/test_acceptance): a first value refuses, a second one means care: DEGRADED.
 MIN_OVERLAP, GOOD_OVERLAP = 0.15, 0.25  # share of the chosen pixels that the image sees
 GOOD_NCC_LEAD = 0.1  # of the correlation of a good alignment over the least one
-ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5
+ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # of the pixels compared
 # Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
 # hand-held images and saturated ones among them.
 MIN_GRADIENT_AGREEMENT, GOOD_GRADIENT_AGREEMENT = 0.2, 0.25
@@ -80,7 +80,7 @@ NOTABLE_DISTANCE = 1.0  # to the nearest reference, by the radius of its region:
 
 # Integrity checks (judge/test_integrity): each is due once in so many images in TRACKING, no two in the same one
 INTEGRITY_PERIOD = 10
-FIT_PHASE, OCCLUSION_PHASE, LIGHT_PHASE = 0, 3, 6
+FIT_PHASE, OCCLUSION_PHASE, LIGHT_PHASE = 0, 3, 6  # which image of INTEGRITY_PERIOD
 REJECTION_PHASE, MAP_PHASE = 2, 5  # counted after the image
 FULL_CHECK_NCC = 0.97  # of the usual correlation: all checks are due below it
 REMAINING_BIAS = 0.2  # standard deviation of what is left of a bias that was removed, as share of it

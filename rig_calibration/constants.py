@@ -26,7 +26,7 @@ NUM_TRIALS = 3  # best of them that are adjusted
 
 # Joining cameras and boards (boards/test_assembly)
 NUM_STARTS, NUM_REFINED = 60, 6  # rotations from which two unknown poses are looked for; best of them, and others
-NUM_ALTERNATIONS = 10
+NUM_ALTERNATIONS = 10  # between both, at most
 MIN_HAND_EYE = 4  # instants
 LOST = 0.1  # rad, or part of the distance, from which on a board is somewhere else: one such outvotes nobody
 MAX_CANDIDATES = 400  # that are tried as the pose of a camera or board
@@ -83,7 +83,7 @@ BLAMED = 2.0  # times more would be known of a parameter, were another one known
 
 # Points of a depth camera (drive/test_depth_pixels)
 NUM_POINTS = 5_000  # of a frame, on a grid: chosen by the image, they would pull to where it is chosen
-NUM_DEPTH_LEVELS = 4
+NUM_DEPTH_LEVELS = 4  # of the pyramid
 PLANE_REACH, PLANE_STEP_PX = 3, 2  # a plane is fitted to 7 x 7 pixels, every second one
 MIN_MEASURED = 0.7  # share of them
 FLAT = 0.01  # rms of depth about the plane, relative; more is an edge

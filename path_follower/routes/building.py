@@ -28,12 +28,12 @@ from path_follower.routes.constants import (
     SNAP,
     STEP,
     STUB,
+    TURN_SCALE,
 )
 from path_follower.routes.network import EdgeCurve, Indices, Network, Node, RouteEdge, headings, join_curves
 from sphere_nav.geometry.arrays import Array
 
 OWN, HERE = -1, -2  # of a run: on no curve that was there; on what the drive itself did before
-TURN_SCALE = 2.0  # m of distance that a chord of headings counts: 15 deg count as 0.5 m
 
 
 @dataclass(frozen=True, eq=False)

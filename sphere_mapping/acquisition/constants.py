@@ -36,7 +36,7 @@ MIN_FALLOFF = 0.01  # below which an image is left as it is
 # Falloff of lenses, Goldman 2010 (light/test_vignetting); deviations before anything is seen
 FALLOFF_STD = 0.4  # of a coefficient: a lens keeps a third of the light at its rim, seldom less
 LIKE_STD = 0.05  # of the difference of a coefficient of two lenses of one kind
-LEAST_COEFFICIENT = -2.0
+LEAST_COEFFICIENT = -2.0  # of the polynomial: no lens loses more light
 EXPOSURE_STD = 1.0  # of an exposure's logarithm
 LEVEL_STD = 2.5  # grey levels, of a level: what is dark says little of a ratio
 RATIO_STD = 0.05  # of the logarithm of a ratio: parallax, reflections
@@ -221,7 +221,7 @@ CORNERS = {"maxCorners": 1200, "qualityLevel": 0.003, "minDistance": 7}  # px
 FLOW = {"winSize": (9, 9), "maxLevel": 5, "criteria": (3, 40, 0.001)}  # px (count and size)
 BACK_PX = 0.3  # a corner that is not found back this near is lost
 MAX_ROWS_APART = 12.0  # px; more is a wrong match
-MIN_CORNERS = 60
+MIN_CORNERS = 60  # of all instants, below which rows are left as they are
 ROW_STEPS, ROW_LOSS_PX = 12, 0.3  # of the fit; scale of Cauchy's loss
 ROW_FLOOR_PX = 0.03  # standard deviation that no number of corners lowers: patches see more than one row
 ROW_PRIOR_PX = 10.0  # standard deviation of each coefficient before anything is seen

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.spheres.coarse import SURFACE_RATIO
+from sphere_nav.spheres.constants import SURFACE_RATIO
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.sphere import Sphere
 

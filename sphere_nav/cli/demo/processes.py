@@ -16,7 +16,7 @@ from typing import Any, Self
 
 import yaml
 
-from sphere_nav.ros.compositions import PATIENCE
+from sphere_nav.ros.constants import END_PATIENCE_S
 
 # However this process ends, the kernel of Linux then tells its children to (PR_SET_PDEATHSIG is 1).
 FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
@@ -126,7 +126,7 @@ class Processes:
             process.send_signal(signal.SIGINT)
         while True:
             try:
-                process.wait(PATIENCE)
+                process.wait(END_PATIENCE_S)
                 return
             except subprocess.TimeoutExpired:
                 if not are_busy({node: process.pid}):

@@ -27,10 +27,10 @@ from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.constants import FLUSH_PERIOD
 from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
 
 CHUNK_SIZE = 1 << 20  # bytes before compression
-FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose
 DISTRIBUTION = "jazzy"
 PARTIAL = ".partial"
 ATTEMPTS = 20  # to be the first at a free name
