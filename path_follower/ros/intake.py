@@ -20,7 +20,7 @@ from path_follower.obstacles import swept_places
 from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import PLANAR, Array
 from sphere_nav.localization.status import TRUSTED
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import Times
@@ -29,7 +29,6 @@ from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import Transforms
 
-PLANAR = (0, 1, 5)  # x, y and yaw of a covariance (6, 6) of (v, omega)
 FOOTPRINTS = ("", "base_footprint")  # frames of wheels that lie above or below the base's own
 Answer = Callable[[int], None]  # publish the command that answers a message of this stamp
 
@@ -131,7 +130,7 @@ class PoseIntake:
                 self._answered.answer_pose(stamp, is_refused=True)
             raise
         self._answered.accept(stamp)
-        planar = covariance[np.ix_(PLANAR, PLANAR)]
+        planar = covariance[PLANAR]
         self._follower.see_pose(Pose2.of(T_map_base), time, speed, planar if planar.any() else None)
         self._answered.answer_pose(stamp)
 
