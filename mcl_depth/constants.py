@@ -143,7 +143,7 @@ MIN_NORMAL_SHARE = 0.8  # of the normals of a coarse voxel that must agree for i
 
 # Where the vehicle may be (geometry/test_area, test_floor_plan)
 BODY = 0.3  # points this far above or below the camera are in its way, m
-GROUND_STEP, GROUND_REACH = 0.5, 1.5  # m: side of a square; from one without points to one that lends its height
+GROUND_STEP, GROUND_REACH = 0.5, 1.5  # m: side of a square of ground or floor; how far one lends its height
 FLOOR_REACH, MIN_FLOOR_SHARE = 0.25, 0.5  # m to a point of a floor; share of a room's squares that have one
 MESH_STEP = 0.15  # of the points that stand for a mesh in ground and area, m
 MAX_OFF_WALL, MIN_SILL = 0.15, 0.05  # m from an opening to its wall; a door that begins lower begins at the foot
@@ -164,7 +164,7 @@ FINEST_SHARE = 2.0**-15  # of the extent: the first cubes are three centimetres 
 GROWTH = 2.0**0.5  # of cubes: half as many have a piece of a surface
 # The frame of a survey (geometry/test_survey_frame)
 SURVEY_SAMPLES = 400_000  # points by which axes are found
-FLOOR_STEP, UP_RATIO = 0.5, 1.5  # m, of the squares of a floor; by how much the other one must be larger
+UP_RATIO = 1.5  # by which the floor must be larger than along the other axis
 LEAST_STANDING = 0.003  # of the squares that must have something standing: a street of 100 m with one house
 SMALL_EXTENT = 1.0  # of a place to drive, in its unit: less is kilometres
 ORIGIN_STEP_M = 100.0  # of an origin: easy to read

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 # Trajectory
-SPACING = 0.1  # m between its points; test_smoothing
+SPACING = 0.1  # m between its points, and those of a network; test_smoothing, routes/test_course
 MIN_SPACING = 0.2  # m; given points closer than this are averaged; test_smoothing
 MAX_BEND = 0.6  # rad between chords; points that bend more are corners, not samples of a smooth curve; test_smoothing
 MAX_POINTS = 1_000_000  # of a given path; test_taught

@@ -51,7 +51,7 @@ QUARTILES_APART = 1.349  # standard deviations of a Gaussian
 MAX_BLUR_SHARE = 0.00135  # of the image's width, not below 1.35 px: a sharp lens has 0.4 to 0.9 px
 MIN_GOOD_VIEWS = 10  # instants of a camera: 40 are advised
 MIN_TILT_DEG = 6.0  # RMS of the boards' tilt: 20 deg to all sides are advised
-MIN_COVERED, MIN_SIDE_COVERED = 0.4, 0.4  # of the cells of an image, of a half of it: there the lens is a guess
+MIN_COVERED = 0.4  # of the cells of an image, and of each half of it: else there the lens is a guess
 MAX_HALVES_MM, MAX_HALVES_DEG, MAX_HALVES_FOCAL = 5.0, 0.3, 0.01  # between halves of the images
 
 # Refinement by a drive (drive/test_refinement, test_depth_pose)

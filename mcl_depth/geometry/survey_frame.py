@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import (
     FAR_FROM_ORIGIN_M,
-    FLOOR_STEP,
+    GROUND_STEP,
     LARGE_EXTENT_M,
     LEAST_STANDING,
     MAX_COORDINATE_M,
@@ -215,7 +215,7 @@ def _columns(points: NDArray[np.floating]) -> tuple[tuple[NDArray[np.int64], Arr
     """Return columns with points, as index and lowest z, the shape of the grid, its step in m, and what each spans."""
     points = points - points.min(axis=0)
     extent = points.max(axis=0)
-    cell = max(FLOOR_STEP, float(np.sqrt(8.0 * extent[0] * extent[1] / len(points))), float(extent.max()) / 4000.0)
+    cell = max(GROUND_STEP, float(np.sqrt(8.0 * extent[0] * extent[1] / len(points))), float(extent.max()) / 4000.0)
     cells = np.floor(points[:, :2] / cell).astype(np.int64)
     shape = int(cells[:, 0].max()) + 1, int(cells[:, 1].max()) + 1
     keys = cells[:, 0] * shape[1] + cells[:, 1]

@@ -11,7 +11,6 @@ BLEND = 8.0  # m before and behind a branch over which a drive goes over to the 
 PAST = 10.0  # m that a drive goes on before it can meet itself
 ALIKE = 0.1  # m, rad / 3, 1/m / 4: points that are this much less alike than the best are as good for a branch
 TURN_SCALE = 2.0  # m of distance that a chord of headings counts: 15 deg count as 0.5 m
-STEP = 0.1  # m between points
 STUB = 3.0  # m that a drive begins before, or goes on behind, what it shares: less is left out
 SNAP = 3  # points from the end of a curve that are its end
 

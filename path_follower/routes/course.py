@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from path_follower.constants import MAX_HEADING_ERROR, MAX_POINTS
+from path_follower.constants import MAX_HEADING_ERROR, MAX_POINTS, SPACING
 from path_follower.params import SteeringParams, TurningParams
 from path_follower.path import Pose2, wrap
-from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_RATE, TURN_SHARE
+from path_follower.routes.constants import JOIN_WITHIN, JOINED, TURN_RATE, TURN_SHARE
 from path_follower.routes.network import EdgeCurve, Network
 from path_follower.routes.planning import Leg
 from sphere_nav.geometry.arrays import Array
@@ -80,7 +80,7 @@ def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: Turn
     base = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
     curve = EdgeCurve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
     poses, s = join_curve(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
-    rest = table[base > s + STEP / 2]
+    rest = table[base > s + SPACING / 2]
     speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, table[:, 3])
     joined = np.concatenate([np.column_stack([poses, speed]), rest])
     change = float(np.sum(np.hypot(*np.diff(joined[:, :2], axis=0).T))) - float(base[-1])
@@ -90,7 +90,7 @@ def _joined(table: Array, direction: int, run: float, pose: Pose2, vehicle: Turn
 def join_curve(
     curve: EdgeCurve, direction: int, pose: Pose2, vehicle: TurningParams, reach: float
 ) -> tuple[Array, float]:
-    """Return poses (K, 3) every STEP m from a pose onto a curve in order of driving, and the arc length where they end.
+    """Return poses (K, 3) every SPACING m from a pose onto a curve in order of driving, and where on its arc they end.
 
     ValueError where the vehicle is not on the curve within `reach` m of it; a shorter one is followed to its end.
     """
@@ -116,10 +116,10 @@ def join_curve(
         wanted = float(np.interp(s, curve.arc, bend)) - law.k_y * left - direction * law.k_psi * math.tan(error)
         wheel = math.atan(vehicle.virtual_wheelbase * wanted)
         if angle is not None:
-            wheel = min(max(wheel, angle - TURN_RATE * STEP), angle + TURN_RATE * STEP)
+            wheel = min(max(wheel, angle - TURN_RATE * SPACING), angle + TURN_RATE * SPACING)
         angle = min(max(wheel, -limit), limit)
-        turn = direction * STEP * math.tan(angle) / vehicle.virtual_wheelbase
-        x += direction * STEP * math.cos(yaw + turn / 2)
-        y += direction * STEP * math.sin(yaw + turn / 2)
+        turn = direction * SPACING * math.tan(angle) / vehicle.virtual_wheelbase
+        x += direction * SPACING * math.cos(yaw + turn / 2)
+        y += direction * SPACING * math.sin(yaw + turn / 2)
         yaw += turn
         poses.append((x, y, yaw))

@@ -21,7 +21,6 @@ from rig_calibration.constants import (
     MAX_HALVES_MM,
     MIN_COVERED,
     MIN_GOOD_VIEWS,
-    MIN_SIDE_COVERED,
     MIN_TILT_DEG,
 )
 from sphere_nav.geometry.arrays import Array
@@ -106,7 +105,7 @@ def _uncovered(cells: NDArray[np.bool_]) -> list[str]:
         "upper": cells[: rows // 2],
         "lower": cells[rows // 2 :],
     }
-    bare = [f"{side} half {100 * part.mean():.0f} %" for side, part in sides.items() if part.mean() < MIN_SIDE_COVERED]
+    bare = [f"{side} half {100 * part.mean():.0f} %" for side, part in sides.items() if part.mean() < MIN_COVERED]
     if bare:
         return [f"one side only: corners cover of the {' and the '.join(bare)}"]
     if cells.mean() < MIN_COVERED:

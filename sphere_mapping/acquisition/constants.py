@@ -16,11 +16,8 @@ GRID_STEP = 8  # px between the entries of tables that are interpolated (light/t
 VIEW_GRID = Spherical(128, 64)  # directions in which the views of two cameras are compared (range/test_sweep_tables)
 MIN_SHARED_VIEW = 0.03  # of all directions, seen by both cameras of a pair (range/test_sweep_tables, test_lens_check)
 MAX_RATIO = 0.75  # distance of a match over that of the second best: Lowe 2004 has 0.8 (range/test_rectification)
-MIN_BASELINE_M = {
-    "levels": 0.01,
-    "side": 0.02,
-    "stereo": 1e-3,
-}  # below, centers are one (test_layouts)
+# Below it, centers are one (stitching/test_layouts)
+MIN_BASELINE_M = {"levels": 0.01, "side": 0.02, "stereo": 1e-3}
 
 # Exposures and colors (light/test_exposure, light/test_light)
 EXPOSED = (10, 245)  # grey levels between which cameras are compared

@@ -21,12 +21,7 @@ POLE_RAD = 0.35  # around each pole of a drawing on a whole sphere, that is draw
 MIN_KNOWN_NEIGHBORS = 5  # of 8 neighbours: holes that hold no more than a line of pixels are closed
 NUM_BLENDED = 2  # key spheres, the best ones
 # Limits of differences in nearness: as share of it, and for far surfaces in 1/m.
-BREAK = (
-    np.float32(0.03),
-    np.float32(0.004),
-)  # of neighbours on one surface from its slope: 2 m open less than 0.5 deg
-FLAT = (
-    np.float32(0.003),
-    np.float32(5e-4),
-)  # of a pixel of a large quad from its plane: half a pixel after 2 m
+# Of neighbours on one surface from its slope: 2 m open less than 0.5 deg
+BREAK = np.float32(0.03), np.float32(0.004)
+FLAT = np.float32(0.003), np.float32(5e-4)  # of a pixel of a large quad from its plane: half a pixel after 2 m
 PER_TURN = 256  # of the largest quads: their planes bend from the sphere by less than 1e-4 rad

@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from path_follower.constants import SPACING
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.path_files import make_path as path_of
 from path_follower.routes.building import build_network
-from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_SHARE
+from path_follower.routes.constants import JOIN_WITHIN, JOINED, TURN_SHARE
 from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Spot
 from path_follower.routes.planning import Leg, plan
@@ -69,7 +70,7 @@ def test_a_join_is_feasible_and_short(drive, rng, direction, rear_steering):
         assert tuple(poses[0]) == pytest.approx(pose)
         assert s <= JOIN_WITHIN
         assert np.abs(bends_of(poses)).max(initial=0.0) <= limit + 1e-6
-        np.testing.assert_allclose(np.hypot(*np.diff(poses[:, :2], axis=0).T), STEP, rtol=1e-2)
+        np.testing.assert_allclose(np.hypot(*np.diff(poses[:, :2], axis=0).T), SPACING, rtol=1e-2)
         assert abs(poses[-1, 1]) <= JOINED[0]
         turn, is_away = (1 - math.cos(turned)) / limit, left * turned * direction > 0
         assert np.abs(poses[:, 1]).max() <= 0.05 + (abs(left) + turn if is_away else max(abs(left), turn - abs(left)))
