@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from sphere_nav.cli.constants import LOOK
 from sphere_nav.cli.demo.processes import node_command
 from sphere_nav.ros.compositions import COMPOSITIONS, Composition, NodeStart, after_exit
 from sphere_nav.ros.constants import END_PATIENCE_S
@@ -32,7 +33,6 @@ examples:
   sphere_nav up mapping rig:=rig.yaml namespace:=car2
   sphere_nav up simulation mode:=teach record:=drive
 """
-LOOK = 0.1  # s between two looks at what still runs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

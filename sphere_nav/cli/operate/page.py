@@ -16,13 +16,12 @@ from typing import Any
 import cv2
 import numpy as np
 
+from sphere_nav.cli.constants import ALIVE_S, PERIOD_S, PICTURE_S
 from sphere_nav.cli.operate.link import Link
 from sphere_nav.cli.operate.teaching import Teaching
 from sphere_nav.cli.operate.words import Place, banner, ellipse, health, log_of, pieces, way_driven
 from sphere_nav.cli.view.server import colored, make_server
 
-PERIOD_S, PICTURE_S = 0.2, 0.5  # between two looks at what was heard; between two pictures
-ALIVE_S = 1.0  # within which a browser has to answer where the dead-man switch is on
 TOKEN_KEY = "sphere_nav_token"
 COLORS = {
     "car": (200, 30, 30),

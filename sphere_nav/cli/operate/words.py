@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.cli.constants import SILENT_S
 from sphere_nav.geometry.files.untrusted import load_json, number
 
-SILENT_S = 1.5  # s after which what a node said holds no more
 MAX_TOLD = 8  # lines of the log that are shown
 MAX_DRAWN = 2000  # points of a line on the map
 LEVELS = ("OK", "WARN", "ERROR", "STALE")
