@@ -79,8 +79,8 @@ def nothing_is_left_in_the_checkout() -> Iterator[None]:
 
 
 def visible() -> set[str]:
-    """Return what stands at the root of the checkout, without what begins with a dot."""
-    return {path.name for path in ROOT.iterdir() if not path.name.startswith(".")}
+    """Return what stands at the root of the checkout, without what begins with a dot and what Python compiles."""
+    return {path.name for path in ROOT.iterdir() if not path.name.startswith((".", "__"))}
 
 
 @pytest.fixture
