@@ -79,7 +79,7 @@ def _build(bend: Bend) -> Mesh:
     radius = STEP_M / np.radians(abs(bend.turn_deg))
     side = np.sign(bend.turn_deg)
     bounds = (-2.0 * radius, -2.5 * radius, 2.0 * radius, 2.5 * radius)
-    add_ground(mesh, bounds, rng)
+    add_ground(mesh, bounds)
 
     def place(angle: float, r: float, yaw: float = 0.0, height: float = 0.0) -> NDArray[np.float64]:
         """Return the place at an angle along the bend, r m from its centre, x along the road, z up."""

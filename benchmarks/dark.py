@@ -23,7 +23,7 @@ from benchmarks.rgbd_data import colmap_poses
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.acceptance import refuse
 from dense_localizer.judge.candidate import PoseCandidate
-from dense_localizer.motion_prior import UNKNOWN_COVARIANCE, Prediction
+from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import Choice, References
 from dense_localizer.track.range_support import RangeSupport
@@ -32,6 +32,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE
 from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.params import build
+from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, stamp_ns
 from sphere_nav.ros.maps.reader import open_map
@@ -125,7 +126,7 @@ def elsewhere(room: Room, count: int, report: Report) -> None:
             T_true, depth = images[number % len(images)]
             T_guess = T_true @ SE3.exp(rng.uniform(-GUESS, GUESS))
             prediction = Prediction.guess(T_guess, is_near=True)
-            nothing = PoseCandidate(T_guess, UNKNOWN_COVARIANCE, prediction, Choice.merge(()), refuse(FINE))
+            nothing = PoseCandidate(T_guess, UNKNOWN, prediction, Choice.merge(()), refuse(FINE))
             placed = support.support(LocalizerInput(1, depth=depth), nothing)
             meters, radians = placed.T_map_camera.distance(T_true)
             is_wrong = meters > WRONG[0] or radians > np.radians(WRONG[1])

@@ -115,6 +115,11 @@ def routes_in(folder: Path) -> dict[str, Any]:
     return {"network": str(folder / "routes.geojson"), "state": str(folder / "state")}
 
 
+def maps_in(folder: Path) -> dict[str, Any]:
+    """Return the parameters of a mapper: its journal grows where it is told."""
+    return {"map_folder": str(folder / "maps")}
+
+
 def next_in(folder: Path) -> dict[str, Any]:
     """Return the parameters of a recorder that writes where nothing is yet."""
     return {"topics": "text", "output": str(folder / str(len(list(folder.iterdir()))))}
@@ -128,7 +133,7 @@ CASES = (
     Case(CommandGuard, "cmd_vel", Twist, qos.COMMAND),
     Case(BagPlayer, "text", String, values=bag_in),
     Case(BagRecorder, "", None, values=next_in, sends=lambda: {"text": String(data="hello")}),
-    Case(SphereMapper, "graph", KeySphereGraph, qos.LATCHED, sends=sphere),
+    Case(SphereMapper, "graph", KeySphereGraph, qos.LATCHED, maps_in, sphere),
     Case(SphereStitcher, "sphere", AugmentedSphere, qos.LARGE, rig_in, pictures),
     Case(CycabSim, "/clock", Clock, values=lambda folder: {"world": "corridor", "camera.period": 0.0}),
 )

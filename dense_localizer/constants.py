@@ -28,7 +28,6 @@ MAX_MISMATCH_RATIO, MISMATCH_FLOOR = 3.0, 0.02  # of a supported prediction: fac
 MAX_ROTATION_MISMATCH = 0.7  # of a measured rotation, as share of that of the prediction
 
 # Choice of references, M15 eq. 17 (references/test_reference)
-COVERAGE_COLUMNS, COVERAGE_ROWS = 8, 6  # cells of an image; one counts as covered where a point falls into it
 NUM_COVERAGE_POINTS = 150  # of a partial sphere, at its coarsest level
 NUM_CANDIDATES, MIN_CANDIDATES = 12, 4  # nearest key spheres that are considered; of each experience, at least
 MIN_VISIBLE_SHARE, RELATIVE_SHARE = 0.25, 0.6  # covered by a reference: of the image, of what the best one covers
@@ -53,7 +52,6 @@ EDGE_ERROR = 2.0  # factor of the covariance of an edge
 MAX_OBSERVED_SIGMAS = 3.0  # that one observation counts at most; 1 in 370 by chance
 REFUSED_FADING = 0.8  # weight that observations keep with each refused image (references/test_map_error)
 MIN_EDGE_M = 0.1  # shorter edges say nothing of a meter
-DRIFT_WITHOUT_EDGES = np.repeat([0.002, 0.0015], 3) ** 2  # (6,) m^2, rad^2 a meter: CovarianceParams' defaults
 
 # Squares that are rejected again and again, M15 section 6.4.5 (references/test_rejections). By chance a square with a
 # twentieth of outliers is rejected once in 70 times, six of eight times in 1e-10 of all.
@@ -67,7 +65,7 @@ MAX_FORGOTTEN_SHARE = 0.3  # of the squares seen of a sphere
 # Acceptance (judge/test_acceptance): a first value refuses, a second one means care: DEGRADED.
 MIN_OVERLAP, GOOD_OVERLAP = 0.15, 0.25  # share of the chosen pixels that the image sees
 GOOD_NCC_LEAD = 0.1  # of the correlation of a good alignment over the least one
-ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5
+ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # of the pixels compared
 # Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
 # hand-held images and saturated ones among them.
 MIN_GRADIENT_AGREEMENT, GOOD_GRADIENT_AGREEMENT = 0.2, 0.25
@@ -82,7 +80,7 @@ NOTABLE_DISTANCE = 1.0  # to the nearest reference, by the radius of its region:
 
 # Integrity checks (judge/test_integrity): each is due once in so many images in TRACKING, no two in the same one
 INTEGRITY_PERIOD = 10
-FIT_PHASE, OCCLUSION_PHASE, LIGHT_PHASE = 0, 3, 6
+FIT_PHASE, OCCLUSION_PHASE, LIGHT_PHASE = 0, 3, 6  # which image of INTEGRITY_PERIOD
 REJECTION_PHASE, MAP_PHASE = 2, 5  # counted after the image
 FULL_CHECK_NCC = 0.97  # of the usual correlation: all checks are due below it
 REMAINING_BIAS = 0.2  # standard deviation of what is left of a bias that was removed, as share of it

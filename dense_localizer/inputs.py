@@ -14,7 +14,7 @@ from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization import FINE, Finding, InputCheck, Reason
-from sphere_nav.localization.input_check import SAMPLE_STEP
+from sphere_nav.localization.constants import SAMPLE_STEP
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.range_alignment import DepthImage

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dense_localizer.constants import (
-    DRIFT_WITHOUT_EDGES,
     EDGE_ERROR,
     GAP_PERIODS,
     GAP_S,
@@ -27,14 +26,13 @@ from dense_localizer.constants import (
     START_TURN_RATE,
 )
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.params import PriorParams
+from dense_localizer.params import CovarianceParams, PriorParams
 from dense_localizer.track.inter_frame import InterFrame
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.spheres.graph import SphereGraph
-
-UNKNOWN_COVARIANCE = np.diag(np.full(6, np.inf))
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Prediction:
     @staticmethod
     def guess(T_map_camera: SE3, *, is_near: bool = False) -> Prediction:
         """Return a pose to try of which nothing else is known."""
-        return Prediction(T_map_camera, UNKNOWN_COVARIANCE, 0, is_guess=True, is_near=is_near)
+        return Prediction(T_map_camera, UNKNOWN, 0, is_guess=True, is_near=is_near)
 
     @property
     def finding(self) -> Finding:
@@ -255,4 +253,5 @@ def estimate_drift_rate(graph: SphereGraph) -> Array:
         a, b = graph[edge.a].T_map_sphere, graph[edge.b].T_map_sphere
         length = max(float(a.distance(b)[0]), MIN_EDGE_M)
         rates.append([variance[:3].mean() / length, variance[3:].mean() / length])
-    return np.repeat(np.median(rates, axis=0), 3) if rates else DRIFT_WITHOUT_EDGES
+    assumed = CovarianceParams()
+    return np.repeat(np.median(rates, axis=0) if rates else np.square([assumed.map_sigma_m, assumed.map_sigma_rad]), 3)

@@ -21,7 +21,7 @@ UNMODELED = np.repeat([0.10, np.radians(1.0)], 3)  # (6,) m, rad: errors of map,
 
 # Particles, N17 section III-C (belief/test_resampling, test_sampling, test_filter_parts)
 EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles carry the belief
-MIN_PARTICLES = 300
+MIN_PARTICLES = 300  # of a belief in one place
 KLD_BIN = np.array([0.25, 0.25, np.radians(10.0)])  # m, m, rad: poses in one bin are one to the belief (Fox 2003)
 KLD_ERROR, KLD_Z = 0.03, 2.33  # largest error of the belief, and the normal quantile of its probability: 99 %
 ROUGHENING = 0.3  # spread of copies of young particles, by the distance of particles at the start (test_search)
@@ -38,14 +38,14 @@ NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places
 
 # Hypotheses (belief/test_hypotheses, test_lineage)
 CLUSTER_M, NUM_TURNS = 0.75, 12  # particles in bins of position and heading that touch are of one place
-MAX_HYPOTHESES = 5
+MAX_HYPOTHESES = 5  # places that are told
 MAX_LINEAGE = 5000  # images that are remembered; old ones have one particle left that has offspring
 
 # When the pose is trusted (test_status)
 MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
 AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
 MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
-MAX_SIGMA_RAD = float(np.radians(15.0))
+MAX_SIGMA_RAD = float(np.radians(15.0))  # the same of a trusted heading
 JOINT_IMAGES = 2  # that an image of a small map counts for on probation: its proof is that of all images (mcl_homes)
 CLEAR_SHARE = 0.1  # of the largest p_chance: below it an image of a small map counts twice as much (mcl_homes)
 HOME_SIGMA_M = 0.33  # of a pose that leaves in a small map: a metre, three of them, is another room
@@ -143,7 +143,7 @@ MIN_NORMAL_SHARE = 0.8  # of the normals of a coarse voxel that must agree for i
 
 # Where the vehicle may be (geometry/test_area, test_floor_plan)
 BODY = 0.3  # points this far above or below the camera are in its way, m
-GROUND_STEP, GROUND_REACH = 0.5, 1.5  # m: side of a square; from one without points to one that lends its height
+GROUND_STEP, GROUND_REACH = 0.5, 1.5  # m: side of a square of ground or floor; how far one lends its height
 FLOOR_REACH, MIN_FLOOR_SHARE = 0.25, 0.5  # m to a point of a floor; share of a room's squares that have one
 MESH_STEP = 0.15  # of the points that stand for a mesh in ground and area, m
 MAX_OFF_WALL, MIN_SILL = 0.15, 0.05  # m from an opening to its wall; a door that begins lower begins at the foot
@@ -164,7 +164,7 @@ FINEST_SHARE = 2.0**-15  # of the extent: the first cubes are three centimetres 
 GROWTH = 2.0**0.5  # of cubes: half as many have a piece of a surface
 # The frame of a survey (geometry/test_survey_frame)
 SURVEY_SAMPLES = 400_000  # points by which axes are found
-FLOOR_STEP, UP_RATIO = 0.5, 1.5  # m, of the squares of a floor; by how much the other one must be larger
+UP_RATIO = 1.5  # by which the floor must be larger than along the other axis
 LEAST_STANDING = 0.003  # of the squares that must have something standing: a street of 100 m with one house
 SMALL_EXTENT = 1.0  # of a place to drive, in its unit: less is kilometres
 ORIGIN_STEP_M = 100.0  # of an origin: easy to read

@@ -26,7 +26,6 @@ class Advice:
     in_map: float  # to the waypoint, from the map's x axis
     in_vehicle: float  # to the path beyond it, from where the vehicle heads, positive to the left
     heading: float  # of the vehicle in the map, by the visual compass
-    waypoint: int
     distance: float  # from the waypoint to the best sample around it, m
     lead: float  # of the best sample over the others, standard deviations
     is_clear: bool = True  # the last images agree, and their samples stand out
@@ -71,7 +70,7 @@ class Homing:
         distance = float(np.linalg.norm(self._offsets[best]))
         in_vehicle = float(wrap_angle(np.array(self._median_direction(beyond) - heading)))
         is_clear = self.is_finished or float(np.median(self._leads)) >= MIN_LEAD  # no way is left that could be unclear
-        return Advice(in_map, in_vehicle, heading, self.next, distance, lead, is_clear, self.is_finished)
+        return Advice(in_map, in_vehicle, heading, distance, lead, is_clear, self.is_finished)
 
     @property
     def gone(self) -> float:

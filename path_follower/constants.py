@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 # Trajectory
-SPACING = 0.1  # m between its points; test_smoothing
+SPACING = 0.1  # m between its points, and those of a network; test_smoothing, routes/test_course
 MIN_SPACING = 0.2  # m; given points closer than this are averaged; test_smoothing
 MAX_BEND = 0.6  # rad between chords; points that bend more are corners, not samples of a smooth curve; test_smoothing
 MAX_POINTS = 1_000_000  # of a given path; test_taught
@@ -73,3 +73,16 @@ MAX_GAP_NS = 2_500_000_000  # between two poses, else it begins anew: HISTORY_NS
 MEMORY_NS = 10_000_000_000  # of poses: 4 m at 0.4 m/s
 MAX_ODOMETRY_GAP_NS = 150_000_000  # that odometry is carried on by its speed
 EVIDENCE_NS = 2_000_000_000  # after mild evidence, driven slowly
+
+# Times of the loop and of who else commands (ros/test_control, test_peers, test_front, test_loop_process)
+TICK = 0.025  # s of steady time between two looks at the clocks
+REPEAT_NS = 50_000_000  # without a command, until the last one is sent again; not where time is simulated
+SILENCE = 0.12  # s without an answer before the ticks command: never between the images of a 10 Hz camera
+CYCLE_MEMORY_NS = 10_000_000_000  # for how long the worst cycle is told
+ACKNOWLEDGE = 0.5  # s to wait for all that receive commands to have the last one
+LOOK_PERIOD = 0.1  # s between two looks at who publishes
+HEARD_BEFORE_NS = 300_000_000  # a message may come this much earlier than its publisher is seen
+GUARD_SILENCE_NS = 500_000_000  # five times the period of the guard's status
+GUARD_GRACE_NS = 500_000_000  # from a start until the guard has seen its zero command and has said so
+GUARD_PERIOD = 0.02  # s between two commands to the base
+BEAM_FORGETTING = 0.99  # of the share of beams that measured, a scan: 7 s at 10 Hz until half of it is usual

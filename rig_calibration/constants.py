@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 FALSE_ALARM = 1e-3  # of calibrations whose camera is as it was (boards/test_agreement, drive/test_depth_pose)
-MEDIAN_LENGTHS = {2: 1.1774, 3: 1.538}  # median length of so many normal numbers of standard deviation 1: sqrt of chi^2
 
 # Corners in an image (boards/test_chessboard, test_charuco)
 HALVED_FROM = 600  # rows and columns from which on several boards are looked for at half size
@@ -27,7 +26,7 @@ NUM_TRIALS = 3  # best of them that are adjusted
 
 # Joining cameras and boards (boards/test_assembly)
 NUM_STARTS, NUM_REFINED = 60, 6  # rotations from which two unknown poses are looked for; best of them, and others
-NUM_ALTERNATIONS = 10
+NUM_ALTERNATIONS = 10  # between both, at most
 MIN_HAND_EYE = 4  # instants
 LOST = 0.1  # rad, or part of the distance, from which on a board is somewhere else: one such outvotes nobody
 MAX_CANDIDATES = 400  # that are tried as the pose of a camera or board
@@ -45,7 +44,6 @@ OPEN_EIGENVALUE = 1e-11  # of the information scaled to a diagonal of one
 OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itself
 OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called unobservable
 ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
-CELLS = (8, 6)  # of an image, that corners should fall into
 
 # Whether images are good (boards/test_quality, test_sharpness; chosen on seeds 1 to 5 of benchmarks calibration_doubts)
 EDGE_REACH, EDGE_SAMPLES = 0.4, 161  # of the way to the next corners; samples of an edge across
@@ -53,7 +51,7 @@ QUARTILES_APART = 1.349  # standard deviations of a Gaussian
 MAX_BLUR_SHARE = 0.00135  # of the image's width, not below 1.35 px: a sharp lens has 0.4 to 0.9 px
 MIN_GOOD_VIEWS = 10  # instants of a camera: 40 are advised
 MIN_TILT_DEG = 6.0  # RMS of the boards' tilt: 20 deg to all sides are advised
-MIN_COVERED, MIN_SIDE_COVERED = 0.4, 0.4  # of the cells of an image, of a half of it: there the lens is a guess
+MIN_COVERED = 0.4  # of the cells of an image, and of each half of it: else there the lens is a guess
 MAX_HALVES_MM, MAX_HALVES_DEG, MAX_HALVES_FOCAL = 5.0, 0.3, 0.01  # between halves of the images
 
 # Refinement by a drive (drive/test_refinement, test_depth_pose)
@@ -67,7 +65,7 @@ DISTORTION = {"pinhole": (0.3, 0.3, 0.01, 0.01), "fisheye": (0.1, 0.1, 0.1, 0.1)
 MAP_LENS = (0.03, 0.03, 0.02, 0.02, 0.05, 0.05)  # deviations before of the map's own lens: f, centre / f, k1, k2
 MAX_TANGENT = 1.5  # of a ray to the axis of the map's lens, up to which its error grows
 SAME_ROW = 1e-3  # rows by which a pixel and the instant of its row may differ: sampling errs by more
-HELD = 1e-6  # of those: of a parameter that stays as it was known
+HELD = 1e-6  # of those: of a parameter that stays as it was known, in a lens and in a mounting
 LENS_FLOOR = 5e-3  # of those: what sampling of image and map leaves however many images there are
 RELATIVE_STEP = 1e-3  # of numerical derivatives, in those standard deviations
 DEPTH_STEPS, MIN_DEPTH_STEP = 15, 0.05  # as LENS_STEPS, MIN_LENS_STEP
@@ -85,7 +83,7 @@ BLAMED = 2.0  # times more would be known of a parameter, were another one known
 
 # Points of a depth camera (drive/test_depth_pixels)
 NUM_POINTS = 5_000  # of a frame, on a grid: chosen by the image, they would pull to where it is chosen
-NUM_DEPTH_LEVELS = 4
+NUM_DEPTH_LEVELS = 4  # of the pyramid
 PLANE_REACH, PLANE_STEP_PX = 3, 2  # a plane is fitted to 7 x 7 pixels, every second one
 MIN_MEASURED = 0.7  # share of them
 FLAT = 0.01  # rms of depth about the plane, relative; more is an edge
@@ -98,6 +96,5 @@ PIECE_M, PIECE_RAD = 1.0, 0.3  # driven or turned, whichever comes first
 MIN_PIECES = 8  # of which the scatter is a covariance
 MOUNTING_SIGMA = np.repeat([1.0, 0.5, 0.05], [3, 3, 2])  # (8,) standard deviations before anything is seen
 MOUNTING_UNOBSERVED = np.repeat([0.1, 0.05, 0.02], [3, 3, 2])  # (8,) those that are not worth the name
-FIXED = 1e-6  # standard deviation of what stays as it was given
 MOUNTING_STEPS, SETTLED = 50, 1e-7  # at most; in standard deviations, the last one
 DIFFERENCE = 1e-6  # of numerical derivatives

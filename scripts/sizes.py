@@ -96,6 +96,9 @@ def figures(texts: Texts) -> Counter[str]:
         "public names of modules": sum(len(places) for places in names.values()),
         "functions and classes defined twice or more": sum(len(places) > 1 for places in definitions(trees).values()),
         "named numbers, without kernels and simulator": sum(named_numbers(path, tree) for path, tree in trees.items()),
+        "numbers written into functions and classes, without these": sum(
+            written_numbers(path, tree) for path, tree in trees.items()
+        ),
         "modules in import circles": circles(trees),
         "functions, lines: median": round(statistics.median(lengths)),
         "functions, lines: 90 %": lengths[int(0.9 * len(lengths))],
@@ -140,6 +143,15 @@ def named_numbers(path: PurePosixPath, tree: ast.Module) -> int:
         numbers = [item for item in ast.walk(value) if is_number(item)] if value is not None else []
         count += len(names) if numbers else 0
     return count
+
+
+def written_numbers(path: PurePosixPath, tree: ast.Module) -> int:
+    """Count the numbers of a module's functions and classes but 0, 1 and 2: where a name goes, a number may stay."""
+    if path.name == "kernels.py" or path.parts[0] == SIMULATOR:
+        return 0
+    bodies = [node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+    numbers = [node for body in bodies for node in ast.walk(body) if is_number(node)]
+    return sum(node.value not in (0, 1, 2) for node in numbers if isinstance(node, ast.Constant))
 
 
 def is_number(node: ast.AST) -> bool:

@@ -94,6 +94,10 @@ GROUND_SHARE, GROUND_BELOW = 0.15, 0.02  # of the points: on it, at least; below
 GROUND_HEIGHT_M, GROUND_SPREAD = 0.1, 0.1  # of the camera above it, at least; its narrower extent by the range
 GROUND_LEAN_RAD = 0.25  # 15 deg: a mounting that is known is not farther off
 GROUND_FLOOR_RAD, GROUND_SIGMAS = 0.0035, 3.0  # 0.2 deg that ranges bend a floor by; deviations that prove a lean
+NUM_FITS = 4  # of the plane to the points near it, each by the one before
+INDEPENDENT = 100  # points that err together: neighbours on one floor
+STEEP = 0.9  # of what points up where a vehicle looks at the sky: its left side says where ahead is
+POINTS_STEP = 4  # every how many rows and columns of the first sphere the ground is looked for
 MOUNT_WAIT_S = 1.0  # of stamps, that a live node waits for /tf_static and the IMU before it begins a map
 
 # A drive placed in a map (experiences/test_joining)

@@ -7,6 +7,7 @@ import importlib.util
 import os
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,19 @@ def pytest_collection_finish() -> None:
     """Look for garbage again, but not among what was loaded."""
     gc.freeze()
     gc.enable()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def nothing_is_left_in_the_checkout() -> Iterator[None]:
+    """Refuse tests that write beside the code: what they make belongs below `tmp_path`."""
+    before = visible()
+    yield
+    assert visible() - before == set()
+
+
+def visible() -> set[str]:
+    """Return what stands at the root of the checkout, without what begins with a dot and what Python compiles."""
+    return {path.name for path in ROOT.iterdir() if not path.name.startswith((".", "__"))}
 
 
 @pytest.fixture

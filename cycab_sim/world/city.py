@@ -56,7 +56,7 @@ def build_city(seed: int) -> Mesh:
     """Return the city of a seed."""
     rng = np.random.default_rng([seed, 63])
     mesh = MeshBuilder(rng)
-    add_ground(mesh, BOUNDS, rng)
+    add_ground(mesh, BOUNDS)
     for block, sides in BLOCKS:
         add_pavement(mesh, block)
         add_houses(mesh, block, rng, sides)

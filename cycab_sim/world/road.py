@@ -50,7 +50,7 @@ def build_road(seed: int) -> Mesh:
     """Return the road of a seed: houses, trees, cars and what stands on pavements along both kerbs."""
     rng = np.random.default_rng([seed, 65])
     mesh = MeshBuilder(rng)
-    add_ground(mesh, ROAD_BOUNDS, rng)
+    add_ground(mesh, ROAD_BOUNDS)
     middle = road_path(0.0)
     for side in (1.0, -1.0):  # left, right
         _add_pavement(mesh, middle, side)
@@ -96,7 +96,7 @@ def build_square(seed: int) -> Mesh:
     rng = np.random.default_rng([seed, 66])
     mesh = MeshBuilder(rng)
     x0, y0, x1, y1 = SQUARE
-    add_ground(mesh, (x0 - 20.0, y0 - 20.0, x1 + 20.0, y1 + 20.0), rng)
+    add_ground(mesh, (x0 - 20.0, y0 - 20.0, x1 + 20.0, y1 + 20.0))
     mesh.panels([[[x0, y0, 0.008], [x1, y0, 0.008], [x1, y1, 0.008], [x0, y1, 0.008]]], FLAGS)
     for y in np.arange(y0 + 10.0, y1 - 5.0, 10.0):
         a, b = x0 + 8.0, x1 - 8.0

@@ -16,7 +16,7 @@ KERB_WIDTH = 0.18
 FAR = 400.0  # the ground ends here, m
 
 
-def add_ground(mesh: MeshBuilder, bounds: tuple[float, float, float, float], rng: np.random.Generator) -> None:
+def add_ground(mesh: MeshBuilder, bounds: tuple[float, float, float, float]) -> None:
     """Add asphalt as far as the town goes and meadow beyond."""
     x0, y0, x1, y1 = bounds
     road = _flat(x0 - 12, y0 - 12, x1 + 12, y1 + 12, 0.0)

@@ -84,7 +84,7 @@ def build_town(seed: int) -> tuple[Mesh, Plan]:
     plan = draw_plan(seed)
     rng = np.random.default_rng([seed, 2])
     mesh = MeshBuilder(rng)
-    add_ground(mesh, plan.bounds, rng)
+    add_ground(mesh, plan.bounds)
     for block in plan.blocks():
         add_pavement(mesh, block)
         add_houses(mesh, block, rng)

@@ -28,12 +28,13 @@ from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.acceptance import assess, cover_slip, refuse
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
-from dense_localizer.motion_prior import UNKNOWN_COVARIANCE, Prediction
+from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, Finding, Reason, State
 from sphere_nav.photometric import Alignment
+from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.photometric.checks.bias import PoseBias
 from sphere_nav.photometric.checks.structure import EVERYTHING, NOTHING, Aspect, find_rig_structure, view_residuals
 from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
@@ -86,7 +87,7 @@ class Integrity:
         if alignment is None:
             limit, detail = MIN_VISIBLE_SHARE, "no key sphere covers the view"
             refusal = refuse(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
-            return PoseCandidate(prediction.T_map_camera, UNKNOWN_COVARIANCE, prediction, choice, refusal)
+            return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refusal)
         images, registration = chosen.covered, self._params.registration
         motion = prediction.frame_motion(self._params.camera.readout)
         structure, biases, remaining = None, list[PoseBias](), np.zeros((6, 6))

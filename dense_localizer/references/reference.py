@@ -19,8 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import (
-    COVERAGE_COLUMNS,
-    COVERAGE_ROWS,
     MIN_CANDIDATES,
     MIN_VISIBLE_SHARE,
     NUM_CANDIDATES,
@@ -41,6 +39,7 @@ from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Reference, View, prepare_reference
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.constants import CELLS
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
@@ -321,8 +320,9 @@ def measure_coverage(points: Sequence[NDArray[np.floating]], T_camera_sphere: Se
     owner = np.repeat(np.arange(len(points)), [one.shape[0] for one in points])
     pixels, is_visible = camera.project(np.concatenate(points_camera))
     u, v = pixels[is_visible].T
-    column = np.clip((u + 0.5) * (COVERAGE_COLUMNS / camera.width), 0, COVERAGE_COLUMNS - 1).astype(np.int64)
-    row = np.clip((v + 0.5) * (COVERAGE_ROWS / camera.height), 0, COVERAGE_ROWS - 1).astype(np.int64)
-    cells = np.zeros((len(points), COVERAGE_ROWS, COVERAGE_COLUMNS), np.bool_)
+    columns, rows = CELLS
+    column = np.clip((u + 0.5) * (columns / camera.width), 0, columns - 1).astype(np.int64)
+    row = np.clip((v + 0.5) * (rows / camera.height), 0, rows - 1).astype(np.int64)
+    cells = np.zeros((len(points), rows, columns), np.bool_)
     cells[owner[is_visible], row, column] = True
     return cells.mean(axis=(1, 2))

@@ -38,7 +38,6 @@ MAX_PENDING = 8  # key images that wait for the disk
 STATUS, LIKENESS, REJECTIONS = "/status", "/likeness", "rejections.json"
 IMAGE, INFO, SPHERE_INFO, POSE = "image_raw", "camera_info", "sphere_info", "camera_pose"
 FRAME = "camera"
-MEGA = 1e6
 
 
 def drives_of(map_path: Path) -> Path:
@@ -89,7 +88,7 @@ class DriveRecorder:
             bag.write(LIKENESS, Float32(data=float(candidate.ncc)), stamp)
             status = replace(estimate.status, map_id=self._map_id)
             bag.write(STATUS, conversions.status_to_message(status, stamp, self._frame), stamp)
-            if bag.position > MAX_DRIVE_MB * MEGA:
+            if bag.position > MAX_DRIVE_MB * 1e6:
                 self._stop(f"{bag.path}: {MAX_DRIVE_MB:.0f} MB: the rest of the drive is not kept")
         except (ValueError, OSError) as error:
             self._stop(f"learn: {one_line(error)}: the rest of the drive is not kept")
@@ -143,7 +142,7 @@ def prune(folder: Path) -> None:
     """Delete the oldest drives where all together take too much."""
     drives = sorted((one for one in folder.iterdir() if one.is_dir() and one.suffix != PARTIAL), key=_ended)
     sizes = {one: sum(file.stat().st_size for file in one.iterdir()) for one in drives}
-    while sum(sizes.values()) > MAX_DRIVES_MB * MEGA and len(sizes) > 1:
+    while sum(sizes.values()) > MAX_DRIVES_MB * 1e6 and len(sizes) > 1:
         oldest = next(iter(sizes))
         shutil.rmtree(oldest, ignore_errors=True)
         del sizes[oldest]

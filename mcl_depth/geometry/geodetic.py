@@ -14,14 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mcl_depth.geometry.survey_frame import geo_keys, read_las_head
+from mcl_depth.geometry.survey_frame import GeoKey, geo_keys, read_las_head
 from sphere_nav.geometry.arrays import Array
 
 AXIS, FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # of WGS 84, m
 SCALE, FALSE_EAST, FALSE_NORTH_SOUTH = 0.9996, 500_000.0, 10_000_000.0  # of UTM; m
 ZONES = {326: 0.0, 258: 0.0, 327: FALSE_NORTH_SOUTH}  # EPSG codes by hundreds, with their false northing
 NUM_ZONES = 60
-PROJECTED = 3072  # GeoTIFF: the key of a projected system
 
 
 class Geodetic:
@@ -86,7 +85,7 @@ def declared_crs(path: Path) -> str:
     projected = re.search(rb"PROJC(?:S|RS)\[.*", head, re.DOTALL)
     if projected is not None and (code := _last_of_brackets(projected[0])):
         return f"EPSG:{code}"
-    key = geo_keys(head).get(PROJECTED, 0)
+    key = geo_keys(head).get(GeoKey.PROJECTED, 0)
     return f"EPSG:{key}" if 1024 <= key < 32767 else ""
 
 

@@ -19,15 +19,19 @@ from sphere_nav.geometry.files.isolated import read_isolated
 from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file
 
 CHUNK_BYTES = 1 << 25  # of points unpacked at once
-HEADER, LAST = 375, 227  # bytes of the longest header, that of version 1.4, and of the shortest
-RECORDS = ((100, 54), (243, 60))  # where a header counts its variable records, and the least bytes of one
-BEGIN, FORMAT, LENGTH, COUNT, LONG_COUNT = 96, 104, 105, 107, 247  # where the header tells of the points
-EXTENT = 179  # where it tells the largest and least x, then y, of the points
-PACKED = 0x80  # of the format's byte, in a .laz
+HEADER = np.dtype(  # of version 1.4, the longest: what is read of it
+    {
+        "names": ["magic", "version", "begin", "records", "format", "length", "count", "extent", "more", "long_count"],
+        "formats": ["S4", "2u1", "<u4", "<u4", "u1", "<u2", "<u4", "4<f8", "<u4", "<u8"],
+        "offsets": [0, 24, 96, 100, 104, 105, 107, 179, 243, 247],
+        "itemsize": 375,
+    }
+)
+SHORTEST = 227  # bytes of the shortest header
+PACKED = 0x80  # of the format, in a .laz
 MAX_PACKING = 100  # LAZ packs a point into no less than this share of its bytes
 BACKEND = laspy.LazBackend.LazrsParallel  # the other one reads on beyond the last point
 VARIABLE_CHUNKS = 2**32 - 1  # in place of the points of a chunk
-RESULT_BYTES = 24  # of a point: three float64
 READ_S, BYTES_PER_S = 30.0, 1e6  # a process is given that time, and more by the size of the file
 
 
@@ -37,14 +41,14 @@ def read_las(path: Path, box: Array | None = None) -> NDArray[np.float64]:
     `box` (x0, y0, x1, y1), in these coordinates, is all that is read.
     """
     size = path.stat().st_size
-    start, count, length = _start_of(path)
-    x1, x0, y1, y0 = np.frombuffer(start, "<f8", 4, EXTENT)
+    head, count, length = _head_of(path)
+    x1, x0, y1, y0 = head["extent"]
     if box is not None and (x1 < box[0] or x0 > box[2] or y1 < box[1] or y0 > box[3]):
         return np.zeros((0, 3))
     words = [] if box is None else [repr(float(value)) for value in box]
-    if start[FORMAT] < PACKED:
+    if head["format"] < PACKED:
         return read_points(path, *words)
-    max_bytes = 4 * CHUNK_BYTES + (4 * RESULT_BYTES + length) * min(count, 2 * MAX_KEPT)
+    max_bytes = 4 * CHUNK_BYTES + (4 * 24 + length) * min(count, 2 * MAX_KEPT)
     points: NDArray[np.float64] = read_isolated(read_points, path, max_bytes, READ_S + size / BYTES_PER_S, *words)
     return points
 
@@ -79,34 +83,32 @@ def read_points(path: Path, *box: str) -> NDArray[np.float64]:
 
 def count_las(path: Path) -> int:
     """Return the number of points that a file says it has; ValueError where it cannot have them."""
-    return _start_of(path)[1]
+    return _head_of(path)[1]
 
 
-def _start_of(path: Path) -> tuple[bytes, int, int]:
-    """Return the first bytes, the number of points and the bytes of one."""
+def _head_of(path: Path) -> tuple[np.void, int, int]:
+    """Return the header, the number of points and the bytes of one."""
     with open_file(path, "map", MAX_ARRAY_BYTES) as file:
-        start = file.read(HEADER) or b""
-    if start[:4] != b"LASF" or len(start) < LAST:
-        raise ValueError(f"{path}: header: expected 'LASF' and {LAST} bytes, found {len(start)}: {start[:4]!r}")
-    return start, *_check_start(path, start, path.stat().st_size)
+        start = file.read(HEADER.itemsize) or b""
+    if start[:4] != b"LASF" or len(start) < SHORTEST:
+        raise ValueError(f"{path}: header: expected 'LASF' and {SHORTEST} bytes, found {len(start)}: {start[:4]!r}")
+    head = np.frombuffer(start.ljust(HEADER.itemsize, b"\0"), HEADER)[0]
+    return head, *_check_head(path, head, path.stat().st_size)
 
 
-def _check_start(path: Path, start: bytes, size: int) -> tuple[int, int]:
+def _check_head(path: Path, head: np.void, size: int) -> tuple[int, int]:
     """Return the number of points and the bytes of one; ValueError for more points or records than the file has room.
 
     laspy would read the records one by one, beyond the end.
     """
-    if (begin := int.from_bytes(start[BEGIN : BEGIN + 4], "little")) > size:  # all before it is read at once
-        raise ValueError(f"{path}: points: expected within {size} bytes, found at {begin}")
-    is_extended = start[24:26] >= bytes([1, 4])
-    for place, least in RECORDS if is_extended else RECORDS[:1]:
-        count = int.from_bytes(start[place : place + 4], "little")
-        if count * least > size:
+    if head["begin"] > size:  # all before it is read at once
+        raise ValueError(f"{path}: points: expected within {size} bytes, found at {head['begin']}")
+    is_extended = tuple(head["version"]) >= (1, 4)
+    for name, least in (("records", 54), ("more", 60))[: 1 + is_extended]:  # bytes of one, at least
+        if (count := int(head[name])) * least > size:
             raise ValueError(f"{path}: variable records: expected at most {size // least}, found {count}")
-    place, width = (LONG_COUNT, 8) if is_extended else (COUNT, 4)
-    count = int.from_bytes(start[place : place + width], "little")
-    length = int.from_bytes(start[LENGTH : LENGTH + 2], "little")
-    if count * max(length, 1) // (MAX_PACKING if start[FORMAT] >= PACKED else 1) > size:
+    count, length = int(head["long_count" if is_extended else "count"]), int(head["length"])
+    if count * max(length, 1) // (MAX_PACKING if head["format"] >= PACKED else 1) > size:
         raise ValueError(f"{path}: points: expected {count}, found a file of {size} bytes")
     return count, length
 

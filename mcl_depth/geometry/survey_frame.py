@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import (
     FAR_FROM_ORIGIN_M,
-    FLOOR_STEP,
+    GROUND_STEP,
     LARGE_EXTENT_M,
     LEAST_STANDING,
     MAX_COORDINATE_M,
@@ -35,9 +36,17 @@ from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file
 
 METERS = {"m": 1.0, "ft": 0.3048, "us-ft": 1200.0 / 3937.0, "km": 1000.0, "mm": 0.001}
 NAMES = {"m": "metres", "ft": "feet", "us-ft": "US survey feet", "km": "kilometres", "mm": "millimetres"}
-GEO_KEYS, LINEAR_UNITS, VERTICAL_UNITS = 34735, 3076, 4099  # GeoTIFF: the record, its keys of units
 EPSG_UNITS = {9001: "m", 9002: "ft", 9003: "us-ft", 9036: "km"}
 ROTATIONS = {"z": np.eye(3), "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])}
+
+
+class GeoKey(IntEnum):
+    """Numbers of GeoTIFF: of the record of a .las with its keys, and of those that are read."""
+
+    RECORD = 34735
+    PROJECTED = 3072  # the system
+    LINEAR_UNITS = 3076
+    VERTICAL_UNITS = 4099
 
 
 @dataclass(frozen=True)
@@ -106,7 +115,7 @@ def declared_unit(path: Path) -> str:
         if b"degree" not in name.lower():
             return next((unit for unit, meters in METERS.items() if abs(float(factor) / meters - 1.0) < 1e-7), "")
     keys = geo_keys(head)
-    return EPSG_UNITS.get(keys.get(LINEAR_UNITS, keys.get(VERTICAL_UNITS, 0)), "")
+    return EPSG_UNITS.get(keys.get(GeoKey.LINEAR_UNITS, keys.get(GeoKey.VERTICAL_UNITS, 0)), "")
 
 
 def read_las_head(path: Path) -> bytes:
@@ -122,7 +131,7 @@ def geo_keys(head: bytes) -> dict[int, int]:
     place = head.find(b"LASF_Projection")
     while place >= 0:
         record, length = (int.from_bytes(head[place + 16 + 2 * i : place + 18 + 2 * i], "little") for i in range(2))
-        if record == GEO_KEYS:
+        if record == GeoKey.RECORD:
             begin = place + 52
             keys = np.frombuffer(head[begin : begin + length // 8 * 8], "<u2").reshape(-1, 4)
             return {int(key): int(value) for key, where, _, value in keys[1:] if where == 0}
@@ -206,7 +215,7 @@ def _columns(points: NDArray[np.floating]) -> tuple[tuple[NDArray[np.int64], Arr
     """Return columns with points, as index and lowest z, the shape of the grid, its step in m, and what each spans."""
     points = points - points.min(axis=0)
     extent = points.max(axis=0)
-    cell = max(FLOOR_STEP, float(np.sqrt(8.0 * extent[0] * extent[1] / len(points))), float(extent.max()) / 4000.0)
+    cell = max(GROUND_STEP, float(np.sqrt(8.0 * extent[0] * extent[1] / len(points))), float(extent.max()) / 4000.0)
     cells = np.floor(points[:, :2] / cell).astype(np.int64)
     shape = int(cells[:, 0].max()) + 1, int(cells[:, 1].max()) + 1
     keys = cells[:, 0] * shape[1] + cells[:, 1]

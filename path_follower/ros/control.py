@@ -16,7 +16,7 @@ from sphere_nav_msgs.msg import FollowerStatus, TrackingError
 from std_msgs.msg import UInt64
 
 from path_follower.command import Command, FollowerReport
-from path_follower.constants import MAX_CLOCK_PAUSE
+from path_follower.constants import ACKNOWLEDGE, CYCLE_MEMORY_NS, LOOK_PERIOD, MAX_CLOCK_PAUSE, REPEAT_NS, SILENCE, TICK
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
@@ -24,19 +24,13 @@ from path_follower.params import PathFollowerParams
 from path_follower.path import ReferencePath
 from path_follower.reasons import FINE, StopReason, StopVerdict
 from path_follower.ros.intake import Answered, DirectionIntake, PoseIntake, ScanIntake
-from path_follower.ros.peers import LOOK_PERIOD, Peers
+from path_follower.ros.peers import Peers
 from sphere_nav.ros import qos
 from sphere_nav.ros.clocks import ClockWatch, SimulatedTicks, Times
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import OK, WARN, Endpoints
 from sphere_nav.ros.tf import Transforms
-
-TICK = 0.025  # s of steady time between two looks at the clocks
-REPEAT_NS = 50_000_000  # without a command, until the last one is sent again; not where time is simulated
-SILENCE = 0.12  # s without an answer before the ticks command: never between the images of a 10 Hz camera
-CYCLE_MEMORY_NS = 10_000_000_000  # for how long the worst cycle is told
-ACKNOWLEDGE = 0.5  # s to wait for all that receive commands to have the last one
 
 
 class ControlLoop:

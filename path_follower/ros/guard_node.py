@@ -8,16 +8,15 @@ from geometry_msgs.msg import Twist, TwistStamped
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import UInt64
 
+from path_follower.constants import GUARD_PERIOD, LOOK_PERIOD
 from path_follower.guard.guard import Guard
 from path_follower.guard.params import GuardParams
 from path_follower.ros.front import FrontNode
 from path_follower.ros.loop_process import run_with_loop
-from path_follower.ros.peers import LOOK_PERIOD, EmergencyStop
+from path_follower.ros.peers import EmergencyStop
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import driving, header
 from sphere_nav.ros.endpoints import OK, WARN, Endpoints
-
-PERIOD = 0.02  # s between two commands to the base
 
 
 class GuardLoop:
@@ -40,7 +39,7 @@ class GuardLoop:
             "path_follower/heartbeat", UInt64, self.on_heartbeat, qos.COMMAND, is_required=needed
         )
         self.emergency = EmergencyStop(endpoints, self.on_emergency)
-        endpoints.add_timer(PERIOD, self.on_period, is_wall=True)
+        endpoints.add_timer(GUARD_PERIOD, self.on_period, is_wall=True)
         endpoints.add_timer(LOOK_PERIOD, self.on_look, is_wall=True)
 
     def ask(self, name: str, *values: Any) -> None:

@@ -12,7 +12,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 
-from path_follower.constants import MIN_MEASURED
+from path_follower.constants import BEAM_FORGETTING, MIN_MEASURED
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
@@ -20,7 +20,7 @@ from path_follower.obstacles import swept_places
 from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import PLANAR, Array
 from sphere_nav.localization.status import TRUSTED
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import Times
@@ -29,8 +29,6 @@ from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import Transforms
 
-PLANAR = (0, 1, 5)  # x, y and yaw of a covariance (6, 6) of (v, omega)
-FORGETTING = 0.99  # of the share of beams that measured, a scan: 7 s at 10 Hz until half of it is usual
 FOOTPRINTS = ("", "base_footprint")  # frames of wheels that lie above or below the base's own
 Answer = Callable[[int], None]  # publish the command that answers a message of this stamp
 
@@ -132,7 +130,7 @@ class PoseIntake:
                 self._answered.answer_pose(stamp, is_refused=True)
             raise
         self._answered.accept(stamp)
-        planar = covariance[np.ix_(PLANAR, PLANAR)]
+        planar = covariance[PLANAR]
         self._follower.see_pose(Pose2.of(T_map_base), time, speed, planar if planar.any() else None)
         self._answered.answer_pose(stamp)
 
@@ -222,7 +220,7 @@ class ScanIntake:
         """Raise ValueError where too few beams measured, of all and of those towards the way of the vehicle."""
         measured = driving.measured_beams(message)
         share = float(measured.mean())
-        usual, self._usual = self._usual, max(share, FORGETTING * self._usual)
+        usual, self._usual = self._usual, max(share, BEAM_FORGETTING * self._usual)
         if share < MIN_MEASURED * usual:
             expected = f"about {usual:.0%} of the beams to measure, as lately"
             raise ValueError(f"scan: ranges: expected {expected}, found {share:.0%} (NaN, 0 or below range_min: none)")

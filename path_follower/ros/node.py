@@ -6,15 +6,18 @@ Parameters, services, paths and files are here; the commands come from its contr
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import partial
+
+from std_srvs.srv import Trigger
 
 from path_follower.params import PathFollowerParams
 from path_follower.ros.control import ControlLoop
 from path_follower.ros.front import FrontNode, LoopEnded
 from path_follower.ros.loop_process import run_with_loop
-from path_follower.ros.operator import offer_calls
 from path_follower.ros.trajectory import TrajectoryIntake
 from sphere_nav.ros.tf import TransformListener
 
+CALLS = ("start", "stop", "pause", "resume")  # of an operator
 PLACE_PERIOD = 0.2  # s between two looks where the scanner is mounted
 
 
@@ -33,7 +36,8 @@ class PathFollowerNode(FrontNode):
         self.trajectories: TrajectoryIntake | None = None
         if self.params.source != "homing":
             self.trajectories = TrajectoryIntake(self.endpoints, self.params, self.loop)
-        offer_calls(self.endpoints, self.loop)
+        for name in CALLS:
+            self.endpoints.add_service(f"~/{name}", Trigger, partial(self.on_call, name))
         self.add_timer(PLACE_PERIOD, self.on_place, is_wall=True)
 
     def activate(self) -> None:
@@ -48,6 +52,12 @@ class PathFollowerNode(FrontNode):
         self.loop.ask("tune", params)
         if self.trajectories is not None:
             self.trajectories.tune(params)
+
+    def on_call(self, name: str, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Do what an operator asks for; the answer says why not."""
+        response.message = self.loop.ask(name)
+        response.success = not response.message
+        return response
 
     def on_place(self) -> None:
         """Tell the loop where its scanner is mounted."""

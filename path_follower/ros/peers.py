@@ -7,15 +7,11 @@ from collections.abc import Callable
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
+from path_follower.constants import GUARD_GRACE_NS, GUARD_SILENCE_NS, HEARD_BEFORE_NS
 from path_follower.guard.guard import AWAITED
 from path_follower.reasons import FINE, StopReason, StopVerdict
 from sphere_nav.ros import qos
 from sphere_nav.ros.endpoints import ERROR, OK, Endpoints
-
-LOOK_PERIOD = 0.1  # s between two looks at who publishes
-HEARD_BEFORE_NS = 300_000_000  # a message may come this much earlier than its publisher is seen
-GUARD_SILENCE_NS = 500_000_000  # five times the period of the guard's status
-GUARD_GRACE_NS = 500_000_000  # from a start until the guard has seen its zero command and has said so
 
 
 class EmergencyStop:

@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
+from path_follower.constants import SPACING
 from path_follower.path import Pose2, wrap
 from path_follower.routes.constants import (
     ALIKE,
@@ -26,14 +27,13 @@ from path_follower.routes.constants import (
     PAST,
     SAME_HEADING,
     SNAP,
-    STEP,
     STUB,
+    TURN_SCALE,
 )
 from path_follower.routes.network import EdgeCurve, Indices, Network, Node, RouteEdge, headings, join_curves
 from sphere_nav.geometry.arrays import Array
 
 OWN, HERE = -1, -2  # of a run: on no curve that was there; on what the drive itself did before
-TURN_SCALE = 2.0  # m of distance that a chord of headings counts: 15 deg count as 0.5 m
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +106,9 @@ def build_network(drives: Sequence[TaughtDrive], map_id: str = "", width: float 
 
 
 def even_curve(x: Array, y: Array, yaw: Array, speed: Array) -> EdgeCurve:
-    """Return a curve with a point every STEP m, at least two."""
+    """Return a curve with a point every SPACING m, at least two."""
     curve = EdgeCurve(x, y, np.unwrap(yaw), speed)
-    s = np.linspace(0.0, curve.length, max(2, round(curve.length / STEP) + 1))
+    s = np.linspace(0.0, curve.length, max(2, round(curve.length / SPACING) + 1))
     return EdgeCurve(*(np.interp(s, curve.arc, values) for values in (curve.x, curve.y, curve.yaw, curve.speed)))
 
 
@@ -173,7 +173,7 @@ def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
         if on not in near:
             on = min(near, key=lambda k: float(near[k][0])) if near else OWN
         at = int(near[on][1]) if on != OWN else -1
-        is_next = runs and runs[-1].on == on and (on == OWN or abs(at - last) <= 2.0 / STEP)
+        is_next = runs and runs[-1].on == on and (on == OWN or abs(at - last) <= 2.0 / SPACING)
         if is_next:
             runs[-1].last = point
             runs[-1].at = np.append(runs[-1].at, at)
@@ -184,13 +184,13 @@ def _runs_of(strands: Sequence[_Strand], curve: EdgeCurve) -> list[_Run]:
 
 def _ahead(there: EdgeCurve, curve: EdgeCurve, point: int, last: int) -> int:
     """Return where a point of a drive is on the curve that it follows, just ahead of the last one; -1: off its lane."""
-    at = np.arange(last, min(last + round(1.0 / STEP), len(there)), dtype=np.intp)
+    at = np.arange(last, min(last + round(1.0 / SPACING), len(there)), dtype=np.intp)
     off = np.hypot(there.x[at] - curve.x[point], there.y[at] - curve.y[point])
     best = int(at[np.argmin(off)])
     turned = abs(wrap(float(there.yaw[best] - curve.yaw[point])))
     return (
         best
-        if off.min() <= LANE and turned <= SAME_HEADING and (there is not curve or point - best > PAST / STEP)
+        if off.min() <= LANE and turned <= SAME_HEADING and (there is not curve or point - best > PAST / SPACING)
         else -1
     )
 
@@ -217,7 +217,7 @@ def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices) -
 def _alongside_itself(curve: EdgeCurve) -> tuple[Array, Indices]:
     """The same of a curve and what it did at least PAST m before."""
     off, found = np.full(len(curve), np.inf), np.full(len(curve), -1, dtype=np.intp)
-    past, block = round(PAST / STEP), round(5.0 / STEP)
+    past, block = round(PAST / SPACING), round(5.0 / SPACING)
     features = _features(curve)
     reach = math.hypot(LANE, 2.0 * TURN_SCALE * math.sin(SAME_HEADING / 2.0))
     for begin in range(past + 1, len(curve), block):
@@ -236,21 +236,21 @@ def _tidy(strands: Sequence[_Strand], runs: list[_Run], curve: EdgeCurve) -> lis
         before = closed[-1] if closed else None
         if run.on == OWN and before is not None and after is not None and before.on == after.on != OWN:
             gone = int(after.at[0]) - int(before.at[-1])
-            if run.count <= MAX_APART / STEP and abs(gone - run.count) <= 2.0 / STEP:
+            if run.count <= MAX_APART / SPACING and abs(gone - run.count) <= 2.0 / SPACING:
                 run = replace(
                     run, on=before.on, at=np.linspace(before.at[-1], after.at[0], run.count + 2)[1:-1].astype(np.intp)
                 )
         closed.append(run)
     kept = [
         replace(run, on=OWN)
-        if run.on != OWN and run.count < MIN_SHARED / STEP and run.first > 0 and run.last < len(curve) - 1
+        if run.on != OWN and run.count < MIN_SHARED / SPACING and run.first > 0 and run.last < len(curve) - 1
         else run
         for run in _joined(closed)
     ]
     whole = _joined(kept)
-    while len(whole) > 1 and whole[0].on == OWN and whole[0].count < STUB / STEP:
+    while len(whole) > 1 and whole[0].on == OWN and whole[0].count < STUB / SPACING:
         whole = whole[1:]
-    while len(whole) > 1 and whole[-1].on == OWN and whole[-1].count < STUB / STEP:
+    while len(whole) > 1 and whole[-1].on == OWN and whole[-1].count < STUB / SPACING:
         whole = whole[:-1]
     return _with_changes(strands, whole)
 
@@ -259,7 +259,7 @@ def _joined(runs: Iterable[_Run]) -> list[_Run]:
     joined: list[_Run] = []
     for run in runs:
         last = joined[-1] if joined else None
-        if last is not None and last.on == run.on and (run.on == OWN or 0 <= run.at[0] - last.at[-1] <= 2.0 / STEP):
+        if last is not None and last.on == run.on and (run.on == OWN or 0 <= run.at[0] - last.at[-1] <= 2.0 / SPACING):
             joined[-1] = _Run(run.on, last.first, run.last, np.concatenate([last.at, run.at]))
         else:
             joined.append(run)
@@ -268,7 +268,7 @@ def _joined(runs: Iterable[_Run]) -> list[_Run]:
 
 def _with_changes(strands: Sequence[_Strand], runs: list[_Run]) -> list[_Run]:
     """Put a curve of its own between runs that follow each other on curves that are not connected: a change of lane."""
-    half = round(MIN_SHARED / STEP)
+    half = round(MIN_SHARED / SPACING)
     result: list[_Run] = []
     for run in runs:
         last = result[-1] if result else None
@@ -286,7 +286,7 @@ def _are_connected(strands: Sequence[_Strand], last: _Run, run: _Run) -> bool:
     """Whether the curve of one run ends on that of the other, or begins there, about where the drive changes over."""
     if HERE in (last.on, run.on):
         return False
-    near = (BLEND + 2.0) / STEP
+    near = (BLEND + 2.0) / SPACING
     end, begin = strands[last.on].end, strands[run.on].begin
     is_end = end is not None and end.strand == run.on and abs(int(run.at[0]) - end.at) <= near
     is_begin = begin is not None and begin.strand == last.on and abs(int(last.at[-1]) - begin.at) <= near
@@ -303,7 +303,7 @@ def _anchors(
         return (run.first, None), (run.last, None)
     begin: tuple[int, int | None] = (run.first, None)
     end: tuple[int, int | None] = (run.last, None)
-    window = round(BLEND / STEP)
+    window = round(BLEND / SPACING)
     missing = max(0, window - run.count)  # a short one begins sooner and ends later, so that there is room to blend
     if index > 0:
         other = runs[index - 1]

@@ -10,7 +10,7 @@ MAX_APART = 3.0  # m beside each other and back that are the same lane still
 BLEND = 8.0  # m before and behind a branch over which a drive goes over to the curve of the other
 PAST = 10.0  # m that a drive goes on before it can meet itself
 ALIKE = 0.1  # m, rad / 3, 1/m / 4: points that are this much less alike than the best are as good for a branch
-STEP = 0.1  # m between points
+TURN_SCALE = 2.0  # m of distance that a chord of headings counts: 15 deg count as 0.5 m
 STUB = 3.0  # m that a drive begins before, or goes on behind, what it shares: less is left out
 SNAP = 3  # points from the end of a curve that are its end
 
@@ -37,5 +37,7 @@ SMOOTHED = 0.005  # share of its length that smoothing may take from a path
 ADVANCED = 0.3  # m of progress that make an obstacle another one
 
 MAX_NAME = 64  # characters of a place
-MAX_BYTES = 256 << 20  # of a network file: 10 km are about 6 MB
 MAX_ITEMS = 100_000  # nodes, or edges
+
+# Files (test_network_file)
+MAX_CURVE_GAP = 1.0  # m between two points of a curve, and between its end and its node

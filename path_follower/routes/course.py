@@ -14,19 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from path_follower.constants import MAX_HEADING_ERROR, MAX_POINTS
+from path_follower.constants import MAX_HEADING_ERROR, MAX_POINTS, SPACING
 from path_follower.params import SteeringParams, TurningParams
 from path_follower.path import Pose2, wrap
-from path_follower.routes.constants import (
-    JOIN_WITHIN,
-    JOINED,
-    LEAD,
-    MAX_DETOUR,
-    MAX_GROWTH,
-    STEP,
-    TURN_RATE,
-    TURN_SHARE,
-)
+from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_DETOUR, MAX_GROWTH, TURN_RATE, TURN_SHARE
 from path_follower.routes.network import EdgeCurve, Network
 from path_follower.routes.planning import Leg
 from sphere_nav.geometry.arrays import Array
@@ -95,13 +86,13 @@ def _joined(
     base = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
     curve = EdgeCurve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
     poses, s = join_curve(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
-    rest = table[base > s + STEP / 2]
+    rest = table[base > s + SPACING / 2]
     speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, table[:, 3])
     joined = np.concatenate([np.column_stack([poses, speed]), rest])
     change = float(np.sum(np.hypot(*np.diff(joined[:, :2], axis=0).T))) - float(base[-1])
     behind = _behind(poses, direction)
     lead = np.column_stack([behind, np.full(len(behind), speed[0])])
-    return np.concatenate([lead, joined]), change, STEP * len(behind)
+    return np.concatenate([lead, joined]), change, SPACING * len(behind)
 
 
 def _behind(poses: Array, direction: int) -> Array:
@@ -111,9 +102,9 @@ def _behind(poses: Array, direction: int) -> Array:
     """
     turn = wrap(float(poses[1, 2] - poses[0, 2])) if len(poses) > 1 else 0.0
     behind, (x, y, yaw) = [], poses[0].tolist()
-    for _ in range(round(LEAD / STEP) if len(poses) > 1 else 0):
-        x -= direction * STEP * math.cos(yaw - turn / 2)
-        y -= direction * STEP * math.sin(yaw - turn / 2)
+    for _ in range(round(LEAD / SPACING) if len(poses) > 1 else 0):
+        x -= direction * SPACING * math.cos(yaw - turn / 2)
+        y -= direction * SPACING * math.sin(yaw - turn / 2)
         yaw -= turn
         behind.append((x, y, yaw))
     return np.array(behind[::-1]).reshape(-1, 3)
@@ -122,7 +113,7 @@ def _behind(poses: Array, direction: int) -> Array:
 def join_curve(
     curve: EdgeCurve, direction: int, pose: Pose2, vehicle: TurningParams, reach: float
 ) -> tuple[Array, float]:
-    """Return poses (K, 3) every STEP m from a pose onto a curve in order of driving, and the arc length where they end.
+    """Return poses (K, 3) every SPACING m from a pose onto a curve in order of driving, and where on its arc they end.
 
     The law alone where the offset hardly grows by it; else with the wheel as far as it goes until the vehicle heads
     away no more. ValueError where it is not on the curve within `reach` m; a shorter curve is followed to its end.
@@ -153,7 +144,7 @@ def _steered(
         offsets.append(abs(left))
         if abs(left) <= JOINED[0] and abs(turned) <= JOINED[1]:
             return np.array(poses), s, max(offsets) / max(offsets[0], JOINED[0])
-        if s >= reach - 1e-6 or len(poses) * STEP > MAX_DETOUR * reach:
+        if s >= reach - 1e-6 or len(poses) * SPACING > MAX_DETOUR * reach:
             found = f"{abs(left):.2f} m and {math.degrees(abs(turned)):.0f} deg beside it after {reach:.1f} m"
             raise ValueError(f"way: expected a vehicle that can drive onto the path, found {found}: bring it closer")
         error = min(max(turned, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
@@ -162,10 +153,10 @@ def _steered(
         if is_firm and direction * left * turned > 0.0:
             wheel = -direction * math.copysign(limit, turned)
         if angle is not None:
-            wheel = min(max(wheel, angle - TURN_RATE * STEP), angle + TURN_RATE * STEP)
+            wheel = min(max(wheel, angle - TURN_RATE * SPACING), angle + TURN_RATE * SPACING)
         angle = min(max(wheel, -limit), limit)
-        turn = direction * STEP * math.tan(angle) / vehicle.virtual_wheelbase
-        x += direction * STEP * math.cos(yaw + turn / 2)
-        y += direction * STEP * math.sin(yaw + turn / 2)
+        turn = direction * SPACING * math.tan(angle) / vehicle.virtual_wheelbase
+        x += direction * SPACING * math.cos(yaw + turn / 2)
+        y += direction * SPACING * math.sin(yaw + turn / 2)
         yaw += turn
         poses.append((x, y, yaw))

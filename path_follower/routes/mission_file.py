@@ -14,13 +14,13 @@ from path_follower.path_files import UNBOUNDED
 from path_follower.routes.course import Course
 from path_follower.routes.mission import Goal, Mission
 from path_follower.routes.planning import Leg
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_text, required, short
 from sphere_nav.geometry.files.whole_file import write_whole
 from sphere_nav.geometry.trajectory import MAP_ID
 
 FORMAT, VERSION = "sphere_nav mission", 1
 FIELDS = ("format", "version", "map_id", "closed", "goal", "laps_left", "driven", "lap_legs", "seconds", "legs", "ends")
-MAX_BYTES = 1 << 22
 MAX_LAPS = 65_535
 
 
@@ -41,7 +41,7 @@ def write_mission(path: Path, mission: Mission) -> None:
 def read_mission(path: Path, mission: Mission, now: float) -> None:
     """Give a mission what survived; ValueError in one line for a file that is none, or of another map."""
     where = str(path)
-    values = required(load_json(path, read_text(path, "state of a mission", MAX_BYTES)), where, FIELDS)
+    values = required(load_json(path, read_text(path, "state of a mission", LIMITS["mission"])), where, FIELDS)
     if (values["format"], values["version"]) != (FORMAT, VERSION):
         raise ValueError(f"{where}: expected format {FORMAT!r} version {VERSION}, found {short(values['format'])}")
     if values["map_id"] != mission.network.map_id:

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from path_follower.path import Pose2
-from path_follower.routes.constants import MAX_BYTES, MAX_ITEMS, MAX_NAME
+from path_follower.routes.constants import MAX_CURVE_GAP, MAX_ITEMS, MAX_NAME
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_text, required, short
 from sphere_nav.geometry.files.whole_file import write_whole
 
@@ -27,7 +28,6 @@ FORMAT, VERSION = "sphere_nav routes", 1
 FILE_NAME = "routes.geojson"  # in the folder of its map
 DECIMALS = 4  # of metres and radians
 COLUMNS = ("x", "y", "yaw", "speed")
-MAX_GAP = 1.0  # m between two points of a curve, and between its end and its node
 
 
 def network_path(path: Path) -> Path:
@@ -42,7 +42,7 @@ def write_network(path: str | os.PathLike[str], network: Network) -> None:
 
 def read_network(path: str | os.PathLike[str], map_id: str = "") -> Network:
     """Read a network; ValueError in one line for anything that is none, or of another map than `map_id`."""
-    network = from_geojson(read_text(path, "network of routes (GeoJSON)", MAX_BYTES), str(path))
+    network = from_geojson(read_text(path, "network of routes (GeoJSON)", LIMITS["routes"]), str(path))
     if map_id and network.map_id and network.map_id != map_id:
         raise ValueError(f"{path}: network.map_id: expected that of the map, {map_id}, found {network.map_id}")
     return network
@@ -159,8 +159,8 @@ def _read_edge(fields: Mapping[str, Any], key: int, at: str) -> RouteEdge:
     if not len(x) == len(y) == len(yaw) == len(speed) or len(x) < 2:
         found = f"{len(x)}, {len(y)}, {len(yaw)}, {len(speed)}"
         raise ValueError(f"{at}.curve: expected columns of one length, 2 or more, found {found}")
-    if (gap := float(np.hypot(np.diff(x), np.diff(y)).max())) > MAX_GAP:
-        raise ValueError(f"{at}.curve: expected points at most {MAX_GAP} m apart, found {gap:.3g} m")
+    if (gap := float(np.hypot(np.diff(x), np.diff(y)).max())) > MAX_CURVE_GAP:
+        raise ValueError(f"{at}.curve: expected points at most {MAX_CURVE_GAP} m apart, found {gap:.3g} m")
     is_forward, is_reverse = metadata["forward"] is True, metadata["reverse"] is True
     start, end = _id(fields["startid"], f"{at}.startid"), _id(fields["endid"], f"{at}.endid")
     return RouteEdge(
@@ -183,7 +183,7 @@ def _check_ends(network: Network, where: str) -> None:
                 raise ValueError(f"{where}: edge {edge.id}: expected nodes that exist, found {end}")
             pose = network.nodes[end].pose
             gap = math.hypot(pose.x - float(edge.curve.x[index]), pose.y - float(edge.curve.y[index]))
-            if gap > MAX_GAP:
+            if gap > MAX_CURVE_GAP:
                 raise ValueError(
                     f"{where}: edge {edge.id}: expected its curve to end at node {end}, found {gap:.3g} m off"
                 )

@@ -15,17 +15,16 @@ from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.validation import Validation
 from rig_calibration.boards.views import BoardView, Indices
 from rig_calibration.constants import (
-    CELLS,
     MAX_BLUR_SHARE,
     MAX_HALVES_DEG,
     MAX_HALVES_FOCAL,
     MAX_HALVES_MM,
     MIN_COVERED,
     MIN_GOOD_VIEWS,
-    MIN_SIDE_COVERED,
     MIN_TILT_DEG,
 )
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.constants import CELLS
 
 
 def quality_warnings(
@@ -106,7 +105,7 @@ def _uncovered(cells: NDArray[np.bool_]) -> list[str]:
         "upper": cells[: rows // 2],
         "lower": cells[rows // 2 :],
     }
-    bare = [f"{side} half {100 * part.mean():.0f} %" for side, part in sides.items() if part.mean() < MIN_SIDE_COVERED]
+    bare = [f"{side} half {100 * part.mean():.0f} %" for side, part in sides.items() if part.mean() < MIN_COVERED]
     if bare:
         return [f"one side only: corners cover of the {' and the '.join(bare)}"]
     if cells.mean() < MIN_COVERED:

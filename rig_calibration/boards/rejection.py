@@ -11,9 +11,10 @@ from rig_calibration.boards.bundle import Solution, solve
 from rig_calibration.boards.linearize import residuals
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.views import Observations
-from rig_calibration.constants import FLOOR_RATIO, MAX_ROUNDS, MEDIAN_LENGTHS, MIN_FITTING
+from rig_calibration.constants import FLOOR_RATIO, MAX_ROUNDS, MIN_FITTING
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.trajectory_error import MEDIAN_LENGTHS
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from rig_calibration.constants import MARGIN, MIN_PIXELS, MIN_SIGMA, NUM_LENS_LE
 from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.estimation.robust import HUBER, weigh
-from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry import SE3, Camera, Spherical, so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 from sphere_nav.photometric import Pyramid, View
@@ -108,7 +108,7 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
     points, pixels = points[seen], pixels[seen]
     current, gradient = sample_with_gradient(data.image, pixels)
     J_point = camera.J_project(points)
-    motion = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -_cross(points)], axis=2)  # v + w x p
+    motion = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -so3.hat(points)], axis=2)  # v + w x p
     J_motion = -J_point @ motion
     share = row_share(pixels[:, 1], camera.height)
     J_shared = lens.J_lens(points, level)
@@ -159,10 +159,3 @@ def sample_with_gradient(image: Plane, pixels: Array) -> tuple[Array, Array]:
 
     gradient = np.stack([at(0.5, 0.0) - at(-0.5, 0.0), at(0.0, 0.5) - at(0.0, -0.5)], axis=-1)
     return at(0.0, 0.0), gradient
-
-
-def _cross(p: Array) -> Array:
-    """Return the matrices (N, 3, 3) of the cross product p x."""
-    out = np.zeros((len(p), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -p[:, 2], p[:, 1], -p[:, 0]
-    return out - np.swapaxes(out, 1, 2)

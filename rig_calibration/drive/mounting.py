@@ -17,8 +17,7 @@ import numpy as np
 
 from rig_calibration.constants import (
     DIFFERENCE,
-    FIXED,
-    MEDIAN_LENGTHS,
+    HELD,
     MIN_PIECES,
     MOUNTING_SIGMA,
     MOUNTING_STEPS,
@@ -31,6 +30,7 @@ from sphere_nav.estimation.covariance import clustered_covariance
 from sphere_nav.estimation.robust import CAUCHY, cauchy_weights
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.trajectory_error import MEDIAN_LENGTHS
 
 NAMES = ("x", "y", "z", "roll", "pitch", "yaw", "way_scale", "turn_scale")
 
@@ -120,7 +120,7 @@ def _fit(A: SE3, B: SE3, start: SE3) -> tuple[Mounting, float]:
     deviations = np.sqrt(np.diagonal(covariance))
     is_told = deviations < MOUNTING_UNOBSERVED
     if not np.all(is_told):
-        X, scales, covariance, sigma = _descend(A, B, start, np.where(is_told, MOUNTING_SIGMA, FIXED))
+        X, scales, covariance, sigma = _descend(A, B, start, np.where(is_told, MOUNTING_SIGMA, HELD))
         deviations = np.where(is_told, np.sqrt(np.diagonal(covariance)), deviations)
     e = hand_eye_residuals(A, B, X, scales)
     rms = float(np.sqrt(3.0 * np.mean(e[:, :3] ** 2))), float(np.sqrt(3.0 * np.mean(e[:, 3:] ** 2)))

@@ -16,11 +16,8 @@ GRID_STEP = 8  # px between the entries of tables that are interpolated (light/t
 VIEW_GRID = Spherical(128, 64)  # directions in which the views of two cameras are compared (range/test_sweep_tables)
 MIN_SHARED_VIEW = 0.03  # of all directions, seen by both cameras of a pair (range/test_sweep_tables, test_lens_check)
 MAX_RATIO = 0.75  # distance of a match over that of the second best: Lowe 2004 has 0.8 (range/test_rectification)
-MIN_BASELINE_M = {
-    "levels": 0.01,
-    "side": 0.02,
-    "stereo": 1e-3,
-}  # below, centers are one (test_layouts)
+# Below it, centers are one (stitching/test_layouts)
+MIN_BASELINE_M = {"levels": 0.01, "side": 0.02, "stereo": 1e-3}
 
 # Exposures and colors (light/test_exposure, light/test_light)
 EXPOSED = (10, 245)  # grey levels between which cameras are compared
@@ -36,7 +33,7 @@ MIN_FALLOFF = 0.01  # below which an image is left as it is
 # Falloff of lenses, Goldman 2010 (light/test_vignetting); deviations before anything is seen
 FALLOFF_STD = 0.4  # of a coefficient: a lens keeps a third of the light at its rim, seldom less
 LIKE_STD = 0.05  # of the difference of a coefficient of two lenses of one kind
-LEAST_COEFFICIENT = -2.0
+LEAST_COEFFICIENT = -2.0  # of the polynomial: no lens loses more light
 EXPOSURE_STD = 1.0  # of an exposure's logarithm
 LEVEL_STD = 2.5  # grey levels, of a level: what is dark says little of a ratio
 RATIO_STD = 0.05  # of the logarithm of a ratio: parallax, reflections
@@ -221,7 +218,7 @@ CORNERS = {"maxCorners": 1200, "qualityLevel": 0.003, "minDistance": 7}  # px
 FLOW = {"winSize": (9, 9), "maxLevel": 5, "criteria": (3, 40, 0.001)}  # px (count and size)
 BACK_PX = 0.3  # a corner that is not found back this near is lost
 MAX_ROWS_APART = 12.0  # px; more is a wrong match
-MIN_CORNERS = 60
+MIN_CORNERS = 60  # of all instants, below which rows are left as they are
 ROW_STEPS, ROW_LOSS_PX = 12, 0.3  # of the fit; scale of Cauchy's loss
 ROW_FLOOR_PX = 0.03  # standard deviation that no number of corners lowers: patches see more than one row
 ROW_PRIOR_PX = 10.0  # standard deviation of each coefficient before anything is seen

@@ -9,8 +9,6 @@ from sphere_mapping.graph.merging import Merged, drop
 from sphere_nav.spheres.experiences import find_places
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 
-MEGA = 1e6
-
 
 @dataclass(frozen=True)
 class Budget:
@@ -26,7 +24,7 @@ class Budget:
         if found is None:
             raise ValueError(f"expected experiences a place, as 3, or megabytes, as 200MB, found {text[:40]!r}")
         number = int(found[1])
-        return Budget(num_bytes=number * MEGA) if found[2] else Budget(number)
+        return Budget(num_bytes=number * 1e6) if found[2] else Budget(number)
 
 
 def thin(graph: SphereGraph, budget: Budget, bytes_per_sphere: float, *, is_whole: bool) -> Merged:

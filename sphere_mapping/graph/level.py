@@ -24,7 +24,10 @@ from sphere_mapping.constants import (
     GROUND_SPREAD,
     GROUND_TOLERANCE,
     GROUND_TRIALS,
+    INDEPENDENT,
     MIN_STILL,
+    NUM_FITS,
+    STEEP,
     STILL_DRIFT,
     STILL_FORCE,
     STILL_RATE,
@@ -34,9 +37,6 @@ from sphere_nav.geometry.arrays import Array
 
 BY_REST, BY_ORIENTATION = "gravity (IMU at rest)", "gravity (orientation of the IMU)"
 BY_GROUND, BY_MOUNTING = "the ground of the first sphere", "the mounting"
-NUM_FITS = 4  # of the plane to the points near it, each by the one before
-INDEPENDENT = 100  # points that err together: neighbours on one floor
-STEEP = 0.9  # of what points up where a vehicle looks at the sky: its left side says where ahead is
 UP = np.array([0.0, 0.0, 1.0])
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from sensor_msgs.msg import Imu
 
-from sphere_mapping.constants import GRAVITY_S, GROUND_LEAN_RAD, MAX_LEAN_RAD, MOUNT_WAIT_S
+from sphere_mapping.constants import GRAVITY_S, GROUND_LEAN_RAD, MAX_LEAN_RAD, MOUNT_WAIT_S, POINTS_STEP
 from sphere_mapping.graph.level import UP, ImuSample, Upright, find_gravity, find_ground
 from sphere_mapping.params import SphereMapperParams
 from sphere_nav.geometry import SE3, so3
@@ -25,7 +25,6 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 NUM_SAMPLES = 2000  # of an IMU that are kept: a second of the fastest
 SAID_NOTHING = (0.0, 0.0, 0.0, 1.0)  # an orientation that drivers send which have none
-POINTS_STEP = 4  # every how many rows and columns of the first sphere the ground is looked for
 
 
 @dataclass(frozen=True, eq=False)

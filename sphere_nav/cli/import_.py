@@ -64,7 +64,6 @@ LENSES = {  # fx, fy, cx, cy in px, as the data sets' pages tell them
     "rover": (596.195, 593.141, 327.046, 245.161, 0.07561608, -0.208873, -0.00233474, 0.00401036),
 }
 LENS = "FX,FY,CX,CY[,K1,K2,P1,P2,K3,K4,K5,K6]"
-TUM_UNITS = 5000.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -92,9 +91,7 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
     images.add_argument("--fps", type=float, metavar="N", help="images a second without stamps (a video's own; 10)")
     _add_kinect_arguments(parser)
     tum = parser.add_argument_group("tum")
-    tum.add_argument(
-        "--depth-units", type=float, default=TUM_UNITS, metavar="N", help="depth units per m (%(default)s)"
-    )
+    tum.add_argument("--depth-units", type=float, default=5000.0, metavar="N", help="depth units per m (%(default)s)")
 
 
 def _add_kinect_arguments(parser: argparse.ArgumentParser) -> None:

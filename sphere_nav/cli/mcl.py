@@ -7,6 +7,7 @@ from typing import Any
 
 from mcl_depth.ros.node import MclDepthNode
 from mcl_depth.site import PRESETS
+from sphere_nav.cli.constants import MAX_LEAP_S
 from sphere_nav.offline import localizing
 from sphere_nav.ros.bags.replay import OfflineBus
 
@@ -23,7 +24,6 @@ examples:
   sphere_nav mcl utm_tile.laz drive --origin 500200,5412300,0 -o poses.tum
   sphere_nav mcl campus drive2 -o poses.tum --bag result --set resampling.num_particles=2000
 """
-MAX_LEAP_S = 3600.0  # between images of a recording, which may be far apart
 TOPICS = ("/pose", "/fix", "/status", "/tf", "/particle_cloud", "/heading", "/trajectory")
 
 

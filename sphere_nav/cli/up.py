@@ -15,8 +15,10 @@ from typing import Any
 
 import yaml
 
+from sphere_nav.cli.constants import LOOK
 from sphere_nav.cli.demo.processes import node_command
-from sphere_nav.ros.compositions import COMPOSITIONS, PATIENCE, Composition, NodeStart, after_exit
+from sphere_nav.ros.compositions import COMPOSITIONS, Composition, NodeStart, after_exit
+from sphere_nav.ros.constants import END_PATIENCE_S
 
 LISTING = "\n".join(f"  {name:<13} {composition.purpose}" for name, composition in COMPOSITIONS.items())
 HELP = f"""\
@@ -31,7 +33,6 @@ examples:
   sphere_nav up mapping rig:=rig.yaml namespace:=car2
   sphere_nav up simulation mode:=teach record:=drive
 """
-LOOK = 0.1  # s between two looks at what still runs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -138,7 +139,7 @@ def _end(running: list[Running]) -> bool:
         item.process.send_signal(signal.SIGINT)
     for item in left:
         try:
-            status = item.process.wait(PATIENCE)
+            status = item.process.wait(END_PATIENCE_S)
         except subprocess.TimeoutExpired:
             item.process.kill()
             status = item.process.wait()

@@ -17,7 +17,7 @@ DIRECTION_BASELINE_M = 0.2  # the direction of motion is measured over this way,
 ALIGNMENTS = ("none", "poses", "se3", "sim3")
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")  # of a tangent vector
 RPE_TOLERANCE = 0.1  # of a stretch of way, by which a pair of poses may be longer or shorter (that of evo)
-MEDIAN_OF_NORM = 1.538  # median of the length of a vector of three errors of standard deviation 1
+MEDIAN_LENGTHS = {2: 1.1774, 3: 1.538}  # median length of so many normal numbers of standard deviation 1: sqrt of chi^2
 HUBER, TUKEY = 3.0, 6.0  # standard deviations: from where the length of three errors counts less, or not at all
 NUM_ROUNDS, SETTLED = 100, 1e-12  # of weighing anew; the step in m or rad that is the last
 LEAST_SIGMA = 1e-9  # m, rad: of poses that agree exactly
@@ -133,7 +133,7 @@ def _weigh(errors: Array, *, is_near: bool) -> tuple[Array, float]:
     Far from the end by Huber's rho, which nothing is lost to; near it by Tukey's, which is blind to what is wrong.
     """
     size = np.linalg.norm(errors, axis=-1)
-    sigma = max(float(np.median(size)) / MEDIAN_OF_NORM, LEAST_SIGMA)
+    sigma = max(float(np.median(size)) / MEDIAN_LENGTHS[3], LEAST_SIGMA)
     huber = np.minimum(1.0, HUBER * sigma / np.maximum(size, LEAST_SIGMA))
     tukey = np.clip(1.0 - (size / (TUKEY * sigma)) ** 2, 0.0, None) ** 2
     return (tukey if is_near else huber) / sigma**2, sigma

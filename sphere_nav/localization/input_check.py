@@ -12,15 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera
+from sphere_nav.localization.constants import (
+    BRIGHT_LEVEL,
+    CLOCK_JUMP_IMAGES,
+    DARK_LEVEL,
+    FROZEN_IMAGES,
+    MAX_CLIPPED_SHARE,
+    MIN_CONTRAST,
+    SAMPLE_STEP,
+)
 from sphere_nav.localization.params import InputParams
 from sphere_nav.localization.status import FINE, Finding, Reason
-
-SAMPLE_STEP = 4  # every fourth pixel of every fourth row is enough for brightness, contrast and equality
-DARK_LEVEL, BRIGHT_LEVEL = 6.0, 250.0  # grey levels up to, and from, which a pixel counts as clipped
-MAX_CLIPPED_SHARE = 0.9
-MIN_CONTRAST = 3.0  # grey levels, standard deviation of an image that shows anything: above the noise of a sensor
-FROZEN_IMAGES = 3  # repeats in a row: with noise not even two images are the same
-CLOCK_JUMP_IMAGES = 3  # in a row make a leap of the stamps a new time
 
 
 @dataclass(frozen=True)

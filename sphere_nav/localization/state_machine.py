@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
+from sphere_nav.localization.constants import FORGIVE_NS, MAX_PROBATION_FACTOR, RECOVERY_IMAGES
 from sphere_nav.localization.params import StateParams
 from sphere_nav.localization.status import FOLLOWING, TRUSTED, State
-
-RECOVERY_IMAGES = 2  # good images in a row from DEGRADED to TRACKING
-MAX_PROBATION_FACTOR = 16  # bound of the doubling of the probation by losses
-FORGIVE_NS = 60_000_000_000  # of tracking, after which one loss is forgotten
 
 
 class StateMachine:

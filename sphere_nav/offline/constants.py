@@ -45,3 +45,24 @@ SURVEY_SIGMA = np.repeat([0.01, np.radians(0.3)], 3)  # (6,) m, rad: standard de
 EDGE_FACTOR = 2.0  # of those of the edges: on real recordings with good truth edges err about twice as much as they say
 MAX_SURVEY_SIGMAS = 5.3  # of six degrees of freedom together: an edge in 10,000 by chance
 MAX_CONTRADICTED = 0.5  # share of the edges above which the survey is refused
+
+# A drive that is mapped or localised (mapping/test_drive, mapping/test_drive_locator)
+MAX_LOST = 0.5  # share of the spheres above which a drive was not mapped
+MIN_WAY_M = 0.1  # of a drive whose drift is told
+MIN_EXPLAINED_SHARE = 0.8  # of the images of a key sphere, above which it adds nothing to the map
+PATIENCE_S = 10.0  # between spheres: the drive's own motion bridges that
+IMU_NS = 1_000_000_000  # of the bag's beginning: its first image may come before the IMU
+
+# Lessons of a drive (lessons/test_learning)
+NUM_DRAWN = 6  # key spheres whose range is drawn: those that placed the image, and the nearest ones beside them
+TEACH_REACH, TEACH_TURN = 0.35, 0.35  # between key spheres of a lesson: share of the radius of a region; rad
+MIN_MEASURED = 0.2  # of the pixels, for a key sphere
+KEY_FLOOR = np.repeat([0.005, 0.002], 3) ** 2  # (6,) m^2, rad^2: added to the covariance of a key image
+MAX_WORSE = 1.05  # of the median distance
+MEDIAN_NOISE = 0.1  # of the standard deviation of a place: a smaller change of the median says nothing
+MAX_OFF = 6.0  # standard deviations of both places from which an image is not where it was, and at least MIN_OFF_M
+MIN_OFF_M = 0.1  # the same, however sure
+MAX_EXAMINED, MAX_JUDGES = 40, 5  # key images of a drive, spread over it; latest other drives
+
+# Places on a network of routes (cli/test_route)
+NETWORK_REACH = 2.0  # m from the network within which a place can be named

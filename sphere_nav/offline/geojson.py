@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from mcl_depth.geometry.geodetic import AXIS, FLATTENING
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import SphereGraph
 
-SEMI_MAJOR_M, FLATTENING = 6378137.0, 1.0 / 298.257223563  # WGS 84
 ECCENTRICITY2 = FLATTENING * (2.0 - FLATTENING)
 DECIMALS = 9  # of a degree: a tenth of a millimetre
 
@@ -78,7 +78,7 @@ def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[st
 
 def _geocentric(lat: float, lon: float) -> np.ndarray:
     """Return the geocentric position (3,) in m of a point on the ellipsoid."""
-    radius = SEMI_MAJOR_M / np.sqrt(1.0 - ECCENTRICITY2 * np.sin(lat) ** 2)
+    radius = AXIS / np.sqrt(1.0 - ECCENTRICITY2 * np.sin(lat) ** 2)
     horizontal = radius * np.cos(lat)
     up = radius * (1.0 - ECCENTRICITY2) * np.sin(lat)
     return np.array([horizontal * np.cos(lon), horizontal * np.sin(lon), up])
@@ -90,8 +90,8 @@ def _geodetic(point: np.ndarray) -> list[float]:
     horizontal = np.hypot(x, y)
     lat = np.arctan2(z, horizontal * (1.0 - ECCENTRICITY2))
     for _ in range(6):
-        radius = SEMI_MAJOR_M / np.sqrt(1.0 - ECCENTRICITY2 * np.sin(lat) ** 2)
+        radius = AXIS / np.sqrt(1.0 - ECCENTRICITY2 * np.sin(lat) ** 2)
         lat = np.arctan2(z + ECCENTRICITY2 * radius * np.sin(lat), horizontal)
-    height = horizontal * np.cos(lat) + z * np.sin(lat) - SEMI_MAJOR_M**2 / radius
+    height = horizontal * np.cos(lat) + z * np.sin(lat) - AXIS**2 / radius
     degrees = [round(float(np.degrees(value)), DECIMALS) for value in (np.arctan2(y, x), lat)]
     return [*degrees, round(float(height), 4)]

@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.spheres.constants import SURFACE_RATIO
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.sphere import Sphere
 
-SURFACE_RATIO = 1.1  # ranges of neighbours that lie on one surface differ by less
-COLOR_16_BIT = 257  # 255 becomes 65535
-MILLIMETER = 0.001  # m, step of coordinates in .laz
 PLY_KIND = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [
     (name, "u1") for name in ("red", "green", "blue")
 ]
@@ -67,7 +65,7 @@ def write_laz(path: Path, clouds: list[MapPoints]) -> int:
     """Write LAZ 1.4 with colour and normals (extra bytes of the names that CloudCompare reads); number of points."""
     points = np.concatenate([cloud.points for cloud in clouds]).astype(np.float64)
     header = laspy.LasHeader(version="1.4", point_format=7)
-    header.scales = np.full(3, MILLIMETER)
+    header.scales = np.full(3, 0.001)  # m, step of coordinates
     header.offsets = np.floor(points.min(axis=0)) if len(points) else np.zeros(3)
     header.add_extra_dims([laspy.ExtraBytesParams(f"Normal{axis}", "f4") for axis in "XYZ"])
     las = laspy.LasData(header)
@@ -75,7 +73,7 @@ def write_laz(path: Path, clouds: list[MapPoints]) -> int:
     normals, rgb = np.concatenate([cloud.normals for cloud in clouds]), np.concatenate([cloud.rgb for cloud in clouds])
     for axis, values in zip("XYZ", normals.T, strict=True):
         las[f"Normal{axis}"] = values
-    las.red, las.green, las.blue = rgb.T.astype(np.uint16) * COLOR_16_BIT
+    las.red, las.green, las.blue = rgb.T.astype(np.uint16) * 257  # 255 becomes 65535
     with path.open("wb") as file:
         las.write(file, do_compress=True)
     return len(points)

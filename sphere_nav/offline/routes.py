@@ -18,9 +18,9 @@ from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.drive_files import read_drives
 from path_follower.routes.network import Network, RouteEdge, Spot
 from path_follower.routes.planning import Route
+from sphere_nav.offline.constants import NETWORK_REACH
 from sphere_nav.ros.maps.reader import open_map
 
-REACH = 2.0  # m from the network within which a place can be named
 ONE_WAY, BOTH, REVERSE, WAY = "#1f77b4", "#2ca02c", "#8c564b", "#d62728"
 
 
@@ -50,9 +50,9 @@ def find_spot(network: Network, x: float, y: float, yaw: float | None) -> Spot:
     turns = [yaw] if yaw is not None else [edge.curve.yaw for edge in network.edges.values()]
     found: list[Spot] = []
     for turn in np.unique(np.round(np.concatenate([np.atleast_1d(t) for t in turns]) / 0.3) * 0.3):
-        found += network.locate(Pose2(x, y, float(turn)), REACH, 0.35)
+        found += network.locate(Pose2(x, y, float(turn)), NETWORK_REACH, 0.35)
     if not found:
-        raise ValueError(f"--at: expected a position within {REACH:g} m of the network, found {x:g}, {y:g}")
+        raise ValueError(f"--at: expected a position within {NETWORK_REACH:g} m of the network, found {x:g}, {y:g}")
     return min(found, key=lambda spot: abs(spot.left))
 
 

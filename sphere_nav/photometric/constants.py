@@ -17,10 +17,7 @@ OVERLAP_CELL = 3  # pixels of the coarsest level: so wide that a covered cell ho
 CONE_GRID = 33  # rows and columns of pixels that show what a camera sees; test_selection
 CONE_MARGIN = np.radians(3.0)  # of the cone: rays bend between two of those pixels; test_selection
 SQUARE_MARGIN = 1e-4  # rad, of the cone of a square: float32; pixels/test_kernels
-MAX_VIEWS, MIN_SQUARES = (
-    1.25,
-    512,
-)  # squares that are kept: by those of one view, and in any case; test_selection
+MAX_VIEWS, MIN_SQUARES = 1.25, 512  # squares kept: by those of one view, and in any case; test_selection
 
 # Behind the edge of a nearer surface: one pixel of the image and one of the gradient; share of the nearer inverse range
 EDGE_PIXELS, EDGE_SHARE = 2, 0.05  # test_reference, test_esm
@@ -37,7 +34,7 @@ GRADIENT_SHARE = 0.2  # of the squared residuals that it explains; noise explain
 LAST_GRADIENT_STEP = 0.1  # share of the bias, below which a step is the last; test_illumination
 
 # Occlusion
-COLUMNS, ROWS = 8, 6  # cells of an image; test_occlusion
+CELLS = (8, 6)  # columns and rows of an image, wherever it is cut; test_occlusion, rig_calibration/boards/test_quality
 MIN_CELL_PIXELS = 12  # of a cell, to be used; test_occlusion
 TYPICAL_QUANTILE = 0.75  # of the cells' cosines: what counts as agreement; test_occlusion
 MIN_COSINE_RATIO = 0.5  # of the typical cosine, below which a cell shows something else; test_occlusion

@@ -17,6 +17,7 @@ from typing import Any
 
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.ros.camera.drivers import read_driver, topics_by_driver
+from sphere_nav.ros.constants import MAX_RESTARTS
 from sphere_nav.ros.site_file import check_site_file, meant
 
 Values = Mapping[str, str]
@@ -26,8 +27,6 @@ TRUE, FALSE = ("true", "True", "yes", "1"), ("false", "False", "no", "0")
 FLAG = (*TRUE, *FALSE)
 TOPIC = re.compile(r"~?/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)  # names as ROS 2 allows them
 NAMESPACE = re.compile(r"/?|/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*/?", re.ASCII)
-PATIENCE = 30.0  # s for a node to end after SIGINT: a recorder completes its bag first
-MAX_RESTARTS = 5  # of one node; more would hide that something is broken
 CANNOT_START = 2  # status of a node that refuses its parameters: a restart changes nothing
 RESTART_AFTER: Mapping[str, float | None] = {  # s from the end of a node to its restart; None: its end ends all
     "command_guard": 0.1,  # a base without a time-out waits for its zero; > 0: an end of all comes first

@@ -13,9 +13,8 @@ MAX_LOOK_S = 0.1  # between two looks at the clock
 MAX_CAUGHT_UP_NS = 10_000_000_000  # of simulated time; all silence has been judged after so long
 
 # Images of an instant (camera/test_synchronizer, camera/test_intake)
-FINGERPRINT_STEP = 4  # every so many rows and columns of an image decide whether it is the last one again
+DEPTH_SLACK_S = 0.01  # depth of one instant differs by less: a third of a period at 30 Hz (camera/test_depth_intake)
 MAX_HOLD_NS = 500_000_000  # largest age of an image that is held for a late one
-FROZEN_AFTER = 3  # equal images in a row, while other cameras change, that are a frozen camera
 MAX_MISSES = 3  # instants in a row without an image, after which a camera is not waited for (without a deadline)
 BACK_NS = 1_000_000_000  # stamps so far before the last instant are of another time (without a deadline)
 SILENCE_NS = 500_000_000  # without any instant, until what is refused of one camera is the answer
@@ -36,9 +35,30 @@ FIRST_IMAGE_S = 2.0  # without any image before it is said
 NUM_COUNTED, MAX_LOST_SHARE = 20, 0.2  # images over which losses are counted; share of them, before it is said
 OFFER_PERIOD_NS = 1_000_000_000  # between two poses of a peer that start a search
 
-# Failures (test_executor, test_rclpy_shell)
+# Failures (test_executor, test_health)
 RECENT_S = 10.0  # for which a failure shows in the diagnostics
 MAX_IN_ROW = 3  # failures of one callback in a row, and it does not work
 MAX_WAITS, PAUSE_S = 50, 0.02  # failed attempts to wait, in a row, before the process ends; between two of them
 MAX_REFUSED = 4  # messages in a row that are refused without an alarm
 LOG_PERIOD_S = 5.0  # between two equal lines of the log
+
+# Bags that are played and recorded (bags/test_player_node, bags/test_playback, bags/test_writer)
+PLAY_TICK = 0.005  # s between two looks at what is due
+PLAY_BUSY = 0.05  # s that one tick may publish before others get a turn
+ACKNOWLEDGED_SIZE = 1 << 16  # B; smaller messages are acknowledged by the next heartbeat, seconds later
+ACKNOWLEDGE_S = 5.0  # s to wait for listeners when playing as fast as they take it
+SETTLE = 0.5  # s from the last awaited listener to the first message: the others need as long to be discovered
+CLOCK_PERIOD = 0.025  # s of wall time between two /clock messages
+TOPICS_PERIOD = 0.2  # s; what is published before its topic is found is not recorded
+OFFERS_PERIOD = 1.0  # s between two looks at the QoS of topics that are recorded already
+LOSS_PERIOD = 30.0  # s between two lines about the losses of a topic
+FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose
+
+# Compositions (test_compositions)
+END_PATIENCE_S = 30.0  # s for a node to end after SIGINT: a recorder completes its bag first
+MAX_RESTARTS = 5  # of one node; more would hide that something is broken
+
+# Diagnostics and the log (test_health, test_throttle, test_service)
+HEALTH_PERIOD = 1.0  # s between two diagnostics
+EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
+REQUEST_PERIOD = 1.0  # s between two lines of requests that failed alike; each of them is answered

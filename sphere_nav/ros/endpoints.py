@@ -11,11 +11,11 @@ from typing import Any, Protocol
 from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
+from sphere_nav.ros.constants import REQUEST_PERIOD
 from sphere_nav.ros.service import answer_always
 from sphere_nav.ros.subscription import Subscription
 
 COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"  # topics of image_transport
-REQUEST_PERIOD = 1.0  # s between two lines of requests that failed alike; each of them is answered
 OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
 
 

@@ -10,7 +10,8 @@ from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from sphere_nav.ros.compositions import COMPOSITIONS, PATIENCE, RESTART_AFTER, Composition, NodeStart, after_exit
+from sphere_nav.ros.compositions import COMPOSITIONS, RESTART_AFTER, Composition, NodeStart, after_exit
+from sphere_nav.ros.constants import END_PATIENCE_S
 from sphere_nav.ros.site_file import meant
 
 PREFIX = "launch-prefix"
@@ -82,7 +83,7 @@ def _node(item: NodeStart, prefix: str | None) -> Any:
         parameters=[*([item.site] if item.site else []), dict(item.parameters)],
         remappings=list(item.topics.items()),
         prefix=prefix,
-        sigterm_timeout=LaunchConfiguration("sigterm_timeout", default=str(PATIENCE)),
+        sigterm_timeout=LaunchConfiguration("sigterm_timeout", default=str(END_PATIENCE_S)),
         respawn=RESTART_AFTER[item.node] is not None,
         respawn_delay=RESTART_AFTER[item.node],
         on_exit=ended,

@@ -13,10 +13,11 @@ from rclpy.parameter import Parameter
 from sphere_nav.params import leaves, param
 from sphere_nav.params import parameters as params_class
 from sphere_nav.ros import parameters
+from sphere_nav.ros.constants import EXPLAIN_PERIOD
 from sphere_nav.ros.endpoints import OK, WARN, Endpoints
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.node import Log, ManagedNode, ThrottledLog
-from sphere_nav.ros.rclpy_shell import EXPLAIN_PERIOD, RclpyShell
+from sphere_nav.ros.rclpy_shell import RclpyShell
 from sphere_nav.ros.service import one_line
 
 

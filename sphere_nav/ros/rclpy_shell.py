@@ -19,16 +19,13 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.actions import GuardedActionServer
-from sphere_nav.ros.constants import LOG_PERIOD_S, MAX_REFUSED
+from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints, Log
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
-
-HEALTH_PERIOD = 1.0  # s
-EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
 
 
 class LivePublisher:

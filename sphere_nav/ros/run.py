@@ -7,6 +7,7 @@ back to the system (glibc; with other C libraries nothing happens), and its thre
 from __future__ import annotations
 
 import ctypes
+import mmap
 import os
 import re
 import signal
@@ -34,11 +35,9 @@ from sphere_nav.ros.shared_files import share_file
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this one only
 TURN_S = 5e-4  # after which a thread lets another one run that waits; 10 times that by itself
-TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3  # names of mallopt(3)
 LARGE = 1 << 20  # bytes: planes of key spheres, not what an image of a camera needs
 COMPILER = "libllvmlite"  # has loaded the kernels, and has nothing more to do: 70 MB of its code
 CODE = re.compile(r"([0-9a-f]+)-([0-9a-f]+) r-xp \S+ \S+ \d+ +(/.*)")  # of a file, in /proc/self/maps
-DONTNEED = 4  # of madvise(2)
 SPARE = 1 << 25  # bytes that stay for the next image
 
 
@@ -187,8 +186,8 @@ def return_large_blocks() -> None:
     """
     with suppress(AttributeError, OSError):
         libc: Any = ctypes.CDLL(None)
-        libc.mallopt(MMAP_THRESHOLD, LARGE)
-        libc.mallopt(TRIM_THRESHOLD, SPARE)
+        libc.mallopt(-3, LARGE)  # M_MMAP_THRESHOLD
+        libc.mallopt(-1, SPARE)  # M_TRIM_THRESHOLD
 
 
 def return_free_memory() -> None:
@@ -206,4 +205,4 @@ def _return_code(library: str) -> None:
         found = CODE.match(line)  # code is never written to: nothing is lost
         if found is not None and library in found[3]:
             first, end = (int(word, 16) for word in found.groups()[:2])
-            madvise(first, end - first, DONTNEED)
+            madvise(first, end - first, mmap.MADV_DONTNEED)

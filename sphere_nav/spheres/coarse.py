@@ -9,17 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import Spherical
+from sphere_nav.spheres.constants import MIN_COARSE_SIDE, SURFACE_RATIO
 from sphere_nav.spheres.sphere import UNSEEN, Image, Range, Sphere
-
-MIN_SIDE = 96  # px; 1024 rows become 128
-SURFACE_RATIO = 1.1  # ranges within this ratio of the nearest in a block are one surface
-
 
 _known: WeakKeyDictionary[Sphere, Sphere] = WeakKeyDictionary()  # as long as the large ones are
 
 
 def coarse_sphere(sphere: Sphere) -> Sphere:
-    """Return the grey sphere, halved as often as no side gets shorter than `MIN_SIDE`; kept with the large one."""
+    """Return the grey sphere, halved while no side gets shorter than `MIN_COARSE_SIDE`; kept with the large one."""
     small = _known.get(sphere)
     if small is None:
         small = _known[sphere] = _halved(sphere)
@@ -39,7 +36,7 @@ def _halved(sphere: Sphere) -> Sphere:
 def _can_halve(camera: Spherical) -> bool:
     if camera.is_whole and (camera.width % 4 or camera.height % 2):
         return False
-    return min(camera.width, camera.height) // 2 >= MIN_SIDE
+    return min(camera.width, camera.height) // 2 >= MIN_COARSE_SIDE
 
 
 def nearest_surface(range_m: Range, factor: int) -> Range:

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from sphere_nav.spheres.constants import FADING, PLACE_REACH, PLACE_TURN
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
-
-PLACE_REACH = 0.5  # of the radius of a region: key spheres so near each other are of one place
-PLACE_TURN = 0.6  # rad between views of one place, where spheres do not see in every direction
-FADING = 0.5  # weight of what a key sphere explained, with each later drive: the last few decide
 
 
 @dataclass(frozen=True)

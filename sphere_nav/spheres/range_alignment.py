@@ -17,7 +17,7 @@ from sphere_nav.estimation.robust import HUBER, huber_weights
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.spheres.coarse import MIN_SIDE, coarse_sphere, nearest_surface
+from sphere_nav.spheres.coarse import coarse_sphere, nearest_surface
 from sphere_nav.spheres.constants import (
     EDGE_SHARE,
     MAX_GAP,
@@ -25,6 +25,7 @@ from sphere_nav.spheres.constants import (
     MAX_NORMAL_ANGLE,
     MAX_RANGE_SIGMA,
     MIN_COARSE_AGREEMENT,
+    MIN_COARSE_SIDE,
     MIN_FACING_SHARE,
     MIN_RANGE_AGREEMENT,
     MIN_RANGE_OVERLAP,
@@ -72,7 +73,7 @@ class RangeImage:
         """Return what alignment needs of a depth image; ValueError for one that is not of its camera's size."""
         depth_m, camera, factor = depth.depth_m, depth.camera, 1
         check_depth(depth_m, camera)
-        while min(camera.width, camera.height) // 2 >= MIN_SIDE:
+        while min(camera.width, camera.height) // 2 >= MIN_COARSE_SIDE:
             camera, factor = camera.halve(), 2 * factor
         used = depth_m[: camera.height * factor, : camera.width * factor].astype(np.float32)
         small = nearest_surface(np.where(used > 0.0, used, np.float32(np.nan)), factor)

@@ -14,20 +14,22 @@ from functools import cache
 
 import numpy as np
 
-from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.view_synthesis.constants import (
+    MAX_DOUBLINGS,
+    MAX_RESOLUTION_RATIO,
+    MIN_USABLE_SHARE,
+    NUM_BISECTIONS,
+    NUM_DIRECTIONS,
+    SKY,
+    WINDOW,
+)
 from sphere_nav.view_synthesis.surface import Surface, surface_of
 from sphere_nav.view_synthesis.synthesis import draw_surfaces
-
-MAX_RATIO = 2.0  # of resolutions
-MIN_SHARE = 0.2  # of what is usable at the sphere: both kinds of error were alike on towns 3, 5, 7 and 11
-WINDOW = Spherical(96, 21, 96, 0.0, 13.5)  # of 40 degrees above and below the horizon, where cameras look
-SKY = np.float32(1 / 300.0)  # 1/m: what is farther tells no position
-NUM_DIRECTIONS = 6
-MAX_DOUBLINGS, NUM_BISECTIONS = 4, 3
 
 
 def region_radius(sphere: Sphere) -> float:
@@ -59,7 +61,7 @@ def usable_share(surface: Surface, shift_m: Array) -> float:
     down = (rays[2:, 1:-1] - rays[:-2, 1:-1]) / (2 * step)
     a, b, c = (np.sum(one, axis=-1) for one in (across**2, across * down, down**2))
     mean, spread = 0.5 * (a + c), np.sqrt(np.maximum(0.25 * (a - c) ** 2 + b**2, 0.0))
-    is_alike = (mean + spread < MAX_RATIO**2) & (mean - spread > MAX_RATIO**-2)
+    is_alike = (mean + spread < MAX_RESOLUTION_RATIO**2) & (mean - spread > MAX_RESOLUTION_RATIO**-2)
     weight = np.broadcast_to(cosine[1:-1], is_alike.shape)
     return float(np.sum(weight * (is_alike & is_known[1:-1, 1:-1])) / np.sum(weight))
 
@@ -113,7 +115,7 @@ def _start(sphere: Sphere) -> list[_Reach]:
     if not finite.size:
         return []
     surface, step_m = surface_of(small), float(np.median(finite))
-    needed = MIN_SHARE * usable_share(surface, np.zeros(3))
+    needed = MIN_USABLE_SHARE * usable_share(surface, np.zeros(3))
     azimuths = 2 * np.pi * np.arange(NUM_DIRECTIONS) / NUM_DIRECTIONS
     directions = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(NUM_DIRECTIONS)], axis=1)
     return [_Reach(surface, direction, needed, step_m) for direction in directions]

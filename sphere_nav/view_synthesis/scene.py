@@ -14,10 +14,10 @@ from sphere_nav.geometry import SE3, Camera
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.view_synthesis.constants import NUM_BLENDED
 from sphere_nav.view_synthesis.surface import Surface, surface_of
 from sphere_nav.view_synthesis.synthesis import PlacedSurface, SynthesizedView, blend_weights, synthesize
 
-NUM_BLENDED = 2
 MIN_KEPT = 2 * NUM_BLENDED  # however large they are
 
 

@@ -14,20 +14,10 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import Spherical
 from sphere_nav.spheres.sphere import Image, Sphere
 from sphere_nav.view_synthesis import kernels
+from sphere_nav.view_synthesis.constants import BREAK, FLAT, PER_TURN
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int32]
-
-# Limits of differences in nearness: as share of it, and for far surfaces in 1/m.
-BREAK = (
-    np.float32(0.03),
-    np.float32(0.004),
-)  # of neighbours on one surface from its slope: 2 m open less than 0.5 deg
-FLAT = (
-    np.float32(0.003),
-    np.float32(5e-4),
-)  # of a pixel of a large quad from its plane: half a pixel after 2 m
-PER_TURN = 256  # of the largest quads: their planes bend from the sphere by less than 1e-4 rad
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,12 +17,10 @@ from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.spheres.sphere import Image, Range
 from sphere_nav.view_synthesis import kernels
+from sphere_nav.view_synthesis.constants import MIN_KNOWN_NEIGHBORS, POLE_RAD, SAME_SURFACE
 from sphere_nav.view_synthesis.surface import Floats, Surface
 
-AGREEMENT = np.float32(0.05), np.float32(0.005)  # of nearness, 1/m: drawings that differ by less show one surface
-POLE_RAD = 0.35  # around each pole of a drawing on a whole sphere, that is drawn apart
 POLES = (SE3.exp([0, 0, 0, np.pi, 0, 0]), SE3.identity())  # looking down and up along the axis of a sphere
-MIN_KNOWN = 5  # of 8 neighbours: holes that hold no more than a line of pixels are closed
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +54,10 @@ def synthesize(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Cam
     for one, (nearness, source) in zip(surfaces, drawings, strict=True):
         surface, weight = one.surface, np.float32(max(one.weight, 1e-3))  # what one alone saw is never left out
         arrays = surface.image, surface.camera.is_whole, nearness, source, nearest
-        kernels.add_colors(*arrays, *AGREEMENT, weight, total, weights)
+        kernels.add_colors(*arrays, *SAME_SURFACE, weight, total, weights)
     image, range_m = np.empty(total.shape, np.uint8), np.empty(nearest.shape, np.float32)
     kernels.divide_by_weights(total, weights, nearest, image, range_m)
-    kernels.close_pinholes(weights, MIN_KNOWN, image, range_m)
+    kernels.close_pinholes(weights, MIN_KNOWN_NEIGHBORS, image, range_m)
     return SynthesizedView(image, range_m, ~np.isnan(range_m))
 
 

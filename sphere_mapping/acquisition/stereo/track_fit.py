@@ -30,7 +30,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
 )
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights
-from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry import SE3, Pinhole, so3
 from sphere_nav.geometry.arrays import Array
 
 
@@ -192,11 +192,5 @@ class _State:
             J_columns[k, :, 2] = basis
             if k:
                 J_poses[k, :, :, 6 * k - 6 : 6 * k - 3] = by_point * self.inverse[:, None, None]
-                J_poses[k, :, :, 6 * k - 3 : 6 * k] = -by_point @ _skew(p)
+                J_poses[k, :, :, 6 * k - 3 : 6 * k] = -by_point @ so3.hat(p)
         return r, J_columns, J_inverse, J_poses
-
-
-def _skew(p: Array) -> Array:
-    out = np.zeros((len(p), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -p[:, 2], p[:, 1], -p[:, 0]
-    return out - np.swapaxes(out, 1, 2)

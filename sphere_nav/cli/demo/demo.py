@@ -18,6 +18,7 @@ from tqdm import tqdm
 from cycab_sim.params import CONDITIONS, SimParams
 from cycab_sim.sensors.rigs import rig_camera_names
 from cycab_sim.world.worlds import build_world
+from sphere_nav.cli.constants import MAX_LATERAL, MIN_DRIVEN, PAUSE_AT
 from sphere_nav.cli.demo.plots import plot_errors, plot_top_view
 from sphere_nav.cli.demo.processes import Processes
 from sphere_nav.cli.demo.report import DriveErrors, drive_errors, read_estimate, read_truth
@@ -42,8 +43,6 @@ examples:
   sphere_nav demo --mounting inverted
   sphere_nav demo --condition overcast
 """
-MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within it)
-MIN_DRIVEN = 0.95  # share of the path that must be driven
 BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} m, {elapsed}, {remaining} left"
 SIMULATION = {
     "has_stamped_command": True,
@@ -73,7 +72,6 @@ OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and
 LOCK_STEP = {"clock.is_strict": True, "clock.real_time_factor": 0.0}  # time waits, however slow the computer
 TEACHING = {"mode": "teach", "camera.period": 0.0}  # the rig sees what is mapped, the camera drives later
 SEE_ALL = {"use_sim_time": True, "every_image": True}
-PAUSE_AT = 4.0  # s of simulated time at which it stands until the follower is armed: found after half a second
 WARM_UP = (
     "from sphere_nav import photometric; photometric.warm_up(); "
     "from sphere_mapping.acquisition import kernels; kernels.warm_up()"

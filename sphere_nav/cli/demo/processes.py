@@ -16,13 +16,13 @@ from typing import Any, Self
 
 import yaml
 
-from sphere_nav.ros.compositions import PATIENCE
+from sphere_nav.cli.constants import MIN_WORK_SHARE
+from sphere_nav.ros.constants import END_PATIENCE_S
 
 # However this process ends, the kernel of Linux then tells its children to (PR_SET_PDEATHSIG is 1).
 FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
 NODE = "from {module} import main; sys.exit(main())"
 LOOK = 5.0  # s over which it is measured who works
-MIN_SHARE = 0.8  # of that time on a processor, or waiting for one; idle nodes have 0.45 where the load is 7 per core
 
 
 def module_of(node: str) -> str:
@@ -57,7 +57,7 @@ def are_busy(pids: Mapping[str, int]) -> list[str]:
     """Return the names of those processes that work, or would if they were let; takes `LOOK` s."""
     before = {name: wanted_seconds(pid) for name, pid in pids.items()}
     time.sleep(LOOK)
-    return [name for name, pid in pids.items() if wanted_seconds(pid) - before[name] > MIN_SHARE * LOOK]
+    return [name for name, pid in pids.items() if wanted_seconds(pid) - before[name] > MIN_WORK_SHARE * LOOK]
 
 
 class Processes:
@@ -126,7 +126,7 @@ class Processes:
             process.send_signal(signal.SIGINT)
         while True:
             try:
-                process.wait(PATIENCE)
+                process.wait(END_PATIENCE_S)
                 return
             except subprocess.TimeoutExpired:
                 if not are_busy({node: process.pid}):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sphere_nav.cli.constants import MOVING, TRUTH_SPACING
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory
@@ -14,8 +15,6 @@ from sphere_nav.geometry.trajectory_error import absolute_errors, directions_of_
 from sphere_nav.offline.pose_bags import read_poses
 
 TRUTH, ESTIMATE = "/ground_truth/odometry", "/pose"
-MOVING = 0.05  # m/s, slower is standing
-SPACING = 0.02  # m between the points of the taught path that distances are measured to
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +63,7 @@ def distances_from_path(points: Array, path: Array, yaw: Array | None = None) ->
     """
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     distinct = np.concatenate([[True], np.diff(length) > 0])
-    s = np.arange(0.0, length[-1], SPACING)
+    s = np.arange(0.0, length[-1], TRUTH_SPACING)
     dense = np.stack([np.interp(s, length[distinct], path[distinct, axis]) for axis in (0, 1)], axis=-1)
     ahead = np.gradient(dense, axis=0)
     if yaw is not None:
@@ -73,7 +72,7 @@ def distances_from_path(points: Array, path: Array, yaw: Array | None = None) ->
         ahead = heading * np.where(np.sum(ahead * heading, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     place, places, lateral = 0, [], []
-    reach = round(2.0 / SPACING)
+    reach = round(2.0 / TRUTH_SPACING)
     for point in points:
         window = slice(max(0, place - 10), place + reach)
         place = window.start + int(np.argmin(np.sum((dense[window] - point) ** 2, axis=1)))

@@ -18,14 +18,11 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
+from sphere_nav.cli.constants import LOOK, MAX_CALLS, SILENCE, STALL
 from sphere_nav.cli.demo.processes import Processes
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import stamp_ns
 
-STALL = 30.0  # s of simulated time without motion of the car that end a drive
-SILENCE = 240.0  # s of wall time without news after which it matters whether any process works
-LOOK = 0.1  # s
-MAX_CALLS = 600  # of a service that refuses
 SERVICES = {
     "path_follower/start": Trigger,
     "path_follower/stop": Trigger,

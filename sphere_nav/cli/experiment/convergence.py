@@ -32,20 +32,16 @@ from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.cli.demo.demo import new_folder
 from sphere_nav.cli.demo.plots import save_figure
+from sphere_nav.cli.experiment.drives import ASIDE, CAMERA_X, HEIGHT, NEAR, PANORAMA, SURVEY_SPACING
 from sphere_nav.cli.experiment.result import JudgedFigure, write_result
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
+from sphere_nav.ros.conversions.stamps import SECOND
 
-HEIGHT = 1.8  # m, of the camera above the ground
-SPACING = 0.2  # m between the points of the cloud
 SIDE = 100.0  # m, of the part of the town in which the camera may be
-STEP, SECOND = 1.0, 1_000_000_000  # m and ns from image to image
-ASIDE = 0.5  # m beside the path at most
+STEP = 1.0  # m from image to image, a second each
 WAY_SHARE, TURN_DEG = 0.05, 1.0  # what odometry has wrong: of a way; after a way of one metre, growing with its root
-NEAR = 1.0  # m from the truth is the right place
-CAMERA_X = 0.4  # m before the rear axle
-CAMERA = {"camera.model": "panorama", "camera.size": "360,96", "camera.mounting_deg": f"{CAMERA_X},0,{HEIGHT},0,0,0"}
 SETTINGS = {  # of the curves: particles, and whether their headings are adjusted
     "1000, adjusted": (1000, True),
     "1000, as drawn": (1000, False),
@@ -88,9 +84,9 @@ class Convergence:
         plan = draw_plan(seed)
         x, y, half = plan.east / 2, plan.north / 2, SIDE / 2
         limits = f"{x - half:.2f},{y - half:.2f},{x + half:.2f},{y + half:.2f}"
-        cloud = cloud_from_points(geometry_cloud(seed, SPACING, "town").astype(np.float32), "town")
+        cloud = cloud_from_points(geometry_cloud(seed, SURVEY_SPACING, "town").astype(np.float32), "town")
         self.site = Site(cloud, HEIGHT, build(FilterParams, {"area.limits": limits}), is_ready=False)
-        simulation = {"seed": seed, "path": "block", "traffic.density": "usual"} | CAMERA
+        simulation = {"seed": seed, "path": "block", "traffic.density": "usual"} | PANORAMA
         self.simulator = Simulator(build(SimParams, simulation))
 
     def run(self) -> bool:

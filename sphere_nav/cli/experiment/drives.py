@@ -39,6 +39,10 @@ ALL_AROUND = {  # a lens for both localisers: half of the sphere
     "camera.mounting_deg": "0.4,0,1.8,0,0,0",
 }
 SURVEY_SPACING, SURVEY_MARGIN = 0.2, 30.0  # m between points; m around the path, in which mcl_depth searches
+ASIDE = 0.5  # m beside the path at most, of starts and drives that are drawn
+NEAR = 1.0  # m from the truth, that is the right place for mcl_depth
+CAMERA_X, HEIGHT = 0.4, 1.8  # m before the rear axle, and above the ground, of a panoramic camera
+PANORAMA = {"camera.model": "panorama", "camera.size": "360,96", "camera.mounting_deg": f"{CAMERA_X},0,{HEIGHT},0,0,0"}
 
 
 class PaperDrive(Demo):

@@ -13,7 +13,7 @@ from sphere_nav.cli.demo.demo import DRIVE_TOPICS
 from sphere_nav.cli.demo.plots import save_figure
 from sphere_nav.cli.demo.report import distances_from_path, read_truth
 from sphere_nav.cli.demo.watch import DriveMonitor
-from sphere_nav.cli.experiment.drives import PaperDrive
+from sphere_nav.cli.experiment.drives import PANORAMA, PaperDrive
 from sphere_nav.cli.experiment.plans import planar
 from sphere_nav.cli.experiment.result import JudgedFigure
 from sphere_nav.geometry.arrays import Array
@@ -22,11 +22,9 @@ from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import poses_to_path
 
-PANORAMA = {"camera.model": "panorama", "camera.size": "360,96", "camera.mounting_deg": "0.4,0,1.8,0,0,0"}
 GOOD_DEG = 45.0  # a direction this close to that of the path ahead brings the car nearer
 AHEAD = 4.0  # m along the path: where the true direction points
 BEGIN = 2.0  # m along the taught path, of the path that is shown
-ARROWS = 3.0  # m of an arrow
 DIRECTION = "/homing/direction"
 
 
@@ -73,7 +71,7 @@ class HomingDrive(PaperDrive):
         axes.plot(*taught[:, :2].T, "-", color="0.6", linewidth=3, label="taught (truth)")
         axes.plot(*driven[:, :2].T, "-", color="tab:red", label="driven by direction (truth)")
         angles = poses[:, 2] + directions
-        arrows = ARROWS * np.cos(angles), ARROWS * np.sin(angles)
+        arrows = 3.0 * np.cos(angles), 3.0 * np.sin(angles)  # m
         axes.quiver(
             *poses[:, :2].T, *arrows, angles="xy", scale_units="xy", scale=1, width=0.002, color="tab:blue",
             label="direction of an image",

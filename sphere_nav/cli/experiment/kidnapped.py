@@ -24,7 +24,7 @@ from sphere_nav.cli.demo.demo import DRIVE_TOPICS, has_ended
 from sphere_nav.cli.demo.plots import save_figure
 from sphere_nav.cli.demo.report import ESTIMATE, read_truth
 from sphere_nav.cli.demo.watch import DriveMonitor
-from sphere_nav.cli.experiment.drives import ALL_AROUND, PaperDrive, beside, teleport
+from sphere_nav.cli.experiment.drives import ALL_AROUND, ASIDE, NEAR, PaperDrive, beside, teleport
 from sphere_nav.cli.experiment.result import JudgedFigure
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -37,8 +37,8 @@ from sphere_nav.ros.conversions import pose_to_se3, stamp_ns
 
 BY_HAND = 30.0  # m after which a start counts as not found
 BY_ITSELF = 10.0  # m that are driven by the follower
-ASIDE, TURNED = 0.5, 10.0  # m, deg: beside the path at most
-NEAR, RIGHT = 1.0, 0.3  # m from the truth: what mcl_depth may be off, and dense_localizer
+TURNED = 10.0  # deg from the path at most
+RIGHT = 0.3  # m that dense_localizer may be off
 COARSE = "/mcl/pose"
 
 

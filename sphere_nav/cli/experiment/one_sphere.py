@@ -29,11 +29,11 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
 from sphere_nav.photometric import View, build_pyramid, prepare_reference, register
+from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import Sphere
 
 STEP, NUM_SPHERES = 0.2, 500  # m; M15 fig. 3 has 500 images
 MAX_MAD = KeySphereParams().max_mad_share * MAX_GRAY  # grey levels: eq. 12
-SECOND = 1_000_000_000
 NUM_POSES, FARTHEST = 240, 6.0  # around a sphere; m
 BESIDE = 20.0  # m along the path, where that sphere is
 TURNS, LOOK = 7.3, 2.4  # of the spiral; of the camera for each of them

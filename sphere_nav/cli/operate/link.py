@@ -23,14 +23,13 @@ from sphere_nav_msgs.srv import LoadMap, LoadTrajectory
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
+from sphere_nav.cli.constants import ANSWER_S, CONFIRMED_S, STOP_ANSWER_S, WITHDRAW_S
 from sphere_nav.cli.operate.words import Heard, Place, places_of
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import read_gray
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.node import ThrottledLog
 
-ANSWER_S, CONFIRMED_S = 5.0, 2.0  # to wait for the answer to a call; for the state that shows that it was done
-STOP_ANSWER_S = 1.0
 AT_REST = ("NO_PATH", "IDLE", "STOPPED", "FINISHED")
 EXPECTED = {  # states that confirm a command
     "start": ("DRIVING", "SLOW"),
@@ -39,7 +38,6 @@ EXPECTED = {  # states that confirm a command
     "stop": ("STOPPING", *AT_REST),
 }
 NAVIGATE = "sphere_nav_msgs/action/Navigate"
-WITHDRAW_S = 0.5  # from a release of the emergency stop until nobody publishes it any more
 LOOK_S = 0.02
 TRAIL_STEP_M, MAX_TRAIL = 0.1, 20_000
 

@@ -16,21 +16,22 @@ from typing import Any
 import cv2
 import numpy as np
 
+from sphere_nav.cli.constants import ALIVE_S, PERIOD_S, PICTURE_S
 from sphere_nav.cli.operate.link import Link
 from sphere_nav.cli.operate.teaching import Teaching
 from sphere_nav.cli.operate.words import Place, banner, ellipse, health, log_of, pieces, way_driven
 from sphere_nav.cli.view.server import colored, make_server
 
-PERIOD_S, PICTURE_S = 0.2, 0.5  # between two looks at what was heard; between two pictures
-MAX_PICTURE_PX = 320
-ALIVE_S = 1.0  # within which a browser has to answer where the dead-man switch is on
 TOKEN_KEY = "sphere_nav_token"
-CAR, CAR_OLD, PATH = (200, 30, 30), (140, 140, 140), (40, 90, 160)
-TRAIL, SPHERES, PLACE = (220, 120, 30), (150, 150, 150), (20, 130, 60)
+COLORS = {
+    "car": (200, 30, 30),
+    "old": (140, 140, 140),
+    "path": (40, 90, 160),
+    "trail": (220, 120, 30),
+    "spheres": (150, 150, 150),
+    "place": (20, 130, 60),
+}
 BODY_M = (1.9, 1.2, 0.6)  # of the box that stands for the vehicle, as the Cycab
-OLD_S = 1.0  # after which a pose is shown in grey
-ABOVE_M, STEP_M = 25.0, 0.5  # of the camera at the beginning; by which the map moves
-WINDOW_PX = 240.0  # from above, of the window with the emergency stop: below what a browser reports
 NO_PATH, NO_PLACE = "(no path here)", "(no places heard)"
 
 
@@ -103,7 +104,7 @@ class Desk:
         self._drawn: dict[str, int] = {}
         self._places: list[Place] = []
         self._middle = np.zeros(3)  # of what the map shows
-        client.camera.position, client.camera.look_at = (-3.0, 0.0, ABOVE_M), (0.0, 0.0, 0.0)
+        client.camera.position, client.camera.look_at = (-3.0, 0.0, 25.0), (0.0, 0.0, 0.0)
         self._add_stops()
         tabs = client.gui.add_tab_group()
         with tabs.add_tab("drive"):
@@ -124,7 +125,7 @@ class Desk:
         window = gui.add_panel()
         with window.add_tab("emergency"):
             self._emergencies.append(gui.add_button("EMERGENCY STOP", color="red", icon="hand-stop"))
-        window.float(x=20.0, y=WINDOW_PX, width=220.0)
+        window.float(x=20.0, y=240.0, width=220.0)  # below what a browser reports
         for button in self._emergencies:  # pressed once more it is still pressed: two quick clicks release nothing
             button.on_click(lambda _: self._do(self.link.press_emergency))
         self._release = gui.add_button("release the emergency stop", visible=self.link.is_pressed)
@@ -230,9 +231,9 @@ class Desk:
         set_if_new(self._path, "options", tuple(self.teaching.paths or [NO_PATH]))
         set_if_new(self._recorded, "options", tuple(self.teaching.drives or [NO_PATH]))
         self._show_places(seen.told("places")[0] or [])
-        self._draw("path", seen.told("path")[0], PATH, 0.02)
+        self._draw("path", seen.told("path")[0], COLORS["path"], 0.02)
         driven = way_driven(seen)
-        self._draw("driven", driven, TRAIL, 0.2)  # well above: from far away depths of a browser are coarse
+        self._draw("driven", driven, COLORS["trail"], 0.2)  # well above: from far away depths of a browser are coarse
         if driven:
             self._move_map(*driven[-1])
         self._show_spheres(seen.told("spheres")[0])
@@ -254,7 +255,7 @@ class Desk:
             return
         self._drawn["spheres"] = len(points)
         solid = np.column_stack([points, np.zeros(len(points))]).astype(np.float32)
-        self.client.scene.add_point_cloud("/spheres", points=solid, colors=SPHERES, point_size=0.25)
+        self.client.scene.add_point_cloud("/spheres", points=solid, colors=COLORS["spheres"], point_size=0.25)
 
     def _show_places(self, places: list[Place]) -> None:
         if places == self._places:
@@ -263,7 +264,7 @@ class Desk:
         self._place.options = tuple(place.name for place in places) or (NO_PLACE,)
         for i, place in enumerate(places):
             spot = (place.x, place.y, 0.0)
-            ball = self.client.scene.add_icosphere(f"/place_{i}", radius=0.5, color=PLACE, position=spot)
+            ball = self.client.scene.add_icosphere(f"/place_{i}", radius=0.5, color=COLORS["place"], position=spot)
             ball.on_click(lambda _, name=place.name: set_if_new(self._place, "value", name))
             self.client.scene.add_label(f"/place_{i}/name", place.name)
 
@@ -271,7 +272,7 @@ class Desk:
         if pose is None:
             return
         x, y, yaw, covariance = pose
-        color = CAR if age < OLD_S else CAR_OLD
+        color = COLORS["car" if age < 1.0 else "old"]
         turned = (float(np.cos(0.5 * yaw)), 0.0, 0.0, float(np.sin(0.5 * yaw)))
         ahead = (x + 0.6 * np.cos(yaw), y + 0.6 * np.sin(yaw), 0.5 * BODY_M[2])  # the base is the rear axle
         scene = self.client.scene
@@ -285,7 +286,7 @@ class Desk:
     def _move_map(self, x: float, y: float) -> None:
         """Move the view as the vehicle moves; how it is turned and how near it is, the mouse says."""
         step = np.array([x, y, 0.0]) - self._middle
-        if not self._follows.value or np.hypot(*step[:2]) < STEP_M:
+        if not self._follows.value or np.hypot(*step[:2]) < 0.5:
             return
         camera, self._middle = self.client.camera, self._middle + step
         with self.client.atomic():
@@ -296,7 +297,7 @@ class Desk:
         for name, shown in self._pictures.items():
             gray = self.link.picture(name)
             if gray is not None:
-                scale = min(1.0, MAX_PICTURE_PX / gray.shape[1])
+                scale = min(1.0, 320 / gray.shape[1])
                 shown.image = colored(cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
 
 

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.cli.constants import SILENT_S
 from sphere_nav.geometry.files.untrusted import load_json, number
 
-SILENT_S = 1.5  # s after which what a node said holds no more
-ELLIPSE_SIGMAS, ELLIPSE_POINTS = 2.0, 48
 MAX_TOLD = 8  # lines of the log that are shown
 MAX_DRAWN = 2000  # points of a line on the map
 LEVELS = ("OK", "WARN", "ERROR", "STALE")
@@ -121,9 +120,9 @@ def health(seen: Heard) -> str:
 def ellipse(x: float, y: float, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points (N, 2) of the closed line that a place (m, covariance (2, 2) m^2) is within, at 2 deviations."""
     values, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    turn = np.linspace(0.0, 2.0 * np.pi, ELLIPSE_POINTS)
+    turn = np.linspace(0.0, 2.0 * np.pi, 48)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    points: NDArray[np.float64] = circle * (ELLIPSE_SIGMAS * np.sqrt(np.maximum(values, 0.0))) @ axes.T + (x, y)
+    points: NDArray[np.float64] = circle * (2.0 * np.sqrt(np.maximum(values, 0.0))) @ axes.T + (x, y)
     return points
 
 

@@ -24,9 +24,13 @@ from sphere_nav.view_synthesis.synthesis import SynthesizedView
 
 SIDE, BORDER = 300, 20  # px
 MIN_EXTENT_M = 10.0
-PAPER = (250, 250, 247)
-COLORS = {"way": (150, 150, 150), "loops": (220, 120, 30), "key": (40, 90, 160), "camera": (200, 30, 30)}
-ARROW_PX = 14.0
+COLORS = {
+    "paper": (250, 250, 247),
+    "way": (150, 150, 150),
+    "loops": (220, 120, 30),
+    "key": (40, 90, 160),
+    "camera": (200, 30, 30),
+}
 Picture = NDArray[np.uint8]
 
 
@@ -38,7 +42,7 @@ class Minimap:
         self._middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         extent = max(float(np.ptp(points, axis=0).max()), MIN_EXTENT_M)
         self._scale = (SIDE - 2 * BORDER) / extent
-        self._base: Picture = np.full((SIDE, SIDE, 3), PAPER, np.uint8)
+        self._base: Picture = np.full((SIDE, SIDE, 3), COLORS["paper"], np.uint8)
         for edge in graph.edges:
             ends = [tuple(self.pixel(graph[end].T_map_sphere)) for end in (edge.a, edge.b)]
             cv2.line(self._base, *ends, COLORS["loops" if edge.is_loop else "way"], 1, cv2.LINE_AA)
@@ -56,7 +60,7 @@ class Minimap:
         u, v = self.pixel(T_map_camera)
         ahead = T_map_camera.rotation[:2, 2]
         length = float(np.linalg.norm(ahead))
-        du, dv = ARROW_PX * ahead / length * (1.0, -1.0) if length > 1e-6 else (0.0, 0.0)
+        du, dv = 14.0 * ahead / length * (1.0, -1.0) if length > 1e-6 else (0.0, 0.0)
         tip = (round(u + float(du)), round(v + float(dv)))
         cv2.arrowedLine(picture, (u, v), tip, COLORS["camera"], 2, cv2.LINE_AA, tipLength=0.5)
         cv2.circle(picture, (u, v), 4, COLORS["camera"], -1, cv2.LINE_AA)
@@ -65,9 +69,6 @@ class Minimap:
 
 INSTALL = "pip install 'viser>=1.1,<2'"
 MAX_SIDE = 800  # px, of a view; the browser enlarges it
-FAR_M, LOOK_M = 500.0, 1.0  # clipping of the graph; distance of the point about which the mouse turns
-KEY_RADIUS_M, HOLE = 0.08, 60
-JPEG_QUALITY = 85
 FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
 IDLE_S = 0.5
 ANY_LOOK = "the nearest key spheres"
@@ -115,7 +116,7 @@ class Page:
         self.server.scene.set_up_direction("+z")
         initial = self.server.initial_camera
         initial.position, initial.look_at, initial.up = start.translation, look_at(start), (0.0, 0.0, 1.0)
-        initial.near, initial.far = 0.05, FAR_M
+        initial.near, initial.far = 0.05, 500.0
         self._add_graph()
         self._drive: dict[str, Any] = {}
         self.server.on_client_connect(self._welcome)
@@ -179,7 +180,7 @@ class Page:
         for node in self._graph:
             handle = scene.add_icosphere(
                 f"/graph/key_sphere_{node.id}",
-                radius=KEY_RADIUS_M,
+                radius=0.08,
                 color=COLORS["key"],
                 position=node.T_map_sphere.translation,
             )
@@ -210,7 +211,7 @@ class Page:
                 return True
             begin = time.perf_counter()
             view, is_whole = self._view(client, T, looks[look.value])
-            client.scene.set_background_image(shown(view), format="jpeg", jpeg_quality=JPEG_QUALITY)
+            client.scene.set_background_image(shown(view), format="jpeg", jpeg_quality=85)
             text.content = (
                 f"{1e3 * (time.perf_counter() - begin):.0f} ms a view, {100 * view.is_known.mean():.0f} % seen"
             )
@@ -258,7 +259,7 @@ def browser_pose(camera: Any) -> SE3:
 
 def look_at(T_map_camera: SE3) -> NDArray[np.float64]:
     """Return the point (3,) in front of a camera about which the mouse turns it."""
-    return T_map_camera.translation + LOOK_M * T_map_camera.rotation[:, 2]
+    return T_map_camera.translation + T_map_camera.rotation[:, 2]
 
 
 def drawn_lens(camera: Camera) -> dict[str, float]:
@@ -279,7 +280,7 @@ def browser_camera(camera: Any) -> Pinhole:
 def shown(view: SynthesizedView) -> NDArray[np.uint8]:
     """Return the picture of a view, its holes dark."""
     image = view.image.copy()
-    image[~view.is_known] = HOLE
+    image[~view.is_known] = 60
     return image
 
 

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import MAX_LENGTH, NEWTON_STEPS, check_lens, check_size, inside
+from sphere_nav.geometry.cameras.fisheye import MIN_SINE
 
-MIN_SINE = 1e-9
 MIN_DETERMINANT = 0.1  # of the affine part, whose axes are nearly at right angles
 TABLE = 2000  # radii of the table that Newton's method starts from
 MAX_DEGREE = 19

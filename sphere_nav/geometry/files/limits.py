@@ -11,5 +11,8 @@ LIMITS = {
     "cloud": 1 << 28,  # bytes of a message
     "sphere": 1 << 25,  # pixels: 8192 x 4096
     "features": 100_000,  # of a key sphere
+    "bag": 1 << 50,  # bytes of a file: any that a disk holds
+    "routes": 256 << 20,  # bytes of a network: 10 km are about 6 MB
+    "mission": 1 << 22,  # bytes of its state
     "map": 10_000_000,  # key spheres
 }

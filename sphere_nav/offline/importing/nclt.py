@@ -34,7 +34,6 @@ BODY_LADYBUG = np.array([0.035, 0.002, -1.23, -179.93, -0.23, 0.50])
 DEGREES = np.array([1.0, 1.0, 1.0, *np.radians([1.0] * 3)])  # of a pose whose angles are in deg
 T_BASE_BODY = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # its body, and its world, have z down
 POINT = np.dtype([("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])  # of a file of velodyne_sync
-POINT_SCALE, POINT_OFFSET = 0.005, -100.0  # m of a step, m at 0
 MAX_TRUTH_GAP_NS = 200_000_000  # between two true poses with an image between them; they come at 100 Hz
 BORDER_PX = 15  # of the mask: what the table reaches, less the blur of the edge
 MAX_TABLE_BYTES = LIMITS["pose graph"]  # 2 million lines of a table of undistortion
@@ -156,7 +155,7 @@ def read_velodyne(path: Path) -> Array:
     data = read_bytes(path, "cloud of NCLT", LIMITS["cloud"])
     if len(data) % POINT.itemsize:
         raise ValueError(f"{path}: expected points of {POINT.itemsize} bytes, found {len(data)} bytes")
-    return np.frombuffer(data, POINT)["place"] * POINT_SCALE + POINT_OFFSET
+    return np.frombuffer(data, POINT)["place"] * 0.005 - 100.0  # m
 
 
 def read_ground_truth(path: Path) -> Trajectory:

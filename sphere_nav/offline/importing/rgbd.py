@@ -36,7 +36,6 @@ from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_po
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 KINECT_HZ = 30.0
-MILLIMETERS = 1000.0  # depth units per m
 D435 = "d400_color_optical_frame"  # of OpenLORIS: its colour camera, to which aligned_depth is registered
 ROVER_FOLDERS = ("intelrealsense_D435i", "realsense_D435i", "d435i")
 FAR = np.iinfo(np.uint16).max  # invalid in 7-Scenes
@@ -149,9 +148,7 @@ def open_seven_scenes(
         stamp = FIRST_STAMP_NS + round(_number(depth, name) * 1e9 / KINECT_HZ)
         T_world_camera = read_pose((poses or folder) / f"{name}.pose.txt")
         frames.append(Frame(stamp, color, depth, T_world_camera @ T_depth_color))
-    return RgbdRecording(
-        frames, camera, MILLIMETERS, depth_camera, is_world_optical=True, truth_name="frame-*.pose.txt"
-    )
+    return RgbdRecording(frames, camera, 1000.0, depth_camera, is_world_optical=True, truth_name="frame-*.pose.txt")
 
 
 def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> RgbdRecording:
@@ -208,7 +205,7 @@ def open_openloris(folder: Path) -> RgbdRecording:
     frames = _pair_up(folder, images, depths, truth)
     T_base_camera = T_base_optical @ T_BODY_OPTICAL.inverse()
     name = "groundtruth.txt" if any(frame.T_world_optical is not None for frame in frames) else ""
-    return RgbdRecording(frames, camera, MILLIMETERS, truth_name=name, T_base_camera=T_base_camera)
+    return RgbdRecording(frames, camera, 1000.0, truth_name=name, T_base_camera=T_base_camera)
 
 
 def open_rover(folder: Path, camera: Pinhole) -> RgbdRecording:
@@ -219,7 +216,7 @@ def open_rover(folder: Path, camera: Pinhole) -> RgbdRecording:
     require_folder(folder)
     inner = next((folder / name for name in ROVER_FOLDERS if (folder / name / "rgb").is_dir()), folder)
     images, depths = (_stamped(require_folder(inner / name)) for name in ("rgb", "depth"))
-    return RgbdRecording(_pair_up(inner, images, depths, None), camera, MILLIMETERS)
+    return RgbdRecording(_pair_up(inner, images, depths, None), camera, 1000.0)
 
 
 def _mounting(path: Path) -> SE3:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import TransformStamped
 
+from mcl_depth.geometry.geodetic import AXIS
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.opencv_file import load_opencv
@@ -37,7 +38,7 @@ MAX_TRUTH_GAP_NS = 500_000_000  # between two true poses with an image between t
 # 4Seasons was recorded around Munich; its truth is about the Earth's center. One frame for all of it: east, north, up
 # at 48.14 deg north, 11.58 deg east, 520 m above the ellipsoid (WGS 84); upright within 0.5 deg 50 km around
 MUNICH, MUNICH_M = np.radians([48.14, 11.58]), 520.0
-EARTH_RADIUS, EARTH_SQUARED_ECCENTRICITY = 6_378_137.0, 0.00669437999014  # m; of WGS 84
+SQUARED_ECCENTRICITY = 0.00669437999014  # of WGS 84
 
 
 @dataclass(frozen=True)
@@ -211,8 +212,8 @@ def _T_munich_earth() -> SE3:
     latitude, longitude = MUNICH
     east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
     up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
-    radius = EARTH_RADIUS / np.sqrt(1.0 - EARTH_SQUARED_ECCENTRICITY * np.sin(latitude) ** 2)
-    origin = (radius + MUNICH_M) * up - np.array([0.0, 0.0, EARTH_SQUARED_ECCENTRICITY * radius * np.sin(latitude)])
+    radius = AXIS / np.sqrt(1.0 - SQUARED_ECCENTRICITY * np.sin(latitude) ** 2)
+    origin = (radius + MUNICH_M) * up - np.array([0.0, 0.0, SQUARED_ECCENTRICITY * radius * np.sin(latitude)])
     return SE3.from_parts(np.stack([east, np.cross(up, east), up], axis=1), origin).inverse()
 
 

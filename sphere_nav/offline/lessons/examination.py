@@ -15,13 +15,9 @@ from dense_localizer.constants import MIN_EXPLAINED_NCC
 from dense_localizer.localizer import Localizer
 from dense_localizer.motion_prior import measure_position_sigma
 from dense_localizer.params import LocalizerParams
+from sphere_nav.offline.constants import MAX_OFF, MAX_WORSE, MEDIAN_NOISE, MIN_OFF_M
 from sphere_nav.offline.lessons.kept_drives import KeyImage
 from sphere_nav.ros.maps.reader import MapReader
-
-MAX_WORSE = 1.05  # of the median distance
-NOISE = 0.1  # of the standard deviation of a place: a smaller change of the median says nothing
-MAX_OFF = 6.0  # standard deviations of both places from which an image is not where it was, and at least MIN_OFF_M
-MIN_OFF_M = 0.1
 
 
 @dataclass(frozen=True)
@@ -56,7 +52,7 @@ class Marks:
             return 0.0, 0.0, 0.0
         off = np.array([(a.off_m, b.off_m, a.sigma_m) for a, b in pairs])
         before_m, after_m, sigma_m = np.median(off, axis=0).tolist()
-        return before_m, after_m, NOISE * sigma_m
+        return before_m, after_m, MEDIAN_NOISE * sigma_m
 
     def find_worse(self, after: Marks) -> str:
         """Return in words what is worse after than before; nothing where all is as good."""

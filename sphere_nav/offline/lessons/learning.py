@@ -15,6 +15,7 @@ from pathlib import Path
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.rejections import Rejections
 from sphere_mapping.experiences.budget import Budget
+from sphere_nav.offline.constants import MAX_EXAMINED, MAX_JUDGES
 from sphere_nav.offline.forgetting import together
 from sphere_nav.offline.lessons.examination import localize_key_images
 from sphere_nav.offline.lessons.kept_drives import KeptDrive, KeyImage, find_drives
@@ -24,8 +25,6 @@ from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.service import one_line
-
-MAX_EXAMINED, MAX_JUDGES = 40, 5  # key images of a drive, spread over it; latest other drives
 
 
 @dataclass(frozen=True)

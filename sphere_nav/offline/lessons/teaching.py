@@ -21,6 +21,7 @@ from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.offline.constants import KEY_FLOOR, MIN_MEASURED, NUM_DRAWN, TEACH_REACH, TEACH_TURN
 from sphere_nav.offline.forgetting import without
 from sphere_nav.offline.lessons.kept_drives import KeptDrive, KeyImage
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
@@ -34,11 +35,6 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Range, Sphere
 from sphere_nav.view_synthesis.region import region_radius
 from sphere_nav.view_synthesis.surface import surface_of
 from sphere_nav.view_synthesis.synthesis import PlacedSurface, synthesize
-
-NUM_DRAWN = 6  # key spheres whose range is drawn: those that placed the image, and the nearest ones beside them
-TEACH_REACH, TEACH_TURN = 0.35, 0.35  # between key spheres of a lesson: share of the radius of a region; rad
-MIN_MEASURED = 0.2  # of the pixels, for a key sphere
-KEY_FLOOR = np.repeat([0.005, 0.002], 3) ** 2  # (6,) m^2, rad^2: added to the covariance of a key image
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,14 @@ from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.offline.constants import EDGE_FACTOR, MAX_CONTRADICTED, MAX_SURVEY_SIGMAS, SURVEY_SIGMA
+from sphere_nav.offline.constants import (
+    EDGE_FACTOR,
+    MAX_CONTRADICTED,
+    MAX_LOST,
+    MAX_SURVEY_SIGMAS,
+    MIN_WAY_M,
+    SURVEY_SIGMA,
+)
 from sphere_nav.offline.evaluation import TRUTH_TOPICS, evaluate_poses
 from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.offline.registering import REMEDY
@@ -20,8 +27,6 @@ from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.spheres.graph import Edge, SphereGraph
 
 NUM_NAMED = 3  # motions that are told by name
-MAX_LOST = 0.5  # share of the spheres above which a drive was not mapped
-MIN_WAY_M = 0.1  # of a drive whose drift is told
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.params import InputParams, StateParams
 from sphere_nav.localization.status import State
+from sphere_nav.offline.constants import MIN_EXPLAINED_SHARE, PATIENCE_S
 from sphere_nav.ros.bags.serialization import serialize_to_store
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.compact import CompactSpheres
@@ -27,9 +28,6 @@ from sphere_nav.ros.maps.writer import SPHERE_FRAME
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.experiences import Service
 from sphere_nav.spheres.sphere import Sphere
-
-MIN_EXPLAINED_SHARE = 0.8  # of the images of a key sphere, above which it adds nothing to the map
-PATIENCE_S = 10.0  # between spheres: the drive's own motion bridges that
 
 
 class ObservedMapper(Mapper):

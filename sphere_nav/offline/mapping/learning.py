@@ -39,7 +39,6 @@ from sphere_nav.spheres.experiences import with_experience
 from sphere_nav.spheres.graph import Experience, SphereGraph
 
 ORIGINS = {"truth": "the true poses of the drive", "survey": "the survey of its key spheres"}
-INTERRUPTED = 130  # exit status
 
 
 def learn(arguments: argparse.Namespace) -> int:
@@ -198,4 +197,4 @@ def keep(arguments: argparse.Namespace, remains: Remains, error: BaseException) 
     command = shlex.join(["sphere_nav", *words, "--resume"])
     why = "interrupted" if isinstance(error, KeyboardInterrupt) else one_line(error)
     print(f"sphere_nav map: {why}; {number} key spheres stay in {remains.folder}: {command}", file=sys.stderr)
-    return INTERRUPTED if isinstance(error, KeyboardInterrupt) else 1
+    return 130 if isinstance(error, KeyboardInterrupt) else 1

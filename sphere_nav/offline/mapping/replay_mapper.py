@@ -18,6 +18,7 @@ from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.mount import CameraMount
 from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.offline import topics
+from sphere_nav.offline.constants import IMU_NS
 from sphere_nav.offline.mapping.drive import MappedDrive
 from sphere_nav.offline.mapping.segments import DriveSegment
 from sphere_nav.offline.mapping.stitcher_ahead import LearnedRig, Node, StitcherAhead
@@ -26,7 +27,6 @@ from sphere_nav.ros.bags.replay import OfflineBus, replay, required_topics
 from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav.spheres.sphere import Sphere
 
-IMU_NS = 1_000_000_000  # of the bag's beginning: its first image may come before the IMU
 HEARD = "/sphere_mapper/heard"  # each sphere, so that a replay can end
 
 

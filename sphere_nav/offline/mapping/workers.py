@@ -67,17 +67,17 @@ class Workers:
             return
         try:
             yield from run_in(self.executor, self.num_ahead)(function, chain(first, remaining))
-        except (BrokenExecutor, CancelledError, *self._lost()) as error:
+        except self._lost() as error:
             where = "--jobs" if self._client is None else "--scheduler"
             raise OSError(f"{where}: expected workers to the end, found one gone: {type(error).__name__}") from error
 
     def _lost(self) -> tuple[type[Exception], ...]:
-        """Return what Dask raises where a worker is gone and no other could do its work."""
+        """Return what is raised where a worker is gone and no other could do its work."""
         if self._client is None:
-            return ()
+            return BrokenExecutor, CancelledError
         from distributed import KilledWorker
 
-        return (KilledWorker,)
+        return BrokenExecutor, CancelledError, KilledWorker
 
     def __enter__(self) -> Self:
         return self

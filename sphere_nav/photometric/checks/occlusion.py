@@ -10,6 +10,7 @@ The pose by the agreeing cells alone, found by a few steps, says how far the occ
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,14 +23,13 @@ from sphere_nav.photometric.checks.bias import CameraSamples, PoseBias, Sampler,
 from sphere_nav.photometric.constants import (
     BIAS_STEPS,
     CELL_SIGMAS,
-    COLUMNS,
+    CELLS,
     LAST_OCCLUSION_STEP_RAD,
     MIN_CELL_PIXELS,
     MIN_COSINE_RATIO,
     MIN_VIEW_PIXELS,
     MIN_VISIBLE_SHARE,
     OCCLUSION_SHARE,
-    ROWS,
     TYPICAL_QUANTILE,
 )
 from sphere_nav.photometric.params import RegistrationParams
@@ -106,7 +106,7 @@ def _cells_that_agree(samples: Sequence[Sample]) -> NDArray[np.bool_]:
     total, number = _sum(cell, weight), _sum(cell, np.ones(len(cell)))
     is_known = (number >= MIN_CELL_PIXELS) & (total > 0.0)
     if not is_known.any():
-        return np.ones(COLUMNS * ROWS, bool)
+        return np.ones(math.prod(CELLS), bool)
     mean = _sum(cell, weight * cosine) / np.maximum(total, TINY)
     variance = _sum(cell, (weight * (cosine - mean[cell])) ** 2) / np.maximum(total, TINY) ** 2
     limit = MIN_COSINE_RATIO * float(np.quantile(mean[is_known], TYPICAL_QUANTILE))
@@ -115,13 +115,13 @@ def _cells_that_agree(samples: Sequence[Sample]) -> NDArray[np.bool_]:
 
 def _sum(cell: NDArray[np.int64], values: Array) -> Array:
     """Return the sum of values (N,) in each cell."""
-    return np.asarray(np.bincount(cell, values, COLUMNS * ROWS), np.float64)
+    return np.asarray(np.bincount(cell, values, math.prod(CELLS)), np.float64)
 
 
 def _cell(sample: Sample) -> NDArray[np.int64]:
     """Return the index (N,) of the cell in which each pixel is."""
-    column, row = (np.clip((0.5 * (sample.at + 1.0) * (COLUMNS, ROWS)).astype(np.int64), 0, (COLUMNS - 1, ROWS - 1))).T
-    return row * COLUMNS + column
+    column, row = np.clip((0.5 * (sample.at + 1.0) * CELLS).astype(np.int64), 0, np.array(CELLS) - 1).T
+    return row * CELLS[0] + column
 
 
 def _motion(cameras: CameraSamples, step: Array) -> float:

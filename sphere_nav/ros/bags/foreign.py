@@ -26,6 +26,7 @@ from rosbags.rosbag1.reader import decompressors as ROS1_METHODS
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import ROS1, SQLITE
@@ -35,7 +36,6 @@ from sphere_nav.ros.bags.unpack import FREE_SHARE, unpack
 
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 SIDE_FILES = ("-wal", "-journal")  # of SQLite: what is not yet, or not to be, in the database
-MAX_DATABASE = 1 << 50  # bytes
 MAX_TOPICS = 10_000
 SALVAGE = "what is whole of it can be salvaged (sphere_nav verify-bag BAG --salvage NEW)"
 
@@ -194,7 +194,7 @@ def _profiles(connection: Connection) -> list[QoSProfile]:
 def _check_regular(file: Path) -> None:
     """Refuse a pipe or a device, which a library would wait for."""
     try:
-        open_file(file, "bag", MAX_DATABASE).close()
+        open_file(file, "bag", LIMITS["bag"]).close()
         if not file.stat().st_size:  # also a file of /proc, which may have no end
             raise ValueError(f"{file}: expected a bag, found an empty file")
     except ValueError as error:
@@ -242,7 +242,7 @@ class MergedCopy:
             remedy = f"merge it in place: sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
             raise BagError(f"{file}: expected {expected}, found {free}; set TMPDIR, or {remedy}")
         for source in sources:
-            with open_file(source, "database", MAX_DATABASE) as read, (folder / source.name).open("wb") as written:
+            with open_file(source, "database", LIMITS["bag"]) as read, (folder / source.name).open("wb") as written:
                 shutil.copyfileobj(read, written, 1 << 20)
         if before != [(source.stat().st_size, source.stat().st_mtime_ns) for source in sources]:
             raise BagError(f"{file}: expected a bag that is complete, found one that is being written")

@@ -10,9 +10,10 @@ from typing import Any
 from mcap.records import Channel, ChunkIndex, Message
 from mcap.summary import Summary
 
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros.bags.mcap_records import FOOTER, MAGIC, Loose, read_summary, record_at, records_at, scan
-from sphere_nav.ros.bags.mcap_salvage import MAX_FILE, readable_part
+from sphere_nav.ros.bags.mcap_salvage import readable_part
 from sphere_nav.ros.bags.recorded import BagError
 
 MAX_HELD = 1 << 29  # bytes of messages that wait for their turn, where chunks overlap in time
@@ -28,7 +29,7 @@ class McapFile:
     def __init__(self, path: Path, damages: list[str] | None = None) -> None:
         self.path, self._damages = path, damages
         try:
-            self.stream = open_file(path, "bag", MAX_FILE)
+            self.stream = open_file(path, "bag", LIMITS["bag"])
         except OSError as error:
             raise BagError(f"{path}: cannot be read: {error.strerror}") from None
         except ValueError as error:

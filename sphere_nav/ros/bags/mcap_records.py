@@ -23,7 +23,6 @@ from sphere_nav.ros.bags.unpack import unpack, unpack_large
 
 MAX_CHUNK = 1 << 28  # bytes after decompression; one message of a chunk is the least that is read at once
 MAX_RECORDS = 1 << 20  # in one chunk
-MAX_SUMMARY = 1 << 28  # bytes
 MAGIC = b"\x89MCAP0\r\n"
 PREFIX = struct.Struct("<BQ")  # opcode and length of a record
 FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, CRC
@@ -156,7 +155,7 @@ def read_summary(stream: BinaryIO, size: int) -> Summary | None:
         raise BagError(f"damaged summary: expected a footer at byte {begin}, found record {opcode} of {length} bytes")
     if start == 0:
         return None
-    if not len(MAGIC) <= start <= begin or begin - start > MAX_SUMMARY:
+    if not len(MAGIC) <= start <= begin or begin - start > MAX_CHUNK:
         raise BagError(f"damaged summary: expected it before byte {begin}, found it at {start}")
     content = read_at(stream, start, begin - start)
     if crc and (found := zlib.crc32(footer[:-4], zlib.crc32(content))) != crc:

@@ -14,11 +14,11 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 from mcap.summary import Summary
 
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros.bags.mcap_records import Record, read_summary, record_at, records_at, walk
 from sphere_nav.ros.bags.recorded import BagError
 
-MAX_FILE = 1 << 50  # bytes
 LOOSE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)  # what is read outside of chunks, in a file without
 
 
@@ -54,7 +54,7 @@ class Salvage:
     def messages(self) -> Iterator[tuple[Channel, Schema, Message]]:
         """Yield every message that is whole, with its channel and its type, in the order of the file."""
         try:
-            file = open_file(self.path, "bag", MAX_FILE)
+            file = open_file(self.path, "bag", LIMITS["bag"])
         except ValueError as error:
             raise BagError(str(error)) from None
         with file as stream:

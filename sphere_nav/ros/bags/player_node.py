@@ -15,20 +15,21 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagReader, Recorded, TopicInfo
 from sphere_nav.ros.bags.playback import Answers, Playback, is_latched
-from sphere_nav.ros.constants import LOG_PERIOD_S
+from sphere_nav.ros.constants import (
+    ACKNOWLEDGE_S,
+    ACKNOWLEDGED_SIZE,
+    CLOCK_PERIOD,
+    LOG_PERIOD_S,
+    PLAY_BUSY,
+    PLAY_TICK,
+    SETTLE,
+)
 from sphere_nav.ros.conversions import ns_to_time
 from sphere_nav.ros.interfaces import message_class
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.rclpy_shell import LivePublisher
 from sphere_nav.ros.run import run
-
-TICK = 0.005  # s
-BUSY = 0.05  # s that one tick may publish before others get a turn
-ACKNOWLEDGED_SIZE = 1 << 16  # B; smaller messages are acknowledged by the next heartbeat, seconds later
-ACKNOWLEDGE = 5.0  # s to wait for listeners when playing as fast as they take it
-SETTLE = 0.5  # s from the last awaited listener to the first message: the others need as long to be discovered
-CLOCK_PERIOD = 0.025  # s of wall time between two /clock messages
 
 
 @parameters
@@ -82,7 +83,7 @@ class BagPlayer(ManagedNode):
         self.is_paused, self.begin_at = self.params.paused, 0.0
         self.add_service("~/pause", Trigger, lambda request, response: self._set_paused(True, response))
         self.add_service("~/resume", Trigger, lambda request, response: self._set_paused(False, response))
-        self.add_timer(TICK, self._tick, is_wall=True)
+        self.add_timer(PLAY_TICK, self._tick, is_wall=True)
 
     def activate(self) -> None:
         """Tell latched topics at once: late listeners still get them."""
@@ -137,7 +138,7 @@ class BagPlayer(ManagedNode):
         if self.is_paused or self._lacks_listeners():
             self.playback.pause()
             return
-        end = time.monotonic() + BUSY
+        end = time.monotonic() + PLAY_BUSY
         while self._is_answered() and (item := self.playback.due()) is not None and time.monotonic() < end:
             self._publish(item)
             self.playback.take()
@@ -154,7 +155,7 @@ class BagPlayer(ManagedNode):
         if self.answers is not None and item.topic == self.asking:
             self.answers.ask(item.message)
         if self.params.rate == 0 and len(item.message) > ACKNOWLEDGED_SIZE:
-            output.wait_for_acknowledgement(ACKNOWLEDGE)
+            output.wait_for_acknowledgement(ACKNOWLEDGE_S)
 
     def _tell_time(self) -> None:
         now = time.monotonic()
@@ -199,7 +200,7 @@ class BagPlayer(ManagedNode):
                 self.answers.forget()
             return
         for output in self.outputs.values():
-            output.wait_for_acknowledgement(ACKNOWLEDGE)
+            output.wait_for_acknowledgement(ACKNOWLEDGE_S)
         self.log.info(f"{self.params.bag}: {self.playback.done} messages played")
         self.finish()
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from sphere_nav.geometry.files.untrusted import choice, load_yaml, read_text, required, short
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_text, required, short
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import PlainView, compression_of, is_foreign, lone_file
 from sphere_nav.ros.bags.mcap_file import McapFile
@@ -18,8 +18,6 @@ from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 from sphere_nav.ros.bags.unpack import unpack
 from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.interfaces import from_bytes, message_class, type_hash, type_name
-
-MAX_METADATA = 1 << 20  # bytes
 
 
 class BagReader:
@@ -240,7 +238,7 @@ def _information(metadata: Path) -> dict[str, Any] | None:
     if not metadata.is_file():
         return None
     try:
-        text = read_text(metadata, "description of a bag", MAX_METADATA)
+        text = read_text(metadata, "description of a bag", MAX_FILE_BYTES)
         found = required(load_yaml(metadata, text), f"{metadata}", ["rosbag2_bagfile_information"])
         fields = ["storage_identifier", "relative_file_paths"]
         information = required(found["rosbag2_bagfile_information"], f"{metadata}: rosbag2_bagfile_information", fields)

@@ -14,17 +14,13 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagWriter
 from sphere_nav.ros.bags.recording_sets import NAMES, belongs
+from sphere_nav.ros.constants import FLUSH_PERIOD, LOSS_PERIOD, OFFERS_PERIOD, TOPICS_PERIOD
 from sphere_nav.ros.interfaces import message_class
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
-
-FLUSH_PERIOD = 1.0  # s
-LOOK_PERIOD = 0.2  # s; what is published before its topic is found is not recorded
-CHECK_PERIOD = 1.0  # s between two looks at the QoS of topics that are recorded already
-LOSS_PERIOD = 30.0  # s between two lines about the losses of a topic
 
 
 @parameters
@@ -59,7 +55,7 @@ class BagRecorder(ManagedNode):
         self.recorded: dict[str, Subscription] = {}
         self.checked_ns = 0
         self.wanted = {self.ros.resolve_topic_name(name) for name in self.params.topics.split()}
-        self.add_timer(LOOK_PERIOD, self._look, is_wall=True)
+        self.add_timer(TOPICS_PERIOD, self._look, is_wall=True)
         self.add_timer(FLUSH_PERIOD, self._flush, is_wall=True)
         self.log.info(f"recording into {self.bag.partial}, named {self.bag.path} when it is complete")
 
@@ -89,7 +85,7 @@ class BagRecorder(ManagedNode):
 
     def _look(self) -> None:
         """Subscribe to wanted topics that have a publisher; now and then see whether the QoS of others changed."""
-        is_check = self.steady_ns() >= self.checked_ns + CHECK_PERIOD * 1e9
+        is_check = self.steady_ns() >= self.checked_ns + OFFERS_PERIOD * 1e9
         self.checked_ns = self.steady_ns() if is_check else self.checked_ns
         for topic, kinds in self.ros.get_topic_names_and_types():
             if topic in self.recorded and not is_check:

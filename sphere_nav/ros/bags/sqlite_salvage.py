@@ -13,8 +13,9 @@ from typing import Any, BinaryIO, NamedTuple
 
 from mcap.records import Channel, Message, Schema
 
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import open_file
-from sphere_nav.ros.bags.foreign import MAX_DATABASE, MAX_TOPICS, MergedCopy, side_files
+from sphere_nav.ros.bags.foreign import MAX_TOPICS, MergedCopy, side_files
 from sphere_nav.ros.bags.mcap_records import MAX_CHUNK
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.unpack import unpack
@@ -25,7 +26,6 @@ HEADER, LEAF, LEAF_HEADER = 100, 0x0D, 8  # bytes of the file's header, type of 
 SIZES = {0: 0, 1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 7: 8, 8: 0, 9: 0}  # serial type -> bytes; from 12 on by its number
 FIRST_BLOB = 12  # serial type of an empty blob; odd ones are texts
 DAMAGE = (LookupError, ValueError)
-MAX_STAMP = 1 << 63  # ns; a later one, or one below 0, is no time
 
 
 class _Row(NamedTuple):
@@ -53,7 +53,7 @@ class SqliteSalvage:
             with suppress(BagError):
                 copy = MergedCopy(self.path, [self.path])
         try:
-            with open_file(copy.path if copy else self.path, "bag", MAX_DATABASE) as file:
+            with open_file(copy.path if copy else self.path, "bag", LIMITS["bag"]) as file:
                 yield from self._read(file)
         except ValueError as error:
             raise BagError(str(error)) from None
@@ -86,7 +86,7 @@ class SqliteSalvage:
                 with suppress(*DAMAGE):
                     number, values = pages.row(page, place, is_head=True)
                     kinds = [type(value) for value in values]
-                    if kinds == [type(None), int, int, bytes] and 0 <= values[2] < MAX_STAMP:
+                    if kinds == [type(None), int, int, bytes] and values[2] >= 0:
                         rows.setdefault(number, _Row(values[2], number, page, place))
                     elif kinds[1:5] == [str] * 4:
                         values = pages.row(page, place)[1]

@@ -22,17 +22,17 @@ from mcap.records import ChunkIndex, Schema
 from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
 
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.constants import FLUSH_PERIOD
 from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
 
 CHUNK_SIZE = 1 << 20  # bytes before compression
-FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose
 DISTRIBUTION = "jazzy"
 PARTIAL = ".partial"
-MAX_FILE = 1 << 50  # bytes of a file, to be looked at
 ATTEMPTS = 20  # to be the first at a free name
 METADATA = "metadata.yaml"
 
@@ -303,7 +303,7 @@ def is_being_written(partial: Path) -> bool:
     """Whether a living process writes the bag of a partial folder."""
     for file in partial.glob("*.mcap"):
         try:
-            with open_file(file, "bag", MAX_FILE) as found:
+            with open_file(file, "bag", LIMITS["bag"]) as found:
                 fcntl.flock(found, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True

@@ -15,11 +15,11 @@ from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth
 from sphere_nav.ros.camera.intake import CameraIntake
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
+from sphere_nav.ros.constants import DEPTH_SLACK_S
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.spheres.range_alignment import DepthImage
 
 IMAGE, DEPTH, DEPTH_INFO = "image_raw", "depth/image_raw", "depth/camera_info"
-SLACK_S = 0.01  # stamps of one instant differ by less: a third of a period at 30 Hz
 
 
 class DepthCameraIntake(CameraIntake):
@@ -40,7 +40,7 @@ class DepthCameraIntake(CameraIntake):
         """As of a camera without depth."""
         self._on_picture = on_picture
         self._depth_info: CameraInfo | None = None
-        self._synchronizer = Synchronizer((IMAGE, DEPTH), SLACK_S)
+        self._synchronizer = Synchronizer((IMAGE, DEPTH), DEPTH_SLACK_S)
         super().__init__(endpoints, params, self._on_image, on_refusal, has_sphere_info=has_sphere_info)
         profile = qos.DEEP if params.every_image else qos.SENSOR
         endpoints.add_subscription(DEPTH_INFO, CameraInfo, self._on_info, profile, is_required=False)

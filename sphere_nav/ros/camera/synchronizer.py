@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.ros.constants import BACK_NS, FINGERPRINT_STEP, FROZEN_AFTER, MAX_HOLD_NS, MAX_MISSES
+from sphere_nav.localization.constants import FROZEN_IMAGES, SAMPLE_STEP
+from sphere_nav.ros.constants import BACK_NS, MAX_HOLD_NS, MAX_MISSES
 
 Image = NDArray[Any]  # levels, or metres of a depth camera
 
@@ -192,10 +193,10 @@ class Synchronizer:
 
     def _find_frozen(self) -> set[str]:
         """Return cameras whose image has not changed for long while others' has."""
-        stuck = {name for name, health in self.health.items() if health.num_repeats >= FROZEN_AFTER}
+        stuck = {name for name, health in self.health.items() if health.num_repeats >= FROZEN_IMAGES}
         return stuck if len(stuck) < len([n for n in self.names if self.health[n].num_images]) else set()
 
 
 def fingerprint(image: Image) -> int:
     """Return a number that equal images share."""
-    return zlib.crc32(np.ascontiguousarray(image[::FINGERPRINT_STEP, ::FINGERPRINT_STEP]).tobytes())
+    return zlib.crc32(np.ascontiguousarray(image[::SAMPLE_STEP, ::SAMPLE_STEP]).tobytes())

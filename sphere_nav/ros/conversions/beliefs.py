@@ -19,9 +19,7 @@ from sphere_nav.ros.conversions.poses import point_to_array, se3_to_pose
 from sphere_nav.ros.conversions.stamps import header
 
 COLORS = ColorRGBA(r=0.1, g=0.8, b=0.2, a=0.6), ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.6)  # the best, others
-SIGMAS = 2.0  # half axes of an ellipse in standard deviations
-MIN_SIGMA = 0.01  # m, so that a certain place can still be seen
-THICKNESS, ARROW_LENGTH, TEXT_SIZE = 0.05, 1.0, 0.4  # m
+THICKNESS = 0.05  # m, of what is drawn
 
 
 def hypotheses_to_markers(
@@ -37,13 +35,13 @@ def hypotheses_to_markers(
         values, axes = np.linalg.eigh(item.covariance[:2, :2])
         turn = math.atan2(axes[1, 1], axes[0, 1])
         ellipse = _marker("places", number, Marker.CYLINDER, (item.pose, height, turn), stamp, frame_id, color)
-        long, short = (2.0 * SIGMAS * max(math.sqrt(max(v, 0.0)), MIN_SIGMA) for v in (values[1], values[0]))
+        long, short = (4.0 * max(math.sqrt(max(v, 0.0)), 0.01) for v in (values[1], values[0]))
         ellipse.scale.x, ellipse.scale.y, ellipse.scale.z = long, short, THICKNESS
         place = item.pose, height, float(item.pose[2])
         arrow = _marker("headings", number, Marker.ARROW, place, stamp, frame_id, color)
-        arrow.scale.x, arrow.scale.y, arrow.scale.z = ARROW_LENGTH, THICKNESS, THICKNESS
+        arrow.scale.x, arrow.scale.y, arrow.scale.z = 1.0, THICKNESS, THICKNESS
         text = _marker("weights", number, Marker.TEXT_VIEW_FACING, place, stamp, frame_id, color)
-        text.text, text.scale.z = f"{float(item.weight):.0%}", TEXT_SIZE
+        text.text, text.scale.z = f"{float(item.weight):.0%}", 0.4
         markers += [ellipse, arrow, text]
     return MarkerArray(markers=markers)
 

@@ -30,7 +30,6 @@ COLORS = {
     "edges": ColorRGBA(r=0.6, g=0.6, b=0.6, a=0.9),
     "loops": ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.9),
 }
-LINE_PER_SIZE = 0.15  # width of a line by the diameter of a sphere
 
 
 def graph_to_message(
@@ -145,7 +144,7 @@ def graph_to_markers(graph: SphereGraph, stamp: int, frame_id: str, size: float 
     lines = []
     for name, is_loop in (("edges", False), ("loops", True)):
         line = _marker(name, Marker.LINE_LIST, stamp, frame_id)
-        line.scale.x = LINE_PER_SIZE * size
+        line.scale.x = 0.15 * size
         line.points = [point for edge in graph.edges if edge.is_loop == is_loop for point in _ends(graph, edge)]
         lines.append(line)
     return MarkerArray(markers=[balls, *lines])

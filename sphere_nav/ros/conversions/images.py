@@ -57,8 +57,6 @@ DEPTH_ENCODINGS = ("16UC1", "32FC1")
 SIXTEEN_BITS = ("16UC1", "mono16")
 IN_PAIRS = ("yuv422", "uyvy", "yuv422_yuy2", "yuyv")  # two pixels share a colour
 COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")  # of image_transport's compressedDepth: kind, two parameters
-MILLIMETERS_INVALID = (0, 65535)
-PNG_BITS, PNG_CHANNELS = 24, 25  # bytes of a PNG that tell bits a channel, and which channels
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -124,7 +122,7 @@ def depth_to_meters(message: Image) -> Floats:
     pixels = image_to_array(message)
     if message.encoding in ("16UC1", "mono16"):
         depth = pixels.astype(np.float32) * np.float32(1e-3)
-        depth[np.isin(pixels, MILLIMETERS_INVALID)] = np.nan
+        depth[np.isin(pixels, (0, 65535))] = np.nan
         return depth
     if message.encoding != "32FC1":
         raise ValueError(f"encoding of depth: expected 16UC1 or 32FC1, found {message.encoding!r}")
@@ -192,9 +190,9 @@ def to_bytes(pixels: NDArray[Any]) -> array.array[int]:
 
 def is_sixteen_bit(message: CompressedImage) -> bool:
     """Whether it is a PNG of one channel of 16 bits whose format names no encoding."""
-    head = bytes(message.data[: PNG_CHANNELS + 1])
+    head = bytes(message.data[:26])
     is_bare = message.format.split(";")[0].strip().lower() in ("", "png")
-    return is_bare and head.startswith(PNG_MAGIC) and head[PNG_BITS:] == b"\x10\x00"
+    return is_bare and head.startswith(PNG_MAGIC) and head[24:] == b"\x10\x00"  # bits a channel, and which channels
 
 
 def _compressed_16_bit(message: CompressedImage) -> Image:

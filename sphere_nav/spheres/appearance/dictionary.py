@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.spheres.constants import MAX_WORDS, MIN_WORD_COSINE
+
 Floats = NDArray[np.float32]
-MIN_COSINE = 0.86  # of a descriptor with its word
-MAX_WORDS = 8192  # then every descriptor takes the word most like it: the cost of a look-up is bounded
 
 
 class Dictionary:
@@ -34,7 +34,7 @@ class Dictionary:
             return np.full(len(descriptors), -1, np.int64)
         cosines = descriptors @ self.words.T
         word = np.argmax(cosines, axis=1)
-        is_like = (cosines[np.arange(len(word)), word] >= MIN_COSINE) | (self._number >= MAX_WORDS)
+        is_like = (cosines[np.arange(len(word)), word] >= MIN_WORD_COSINE) | (self._number >= MAX_WORDS)
         return np.where(is_like, word, -1)
 
     def learn(self, descriptors: Floats) -> NDArray[np.int64]:
@@ -42,7 +42,7 @@ class Dictionary:
         words = self.read(descriptors)
         unlike = np.flatnonzero(words < 0)
         own = descriptors[unlike]
-        alike = own @ own.T >= MIN_COSINE
+        alike = own @ own.T >= MIN_WORD_COSINE
         fresh: list[int] = []  # rows of `own` that became words
         for row in range(len(own)):
             known = np.flatnonzero(alike[row, fresh])

@@ -14,18 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.spheres.constants import (
+    CONTRAST,
+    FEATURE_SEAM,
+    FINE_FACTOR,
+    MAX_FEATURE_ELEVATION,
+    MAX_FEATURES,
+    MAX_PARTIAL,
+    MAX_WHOLE,
+    MIN_FEATURE_SIDE,
+)
 from sphere_nav.spheres.sphere import Sphere
 
 Floats = NDArray[np.float32]
 SIZE = 128  # numbers of a descriptor
 SCALE = 500.0  # of a descriptor's square roots, which are 0...1 and rarely above a half, as bytes
-MAX_FEATURES = 500  # the strongest of an image
-MAX_WHOLE, MAX_PARTIAL = 82.0, 130.0  # px per radian of a whole sphere and of other images; SIFT doubles them
-FINE = 3.0  # times as many in images taken shortly after each other: what is seen again from nearby is finer
-MIN_SIDE = 64  # px that an image keeps
-SEAM = 64  # px by which a whole sphere is continued on either side
-MAX_ELEVATION = np.radians(60.0)
-CONTRAST = 0.02  # of SIFT, half of OpenCV's: walls in the shade count, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +86,7 @@ def features_of_image(
     size = camera.width // shrink, camera.height // shrink
     image = np.clip(np.rint(cv2.resize(gray, size, interpolation=cv2.INTER_AREA)), 0, 255).astype(np.uint8)
     scale = np.array([camera.width, camera.height]) / size
-    pad = SEAM if isinstance(camera, Spherical) and camera.is_whole else 0
+    pad = FEATURE_SEAM if isinstance(camera, Spherical) and camera.is_whole else 0
     if pad:
         image = np.ascontiguousarray(np.hstack([image[:, -pad:], image, image[:, :pad]]))
     mask = _usable(camera, size, pad) if pad else None  # what is left out below is not described
@@ -97,7 +100,7 @@ def features_of_image(
     column, row = np.rint(pixels).astype(np.int64).T
     is_usable = (column >= 0) & (column < camera.width) & ~np.isnan(rays[:, 0])  # SIFT finds none at a border
     if pad:
-        is_usable &= np.abs(rays[:, 2]) < np.sin(MAX_ELEVATION)
+        is_usable &= np.abs(rays[:, 2]) < np.sin(MAX_FEATURE_ELEVATION)
     if is_seen is not None:
         is_usable[is_usable] = is_seen[row[is_usable], column[is_usable]]
     strength = np.array([point.response for point in found])
@@ -111,7 +114,9 @@ def features_of_image(
 def _usable(camera: Camera, size: tuple[int, int], pad: int) -> NDArray[np.uint8]:
     """Return where (h, w + 2 pad) features of a whole sphere may be used, not 0, and a pixel beyond."""
     rows = (np.arange(size[1]) + 0.5) * camera.height / size[1] - 0.5
-    is_low = np.abs(camera.unproject(np.stack([np.zeros_like(rows), rows], axis=1))[:, 2]) < np.sin(MAX_ELEVATION)
+    is_low = np.abs(camera.unproject(np.stack([np.zeros_like(rows), rows], axis=1))[:, 2]) < np.sin(
+        MAX_FEATURE_ELEVATION
+    )
     mask = np.zeros((size[1], size[0] + 2 * pad), np.uint8)
     mask[is_low, pad:-pad] = 1
     return cv2.dilate(mask, np.ones((3, 3), np.uint8)).astype(np.uint8, copy=False)
@@ -120,9 +125,12 @@ def _usable(camera: Camera, size: tuple[int, int], pad: int) -> NDArray[np.uint8
 def _shrink(camera: Camera, *, is_fine: bool = False) -> int:
     """Return the whole factor by which an image is made smaller: what is seen from metres apart is not finer."""
     is_whole = isinstance(camera, Spherical) and camera.is_whole
-    limit = (MAX_WHOLE if is_whole else MAX_PARTIAL) * (FINE if is_fine else 1.0)
+    limit = (MAX_WHOLE if is_whole else MAX_PARTIAL) * (FINE_FACTOR if is_fine else 1.0)
     factor = 1
-    while camera.pixels_per_radian / factor > limit and min(camera.width, camera.height) // (2 * factor) >= MIN_SIDE:
+    while (
+        camera.pixels_per_radian / factor > limit
+        and min(camera.width, camera.height) // (2 * factor) >= MIN_FEATURE_SIDE
+    ):
         factor *= 2
     return factor
 

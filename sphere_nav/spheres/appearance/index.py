@@ -16,14 +16,11 @@ from numpy.typing import NDArray
 
 from sphere_nav.spheres.appearance.dictionary import Dictionary
 from sphere_nav.spheres.appearance.features import Features
+from sphere_nav.spheres.constants import MAX_REPEATS, MAX_RISE, NUM_TURN_BINS, TURN_WINDOW
 
 Floats = NDArray[np.float32]
-NUM_BINS = 36  # turns of 10 degrees
-WINDOW = 3  # neighbouring turns that count as one: what is near moves as the viewpoint does
-MAX_RISE = np.radians(20.0)  # between two views of one feature; a sphere is upright within less
 RATIO = 8  # between the sizes of two parts of the postings, at least
 MIN_MEAN, PRECISION = 1e-9, 1e-12  # of Poisson's distribution, and of the sum of its tail
-MAX_REPEATS = 4  # of a word in one image; a fence says nothing
 
 
 @dataclass(frozen=True)
@@ -104,36 +101,36 @@ class AppearanceIndex:
             return []
         votes = self._votes(features)
         number = votes.sum(axis=1)
-        shifts = range(-(WINDOW // 2), WINDOW // 2 + 1)
+        shifts = range(-(TURN_WINDOW // 2), TURN_WINDOW // 2 + 1)
         peaks = np.sum([np.roll(votes, shift, axis=1) for shift in shifts], axis=0)
         best = np.argmax(peaks, axis=1)
         height = peaks[np.arange(len(best)), best]
-        log_chance = log_tail(height, number * WINDOW / NUM_BINS) + np.log(NUM_BINS * len(self._ids))
+        log_chance = log_tail(height, number * TURN_WINDOW / NUM_TURN_BINS) + np.log(NUM_TURN_BINS * len(self._ids))
         hidden = set(without)
         order = np.lexsort((np.arange(len(best)), -height, log_chance))
         rows = [row for row in order.tolist() if self._ids[row] not in hidden and height[row] > 0][:count]
-        turns = 2 * np.pi * (best + 0.5) / NUM_BINS - np.pi
+        turns = 2 * np.pi * (best + 0.5) / NUM_TURN_BINS - np.pi
         return [Likeness(self._ids[row], float(turns[row]), float(log_chance[row])) for row in rows]
 
     def _votes(self, features: Features) -> NDArray[np.int64]:
-        """Return the histogram (S, NUM_BINS) of turns for every sphere; a feature votes once for each turn."""
+        """Return the histogram (S, NUM_TURN_BINS) of turns for every sphere; a feature votes once for each turn."""
         words = self.dictionary.read(features.unit_descriptors())
         asked = telling(words)
         own = np.column_stack(angles(features.rays))[asked]
         cells = [self._turns(postings, words[asked], own) for postings in self._sorted()]
-        total = np.bincount(np.concatenate(cells), minlength=len(self._ids) * NUM_BINS)
-        return total.reshape(-1, NUM_BINS)
+        total = np.bincount(np.concatenate(cells), minlength=len(self._ids) * NUM_TURN_BINS)
+        return total.reshape(-1, NUM_TURN_BINS)
 
     def _turns(self, postings: Postings, words: NDArray[np.int64], own: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the cells (row * NUM_BINS + turn) that features of these words, at angles (N, 2), vote for."""
+        """Return the cells (row * NUM_TURN_BINS + turn) that features of these words, at angles (N, 2), vote for."""
         feature, place = postings.find(words)
         seen = postings.angles[place]
         near = np.abs(seen[:, 1] - own[feature, 1]) < MAX_RISE
         feature, place = feature[near], place[near]
         turn = (seen[near, 0] - own[feature, 0] + np.pi) % (2 * np.pi)
-        turn_bin = np.minimum((turn * (NUM_BINS / (2 * np.pi))).astype(np.int64), NUM_BINS - 1)
-        cell = postings.rows[place].astype(np.int64) * NUM_BINS + turn_bin
-        size = len(self._ids) * NUM_BINS
+        turn_bin = np.minimum((turn * (NUM_TURN_BINS / (2 * np.pi))).astype(np.int64), NUM_TURN_BINS - 1)
+        cell = postings.rows[place].astype(np.int64) * NUM_TURN_BINS + turn_bin
+        size = len(self._ids) * NUM_TURN_BINS
         return np.unique(feature * size + cell) % size
 
     def _sorted(self) -> list[Postings]:

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.appearance.features import Features
-
-MAX_RATIO = 0.85  # of the distances to the best and to the second best descriptor (Lowe 2004)
-NUM_TRIALS = 150
-MAX_ANGLE = np.radians(1.0)  # between a ray and its point
-NUM_REFINEMENTS = 6
-MIN_FORWARD = 0.1  # of the three rays along their mean: P3P needs them before a plane
+from sphere_nav.spheres.constants import (
+    MAX_MATCH_RATIO,
+    MAX_RAY_ANGLE,
+    MIN_FORWARD,
+    NUM_POSE_REFINEMENTS,
+    NUM_POSE_TRIALS,
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def match_features(query: Features, known: Features) -> NDArray[np.int64]:
     rows = np.arange(len(query))
     top = cosines[rows, best]
     second = np.partition(cosines, -2, axis=1)[:, -2]
-    is_clear = 1.0 - top < MAX_RATIO**2 * (1.0 - second)
+    is_clear = 1.0 - top < MAX_MATCH_RATIO**2 * (1.0 - second)
     is_mutual = np.argmax(cosines, axis=0)[best] == rows
     return np.stack([rows, best], axis=1)[is_clear & is_mutual]
 
@@ -53,19 +54,19 @@ def find_pose(query: Features, known: Features, seed: int = 0) -> FeaturePose | 
     rays, points = query.rays[pairs[:, 0]].astype(np.float64), known.points[pairs[:, 1]].astype(np.float64)
     rng = np.random.default_rng(seed)
     best, best_inliers = None, np.zeros(len(pairs), np.bool_)
-    for trial in range(NUM_TRIALS):
+    for trial in range(NUM_POSE_TRIALS):
         if trial >= _enough(best_inliers):
             break
         three = rng.choice(len(pairs), 3, replace=False)
         for T_camera_sphere in _solve_three(rays[three], points[three]):
-            inliers = _angles(T_camera_sphere, rays, points) < MAX_ANGLE
+            inliers = _angles(T_camera_sphere, rays, points) < MAX_RAY_ANGLE
             if inliers.sum() > best_inliers.sum():
                 best, best_inliers = T_camera_sphere, inliers
     if best is None or best_inliers.sum() < 4:
         return None
-    for _ in range(NUM_REFINEMENTS):
+    for _ in range(NUM_POSE_REFINEMENTS):
         best = _refine(best, rays[best_inliers], points[best_inliers])
-        best_inliers = _angles(best, rays, points) < MAX_ANGLE
+        best_inliers = _angles(best, rays, points) < MAX_RAY_ANGLE
         if best_inliers.sum() < 4:
             return None
     return FeaturePose(best.inverse(), int(best_inliers.sum()))

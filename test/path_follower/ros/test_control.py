@@ -2,6 +2,8 @@
 
 import pytest
 
+from path_follower.constants import CYCLE_MEMORY_NS, REPEAT_NS, SILENCE, TICK
+
 pytest.importorskip("rclpy")
 
 from sphere_nav_msgs.msg import GuardStatus
@@ -10,7 +12,7 @@ from std_msgs.msg import Bool
 from path_follower.modes import FollowerState
 from path_follower.path import Pose2
 from path_follower.reasons import StopReason
-from path_follower.ros.control import CYCLE_MEMORY_NS, REPEAT_NS, SILENCE, TICK, ControlLoop, Cycle
+from path_follower.ros.control import ControlLoop, Cycle
 from path_follower.ros.node import PathFollowerNode
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.clocks import SimulatedTicks

@@ -2,13 +2,15 @@
 
 import pytest
 
+from path_follower.constants import GUARD_GRACE_NS, GUARD_SILENCE_NS, HEARD_BEFORE_NS
+
 pytest.importorskip("rclpy")
 
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
 from path_follower.reasons import FINE, StopReason
-from path_follower.ros.peers import GUARD_GRACE_NS, GUARD_SILENCE_NS, HEARD_BEFORE_NS, Peers
+from path_follower.ros.peers import Peers
 
 MS = 1_000_000
 

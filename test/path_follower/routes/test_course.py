@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from path_follower.constants import SPACING
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.path_files import make_path as path_of
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_GROWTH, STEP, TURN_SHARE
+from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_GROWTH, TURN_SHARE
 from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Spot
 from path_follower.routes.planning import Leg, plan
@@ -69,7 +70,7 @@ def test_a_join_is_feasible_and_short(drive, rng, direction, rear_steering):
         assert tuple(poses[0]) == pytest.approx(pose)
         assert s <= JOIN_WITHIN
         assert np.abs(bends_of(poses)).max(initial=0.0) <= limit + 1e-6
-        np.testing.assert_allclose(np.hypot(*np.diff(poses[:, :2], axis=0).T), STEP, rtol=1e-2)
+        np.testing.assert_allclose(np.hypot(*np.diff(poses[:, :2], axis=0).T), SPACING, rtol=1e-2)
         assert abs(poses[-1, 1]) <= JOINED[0]
         turn, is_away = (1 - math.cos(turned)) / limit, left * turned * direction > 0
         assert np.abs(poses[:, 1]).max() <= 0.05 + (abs(left) + turn if is_away else max(abs(left), turn - abs(left)))
@@ -82,7 +83,7 @@ def test_a_course_begins_behind_a_vehicle_that_joins_on_the_circle_that_it_drive
     first, last = (5.0, 25.0)[::direction]
     pose = beside(edge.curve, first, 0.5, direction * 0.25)
     course = make_course(network, [Leg(edge.id, direction, first, last)], pose, VEHICLE)
-    count = round(LEAD / STEP)
+    count = round(LEAD / SPACING)
     assert course.lead == pytest.approx(LEAD)
     assert (course.x[count], course.y[count], course.yaw[count]) == pytest.approx(pose)
     points = np.stack([course.x, course.y, course.yaw], axis=-1)

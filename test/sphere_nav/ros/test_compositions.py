@@ -14,7 +14,8 @@ import pytest
 from config.test_yaml_matches_params import NODES, ROOT, generate
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.params import leaves
-from sphere_nav.ros.compositions import COMPOSITIONS, MAX_RESTARTS, RESTART_AFTER, NodeStart, after_exit
+from sphere_nav.ros.compositions import COMPOSITIONS, RESTART_AFTER, NodeStart, after_exit
+from sphere_nav.ros.constants import MAX_RESTARTS
 from worlds.rig import vertical_rig
 
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from sphere_nav.ros.constants import DEPTH_SLACK_S
+
 pytest.importorskip("rclpy")
 
 from tf2_msgs.msg import TFMessage
@@ -10,7 +12,7 @@ from tf2_msgs.msg import TFMessage
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.camera.depth_intake import SLACK_S, DepthCameraIntake
+from sphere_nav.ros.camera.depth_intake import DepthCameraIntake
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav.ros.node import ManagedNode
 
@@ -51,7 +53,7 @@ def test_an_image_goes_on_with_the_depth_of_its_instant(order):
     gate = Gate()
     for second in (1, 2):
         for kind in order:
-            gate.depth(second + 0.4 * SLACK_S, 2.0 + second) if kind == "depth" else gate.image(second)
+            gate.depth(second + 0.4 * DEPTH_SLACK_S, 2.0 + second) if kind == "depth" else gate.image(second)
     assert gate.seen() == [(1, 3.0), (2, 4.0)]
     assert gate.pictures[0].depth.camera == CAMERA
     np.testing.assert_array_equal(gate.pictures[0].depth.T_image_depth.matrix, np.eye(4))

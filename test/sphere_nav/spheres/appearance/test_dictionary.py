@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from sphere_nav.spheres.appearance import dictionary
-from sphere_nav.spheres.appearance.dictionary import MIN_COSINE, Dictionary
+from sphere_nav.spheres.appearance.dictionary import Dictionary
+from sphere_nav.spheres.constants import MIN_WORD_COSINE
 
 
 def random_units(rng, number):
@@ -53,4 +54,4 @@ def test_words_are_apart(rng):
     for _ in range(5):
         book.learn(near(rng, random_units(rng, 20), 0.5))
     cosines = book.words @ book.words.T - 2 * np.eye(len(book))
-    assert cosines.max() < MIN_COSINE
+    assert cosines.max() < MIN_WORD_COSINE
