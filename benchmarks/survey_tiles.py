@@ -48,8 +48,10 @@ def run(options: argparse.Namespace) -> Report:
     """Write a survey, read it in two ways, start everywhere."""
     count = 2_000_000 if options.quick else options.points
     folder = mcl_sites.folder_of(options) / f"survey_{options.world_seed}_{count}"
-    if not folder.is_dir():
-        write_survey(folder, options.world_seed, count)
+    if not folder.is_dir():  # in a process of its own: the memory of this one is judged
+        code = "import sys; from pathlib import Path; from benchmarks.survey_tiles import write_survey; "
+        code += f"write_survey(Path({str(folder)!r}), {options.world_seed}, {count})"
+        subprocess.run([sys.executable, "-c", code], check=True)
     plan = draw_plan(options.world_seed)
     box = ",".join(f"{value:.2f}" for value in limits(plan))
     origin = ",".join(f"{value:g}" for value in ORIGIN)
