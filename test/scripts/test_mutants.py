@@ -280,6 +280,9 @@ def test_what_counts_as_noticed(outcomes, expected):
     assert (result.outcome, result.by, result.is_cut) == expected
 
 
+BUSY = "import time\ndef work(end=time.monotonic() + 1.5):\n    while time.monotonic() < end: pass\n"
+
+
 @pytest.mark.parametrize(
     ("code", "limit", "idle", "expected"),
     [
@@ -287,6 +290,8 @@ def test_what_counts_as_noticed(outcomes, expected):
         ("sum(1 for _ in iter(int, 1))", 0.3, 30, None),
         ("import os\nwhile True: os.fork() and os.wait() or (sum(range(5_000_000)), os._exit(0))", 0.3, 30, None),
         ("import time; time.sleep(600)", 0.3, 2, None),  # but not without end
+        (BUSY + "work()", 60, 0.01, 0),  # however long it takes by the clock
+        (BUSY + "import threading; threading.Thread(target=work).start()", 60, 0.01, 0),
     ],
 )
 def test_the_limit_is_of_cpu_time(tmp_path, monkeypatch, code, limit, idle, expected):
