@@ -5,7 +5,7 @@ constant twice as large, `and` for `or`, `min` for `max`, a `not` that is gone. 
 `--seed`, one of each kind in turn, and each runs against the tests of its own package alone:
 
 1. the test that mirrors the module and those that import it, for a ROS shell also those of its node in test/nodes,
-   for parameters also those that hold for the parameters of all packages;
+   for parameters also those that hold for the parameters of all packages, for constants also those of their users;
 2. if they pass, the rest of the package's tests, those nearest to the module first, until they have taken `--limit`
    seconds of CPU; not with `--near`, which is quicker: `--rerun` then repeats the survivors with all tests.
 
@@ -356,9 +356,8 @@ def main() -> int:
         def judge(result: Result) -> Result:
             stage = stages.get()
             try:
-                stage.judge(
-                    result, tree.tests_of(PurePosixPath(result.mutant.path)), options.limit, is_near=options.near
-                )
+                tests = tree.tests_of(PurePosixPath(result.mutant.path), result.mutant.text)
+                stage.judge(result, tests, options.limit, is_near=options.near)
             finally:
                 stages.put(stage)
             return result

@@ -11,6 +11,7 @@ from architecture.tree import EXECUTABLES, MODULES, ROOT, dotted, room
 TESTED_ELSEWHERE = {
     # declarations only, the same laws for all packages; defaults: test/config/test_yaml_matches_params.py
     "params.py": "test/architecture/test_params.py",
+    "constants.py": "test/architecture/test_constants.py",  # judged by the tests of what uses them
     "arrays.py": "test/architecture/test_layering.py",  # what mypy checks
     "__init__.py": "test/architecture/test_layering.py",  # an index, executed by every import of the package
 }

@@ -213,6 +213,16 @@ def test_parameters_have_the_tests_of_all_parameters(project):
     assert len(rest) == 5
 
 
+def test_a_constant_has_the_tests_of_its_users(project):
+    (project / "car/constants.py").write_text("LIMIT, RATE = 1, 2\nGAP = 3\n")
+    (project / "car/law.py").write_text("from car.constants import LIMIT\n")
+    (project / "car/speed.py").write_text("from car.constants import GAP\n")
+    tree, path = Tree(project), PurePosixPath("car/constants.py")
+    (near, _), (others, _) = (tree.tests_of(path, line) for line in ("LIMIT, RATE = 1, 2", "GAP = 3"))
+    assert near == [f"test/car/test_{name}.py" for name in ("law", "steering", "wrong")]
+    assert others == tree.tests_of(path)[0] == []
+
+
 def test_mutants_run_in_a_copy_without_the_tests_that_fail_anyway(project, tmp_path_factory, monkeypatch):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # half the time of a run
     subprocess.run(["git", "init", "-q"], cwd=project, check=True)

@@ -3,7 +3,10 @@ import pytest
 
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.world.city import BOUNDS, HALF, LANE_X, SQUARE, TOUR_LENGTH, build_city, tour
+from cycab_sim.world.city import BOUNDS, build_city, tour
+
+# Written out: imported, a change would go unseen.
+HALF, LANE_X, SQUARE, TOUR_LENGTH = 5.5, 120.0, (70.0, -45.0, 170.0, 55.0), 490.0
 
 AROUND = np.radians(np.arange(0, 360, 5))
 RAYS = np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1).astype(np.float32)

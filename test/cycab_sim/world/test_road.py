@@ -3,18 +3,11 @@
 import numpy as np
 import pytest
 
-from cycab_sim.world.road import (
-    HALF_ROAD,
-    LANE,
-    SQUARE,
-    WALL,
-    build_road,
-    build_square,
-    place_beside,
-    road_path,
-    square_path,
-)
+from cycab_sim.world.road import HALF_ROAD, WALL, build_road, build_square, place_beside, road_path, square_path
 from cycab_sim.world.traffic.loops import free_loops, road_loops, square_loops
+
+# Written out: imported, a change would go unseen.
+LANE, SQUARE = 1.75, (-105.0, -85.0, 105.0, 85.0)
 
 
 def test_the_road_has_a_kilometre_that_a_car_drives_at_14_meters_a_second():

@@ -5,8 +5,11 @@ import pytest
 
 from cycab_sim import geometry_cloud
 from cycab_sim.simulator import Simulator
-from cycab_sim.world.worlds import BAY, CORRIDOR, GroundProfile, build_world
+from cycab_sim.world.worlds import GroundProfile, build_world
 from sphere_nav.geometry import SE3
+
+# Written out: imported, a change would go unseen.
+BAY, CORRIDOR = 8.0, 160.0
 
 
 def test_the_cloud_lies_on_the_corridor_and_repeats_with_its_bays():

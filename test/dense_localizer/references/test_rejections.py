@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from dense_localizer.constants import SQUARE_COLUMNS, SQUARE_ROWS
 from dense_localizer.references.rejections import Rejections, locate_squares, read_rejections, select_forgotten
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.localization.status import State
 from worlds.localizer import Run, at, make_localizer, make_map
 from worlds.room import Room, wide_room
+
+# Written out: imported, a change would go unseen.
+SQUARE_COLUMNS, SQUARE_ROWS = 64, 32
 
 MIN_SEEN = 8  # images in which a square was seen, before it may be forgotten
 

@@ -8,7 +8,10 @@ from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
 from path_follower.reasons import FINE, StopReason
-from path_follower.ros.peers import GUARD_GRACE_NS, GUARD_SILENCE_NS, HEARD_BEFORE_NS, Peers
+from path_follower.ros.peers import Peers
+
+# Written out: imported, a change would go unseen.
+GUARD_GRACE_NS, GUARD_SILENCE_NS, HEARD_BEFORE_NS = 500_000_000, 500_000_000, 300_000_000
 
 MS = 1_000_000
 

@@ -9,7 +9,9 @@ import pytest
 from benchmarks.mission_network import taught_drives
 from path_follower.path import wrap
 from path_follower.routes.building import HERE, OWN, _Anchor, _resolve, _Run, build_network, fade
-from path_follower.routes.constants import BLEND, LANE, MIN_SHARED, SAME_HEADING
+
+# Written out: imported, a change would go unseen.
+BLEND, LANE, MIN_SHARED, SAME_HEADING = 8.0, 0.6, 5.0, math.radians(15.0)
 
 TURN = (6 * math.pi / 2, 1 / 6)
 

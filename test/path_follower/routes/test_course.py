@@ -12,10 +12,12 @@ from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.path_files import make_path as path_of
 from path_follower.routes.building import build_network
-from path_follower.routes.constants import JOIN_WITHIN, JOINED, STEP, TURN_SHARE
 from path_follower.routes.course import join_curve, make_course
 from path_follower.routes.network import EdgeCurve, Spot
 from path_follower.routes.planning import Leg, plan
+
+# Written out: imported, a change would go unseen.
+JOINED, JOIN_WITHIN, STEP, TURN_SHARE = (0.03, math.radians(2.0)), 10.0, 0.1, 0.95
 
 PARAMS = FollowerParams()
 VEHICLE = PARAMS.vehicle

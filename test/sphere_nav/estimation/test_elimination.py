@@ -2,7 +2,10 @@
 
 import numpy as np
 
-from sphere_nav.estimation.elimination import CORRELATED_PIXELS, Elimination, Part
+from sphere_nav.estimation.elimination import Elimination, Part
+
+# Written out: imported, a change would go unseen.
+CORRELATED_PIXELS = 100.0
 
 SHARED, OWN = 2, 3
 NO_PRIOR = np.full(SHARED, 1e6)

@@ -2,9 +2,11 @@
 
 import numpy as np
 
-from dense_localizer.constants import SQUARE_COLUMNS, SQUARE_ROWS
 from dense_localizer.references.rejections import Rejections
 from sphere_nav.offline.forgetting import together
+
+# Written out: imported, a change would go unseen.
+SQUARE_COLUMNS, SQUARE_ROWS = 64, 32
 
 
 def counts(number):

@@ -7,7 +7,10 @@ from cycab_sim.world.mesh import MeshBuilder
 from cycab_sim.world.paths import Path, Piece, rounded
 from cycab_sim.world.town import draw_plan, taught_path
 from cycab_sim.world.traffic import loops
-from cycab_sim.world.traffic.loops import CLEAR, SPACING, WIDTHS, Loop, free_loops, town_loops, walk_around
+from cycab_sim.world.traffic.loops import WIDTHS, Loop, free_loops, town_loops, walk_around
+
+# Written out: imported, a change would go unseen.
+CLEAR, SPACING = 1.0, 0.25
 
 PLAN = draw_plan(5)
 
