@@ -29,6 +29,13 @@ def test_a_place_beside_a_path_is_to_its_left_and_turned():
     np.testing.assert_allclose(placement[:3, 0], [0.0, 1.0, 0.0], atol=1e-12)
 
 
+def test_a_seed_is_a_road_and_a_square(fingerprint):
+    road = [-1.37691, -1.36601, 2.26257, -0.40869, -1.5765, 0.70259, 0.11765, -0.42109, -0.25794, 0.0, 1.16721]
+    assert fingerprint(build_road(3)) == pytest.approx(road, abs=2e-5)
+    square = [-1.20418, -0.1326, -0.22021, 0.9132, 0.62301, -0.11621, -1.53488, 0.0, 0.0, 0.0, -0.21449]
+    assert fingerprint(build_square(3)) == pytest.approx(square, abs=2e-5)
+
+
 def test_houses_leave_the_road_free_on_both_sides_and_in_its_bends():
     triangles = build_road(3).triangles
     high = triangles[triangles[..., 2].min(axis=1) > 2.5]  # of houses: above cars, boxes and benches

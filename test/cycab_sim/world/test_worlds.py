@@ -43,6 +43,17 @@ def test_a_cloud_needs_a_spacing(spacing):
         geometry_cloud(3, spacing, "corridor")
 
 
+@pytest.mark.parametrize(
+    ("world", "numbers"),
+    [
+        ("corridor", [0.49541, -0.35816, -0.03974, -0.8294, -0.55238, 2.56285, 0.66852, 0.0, 0.0, 0.0, 0.0]),
+        ("ramp", [-1.77001, -1.06885, 0.52085, 1.375, 0.44521, -0.95987, -0.34119, 0.0, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_a_seed_is_a_world(world, numbers, fingerprint):
+    assert fingerprint(build_world(world, 3).mesh) == pytest.approx(numbers, abs=2e-5)
+
+
 def test_unknown_worlds_are_refused():
     with pytest.raises(
         ValueError, match="world: expected one of town, city, corridor, ramp, road, square, found 'moon'"

@@ -65,6 +65,20 @@ def test_a_street_without_a_path_in_it_is_free():
     assert len(free) < len(loops)
 
 
+@pytest.mark.parametrize(
+    ("ways", "number"),
+    [
+        (lambda: town_loops(draw_plan(5)), -1.97989),
+        (loops.city_loops, 2.07813),
+        (loops.road_loops, -1.37205),
+        (loops.square_loops, 1.23127),
+    ],
+)
+def test_the_loops_of_a_world_are_where_they_are(ways, number, fingerprint):
+    rows = [np.column_stack([loop.points, np.full(len(loop.points), loop.z)]) for loop in ways()]
+    assert fingerprint(np.concatenate(rows)) == pytest.approx([number], abs=2e-5)
+
+
 def test_boxes_are_marked_and_cut_at_the_edge():
     grid = np.ones((5, 6), np.uint8)
     loops._clear(np.array([[1, 1, 2, 2], [4, 3, 9, 9]]), grid)
