@@ -222,11 +222,11 @@ def cpu_seconds(folder: Path) -> float:
 def is_ready(folder: Path) -> bool:
     """Whether a process has a thread that runs, or would on a machine with nothing else to do, by its folder in /proc.
 
-    What waits for a disk counts as well.
+    What waits for a disk, or was stopped from outside, counts as well.
     """
     for path in folder.glob("task/*/stat"):
         with suppress(OSError):  # the thread has ended
-            if path.read_text().rpartition(")")[2].split()[0] in "RD":
+            if path.read_text().rpartition(")")[2].split()[0] in "RDT":
                 return True
     return False
 
