@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
@@ -37,8 +38,11 @@ class Tree:
             if not self._is_index(path):
                 yield path, (self.root / path).read_bytes(), self._trees[path]
 
-    def tests_of(self, path: PurePosixPath) -> tuple[list[str], list[str]]:
-        """Return the test files of a module's package: those near to the module, and the others, nearest first."""
+    def tests_of(self, path: PurePosixPath, line: str = "") -> tuple[list[str], list[str]]:
+        """Return the test files of a module's package: those near to the module, and the others, nearest first.
+
+        Near to a constant, whose line may be given, are also the tests of the modules that import it.
+        """
         package = PurePosixPath(package_of(path))
         folder = "test" / package
         folders = [folder, *("test" / PurePosixPath(name) for name in [COMMANDS.get(str(package))] if name)]
@@ -50,34 +54,45 @@ class Tree:
             nodes = [package.name, *(name for name, module in self.executables.items() if module.startswith(prefix))]
             starts = tuple(f"test_{name}" for name in nodes)
             tests += [test for test in self.tests if test.parts[1] == "nodes" and test.name.startswith(starts)]
-        distances = self._distances(path)
+        starts = {path, *self._users(path, line)}
+        distances = self._distances(starts)
         if path.stem.endswith("params"):
             elsewhere = [test for test in self.tests if str(test) in PARAMETER_TESTS]
             tests += elsewhere
             distances |= dict.fromkeys(elsewhere, 0)
-        distances |= {"test" / path.parent / f"test_{path.stem.strip('_')}.py": 0}
+        distances |= {"test" / start.parent / f"test_{start.stem.strip('_')}.py": 0 for start in starts}
         files = [test for test in tests if test.name.startswith("test_")]
         ranks = sorted((distances.get(test, len(self._trees)), str(test)) for test in files)
         return [test for rank, test in ranks if rank <= NEAR], [test for rank, test in ranks if rank > NEAR]
 
-    def _distances(self, path: PurePosixPath) -> dict[PurePosixPath, int]:
-        """Return by how many imports each file is away from a module."""
-        found, last = {path: 0}, [path]
+    def _users(self, path: PurePosixPath, line: str) -> set[PurePosixPath]:
+        """Return the modules that import what a line of constants gives a value to."""
+        names = re.findall(r"\b[A-Z][A-Z0-9_]*\b", line.partition("=")[0]) if path.stem == "constants" else []
+        wanted = {f"{dotted(path)}.{name}" for name in names}
+        return {user for user in self.modules if wanted & self._imported(user)} if wanted else set()
+
+    def _distances(self, paths: set[PurePosixPath]) -> dict[PurePosixPath, int]:
+        """Return by how many imports each file is away from modules."""
+        found, last = dict.fromkeys(paths, 0), sorted(paths)
         while last:
             news = {importer for item in last for importer in self._importers.get(item, ())} - found.keys()
             found |= dict.fromkeys(news, found[last[0]] + 1)
             last = sorted(news)
         return found
 
-    def _imports(self, path: PurePosixPath) -> set[PurePosixPath]:
-        """Return our files that one imports, through indices; a test also depends on the conftest.py above it."""
+    def _imported(self, path: PurePosixPath) -> set[str]:
+        """Return the dotted names that a file imports."""
         names = set()
         for node in ast.walk(self._trees[path]):
             if isinstance(node, ast.Import):
                 names |= {alias.name for alias in node.names}
             elif isinstance(node, ast.ImportFrom):
                 names |= {f"{node.module}.{alias.name}" for alias in node.names}
-        found = {self._resolve(name) for name in names}
+        return names
+
+    def _imports(self, path: PurePosixPath) -> set[PurePosixPath]:
+        """Return our files that one imports, through indices; a test also depends on the conftest.py above it."""
+        found = {self._resolve(name) for name in self._imported(path)}
         if path.parts[0] == "test":
             found |= {folder / "conftest.py" for folder in path.parents if folder != PurePosixPath("test")}
         return {item for item in found if item in self._trees} - {path}

@@ -5,15 +5,16 @@ constant twice as large, `and` for `or`, `min` for `max`, a `not` that is gone. 
 `--seed`, one of each kind in turn, and each runs against the tests of its own package alone:
 
 1. the test that mirrors the module and those that import it, for a ROS shell also those of its node in test/nodes,
-   for parameters also those that hold for the parameters of all packages;
+   for parameters also those that hold for the parameters of all packages, for constants also those of their users;
 2. if they pass, the rest of the package's tests, those nearest to the module first, until they have taken `--limit`
    seconds of CPU; not with `--near`, which is quicker: `--rerun` then repeats the survivors with all tests.
 
 Everything happens in a copy, with the copy's packages in front of the installed ones. A kill counts if the failing
 test passes without the mutant; a time-out if the test that was running takes too long by itself, and only with the
-mutant. CPU time is what counts, so that other work on the machine makes no time-out; where a test waits without end,
-IDLE times as long by the clock. Mutants that change no result (`<` and `<=` of two floats) are not sorted out: they
-count as survivors. Recordings are used where SPHERE_NAV_DATA names them. Run it with the environment's python.
+mutant. CPU time is what counts, and where a test waits without end, IDLE times as much time in which nothing of it was
+ready to run: other work on the machine makes no time-out. Mutants that change no result (`<` and `<=` of two floats)
+are not sorted out: they count as survivors. Recordings are used where SPHERE_NAV_DATA names them. Run it with the
+environment's python.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ from mutations import Mutant, apply, draw, mutants_of, numeric_constants
 
 ROOT = Path(__file__).resolve().parents[1]
 MARGIN = " " * 17
-POLL = 0.5  # how often the CPU time of the tests is looked at, s
-IDLE = 5  # a full machine leaves a process at least a fifth of a CPU
+POLL = 0.5  # how often the tests are looked at, s
+IDLE = 5  # times the limit of CPU time that tests may wait: those of nodes wait longer than they compute
 SKIPPED = {"kernels", "warm_up", "plot", "plots", "figure", "figures"}  # a name of a module, or one of its words
 
 
@@ -171,12 +172,16 @@ class Stage:
 
     def _wait(self, process: subprocess.Popen, limit: float) -> tuple[int | None, float]:
         """Wait for the end of a process; return its code, None where it takes too long, and its CPU time in seconds."""
-        begin, seconds = time.monotonic(), 0.0
-        while seconds < limit and time.monotonic() - begin < IDLE * limit:
+        seconds = idle = 0.0
+        while seconds < limit and idle < IDLE * limit:
+            begin = time.monotonic()
             try:
                 return process.wait(POLL), seconds
             except subprocess.TimeoutExpired:
-                seconds = max(seconds, sum(map(cpu_seconds, self._processes())))
+                folders = list(self._processes())
+                seconds = max(seconds, sum(map(cpu_seconds, folders)))
+                if not any(map(is_ready, folders)):
+                    idle += time.monotonic() - begin
         return None, seconds
 
     def _write(self, path: str, text: bytes | None, mutant: Mutant | None) -> bytes:
@@ -212,6 +217,18 @@ def cpu_seconds(folder: Path) -> float:
     except OSError:  # it has ended
         return 0.0
     return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
+
+
+def is_ready(folder: Path) -> bool:
+    """Whether a process has a thread that runs, or would on a machine with nothing else to do, by its folder in /proc.
+
+    What waits for a disk, or was stopped from outside, counts as well.
+    """
+    for path in folder.glob("task/*/stat"):
+        with suppress(OSError):  # the thread has ended
+            if path.read_text().rpartition(")")[2].split()[0] in "RDT":
+                return True
+    return False
 
 
 def copy(source: Path, target: Path) -> None:
@@ -339,9 +356,8 @@ def main() -> int:
         def judge(result: Result) -> Result:
             stage = stages.get()
             try:
-                stage.judge(
-                    result, tree.tests_of(PurePosixPath(result.mutant.path)), options.limit, is_near=options.near
-                )
+                tests = tree.tests_of(PurePosixPath(result.mutant.path), result.mutant.text)
+                stage.judge(result, tests, options.limit, is_near=options.near)
             finally:
                 stages.put(stage)
             return result

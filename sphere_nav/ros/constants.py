@@ -35,7 +35,7 @@ FIRST_IMAGE_S = 2.0  # without any image before it is said
 NUM_COUNTED, MAX_LOST_SHARE = 20, 0.2  # images over which losses are counted; share of them, before it is said
 OFFER_PERIOD_NS = 1_000_000_000  # between two poses of a peer that start a search
 
-# Failures (test_executor, test_health)
+# Failures (test_executor)
 RECENT_S = 10.0  # for which a failure shows in the diagnostics
 MAX_IN_ROW = 3  # failures of one callback in a row, and it does not work
 MAX_WAITS, PAUSE_S = 50, 0.02  # failed attempts to wait, in a row, before the process ends; between two of them

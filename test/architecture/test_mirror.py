@@ -11,8 +11,8 @@ from architecture.tree import EXECUTABLES, MODULES, ROOT, dotted, room
 TESTED_ELSEWHERE = {
     # declarations only, the same laws for all packages; defaults: test/config/test_yaml_matches_params.py
     "params.py": "test/architecture/test_params.py",
+    "constants.py": "test/architecture/test_constants.py",  # judged by the tests of what uses them
     "arrays.py": "test/architecture/test_layering.py",  # what mypy checks
-    "constants.py": "test/architecture/test_constants.py",  # each names the tests that pin it
     "__init__.py": "test/architecture/test_layering.py",  # an index, executed by every import of the package
 }
 COMMANDS = {"sphere_nav.offline": "sphere_nav.cli"}  # what the commands do is tested through them, too

@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import importlib
 from pathlib import Path
+from typing import Any
 
 from architecture.tree import modules_with, parse
 from sphere_nav.params import Leaf, leaves
@@ -62,6 +63,15 @@ def promised_unit(leaf: Leaf) -> str:
     return next((unit for ending, unit in PROMISES.items() if leaf.name.endswith(ending)), leaf.unit)
 
 
+def refusal(leaf: Leaf, value: Any) -> str:
+    """Return why a value is refused, with the name of its parameter; empty where it is not."""
+    try:
+        leaf.check(value)
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
 def test_every_parameter_is_documented() -> None:
     assert LEAVES
     assert [name for name, leaf in LEAVES if len(leaf.doc) < len("rows")] == []
@@ -73,5 +83,4 @@ def test_units_are_known_and_agree_with_the_name() -> None:
 
 
 def test_defaults_lie_in_their_range() -> None:
-    for _, leaf in LEAVES:
-        leaf.check(leaf.default)  # ValueError names the parameter
+    assert [text for _, leaf in LEAVES if (text := refusal(leaf, leaf.default))] == []

@@ -1,5 +1,6 @@
 """A town that is built once, a bare world with known answers, and what turns a camera into a question."""
 
+from dataclasses import fields
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,7 @@ from cycab_sim.params import LightParams, RenderParams, SimCameraParams, SimPara
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.cameras import OPTICAL
 from cycab_sim.world.finishes import ASPHALT, PLASTERS
-from cycab_sim.world.mesh import Finish, MeshBuilder
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder
 from cycab_sim.world.texture import kernels as materials
 from cycab_sim.world.town import build_town
 from cycab_sim.world.worlds import build_world
@@ -25,6 +26,26 @@ def shared_worlds():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulator_module, "build_world", cache(build_world))
         yield
+
+
+def describe(*parts):
+    """Return one number for each array or mesh's array: its values, weighed by chance, by their root of squares.
+
+    A seed is one world for ever: maps, drives and figures of results are of it. Who changes a world on purpose writes
+    the new numbers; anything else that changes them is a fault, however small the thing is.
+    """
+    found = []
+    for part in parts:
+        for array in [getattr(part, item.name) for item in fields(part)] if isinstance(part, Mesh) else [part]:
+            values = np.asarray(array, np.float64).ravel()
+            weights = np.random.default_rng(len(values)).standard_normal(len(values))
+            found.append(float(weights @ values / max(np.linalg.norm(values), 1e-9)))
+    return found
+
+
+@pytest.fixture(scope="session")
+def fingerprint():
+    return describe
 
 
 @pytest.fixture(scope="session")

@@ -9,12 +9,15 @@ from mcl_depth.belief.hypotheses import find_hypotheses
 from mcl_depth.belief.motion_model import MotionModel, compose_planar, relative_motion
 from mcl_depth.belief.particles import Particles, best_headings, interpolate_similarity
 from mcl_depth.belief.resampling import compute_weights, low_variance_indices, required_particles, resample
-from mcl_depth.constants import CHANCE, MIN_PARTICLES
+from mcl_depth.constants import CHANCE
 from mcl_depth.homing import Homing, sample_offsets, waypoints_of
 from mcl_depth.likeness.depth_cache import DepthCache
 from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.params import DirectionParams, MotionParams
 from sphere_nav.geometry import SE3
+
+# Written out: imported, a change would go unseen.
+MIN_PARTICLES = 300
 
 
 def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():

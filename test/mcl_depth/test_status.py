@@ -10,11 +10,13 @@ import pytest
 from mcl_depth.belief.evidence import Proof, Survey
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
-from mcl_depth.constants import LOST_IMAGES
 from mcl_depth.params import MclStateParams
 from mcl_depth.status import REMEDIES, Verdict, count, judge_belief
 from sphere_nav.localization.state_machine import StateMachine
 from sphere_nav.localization.status import Finding, Reason, State
+
+# Written out: imported, a change would go unseen.
+LOST_IMAGES = 6
 
 P = MclStateParams(probation_images=2)
 SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, agrees=False)

@@ -16,7 +16,7 @@ from path_follower.consistency import (
     pose_noise,
     process_noise,
 )
-from path_follower.constants import COMMAND_ERRORS, SLOW_ALARM, STOP_ALARM
+from path_follower.constants import COMMAND_ERRORS
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
@@ -24,6 +24,9 @@ from path_follower.path import Pose2, between, compose_poses
 from path_follower.reasons import FINE, StopReason
 from path_follower.vehicle import Motion, Predictor
 from sphere_nav.estimation.gates import squared_mahalanobis
+
+# Written out: imported, a change would go unseen.
+SLOW_ALARM, STOP_ALARM = 1e-5, 1e-7
 
 SECOND, STEP = 1_000_000_000, 100_000_000
 PARAMS = FollowerParams()

@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from path_follower.constants import SPACING
 from path_follower.params import FollowerParams, PathParams
 from path_follower.path import Pose2, wrap
+
+# Written out: imported, a change would go unseen.
+SPACING = 0.1
 
 PARAMS = FollowerParams()
 

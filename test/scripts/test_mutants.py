@@ -213,6 +213,16 @@ def test_parameters_have_the_tests_of_all_parameters(project):
     assert len(rest) == 5
 
 
+def test_a_constant_has_the_tests_of_its_users(project):
+    (project / "car/constants.py").write_text("LIMIT, RATE = 1, 2\nGAP = 3\n")
+    (project / "car/law.py").write_text("from car.constants import LIMIT\n")
+    (project / "car/speed.py").write_text("from car.constants import GAP\n")
+    tree, path = Tree(project), PurePosixPath("car/constants.py")
+    (near, _), (others, _) = (tree.tests_of(path, line) for line in ("LIMIT, RATE = 1, 2", "GAP = 3"))
+    assert near == [f"test/car/test_{name}.py" for name in ("law", "steering", "wrong")]
+    assert others == tree.tests_of(path)[0] == []
+
+
 def test_mutants_run_in_a_copy_without_the_tests_that_fail_anyway(project, tmp_path_factory, monkeypatch):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # half the time of a run
     subprocess.run(["git", "init", "-q"], cwd=project, check=True)
@@ -280,6 +290,9 @@ def test_what_counts_as_noticed(outcomes, expected):
     assert (result.outcome, result.by, result.is_cut) == expected
 
 
+BUSY = "import time\ndef work(end=time.monotonic() + 1.5):\n    while time.monotonic() < end: pass\n"
+
+
 @pytest.mark.parametrize(
     ("code", "limit", "idle", "expected"),
     [
@@ -287,6 +300,8 @@ def test_what_counts_as_noticed(outcomes, expected):
         ("sum(1 for _ in iter(int, 1))", 0.3, 30, None),
         ("import os\nwhile True: os.fork() and os.wait() or (sum(range(5_000_000)), os._exit(0))", 0.3, 30, None),
         ("import time; time.sleep(600)", 0.3, 2, None),  # but not without end
+        (BUSY + "work()", 60, 0.01, 0),  # however long it takes by the clock
+        (BUSY + "import threading; threading.Thread(target=work).start()", 60, 0.01, 0),
     ],
 )
 def test_the_limit_is_of_cpu_time(tmp_path, monkeypatch, code, limit, idle, expected):

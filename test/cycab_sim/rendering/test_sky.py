@@ -71,3 +71,20 @@ def test_clouds_over_all_of_the_sky_leave_a_third_of_the_light():
     assert not gray.sun_color.any()
     assert np.ptp(gray.sky_color) == 0.0
     assert gray.sky_color[0] == pytest.approx(0.28 * total)
+
+
+def test_an_instant_has_its_light(fingerprint):
+    """Over days, hours and clouds: two of a condition are one, in every version."""
+    suns = [f"{day},{hour}h" for day in (20, 172, 300) for hour in (5.5, 7.0, 12.0, 17.25, 19.0, 22.0)] + [
+        "12h",
+        "30,40",
+    ]
+    params = [LightParams(sun=sun, overcast=over, clouds=0.6) for sun in suns for over in (0.0, 0.4)]
+    lights = [light_at(one, 50.0 * number, 3) for number, one in enumerate(params)]
+    columns = [
+        np.array([getattr(one, name) for one in lights]) for name in ("sun", "sun_color", "sky_color", "sky_gain")
+    ]
+    sizes = [float(np.linalg.norm(column)) for column in columns]
+    assert [*fingerprint(*columns), *sizes] == pytest.approx(
+        [-0.35631, 0.00483, -0.76739, -0.48326, 6.32456, 4.36608, 2.54789, 3.24951], abs=2e-5
+    )

@@ -7,7 +7,7 @@ import pytest
 from cycab_sim.params import LightParams, RenderParams, SeasonParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.rendering.sky import SkyLight
-from cycab_sim.rendering.weather import SNOW, PixelView, Weather
+from cycab_sim.rendering.weather import SNOW, PixelView, Weather, _find_glow
 from cycab_sim.sensors.cameras import OPTICAL
 from cycab_sim.world.finishes import ASPHALT
 from cycab_sim.world.mesh import MeshBuilder
@@ -219,3 +219,26 @@ def test_a_closed_sky_gives_level_ground_the_light_of_an_even_one():
     weather.change(sky, SkyLight(np.array([0.0, 0.0, 1.0]), np.ones(3), np.array([2.0, 4.0, 6.0]), 2.0), color)
     np.testing.assert_allclose(np.mean(2 * up[:, None] * color, axis=0), [1.0, 2.0, 3.0], rtol=1e-4)
     assert color[-1, 0] / color[0, 0] == pytest.approx(3.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("light", "season", "numbers"),
+    [
+        (LightParams(sun="300,17h"), SeasonParams(), [-4.497, 0.867, -1.093]),
+        (LightParams(overcast=0.5), SeasonParams(snow=0.6), [-1.183, 0.605, -1.162]),
+        (LightParams(sun="300,12h", overcast=0.3), SeasonParams(wet=0.7), [-1.386, 0.776, -0.833]),
+        (replace(NIGHT, has_street_lamps=True, torch=400.0), SeasonParams(wet=0.3), [-9.753, 1.745, -0.922]),
+    ],
+)
+def test_a_condition_looks_as_it_does(box_mesh, fingerprint, light, season, numbers):
+    """Its mean, scatter and pattern, to a hundredth: one pixel at an edge that falls to the other side is less."""
+    lamps = replace(box_mesh, lamps=np.array([[4.0, 3.0, 5.0]]))
+    torch = SE3.exp([0.5, 0.2, 1.2, 0.0, 0.1, -0.1])
+    found, _ = radiance(lamps, light, season, torch=torch)
+    blocks = found.reshape(12, 10, 16, 10, 3).mean(axis=(1, 3)) / found.mean()
+    assert [np.log(found.mean()), blocks.std(), *fingerprint(blocks)] == pytest.approx(numbers, abs=0.01)
+
+
+def test_the_windows_of_a_town_that_are_lit(town, fingerprint):
+    glow = _find_glow(town[0])
+    assert [*fingerprint(glow), np.linalg.norm(glow)] == pytest.approx([-1.05393, 40803.76172], rel=1e-5, abs=2e-5)

@@ -5,10 +5,13 @@ import numpy as np
 import pytest
 
 from cycab_sim.params import ImuParams, SimCameraParams
-from cycab_sim.sensors.imu import GRAVITY, Imu, ImuErrors
+from cycab_sim.sensors.imu import Imu, ImuErrors
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry import SE3
+
+# Written out: imported, a change would go unseen.
+GRAVITY = 9.80665
 
 STEP = 10_000_000
 NO_ERRORS = ImuErrors(

@@ -3,18 +3,11 @@
 import numpy as np
 import pytest
 
-from cycab_sim.world.road import (
-    HALF_ROAD,
-    LANE,
-    SQUARE,
-    WALL,
-    build_road,
-    build_square,
-    place_beside,
-    road_path,
-    square_path,
-)
+from cycab_sim.world.road import HALF_ROAD, WALL, build_road, build_square, place_beside, road_path, square_path
 from cycab_sim.world.traffic.loops import free_loops, road_loops, square_loops
+
+# Written out: imported, a change would go unseen.
+LANE, SQUARE = 1.75, (-105.0, -85.0, 105.0, 85.0)
 
 
 def test_the_road_has_a_kilometre_that_a_car_drives_at_14_meters_a_second():
@@ -34,6 +27,13 @@ def test_a_place_beside_a_path_is_to_its_left_and_turned():
     placement = place_beside(road_path(0.0), 60.0, 2.0, np.pi / 2, 0.5)
     np.testing.assert_allclose(placement[:3, 3], [60.0, 2.0, 0.5])
     np.testing.assert_allclose(placement[:3, 0], [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_a_seed_is_a_road_and_a_square(fingerprint):
+    road = [-1.37691, -1.36601, 2.26257, -0.40869, -1.5765, 0.70259, 0.11765, -0.42109, -0.25794, 0.0, 1.16721]
+    assert fingerprint(build_road(3)) == pytest.approx(road, abs=2e-5)
+    square = [-1.20418, -0.1326, -0.22021, 0.9132, 0.62301, -0.11621, -1.53488, 0.0, 0.0, 0.0, -0.21449]
+    assert fingerprint(build_square(3)) == pytest.approx(square, abs=2e-5)
 
 
 def test_houses_leave_the_road_free_on_both_sides_and_in_its_bends():

@@ -50,6 +50,19 @@ def test_autumn_changes_colors_alone(town):
     assert np.median(red_over_green) > 1.2 > np.median(mesh.colors[is_leaf, 1, 0] / mesh.colors[is_leaf, 1, 1])
 
 
+@pytest.mark.parametrize(
+    ("season", "numbers"),
+    [
+        ({"parked": 1}, [-1.24989, -0.51611, 0.58967, 0.1036, 0.48409, 0.9884, 0.82519, -1.40084, -1.46852]),
+        ({"leaves": "none"}, [-0.43877, 0.19685, -1.05775, -0.90022, 0.13586, 0.68555, 1.97768]),
+        ({"leaves": "yellow"}, [-0.19449, -1.58757, 0.26226, -0.90022, 0.13586, 0.68526, 1.95335]),
+    ],
+)
+def test_a_season_of_a_seed_is_one_world(town, fingerprint, season, numbers):
+    found = fingerprint(change_season(town[0], SeasonParams(**season), 5))
+    assert found[: len(numbers)] == pytest.approx(numbers, abs=2e-5)
+
+
 @pytest.mark.parametrize("leaves", ["yellow", "none"])
 def test_a_world_without_trees_has_every_season(box_mesh, leaves):
     changed = change_season(box_mesh, SeasonParams(leaves=leaves, parked=3), 1)

@@ -8,12 +8,14 @@ from cycab_sim.world.town import add_skyline, build_town, draw_plan, path_names,
 CLEARANCE = 0.6 + 0.3  # half the width of the car, and what a driver leaves
 
 
-def test_a_seed_is_a_town(town):
+def test_a_seed_is_a_town(town, fingerprint):
     again, plan = build_town.__wrapped__(5)  # the cache left aside
     assert plan == town[1]
     for name in ("triangles", "normals", "surface_of", "frames", "kinds", "params", "colors"):
         np.testing.assert_array_equal(getattr(again, name), getattr(town[0], name))
     assert draw_plan(6) != plan
+    numbers = [-0.19449, -1.58757, 0.26226, -0.90022, 0.13586, 0.68526, 1.91884, 0.57839, 0.56807, 0.04959, 0.67089]
+    assert fingerprint(again) == pytest.approx(numbers, abs=2e-5)
 
 
 class Middle(np.random.Generator):

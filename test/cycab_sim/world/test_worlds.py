@@ -5,8 +5,11 @@ import pytest
 
 from cycab_sim import geometry_cloud
 from cycab_sim.simulator import Simulator
-from cycab_sim.world.worlds import BAY, CORRIDOR, GroundProfile, build_world
+from cycab_sim.world.worlds import GroundProfile, build_world
 from sphere_nav.geometry import SE3
+
+# Written out: imported, a change would go unseen.
+BAY, CORRIDOR = 8.0, 160.0
 
 
 def test_the_cloud_lies_on_the_corridor_and_repeats_with_its_bays():
@@ -38,6 +41,17 @@ def test_the_cloud_of_the_town_lacks_what_comes_and_goes():
 def test_a_cloud_needs_a_spacing(spacing):
     with pytest.raises(ValueError, match="spacing: expected a distance above 0 m"):
         geometry_cloud(3, spacing, "corridor")
+
+
+@pytest.mark.parametrize(
+    ("world", "numbers"),
+    [
+        ("corridor", [0.49541, -0.35816, -0.03974, -0.8294, -0.55238, 2.56285, 0.66852, 0.0, 0.0, 0.0, 0.0]),
+        ("ramp", [-1.77001, -1.06885, 0.52085, 1.375, 0.44521, -0.95987, -0.34119, 0.0, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_a_seed_is_a_world(world, numbers, fingerprint):
+    assert fingerprint(build_world(world, 3).mesh) == pytest.approx(numbers, abs=2e-5)
 
 
 def test_unknown_worlds_are_refused():

@@ -2,16 +2,17 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.likeness import ExperienceChoice, Sight
+from dense_localizer.references.likeness import ExperienceChoice, Sight, correlate_poses, score_poses
 from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
-from sphere_nav.spheres.graph import Experience
+from sphere_nav.spheres.graph import Experience, KeySphere
 from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, make_map
 from worlds.room import Room
 
@@ -63,6 +64,68 @@ def test_followed_images_cost_two_comparisons_and_change_over(days, monkeypatch)
         assert len(asked) == 2
     assert used[0] == 0  # one image is not enough
     assert used[-1] == 10
+
+
+class Scripted(ExperienceChoice):
+    """A choice for which the likeness of each experience with the image is given."""
+
+    def __init__(self):
+        super().__init__(None)
+        self.asked = []
+
+    def look(self, is_followed=True, **likeness):
+        self.asked.clear()
+        self._likeness = {Experience(name): value for name, value in likeness.items()}
+        reach = {one: replace(NODE, experience=one) for one in self._likeness}
+        return self.choose(reach, Sight(None, None, is_followed)).name
+
+    def compare(self, node, sight):
+        self.asked.append(node.experience.name)
+        return self._likeness[node.experience]
+
+
+NODE = KeySphere(0, 0, SE3.identity())
+
+
+def test_another_experience_must_lead_by_a_twentieth_over_three_images():
+    choice = Scripted()
+    assert choice.look(is_followed=False, day=0.6, night=0.5) == "day"
+    assert choice.look(day=0.6, night=0.64) == "day"
+    assert choice.look(day=0.6, night=0.9) == "day"  # in the mean 0.5, 0.542, 0.6494 ...
+    assert choice.look(day=0.6, night=0.7) == "night"  # ... 0.6646
+    assert choice.look(day=0.9, night=0.6) == "night"  # 0.69 against 0.6452
+    assert choice.look(is_followed=False, day=0.61, night=0.6) == "day"  # one image alone decides
+
+
+def test_the_others_are_compared_in_turn_and_the_unknown_do_not_count():
+    choice = Scripted()
+    choice.look(is_followed=False, day=0.6, night=0.1)
+    asked = []
+    for _ in range(4):
+        assert choice.look(day=0.6, night=0.1, snow=0.2, rain=0.3) == "day"
+        asked.append(tuple(choice.asked))
+    assert sorted(asked[:3]) == [("day", "night"), ("day", "rain"), ("day", "snow")]
+    assert asked[3] == asked[0]
+    assert choice.look(night=0.1, snow=0.2) == "snow"  # the one in use is out of reach
+
+
+def test_a_correlation_is_of_what_is_in_view():
+    """Points at the middle of pixels, some of them behind the camera; gain and offset do not count."""
+    rng = np.random.default_rng(4)
+    image = rng.uniform(20.0, 230.0, (PINHOLE.height, PINHOLE.width)).astype(np.float32)
+    level = build_pyramid(image, PINHOLE).levels[0]
+    rows, columns = rng.integers(2, 90, 40), rng.integers(2, 90, 40)
+    points = 3.0 * PINHOLE.unproject(np.stack([columns, rows], axis=-1).astype(float))
+    seen, here = image[rows, columns], SE3(np.eye(4)[None])
+    for intensity, expected in ((seen, 1.0), (0.5 * seen + 20.0, 1.0), (255.0 - seen, -1.0)):
+        ncc, count = correlate_poses(points, intensity, here, level)
+        assert (ncc[0], count[0]) == (pytest.approx(expected, abs=1e-5), 40)
+        assert score_poses(points, intensity, here, level)[0] == pytest.approx(expected, abs=1e-5)
+    for number, expected in ((20, np.sqrt(0.5)), (19, -1.0)):
+        part = np.concatenate([points[:number], -points[number:]])
+        assert score_poses(part, seen, here, level)[0] == pytest.approx(expected, abs=1e-5)
+    other = image[rows, columns[::-1]]
+    assert correlate_poses(points, other, here, level)[0][0] == pytest.approx(np.corrcoef(seen, other)[0, 1], abs=1e-5)
 
 
 def test_what_is_out_of_reach_is_not_chosen(days):

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from dense_localizer.constants import NUM_RETRIEVED
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.recognition import Recognition
@@ -15,6 +14,9 @@ from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.graph import KeySphere
 from worlds.localizer import SMALL_IMAGES, MemoryMap, at, locate
 from worlds.room import sharp_room
+
+# Written out: imported, a change would go unseen.
+NUM_RETRIEVED = 12
 
 LENS = Pinhole(320, 240, 200.0, 200.0, 159.5, 119.5)
 PARAMS = build(LocalizerParams, SMALL_IMAGES)

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from dense_localizer.constants import SQUARE_COLUMNS, SQUARE_ROWS
 from dense_localizer.references.rejections import Rejections, locate_squares, read_rejections, select_forgotten
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.localization.status import State
 from worlds.localizer import Run, at, make_localizer, make_map
 from worlds.room import Room, wide_room
+
+# Written out: imported, a change would go unseen.
+SQUARE_COLUMNS, SQUARE_ROWS = 64, 32
 
 MIN_SEEN = 8  # images in which a square was seen, before it may be forgotten
 
@@ -48,6 +50,31 @@ def test_a_camera_that_waits_counts_once():
     rejections.add(0, np.zeros(3), points, residual)
     assert not rejections.is_due(0, np.array([0.1, 0.0, 0.0]))
     assert rejections.is_due(0, np.array([0.3, 0.0, 0.0]))
+
+
+def test_a_square_is_rejected_where_most_of_at_least_four_points_are_outliers():
+    """Beyond three deviations of at least one grey level, either way."""
+    rays = Spherical(SQUARE_COLUMNS, SQUARE_ROWS).unproject(
+        np.array([[3.0, 16.0], [9.0, 16.0], [20.0, 8.0], [50.0, 9.0], [60.0, 20.0]])
+    )
+    numbers, outliers = (3, 4, 4, 200, 5), ([9.0] * 3, [3.1, -3.1], [3.1, -3.1, 9.0], [2.9, -2.9], [])
+    points = np.repeat(2.0 * rays, numbers, axis=0)
+    residual = np.concatenate(
+        [np.append(part, np.zeros(n - len(part))) for n, part in zip(numbers, outliers, strict=True)]
+    )
+    rejections = Rejections()
+    for k in range(MIN_SEEN):
+        assert rejections.add(7, np.zeros(3), points, residual + 5.0) == (k == MIN_SEEN - 1)  # others are forgotten now
+    places = [(16, 3), (16, 9), (8, 20), (9, 50)]
+    assert [rejections.counts[7][:, row, column].tolist() for row, column in places] == [[0, 0], [8, 0], [8, 8], [8, 0]]
+    assert rejections.counts[7].sum() == 40
+    assert rejections.share(8) == 0.0
+
+
+def test_the_share_of_a_sphere_that_is_forgotten():
+    count = np.zeros((2, SQUARE_ROWS, SQUARE_COLUMNS), np.int64)
+    count[:, :2] = MIN_SEEN
+    assert Rejections({0: count}).share(0) == int(0.3 * 2 * SQUARE_COLUMNS) / (SQUARE_ROWS * SQUARE_COLUMNS)
 
 
 def test_counters_are_written_once_and_read_for_their_map_alone(tmp_path):

@@ -1,4 +1,5 @@
 from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -114,6 +115,46 @@ def test_one_of_two_twins_is_chosen_where_the_pose_is_given(room):
 
 def test_no_place_is_no_start():
     assert decide([], SearchParams()).finding.reason is Reason.LOW_OVERLAP
+
+
+def candidate(ncc, x=0.0, yaw=0.0, is_good=True, is_by_range=False):
+    return SimpleNamespace(
+        acceptance=SimpleNamespace(is_good=is_good), ncc=ncc, T_map_camera=at(x, 0.0, yaw), is_by_range=is_by_range
+    )
+
+
+def test_the_best_of_the_good_places_is_chosen_in_whatever_order_they_come():
+    best, near, worse = candidate(0.8), candidate(0.75, 0.29, np.radians(9.0)), candidate(0.69, 3.0)
+    bad = candidate(0.95, 9.0, is_good=False)
+    for order in ([best, near, worse, bad], [bad, worse, near, best]):
+        assert decide(order, SearchParams()).candidate is best
+
+
+@pytest.mark.parametrize(
+    ("other", "is_ambiguous"),
+    [
+        (candidate(0.71, 3.0), True),
+        (candidate(0.69, 3.0), False),
+        (candidate(0.79, 0.31), True),
+        (candidate(0.79, 0.0, np.radians(11.0)), True),
+        (candidate(0.79, 0.29, np.radians(9.0)), False),
+    ],
+)
+def test_another_place_that_is_nearly_as_much_alike_makes_it_ambiguous(other, is_ambiguous):
+    found = decide([other, candidate(0.8)], SearchParams())
+    assert (found.candidate is None) == is_ambiguous
+    if is_ambiguous:
+        lead = 0.8 - other.ncc
+        assert (found.finding.reason, found.finding.value) == (Reason.AMBIGUOUS, pytest.approx(lead))
+
+
+def test_what_resembles_nothing_may_be_the_one_place_of_a_range():
+    found = decide([candidate(0.49), candidate(0.3)], SearchParams())
+    assert (found.candidate, found.finding.reason, found.finding.value) == (None, Reason.LOW_OVERLAP, 0.49)
+    one, same, other = (candidate(n, x, is_by_range=True) for n, x in ((0.2, 0.0), (0.1, 0.2), (0.15, 3.0)))
+    assert decide([candidate(0.4, 5.0), same, one], SearchParams()).candidate is one
+    assert decide([one, other], SearchParams()).finding.reason is Reason.LOW_OVERLAP
+    assert decide([candidate(0.51), one, other], SearchParams()).candidate.ncc == 0.51
 
 
 def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):

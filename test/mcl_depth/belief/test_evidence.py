@@ -14,9 +14,17 @@ from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import APART, COST, FORGETTING, MAX_TRIAL, MIN_PLACES, RIVAL_SCALE, ROOM_M
+from mcl_depth.constants import APART
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import FINE, Finding, Reason
+
+# Written out: imported, a change would go unseen.
+COST = np.float32(2.5)
+FORGETTING = np.float32(0.97)
+MAX_TRIAL = 12
+MIN_PLACES = 1500
+RIVAL_SCALE = 0.6
+ROOM_M = 6.0
 
 SLIP = Finding(Reason.JUMP_REJECTED)
 EDGE, SIDE, NUM_HEADINGS, RATE = 0.5, 40, 36, 1e-3

@@ -12,10 +12,13 @@ from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import relative_motion
 from mcl_depth.belief.particles import Particles
 from mcl_depth.belief.resampling import inject_at_places, sample_gaussian, sample_uniform
-from mcl_depth.constants import NEW_SHARE, NEW_SIGMA, NUM_YOUNG
+from mcl_depth.constants import NEW_SIGMA
 from mcl_depth.geometry.area import Area
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import SE3, Spherical
+
+# Written out: imported, a change would go unseen.
+NEW_SHARE, NUM_YOUNG = 0.3, 2
 
 AREA = Area(np.array([[x, y] for x in range(10) for y in range(6)], float), 1.0)
 

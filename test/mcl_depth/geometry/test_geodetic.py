@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,9 +10,11 @@ from types import SimpleNamespace
 import laspy
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
-from mcl_depth.geometry.geodetic import Geodetic, declared_crs
+from mcl_depth.geometry.geodetic import Geodetic, declared_crs, utm_degrees
 
+AXIS, FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # WGS 84, m
 WKT = (
     'COMPD_CS["UTM 32N + height",PROJCS["WGS 84 / UTM zone 32N",GEOGCS["WGS 84",AUTHORITY["EPSG","4326"]],'
     'UNIT["metre",1,AUTHORITY["EPSG","9001"]],AUTHORITY["EPSG","32632"]],'
@@ -29,6 +32,25 @@ def test_utm_is_that_of_the_ellipsoid() -> None:
     mirrored = Geodetic("EPSG:32633").degrees(261_878.0, 4_833_438.0)
     np.testing.assert_allclose(south, mirrored * [-1.0, 1.0], atol=1e-12)
     np.testing.assert_allclose(Geodetic("25832").degrees(5e5, 5e6), north.degrees(5e5, 5e6), atol=1e-9)
+
+
+def utm(latitude: float, longitude: float) -> tuple[float, float]:
+    """Return E and N in zone 33 by Gauss's series in the longitude, near the axis good to a hundredth of a mm."""
+    phi, e2 = math.radians(latitude), FLATTENING * (2.0 - FLATTENING)
+    arc = quad(lambda p: AXIS * (1 - e2) / (1 - e2 * math.sin(p) ** 2) ** 1.5, 0.0, phi, epsabs=1e-6)[0]
+    sin, cos, t, c = math.sin(phi), math.cos(phi), math.tan(phi) ** 2, e2 / (1 - e2) * math.cos(phi) ** 2
+    radius, a = AXIS / math.sqrt(1 - e2 * sin**2), math.radians(longitude - 15.0) * cos
+    second = 58 * c / cos**2
+    x = a + (1 - t + c) * a**3 / 6 + (5 - 18 * t + t**2 + 14 * c - second * sin**2) * a**5 / 120
+    y = a**2 / 2 + (5 - t + 9 * c + 4 * c**2) * a**4 / 24 + (61 - 58 * t + t**2) * a**6 / 720
+    return 0.9996 * radius * x + 500_000.0, 0.9996 * (arc + radius * math.tan(phi) * y)
+
+
+@pytest.mark.parametrize("latitude", [-35.0, 8.0, 20.0, 50.0, 70.0])
+@pytest.mark.parametrize("longitude", [14.2, 15.7])
+def test_utm_is_right_to_a_millimetre(latitude: float, longitude: float) -> None:
+    found = utm_degrees(*utm(latitude, longitude), 33)
+    np.testing.assert_allclose(found, [latitude, longitude], rtol=0.0, atol=7e-9)  # 0.8 mm
 
 
 @pytest.mark.parametrize("crs", ["utm 32", "EPSG:32661", "EPSG:99999999999"])

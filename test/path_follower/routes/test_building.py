@@ -8,8 +8,11 @@ import pytest
 
 from benchmarks.mission_network import taught_drives
 from path_follower.path import wrap
-from path_follower.routes.building import HERE, OWN, _Anchor, _resolve, _Run, build_network, fade
-from path_follower.routes.constants import BLEND, LANE, MIN_SHARED, SAME_HEADING
+from path_follower.routes.building import HERE, OWN, TaughtDrive, _Anchor, _resolve, _Run, build_network, fade
+from path_follower.routes.network import EdgeCurve
+
+# Written out: imported, a change would go unseen.
+BLEND, LANE, MIN_SHARED, SAME_HEADING = 8.0, 0.6, 5.0, math.radians(15.0)
 
 TURN = (6 * math.pi / 2, 1 / 6)
 
@@ -75,8 +78,8 @@ def test_a_drive_that_begins_on_a_road_is_a_branch_where_it_heads_alike(drive, a
 
 
 def test_drives_that_only_touch_for_a_moment_share_nothing(drive):
-    """An arc of 40 m radius that comes to 0.55 m is on the lane for 4 m; one that comes to 0.2 m, for 11 m."""
-    for near, edges in ((0.55, 2), (0.2, 5)):
+    """An arc of 40 m radius that comes to 0.55 m is on the lane for 4 m; one that comes to 0.45 m, for 7 m."""
+    for near, edges in ((0.55, 2), (0.45, 5)):
         low = 40 * (1 - math.cos(0.375))
         arc = drive((30, 1 / 40), start=(30 - 40 * math.sin(0.375), low + near, -0.375))
         assert len(build_network([drive((60, 0)), arc]).edges) == edges
@@ -85,6 +88,53 @@ def test_drives_that_only_touch_for_a_moment_share_nothing(drive):
 def test_lanes_beside_each_other_share_nothing(drive):
     assert len(build_network([drive((60, 0)), drive((60, 0), left=LANE + 0.05)]).edges) == 2
     assert len(build_network([drive((60, 0)), drive((60, 0), left=LANE - 0.05)]).edges) == 1
+
+
+@pytest.mark.parametrize(("length", "edges"), [(2.7, 1), (3.3, 4)])
+def test_who_leaves_the_lane_for_a_moment_is_on_it_still(drive, length, edges):
+    x = np.linspace(0.0, 60.0, 601)
+    aside = EdgeCurve(x, np.where(np.abs(x - 30.0) < length / 2, 0.8, 0.0), 0.0 * x, np.full(601, 1.4))
+    assert len(build_network([drive((60, 0)), TaughtDrive(aside)]).edges) == edges
+
+
+@pytest.mark.parametrize(("beyond", "edges"), [(3.4, 1), (3.8, 3)])
+def test_a_short_way_before_or_behind_what_is_shared_is_left_out(drive, beyond, edges):
+    """The first 0.6 m beyond the road are on its lane still."""
+    road = drive((60, 0))
+    assert len(build_network([road, drive((30, 0), start=(-beyond, 0, 0))]).edges) == edges
+    assert len(build_network([road, drive((20 + beyond, 0), start=(40, 0, 0))]).edges) == edges
+
+
+def test_a_branch_goes_over_to_what_was_driven_within_eight_metres(drive):
+    other = drive((30, 0), TURN, (20, 0), left=0.3)
+    network = build_network([drive((60, 0)), other])
+    branch = next(node for node in network.nodes if len(network.departures(node)) == 2)
+    curve = max(network.departures(branch), key=lambda edge: float(edge.curve.y[-1])).curve
+    off = []
+    for s in (0.0, 4.0, 8.1, 20.0):
+        x, y, yaw = curve.pose(s)
+        near = int(np.argmin(np.hypot(other.curve.x - x, other.curve.y - y)))
+        off.append(math.cos(yaw) * (other.curve.y[near] - y) - math.sin(yaw) * (other.curve.x[near] - x))
+    assert off == pytest.approx([0.3, 0.15, 0.0, 0.0], abs=0.02)
+
+
+def test_a_small_circle_meets_itself_after_one_round(drive):
+    """15 m around: less than twice the 10 m after which a drive can meet itself."""
+    (edge,) = build_network([drive((45, 1 / 2.4))]).edges.values()
+    assert edge.start == edge.end
+    assert edge.length == pytest.approx(2 * math.pi * 2.4, abs=0.3)
+
+
+def test_what_drives_say_of_an_edge(drive):
+    """Heading anywhere: how many, how wide they are together, and what 95 % of the points are better localised than."""
+    start = (3.0, -4.0, 2.0)
+    first, *others = (drive((60, 0), start=start, left=left) for left in (0.0, 0.1, -0.2))
+    first = replace(first, deviation=np.linspace(0.0, 0.2, len(first.curve)))
+    network = build_network([first, *others], "campus", 1.2)
+    (edge,) = network.edges.values()
+    assert (edge.num_drives, edge.width, edge.deviation) == (3, pytest.approx(1.5, abs=0.01), pytest.approx(0.19))
+    assert (network.map_id, network.places) == ("campus", {"home": edge.start})
+    assert network.nodes[edge.start].pose == pytest.approx(start)
 
 
 def test_rounds_of_one_drive_are_one_ring(ring):
@@ -99,6 +149,7 @@ def test_the_same_way_backwards_makes_an_edge_reversible(drive):
     assert_sound(network)
     both = [edge for edge in network.edges.values() if edge.is_reverse]
     assert [edge.length for edge in both] == [pytest.approx(20.0, abs=0.5)]
+    assert len(network.edges) == 3
     assert all(edge.is_forward for edge in network.edges.values())
 
 

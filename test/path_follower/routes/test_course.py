@@ -6,17 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from path_follower.constants import SPACING
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.path_files import make_path as path_of
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_GROWTH, TURN_SHARE
 from path_follower.routes.course import join_curve, make_course
-from path_follower.routes.network import EdgeCurve, Spot
+from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
 from path_follower.routes.planning import Leg, plan
+
+# Written out: imported, a change would go unseen.
+JOINED, JOIN_WITHIN, STEP, TURN_SHARE, TURN_RATE = (0.03, math.radians(2.0)), 10.0, 0.1, 0.95, 1.2
+LEAD, MAX_GROWTH = 1.0, 1.05
 
 PARAMS = FollowerParams()
 VEHICLE = PARAMS.vehicle
@@ -64,16 +66,27 @@ def test_a_join_is_feasible_and_short(drive, rng, direction, rear_steering):
     curve = EdgeCurve(c.x[order], c.y[order], c.yaw[order], c.speed[order])
     vehicle = replace(VEHICLE, rear_steering=rear_steering)
     limit = (1.0 + rear_steering) * math.tan(TURN_SHARE * VEHICLE.max_steering_angle) / VEHICLE.wheelbase
+    bends = []
     for left, turned in rng.uniform((-REACH, -TURNED), (REACH, TURNED), (80, 2)):
         pose = beside(curve, 0.0, left, turned)
         poses, s = join_curve(curve, direction, pose, vehicle, JOIN_WITHIN)
         assert tuple(poses[0]) == pytest.approx(pose)
         assert s <= JOIN_WITHIN
-        assert np.abs(bends_of(poses)).max(initial=0.0) <= limit + 1e-6
-        np.testing.assert_allclose(np.hypot(*np.diff(poses[:, :2], axis=0).T), SPACING, rtol=1e-2)
+        bends += [np.abs(bends_of(poses)).max(initial=0.0)]
+        np.testing.assert_allclose(np.hypot(*np.diff(poses[:, :2], axis=0).T), STEP, rtol=1e-2)
         assert abs(poses[-1, 1]) <= JOINED[0]
+        assert abs(poses[-1, 2]) <= JOINED[1]
         turn, is_away = (1 - math.cos(turned)) / limit, left * turned * direction > 0
         assert np.abs(poses[:, 1]).max() <= 0.05 + (abs(left) + turn if is_away else max(abs(left), turn - abs(left)))
+    assert max(bends) == pytest.approx(limit, rel=1e-3)
+
+
+def test_the_wheel_turns_no_faster_than_it_can(drive):
+    """Where the path begins to bend before it is reached."""
+    (edge,) = build_network([drive((2, 0), (8, 1 / 4))]).edges.values()
+    poses, _ = join_curve(edge.curve, 1, Pose2(0.0, 1.0, 0.0), VEHICLE, JOIN_WITHIN)
+    wheel = np.arctan(bends_of(poses) * VEHICLE.wheelbase)
+    assert np.abs(np.diff(wheel)).max() == pytest.approx(TURN_RATE * STEP, rel=1e-3)
 
 
 @pytest.mark.parametrize("direction", [1, -1])
@@ -83,7 +96,7 @@ def test_a_course_begins_behind_a_vehicle_that_joins_on_the_circle_that_it_drive
     first, last = (5.0, 25.0)[::direction]
     pose = beside(edge.curve, first, 0.5, direction * 0.25)
     course = make_course(network, [Leg(edge.id, direction, first, last)], pose, VEHICLE)
-    count = round(LEAD / SPACING)
+    count = round(LEAD / STEP)
     assert course.lead == pytest.approx(LEAD)
     assert (course.x[count], course.y[count], course.yaw[count]) == pytest.approx(pose)
     points = np.stack([course.x, course.y, course.yaw], axis=-1)
@@ -123,6 +136,31 @@ def test_a_car_drives_onto_the_path(drive, kit):
         on = [network.locate(at, 2.0, 1.0)[0] for at in driven.poses]
         late = [abs(spot.left) for spot in on if spot.s > s + JOIN_WITHIN]
         assert max(late) < 0.05
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_course_from_beside_has_the_speeds_of_where_it_is(direction):
+    """Of two legs on a straight road that was driven faster and faster: forward, or backwards from its end."""
+    x = np.linspace(0.0, 20.0, 201)
+    edges = {i: RouteEdge(i, i, i + 1, EdgeCurve(x + 20 * i, 0 * x, 0 * x, 0.5 + 0.02 * (x + 20 * i)), is_reverse=True)
+             for i in (0, 1)}  # fmt: skip
+    network = Network({i: Node(i, Pose2(20.0 * i, 0, 0)) for i in range(3)}, edges)
+    legs = [Leg(0, 1, 5.0, 20.0), Leg(1, 1, 0.0, 15.0)]
+    if direction < 0:
+        legs = [Leg(1, -1, 15.0, 0.0), Leg(0, -1, 20.0, 5.0)]
+    start = 5.0 if direction > 0 else 35.0
+    course = make_course(network, legs, Pose2(start, 0.6, 0.1), VEHICLE)
+    np.testing.assert_allclose(course.speed, 0.5 + 0.02 * course.x, atol=0.005)
+    assert (course.x[0], course.y[0], course.yaw[0]) == pytest.approx((start, 0.6, 0.1))
+    assert (np.diff(course.x) * direction > 0).all()
+    assert (course.y[-1], course.yaw[-1]) == (0.0, 0.0)
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(course.x), np.diff(course.y)))])
+    assert way[-1] == pytest.approx(course.length)
+    assert np.interp(course.ends[0], way, course.x) == pytest.approx(20.0, abs=1e-6)
+    turning = [legs[0], replace(legs[0], direction=-direction, first=legs[0].last, last=legs[0].first)]
+    short = [replace(turning[0], last=turning[0].first + 1.2 * direction), *turning[1:]]
+    with pytest.raises(ValueError, match=r"beside it after 1\.2 m"):  # it has to be on the path before it turns back
+        make_course(network, short, Pose2(start, 0.6, 0.1), VEHICLE)
 
 
 def test_what_cannot_be_joined_is_refused(drive):

@@ -4,10 +4,12 @@ import pytest
 
 from path_follower.params import VehicleParams
 from path_follower.path import Pose2
-from path_follower.routes.constants import CALL_PATIENCE, RETRY, STEADY, TICK
 from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState
 from path_follower.routes.network import Spot
 from path_follower.routes.params import MissionParams
+
+# Written out: imported, a change would go unseen.
+CALL_PATIENCE, RETRY, STEADY, TICK = 5.0, 3.0, 1.0, 0.2
 
 PARAMS = MissionParams(patience=5.0)
 GOAL = Goal("end")
@@ -179,6 +181,62 @@ def test_an_obstacle_that_goes_is_waited_for(trip):
     assert not trip.mission.blocked
 
 
+@pytest.mark.parametrize(("beyond", "leg"), [(-0.1, 0), (0.1, 1)])
+def test_the_edge_that_is_closed_is_that_of_what_stands_before_the_front(trip, beyond, leg):
+    """0.7 m before the front of a body that ends 1.55 m before the axle whose progress counts."""
+    trip.drive_off()
+    usual, end = [part.edge for part in trip.mission.course.legs], trip.mission.course.ends[0]
+    trip.progress = end - 1.55 - 0.7 + beyond
+    for _ in range(6):
+        trip.stop("OBSTACLE")
+        trip.live(1.0)
+    assert set(trip.mission.blocked) == {usual[leg]}
+
+
+@pytest.mark.parametrize(("advanced", "is_blocked"), [(0.25, True), (0.35, False)])
+def test_an_obstacle_farther_on_is_another_one(trip, advanced, is_blocked):
+    trip.drive_off()
+    trip.progress = 5.0
+    for _ in range(3):
+        trip.stop("OBSTACLE")
+    trip.progress += advanced
+    for _ in range(4):
+        trip.stop("OBSTACLE")
+    assert bool(trip.mission.blocked) == is_blocked
+    for _ in range(8):
+        trip.stop("OBSTACLE")
+    assert trip.mission.blocked
+
+
+def test_the_follower_has_smoothed_the_course_and_may_drive_another(trip):
+    trip.drive_off()
+    length = trip.length
+    for total, progress in ((0.996 * length - 0.9, 10.0), (1.004 * length + 0.9, 12.0), (1.006 * length + 1.0, 30.0)):
+        trip.length, trip.progress = total, progress
+        trip.live()
+    assert trip.mission.progress == pytest.approx(12.0 * length / (1.004 * length + 0.9))
+
+
+def test_a_follower_that_drives_on_is_told_again_to_pause(trip):
+    trip.drive_off()
+    trip.is_answering = False
+    trip.mission.pause(trip.now)
+    asked = []
+    for _ in range(10):
+        asked += trip.live(0.4)
+        if trip.mission._pending:
+            trip.mission.answer(trip.mission._pending[0], "", trip.now)
+    assert 3 <= asked.count("pause") <= 4  # of 4 s
+    assert set(asked) == {"pause"}
+
+
+def test_a_vehicle_that_is_there_need_not_drive(trip):
+    trip.pose = trip.mission.network.nodes[trip.mission.network.places["end"]].pose
+    trip.mission.begin(GOAL, 0.0)
+    assert trip.live(2 * STEADY) == []
+    assert (trip.mission.outcome.success, trip.mission.outcome.distance) == (True, pytest.approx(0.0, abs=0.3))
+
+
 def test_an_obstacle_that_stays_closes_its_edge_and_another_way_is_taken(trip):
     trip.drive_off()
     trip.progress = 13.0  # of 13.9 m to the branch: it stands on the edge behind it
@@ -343,7 +401,14 @@ def test_a_restart_goes_on_where_the_follower_does_and_else_waits_for_resume(tri
 
 
 def test_the_next_place_on_the_way(trip):
-    trip.mission.network = trip.mission.network.with_place("gate", Spot(max(trip.mission.network.edges) - 1, 10.0))
+    first = trip.mission.network.departures(trip.mission.network.places["home"])[0]
+    trip.mission.network = trip.mission.network.with_place("gate", Spot(first.id, 8.0))
     trip.drive_off()
-    assert trip.mission.next_place in ("gate", "end")
     assert trip.mission.leg.edge == trip.mission.course.legs[0].edge
+    found = []
+    for progress in (1.0, 6.8, 7.2, trip.length - 0.1):
+        trip.progress = progress
+        trip.live()
+        found.append(trip.mission.next_place)
+    assert found == ["gate", "gate", "end", "end"]
+    assert trip.mission.leg == trip.mission.course.legs[-1]

@@ -13,7 +13,7 @@ from path_follower.routes.mission import Goal, Mission
 from path_follower.routes.mission_file import read_mission, state_folder, write_course, write_mission
 from path_follower.routes.network import Spot
 from path_follower.routes.params import MissionParams
-from path_follower.routes.planning import plan
+from path_follower.routes.planning import Leg, Route, plan
 from sphere_nav.geometry.trajectory import read_map_id
 
 
@@ -42,6 +42,21 @@ def test_a_mission_comes_back_as_it_was(file, fork):
     assert mission.course.legs[0].edge == min(fork.edges)
     assert mission.course.length == pytest.approx(mission.course.ends[-1])
     assert [path.name for path in file.parent.iterdir()] == ["mission.json"]
+
+
+def test_what_is_left_of_a_mission_comes_back(fork, tmp_path):
+    mission = mission_of(fork)
+    mission.begin(Goal("home", laps=3, wait=1.5), 0.0)
+    (first, *_), legs = fork.edges.values(), [Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)]
+    mission.course = make_course(fork, legs, None, VehicleParams())
+    mission._route, mission._lap_legs, mission.laps_left = Route(tuple(legs), 24.0), (1, 2), 2
+    write_mission(tmp_path / "mission.json", mission)
+    found = mission_of(fork)
+    read_mission(tmp_path / "mission.json", found, 5.0)
+    assert (found.goal, found.laps_left, found._lap_legs) == (mission.goal, 2, (1, 2))
+    assert list(found.course.legs) == legs
+    assert (found.distance_remaining, found.time_remaining) == (pytest.approx(12.0), pytest.approx(24.0))
+    assert first.length > 9.0
 
 
 BROKEN = {

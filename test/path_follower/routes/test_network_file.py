@@ -6,8 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from path_follower.path import Pose2
 from path_follower.routes.building import build_network
-from path_follower.routes.network import Spot
+from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
 from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
 
 
@@ -52,6 +53,31 @@ def test_route_server_finds_what_it_wants(drive):
         from_geojson(json.dumps({"features": features, **json.loads(to_geojson(network))})).edges.keys()
         == network.edges.keys()
     )
+
+
+def test_what_is_known_of_an_edge_comes_back_however_it_may_be_driven():
+    """An edge that is only driven backwards is a line from its end to its start for others."""
+    x = np.linspace(0.0, 3.1, 32)
+    curve = EdgeCurve(x, 0.1 * x, np.full(32, 0.0997), np.where(x > 2.0, np.nan, 0.5 + 0.1 * x))
+    ways = {10: (True, False), 11: (True, True), 12: (False, True)}
+    edges = {i: RouteEdge(i, 1, 2, curve, 1.25, *way, deviation=0.0125, num_drives=4) for i, way in ways.items()}
+    nodes = {1: Node(1, Pose2(0.0, 0.0, 0.0997)), 2: Node(2, Pose2(3.1, 0.31, 0.0997))}
+    text = to_geojson(Network(nodes, edges, {"gate": 2}, "campus", "hall"))
+    found = from_geojson(text)
+    assert (found.places, found.frame) == ({"gate": 2}, "hall")
+    for i, edge in found.edges.items():
+        assert (edge.start, edge.end, edge.is_forward, edge.is_reverse) == (1, 2, *ways[i])
+        assert (edge.width, edge.deviation, edge.num_drives) == (1.25, 0.0125, 4)
+        np.testing.assert_allclose(edge.curve.speed, curve.speed, atol=1e-4)
+    lines = {f["properties"]["id"]: f for f in json.loads(text)["features"] if f["geometry"]["type"] != "Point"}
+    ends = {i: (line["properties"]["startid"], line["properties"]["endid"]) for i, line in lines.items()}
+    assert ends == {10: (1, 2), 11: (1, 2), 12: (2, 1), 13: (2, 1)}  # the last one is the twin of 11
+    assert lines[13]["properties"]["twin_of"] == 11
+    assert lines[13]["geometry"]["coordinates"][0] == lines[11]["geometry"]["coordinates"][0][::-1]
+    (shown,) = lines[10]["geometry"]["coordinates"]
+    assert [point[0] for point in shown] == [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.1]
+    assert lines[10]["properties"]["metadata"]["abs_speed_limit"] == 0.7
+    assert lines[10]["properties"]["cost"] == pytest.approx(edges[10].seconds(2.0), abs=1e-3)
 
 
 def test_what_is_shown_is_a_quarter_as_long(named):

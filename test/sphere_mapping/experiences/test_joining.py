@@ -6,7 +6,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sphere_mapping.experiences.joining import DriveSphere, Localized, guess_headings, join_drive, locate_edges
+from sphere_mapping.experiences.joining import (
+    DriveSphere,
+    Localized,
+    _away,
+    _spread,
+    guess_headings,
+    is_same,
+    join_drive,
+    locate_edges,
+)
 from sphere_mapping.graph.extension import Submap
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
@@ -118,6 +127,58 @@ def test_a_join_by_an_image_beside_its_key_sphere_is_that_of_the_key_sphere(base
     located = Localized(0, BASE[0].inverse() @ DRIVE[0] @ T_key_sphere, 1e-6 * np.eye(6), is_sure=True)
     (edge,) = locate_edges([DriveSphere(Track(7, 100, T_key_sphere), located, lambda: None)])
     assert edge.T_a_b.distance(BASE[0].inverse() @ DRIVE[0])[0] < 1e-9
+
+
+def test_the_covariance_of_a_join_is_that_of_the_key_sphere(rng):
+    """Against Monte Carlo: the localizer is unsure along one direction, and the key sphere is turned and aside."""
+    T_key_sphere, T_a_sphere = SE3.from_planar(3.0, -2.0, 1.0), SE3.from_planar(0.4, 0.1, -0.5)
+    root = np.diag([0.05, 0.01, 0.02, 0.001, 0.002, 0.02])
+    root[1, 0], root[5, 1] = 0.03, 0.005
+    located = Localized(0, T_a_sphere, root @ root.T, is_sure=True)
+    (edge,) = locate_edges([DriveSphere(Track(7, 100, T_key_sphere), located, lambda: None)])
+    found = np.linalg.inv(edge.information)
+    errors = SE3.exp(rng.normal(size=(20_000, 6)) @ root.T)
+    T_key_a = (T_a_sphere @ T_key_sphere.inverse()).inverse()
+    drawn = (
+        SE3(T_key_a.matrix[None]) @ SE3(T_a_sphere.matrix[None]) @ errors @ SE3(T_key_sphere.inverse().matrix[None])
+    ).log()
+    away = np.sqrt(
+        13.0
+    )  # m from the key sphere: a hundredth of it, and the least deviations of an edge, 2 mm, 0.5 mrad
+    expected = np.cov(drawn.T) + np.diag(np.repeat([0.002 + 0.01 * away, 0.0005], 3) ** 2)
+    sigma = np.sqrt(np.diagonal(expected))
+    np.testing.assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=0.05)
+
+
+def test_of_two_images_the_nearer_to_the_key_sphere_counts():
+    near, far = SE3.from_planar(0.1, 0.0, 0.0), SE3.from_planar(-0.3, 0.0, 0.0)
+    images = [
+        DriveSphere(Track(k, 100, T), Localized(k, T, 1e-6 * np.eye(6), is_sure=True), lambda: None)
+        for k, T in enumerate((far, near, far))
+    ]
+    assert [edge.a for edge in locate_edges(images)] == [1]
+
+
+def test_two_motions_are_one_within_5_cm_and_20_mrad():
+    for motion, expected in (
+        (SE3.from_planar(0.049, 0.0, 0.019), True),
+        (SE3.from_planar(-0.049, 0.0, -0.019), True),
+        (SE3.from_planar(0.051, 0.0, 0.0), False),
+        (SE3.from_planar(0.0, 0.0, -0.021), False),
+    ):
+        assert is_same(SE3.identity(), motion) == expected
+
+
+def test_a_view_is_away_by_the_reach_and_of_a_part_by_its_heading():
+    motion = SE3.from_planar(0.3, 0.4, -0.7)
+    assert _away(motion, 2.0, is_whole=True) == pytest.approx(0.25)
+    assert _away(motion, 2.0, is_whole=False) == pytest.approx(0.95)
+
+
+def test_key_spheres_are_tried_evenly_over_the_graph():
+    graph = SphereGraph(KeySphere(k, k, SE3.identity()) for k in range(10))
+    assert [node.id for node in _spread(graph, 3)] == [0, 4, 8]
+    assert len(_spread(graph, 10)) == len(_spread(graph, 99)) == 10
 
 
 def test_the_heading_between_whole_spheres_is_among_the_guesses():

@@ -18,8 +18,10 @@ from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.photometric import register
 from sphere_nav.spheres.appearance.pose import FeaturePose
-from sphere_nav.spheres.constants import MAX_GAP
 from worlds.room import sharp_room
+
+# Written out: imported, a change would go unseen.
+MAX_GAP = (0.05, 0.02)
 
 PARAMS = MappingRegistrationParams()
 CAMERA = Spherical(256, 128)

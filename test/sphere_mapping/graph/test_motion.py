@@ -1,8 +1,10 @@
 import numpy as np
 
-from sphere_mapping.constants import CONTRADICTED, MAX_EXTRAPOLATION
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_nav.geometry import SE3
+
+# Written out: imported, a change would go unseen.
+CONTRADICTED, MAX_EXTRAPOLATION = 2, 5.0
 
 STEP = SE3.exp([0.3, 0.0, 0.05, 0.0, 0.02, 0.1])
 

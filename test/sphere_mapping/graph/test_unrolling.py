@@ -4,11 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sphere_mapping.constants import MAX_PASSES
 from sphere_mapping.graph.motion import DriveMotion, Placed
 from sphere_mapping.graph.tracking import align_unrolled
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams
+
+# Written out: imported, a change would go unseen.
+MAX_PASSES = 3
 
 TRUTH = np.array([0.3, 0.0, 0.1, 0.0, 0.2, 0.5])  # per second
 SHARE = 0.4  # of an error of the velocity comes back as an error of the pose

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sphere_nav.estimation.elimination import CORRELATED_PIXELS, Elimination, Part
+from sphere_nav.estimation.elimination import Elimination, Part
 
 SHARED, OWN = 2, 3
 NO_PRIOR = np.full(SHARED, 1e6)
@@ -36,7 +36,10 @@ def test_what_is_known_beforehand_counts_as_many_pixels(rng):
     reduced = Elimination(nothing, known, np.array([0.05, 0.0]))
     np.testing.assert_allclose(reduced.step()[0], [-0.05, 0.0], atol=1e-12)  # back to where it was known to be
     np.testing.assert_allclose(reduced.covariance(), np.diag(known**2), atol=1e-12)
-    assert CORRELATED_PIXELS > 1
+    H = np.diag([400.0, 25.0, 1.0, 1.0, 1.0])  # as much as is known beforehand: the step goes half of the way
+    part = Part(H, -H @ [0.1, -0.2, 0.0, 0.0, 0.0], 60, 1.0)
+    shared, _, _ = Elimination([part], np.array([0.5, 2.0]), np.zeros(SHARED)).step()
+    np.testing.assert_allclose(shared, [0.05, -0.1])
 
 
 def test_a_step_is_measured_by_what_a_hundred_pixels_for_one_leave(rng):

@@ -27,11 +27,13 @@ from std_srvs.srv import Trigger
 
 from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
-from sphere_nav.ros.constants import MAX_IN_ROW, MAX_WAITS, RECENT_S
 from sphere_nav.ros.endpoints import ERROR, OK, WARN
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
+
+# Written out: imported, a change would go unseen.
+MAX_IN_ROW, MAX_WAITS, RECENT_S = 3, 50, 10.0
 
 PATIENCE = 15.0  # s for an answer; discovery takes a fraction of one, on a busy machine several
 DROPPED = 0.2  # s

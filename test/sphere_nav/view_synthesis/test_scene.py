@@ -12,11 +12,14 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis import scene as scene_module
-from sphere_nav.view_synthesis.scene import MIN_KEPT, Scene
+from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.surface import surface_of
 from sphere_nav.view_synthesis.synthesis import PlacedSurface, synthesize
 from worlds.localizer import MemoryMap, make_map
 from worlds.room import optical
+
+# Written out: imported, a change would go unseen.
+MIN_KEPT = 4
 
 PINHOLE = Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
 PLACES = [SE3.from_planar(x, 0.0, 0.3 * i) for i, x in enumerate(np.linspace(-2.5, 2.5, 8))]

@@ -7,7 +7,10 @@ from cycab_sim.world.mesh import MeshBuilder
 from cycab_sim.world.paths import Path, Piece, rounded
 from cycab_sim.world.town import draw_plan, taught_path
 from cycab_sim.world.traffic import loops
-from cycab_sim.world.traffic.loops import CLEAR, SPACING, WIDTHS, Loop, free_loops, town_loops, walk_around
+from cycab_sim.world.traffic.loops import WIDTHS, Loop, free_loops, town_loops, walk_around
+
+# Written out: imported, a change would go unseen.
+CLEAR, SPACING = 1.0, 0.25
 
 PLAN = draw_plan(5)
 
@@ -60,6 +63,20 @@ def test_a_street_without_a_path_in_it_is_free():
     free = free_loops(loops, far, may_cross=False)
     assert [loop for loop in loops if not loop.is_crossing] == free
     assert len(free) < len(loops)
+
+
+@pytest.mark.parametrize(
+    ("ways", "number"),
+    [
+        (lambda: town_loops(draw_plan(5)), -1.97989),
+        (loops.city_loops, 2.07813),
+        (loops.road_loops, -1.37205),
+        (loops.square_loops, 1.23127),
+    ],
+)
+def test_the_loops_of_a_world_are_where_they_are(ways, number, fingerprint):
+    rows = [np.column_stack([loop.points, np.full(len(loop.points), loop.z)]) for loop in ways()]
+    assert fingerprint(np.concatenate(rows)) == pytest.approx([number], abs=2e-5)
 
 
 def test_boxes_are_marked_and_cut_at_the_edge():

@@ -40,6 +40,12 @@ def test_all_that_is_asked_for_is_there_and_moves_at_its_pace(traffic):
     assert ways.max() < 5.0 * 1.15 + 0.1
 
 
+def test_a_seed_is_who_is_under_way_and_where(traffic, fingerprint):
+    mesh = [-0.42361, 0.00772, 0.40383, -0.06604, 0.74951, 1.03352, 0.24559, -0.36937, 0.0, 0.0, 0.0]
+    found = fingerprint(traffic.mesh, traffic.poses(0), traffic.poses(77_700_000_000))
+    assert found == pytest.approx([*mesh, 0.1461, -0.10565], abs=2e-5)
+
+
 def test_where_it_is_busy_more_are_under_way():
     counts = Counter(loop.kind for loop in who_goes(replace(PARAMS, density="busy")))
     assert counts == {"road": 20 + 1, "cycle": 10, "walk": 80}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.constants import NEAREST_M
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.columns.voxel_map import VoxelMap, voxel_map
 from mcl_depth.geometry.columns.walker import Walker
@@ -13,6 +12,9 @@ from mcl_depth.geometry.mesh import RayScene, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry.cameras.camera import pixel_grid
+
+# Written out: imported, a change would go unseen.
+NEAREST_M = 0.2
 
 PARAMS = SynthesisParams(num_columns=180)
 CAMERA = panorama_window(PARAMS)

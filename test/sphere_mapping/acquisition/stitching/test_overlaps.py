@@ -4,9 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.constants import DETAIL_WINDOW, FAINT_DETAIL, FLAT_DETAIL, MIN_CORRELATION
 from sphere_mapping.acquisition.stitching.overlaps import is_same_detail
 from sphere_mapping.acquisition.stitching.strips import Block
+
+# Written out: imported, a change would go unseen.
+DETAIL_WINDOW, FAINT_DETAIL, FLAT_DETAIL, MIN_CORRELATION = 7, 0.01, 0.04, 0.8
 
 EVERYWHERE = np.ones((40, 60), np.bool_)
 WHOLE = Block(0, 0, 40, 60)

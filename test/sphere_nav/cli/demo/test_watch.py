@@ -82,3 +82,4 @@ def test_waiting_ends_when_it_holds(tmp_path):
     with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
         answers = iter([False, False, True])
         watch.wait("three looks", lambda: next(answers), is_moving=False)
+        assert list(answers) == []

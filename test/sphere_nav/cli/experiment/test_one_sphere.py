@@ -3,18 +3,12 @@
 import numpy as np
 import pytest
 
-from sphere_nav.cli.experiment.one_sphere import (
-    CLEAR,
-    FARTHEST,
-    MAX_MAD,
-    Tried,
-    by_reference,
-    rank_correlation,
-    ring_figures,
-    spiral,
-)
+from sphere_nav.cli.experiment.one_sphere import MAX_MAD, Tried, by_reference, rank_correlation, ring_figures, spiral
 from sphere_nav.geometry import Spherical
 from sphere_nav.spheres.sphere import Sphere
+
+# Written out: imported, a change would go unseen.
+CLEAR, FARTHEST = 0.6, 6.0
 
 MIDDLE = np.array([3.0, -4.0, np.pi / 2])
 

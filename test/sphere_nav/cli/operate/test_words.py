@@ -1,13 +1,27 @@
 """What the page shows: states in words, ages, places, the ellipse of a covariance."""
 
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from sphere_nav.cli.operate import words
-from sphere_nav.cli.operate.words import Heard, banner, ellipse, health, log_of, pieces, places_of, way_driven
+from sphere_nav.cli.operate.words import (
+    BAD,
+    FAIR,
+    GOOD,
+    NONE,
+    Heard,
+    banner,
+    ellipse,
+    health,
+    log_of,
+    pieces,
+    places_of,
+    way_driven,
+)
 
 STOPPED = SimpleNamespace(
     state="STOPPED", reason="OFF_PATH", value=1.25, limit=1.0, remedy="bring it <onto> the path", progress=3.0
@@ -34,6 +48,35 @@ def test_state_reason_and_remedy_are_told_and_what_is_old_is_unknown(monkeypatch
     assert "OFF_PATH" not in text
 
 
+@pytest.mark.parametrize(("later", "is_told"), [(1.4, True), (1.6, False)])
+def test_what_was_said_holds_for_a_second_and_a_half(monkeypatch, later, is_told):
+    seen = Heard()
+    seen.hear("follower", STOPPED)
+    now = words.time.monotonic()
+    monkeypatch.setattr(words.time, "monotonic", lambda: now + later)
+    text = banner(seen)
+    assert ("OFF_PATH" in text, "3.0 m driven" in text, "silent for 2 s" in text) == (is_told, is_told, not is_told)
+
+
+@pytest.mark.parametrize(
+    ("state", "color"), [("DRIVING", GOOD), ("SLOW", FAIR), ("NO_PATH", NONE), ("STOPPED", BAD), ("<i>", BAD)]
+)
+def test_a_state_has_its_color(state, color):
+    seen = Heard()
+    seen.hear("localizer", SimpleNamespace(state=state, reason="", value=0.0, limit=0.0, remedy=""))
+    assert f"background:{color}" in banner(seen)
+    assert "limit" not in banner(seen)
+    assert "<i>" not in banner(seen)
+
+
+def test_a_diagnosis_is_stale_after_seven_seconds_and_a_half(monkeypatch):
+    seen, now = Heard(), words.time.monotonic()
+    monkeypatch.setattr(words.time, "monotonic", lambda: now)
+    seen.hear("diagnostics", {"a": (1, "slow", now - 7.4), "b": (1, "slow", now - 7.6), "c": (0, "fine", now)})
+    rows = [(color, word, name) for color, word, name in re.findall(r"color:(#\w+)\">(\w+)</b> (\w)", health(seen))]
+    assert rows == [(NONE, "STALE", "b"), (FAIR, "WARN", "a"), (GOOD, "OK", "c")]
+
+
 def test_diagnostics_show_first_what_is_wrong(monkeypatch):
     seen, now = Heard(), words.time.monotonic()
     assert "nothing heard" in health(seen)
@@ -48,7 +91,7 @@ def test_the_log_keeps_the_newest_lines():
     for k in range(20):
         seen.say(f"line <{k}>")
     text = log_of(seen)
-    assert text.count("line") == words.MAX_TOLD
+    assert text.count("line") == 8
     assert text.index("&lt;19&gt;") < text.index("&lt;18&gt;")
 
 
@@ -73,7 +116,9 @@ def test_the_ellipse_has_two_deviations_along_its_axes():
 def test_long_lines_are_thinned_from_end_to_end():
     line = np.column_stack([np.arange(9000.0), np.zeros(9000)])
     found = pieces(line, 0.5)
-    assert len(found) < words.MAX_DRAWN
+    assert len(found) == 1999
+    assert len(pieces(line[:2000], 0.5)) == 1999
+    assert np.diff(found[:, 0, 0]).max() <= 5.0
     assert found[0, 0].tolist() == [0.0, 0.0, 0.5]
     assert found[-1, 1].tolist() == [8999.0, 0.0, 0.5]
     assert len(pieces(line[:1], 0.0)) == 0

@@ -8,12 +8,14 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_mapping.acquisition import kernels
-from sphere_mapping.acquisition.constants import NUM_INSTANTS
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.offline.mapping.stitcher_ahead import LearnedRig
 from sphere_nav.params import build
 from worlds.rig import WIDTH, seen, vertical_rig
+
+# Written out: imported, a change would go unseen.
+NUM_INSTANTS = 8
 
 
 def test_an_instant_is_stitched_elsewhere_as_by_the_stitcher_that_has_learned_its_rig():

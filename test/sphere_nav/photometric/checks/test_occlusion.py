@@ -10,9 +10,11 @@ from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prep
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occlusion_bias
 from sphere_nav.photometric.checks.structure import find_rig_structure
-from sphere_nav.photometric.constants import OCCLUSION_SHARE
 from sphere_nav.photometric.pixels.samples import Sample
 from worlds.room import Room
+
+# Written out: imported, a change would go unseen.
+OCCLUSION_SHARE = 0.1
 
 PARAMS = RegistrationParams(max_pixels=10_000, max_mad=100.0)
 SPHERE, CAMERA = Spherical(512, 256), Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)

@@ -16,6 +16,9 @@ from sphere_nav.ros.camera.depth_intake import DepthCameraIntake
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav.ros.node import ManagedNode
 
+# Written out: imported, a change would go unseen.
+SLACK_S = 0.01
+
 SECOND = 10**9
 CAMERA, DEPTH_CAMERA = Pinhole(16, 8, 10.0, 10.0, 7.5, 3.5), Pinhole(12, 6, 9.0, 8.0, 5.5, 2.5)
 T_IMAGE_DEPTH = SE3.exp([0.05, 0.0, 0.01, 0.0, 0.02, 0.0])

@@ -1,0 +1,82 @@
+"""A test can fail: it asserts something by itself, or by a function of the tests that it calls."""
+
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+from architecture.tree import ROOT
+
+TESTS = sorted(path.relative_to(ROOT) for path in (ROOT / "test").rglob("*.py"))
+ASSERTIONS = {"raises", "warns", "fail"}  # of pytest
+PLAIN = re.compile(r"^ *assert\b|\b(raises|warns|fail)\(|\bassert_", re.MULTILINE)
+
+
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    """Return all nodes of a file."""
+    return list(ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))))
+
+
+@cache
+def functions(path: Path) -> dict[str, ast.FunctionDef]:
+    """Return the functions and methods of a file by their name."""
+    return {node.name: node for node in nodes(path) if isinstance(node, ast.FunctionDef)}
+
+
+@cache
+def origins(path: Path) -> dict[str, Path]:
+    """Return the file of each name that one imports from another file of the tests."""
+    found = {}
+    for node in nodes(path):
+        if isinstance(node, ast.ImportFrom):
+            file = Path("test", *str(node.module).split(".")).with_suffix(".py")
+            found |= {item.name: file for item in node.names if (ROOT / file).is_file()}
+    return found
+
+
+def asserts(path: Path, function: ast.FunctionDef, trail: tuple[str, ...] = ()) -> bool:
+    """Whether a function of a file asserts something, or calls one that does, of this file or imported by it."""
+    called = set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.Assert):
+            return True
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):
+            called.add(node.func.id if isinstance(node.func, ast.Name) else node.func.attr)
+    if called & ASSERTIONS or any(name.startswith("assert_") for name in called):
+        return True
+    for name in called - {*trail, function.name}:
+        file = origins(path).get(name, path)
+        if name in functions(file) and asserts(file, functions(file)[name], (*trail, function.name)):
+            return True
+    return False
+
+
+def may_lack(text: str) -> bool:
+    """Whether a test of a file has no assertion of its own by its text: to parse all files takes seconds."""
+    parts = re.split(r"^ *(?=def |class |@)", text, flags=re.MULTILINE)
+    return any(part.startswith("def test_") and not PLAIN.search(part) for part in parts)
+
+
+def test_every_test_asserts_something() -> None:
+    files = [path for path in TESTS if may_lack((ROOT / path).read_text(encoding="utf-8"))]
+    tests = [(path, item) for path in files for name, item in functions(path).items() if name.startswith("test_")]
+    assert [f"{path}: {item.name}" for path, item in tests if not asserts(path, item)] == []
+
+
+def test_an_assertion_is_found_where_it_is(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(
+        "def test_own(): assert 1 < 2\n"
+        "def test_raises():\n with pytest.raises(ValueError): f()\n"
+        "def test_numpy(): np.testing.assert_equal(f(), 1)\n"
+        "def check(x): look(x)\n"
+        "def look(x):\n if x: check(x - 1)\n assert x\n"
+        "def test_called(): check(1)\n"
+        "def runs(x): runs(x)\n"
+        "def test_none(): runs(1); f(1)\n"
+    )
+    assert may_lack((tmp_path / "a.py").read_text())
+    found = {name for name, item in functions(tmp_path / "a.py").items() if asserts(tmp_path / "a.py", item)}
+    assert found == {"test_own", "test_raises", "test_numpy", "check", "look", "test_called"}
