@@ -66,6 +66,19 @@ def test_it_drives_to_where_it_is_told_and_stands_there(goal):
     assert car.command.speed == 0.0
 
 
+@pytest.mark.parametrize(("later_s", "counted_s"), [(0.0, 0.0), (0.2, 0.2), (0.45, 0.45), (3.0, 0.5)])
+def test_what_was_turned_since_the_direction_was_measured_is_taken_off(later_s, counted_s):
+    """By the yaw rate of the last command, for half a second at most."""
+    car = Car(goal=(4.0, 4.0)).begin()
+    for _ in range(10):
+        car.step()
+    told, follower = car.follower.direction, car.follower
+    yaw_rate = follower.limiter.last.yaw_rate(PARAMS.vehicle.virtual_wheelbase)
+    _, curvature = follower._steer(car.now + round(later_s * SECOND))
+    assert yaw_rate > 0.1
+    assert curvature == pytest.approx(2.0 * math.sin(told - yaw_rate * counted_s) / HomingParams().look_ahead)
+
+
 def test_its_speed_changes_while_it_drives():
     car = Car(goal=(30.0, 0.0)).begin()
     for speed in (0.6, 0.3, 1.0):
