@@ -61,15 +61,15 @@ def run(options: argparse.Namespace) -> Report:
     """Measure worlds by each rig, noise, and time."""
     bounds, tables = [], []
     for kind in options.class_rigs:
-        total, cpu_s = [NOTHING] * len(CLASSES), []
+        total, shared, cpu_s = [NOTHING] * len(CLASSES), [NOTHING] * len(CLASSES), []
         towns, rooms = (seeds[:1] if options.quick else seeds for seeds in (options.class_towns, options.class_rooms))
         for number, seed in enumerate([*towns, *rooms]):
             seen = (_town if number < len(towns) else _room)(kind, seed, options)
             stitcher = Stitcher(seen.rig, build(StitchParams, {"width": options.class_width}))
-            found, seconds = _measure(stitcher, seen)
-            total = [a + b for a, b in zip(total, found, strict=True)]
+            found, around, seconds = _measure(stitcher, seen)
+            total, shared = ([a + b for a, b in zip(*pair, strict=True)] for pair in ((total, found), (shared, around)))
             cpu_s += seconds
-        tables.append(_table(kind, total))
+        tables.append(_table(kind, total, shared))
         bounds += [*_bounds(kind, total), *_noise(kind, stitcher, seen)]
         bounds.append(Bound(f"{kind}: range of an instant, CPU, median of {len(cpu_s)}", 0.45, _median(cpu_s), "s"))
     yardstick_ms = float(np.median(repeat_cpu(yardstick(), 100)))
@@ -78,8 +78,8 @@ def run(options: argparse.Namespace) -> Report:
     return Report("range_classes", tables, bounds, notes)
 
 
-def _measure(stitcher: Stitcher, seen: Seen) -> tuple[list[Honesty], list[float]]:
-    """Return the counts by class, and CPU times of the range alone."""
+def _measure(stitcher: Stitcher, seen: Seen) -> tuple[list[Honesty], list[Honesty], list[float]]:
+    """Return the counts by class, those by the truth of the nearest pixels, and CPU times of the range alone."""
     grays = {name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for name, image in stitcher.equalize(seen.images)[0].items()}
     assert stitcher.stereo is not None
     seconds = []
@@ -88,13 +88,34 @@ def _measure(stitcher: Stitcher, seen: Seen) -> tuple[list[Honesty], list[float]
         [(range_m, std_m)] = stitcher.stereo.find(grays).measured
         seconds.append(time.process_time() - begun)
     is_near = np.isfinite(seen.truth) & (seen.truth < NEAR_M)
-    counts = [honesty(range_m, std_m, seen.truth, is_near & (seen.classes == k)) for k in range(len(CLASSES) - 1)]
+    surfaces = [is_near & (seen.classes == k) for k in range(len(CLASSES) - 1)]
+    counts = [honesty(range_m, std_m, seen.truth, surface) for surface in surfaces]
+    around = likeliest_around(range_m, seen.truth)
+    shared = [honesty(range_m, std_m, around, surface) for surface in surfaces]
     is_far = (seen.classes == len(CLASSES) - 1) & ~np.isnan(range_m)
     near = np.nan_to_num(np.where(is_far, range_m + 3 * std_m, np.inf), nan=np.inf, posinf=np.inf)
     wrong = int((near < FAR_M).sum())
     num_far = int((seen.classes == len(CLASSES) - 1).sum())
     right = int(is_far.sum()) - wrong
-    return [*counts, Honesty(num_far, int(is_far.sum()), wrong, wrong, right, 0.0, 0)], seconds[1:]
+    far = Honesty(num_far, int(is_far.sum()), wrong, wrong, right, 0.0, 0)
+    return [*counts, far], [*shared, far], seconds[1:]
+
+
+def likeliest_around(range_m: Plane, truth: Plane) -> Plane:
+    """Return, of the true ranges (H, W) of a pixel and its eight neighbors, the one nearest to what is measured.
+
+    At an edge two surfaces share a pixel, of which its middle tells one.
+    """
+    padded = np.pad(np.pad(truth, ((0, 0), (1, 1)), mode="wrap"), ((1, 1), (0, 0)), mode="edge")
+    height, width = truth.shape
+    found, least = truth.copy(), np.full(truth.shape, np.inf, np.float32)
+    for row, column in np.ndindex(3, 3):
+        other = padded[row : row + height, column : column + width]
+        with np.errstate(invalid="ignore"):
+            off = np.abs(range_m - other)
+        is_nearer = off < least  # never where one of both is infinite or unknown
+        found[is_nearer], least[is_nearer] = other[is_nearer], off[is_nearer]
+    return found
 
 
 def _town(kind: str, seed: int, options: argparse.Namespace) -> Seen:
@@ -189,13 +210,14 @@ def _bounds(kind: str, total: list[Honesty]) -> list[Bound]:
     return bounds
 
 
-def _table(kind: str, total: list[Honesty]) -> Table:
+def _table(kind: str, total: list[Honesty], shared: list[Honesty]) -> Table:
     number, rows = sum(one.there for one in total), []
-    for name, one in zip(CLASSES, total, strict=True):
+    for name, one, around in zip(CLASSES, total, shared, strict=True):
         shares = (one.there / number, one.n / max(one.there, 1), one.within_10_percent / max(one.there, 1))
-        wrong = (one.beyond_3_sigma / max(one.n, 1), one.beyond_10_percent / max(one.n, 1))
+        wrong = [part / max(one.n, 1) for part in (one.beyond_3_sigma, one.beyond_10_percent, around.beyond_3_sigma)]
         rows.append((name, *(f"{100 * share:.2f}" for share in (*shares, *wrong))))
     columns = ("surface", "of all %", "measured %", "right %", "of measured beyond 3 sigma %", "beyond 10 % %")
+    columns = (*columns, "beyond 3 sigma of all within a pixel %")
     return Table(f"Seen by a {kind} rig", columns, rows)
 
 

@@ -120,6 +120,12 @@ MIN_BLOCK_SHARE = 0.2  # of a block's pixels must have a match
 MAX_RESIDUAL = 1.0  # grey-level variance left in a block, by that of noise and contrast
 STD_FACTOR = 1.3  # errors of neighbors are not independent: of the deviation that the residual alone gives
 SMOOTH = np.array([1.0, 0.03], np.float32)  # px, and by the disparity: neighbors that differ more are not averaged
+# (range/test_levels)
+OWN_RADIUS = 2  # px at half of the finest level, half side of the block in which a pixel has its own surface
+OWN_LEVELS = 10.0  # grey levels that pixels of one surface differ by at most
+OWN_FLOOR = 1.0  # grey levels^4, of the product of both images' squared steps: nothing beside nothing is no likeness
+MIN_OWN_LIKENESS = 0.5  # correlation of the steps of that surface; chosen in town 61 and room 1 of `range_classes`
+BORROWED_PX, AROUND_BORROWED = 3, 2  # side of a region below it that counts; px around it that are not trusted, alike
 
 # Range from disparity (range/test_vertical)
 FAR_M = 120.0  # what is surely farther is known to be far

@@ -452,6 +452,77 @@ def prefer_surer(value, std, other, other_std, share):
 
 
 @njit(**OPTIONS)
+def _steady_step(before, after):
+    """Return the smaller of two steps in a row, 0 where they turn: beside an edge it is that of the surface itself."""
+    least = min(abs(before), abs(after))
+    least = least if before * after > np.float32(0.0) else np.float32(0.0)
+    return least if before > np.float32(0.0) else -least
+
+
+@njit(**OPTIONS)
+def compare_steps(top, bottom, disparity, margin, wraps, products):
+    """Write squared steps along the columns of both images, and their product, to products (3, H, W + 2 margin) f32.
+
+    top, bottom (H, W) u8; disparity (H, W) f32: the lower image is taken there, linearly. 0 where it is unknown, and in
+    the margin columns on each side, unless they continue a whole sphere.
+    """
+    height, width = top.shape
+    zero, one, last, stride = np.float32(0.0), np.float32(1.0), np.float32(height - 2), np.int32(width)
+    lower = bottom.ravel()
+    products[:, 0], products[:, height - 1] = zero, zero
+    for v in range(1, height - 1):
+        row, above, middle, below, d = np.float32(v), top[v - 1], top[v], top[v + 1], disparity[v]
+        a, b, c = products[0, v], products[1, v], products[2, v]
+        for u in range(width):
+            y = row - d[u]
+            is_inside = (y >= one) & (y < last)  # not so where d is NaN
+            y = y if is_inside else one
+            y0 = np.int32(y)
+            f = y - np.float32(y0)
+            at = np.int64((y0 - np.int32(1)) * stride) + u  # one index, as in `compare_row`
+            p0, p1 = np.float32(lower[at]), np.float32(lower[at + width])
+            p2, p3 = np.float32(lower[at + 2 * width]), np.float32(lower[at + 3 * width])
+            first, second, third = p1 - p0, p2 - p1, p3 - p2
+            there = _steady_step(first + f * (second - first), second + f * (third - second))
+            level = np.float32(middle[u])
+            here = _steady_step(level - np.float32(above[u]), np.float32(below[u]) - level)
+            n = one if is_inside else zero
+            a[margin + u], b[margin + u], c[margin + u] = here * here * n, there * there * n, here * there * n
+        for k in range(margin):
+            for j in range(3):
+                line = products[j, v]
+                line[k] = line[width + k] if wraps else zero
+                line[margin + width + k] = line[margin + k] if wraps else zero
+
+
+@njit(**OPTIONS)
+def correlate_alike(levels, products, radius, most, floor, correlation):
+    """Write how far the steps of a pixel's own surface agree in both images, -1 to 1, to correlation (H, W) f32.
+
+    Its own surface: the pixels of its block of (2 radius + 1)^2 px whose level differs from its own by at most `most`.
+    levels (H, W + 2 radius) f32, products (3, H, W + 2 radius) f32 of `compare_steps`, both with radius columns of
+    margin on each side; floor: added to the product of both sums of squares, grey levels^4.
+    """
+    height, width = correlation.shape
+    zero = np.float32(0.0)
+    here, there, both = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    for v in range(height):
+        own = levels[v, radius : radius + width]
+        here[:], there[:], both[:] = zero, zero, zero
+        for j in range(max(v - radius, 0), min(v + radius + 1, height)):
+            for i in range(2 * radius + 1):
+                beside = levels[j, i : i + width]
+                a, b, c = products[0, j, i : i + width], products[1, j, i : i + width], products[2, j, i : i + width]
+                for u in range(width):
+                    is_alike = abs(beside[u] - own[u]) <= most
+                    here[u] += a[u] if is_alike else zero
+                    there[u] += b[u] if is_alike else zero
+                    both[u] += c[u] if is_alike else zero
+        for u in range(width):
+            correlation[v, u] = both[u] / np.sqrt(here[u] * there[u] + floor)
+
+
+@njit(**OPTIONS)
 def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, range_std_m):
     """Write range along the ray from the upper centre, and its standard deviation, (H, W) f32 m.
 
@@ -749,6 +820,9 @@ def warm_up() -> None:
     take_over(plane, np.ones((8, 8), np.float32), np.float32(1.0), np.empty((8, 8), np.float32))
     prefer_surer(plane.copy(), plane.copy(), plane, plane, np.float32(0.5))
     smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
+    products = np.zeros((3, 4, 4), np.float32)
+    compare_steps(level, level, plane, 0, False, products)
+    correlate_alike(plane, products, 1, np.float32(1.0), np.float32(1.0), np.empty((4, 2), np.float32))
     triangulate(plane, plane, 0.1, 0.0, 0.3, (0.1, 0.1, 100.0), out, out.copy())
     stretch(out, out.copy(), plane, plane, np.float32(0.1))
     line = np.zeros(1, np.float32)

@@ -8,8 +8,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import FROM_UNKNOWN, JUMP, SIDE_PX, SIDE_SHARE, UNKNOWN_PX, UNKNOWN_SIDE
-from sphere_mapping.acquisition.kernels import double_size
+from sphere_mapping.acquisition.constants import (
+    AROUND_BORROWED,
+    BORROWED_PX,
+    FROM_UNKNOWN,
+    JUMP,
+    MIN_OWN_LIKENESS,
+    OWN_FLOOR,
+    OWN_LEVELS,
+    OWN_RADIUS,
+    SIDE_PX,
+    SIDE_SHARE,
+    UNKNOWN_PX,
+    UNKNOWN_SIDE,
+)
+from sphere_mapping.acquisition.kernels import compare_steps, correlate_alike, double_size
 from sphere_mapping.acquisition.range.semi_global import Image, Plane
 
 Flags = NDArray[np.bool_]
@@ -106,6 +119,27 @@ def is_unlike(unlike: Plane, spread: Plane, found: Plane, most: float) -> Flags:
     some = unlike[::8, ::8][~np.isnan(found[::8, ::8])]  # the median of so many is that of all
     limit = most * np.median(some) if some.size else np.inf
     return unlike * (1 + spread) > limit
+
+
+def is_borrowed(top: Image, bottom: Image, disparity: Plane, *, is_whole: bool) -> Flags:
+    """Return where (H, W) a disparity is known but the pixel's own surface does not show it.
+
+    A block tells the range of its strongest texture. The sky beside a crown, a dark panel beside its frame would have
+    the range of what is beside them. Of the pixels that are as bright as the middle one, their steps along the columns
+    are those of noise, which both images do not share. What is only a few px wide is not told: halving blurs it.
+    """
+    margin, border = OWN_RADIUS, cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    products = np.empty((3, top.shape[0], top.shape[1] + 2 * margin), np.float32)
+    compare_steps(top, bottom, disparity, margin, is_whole, products)
+    levels = cv2.copyMakeBorder(top.astype(np.float32), 0, 0, margin, margin, border)
+    likeness = np.empty(top.shape, np.float32)
+    correlate_alike(levels, products, margin, np.float32(OWN_LEVELS), np.float32(OWN_FLOOR), likeness)
+    unlike = (~np.isnan(disparity) & ~(likeness >= MIN_OWN_LIKENESS)).astype(np.uint8)
+    around = 2 * (BORROWED_PX + AROUND_BORROWED)
+    wide = cv2.copyMakeBorder(unlike, 0, 0, around, around, border)
+    opened = cv2.morphologyEx(wide, cv2.MORPH_OPEN, np.ones((BORROWED_PX, BORROWED_PX), np.uint8))
+    near = cv2.dilate(opened, np.ones((2 * AROUND_BORROWED + 1, 2 * AROUND_BORROWED + 1), np.uint8))
+    return (unlike | near[:, around:-around]) > 0
 
 
 def twice(plane: NDArray[Any]) -> NDArray[Any]:

@@ -7,7 +7,8 @@ wanted is covered by as many disparities, and every level is matched and aligned
 for a fine level, a block of a coarser one sees more of the surface and less of the noise. The levels finer than those
 that are matched start where the coarser one has ended. A match stands only if the
 cost of its block is clearly the least of all disparities searched: otherwise there is no texture, or it is repeated, or
-the surface is out of reach, and nothing is known. A point is higher in the lower image: its row there is v - disparity.
+the surface is out of reach, and nothing is known. At the end, what a pixel has from its block only, and does not show
+itself, is unknown. A point is higher in the lower image: its row there is v - disparity.
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ from sphere_mapping.acquisition.range.levels import (
     halve_image,
     has_texture_around,
     interpolate,
+    is_borrowed,
     usable_at,
 )
 from sphere_mapping.acquisition.range.semi_global import Image, Plane, compare_costs, in_threads, match_semi_globally
@@ -118,6 +120,22 @@ def match_columns(
             prefer_surer(own.value, own.std, coarser.value, coarser.std, np.float32(SURER))
         found = own
     assert found is not None
+    return _without_borrowed(found, levels[1], search.is_whole) if halvings else found
+
+
+def _without_borrowed(found: Disparity, half: Pair, is_whole: bool) -> Disparity:
+    """Return what pixels show themselves, seen at half the size, where noise is less.
+
+    Spheres that are matched at their full size have too few pixels for it.
+    """
+    height, width = half[0].shape
+    disparity = np.ascontiguousarray(found.value[::2, ::2][:height, :width] * np.float32(0.5))
+    borrowed = is_borrowed(*half, disparity, is_whole=is_whole)
+    lost = cv2.resize(
+        np.where(borrowed, np.float32(np.nan), np.float32(0)), None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST
+    )
+    for plane in (found.value, found.std):
+        plane[: 2 * height, : 2 * width] += lost
     return found
 
 

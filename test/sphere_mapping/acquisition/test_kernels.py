@@ -64,6 +64,41 @@ def test_costs_are_compared_over_all_that_is_searched():
             assert ratios[n, u, v] == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("wraps", [True, False])
+def test_steps_of_a_pixels_own_surface_are_compared_in_both_images(wraps):
+    rng = np.random.default_rng(8)
+    height, width, margin = 24, 30, 2
+    top, bottom = rng.integers(100, 130, (2, height, width)).astype(np.uint8)
+    disparity = rng.uniform(-3, 6, (height, width)).astype(np.float32)
+    disparity[5, 7] = np.nan
+    products = np.empty((3, height, width + 2 * margin), np.float32)
+    kernels.compare_steps(top, bottom, disparity, margin, wraps, products)
+    lower, expected = bottom.astype(float), np.zeros((3, height, width))
+    for v, u in np.ndindex(height, width):
+        y = v - disparity[v, u]
+        if 1 <= v < height - 1 and 1 <= y < height - 2:
+            below = np.interp([y - 1, y, y + 1], np.arange(height), lower[:, u])
+            here, there = (steady(np.diff(line)) for line in (top[v - 1 : v + 2, u].astype(float), below))
+            expected[:, v, u] = here * here, there * there, here * there
+    beside = {"mode": "wrap"} if wraps else {"mode": "constant"}
+    expected = np.pad(expected, ((0, 0), (0, 0), (margin, margin)), **beside)
+    np.testing.assert_allclose(products, expected, atol=2e-3)
+    levels = np.pad(top.astype(np.float32), ((0, 0), (margin, margin)), mode="wrap")
+    found = np.empty((height, width), np.float32)
+    kernels.correlate_alike(levels, products, margin, np.float32(8.0), np.float32(1.0), found)
+    for v, u in np.ndindex(height, width):
+        rows, columns = slice(max(v - margin, 0), v + margin + 1), slice(u, u + 2 * margin + 1)
+        is_alike = np.abs(levels[rows, columns] - levels[v, u + margin]) <= 8
+        a, b, c = (expected[k, rows, columns][is_alike].sum() for k in range(3))
+        assert found[v, u] == pytest.approx(c / np.sqrt(a * b + 1), abs=1e-3)
+    assert found.min() < -0.3
+    assert found.max() > 0.3
+
+
+def steady(steps):
+    return np.sign(steps[0]) * np.abs(steps).min() if steps[0] * steps[1] > 0 else 0.0
+
+
 def test_only_what_stays_near_its_match_and_fits_is_trusted():
     refined = np.array([[1.0, 3.0, 1.0, 1.0, np.nan]], np.float32)
     start, information = np.ones_like(refined), np.array([[4.0, 4.0, 4.0, 0.0, 4.0]], np.float32)

@@ -9,6 +9,7 @@ from sphere_mapping.acquisition.range.levels import (
     halve_image,
     has_texture_around,
     interpolate,
+    is_borrowed,
     is_unlike,
     spread_around,
     twice,
@@ -89,3 +90,26 @@ def test_unlike_is_what_differs_by_far_more_than_usual_less_of_it_where_the_rang
     spread[9, 9] = 0.5
     assert np.argwhere(is_unlike(unlike, spread, found, 10.0)[:, :32]).tolist() == [[4, 4], [9, 9]]
     assert not is_unlike(unlike, spread, np.full_like(found, np.nan), 10.0).any()
+
+
+def test_what_a_pixel_does_not_show_itself_is_borrowed():
+    """A post without texture, along the columns, and the sky above a wall: both have the range of the wall."""
+    wall = 120 + 30 * cv2.GaussianBlur(np.random.default_rng(3).normal(0, 1, (128, 160)), (0, 0), 1.5) / 0.19
+    images = []
+    for seed, image in enumerate((wall, np.roll(wall, -6, axis=0))):
+        image = np.clip(image, 60, 180)
+        image[:40] = 220
+        image[:, 80:88] = 30
+        noisy = image + np.random.default_rng(seed).normal(0, 1.0, image.shape)
+        images.append(np.rint(noisy).astype(np.uint8))
+    disparity = np.full(wall.shape, 6.0, np.float32)
+    disparity[60:70, 20:30] = np.nan
+    found = is_borrowed(*images, disparity, is_whole=False)
+    assert found[20:38, 8:72].mean() > 0.95
+    assert found[60:120, 80:88].mean() > 0.95
+    assert found[60:120, 95:150].mean() < 0.1
+    assert not found[62:68, 22:28].any()  # nothing is known there
+    wrong = is_borrowed(*images, disparity + 3, is_whole=False)
+    assert wrong[60:120, 95:150].mean() > 0.9  # not what is there, either
+    seam = is_borrowed(*(np.roll(image, 40, axis=1) for image in images), np.roll(disparity, 40, axis=1), is_whole=True)
+    np.testing.assert_array_equal(np.roll(seam, -40, axis=1)[:, 20:140], found[:, 20:140])

@@ -98,6 +98,22 @@ def test_bare_walls_and_independent_noise_are_not_measured():
         assert np.isfinite(found.value).mean() < 0.01
 
 
+def test_a_bare_panel_does_not_get_the_range_of_the_wall_around(monkeypatch):
+    wall = texture(7, blur=3.0)
+    images = [wall.copy(), np.roll(wall, -12, axis=0)]
+    for image in images:
+        image[:, 200:216] = 60.0  # at any range: along the columns nothing tells
+    panel, inner = np.s_[60:-60, 204:212], np.s_[60:-60, 240:380]
+    assert np.isfinite(match(*images).value[panel]).mean() > 0.8  # matched at full size: noise is too much there
+    monkeypatch.setattr(matching, "MAX_WIDTH", SHAPE[1] // 2)
+    found = match(*images)
+    assert np.isfinite(found.value[panel]).mean() < 0.1
+    np.testing.assert_array_equal(np.isnan(found.std), np.isnan(found.value))
+    known = np.isfinite(found.value[inner])
+    assert known.mean() > 0.8
+    assert np.abs(found.value[inner][known] - 12).max() < 0.5
+
+
 def test_errors_by_their_deviation_are_of_size_one():
     top = texture(3, contrast=25)
     found = match(top, np.roll(top, -12, axis=0), noise=NOISE, calibration_px=0.0)
