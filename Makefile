@@ -5,7 +5,7 @@ VENV := .venv
 STAMPS := $(VENV)/.stamps
 RUN := $(VENV)/bin
 PACKAGES := $(shell sed -n '/^PACKAGES = (/,/^)/s/^ *"\(.*\)",$$/\1/p' setup.py)
-SOURCES := $(sort $(shell find $(PACKAGES) -name '*.py') \
+SOURCES := $(sort $(shell find $(PACKAGES) -name '*.py' -o -name '*.npz') \
 	$(wildcard launch/*.launch.py config/*.* config/cameras/*.yaml) setup.py setup.cfg package.xml resource/sphere_nav)
 
 # Neither a sourced ROS 2 installation nor another environment of wheels may leak into this one.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -18,6 +18,7 @@ from cycab_sim.params import CarParams, LightParams, RenderParams, TrafficParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.cameras import OPTICAL, panorama
 from cycab_sim.sensors.imaging import expose
+from cycab_sim.simulator import T_BASE_TORCH
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import World, build_world
 from mcl_depth.belief.estimate import Observation
@@ -40,6 +41,9 @@ LIGHTS = (
     LightParams(sun="320,60", exposure=1.2),
     SHADOWLESS,
 )
+NIGHT = LightParams(sun="300,22.0h", has_street_lamps=True, torch=3000.0, exposure=900.0)  # head lamp, street lamps
+NIGHT_NOISE = 3.0  # times that by day
+LEVELS, LEVEL, MAX_GAIN = (30.0, 170.0), 90.0, 50.0  # mean grey levels that an exposure is left at by night, and set to
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,18 @@ class Drive:
         rotation = tilt @ T_base_camera.rotation
         return Observation(self.images[index], self.lens.camera, (index + 1) * 10**9, rotation, T_odom_level)
 
+    @property
+    def mirrored(self) -> Drive:
+        """The drive as a mirror shows it, through a world whose left is right: a control that fits no place."""
+        mirror, turned = np.diag([1.0, -1.0, 1.0]), np.array([1.0, -1.0, -1.0])
+        images = np.ascontiguousarray(self.images[:, :, ::-1])
+        return replace(self, images=images, odometry=self.odometry * turned, tilts=mirror @ self.tilts @ mirror)
+
+    def turned(self, degrees: float) -> Drive:
+        """The drive by a panorama that looks to the left, odometry unchanged: a control that fits no place for long."""
+        columns = round(degrees / 360.0 * self.images.shape[2])
+        return replace(self, images=np.roll(self.images, columns, axis=2))
+
     def truth(self, index: int) -> Array:
         """Return x, y, yaw (3,) of the level camera in the map."""
         T_map_base = self.T_map_base[index]
@@ -126,9 +142,22 @@ class Studio:
             if traffic is not None:
                 stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
                 renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
-            levels, _ = renderer.render(lens.camera, T_map_camera, is_gray=True)
-            images.append(expose(levels, READ_NOISE, SHOT_NOISE, (self.seed, seed, index)))
+            images.append(take(renderer, light, lens.camera, T_map_base[index], T_map_camera, (self.seed, seed, index)))
         return np.stack(images)
+
+
+def take(
+    renderer: Renderer, light: LightParams, camera: Camera, T_map_base: SE3, T_map_camera: SE3, seed: tuple[int, ...]
+) -> NDArray[np.uint8]:
+    """Return what a camera sees; by night by the car's head lamp, and exposed to a mean grey level."""
+    is_night = light.torch > 0.0
+    renderer.torch = T_map_base @ T_BASE_TORCH if is_night else None
+    levels, _ = renderer.render(camera, T_map_camera, is_gray=True)
+    if is_night and not LEVELS[0] < levels.mean() < LEVELS[1]:
+        gain = (LEVEL / max(float(levels.mean()), 1.0)) ** light.gamma
+        levels, _ = renderer.render(camera, T_map_camera, is_gray=True, gain=min(gain, MAX_GAIN))
+    noise = NIGHT_NOISE if is_night else 1.0
+    return expose(levels, noise * READ_NOISE, noise**2 * SHOT_NOISE, seed)
 
 
 @lru_cache(maxsize=2)

@@ -19,6 +19,7 @@ from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import Spherical
 from sphere_nav.localization.status import Reason
+from sphere_nav.params import build
 
 HELP = "MCL in homes that are drawn from a seed, with furniture, glass and mirrors, and in real ones"
 WALK, PUBLISHED_BY = 8, 15  # panoramas after which the place is asked for, and until a pose is published
@@ -49,25 +50,30 @@ def run(options: argparse.Namespace) -> Report:
     num_homes, num_walks = (2, 4) if options.quick else (options.homes, options.home_walks)
     seeds = range(options.first_home, options.first_home + num_homes)
     report = Report("mcl_homes", notes=[describe(options.threads)])
+    if options.likeness == "both":
+        raise ValueError("--likeness: expected gradients or learned, found both")
+    params, of = build(FilterParams, {"likeness.kind": options.likeness}), ""
+    if options.likeness != "gradients":
+        of = f"{options.likeness}: "
     rows, right, wrong = [], list[Outcome](), list[Outcome]()
     for seed in seeds:
         here, other = home(seed), home(seeds[(seed + 1 - seeds[0]) % num_homes])
-        site = Site(here.plan, HEIGHT, FilterParams())
+        site = Site(here.plan, HEIGHT, params)
         found = [_walk(site, _places(images), PANORAMA, n, seed) for images in (here, other) for n in range(num_walks)]
         rows += [
             (f"home {seed}", *_figures(found[:num_walks])),
             ("its plan, images of another", *_figures(found[num_walks:])),
         ]
         right, wrong = right + found[:num_walks], wrong + found[num_walks:]
-    report.bounds += _bounds(f"{num_homes} homes from seed {seeds[0]}, {len(right)} walks", right)
+    report.bounds += _bounds(f"{of}{num_homes} homes from seed {seeds[0]}, {len(right)} walks", right)
     claims = float(sum(item.is_published for item in wrong))
-    report.bounds.append(Bound(f"{len(wrong)} walks in another's plan: ever a pose", 0.0, claims, ""))
+    report.bounds.append(Bound(f"{of}{len(wrong)} walks in another's plan: ever a pose", 0.0, claims, ""))
     if options.panoramas.is_dir():
-        site = Site(read_geometry(options.panoramas / "surfaces.csv"), HEIGHT, FilterParams())
+        site = Site(read_geometry(options.panoramas / "surfaces.csv"), HEIGHT, params)
         places = read_places(options.panoramas)
         real = [_walk(site, places, Spherical(1024, 512), n, 1) for n in range(min(num_walks, len(places)))]
         rows.append(("real", *_figures(real)))
-        report.bounds += _bounds(f"real home, {len(real)} walks", real)
+        report.bounds += _bounds(f"{of}real home, {len(real)} walks", real)
     head = ("map", "walks", "within 1 m", "within 0.5 m", "published", "wrong poses", "ambiguous", "least p", "ms")
     report.tables.append(Table(f"after {WALK} panoramas; published by {PUBLISHED_BY}", head, rows))
     return report

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mcl_depth
-from benchmarks.mcl_drives import HEIGHT, Studio, kept, simulator_source
+from benchmarks.mcl_drives import HEIGHT, LIGHTS, NIGHT, Studio, kept, simulator_source
 from benchmarks.mcl_routes import limits
+from cycab_sim.params import LightParams
 from cycab_sim.world.town import Plan, draw_plan
 from cycab_sim.world.worlds import geometry_cloud
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
@@ -30,7 +31,29 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
     parser.add_argument(
         "--mcl-folder", type=Path, default=None, help="folder of images and depth features (OUTPUT/mcl)"
     )
+    parser.add_argument(
+        "--likeness",
+        choices=("gradients", "learned", "both"),
+        default="gradients",
+        help="of image and depth (gradients)",
+    )
+    parser.add_argument("--night", action="store_true", help="drives by night: street lamps, and the head lamp")
     parser.add_argument("--world-seed", type=int, default=11, help="seed of world, drives and filter (11)")
+
+
+def kinds_of(options: argparse.Namespace) -> tuple[str, ...]:
+    """Return the kinds of likeness that are measured, one beside the other."""
+    return ("gradients", "learned") if options.likeness == "both" else (options.likeness,)
+
+
+def lights_of(options: argparse.Namespace) -> tuple[LightParams, ...]:
+    """Return the lights that drives take in turn."""
+    return (NIGHT,) if options.night else LIGHTS
+
+
+def of_kind(options: argparse.Namespace, kind: str) -> argparse.Namespace:
+    """Return the options of one kind of likeness."""
+    return argparse.Namespace(**vars(options) | {"likeness": kind})
 
 
 def folder_of(options: argparse.Namespace) -> Path:
@@ -58,7 +81,8 @@ def town(options: argparse.Namespace, changes: Settings | None = None, *, is_fil
 def site(world: str, options: argparse.Namespace, settings: Settings, *, is_filled: bool = True) -> Site:
     """Return the site of a world, with the depth features of all its places, or only with those kept on disk."""
     cache = {"cache.folder": str(folder_of(options) / f"depth_{_image_side()}")}
-    return Site(cloud(world, options), HEIGHT, build(FilterParams, settings | cache), is_ready=is_filled)
+    likeness = {"likeness.kind": options.likeness}
+    return Site(cloud(world, options), HEIGHT, build(FilterParams, settings | cache | likeness), is_ready=is_filled)
 
 
 def cloud(world: str, options: argparse.Namespace) -> Cloud:

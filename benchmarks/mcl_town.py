@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from benchmarks.mcl_drives import LIGHTS, PANORAMA, SHADOWLESS, Drive, Lens, Stu
 from benchmarks.mcl_routes import kidnapped_line, sampled
 from benchmarks.mcl_trials import NEAR_DEG, NEAR_M, Trial, run_filter
 from benchmarks.report import Bound, Report, Table
-from cycab_sim.world.town import Plan, taught_path
+from cycab_sim.params import LightParams
+from cycab_sim.world.town import Plan, draw_plan, taught_path
 
 HELP = "MCL in a town of 100 x 100 m without colour: kidnapped starts, a loop of 500 images"
 NUM_IMAGES = 20
@@ -30,28 +32,40 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
 def run(options: argparse.Namespace) -> Report:
     """Start everywhere, then drive round the block."""
     num_starts, num_loop = (20, 100) if options.quick else (options.starts or NUM_STARTS, options.loop_images)
-    site, plan = mcl_sites.town(options)
-    studio = mcl_sites.studio("town", options)
-    drives = kidnapped(studio, plan, num_starts)
-    trials = [run_filter(site, drive, site.params, seed) for seed, drive in enumerate(drives)]
-    report = Report("mcl_town", notes=[describe(options.threads), _note(site.area.middles, site.area.step)])
-    report.tables.append(_by_light(trials))
-    report.bounds += start_bounds(trials)
-    loop = studio.record(sampled(taught_path(plan, "block"), loop_step(plan, num_loop), num_loop), 500)
-    report.bounds += loop_bounds(run_filter(site, loop, site.params, 1))
+    plan, studio = draw_plan(options.world_seed), mcl_sites.studio("town", options)
+    drives = kidnapped(studio, plan, num_starts, lights=mcl_sites.lights_of(options))
+    report = Report("mcl_town", notes=[describe(options.threads)])
+    line = sampled(taught_path(plan, "block"), loop_step(plan, num_loop), num_loop)
+    loop = studio.record(line, 500, light=mcl_sites.lights_of(options)[0]) if num_loop else None
+    for kind in mcl_sites.kinds_of(options):
+        site, _ = mcl_sites.town(mcl_sites.of_kind(options, kind))
+        trials = [run_filter(site, drive, site.params, seed) for seed, drive in enumerate(drives)]
+        of = ("" if kind == "gradients" else f"{kind}: ") + ("by night: " if options.night else "")
+        report.tables.append(_by_light(trials, kind, mcl_sites.lights_of(options)))
+        bounds = start_bounds(trials)
+        bounds += loop_bounds(run_filter(site, loop, site.params, 1)) if loop is not None else []
+        report.bounds += [replace(bound, what=f"{of}{bound.what}") for bound in bounds]
+    report.notes.append(_note(site.area.middles, site.area.step))
     return report
 
 
 def kidnapped(
-    studio: Studio, plan: Plan, count: int, *, lens: Lens = PANORAMA, num_images: int = NUM_IMAGES, step: float = STEP
+    studio: Studio,
+    plan: Plan,
+    count: int,
+    *,
+    lens: Lens = PANORAMA,
+    num_images: int = NUM_IMAGES,
+    step: float = STEP,
+    lights: Sequence[LightParams] = LIGHTS,
 ) -> list[Drive]:
     """Return drives from anywhere, each with one of the lights; images are `step` m apart."""
     drives = []
     for number in range(count):
         rng = np.random.default_rng([studio.seed, number, 83])
         line = kidnapped_line(plan, num_images, step, rng)
-        drives.append((number, line, LIGHTS[number % len(LIGHTS)]))
-    ordered = sorted(drives, key=lambda item: item[0] % len(LIGHTS))  # one light after the other: shadows are cast once
+        drives.append((number, line, lights[number % len(lights)]))
+    ordered = sorted(drives, key=lambda item: item[0] % len(lights))  # one light after the other: shadows are cast once
     made = {number: studio.record(line, number, lens, light) for number, line, light in ordered}
     return [made[number] for number in range(count)]
 
@@ -115,14 +129,14 @@ def loop_bounds(trial: Trial) -> list[Bound]:
     ]
 
 
-def _by_light(trials: Sequence[Trial]) -> Table:
+def _by_light(trials: Sequence[Trial], kind: str, lights: Sequence[LightParams]) -> Table:
     rows: list[tuple[str, ...]] = []
-    for index, light in enumerate(LIGHTS):
-        part = trials[index :: len(LIGHTS)]
+    for index, light in enumerate(lights):
+        part = trials[index :: len(lights)]
         share = 100.0 * np.mean([trial.has_converged for trial in part])
         sun = f"sun {light.sun} deg" if light != SHADOWLESS else "no shadows"
         rows.append((f"{sun}, exposure {light.exposure:g}", str(len(part)), f"{share:.0f} %"))
-    return Table("Kidnapped starts by light", ("light", "starts", "found"), rows)
+    return Table(f"Kidnapped starts by light, {kind}", ("light", "starts", "found"), rows)
 
 
 def _note(middles: np.ndarray, step: float) -> str:

@@ -17,9 +17,9 @@ from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.resampling import sample_uniform
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area
-from mcl_depth.likeness.comparison import GradientFeatures
 from mcl_depth.likeness.depth_cache import Cell
 from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.likeness.kinds import Visual
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import SE3
@@ -147,9 +147,9 @@ class RememberingMap(DepthMap):
         self.__dict__.update(other.__dict__)
         self._known: dict[bytes, dict[Cell, NDArray[np.float32]]] = {}
 
-    def similarities(self, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
+    def similarities(self, visual: Visual, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
         """Return the similarity (N, num_headings) of an image with the depth images of cells."""
-        key = hashlib.sha1(visual.magnitude.tobytes() + bytes([num_headings % 256]), usedforsecurity=False).digest()
+        key = hashlib.sha1(visual.identity + bytes([num_headings % 256]), usedforsecurity=False).digest()
         known = self._known.setdefault(key, {})
         missing = [cell for cell in dict.fromkeys(cells) if cell not in known]
         if missing:

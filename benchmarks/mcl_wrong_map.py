@@ -58,6 +58,7 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
     )
     parser.add_argument("--camera", choices=LENSES, default="panorama", help="that takes the images (panorama)")
     parser.add_argument("--side", type=float, help="of the square that is the map, m; else 100 m of the town")
+    parser.add_argument("--mirrored", action="store_true", help="drives as a mirror shows them: no place is right")
     parser.add_argument("--off-map", action="store_true", help="half of the town is the map, images of the other half")
 
 
@@ -65,16 +66,22 @@ def run(options: argparse.Namespace) -> Report:
     """Start everywhere in each pair of map and images; count what is claimed."""
     pairs = _pairs(options.map_seed, options.images_seed)
     num_starts = 6 if options.quick else options.starts or NUM_STARTS
+    if options.likeness == "both":
+        raise ValueError("--likeness: expected gradients or learned, found both")
     report, rows = Report("mcl_wrong_map", notes=[describe(options.threads)]), []
     found: dict[str, list[list[Trial]]] = {RIGHT: [], WRONG: [], OFF: []}
     for map_seed, images_seed in tqdm(pairs, "pairs of towns", leave=False, disable=None):
         trials = _trials(options, map_seed, images_seed, num_starts)
-        found[OFF if options.off_map else RIGHT if map_seed == images_seed else WRONG].append(trials)
+        is_right = map_seed == images_seed and not options.mirrored
+        found[OFF if options.off_map else RIGHT if is_right else WRONG].append(trials)
         rows.append((_note(map_seed, images_seed, options), *_figures(trials)))
     for name, groups in found.items():
         if groups:
             trials = [trial for group in groups for trial in group]
-            what = f"{name}, {len(trials)} starts in {len(groups)} town{'s' if len(groups) > 1 else ''}"
+            of = "mirrored, " if options.mirrored else ""
+            of += "by night, " if options.night else ""
+            of += f"{options.likeness}, " if options.likeness != "gradients" else ""
+            what = f"{of}{name}, {len(trials)} starts in {len(groups)} town{'s' if len(groups) > 1 else ''}"
             what += "" if options.camera == "panorama" else f", {options.camera}"
             what += f", maps of {options.side:g} m" if options.side else ""
             report.bounds += _right_bounds(what, trials) if name == RIGHT else _wrong_bounds(what, trials)
@@ -103,6 +110,7 @@ def _trials(options: argparse.Namespace, map_seed: int, images_seed: int, count:
     settings = mcl_sites.town_settings(plan, changes)
     site = mcl_sites.site("town", map_options, settings, is_filled=not options.side)
     drives = _drives(options, images_seed, count, edge)
+    drives = [drive.mirrored for drive in drives] if options.mirrored else drives
     sites = [site] * count
     if options.side:
         is_right = map_seed == images_seed and not options.off_map
@@ -118,7 +126,8 @@ def _drives(options: argparse.Namespace, images_seed: int, count: int, edge: flo
     if edge is not None:
         return _beside(studio, plan, edge, count, lens, num_images)
     step = SMALL_STEP if options.side else STEP
-    return kidnapped(studio, plan, count, lens=lens, num_images=num_images, step=step)
+    lights = mcl_sites.lights_of(options)
+    return kidnapped(studio, plan, count, lens=lens, num_images=num_images, step=step, lights=lights)
 
 
 def _squares(site: Site, side: float, drives: Sequence[Drive], plan: Plan, *, is_right: bool) -> list[Site]:

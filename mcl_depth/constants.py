@@ -117,6 +117,14 @@ FAR_M = 100.0  # range given to what is far
 SAMPLES = 2  # a side of a pixel of the panorama; a photograph that is finer by more is halved first
 OTHER_ANSWER = np.radians(20.0)  # a rotation farther from the best one than this is another answer
 
+# Learned likeness (likeness/test_encoder): what the networks were trained with, scripts/train_likeness.py
+LCN_COLUMNS = 1 / 36, 1 / 9  # radii of the contrast normalisation by the width of a panorama: 10 and 40 degrees
+MIN_CONTRAST_LEVELS = 2.0  # smallest standard deviation that grey levels are divided by
+IMAGE_CLIP = np.float32(4.0)  # of the contrast
+ENCODED_RANGE_M = np.float32(0.3), np.float32(200.0)  # nearest and farthest range that is told from others
+MAX_ENCODER_LAYERS, MAX_WEIGHTS_BYTES = 16, 2_000_000  # of a file
+MIN_SEEN = 0.9  # of the panorama that an image must show
+
 # One image against every cell (likeness/test_matched_filter, test_partial_filter)
 MIN_PLACES = 1500  # cells whose covariance is taken, and fewest of a map: fewer do not tell what places have in common
 CODE_RANGE = 4.0  # standard deviations that a byte holds (likeness/test_spectra)

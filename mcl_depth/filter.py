@@ -19,8 +19,9 @@ from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_s
 from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
 from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.geometry.area import Area
-from mcl_depth.likeness.comparison import GradientFeatures, num_alpha_for, visual_features
+from mcl_depth.likeness.comparison import num_alpha_for
 from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.likeness.kinds import Visual
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
@@ -96,12 +97,15 @@ class Filter:
         if not seen.is_contradicted and self._reckoning.is_near(seen.observation, is_sure=is_sure):
             return self._estimate(seen.observation, self.evidence.doubt)  # nearly the same view tells nothing new
         gray, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
-        estimate = self._localize(seen, visual_features(gray, is_seen))
+        finding = self.map.find_unseen(is_seen)
+        if finding is not FINE:
+            return self.refuse(observation.stamp_ns, finding)
+        estimate = self._localize(seen, self.map.features_of(gray, is_seen))
         pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else self.evidence.place
         self.odometry.keep(gray, is_seen, pose)
         return estimate
 
-    def _localize(self, seen: Reconciled, visual: GradientFeatures) -> Estimate:
+    def _localize(self, seen: Reconciled, visual: Visual) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
         p, observation = self.params, seen.observation
         step = self._motion.step(observation.stamp_ns, observation.T_odom_level, is_known=seen.is_known)

@@ -41,6 +41,18 @@ class ComparisonParams:
 
 
 @parameters
+class LikenessParams:
+    """How an image is compared with depth images (`likeness/features.py`, `likeness/learned.py`)."""
+
+    kind: str = param(
+        "gradients",
+        "gradients: by edges (N17); learned: by trained networks, for whole panoramas at the default synthesis",
+        choices=("gradients", "learned"),
+    )
+    weights: str = param("", "file of weights for learned (scripts/train_likeness.py); empty: those of the package")
+
+
+@parameters
 class MotionParams:
     """How odometry errs (`belief/motion_model.py`)."""
 
@@ -119,6 +131,7 @@ class FilterParams:
     automatic: bool = param(True, "search the whole map without being asked")
     synthesis: SynthesisParams = group(SynthesisParams)
     comparison: ComparisonParams = group(ComparisonParams)
+    likeness: LikenessParams = group(LikenessParams)
     motion: MotionParams = group(MotionParams)
     area: AreaParams = group(AreaParams)
     cache: CacheParams = group(CacheParams)

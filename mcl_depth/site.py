@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import MESH_STEP, MIN_PLACES
+from mcl_depth.constants import MESH_STEP
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area, Ground, find_area
 from mcl_depth.geometry.cloud import Cloud
@@ -72,9 +72,7 @@ class Site:
         """
         num_missing = self.depth_map.fill(self.places, at_most)
         if not num_missing:
-            if len(self.places) >= MIN_PLACES:
-                self.depth_map.matched_filter(self.places)
-            self.depth_map.partial_filter(self.places)
+            self.depth_map.prepare(self.places)
             self.depth_map.ranges_from(np.array([*self.places[0], 0.0]))  # no image waits for what draws
         return 1.0 - num_missing / len(self.places)
 

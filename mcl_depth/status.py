@@ -28,6 +28,7 @@ from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Finding, Reason
 SMALL_MAP = "probability that the place is chance: a map this small has few places to tell it by"
 GIVE_A_START = "give an initial pose or a larger map, or drive on"
 REMEDIES = INPUT_REMEDIES | {
+    Reason.LOW_OVERLAP: "the image shows too little of a panorama: set likeness.kind to gradients",
     Reason.OUTLIERS: "the image fits this place no better than others: check cloud, camera height and initial pose",
     Reason.NO_CONVERGENCE: "the particles do not agree on one place yet: drive on",
     Reason.JUMP_REJECTED: "odometry leapt and was not believed: check the wheels and who resets odometry",

@@ -10,8 +10,9 @@ from mcl_depth.belief.evidence import find_maxima
 from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.constants import STEP_EVERY
 from mcl_depth.geometry.cloud import cloud_from_points
-from mcl_depth.geometry.synthesis import DepthSynthesizer
+from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
 from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
+from mcl_depth.likeness.kinds import check_likeness
 from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import FilterParams, SynthesisParams
@@ -34,6 +35,12 @@ def warm_up(params: FilterParams) -> None:
         similarity_many(visual_features(gray, is_seen), stack, num_headings)
     PartialFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray, gray > 10.0), num_headings)
     MatchedFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
+    encoders = check_likeness(params)
+    if encoders is not None:
+        window = panorama_window(params.synthesis)
+        empty = np.zeros((window.height, window.width), np.float32)
+        encoders.features_of_image(empty, None, window)
+        encoders.features_of_depths(empty[None], window)
     joint, mask = JointEvidence(1.0, 1.0), np.ones((8, 8), np.bool_)
     for number in range(1 + STEP_EVERY):
         total = joint.add(np.zeros((num_headings, 8, 8), np.float32), np.array([number, 0.0, 0.0]))

@@ -9,15 +9,17 @@ import os
 import shutil
 import tempfile
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.likeness.comparison import FeatureStack
+from mcl_depth.likeness.features import Stack
 from sphere_nav.geometry.files.untrusted import read_npy
+
+Kind = TypeVar("Kind", bound=Stack)
 
 
 def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -42,16 +44,15 @@ def load_arrays(folder: Path, names: Sequence[str]) -> list[NDArray[Any]] | None
 
 
 Cell = tuple[int, int]
-ARRAYS = ("cells", "directions", "magnitudes", "scales")
 
 
-class DepthCache:
+class DepthCache(Generic[Kind]):
     """Slots of one stack of features; the least recently used is given away when all are taken."""
 
-    def __init__(self, max_bytes: int, height: int, width: int) -> None:
-        one = FeatureStack.empty(1, height, width).nbytes
-        self.capacity = max(max_bytes // one, 1)
-        self.stack = FeatureStack.empty(self.capacity, height, width)  # memory is taken when written to
+    def __init__(self, max_bytes: int, empty: Callable[[int], Kind]) -> None:
+        """`empty` returns room for so many panoramas."""
+        self.capacity = max(max_bytes // empty(1).nbytes, 1)
+        self.stack = empty(self.capacity)  # memory is taken when written to
         self.num_hits, self.num_misses = 0, 0
         self._slots: OrderedDict[Cell, int] = OrderedDict()
 
@@ -83,7 +84,7 @@ class DepthCache:
         self.num_hits, self.num_misses = self.num_hits + found, self.num_misses + len(cells) - found
         return slots
 
-    def insert(self, cells: Sequence[Cell], features: FeatureStack) -> NDArray[np.int64]:
+    def insert(self, cells: Sequence[Cell], features: Kind) -> NDArray[np.int64]:
         """Keep features of new cells, at most `capacity` of them at once; return their slots (N,)."""
         slots = np.empty(len(cells), dtype=np.int64)
         for index, cell in enumerate(cells):
@@ -97,19 +98,18 @@ class DepthCache:
         """Write everything into a folder; the last one to write wins."""
         kept = self.stack.take(np.fromiter(self._slots.values(), dtype=np.int64))
         cells = np.array(list(self._slots), dtype=np.int64).reshape(-1, 2)
-        arrays = (cells, kept.directions, kept.magnitudes, kept.scales)
-        save_arrays(folder, dict(zip(ARRAYS, arrays, strict=True)))
+        save_arrays(folder, {"cells": cells} | dict(zip(kept.names(), kept.arrays, strict=True)))
 
     def load(self, folder: Path) -> int:
         """Read what `save` wrote, as much as fits; return how many images that are. A damaged folder is ValueError."""
-        found = load_arrays(folder, ARRAYS)
+        found = load_arrays(folder, ("cells", *self.stack.names()))
         if found is None:
             return 0
         cells, *parts = found
-        expected = (len(cells), *self.stack.directions.shape[1:])
-        if parts[0].shape != expected or parts[1].shape != expected or parts[2].shape != expected[:1]:
-            raise ValueError(f"{folder}: expected {expected} features, found {parts[0].shape} and {parts[1].shape}")
+        expected = [(len(cells), *array.shape[1:]) for array in self.stack.arrays]
+        if [part.shape for part in parts] != expected:
+            raise ValueError(f"{folder}: expected features {expected}, found {[part.shape for part in parts]}")
         last = slice(max(len(cells) - self.capacity, 0), len(cells))
-        kept = FeatureStack(parts[0][last], parts[1][last], parts[2][last])
+        kept = type(self.stack)(*(part[last] for part in parts))
         self.insert([(int(x), int(y)) for x, y in cells[last]], kept)
         return len(kept)

@@ -9,18 +9,19 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.likeness.comparison import FeatureStack, GradientFeatures, depth_features_many, similarity_many
+from mcl_depth.constants import MIN_PLACES
 from mcl_depth.likeness.depth_cache import Cell, DepthCache
-from mcl_depth.likeness.matched_filter import MatchedFilter
-from mcl_depth.likeness.partial_filter import PartialFilter
+from mcl_depth.likeness.features import Image, Mask, Stack
+from mcl_depth.likeness.kinds import Kind, SpectralFilter, Visual, likeness_of
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.localization.status import FINE, Finding, Reason
 
 
 class Synthesizer(Protocol):
@@ -38,7 +39,6 @@ class Synthesizer(Protocol):
 
 BATCH = 64  # depth images made at once
 SAVE_EVERY = 2048  # depth images that an interruption may lose
-Kind = TypeVar("Kind", MatchedFilter, PartialFilter)
 Heights = Callable[[Array], Array]  # (N, 2) m -> height of the ground (N,) m, NaN where there is none
 
 
@@ -53,8 +53,9 @@ class DepthMap:
         self.camera_height = camera_height
         self.edge = params.cache.max_distance * np.sqrt(2.0)
         camera = synthesizer.camera
-        self.cache = DepthCache(params.cache.max_megabytes << 20, camera.height, camera.width)
-        self._filters: dict[str, tuple[str, MatchedFilter | PartialFilter]] = {}  # with the places that they are of
+        self.likeness = likeness_of(params, camera)
+        self.cache: DepthCache[Any] = DepthCache(params.cache.max_megabytes << 20, self.likeness.empty)
+        self._filters: dict[str, tuple[str, SpectralFilter]] = {}  # with the places that they are of
         self._num_unsaved = 0  # depth images that are not on disk
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
@@ -101,26 +102,41 @@ class DepthMap:
             ranges = np.where(is_sky, np.inf, ranges).astype(np.float32)
         return np.roll(ranges, round(float(pose[2]) / (2.0 * np.pi) * self.camera.full_width), axis=1)
 
-    def similarities(self, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
+    def find_unseen(self, is_seen: Mask) -> Finding:
+        """Return what is against an image that shows `is_seen` (H, W) of the panorama."""
+        share = float(is_seen.mean())
+        if share >= self.likeness.min_seen:
+            return FINE
+        return Finding(Reason.LOW_OVERLAP, share, self.likeness.min_seen, f"{share:.0%} of the panorama is seen")
+
+    def features_of(self, gray: Image, is_seen: Mask) -> Visual:
+        """Return what an image is compared by: a level panorama (H, W) of grey levels, and what of it is seen."""
+        return self.likeness.image(gray, is_seen)
+
+    def similarities(self, visual: Visual, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
         """Return the similarity (N, num_headings) of an image with the depth images of cells; 0 without ground."""
         curves = np.zeros((len(cells), num_headings), dtype=np.float32)
         for first in range(0, len(cells), self.cache.capacity):
             slots = self._slots(cells[first : first + self.cache.capacity])
             known = np.flatnonzero(slots >= 0)
             if len(known):
-                found = similarity_many(visual, self.cache.stack, num_headings, slots[known])
+                found = self.likeness.similarities(visual, self.cache.stack, slots[known], num_headings)
                 curves[first + known] = np.nan_to_num(found)
         return curves
 
-    def matched_filter(self, positions: Array) -> MatchedFilter:
-        """Return what compares a panorama with all cells of positions (N, 2) at once; that of the last call is kept."""
-        return self._spectral(MatchedFilter, positions)
+    def prepare(self, positions: Array) -> None:
+        """Make what compares an image with all cells of positions (N, 2) at once."""
+        for kind in self.likeness.filters(is_large=len(positions) >= MIN_PLACES):
+            self.spectral(kind, positions)
 
-    def partial_filter(self, positions: Array) -> PartialFilter:
-        """Return what compares a part of the sphere with all cells of positions (N, 2) at once; likewise."""
-        return self._spectral(PartialFilter, positions)
+    def survey(
+        self, visual: Visual, positions: Array, num_headings: int, rows: NDArray[np.int64] | None = None
+    ) -> NDArray[np.float32]:
+        """Return how well an image fits at positions (N, 2) m, or some rows of them, (N, A), in units of its own."""
+        is_large = len(positions) >= MIN_PLACES
+        return self.likeness.survey(visual, self, positions, num_headings, rows, is_large=is_large)
 
-    def _spectral(self, kind: type[Kind], positions: Array) -> Kind:
+    def spectral(self, kind: type[Kind], positions: Array) -> Kind:
         """Return the filter of a kind from memory, or the disk, where a folder is set and holds it; else make it."""
         places = hashlib.sha256(positions.tobytes()).hexdigest()[:16]
         known, made = self._filters.get(kind.__name__, ("", None))
@@ -135,9 +151,10 @@ class DepthMap:
         if self._folder is not None:
             folder = self._folder.with_name(f"{self._folder.name}_{places}_{kind.__name__}")
             found = kind.load(folder)
-            if found is not None and found.codes.shape[1] == len(positions):
+            if isinstance(found, kind) and found.codes.shape[1] == len(positions):
                 return found
-        made = kind.of(self.cache.stack, self._slots([(int(x), int(y)) for x, y in self.cells(positions)]))
+        slots = self._slots([(int(x), int(y)) for x, y in self.cells(positions)])
+        made: Kind = kind.of(self.cache.stack, slots)  # type: ignore[assignment]
         if folder is not None:
             made.save(folder)
         return made
@@ -185,11 +202,12 @@ class DepthMap:
             slots[missing[part]] = self.cache.insert([cells[int(index)] for index in missing[part]], features)
         return slots
 
-    def _features(self, positions: Array) -> FeatureStack:
-        return depth_features_many(self._synthesizer.synthesize_many(positions), self._params.comparison)
+    def _features(self, positions: Array) -> Stack:
+        return self.likeness.depths(self._synthesizer.synthesize_many(positions))
 
     def _key(self, name: str) -> str:
         """Return what everything that the features depend on hashes to."""
         p = self._params
         text = f"{name} {p.synthesis} {p.comparison} {self.edge:.9f} {self.camera_height:.9f} {self.camera}"
+        text += self.likeness.name
         return hashlib.sha256(text.encode()).hexdigest()[:24]

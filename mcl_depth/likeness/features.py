@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Self
+from dataclasses import dataclass, fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,16 @@ class GradientFeatures:
         return self.magnitude.shape[0], self.magnitude.shape[1]
 
     @property
+    def is_whole(self) -> bool:
+        """Whether every pixel of the panorama is seen."""
+        return self.is_seen is None
+
+    @property
+    def identity(self) -> bytes:
+        """What tells the image from others."""
+        return self.magnitude.tobytes()
+
+    @property
     def mirrored(self) -> GradientFeatures:
         """Those of the image whose left is right, ahead staying ahead."""
         x, y, magnitude = (np.ascontiguousarray(image[:, ::-1]) for image in (-self.x, self.y, self.magnitude))
@@ -44,7 +54,39 @@ class GradientFeatures:
 
 
 @dataclass(frozen=True)
-class FeatureStack:
+class Stack:
+    """Depth features of M panoramas: arrays with a row for each."""
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Return the names of the arrays."""
+        return tuple(item.name for item in fields(cls))
+
+    @property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """The arrays in the order of their names."""
+        return tuple(getattr(self, name) for name in self.names())
+
+    def __len__(self) -> int:
+        return len(self.arrays[0])
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all panoramas in bytes."""
+        return sum(array.nbytes for array in self.arrays)
+
+    def take(self, indices: NDArray[np.integer] | slice) -> Self:
+        """Return the panoramas of some indices."""
+        return type(self)(*(array[indices] for array in self.arrays))
+
+    def put(self, indices: NDArray[np.integer] | slice, other: Self) -> None:
+        """Overwrite some panoramas by others."""
+        for array, new in zip(self.arrays, other.arrays, strict=True):
+            array[indices] = new
+
+
+@dataclass(frozen=True)
+class FeatureStack(Stack):
     """Depth features of M panoramas in two bytes a pixel.
 
     directions (M, H, W) uint8: angle of the gradient modulo pi in steps of pi / 255; 255 where there is none.
@@ -61,25 +103,6 @@ class FeatureStack:
         """Return room for `capacity` panoramas, to be filled by `put`."""
         shape = (capacity, height, width)
         return cls(np.empty(shape, np.uint8), np.empty(shape, np.uint8), np.empty(capacity, np.float32))
-
-    def __len__(self) -> int:
-        return len(self.scales)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of all panoramas in bytes."""
-        return self.directions.nbytes + self.magnitudes.nbytes + self.scales.nbytes
-
-    def take(self, indices: NDArray[np.integer] | slice) -> Self:
-        """Return the panoramas of some indices."""
-        parts = (self.directions[indices], self.magnitudes[indices], self.scales[indices])
-        return type(self)(*parts)
-
-    def put(self, indices: NDArray[np.integer] | slice, other: FeatureStack) -> None:
-        """Overwrite some panoramas by others."""
-        self.directions[indices] = other.directions
-        self.magnitudes[indices] = other.magnitudes
-        self.scales[indices] = other.scales
 
 
 def visual_features(gray: Image, is_seen: Mask | None = None) -> GradientFeatures:

@@ -59,7 +59,7 @@ class MatchedFilter:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
         samples = np.concatenate(list(_spectra_of_cells(stack, sample_slots(slots))), axis=1)
         scales = scales_of(samples)
-        return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales, _inverses(samples))
+        return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales, inverses_of(samples))
 
     def save(self, folder: Path) -> None:
         """Write everything into a folder."""
@@ -78,13 +78,17 @@ class MatchedFilter:
         """
         spectra = spectra_of(_pictures_of(visual), ABOVE_MEAN)
         weights = (self.inverses @ spectra[..., None])[..., 0] * self.scales
-        curves = correlate(self.codes, weights, rows, ABOVE_MEAN.start, FINENESS * num_headings)
-        between = np.maximum(curves[:, 1::2], np.roll(curves[:, 1::2], 1, axis=1))
-        best: Curves = np.maximum(curves[:, ::2], between)
-        return best
+        return best_around(correlate(self.codes, weights, rows, ABOVE_MEAN.start, FINENESS * num_headings))
 
 
-def _inverses(samples: Spectra) -> Spectra:
+def best_around(curves: Curves) -> Curves:
+    """Return every second heading of curves (N, 2 A), (N, A): the best of it and of its neighbours."""
+    between = np.maximum(curves[:, 1::2], np.roll(curves[:, 1::2], 1, axis=1))
+    best: Curves = np.maximum(curves[:, ::2], between)
+    return best
+
+
+def inverses_of(samples: Spectra) -> Spectra:
     """Return the inverse covariance (F, P, P) of spectra (F, N, P), in units of the mean variance."""
     inverses = np.empty((len(samples), samples.shape[2], samples.shape[2]), np.complex64)
     for frequency, spectra in enumerate(samples):

@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import MIN_PLACES
-from mcl_depth.likeness.comparison import GradientFeatures
 from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.likeness.kinds import Visual
 from sphere_nav.geometry.arrays import Array
 
 
 class Comparison:
     """One visual image against the map; a place is compared once, however many particles are there."""
 
-    def __init__(self, visual: GradientFeatures, depth_map: DepthMap, num_headings: int) -> None:
+    def __init__(self, visual: Visual, depth_map: DepthMap, num_headings: int) -> None:
         self._visual, self._map, self._num_headings = visual, depth_map, num_headings
         self._rows: dict[tuple[int, int], int] = {}
         self._curves = np.empty((0, num_headings), dtype=np.float32)
@@ -43,15 +42,8 @@ class Comparison:
         return self._curves[rows[place.ravel()]]
 
     def survey(self, positions: Array, rows: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
-        """Return how well the image fits at positions (N, 2) in m, or some rows of them, (N, A), in units of its own.
-
-        A panorama by the matched filter of a map that has enough places for it; else by the correlation of gradients.
-        """
-        is_large = len(positions) >= MIN_PLACES
-        if self._visual.is_seen is not None or not is_large:
-            parts = self._map.partial_filter(positions)
-            return parts.curves(self._visual, self._num_headings, rows, is_whitened=is_large)
-        return self._map.matched_filter(positions).curves(self._visual, self._num_headings, rows)
+        """Return how well the image fits at positions (N, 2) m, or some rows of them, (N, A), in units of its own."""
+        return self._map.survey(self._visual, positions, self._num_headings, rows)
 
     def _compare(self, cells: list[tuple[int, int]]) -> None:
         self.num_compared += len(cells)

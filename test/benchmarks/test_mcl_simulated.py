@@ -9,6 +9,7 @@ from benchmarks.mcl_homing import Ride, ride_bounds
 from benchmarks.mcl_routes import MARGIN, MAX_OFFSET, SIDE, kidnapped_line, limits, sampled
 from benchmarks.mcl_trials import Trial
 from cycab_sim.world.town import draw_plan, taught_path
+from sphere_nav.geometry import SE3, so3
 from sphere_nav.localization.status import State
 
 PLAN = draw_plan(4)
@@ -101,3 +102,27 @@ def test_the_level_camera_heads_where_the_vehicle_does_whatever_the_camera():
     up = FISHEYE_UP.T_base_camera.rotation
     np.testing.assert_allclose(up @ [0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
     assert np.linalg.det(up) == pytest.approx(1.0)
+
+
+def seen(images, *turns):
+    """A drive of a panorama on flat ground whose IMU leans by rotation vectors."""
+    odometry = np.array([[0.0, 0.0, 0.1], [1.0, 0.2, 0.3]])
+    return Drive(images, PANORAMA, SE3.from_matrix(np.tile(np.eye(4), (2, 1, 1))), odometry, np.stack(turns))
+
+
+def test_a_mirrored_drive_turns_the_other_way_and_leans_to_the_other_side():
+    images = np.arange(2 * 3 * 8, dtype=np.uint8).reshape(2, 3, 8)
+    drive = seen(images, so3.exp(np.array([0.1, 0.0, 0.0])), so3.exp(np.array([0.0, 0.2, 0.0])))
+    mirrored = drive.mirrored
+    np.testing.assert_array_equal(mirrored.images[0, 0], images[0, 0, ::-1])
+    np.testing.assert_allclose(mirrored.odometry, [[0.0, 0.0, -0.1], [1.0, -0.2, -0.3]])
+    np.testing.assert_allclose(so3.log(mirrored.tilts[0]), [-0.1, 0.0, 0.0], atol=1e-12)  # roll
+    np.testing.assert_allclose(so3.log(mirrored.tilts[1]), [0.0, 0.2, 0.0], atol=1e-12)  # pitch
+    np.testing.assert_array_equal(mirrored.mirrored.images, images)
+
+
+def test_a_turned_drive_sees_what_was_to_the_left_ahead():
+    images = np.arange(2 * 1 * 8, dtype=np.uint8).reshape(2, 1, 8)
+    turned = seen(images, np.eye(3), np.eye(3)).turned(90.0)
+    assert turned.images[0, 0, 4] == images[0, 0, 2]  # azimuth grows to the left: a quarter of the columns before
+    np.testing.assert_array_equal(turned.odometry, seen(images, np.eye(3), np.eye(3)).odometry)

@@ -86,14 +86,18 @@ def test_two_heaps_of_particles_are_two_hypotheses():
     assert found[0].sigma_rad < 0.1  # the heap sits on the cut at pi
 
 
+def empty(count):
+    return FeatureStack.empty(count, 4, 8)
+
+
 def features(value, count=1):
-    stack = FeatureStack.empty(count, 4, 8)
+    stack = empty(count)
     stack.directions[:], stack.magnitudes[:], stack.scales[:] = value, value, value
     return stack
 
 
 def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk(tmp_path):
-    cache = DepthCache(3 * features(0).nbytes, 4, 8)
+    cache = DepthCache(3 * features(0).nbytes, empty)
     for number in range(3):
         cache.insert([(number, 0)], features(number))
     cache.find([(0, 0)])
@@ -101,7 +105,7 @@ def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk
     assert (1, 0) not in cache
     assert cache.stack.scales[cache.find([(0, 0)])[0]] == 0.0
     cache.save(tmp_path / "kept")
-    again = DepthCache(3 * features(0).nbytes, 4, 8)
+    again = DepthCache(3 * features(0).nbytes, empty)
     assert again.load(tmp_path / "kept") == 3
     assert again.stack.scales[again.find([(9, 9)])[0]] == 9.0
 
@@ -110,7 +114,7 @@ def test_a_damaged_cache_is_refused_in_one_line(tmp_path):
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "cells.npy").write_bytes(b"nothing")
     with pytest.raises(ValueError, match="expected a cache of depth features"):
-        DepthCache(1 << 20, 4, 8).load(tmp_path / "kept")
+        DepthCache(1 << 20, empty).load(tmp_path / "kept")
 
 
 def test_homing_samples_are_those_of_the_paper():
@@ -149,27 +153,27 @@ def test_waypoints_are_evenly_spaced_and_a_path_needs_two_points():
 
 @pytest.mark.parametrize("name", ["directions", "magnitudes", "scales"])
 def test_a_cache_of_another_size_is_refused_whatever_array_it_is(tmp_path, name):
-    cache = DepthCache(3 * features(0).nbytes, 4, 8)
+    cache = DepthCache(3 * features(0).nbytes, empty)
     cache.insert([(1, 2), (3, 4)], features(1, 2))
     cache.save(tmp_path / "kept")
     found = np.load(tmp_path / "kept" / f"{name}.npy")
     np.save(tmp_path / "kept" / f"{name}.npy", found[:, :3] if found.ndim == 3 else found[:1])
     with pytest.raises(ValueError, match=r"kept: expected \(2, 4, 8\) features"):
-        DepthCache(1 << 20, 4, 8).load(tmp_path / "kept")
+        DepthCache(1 << 20, empty).load(tmp_path / "kept")
 
 
 def test_a_smaller_cache_takes_what_was_used_last_and_counts_its_hits(tmp_path):
-    cache = DepthCache(4 * features(0).nbytes, 4, 8)
+    cache = DepthCache(4 * features(0).nbytes, empty)
     for number in range(4):
         cache.insert([(number, -number)], features(number))
     cache.find([(0, 0)])
     cache.save(tmp_path / "kept")
-    small = DepthCache(2 * features(0).nbytes + 5, 4, 8)
+    small = DepthCache(2 * features(0).nbytes + 5, empty)
     assert small.load(tmp_path / "kept") == 2
     slots = small.find([(3, -3), (0, 0), (2, -2), (1, -1)])
     assert (slots >= 0).tolist() == [True, True, False, False]
     assert small.stack.scales[slots[:2]].tolist() == [3.0, 0.0]
     assert small.hit_rate == 0.5
     small.clear()
-    assert (small.hit_rate, len(small), DepthCache(1, 4, 8).capacity) == (0.0, 0, 1)
+    assert (small.hit_rate, len(small), DepthCache(1, empty).capacity) == (0.0, 0, 1)
     assert small.load(tmp_path / "none") == 0

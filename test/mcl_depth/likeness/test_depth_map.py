@@ -7,9 +7,10 @@ import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness import depth_map as depth_map_module
-from mcl_depth.likeness import similarity_cache
 from mcl_depth.likeness.comparison import GradientFeatures, visual_features
 from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.likeness.matched_filter import MatchedFilter
+from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import CacheParams, FilterParams, SynthesisParams
 
@@ -103,15 +104,15 @@ def test_the_filters_come_back_from_disk_for_the_same_places(tmp_path, visual):
     for _ in range(2):
         synthesizer, depth_map = made(folder=str(tmp_path))
         depth_map.fill(places)
-        filters = depth_map.matched_filter(places), depth_map.partial_filter(places)
+        filters = depth_map.spectral(MatchedFilter, places), depth_map.spectral(PartialFilter, places)
         curves.append([one.curves(visual, HEADINGS) for one in filters])
     assert synthesizer.asked == []
     np.testing.assert_array_equal(curves[0], curves[1])
-    assert len(made(folder=str(tmp_path))[1].matched_filter(places[:20]).curves(visual, HEADINGS)) == 20
+    assert len(made(folder=str(tmp_path))[1].spectral(MatchedFilter, places[:20]).curves(visual, HEADINGS)) == 20
     for part in tmp_path.glob("*_*/codes.npy"):
         part.write_bytes(b"nothing")
     with pytest.raises(ValueError, match="expected a cache of depth features"):
-        made(folder=str(tmp_path))[1].matched_filter(places)
+        made(folder=str(tmp_path))[1].spectral(MatchedFilter, places)
 
 
 def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visual):
@@ -142,14 +143,14 @@ def test_a_map_of_few_places_is_surveyed_by_correlation_and_a_larger_one_by_its_
     places = np.unique(depth_map.cells(np.random.default_rng(3).uniform(-2, 2, (60, 2))), axis=0)
     positions = (places + 0.5) * depth_map.edge
     found = Comparison(visual, depth_map, HEADINGS).survey(positions)
-    correlated = depth_map.partial_filter(positions).curves(visual, HEADINGS, is_whitened=False)
+    correlated = depth_map.spectral(PartialFilter, positions).curves(visual, HEADINGS, is_whitened=False)
     np.testing.assert_array_equal(found, correlated)
-    monkeypatch.setattr(similarity_cache, "MIN_PLACES", len(positions))
-    matched = depth_map.matched_filter(positions).curves(visual, HEADINGS)
+    monkeypatch.setattr(depth_map_module, "MIN_PLACES", len(positions))
+    matched = depth_map.spectral(MatchedFilter, positions).curves(visual, HEADINGS)
     np.testing.assert_array_equal(Comparison(visual, depth_map, HEADINGS).survey(positions), matched)
     is_seen = np.zeros(visual.shape, np.bool_)
     is_seen[:, :20] = True
     part, rows = GradientFeatures(visual.x, visual.y, visual.magnitude, is_seen), np.array([3, 0])
-    wanted = depth_map.partial_filter(positions).curves(part, HEADINGS)
+    wanted = depth_map.spectral(PartialFilter, positions).curves(part, HEADINGS)
     np.testing.assert_array_equal(Comparison(part, depth_map, HEADINGS).survey(positions), wanted)
     np.testing.assert_allclose(Comparison(part, depth_map, HEADINGS).survey(positions, rows), wanted[rows], rtol=1e-4)

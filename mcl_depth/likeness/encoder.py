@@ -1,0 +1,199 @@
+"""Two small convolutional networks, of images and of depth images, whose outputs are alike where the two fit.
+
+What an edge of depth looks like in a photograph is learned from pairs that the simulator draws
+(`scripts/train_likeness.py`), where eq. 2 of N17 takes every gradient for one. Both networks are convolutions with
+columns that wrap around, so a turned panorama has turned features, and all headings are one circular correlation.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+import zlib
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from mcl_depth.constants import (
+    ENCODED_RANGE_M,
+    IMAGE_CLIP,
+    LCN_COLUMNS,
+    MAX_ENCODER_LAYERS,
+    MAX_WEIGHTS_BYTES,
+    MIN_CONTRAST_LEVELS,
+    NUM_FREQUENCIES,
+)
+from mcl_depth.likeness import kernels
+from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.geometry.files.untrusted import read_bytes
+
+Image = NDArray[np.float32]
+SIDES = ("image", "depth")
+INPUTS = {"image": len(LCN_COLUMNS) + 1, "depth": 4}
+NAMES = ("table", "values")
+PACKAGED = Path(__file__).with_name("weights.npz")
+REFUSED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error)
+FORMAT = "mcl_depth likeness 1"
+
+
+@dataclass(frozen=True, eq=False)
+class Encoder:
+    """A chain of convolutions, each but the last followed by max(x, 0).
+
+    table (L, 6) int64, one row a layer: inputs, outputs, rows and columns of the filter, strides over rows and columns.
+    values: weights (outputs, inputs, rows, columns), then biases (outputs,), layer by layer.
+    """
+
+    table: NDArray[np.int64]
+    values: Image
+
+    def check(self, side: str) -> None:
+        """Refuse what is no such chain; ValueError."""
+        table, values = self.table, self.values
+        is_table = table.ndim == 2 and table.shape[1] == 6 and 1 <= len(table) <= MAX_ENCODER_LAYERS
+        if not is_table or table.dtype != np.int64 or values.dtype != np.float32 or values.ndim != 1:
+            raise ValueError(f"{side}: expected a table (L, 6) of int64 and float32 values, found {table.shape}")
+        if table.min() < 1 or table[:, :2].max() > 256 or table[:, 2:4].max() > 15 or table[:, 4:].max() > 4:
+            raise ValueError(f"{side}: expected small convolutions, found {table.tolist()}")
+        if np.any(table[:, 2:4] % 2 == 0):
+            raise ValueError(f"{side}: expected filters of odd sides, found {table[:, 2:4].tolist()}")
+        chained = [INPUTS[side], *table[:-1, 1]]
+        if table[:, 0].tolist() != [int(n) for n in chained]:
+            raise ValueError(f"{side}: expected layers of {chained} inputs, found {table[:, 0].tolist()}")
+        count = int(np.sum(np.prod(table[:, :4], axis=1) + table[:, 1]))
+        if len(values) != count:
+            raise ValueError(f"{side}: expected {count} weights, found {len(values)}")
+        if not np.all(np.isfinite(values)):
+            raise ValueError(f"{side}: expected finite weights, found {int(np.sum(~np.isfinite(values)))} others")
+
+    @property
+    def stride(self) -> tuple[int, int]:
+        """Pixels of the panorama by one of the features, over rows and columns."""
+        return int(np.prod(self.table[:, 4])), int(np.prod(self.table[:, 5]))
+
+    def __call__(self, inputs: Image) -> Image:
+        """Return the features (M, C, h, w) of inputs (M, n, H, W); in parallel."""
+        return kernels.encode_many(np.ascontiguousarray(inputs, np.float32), self.table, self.values)
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderPair:
+    """The encoders of one file of weights, and for which panoramas they were trained."""
+
+    image: Encoder
+    depth: Encoder
+    num_columns: int
+    elevations_deg: tuple[float, float]
+    provenance: str
+
+    @cached_property
+    def digest(self) -> str:
+        """What the weights hash to."""
+        key = hashlib.sha256()
+        for encoder in (self.image, self.depth):
+            key.update(encoder.table.tobytes() + encoder.values.tobytes())
+        return key.hexdigest()
+
+    def features_of_image(self, gray: Image, is_seen: NDArray[np.bool_] | None, camera: Spherical) -> Image:
+        """Return the features (C, h, w) of a level panorama (H, W) of grey levels, of length 1."""
+        return normalize(self.image(image_inputs(gray, is_seen, camera)[None]))[0]
+
+    def features_of_depths(self, ranges_m: Image, camera: Spherical) -> Image:
+        """Return the features (M, C, h, w) of range panoramas (M, H, W) in m, of length 1."""
+        return normalize(self.depth(depth_inputs(ranges_m, camera)))
+
+    def save(self, path: Path) -> None:
+        """Write a file that `load_encoders` reads."""
+        arrays: dict[str, NDArray[np.generic]] = {"format": np.array(FORMAT), "provenance": np.array(self.provenance)}
+        for side in SIDES:
+            arrays |= {f"{side}_{name}": getattr(getattr(self, side), name) for name in NAMES}
+        arrays["num_columns"] = np.array(self.num_columns)
+        arrays["elevations_deg"] = np.array(self.elevations_deg, np.float64)
+        arrays["digest"] = np.array(self.digest)
+        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+
+
+@lru_cache(maxsize=2)
+def load_encoders(path: Path = PACKAGED) -> EncoderPair:
+    """Return the encoders of a file; ValueError in one line where it is no such file, or a damaged one."""
+    data = read_bytes(path, "file of weights of the learned likeness", MAX_WEIGHTS_BYTES)
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            found = {info.filename: info.file_size for info in file.zip.infolist()}
+            if sum(found.values()) > 4 * MAX_WEIGHTS_BYTES:
+                raise ValueError(f"expected at most {4 * MAX_WEIGHTS_BYTES} bytes unpacked, found more")
+            if "format" not in file or str(file["format"]) != FORMAT:
+                raise ValueError(f"expected the format {FORMAT!r}, found arrays {sorted(found)[:4]}")
+            sides = {side: Encoder(*(file[f"{side}_{name}"] for name in NAMES)) for side in SIDES}
+            low, high = (float(value) for value in file["elevations_deg"])
+            pair = EncoderPair(**sides, num_columns=int(file["num_columns"]), elevations_deg=(low, high),
+                               provenance=str(file["provenance"]))  # fmt: skip
+            digest = str(file["digest"])
+        for side, encoder in sides.items():
+            encoder.check(side)
+        if pair.image.stride != pair.depth.stride or pair.image.table[-1, 1] != pair.depth.table[-1, 1]:
+            raise ValueError("expected features of one size from images and depths, found two sizes")
+        if pair.digest != digest:
+            raise ValueError(f"expected weights that hash to {digest[:12]}, found {pair.digest[:12]}")
+    except REFUSED as error:
+        raise ValueError(f"{path}: weights of the learned likeness: {' '.join(str(error).split())}") from None
+    return pair
+
+
+def image_inputs(gray: Image, is_seen: NDArray[np.bool_] | None, camera: Spherical) -> Image:
+    """Return what the encoder of images takes of a level panorama (H, W) of grey levels, (n, H, W).
+
+    Its contrast, normalized over two neighbourhoods, and the sine of the elevation; what is not seen has no contrast.
+    """
+    gray = np.ascontiguousarray(gray, np.float32)
+    if is_seen is not None and not is_seen.all():
+        gray = gray.copy()
+        gray[~is_seen] = np.nan
+        kernels.fill_nan(gray)
+    width = camera.full_width
+    parts = []
+    for share in LCN_COLUMNS:
+        contrast = kernels.normalize_contrast(gray, max(round(share * width), 1), MIN_CONTRAST_LEVELS)
+        parts.append(np.clip(contrast, -IMAGE_CLIP, IMAGE_CLIP))
+    if is_seen is not None:
+        parts = [np.where(is_seen, part, np.float32(0.0)) for part in parts]
+    return np.stack([*parts, sine_of_elevation(camera)]).astype(np.float32)
+
+
+def depth_inputs(ranges_m: Image, camera: Spherical) -> Image:
+    """Return what the encoder of depths takes of range panoramas (M, H, W) in m, NaN unknown, (M, 4, H, W).
+
+    Logarithm and inverse of the range, 0 where it is unknown, 1 where it is known, and the sine of the elevation.
+    """
+    ranges_m = np.asarray(ranges_m, np.float32)
+    low, high = ENCODED_RANGE_M
+    is_known = ~np.isnan(ranges_m)
+    bounded = np.where(is_known, np.clip(ranges_m, low, high), np.float32(1.0))
+    out = np.empty((len(ranges_m), 4, *ranges_m.shape[1:]), np.float32)
+    out[:, 0] = np.where(is_known, np.log(bounded) - np.float32(1.0), np.float32(0.0))
+    out[:, 1] = np.where(is_known, np.float32(1.0) / bounded, np.float32(0.0))
+    out[:, 2] = is_known
+    out[:, 3] = sine_of_elevation(camera)
+    return out
+
+
+def normalize(features: Image) -> Image:
+    """Return features (M, C, h, w) less what is too fine over azimuth, and the mean of each row; of length 1 each."""
+    spectra = scipy.fft.rfft(features, axis=-1)
+    spectra[..., 0] = spectra[..., NUM_FREQUENCIES:] = 0.0
+    local = scipy.fft.irfft(spectra, features.shape[-1], axis=-1)
+    lengths = np.sqrt(np.sum(local**2, axis=(1, 2, 3), keepdims=True))
+    normalized: Image = (local / np.maximum(lengths, np.float32(1e-9))).astype(np.float32)
+    return normalized
+
+
+@lru_cache(maxsize=4)
+def sine_of_elevation(camera: Spherical) -> Image:
+    """Return the sine of the elevation of every pixel (H, W)."""
+    return np.ascontiguousarray(pixel_rays(camera)[..., 2], np.float32)

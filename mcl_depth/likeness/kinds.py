@@ -1,0 +1,192 @@
+"""How an image is compared with depth images: by gradients, or by what was learned. The map asks one of the two."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.constants import MIN_SEEN
+from mcl_depth.geometry.synthesis import panorama_window
+from mcl_depth.likeness import learned
+from mcl_depth.likeness.comparison import depth_features_many, similarity_many, visual_features
+from mcl_depth.likeness.encoder import PACKAGED, EncoderPair, load_encoders
+from mcl_depth.likeness.features import FeatureStack, GradientFeatures, Image, Mask, Stack
+from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack
+from mcl_depth.likeness.matched_filter import MatchedFilter
+from mcl_depth.likeness.partial_filter import PartialFilter
+from mcl_depth.likeness.spectra import Curves
+from mcl_depth.params import FilterParams, SynthesisParams
+from sphere_nav.geometry import Spherical
+
+Visual = GradientFeatures | LearnedFeatures
+SpectralFilter = MatchedFilter | PartialFilter | LearnedFilter
+Kind = TypeVar("Kind", bound=SpectralFilter)
+
+
+class Filters(Protocol):
+    """Where the filters of the map's places are kept (`depth_map.DepthMap`)."""
+
+    def spectral(self, kind: type[Kind], positions: NDArray[np.float64]) -> Kind:
+        """Return the filter of a kind for places (N, 2)."""
+        ...
+
+
+class Likeness(Protocol):
+    """What a kind of likeness has to give."""
+
+    name: str  # of all that features depend on, beside what is synthesised
+    min_seen: float  # of the panorama that an image must show
+
+    def image(self, gray: Image, is_seen: Mask) -> Visual:
+        """Return the features of a level panorama (H, W) of grey levels."""
+        ...
+
+    def empty(self, capacity: int) -> Any:
+        """Return room for the features of so many depth panoramas."""
+        ...
+
+    def depths(self, ranges_m: Image) -> Stack:
+        """Return the features of range panoramas (M, H, W) in m."""
+        ...
+
+    def similarities(self, visual: Any, stack: Any, slots: NDArray[np.int64], num_headings: int) -> Curves:
+        """Return the similarity (M, num_headings) of an image with some panoramas of a stack."""
+        ...
+
+    def filters(self, *, is_large: bool) -> tuple[type[SpectralFilter], ...]:
+        """Return the filters that images of a map of many, or few, places may need."""
+        ...
+
+    def survey(
+        self,
+        visual: Any,
+        filters: Filters,
+        positions: NDArray[np.float64],
+        num_headings: int,
+        rows: NDArray[np.int64] | None,
+        *,
+        is_large: bool,
+    ) -> Curves:
+        """Return how well an image fits at places (N, 2) of the map, or at some rows of them, (N, num_headings)."""
+        ...
+
+
+class GradientLikeness:
+    """By gradients (N17 eq. 2)."""
+
+    name, min_seen = "", 0.0
+
+    def __init__(self, params: FilterParams, camera: Spherical) -> None:
+        self._params, self._camera = params.comparison, camera
+
+    def image(self, gray: Image, is_seen: Mask) -> GradientFeatures:
+        """Return the gradients of a level panorama (H, W)."""
+        return visual_features(gray, is_seen)
+
+    def empty(self, capacity: int) -> FeatureStack:
+        """Return room for so many panoramas."""
+        return FeatureStack.empty(capacity, self._camera.height, self._camera.width)
+
+    def depths(self, ranges_m: Image) -> FeatureStack:
+        """Return the gradients of range panoramas (M, H, W) in m."""
+        return depth_features_many(ranges_m, self._params)
+
+    def similarities(
+        self, visual: GradientFeatures, stack: FeatureStack, slots: NDArray[np.int64], num_headings: int
+    ) -> Curves:
+        """Return eq. 2 (M, num_headings)."""
+        return similarity_many(visual, stack, num_headings, slots)
+
+    def filters(self, *, is_large: bool) -> tuple[type[SpectralFilter], ...]:
+        """Return the filters that images may need: whole panoramas and parts of the sphere."""
+        return (MatchedFilter, PartialFilter) if is_large else (PartialFilter,)
+
+    def survey(
+        self,
+        visual: GradientFeatures,
+        filters: Filters,
+        positions: NDArray[np.float64],
+        num_headings: int,
+        rows: NDArray[np.int64] | None,
+        *,
+        is_large: bool,
+    ) -> Curves:
+        """Compare a panorama by the matched filter of a map that has enough places; else by the correlation."""
+        if visual.is_whole and is_large:
+            return filters.spectral(MatchedFilter, positions).curves(visual, num_headings, rows)
+        parts = filters.spectral(PartialFilter, positions)
+        return parts.curves(visual, num_headings, rows, is_whitened=is_large)
+
+
+class LearnedLikeness:
+    """By what was learned; for whole panoramas of the resolution of the training."""
+
+    min_seen = MIN_SEEN
+
+    def __init__(self, encoders: EncoderPair, camera: Spherical) -> None:
+        self.encoders, self._camera = encoders, camera
+        self.name = encoders.digest
+
+    def image(self, gray: Image, is_seen: Mask) -> LearnedFeatures:
+        """Return the learned features of a level panorama (H, W)."""
+        return LearnedFeatures(gray, None if is_seen.all() else is_seen, self.encoders, self._camera)
+
+    def empty(self, capacity: int) -> LearnedStack:
+        """Return room for so many panoramas."""
+        return LearnedStack.empty(capacity, self.encoders, self._camera)
+
+    def depths(self, ranges_m: Image) -> LearnedStack:
+        """Return the learned features of range panoramas (M, H, W) in m."""
+        return LearnedStack.of(self.encoders.features_of_depths(ranges_m, self._camera))
+
+    def similarities(
+        self, visual: LearnedFeatures, stack: LearnedStack, slots: NDArray[np.int64], num_headings: int
+    ) -> Curves:
+        """Return the learned similarity (M, num_headings)."""
+        return learned.similarity_many(visual, stack.take(slots), num_headings)
+
+    def filters(self, *, is_large: bool) -> tuple[type[SpectralFilter], ...]:
+        """Return the one filter."""
+        del is_large
+        return (LearnedFilter,)
+
+    def survey(
+        self,
+        visual: LearnedFeatures,
+        filters: Filters,
+        positions: NDArray[np.float64],
+        num_headings: int,
+        rows: NDArray[np.int64] | None,
+        *,
+        is_large: bool,
+    ) -> Curves:
+        """Compare a panorama; whitened where the map has enough places to tell what they have in common."""
+        return filters.spectral(LearnedFilter, positions).curves(visual, num_headings, rows, is_whitened=is_large)
+
+
+def check_likeness(params: FilterParams) -> EncoderPair | None:
+    """Return the encoders that the parameters ask for, None for gradients; ValueError where they do not fit."""
+    if params.likeness.kind == "gradients":
+        return None
+    encoders = load_encoders(Path(params.likeness.weights) if params.likeness.weights else PACKAGED)
+    p = params.synthesis
+    found = p.num_columns, p.elevation_min_deg, p.elevation_max_deg
+    expected = encoders.num_columns, *encoders.elevations_deg
+    if found != expected:
+        words = "synthesis of {} columns from {:g} to {:g} deg"
+        raise ValueError(f"likeness.kind learned: expected {words.format(*expected)}, found {words.format(*found)}")
+    return encoders
+
+
+def likeness_of(params: FilterParams, camera: Spherical) -> Likeness:
+    """Return the likeness of the parameters for a window of the sphere."""
+    encoders = check_likeness(params)
+    if encoders is None:
+        return GradientLikeness(params, camera)
+    if camera != panorama_window(SynthesisParams()):
+        size = f"{camera.width} x {camera.height}"
+        raise ValueError(f"likeness.kind learned: expected the default window of the sphere, found one of {size}")
+    return LearnedLikeness(encoders, camera)

@@ -1,0 +1,176 @@
+"""The learned likeness: feature maps of two trained networks, correlated over azimuth (`encoder.py`).
+
+It takes the place of gradients and eq. 2 for whole panoramas, at each particle and in the survey of the map. All of the
+filter around it stays: the survey's covariance, joint evidence, compass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from mcl_depth.constants import CHANCE, FINENESS
+from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
+from mcl_depth.likeness.encoder import EncoderPair
+from mcl_depth.likeness.features import Mask, Stack
+from mcl_depth.likeness.matched_filter import ABOVE_MEAN, best_around, inverses_of
+from mcl_depth.likeness.spectra import (
+    BATCH,
+    Curves,
+    Image,
+    Spectra,
+    correlate,
+    encode_spectra,
+    sample_slots,
+    scales_of,
+    spectra_of,
+)
+from sphere_nav.geometry import Spherical
+
+ARRAYS = ("codes", "scales", "inverses")
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedFeatures:
+    """What the encoder of images makes of a level panorama `gray` (H, W), of which `is_seen` is seen (None: all)."""
+
+    gray: Image
+    is_seen: Mask | None
+    encoders: EncoderPair
+    camera: Spherical
+
+    @cached_property
+    def features(self) -> Image:
+        """The features (C, h, w), of length 1."""
+        return self.encoders.features_of_image(self.gray, self.is_seen, self.camera)
+
+    @property
+    def mirrored(self) -> LearnedFeatures:
+        """Those of the image whose left is right, ahead staying ahead."""
+        gray = np.ascontiguousarray(self.gray[:, ::-1])
+        is_seen = None if self.is_seen is None else np.ascontiguousarray(self.is_seen[:, ::-1])
+        return LearnedFeatures(gray, is_seen, self.encoders, self.camera)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is compared as a whole panorama: always."""
+        return True
+
+    @property
+    def identity(self) -> bytes:
+        """What tells the image from others."""
+        return self.gray.tobytes()
+
+
+@dataclass(frozen=True)
+class LearnedStack(Stack):
+    """Features of M depth panoramas: codes (M, C, h, w) int8 in units of scales (M,)."""
+
+    codes: NDArray[np.int8]
+    scales: NDArray[np.float32]
+
+    @classmethod
+    def empty(cls, capacity: int, encoders: EncoderPair, camera: Spherical) -> Self:
+        """Return room for `capacity` panoramas, to be filled by `put`."""
+        rows, columns = encoders.depth.stride
+        shape = int(encoders.depth.table[-1, 1]), -(-camera.height // rows), -(-camera.width // columns)
+        return cls(np.empty((capacity, *shape), np.int8), np.empty(capacity, np.float32))
+
+    @classmethod
+    def of(cls, features: Image) -> Self:
+        """Return features (M, C, h, w) in bytes."""
+        largest = np.abs(features).max(axis=(1, 2, 3))
+        scales = np.maximum(largest / np.float32(127.0), np.float32(1e-12))
+        codes = np.round(features / scales[:, None, None, None]).astype(np.int8)
+        return cls(codes, scales.astype(np.float32))
+
+    @property
+    def features(self) -> Image:
+        """The features (M, C, h, w)."""
+        return self.codes * self.scales[:, None, None, None]
+
+
+def similarity_many(visual: LearnedFeatures, stack: LearnedStack, num_alpha: int) -> Curves:
+    """Return the similarity of an image with M depth panoramas at all headings, (M, num_alpha), as those of eq. 2.
+
+    The mean of a curve is that of eq. 2 for images that have nothing to do with each other. Curves are smoothed over
+    a step of headings, so that what lies between two of them is not missed.
+    """
+    image = spectra_of(visual.features, ABOVE_MEAN)  # (F, P)
+    step = 2.0 * np.pi / num_alpha
+    smooth = np.float32(0.5) * (1.0 + np.cos(np.minimum(np.array(ABOVE_MEAN) * 0.5 * step, np.pi)))
+    image *= smooth[:, None].astype(np.float32)
+    curves = np.empty((len(stack), num_alpha), np.float32)
+    width = visual.features.shape[-1]
+    for first in range(0, len(stack), BATCH):
+        part = stack.take(slice(first, first + BATCH))
+        depths = spectra_of(part.features, ABOVE_MEAN)  # (F, n, P)
+        products = np.einsum("fp,fnp->nf", image, depths.conj(), optimize=True)
+        full = np.zeros((len(part), num_alpha + 1), np.complex64)
+        count = min(products.shape[1], num_alpha)
+        full[:, 1 : 1 + count] = products[:, :count]
+        curves[first : first + BATCH] = scipy.fft.irfft(full, 2 * num_alpha, axis=1, norm="forward")[:, ::2]
+    return (np.float32(CHANCE) + curves / np.float32(width)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class LearnedFilter:
+    """Spectra of N cells, ready for images.
+
+    codes (F, N, 2 P) int8: real, then imaginary parts of the spectra of all channels row by row, P = C h; scales
+    (F, P): what a code of one is. inverses (F, P, P): of the covariance.
+    """
+
+    codes: NDArray[np.int8]
+    scales: NDArray[np.float32]
+    inverses: Spectra
+
+    @classmethod
+    def of(cls, stack: LearnedStack, slots: NDArray[np.integer]) -> Self:
+        """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
+        samples = np.concatenate(list(_spectra_of_cells(stack, sample_slots(slots))), axis=1)
+        scales = scales_of(samples)
+        return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales, inverses_of(samples))
+
+    def save(self, folder: Path) -> None:
+        """Write everything into a folder."""
+        save_arrays(folder, dict(zip(ARRAYS, (self.codes, self.scales, self.inverses), strict=True)))
+
+    @classmethod
+    def load(cls, folder: Path) -> Self | None:
+        """Return what `save` wrote; None where there is no such folder. A damaged one is ValueError."""
+        found = load_arrays(folder, ARRAYS)
+        return None if found is None else cls(*(np.array(array) for array in found))
+
+    def curves(
+        self,
+        visual: LearnedFeatures,
+        num_headings: int,
+        rows: NDArray[np.int64] | None = None,
+        *,
+        is_whitened: bool = True,
+    ) -> Curves:
+        """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
+
+        `rows`: of some cells only. The best within half a step of each heading. `is_whitened`: what all places have in
+        common is weighed down.
+        """
+        weights = spectra_of(visual.features, ABOVE_MEAN)
+        if is_whitened:
+            weights = (self.inverses @ weights[..., None])[..., 0]
+        return best_around(
+            correlate(self.codes, weights * self.scales, rows, ABOVE_MEAN.start, FINENESS * num_headings)
+        )
+
+
+def _spectra_of_cells(stack: LearnedStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:
+    """Yield the spectra (F, n, P) of the features of a batch of cells."""
+    for first in range(0, len(slots), BATCH):
+        yield spectra_of(stack.take(slots[first : first + BATCH]).features, ABOVE_MEAN)

@@ -1,0 +1,185 @@
+"""The encoders: the kernel against its twin, no seam, the weights of the package, and files that are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mcl_depth.constants import MAX_WEIGHTS_BYTES, NUM_FREQUENCIES
+from mcl_depth.geometry.synthesis import panorama_window
+from mcl_depth.likeness.encoder import (
+    PACKAGED,
+    Encoder,
+    EncoderPair,
+    depth_inputs,
+    image_inputs,
+    load_encoders,
+    normalize,
+)
+from mcl_depth.params import SynthesisParams
+
+DIGEST = "ab399f9fd92620ee11e145cb1af9fe563ef6bced51af2edf0ea9507c9cc84381"  # of the weights in the package: docs/notes/learned_likeness.md says how they were trained
+WINDOW = panorama_window(SynthesisParams())
+LAYERS = ((4, 5, 5, 2, 2), (6, 3, 3, 1, 1), (3, 1, 1, 2, 1))
+
+
+def chain(num_inputs, rng):
+    """An encoder of random weights with every kind of layer: strides, and filters of one, three and five columns."""
+    table, values = [], []
+    for outputs, h, w, stride_y, stride_x in LAYERS:
+        table.append((num_inputs, outputs, h, w, stride_y, stride_x))
+        values += [rng.normal(size=outputs * num_inputs * h * w), rng.normal(size=outputs)]
+        num_inputs = outputs
+    return Encoder(np.array(table, np.int64), np.concatenate(values).astype(np.float32))
+
+
+def made(seed=4):
+    rng = np.random.default_rng(seed)
+    return EncoderPair(chain(3, rng), chain(4, rng), WINDOW.width, (-42.5, 42.5), "a test")
+
+
+def twin(encoder, inputs):
+    """The same in float64, by sums over windows of a picture that was made wider."""
+    image, first = inputs.astype(np.float64), 0
+    for number, (n, o, h, w, stride_y, stride_x) in enumerate(encoder.table):
+        count = n * o * h * w
+        weights = encoder.values[first : first + count].reshape(o, n, h, w).astype(np.float64)
+        biases = encoder.values[first + count : first + count + o].astype(np.float64)
+        first += count + o
+        wide = np.pad(np.pad(image, ((0, 0), (h // 2, h // 2), (0, 0))), ((0, 0), (0, 0), (w // 2, w // 2)), "wrap")
+        windows = np.lib.stride_tricks.sliding_window_view(wide, (h, w), axis=(1, 2))[:, ::stride_y, ::stride_x]
+        image = np.einsum("cyxhw,ochw->oyx", windows, weights) + biases[:, None, None]
+        image = np.maximum(image, 0.0) if number < len(encoder.table) - 1 else image
+    return image
+
+
+def test_the_kernel_does_what_its_twin_does():
+    rng = np.random.default_rng(1)
+    encoder, inputs = chain(3, rng), rng.normal(size=(2, 3, 11, 24)).astype(np.float32)
+    found = encoder(inputs)
+    wanted = np.stack([twin(encoder, item) for item in inputs])
+    assert found.shape == wanted.shape == (2, 3, 3, 12)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-5 * np.abs(wanted).max())  # float32 sums
+
+
+def test_a_turned_panorama_has_turned_features():
+    rng = np.random.default_rng(2)
+    gray = rng.uniform(0, 255, (WINDOW.height, WINDOW.width)).astype(np.float32)
+    range_m = rng.uniform(1, 20, gray.shape).astype(np.float32)
+    range_m[rng.random(gray.shape) < 0.1] = np.nan
+    encoders = load_encoders()
+    step = encoders.image.stride[1]
+    for columns in (step, 17 * step):
+        image = encoders.features_of_image(np.roll(gray, columns, axis=1), None, WINDOW)
+        depth = encoders.features_of_depths(np.roll(range_m, columns, axis=1)[None], WINDOW)[0]
+        straight = encoders.features_of_image(gray, None, WINDOW), encoders.features_of_depths(range_m[None], WINDOW)[0]
+        for found, wanted in zip((image, depth), straight, strict=True):
+            np.testing.assert_allclose(found, np.roll(wanted, columns // step, axis=-1), rtol=0, atol=1e-5)
+
+
+def test_features_have_length_one_no_mean_and_nothing_finer_than_the_filter_keeps():
+    features = normalize(np.random.default_rng(3).normal(3.0, 2.0, (2, 4, 5, 90)).astype(np.float32))
+    np.testing.assert_allclose(np.sum(features**2, axis=(1, 2, 3)), 1.0, rtol=1e-5)
+    spectra = np.abs(np.fft.rfft(features, axis=-1))
+    assert max(spectra[..., 0].max(), spectra[..., NUM_FREQUENCIES:].max()) < 1e-5
+
+
+def test_brightness_and_contrast_of_an_image_do_not_count_and_what_is_not_seen_has_none():
+    gray = np.random.default_rng(5).uniform(60, 120, (WINDOW.height, WINDOW.width)).astype(np.float32)
+    np.testing.assert_allclose(
+        image_inputs(2.0 * gray + 7.0, None, WINDOW), image_inputs(gray, None, WINDOW), atol=2e-3
+    )
+    is_seen = np.ones(gray.shape, np.bool_)
+    is_seen[:4] = False
+    inputs = image_inputs(np.where(is_seen, gray, 250.0).astype(np.float32), is_seen, WINDOW)
+    np.testing.assert_array_equal(inputs[:-1, :4], 0.0)
+    np.testing.assert_array_equal(inputs, image_inputs(np.where(is_seen, gray, 0.0), is_seen, WINDOW))
+
+
+def test_an_unknown_range_is_told_from_a_far_one():
+    ranges = np.full((1, WINDOW.height, WINDOW.width), 2.0, np.float32)
+    ranges[0, 0, 0], ranges[0, 0, 1] = np.nan, np.inf
+    inputs = depth_inputs(ranges, WINDOW)[0]
+    np.testing.assert_allclose(inputs[:3, 0, 0], [0.0, 0.0, 0.0])
+    np.testing.assert_allclose(inputs[:3, 0, 1], [np.log(200.0) - 1.0, 1.0 / 200.0, 1.0], rtol=1e-5)
+    np.testing.assert_allclose(inputs[:3, 1, 1], [np.log(2.0) - 1.0, 0.5, 1.0], rtol=1e-5)
+
+
+def test_the_weights_of_the_package_are_those_of_the_page():
+    encoders = load_encoders()
+    assert encoders.digest == DIGEST
+    assert PACKAGED.stat().st_size <= MAX_WEIGHTS_BYTES
+    for word in ("--seed", "--steps", "h of CPU", "towns", "corridors", "homes"):
+        assert word in encoders.provenance
+
+
+def test_weights_are_read_as_they_were_written(tmp_path):
+    pair = made()
+    pair.save(tmp_path / "own.npz")
+    found = load_encoders(tmp_path / "own.npz")
+    assert (found.digest, found.provenance, found.elevations_deg) == (pair.digest, "a test", (-42.5, 42.5))
+    np.testing.assert_array_equal(found.depth.values, pair.depth.values)
+
+
+def write(path, **changes):
+    """The arrays of a good file with some of them changed."""
+    made().save(path)
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    np.savez(path, **(arrays | changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"image_values": made(5).image.values}, "expected weights that hash to"),
+        ({"image_values": made().image.values[:-1]}, "image: expected [0-9]+ weights, found"),
+        ({"depth_values": np.full_like(made().depth.values, np.nan)}, "depth: expected finite weights"),
+        ({"depth_table": made().image.table}, "depth: expected layers of"),
+        ({"image_table": np.zeros((0, 6), np.int64)}, "image: expected a table"),
+        ({"image_table": made().image.table * [1, 1, 1, 1, 9, 1]}, "image: expected small convolutions"),
+        ({"format": np.array("another")}, "expected the format"),
+        ({"num_columns": np.array([1, 2])}, "weights of the learned likeness"),
+    ],
+)
+def test_other_weights_are_refused_in_one_line(tmp_path, changes, words):
+    write(tmp_path / "wrong.npz", **changes)
+    with pytest.raises(ValueError, match=words) as refusal:
+        load_encoders(tmp_path / "wrong.npz")
+    assert "wrong.npz: weights of the learned likeness: " in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("kind", ["text", "cut", "bit", "pickle", "absent", "folder", "large"])
+def test_a_damaged_file_is_refused_in_one_line(tmp_path, kind):
+    path = tmp_path / "weights.npz"
+    made().save(path)
+    data = bytearray(path.read_bytes())
+    if kind == "text":
+        path.write_text("weights")
+    elif kind == "cut":
+        path.write_bytes(data[: len(data) // 2])
+    elif kind == "bit":
+        data[len(data) // 3] ^= 16
+        path.write_bytes(data)
+    elif kind == "pickle":
+        np.savez(path, format=np.array([{}], dtype=object))
+    elif kind == "large":
+        path.write_bytes(bytes(data) + bytes(MAX_WEIGHTS_BYTES))
+    else:
+        path.unlink()
+        if kind == "folder":
+            path.mkdir()
+    with pytest.raises(ValueError, match=r"weights.npz: .*weights of the learned likeness") as refusal:
+        load_encoders(path)
+    assert "\n" not in str(refusal.value)
+
+
+def test_strides_that_differ_are_refused(tmp_path):
+    pair = made()
+    other = replace(pair, depth=Encoder(pair.depth.table[:2], pair.depth.values[: -(3 * 6 + 3)]))
+    other.save(tmp_path / "w.npz")
+    with pytest.raises(ValueError, match="features of one size"):
+        load_encoders(tmp_path / "w.npz")

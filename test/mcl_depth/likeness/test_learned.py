@@ -1,0 +1,89 @@
+"""The learned likeness as the filter sees it: one answer by particles and by the survey, mirrors, bytes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcl_depth.constants import CHANCE
+from mcl_depth.geometry.synthesis import panorama_window
+from mcl_depth.likeness.encoder import load_encoders
+from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack, similarity_many
+from mcl_depth.params import SynthesisParams
+
+WINDOW = panorama_window(SynthesisParams())
+NUM_CELLS, NUM_HEADINGS = 60, 36
+
+
+@pytest.fixture(scope="module")
+def encoders():
+    return load_encoders()
+
+
+@pytest.fixture(scope="module")
+def features(encoders):
+    """Features of cells before walls with pillars of their own."""
+    rng = np.random.default_rng(6)
+    ranges = np.full((NUM_CELLS, WINDOW.height, WINDOW.width), 5.0, np.float32)
+    for panorama in ranges:
+        for _ in range(6):
+            u, v, width = rng.integers(WINDOW.width), rng.integers(WINDOW.height - 12), rng.integers(4, 20)
+            panorama[v : v + 12, (u + np.arange(width)) % WINDOW.width] = rng.uniform(1.0, 3.0)
+    return encoders.features_of_depths(ranges, WINDOW)
+
+
+class Seen(LearnedFeatures):
+    """An image whose features are those of a cell, turned."""
+
+    def __init__(self, found):
+        object.__setattr__(self, "_found", found)
+
+    @property
+    def features(self):
+        return self._found
+
+
+def test_place_and_heading_are_found_by_particles_and_by_the_survey(features):
+    stack = LearnedStack.of(features)
+    survey = LearnedFilter.of(stack, np.arange(NUM_CELLS))
+    for cell, columns in ((7, 0), (33, 25), (59, 80)):
+        seen = Seen(np.roll(features[cell], columns, axis=-1))
+        heading = columns * 4 // 10
+        for is_whitened in (False, True):
+            curves = survey.curves(seen, NUM_HEADINGS, is_whitened=is_whitened)
+            assert np.unravel_index(np.argmax(curves), curves.shape) == (cell, heading)
+        by_particles = similarity_many(seen, stack, NUM_HEADINGS)
+        assert np.unravel_index(np.argmax(by_particles), by_particles.shape) == (cell, heading)
+        np.testing.assert_allclose(by_particles.mean(axis=1), CHANCE, atol=1e-5)
+        assert np.all(by_particles < CHANCE + 1.0)
+        rows = np.array([cell, 3])
+        np.testing.assert_allclose(survey.curves(seen, NUM_HEADINGS, rows), survey.curves(seen, NUM_HEADINGS)[rows])
+
+
+def test_a_cell_without_ground_fits_nothing(features):
+    slots = np.arange(NUM_CELLS)
+    slots[4] = -1
+    curves = LearnedFilter.of(LearnedStack.of(features), slots).curves(Seen(features[9]), NUM_HEADINGS)
+    np.testing.assert_array_equal(curves[4], 0.0)
+    assert np.argmax(curves.max(axis=1)) == 9
+
+
+def test_bytes_keep_the_features_and_a_filter_survives_on_disk(features, tmp_path):
+    stack = LearnedStack.of(features)
+    assert np.abs(stack.features - features).max() <= 0.51 * stack.scales.max()
+    made = LearnedFilter.of(stack, np.arange(NUM_CELLS))
+    made.save(tmp_path / "kept")
+    again = LearnedFilter.load(tmp_path / "kept")
+    np.testing.assert_array_equal(
+        again.curves(Seen(features[2]), NUM_HEADINGS), made.curves(Seen(features[2]), NUM_HEADINGS)
+    )
+    assert LearnedFilter.load(tmp_path / "other") is None
+
+
+def test_an_image_is_mirrored_before_it_is_encoded(encoders):
+    gray = np.random.default_rng(8).uniform(0, 255, (WINDOW.height, WINDOW.width)).astype(np.float32)
+    seen = LearnedFeatures(gray, None, encoders, WINDOW)
+    wanted = encoders.features_of_image(np.ascontiguousarray(gray[:, ::-1]), None, WINDOW)
+    np.testing.assert_array_equal(seen.mirrored.features, wanted)
+    np.testing.assert_array_equal(seen.mirrored.mirrored.features, seen.features)
+    assert np.abs(seen.mirrored.features - seen.features).max() > 1e-3
