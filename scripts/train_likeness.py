@@ -199,7 +199,7 @@ def train(
                 words.append(f"{name} {found[0]:.1f} ({found[1]:.2f})")
             say(", ".join([*words, f"{time.process_time() - begin:.0f} s of CPU"]))
             hours = (minutes + (time.process_time() - begin) / 60.0) / 60.0
-            _pair(nets, f"--seed {seed} --steps {steps}, {step + 1} done; {hours:.2f} h of CPU beside the pairs that were there").save(output)
+            _pair(nets, f"--seed {seed} --steps {steps}, {step + 1} done; {hours:.2f} h of CPU").save(output)
 
 
 def _pair(nets: nn.ModuleDict, words: str) -> EncoderPair:
