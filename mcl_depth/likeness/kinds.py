@@ -163,8 +163,9 @@ class LearnedLikeness:
         *,
         is_large: bool,
     ) -> Curves:
-        """Compare a panorama; whitened where the map has enough places to tell what they have in common."""
-        return filters.spectral(LearnedFilter, positions).curves(visual, num_headings, rows, is_whitened=is_large)
+        """Compare a panorama; a map of few places is compared as one of many."""
+        del is_large
+        return filters.spectral(LearnedFilter, positions).curves(visual, num_headings, rows)
 
 
 def check_likeness(params: FilterParams) -> EncoderPair | None:

@@ -1,7 +1,7 @@
 """The learned likeness: feature maps of two trained networks, correlated over azimuth (`encoder.py`).
 
 It takes the place of gradients and eq. 2 for whole panoramas, at each particle and in the survey of the map. All of the
-filter around it stays: the survey's covariance, joint evidence, compass.
+filter around it stays: joint evidence and its false-alarm rate, compass, particles.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mcl_depth.constants import CHANCE, FINENESS
 from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.encoder import EncoderPair
 from mcl_depth.likeness.features import Mask, Stack
-from mcl_depth.likeness.matched_filter import ABOVE_MEAN, best_around, inverses_of
+from mcl_depth.likeness.matched_filter import ABOVE_MEAN, best_around
 from mcl_depth.likeness.spectra import (
     BATCH,
     Curves,
@@ -34,7 +34,7 @@ from mcl_depth.likeness.spectra import (
 )
 from sphere_nav.geometry import Spherical
 
-ARRAYS = ("codes", "scales", "inverses")
+ARRAYS = ("codes", "scales")
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,23 +125,22 @@ class LearnedFilter:
     """Spectra of N cells, ready for images.
 
     codes (F, N, 2 P) int8: real, then imaginary parts of the spectra of all channels row by row, P = C h; scales
-    (F, P): what a code of one is. inverses (F, P, P): of the covariance.
+    (F, P): what a code of one is. The networks have learned what places have in common: nothing is whitened.
     """
 
     codes: NDArray[np.int8]
     scales: NDArray[np.float32]
-    inverses: Spectra
 
     @classmethod
     def of(cls, stack: LearnedStack, slots: NDArray[np.integer]) -> Self:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
         samples = np.concatenate(list(_spectra_of_cells(stack, sample_slots(slots))), axis=1)
         scales = scales_of(samples)
-        return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales, inverses_of(samples))
+        return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales)
 
     def save(self, folder: Path) -> None:
         """Write everything into a folder."""
-        save_arrays(folder, dict(zip(ARRAYS, (self.codes, self.scales, self.inverses), strict=True)))
+        save_arrays(folder, dict(zip(ARRAYS, (self.codes, self.scales), strict=True)))
 
     @classmethod
     def load(cls, folder: Path) -> Self | None:
@@ -149,25 +148,13 @@ class LearnedFilter:
         found = load_arrays(folder, ARRAYS)
         return None if found is None else cls(*(np.array(array) for array in found))
 
-    def curves(
-        self,
-        visual: LearnedFeatures,
-        num_headings: int,
-        rows: NDArray[np.int64] | None = None,
-        *,
-        is_whitened: bool = True,
-    ) -> Curves:
+    def curves(self, visual: LearnedFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
 
-        `rows`: of some cells only. The best within half a step of each heading. `is_whitened`: what all places have in
-        common is weighed down.
+        `rows`: of some cells only. The best within half a step of each heading.
         """
-        weights = spectra_of(visual.features, ABOVE_MEAN)
-        if is_whitened:
-            weights = (self.inverses @ weights[..., None])[..., 0]
-        return best_around(
-            correlate(self.codes, weights * self.scales, rows, ABOVE_MEAN.start, FINENESS * num_headings)
-        )
+        weights = spectra_of(visual.features, ABOVE_MEAN) * self.scales
+        return best_around(correlate(self.codes, weights, rows, ABOVE_MEAN.start, FINENESS * num_headings))
 
 
 def _spectra_of_cells(stack: LearnedStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:

@@ -59,7 +59,7 @@ class MatchedFilter:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
         samples = np.concatenate(list(_spectra_of_cells(stack, sample_slots(slots))), axis=1)
         scales = scales_of(samples)
-        return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales, inverses_of(samples))
+        return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales, _inverses(samples))
 
     def save(self, folder: Path) -> None:
         """Write everything into a folder."""
@@ -88,7 +88,7 @@ def best_around(curves: Curves) -> Curves:
     return best
 
 
-def inverses_of(samples: Spectra) -> Spectra:
+def _inverses(samples: Spectra) -> Spectra:
     """Return the inverse covariance (F, P, P) of spectra (F, N, P), in units of the mean variance."""
     inverses = np.empty((len(samples), samples.shape[2], samples.shape[2]), np.complex64)
     for frequency, spectra in enumerate(samples):

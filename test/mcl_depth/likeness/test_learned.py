@@ -49,9 +49,8 @@ def test_place_and_heading_are_found_by_particles_and_by_the_survey(features):
     for cell, columns in ((7, 0), (33, 25), (59, 80)):
         seen = Seen(np.roll(features[cell], columns, axis=-1))
         heading = columns * 4 // 10
-        for is_whitened in (False, True):
-            curves = survey.curves(seen, NUM_HEADINGS, is_whitened=is_whitened)
-            assert np.unravel_index(np.argmax(curves), curves.shape) == (cell, heading)
+        curves = survey.curves(seen, NUM_HEADINGS)
+        assert np.unravel_index(np.argmax(curves), curves.shape) == (cell, heading)
         by_particles = similarity_many(seen, stack, NUM_HEADINGS)
         assert np.unravel_index(np.argmax(by_particles), by_particles.shape) == (cell, heading)
         np.testing.assert_allclose(by_particles.mean(axis=1), CHANCE, atol=1e-5)
