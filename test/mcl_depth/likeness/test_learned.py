@@ -59,6 +59,19 @@ def test_place_and_heading_are_found_by_particles_and_by_the_survey(features):
         np.testing.assert_allclose(survey.curves(seen, NUM_HEADINGS, rows), survey.curves(seen, NUM_HEADINGS)[rows])
 
 
+def test_the_survey_is_the_circular_correlation_of_the_features(features):
+    survey = LearnedFilter.of(LearnedStack.of(features), np.arange(NUM_CELLS))
+    found = survey.curves(Seen(features[5]), NUM_HEADINGS) / features.shape[-1]
+    columns = features.shape[-1]
+    shifted = np.stack([np.roll(features[5], shift, axis=-1) for shift in range(columns)])
+    wanted = np.einsum("scyx,ncyx->ns", shifted, features)
+    for heading in (0, 9, 18, 27):  # a whole number of columns
+        at = heading * columns // NUM_HEADINGS
+        assert np.all(found[:, heading] > wanted[:, at] - 0.01)  # what bytes lose; the best around a heading
+    assert found[5, 0] == pytest.approx(1.0, abs=0.01)
+    assert np.corrcoef(found[:, 9], wanted[:, columns // 4])[0, 1] > 0.9
+
+
 def test_a_cell_without_ground_fits_nothing(features):
     slots = np.arange(NUM_CELLS)
     slots[4] = -1
