@@ -21,8 +21,6 @@ from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.comparison import num_alpha_for
 from mcl_depth.likeness.depth_map import DepthMap
-from mcl_depth.likeness.kinds import Visual
-from mcl_depth.likeness.level_view import level_view
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
 from mcl_depth.status import REMEDIES, count, judge_belief
@@ -96,21 +94,19 @@ class Filter:
         is_sure = not self._states.is_following or (seen.is_verified and self.evidence.doubt is FINE)
         if not seen.is_contradicted and self._reckoning.is_near(seen.observation, is_sure=is_sure):
             return self._estimate(seen.observation, self.evidence.doubt)  # nearly the same view tells nothing new
-        gray, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
-        finding = self.map.find_unseen(is_seen)
+        gray, is_seen, finding = self.map.level(observation.image, observation.camera, observation.rotation)
         if finding is not FINE:
             return self.refuse(observation.stamp_ns, finding)
-        estimate = self._localize(seen, self.map.features_of(gray, is_seen))
+        estimate = self._localize(seen, Comparison(self.map.features_of(gray, is_seen), self.map, self.num_headings))
         pose = self._reckoning.propagate(seen.observation)[0] if self._states.is_following else self.evidence.place
         self.odometry.keep(gray, is_seen, pose)
         return estimate
 
-    def _localize(self, seen: Reconciled, visual: Visual) -> Estimate:
+    def _localize(self, seen: Reconciled, comparison: Comparison) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
         p, observation = self.params, seen.observation
         step = self._motion.step(observation.stamp_ns, observation.T_odom_level, is_known=seen.is_known)
         particles = self.particles.with_poses(sample_motion(self.particles.poses, step, self._rng))
-        comparison = Comparison(visual, self.map, self.num_headings)
         curves = comparison.curves(particles.poses)
         particles = adjust_headings(particles, curves, self._rng)
         similarities = interpolate_similarity(curves, particles.poses[:, 2])

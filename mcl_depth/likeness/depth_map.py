@@ -18,8 +18,9 @@ from mcl_depth.constants import MIN_PLACES
 from mcl_depth.likeness.depth_cache import Cell, DepthCache
 from mcl_depth.likeness.features import Image, Mask, Stack
 from mcl_depth.likeness.kinds import Kind, SpectralFilter, Visual, likeness_of
+from mcl_depth.likeness.level_view import level_view
 from mcl_depth.params import FilterParams
-from sphere_nav.geometry import Spherical
+from sphere_nav.geometry import Camera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 
@@ -102,12 +103,17 @@ class DepthMap:
             ranges = np.where(is_sky, np.inf, ranges).astype(np.float32)
         return np.roll(ranges, round(float(pose[2]) / (2.0 * np.pi) * self.camera.full_width), axis=1)
 
-    def find_unseen(self, is_seen: Mask) -> Finding:
-        """Return what is against an image that shows `is_seen` (H, W) of the panorama."""
-        share = float(is_seen.mean())
-        if share >= self.likeness.min_seen:
-            return FINE
-        return Finding(Reason.LOW_OVERLAP, share, self.likeness.min_seen, f"{share:.0%} of the panorama is seen")
+    def level(self, image: NDArray[np.generic], camera: Camera, rotation: Array) -> tuple[Image, Mask, Finding]:
+        """Return an image as a level panorama (H, W), what of it is seen, and what is against it: that it is too little.
+
+        rotation: R_level_camera (3, 3), as of `level_view`.
+        """
+        gray, is_seen = level_view(image, camera, rotation, self.camera)
+        share, least = float(is_seen.mean()), self.likeness.min_seen
+        if share >= least:
+            return gray, is_seen, FINE
+        detail = f"{share:.0%} of the panorama is seen"
+        return gray, is_seen, Finding(Reason.LOW_OVERLAP, share, least, detail)
 
     def features_of(self, gray: Image, is_seen: Mask) -> Visual:
         """Return what an image is compared by: a level panorama (H, W) of grey levels, and what of it is seen."""

@@ -67,8 +67,8 @@ def test_the_survey_is_the_circular_correlation_of_the_features(features):
     wanted = np.einsum("scyx,ncyx->ns", shifted, features)
     for heading in (0, 9, 18, 27):  # a whole number of columns
         at = heading * columns // NUM_HEADINGS
-        assert np.all(found[:, heading] > wanted[:, at] - 0.01)  # what bytes lose; the best around a heading
-    assert found[5, 0] == pytest.approx(1.0, abs=0.01)
+        assert np.all(found[:, heading] > wanted[:, at] - 0.05)  # what bytes lose; the best around a heading
+    assert found[5, 0] == pytest.approx(1.0, abs=0.05)  # bytes cut what exceeds four standard deviations
     assert np.corrcoef(found[:, 9], wanted[:, columns // 4])[0, 1] > 0.9
 
 
