@@ -104,7 +104,7 @@ class DepthMap:
         return np.roll(ranges, round(float(pose[2]) / (2.0 * np.pi) * self.camera.full_width), axis=1)
 
     def level(self, image: NDArray[np.generic], camera: Camera, rotation: Array) -> tuple[Image, Mask, Finding]:
-        """Return an image as a level panorama (H, W), what of it is seen, and what is against it: that it is too little.
+        """Return an image as a level panorama (H, W), what of it is seen, and a finding where that is too little.
 
         rotation: R_level_camera (3, 3), as of `level_view`.
         """
