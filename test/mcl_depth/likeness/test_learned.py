@@ -65,11 +65,11 @@ def test_the_survey_is_the_circular_correlation_of_the_features(features):
     columns = features.shape[-1]
     shifted = np.stack([np.roll(features[5], shift, axis=-1) for shift in range(columns)])
     wanted = np.einsum("scyx,ncyx->ns", shifted, features)
-    for heading in (0, 9, 18, 27):  # a whole number of columns
-        at = heading * columns // NUM_HEADINGS
+    for heading in (0, 4, 12, 18):  # a whole number of columns
+        at = -heading * columns // NUM_HEADINGS  # an image that is turned back so far
         assert np.all(found[:, heading] > wanted[:, at] - 0.05)  # what bytes lose; the best around a heading
     assert found[5, 0] == pytest.approx(1.0, abs=0.05)  # bytes cut what exceeds four standard deviations
-    assert np.corrcoef(found[:, 9], wanted[:, columns // 4])[0, 1] > 0.9
+    assert np.corrcoef(found[:, 12], wanted[:, -30])[0, 1] > 0.8 > np.corrcoef(found[:, 12], wanted[:, 30])[0, 1]
 
 
 def test_a_cell_without_ground_fits_nothing(features):
