@@ -185,14 +185,10 @@ def _check_structure(structure: Structure, params: AcceptanceParams) -> list[Che
     surely = max(abs(structure.stretch) - STRETCH_SIGMAS * structure.stretch_sigma, 0.0)
     larger = "larger" if structure.stretch > 0 else "smaller"
     detail = f"the image is {larger} about its centre than the lens says, by {abs(structure.stretch):.0%}"
+    limits = MIN_GRADIENT_AGREEMENT, GOOD_GRADIENT_AGREEMENT
+    agreement = Check(Reason.OUTLIERS, structure.agreement, *limits, "agreement of gradients")
     return [
-        Check(
-            Reason.OUTLIERS,
-            structure.agreement,
-            MIN_GRADIENT_AGREEMENT,
-            GOOD_GRADIENT_AGREEMENT,
-            "agreement of gradients",
-        ),
+        *([] if structure.support.is_proven else [agreement]),  # a part of the view may have changed
         Check(Reason.BAD_INFO, surely, MAX_STRETCH, GOOD_STRETCH, detail),
         *_check_bias(structure, params),
     ]

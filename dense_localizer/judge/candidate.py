@@ -33,7 +33,7 @@ class PoseCandidate:
     alignment: Alignment | None = None
     motion: FrameMotion | None = None  # within the frame
     images: tuple[RigImage, ...] = ()
-    is_biased: bool = False  # by an occlusion or uneven light, where that was checked; the bias is removed
+    is_biased: bool = False  # by an occlusion, uneven light or changes, where that was checked; the bias is removed
     is_by_map: bool = True  # else by the last images alone
     is_by_range: bool = False  # by geometry alone
 

@@ -37,6 +37,7 @@ from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.photometric.checks.bias import PoseBias
 from sphere_nav.photometric.checks.structure import EVERYTHING, NOTHING, Aspect, find_rig_structure, view_residuals
+from sphere_nav.photometric.checks.support import Support
 from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
 
 # All checks of one image take as long as to align it: no two in the same one.
@@ -93,9 +94,12 @@ class Integrity:
         structure, biases, remaining = None, list[PoseBias](), np.zeros((6, 6))
         due = EVERYTHING if alignment.ncc < FULL_CHECK_NCC * usual_ncc else self.find_due(state)
         if alignment.is_converged and due:
-            structure = find_rig_structure(images, alignment, registration, motion, due)
+            predicted = None if prediction.is_guess else prediction.T_map_camera
+            structure = find_rig_structure(images, alignment, registration, motion, due, predicted)
             biases = [structure.occlusion] if structure.occlusion.share >= OCCLUSION_SHARE else []
             biases += [structure.illumination] if structure.illumination.share >= GRADIENT_SHARE else []
+            if structure.support.is_proven:
+                alignment = take_support(alignment, structure.support)
             alignment, remaining = remove_bias(alignment, biases)
         pose = alignment.T_world_camera
         T_sphere_camera = choice.views[0].T_world_reference.inverse() @ pose
@@ -105,7 +109,8 @@ class Integrity:
         if before is not None and acceptance.is_accepted:
             covariance = cover_slip(pose, covariance, before)
         evidence = prediction, choice, acceptance, alignment, motion, images
-        return PoseCandidate(pose, covariance, *evidence, is_biased=bool(biases))
+        is_changed = structure is not None and structure.support.num_cells > 0  # the next image may slip
+        return PoseCandidate(pose, covariance, *evidence, is_biased=bool(biases) or is_changed)
 
     def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> None:
         """Begin at a candidate that a search has found."""
@@ -127,6 +132,12 @@ class Integrity:
         by_odometry = self._odometry.find(sample) if sample else FINE
         findings = candidate.finding, candidate.prediction.finding, by_odometry
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)
+
+
+def take_support(alignment: Alignment, support: Support) -> Alignment:
+    """Return the alignment at the pose of the parts that agree, as certain as these are."""
+    pose = alignment.T_world_camera @ SE3.exp(support.xi)
+    return replace(alignment, T_world_camera=pose, covariance=support.covariance)
 
 
 def remove_bias(alignment: Alignment, biases: Sequence[PoseBias]) -> tuple[Alignment, NDArray[np.float64]]:

@@ -42,3 +42,12 @@ CELL_SIGMAS = 3.0  # by which a cell must be below: by chance one in 700 that is
 MIN_VISIBLE_SHARE = 0.3  # of the pixels, below which nothing can be said without the occluded ones; test_occlusion
 OCCLUSION_SHARE = 0.1  # of the texture, below which nothing is occluded; test_occlusion
 LAST_OCCLUSION_STEP_RAD = 1e-3  # median motion, below which a step is the last; test_occlusion
+
+# Parts of the view that show the map
+REACH, NEAR_SHIFT = 6, 1  # px, by which cells are shifted, and that counts as none; test_support
+FITTED_CELLS = 3  # that a fit of six numbers can bring to agree; test_support
+MAX_CHANCE, MAX_PREDICTED_CHANCE = 1e-5, 1e-7  # of as many cells in a wrong place; of a prediction; test_support
+STRENGTH_QUANTILE = 0.9  # of gradients, above which they count alike; test_support
+LAST_SUPPORT_STEP = 3.55  # deviations, chi of 6 at 0.05: below it a step says nothing; test_support
+PREDICTED_LEVELS = 2, 3  # finest ones, by which a prediction is aligned; test_support
+SURE_AGREEMENT = 0.3  # mean cosine, below which the parts are asked; test_support

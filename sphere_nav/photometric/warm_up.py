@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -31,4 +32,7 @@ def warm_up() -> None:
         register_rotation(pyramid, pyramid, params)
         correlation_after_turn(pyramid.levels[0], pyramid.levels[0], np.eye(3))
         images = [RigImage(pyramid, SE3.identity(), (view,))]
-        find_rig_structure(images, register_rig(images, SE3.identity(), params), params)
+        found = register_rig(images, SE3.identity(), params)
+        for turn in (0.0, 1.0):  # turned away, its parts are asked, too
+            there = replace(found, T_world_camera=SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, turn]))
+            find_rig_structure(images, there, params)

@@ -1,8 +1,9 @@
 """What the residuals say beyond the pose: do gradients agree, do another lens, light or an occlusion explain them?
 
-Grey levels of smooth surfaces correlate by chance wherever a fit may slide; their gradients do not. A wrong lens leaves
-residuals that point to the centre of the image or away from it; light: `illumination.py`; what stands before the
-camera: `occlusion.py`. All use a few thousand pixels, together or one after the other in different images.
+Grey levels of smooth surfaces correlate by chance wherever a fit may slide; their gradients do not. Where they agree
+little, each part of the view is asked for itself: `support.py`. A wrong lens leaves residuals that point to the centre
+of the image or away from it; light: `illumination.py`; what stands before the camera: `occlusion.py`. All use a few
+thousand pixels, together or one after the other in different images.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.bias import NO_BIAS, CameraSamples, PoseBias, Sampler
 from sphere_nav.photometric.checks.illumination import find_illumination_bias
 from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occlusion_bias
-from sphere_nav.photometric.constants import LENS_PIECES, MIN_SAMPLES, OCCLUSION_SHARE
+from sphere_nav.photometric.checks.support import NO_SUPPORT, Support, exclude_changes, find_support
+from sphere_nav.photometric.constants import LENS_PIECES, MIN_SAMPLES, OCCLUSION_SHARE, SURE_AGREEMENT
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.reference import View
 from sphere_nav.photometric.pixels.samples import Sample, cosines, sample_views
@@ -47,7 +49,8 @@ class Structure:
     agreement is the mean cosine -1...1 between the gradients of image and references. stretch is by how much the image
     is larger about its centre than the lens says, as a share, with its standard deviation; 0 and infinite where no lens
     is known (whole spheres) or too little is seen. illumination and occlusion are the biases of the pose by a gradient
-    of the light over the view, and by what hides a part of it.
+    of the light over the view, and by what hides a part of it. support is what the parts of the view say where the mean
+    agreement is low; where it is proven, the pose without the other parts is in it, and no occlusion is looked for.
     """
 
     agreement: float = 1.0
@@ -55,6 +58,7 @@ class Structure:
     stretch_sigma: float = np.inf
     illumination: PoseBias = NO_BIAS
     occlusion: PoseBias = NO_BIAS
+    support: Support = NO_SUPPORT
 
 
 def find_rig_structure(
@@ -63,10 +67,11 @@ def find_rig_structure(
     params: RegistrationParams,
     motion: FrameMotion | None = None,
     aspects: Aspect = EVERYTHING,
+    T_predicted: SE3 | None = None,
 ) -> Structure:
     """Check an alignment of `register_rig`: the mean agreement, the lens that is most surely wrong, the biases.
 
-    Of too few pixels it says nothing.
+    Of too few pixels it says nothing. A pose that was predicted is one more that parts of the view may support.
     """
 
     def sample_at(T_world_body: SE3) -> CameraSamples:
@@ -79,7 +84,12 @@ def find_rig_structure(
     pose = alignment.T_world_camera
     cameras = sampler(pose)
     found = _find_fit(images, cameras, params) if Aspect.FIT in aspects else Structure()
-    if Aspect.OCCLUSION in aspects:
+    if found.agreement < SURE_AGREEMENT:
+        found = replace(found, support=find_support(images, sampler, pose, params, T_predicted))
+    if found.support.is_proven:
+        sampler, pose = exclude_changes(images, sampler, params), pose @ SE3.exp(found.support.xi)
+        cameras = sampler(pose) if Aspect.ILLUMINATION in aspects else cameras
+    elif Aspect.OCCLUSION in aspects:
         found = replace(found, occlusion=find_occlusion_bias(sampler, cameras, pose, params))
     if Aspect.ILLUMINATION not in aspects:
         return found

@@ -11,6 +11,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Reason
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.checks.structure import Structure
+from sphere_nav.photometric.checks.support import Support
 
 PARAMS = AcceptanceParams()
 TIGHT = np.diag([1e-6] * 3 + [1e-7] * 3)
@@ -127,6 +128,13 @@ def test_a_check_without_a_range_of_care_is_a_plain_bound():
 def test_gradients_that_do_not_agree_refuse_what_gray_levels_confirm():
     assert not assessed(GOOD, structure=Structure(0.13)).is_accepted
     assert assessed(GOOD, structure=Structure(0.3)).is_good
+
+
+@pytest.mark.parametrize(("chance", "is_good"), [(1e-6, True), (1e-4, False)])
+def test_parts_of_the_view_that_agree_more_than_by_chance_stand_for_all_of_it(chance, is_good):
+    structure = Structure(agreement=0.05, support=Support(40, 15, chance))
+    verdict = assessed(GOOD, structure=structure)
+    assert (verdict.is_accepted, verdict.is_good) == (is_good, is_good)
 
 
 def test_a_stretch_counts_by_what_it_surely_exceeds():

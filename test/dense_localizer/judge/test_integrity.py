@@ -7,13 +7,18 @@ import pytest
 
 from dense_localizer.judge.acceptance import cover_slip, measure_innovation
 from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
-from dense_localizer.motion_prior import PosePrior
+from dense_localizer.motion_prior import PosePrior, Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
+from dense_localizer.track.align import align_rig
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import TRUSTED, Reason, State
+from sphere_nav.params import build
+from sphere_nav.photometric import build_pyramid
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.structure import EVERYTHING
-from worlds.localizer import PINHOLE, STEP_NS, Run, at, drive, error, make_localizer, make_map
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, Run, at, drive, error, make_localizer, make_map
+from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import Room
 
 # Written out: imported, a change would go unseen.
@@ -70,6 +75,28 @@ def test_what_covers_a_part_of_the_view_and_moves_with_the_camera_does_not_drag_
         if k > 3:
             assert estimate.status.state in TRUSTED
             assert error(estimate, pose)[0] < 0.1  # 0.46 m off in TRACKING, then lost, without that evidence
+
+
+def test_an_alignment_that_other_parked_boxes_draw_away_is_mended_from_the_prediction():
+    day, other = (
+        ParkingRoom((8.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0, boxes=boxes_along(*boxes))
+        for boxes in ((1, (0.0, 1.6, 3.2)), (7, (-0.7, 1.0, 2.6)))
+    )
+    params = build(LocalizerParams, SMALL_IMAGES)
+    references = References(make_map(day, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0)]), params)
+    pose, off = at(-1.7, 0.1, 0.1), SE3.exp([0.01, 0.0, 0.01, 0.0, 0.0, 0.0])
+    images = [RigImage(build_pyramid(other.photograph(PINHOLE, pose, 1), PINHOLE, params.registration.pyramid))]
+    near = Prediction(pose @ off, np.diag(np.repeat([0.05, 0.02], 3) ** 2), 0)
+    chosen = references.choose_rig(images, near)
+    found = align_rig(chosen, near, params)
+    away = replace(found, T_world_camera=pose @ SE3.exp([0.3, 0.0, 0.2, 0.0, 0.1, 0.0]), reason="")
+    candidates = [
+        Integrity(references, params).assess(chosen, away, one) for one in (near, Prediction.guess(near.T_map_camera))
+    ]
+    assert [candidate.is_accepted for candidate in candidates] == [True, False]
+    assert candidates[0].T_map_camera.distance(pose)[0] < 0.01
+    assert candidates[0].acceptance.is_good
+    references.close()
 
 
 def test_after_a_slip_the_next_image_is_not_held_to_a_motion_that_never_was():

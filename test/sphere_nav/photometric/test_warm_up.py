@@ -4,6 +4,7 @@ import pytest
 
 from sphere_nav.photometric import warm_up
 from sphere_nav.photometric.align.descent import kernels as descent
+from sphere_nav.photometric.checks.kernels import score_shifts
 from sphere_nav.photometric.pixels import kernels
 
 
@@ -13,3 +14,4 @@ def test_every_kernel_of_the_registration_is_compiled_once_for_both_kinds_of_ima
     warm_up()
     for kernel in (descent.descend, descent.examine, kernels.halve, kernels.halve_bytes, kernels.find_visible):
         assert len(kernel.signatures) == 1
+    assert len(score_shifts.signatures) == 2  # the image as it is, or with what no camera has seen

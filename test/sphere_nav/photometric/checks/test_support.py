@@ -1,0 +1,157 @@
+"""A view of which a part has changed: the parts that have not are found, they hold the pose, a wrong place has none."""
+
+from dataclasses import replace
+from math import comb
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks import support as support_module
+from sphere_nav.photometric.checks.bias import CameraSamples
+from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
+from sphere_nav.photometric.checks.support import Votes, exclude_changes, find_support
+from sphere_nav.photometric.constants import MAX_CHANCE, MIN_SAMPLES
+from sphere_nav.photometric.pixels.samples import sample_views
+from worlds.parked import ParkingRoom, boxes_along
+from worlds.room import optical
+
+PARAMS = RegistrationParams(max_pixels=20_000, max_mad=100.0)
+SPHERE, CAMERA = Spherical(768, 384), Pinhole(240, 180, 165.0, 165.0, 119.5, 89.5)
+PLACES = [SE3.from_planar(-2.0, 0.0, 0.0), SE3.from_planar(-1.2, 0.0, 0.0)]
+TRUTH = optical(SE3.from_planar(-1.7, 0.1, 0.05))
+
+
+def room(*boxes):
+    return ParkingRoom((8.0, 3.0, 1.5), (1.0, 40.0, 40), gain=30.0, boxes=boxes_along(*boxes, height=1.8))
+
+
+@pytest.fixture(scope="module")
+def views():
+    """The map: boxes at 0, 2, 4 m."""
+    day = room(1, (0.0, 2.0, 4.0))
+    return [View(prepare_reference(*day.render(SPHERE, T), SPHERE, PARAMS), T) for T in PLACES]
+
+
+@pytest.fixture(scope="module")
+def other():
+    """Another day: others, elsewhere."""
+    return room(7, (-0.7, 1.2, 3.2))
+
+
+class Looked:
+    """An image with the map, aligned from a guess, and what samples its pixels."""
+
+    def __init__(self, image, views, guess=TRUTH, camera=CAMERA):
+        self.images = [RigImage(build_pyramid(image, camera, PARAMS.pyramid), views=tuple(views))]
+        self.found = register(self.images[0].pyramid, views, guess, PARAMS)
+
+    def sample(self, T_world_camera) -> CameraSamples:
+        there = replace(self.found, T_world_camera=T_world_camera)
+        parts = sample_views(self.images[0].pyramid, self.images[0].views, there, PARAMS, None)
+        return [(None, [part for part in parts if len(part.residual) >= MIN_SAMPLES])]
+
+    def support(self, T_world_camera, T_predicted=None):
+        return find_support(self.images, self.sample, T_world_camera, PARAMS, T_predicted)
+
+
+@pytest.fixture(scope="module")
+def look(other, views):
+    return Looked(other.photograph(CAMERA, TRUTH, 1), views)
+
+
+def off(pose):
+    return float(pose.distance(TRUTH)[0])
+
+
+def test_parts_that_have_not_changed_correct_the_pose(look):
+    pose = look.found.T_world_camera
+    assert off(pose) > 0.005  # or nothing has pulled it
+    support = look.support(pose)
+    assert support.is_proven
+    assert 0.5 < support.num_agreeing / support.num_cells < 0.8
+    assert off(pose @ SE3.exp(support.xi)) < 0.4 * off(pose)
+
+
+def test_the_covariance_is_that_of_the_pose(look):
+    support = look.support(look.found.T_world_camera)
+    xi = (TRUTH.inverse() @ look.found.T_world_camera @ SE3.exp(support.xi)).log()
+    assert xi @ np.linalg.solve(support.covariance, xi) < 22.5  # chi^2 of 6 at 0.001
+    assert np.sqrt(np.linalg.eigvalsh(support.covariance[:3, :3])[-1]) < 0.01
+    everything = replace(look.found, T_world_camera=TRUTH).covariance
+    assert np.all(np.diagonal(support.covariance) < 100.0 * np.diagonal(everything))
+
+
+@pytest.mark.parametrize("guess", [(-1.7, 0.1, -1.6), (-1.7, 0.1, 1.6), (0.5, 0.5, 0.3)])
+def test_a_wrong_place_has_no_support(look, guess):
+    wrong = register(look.images[0].pyramid, look.images[0].views, optical(SE3.from_planar(*guess)), PARAMS)
+    assert off(wrong.T_world_camera) > 0.3
+    support = look.support(wrong.T_world_camera)
+    assert support.chance > 1e-2
+    assert not support.xi.any()
+
+
+def test_a_prediction_is_asked_where_the_alignment_was_drawn_away(look):
+    away, predicted = TRUTH @ SE3.exp([0.0, 0.0, 0.3, 0.0, 0.05, 0.0]), TRUTH @ SE3.exp([0.01, 0, 0.02, 0, 0, 0])
+    assert not look.support(away).is_proven
+    support = look.support(away, predicted)
+    assert support.is_proven
+    assert off(away @ SE3.exp(support.xi)) < 0.005
+    assert not look.support(away, away @ SE3.exp([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])).is_proven
+
+
+def test_a_prediction_needs_more_support_than_an_alignment(look, monkeypatch):
+    away = TRUTH @ SE3.exp([0.0, 0.0, 0.3, 0.0, 0.05, 0.0])
+    monkeypatch.setattr(support_module, "P_NEAR", 0.26)  # the chance of as many as there are is then about 3e-7
+    assert 1e-7 < look.support(TRUTH).chance < 1e-5
+    assert look.support(TRUTH).is_proven
+    assert not look.support(away, TRUTH).is_proven
+
+
+@pytest.mark.parametrize(("agreeing", "is_proven"), [(12, False), (13, False), (14, True)])
+def test_the_chance_is_binomial_but_for_what_six_numbers_fit(agreeing, is_proven):
+    votes, p = Votes(43, agreeing, [], np.zeros(0, np.int64)), 9 / 169
+    expected = sum(comb(40, k) * p**k * (1 - p) ** (40 - k) for k in range(agreeing - 3, 41))
+    assert votes.chance == pytest.approx(expected, rel=1e-9)
+    assert (votes.chance <= MAX_CHANCE) == is_proven
+
+
+def test_a_cell_agrees_within_one_pixel(views):
+    same = Looked(room(1, (0.0, 2.0, 4.0)).photograph(CAMERA, TRUTH, 1), views)
+    turned = [same.support(TRUTH @ SE3.exp([0, 0, 0, 0, px / CAMERA.fx, 0])) for px in (0.0, 0.9, 2.5)]
+    shares = [one.num_agreeing / one.num_cells for one in turned]
+    assert shares[0] > 0.9
+    # what agrees a little off is followed, what is off by more is not
+    assert turned[1].is_proven
+    assert turned[1].xi[4] == pytest.approx(-0.9 / CAMERA.fx, abs=0.1 / CAMERA.fx)
+    assert not turned[2].is_proven
+
+
+def test_no_other_pixels_are_left(look):
+    kept, every = exclude_changes(look.images, look.sample, PARAMS)(TRUTH), look.sample(TRUTH)
+    number = [sum(len(part.residual) for part in cameras[0][1]) for cameras in (kept, every)]
+    assert 0.4 < number[0] / number[1] < 0.8
+    scatter = [np.mean(np.abs(np.concatenate([part.residual for part in c[0][1]]))) for c in (kept, every)]
+    assert scatter[0] < 0.7 * scatter[1]
+
+
+def test_a_wide_lens_and_a_whole_sphere_are_asked_alike(views):
+    day = room(1, (0.0, 2.0, 4.0))
+    for camera in (Fisheye(240, 180, 90.0, 90.0, 119.5, 89.5, (0.02, -0.01, 0.0, 0.0)), SPHERE):
+        same = Looked(day.photograph(camera, TRUTH, 1), views, camera=camera)
+        support = same.support(TRUTH)
+        assert support.num_agreeing > 0.8 * support.num_cells
+        assert support.num_cells > 20
+
+
+def test_the_parts_are_asked_only_where_the_whole_agrees_little(look, views):
+    low = find_rig_structure(look.images, look.found, PARAMS, None, Aspect.FIT)
+    assert low.agreement > 0.3
+    assert not low.support.num_cells
+    wrong = replace(look.found, T_world_camera=TRUTH @ SE3.exp([0.0, 0.0, 0.3, 0.0, 0.05, 0.0]))
+    asked = find_rig_structure(look.images, wrong, PARAMS, None, Aspect.FIT, TRUTH)
+    assert asked.agreement < 0.3
+    assert asked.support.is_proven
+    np.testing.assert_allclose((wrong.T_world_camera @ SE3.exp(asked.support.xi)).log(), TRUTH.log(), atol=0.005)
