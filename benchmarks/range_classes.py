@@ -217,8 +217,8 @@ def _table(kind: str, total: list[Honesty], shared: list[Honesty]) -> Table:
         wrong = [part / max(one.n, 1) for part in (one.beyond_3_sigma, one.beyond_10_percent, around.beyond_3_sigma)]
         rows.append((name, *(f"{100 * share:.2f}" for share in (*shares, *wrong))))
     columns = ("surface", "of all %", "measured %", "right %", "of measured beyond 3 sigma %", "beyond 10 % %")
-    columns = (*columns, "beyond 3 sigma of all within a pixel %")
-    return Table(f"Seen by a {kind} rig", columns, rows)
+    last = "beyond 3 sigma of all within a pixel %"
+    return Table(f"Seen by a {kind} rig", (*columns, last), rows)
 
 
 def _median(values: list[float]) -> float:
