@@ -13,7 +13,7 @@ from types import ModuleType
 from benchmarks.machine import describe, num_cores, set_threads
 from benchmarks.report import Report
 
-PLACES = ("--json", "--output")  # options that say where a result goes
+PLACES = ("--json", "--output", "--live-images")  # options that say where something is kept: nothing depends on it
 BENCHMARKS = {
     "kernel_times": "benchmarks.kernel_times",
     "localizer_times": "benchmarks.localizer_times",
