@@ -34,7 +34,7 @@ class Filters(Protocol):
         ...
 
 
-class Likeness(Protocol):
+class LikenessKind(Protocol):
     """What a kind of likeness has to give."""
 
     name: str  # of all that features depend on, beside what is synthesised
@@ -146,7 +146,7 @@ class LearnedLikeness:
         self, visual: LearnedFeatures, stack: LearnedStack, slots: NDArray[np.int64], num_headings: int
     ) -> Curves:
         """Return the learned similarity (M, num_headings)."""
-        return learned.similarity_many(visual, stack.take(slots), num_headings)
+        return learned.compare_learned(visual, stack.take(slots), num_headings)
 
     def filters(self, *, is_large: bool) -> tuple[type[SpectralFilter], ...]:
         """Return the one filter."""
@@ -182,7 +182,7 @@ def check_likeness(params: FilterParams) -> EncoderPair | None:
     return encoders
 
 
-def likeness_of(params: FilterParams, camera: Spherical) -> Likeness:
+def likeness_of(params: FilterParams, camera: Spherical) -> LikenessKind:
     """Return the likeness of the parameters for a window of the sphere."""
     encoders = check_likeness(params)
     if encoders is None:

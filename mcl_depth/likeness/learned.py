@@ -97,7 +97,7 @@ class LearnedStack(Stack):
         return self.codes * self.scales[:, None, None, None]
 
 
-def similarity_many(visual: LearnedFeatures, stack: LearnedStack, num_alpha: int) -> Curves:
+def compare_learned(visual: LearnedFeatures, stack: LearnedStack, num_alpha: int) -> Curves:
     """Return the similarity of an image with M depth panoramas at all headings, (M, num_alpha), as those of eq. 2.
 
     The mean of a curve is that of eq. 2 for images that have nothing to do with each other. Curves are smoothed over

@@ -8,7 +8,7 @@ import pytest
 from mcl_depth.constants import CHANCE
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness.encoder import load_encoders
-from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack, similarity_many
+from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack, compare_learned
 from mcl_depth.params import SynthesisParams
 
 WINDOW = panorama_window(SynthesisParams())
@@ -51,7 +51,7 @@ def test_place_and_heading_are_found_by_particles_and_by_the_survey(features):
         heading = columns * 4 // 10
         curves = survey.curves(seen, NUM_HEADINGS)
         assert np.unravel_index(np.argmax(curves), curves.shape) == (cell, heading)
-        by_particles = similarity_many(seen, stack, NUM_HEADINGS)
+        by_particles = compare_learned(seen, stack, NUM_HEADINGS)
         assert np.unravel_index(np.argmax(by_particles), by_particles.shape) == (cell, heading)
         np.testing.assert_allclose(by_particles.mean(axis=1), CHANCE, atol=1e-5)
         assert np.all(by_particles < CHANCE + 1.0)
