@@ -19,7 +19,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtrc
 
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.geometry import SE3, Camera
@@ -149,6 +148,8 @@ class Votes:
     @property
     def chance(self) -> float:
         """The probability that as many agree in a wrong place."""
+        from scipy.special import bdtrc  # what only reads bags does without it
+
         number, agreeing = self.num_cells - FITTED_CELLS, self.num_agreeing - FITTED_CELLS
         return float(bdtrc(agreeing - 1, number, P_NEAR)) if 0 < agreeing <= number else 1.0
 

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_nav.cli.operate.page import CAR, CAR_OLD, Desk, set_if_new
+from sphere_nav.cli.operate.page import COLORS, Desk, set_if_new
 from sphere_nav.cli.operate.words import Place
 
 
@@ -42,8 +42,8 @@ def test_the_vehicle_stands_before_its_rear_axle_and_heads_as_it_does(desk):
     assert desk._car.position == pytest.approx((5.0, 3.6, 0.3))
     assert desk._car.wxyz == pytest.approx((np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
     (box, _, values), (lines, _, outline) = desk.client.scene.added
-    assert (box, values["dimensions"], values["color"]) == ("box", (1.9, 1.2, 0.6), CAR)
-    assert (lines, outline["colors"]) == ("line_segments", CAR)
+    assert (box, values["dimensions"], values["color"]) == ("box", (1.9, 1.2, 0.6), COLORS["car"])
+    assert (lines, outline["colors"]) == ("line_segments", COLORS["car"])
     low, high = outline["points"].min(axis=(0, 1)), outline["points"].max(axis=(0, 1))
     np.testing.assert_allclose(low, [4.4, 2.8, 0.65], atol=0.01)
     np.testing.assert_allclose(high, [5.6, 3.2, 0.65], atol=0.01)
@@ -52,7 +52,7 @@ def test_the_vehicle_stands_before_its_rear_axle_and_heads_as_it_does(desk):
     assert desk._car.position == pytest.approx((6.6, 3.0, 0.3))
     desk._show_car((6.0, 3.0, 0.0, covariance), 1.1)
     boxes = [values["color"] for kind, _, values in desk.client.scene.added if kind == "box"]
-    assert boxes == [CAR, CAR_OLD]
+    assert boxes == [COLORS["car"], COLORS["old"]]
     desk._show_car(None, np.inf)
     assert len([kind for kind, *_ in desk.client.scene.added if kind == "box"]) == 2
 
