@@ -24,6 +24,7 @@ from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.align.esm import register_rig
+from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks import kernels
 from sphere_nav.photometric.checks.bias import CameraSamples, Sampler, linearize_samples, solve_robustly
@@ -61,7 +62,7 @@ class Support:
     num_agreeing: int = 0
     chance: float = 1.0
     xi: Array = field(default_factory=lambda: np.zeros(6))
-    covariance: Array = field(default_factory=lambda: np.diag(np.full(6, np.inf)))
+    covariance: Array = field(default_factory=UNKNOWN.copy)
 
     @property
     def is_proven(self) -> bool:
