@@ -65,7 +65,9 @@ def test_nothing_stands_in_the_way_of_the_tour():
 
 def test_parts_of_a_teaching_drive_are_the_whole_drive(tmp_path, monkeypatch):
     monkeypatch.setattr(
-        mission_cameras, "CITY", mission_cameras.CITY | {"rig.size": "32,32", "render.shadow_texel": 0.0}
+        mission_cameras,
+        "CITY",
+        mission_cameras.CITY | {"world": "town", "rig.size": "32,32", "render.shadow_texel": 0.0},
     )
     corners = ((0.0, -1.75), (5.0, -1.75))
     for name, jobs in (("whole", 1), ("parts", 2)):

@@ -34,7 +34,12 @@ PARAMS = {
 
 
 def foot(width):
-    return (width, width, 1.0, 0.0, width, width)
+    return numbers(width, width, 1.0, 0.0, width, width)
+
+
+def numbers(*given):
+    """Numbers as the renderer has them: others would be compiled for these tests alone."""
+    return tuple(map(np.float32, given))
 
 
 def look(name, uvw, width):
@@ -46,10 +51,8 @@ def look(name, uvw, width):
     points[6], points[7] = 1.0 / kernels.SIZES[kind], kernels.GAIN
     rough = np.empty(len(at), np.float32)
     sum_octaves(points, seeds, rough)
-    p = PARAMS.get(name, (0.12, 0.0, 0.0, 0.0, 0.0, 0.0))
-    seen = [
-        kernels.appearance(kind, *map(float, q), foot(width), p, 77, float(r)) for q, r in zip(at, rough, strict=True)
-    ]
+    p, kind, seed = numbers(*PARAMS.get(name, (0.12, 0.0, 0.0, 0.0, 0.0, 0.0))), np.int32(kind), np.int32(77)
+    seen = [kernels.appearance(kind, *numbers(*q), foot(width), p, seed, r) for q, r in zip(at, rough, strict=True)]
     m, t = np.array(seen).T
     return (m * ((1 - t) * 0.4 + t * 0.15)).reshape(np.shape(uvw)[:-1])
 
