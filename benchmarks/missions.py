@@ -13,18 +13,21 @@ from __future__ import annotations
 
 import argparse
 import logging
+import sys
 import tempfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.machine import describe
 from benchmarks.mission_cameras import QUICK_TOUR, TOUR, CameraTown, City
-from benchmarks.mission_town import Town
+from benchmarks.mission_town import Driven, Town
 from benchmarks.report import Bound, Report, Table
 
 HELP = "missions over a network: arrived, contacts, lateral error, error at branches, stops at joints, closed edges"
 MISSIONS, CLOSED = 100, 20
+COLUMNS = ("from", "to", "closed", "arrived", "m", "contacts", "lateral RMSE m", "at branches m", "stops at joints")
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
@@ -45,17 +48,13 @@ def run(options: argparse.Namespace) -> Report:
     logging.getLogger("sphere_nav").setLevel(logging.CRITICAL)
     with tempfile.TemporaryDirectory() as folder:
         town = make_town(Path(folder), options)
-        driven = [town.drive(closing="") for _ in range(count)]
-        shut = [town.drive(closing=("call", "obstacle")[number % 2]) for number in range(closed)]
+        closings = [*[""] * count, *[("call", "obstacle")[number % 2] for number in range(closed)]]
+        every = list(drive_all(town, closings))
+    driven, shut = every[:count], every[count:]
     report = Report("missions", notes=[describe(options.threads), __doc__ or ""])
-    rows = [
-        (d.start, d.goal, d.closed or "–", "yes" if d.is_arrived else d.reason, f"{d.distance:.0f}", str(d.contacts),
-         f"{rmse(d.lateral):.3f}", f"{rmse(d.at_branches):.3f}", str(d.stops))
-        for d in (*driven, *shut)
-    ]  # fmt: skip
-    columns = ("from", "to", "closed", "arrived", "m", "contacts", "lateral RMSE m", "at branches m", "stops at joints")
-    report.tables.append(Table(f"missions over {town.length:.0f} m, {len(town.network.edges)} edges", columns, rows))
-    every, what = [*driven, *shut], "missions" if options.city_map is None else "missions by a camera"
+    rows = [cells(d) for d in every]
+    report.tables.append(Table(f"missions over {town.length:.0f} m, {len(town.network.edges)} edges", COLUMNS, rows))
+    what = "missions" if options.city_map is None else "missions by a camera"
     named = sum(d.is_arrived or "no way" in d.reason for d in shut)
     report.bounds += [
         Bound(f"{what}: arrived, of {count}", count, sum(d.is_arrived for d in driven), "", is_minimum=True),
@@ -68,6 +67,24 @@ def run(options: argparse.Namespace) -> Report:
     if options.city_map is not None:
         report.notes.append(town.told)
     return report
+
+
+def drive_all(town: Town, closings: Sequence[str]) -> Iterator[Driven]:
+    """Yield what becomes of each mission; say it at once, since all of them take hours by a camera."""
+    print(" | ".join(COLUMNS), file=sys.stderr, flush=True)
+    for closing in closings:
+        driven = town.drive(closing)
+        print(" | ".join(cells(driven)), file=sys.stderr, flush=True)
+        yield driven
+
+
+def cells(driven: Driven) -> tuple[str, ...]:
+    """Return the row of a mission."""
+    return (
+        *(driven.start, driven.goal, driven.closed or "–", "yes" if driven.is_arrived else driven.reason),
+        *(f"{driven.distance:.0f}", str(driven.contacts)),
+        *(f"{rmse(driven.lateral):.3f}", f"{rmse(driven.at_branches):.3f}", str(driven.stops)),
+    )
 
 
 def make_town(folder: Path, options: argparse.Namespace) -> Town:
