@@ -224,12 +224,12 @@ class Mission:
         self._steady_since = None if self.reason else now if self._steady_since is None else self._steady_since
         if self.reason or now - (self._steady_since or now) < STEADY:
             return None
+        self._leave_course()
         try:
             self.course = self._plan(now)
         except ValueError as error:
             self._conclude(False, str(error), now)
             return None
-        self.progress = 0.0
         if self.course.length < 0.3:
             self._arrive(now)
             return None
@@ -311,13 +311,17 @@ class Mission:
             if now - self._since > self.params.max_silence and self.view is None:
                 self._refused(Request("stop"), "no status of path_follower: see that it runs", now)
             return None
-        self.driven, self.progress, left = self.driven + self.progress, 0.0, self._laps_to_go()
-        self.course, self.laps_left = None, left
+        self._leave_course()
         if self._ending is not None:
             self._conclude(False, self._ending, now)
         else:
             self._go(MissionState.WAITING, now)
         return None
+
+    def _leave_course(self) -> None:
+        """Add what is driven of a course that is given up, way and laps; without one there is nothing to add."""
+        self.laps_left = self._laps_to_go()
+        self.driven, self.course, self.progress = self.driven + self.progress, None, 0.0
 
     def _stand(self, now: float) -> Request | None:
         is_driving = self.view is not None and self.view.state in (FollowerState.DRIVING, FollowerState.SLOW)

@@ -251,6 +251,7 @@ def test_an_obstacle_that_stays_closes_its_edge_and_another_way_is_taken(trip):
     other = [leg.edge for leg in trip.mission.course.legs]
     assert other[0] == usual[0]
     assert other[1] not in usual
+    assert trip.mission.driven == pytest.approx(13.0)
     assert trip.live(PARAMS.memory) == []
     assert trip.mission.closed_now(trip.now + PARAMS.memory) == set()
 
@@ -380,6 +381,21 @@ def test_rounds_that_are_left_after_a_stop(ring):
     trip.mission.resume(trip.now)
     trip.live(3 * STEADY)
     assert trip.mission.laps_left == 1
+    assert trip.length == pytest.approx(35.0 + around, abs=0.5)
+
+
+def test_rounds_that_are_left_after_an_obstacle_that_stays(ring):
+    trip = Trip(ring.with_place("end", Spot(max(ring.edges), 40.0)))
+    trip.drive_off(Goal("end", laps=3))
+    around = sum(edge.length for edge in trip.mission.network.edges.values())
+    trip.progress = way = 39.0 + 1.5 * around
+    for _ in range(6):
+        trip.stop("OBSTACLE")
+    trip.pose = trip.mission.network.edges[max(ring.edges)].curve.pose(5.0)
+    trip.mission.blocked.clear()  # a ring has no other way: it has gone after all
+    trip.live(3 * STEADY)
+    assert trip.mission.laps_left == 1
+    assert trip.mission.driven == pytest.approx(way)
     assert trip.length == pytest.approx(35.0 + around, abs=0.5)
 
 
