@@ -52,6 +52,7 @@ def run(options: argparse.Namespace) -> Report:
         folder = options.keep or Path(temporary)
         room = Room(options.room, poses, FRAMES[options.lights], folder)
         rows, moment = follow(room, folder, kind, SEEDS[options.lights], report, quick=options.quick)
+        report.bounds.append(Bound("something was learned from a drive tracked badly", 1, moment is not None, "", True))
         columns = ("light", "before", "learned", "after", "first light after")
         report.tables.append(Table("Images placed, wrong ones, median error", columns, rows))
         if moment is not None:
