@@ -99,14 +99,18 @@ class MapError:
 
 
 def average_edges(graph: SphereGraph) -> dict[int, Array]:
-    """Return for each key sphere that has edges the mean covariance (6, 6) of those edges, its own axes."""
+    """Return for each key sphere that has edges the mean covariance (6, 6) of those edges, its own axes.
+
+    An edge to what another drive added later says how sure that is: the map stayed where it was.
+    """
     found: dict[int, list[Array]] = {}
     for edge in graph.edges:
         try:
             covariance: Array = np.linalg.inv(edge.information).astype(np.float64)
         except np.linalg.LinAlgError:
             continue
-        for end in (edge.a, edge.b):
+        is_one_drive = graph[edge.a].experience == graph[edge.b].experience
+        for end in (edge.a, edge.b) if is_one_drive else (max(edge.a, edge.b),):
             found.setdefault(end, []).append(covariance)
     return {end: np.mean(covariances, axis=0) for end, covariances in found.items()}
 

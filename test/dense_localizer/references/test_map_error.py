@@ -5,7 +5,7 @@ from dense_localizer.params import CovarianceParams
 from dense_localizer.references.map_error import MapError
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 
 SHARED_ERROR, EDGE_ERROR = 2.0, 2.0  # factors of mean squares
 PARAMS = CovarianceParams(map_sigma_m=0.002, map_sigma_rad=0.001)
@@ -86,6 +86,18 @@ def test_edges_tell_their_errors_in_the_axes_of_the_camera():
     expected = EDGE_ERROR * variance[[1, 0, 2, 4, 3, 5]]
     np.testing.assert_allclose(np.diagonal(error.covariance(0, T_sphere_camera)), expected, rtol=1e-9)
     assert not error.covariance(2, T_sphere_camera).any()
+
+
+def test_a_drive_that_was_added_uncertain_leaves_the_map_as_certain_as_it_was():
+    first, later = Experience("day"), Experience("night")
+    nodes = [KeySphere(i, i, SE3.from_planar(i, 0, 0), experience=later if i > 1 else first) for i in range(4)]
+    edges = [
+        Edge(a, b, SE3.from_planar(1, 0, 0), np.eye(6) / variance)
+        for a, b, variance in [(0, 1, 1e-6), (2, 1, 1e-2), (0, 3, 4e-2), (2, 3, 9e-6)]
+    ]
+    error = MapError(SphereGraph(nodes, edges), CovarianceParams(map_sigma_m=0.0, map_sigma_rad=0.0))
+    found = [error.covariance(i, SE3.identity())[0, 0] / EDGE_ERROR for i in range(4)]
+    np.testing.assert_allclose(found, [1e-6, 1e-6, (1e-2 + 9e-6) / 2, (4e-2 + 9e-6) / 2])
 
 
 @pytest.mark.parametrize("shift_m", [0.0, 0.02])
