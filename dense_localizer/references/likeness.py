@@ -49,12 +49,15 @@ class ExperienceChoice:
     def choose(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience:
         """Return the experience that looks most like the image; `within_reach`: the nearest key sphere of each.
 
-        Where the last image was not followed by one, all are compared, and this image alone decides.
+        Where the last image was not followed by one, all are compared, and this image alone decides; among those that
+        look nearly alike that of the first drive, by whose key spheres later ones were placed.
         """
         current = self.current
         if current is None or current not in within_reach or not sight.is_followed:
             self._means = {one: self.compare(node, sight) for one, node in within_reach.items()}
-            self.current = max(self._means, key=lambda one: self._means[one])
+            needed = max(self._means.values()) - MIN_LIKENESS_LEAD
+            alike = (one for one, mean in self._means.items() if mean >= needed)
+            self.current = min(alike, key=lambda one: within_reach[one].id)
             return self.current
         others = [one for one in within_reach if one != current]
         self._turn += 1

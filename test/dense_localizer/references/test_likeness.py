@@ -76,7 +76,7 @@ class Scripted(ExperienceChoice):
     def look(self, is_followed=True, **likeness):
         self.asked.clear()
         self._likeness = {Experience(name): value for name, value in likeness.items()}
-        reach = {one: replace(NODE, experience=one) for one in self._likeness}
+        reach = {one: replace(NODE, id=DRIVES.index(one.name), experience=one) for one in self._likeness}
         return self.choose(reach, Sight(None, None, is_followed)).name
 
     def compare(self, node, sight):
@@ -85,6 +85,15 @@ class Scripted(ExperienceChoice):
 
 
 NODE = KeySphere(0, 0, SE3.identity())
+DRIVES = ("day", "night", "snow", "rain")  # in their order
+
+
+def test_of_those_that_look_nearly_alike_the_first_drive_is_chosen():
+    """Later ones were placed by it, and are less sure; whichever of them is nearest and so is asked first."""
+    choice = Scripted()
+    assert choice.look(is_followed=False, night=0.949, rain=0.2, day=0.9) == "day"
+    assert choice.look(is_followed=False, night=0.951, rain=0.2, day=0.9) == "night"
+    assert choice.look(is_followed=False, rain=0.951, night=0.91, day=0.9) == "night"
 
 
 def test_another_experience_must_lead_by_a_twentieth_over_three_images():
