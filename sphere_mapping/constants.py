@@ -101,7 +101,7 @@ POINTS_STEP = 4  # every how many rows and columns of the first sphere the groun
 MOUNT_WAIT_S = 1.0  # of stamps, that a live node waits for /tf_static and the IMU before it begins a map
 
 # A drive placed in a map (experiences/test_joining)
-NUM_PASSES = 2  # of places sought, and the drive placed by them
+NUM_PASSES = 3  # of places sought, and the drive placed by them
 TRACK_SHARE = 0.01  # standard deviation of a sphere by its distance from the key sphere before it
 MAX_AWAY = 1.0  # between views that are aligned by ranges: by the region of the one, plus a radian
 MIN_RANGE_JOINS = 3  # key spheres that must agree where ranges alone say where the drive was

@@ -36,7 +36,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.constants import MAX_GAP
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
-from sphere_nav.spheres.range_alignment import RangeFit, RangeImage, measure_motion_by_ranges
+from sphere_nav.spheres.range_alignment import RangeFit, RangeImage, fit_both_ways, measure_motion_by_ranges, reconcile
 from sphere_nav.spheres.sphere import Sphere
 
 
@@ -92,17 +92,19 @@ def join_drive(
     first = find_first(base, drive, images, params, T_map_start, run)
     if not first.edges:
         first = search_by_ranges(base.graph, drive, load_base, first.told)
-    edges, told = first.edges, first.told
-    for _ in range(NUM_PASSES if edges else 0):  # the second time from where the first one ended
+    edges, told, is_confirmed = first.edges, first.told, first.is_certain
+    for _ in range(NUM_PASSES if edges else 0):  # each time from where the last one ended
         placed = SphereGraph(
             node for node in join_graphs(base.graph, drive.graph, edges) if node.id in drive.graph.nodes
         )
-        found, num_tried = refine_by_ranges(base.graph, placed, images, load_base)
-        told = f"{first.told}; ranges fit at {len(found)} of {num_tried} places"
-        if not first.is_certain and len(found) < max(MIN_RANGE_JOINS, MIN_CONFIRMED_SHARE * num_tried):
-            return Joined(None, told)
+        found, num_alike, num_tried = refine_by_ranges(base.graph, placed, images, load_base)
+        told = f"{first.told}; ranges fit at {num_alike} of {num_tried} places, {len(found)} tell where"
         edges = agreeing(base.graph, drive.graph, [*(first.edges if first.is_certain else ()), *found])
-    return Joined(join_graphs(base.graph, drive.graph, edges) if edges else None, told)
+        is_sure = len(found) >= MIN_RANGE_JOINS and num_alike >= MIN_CONFIRMED_SHARE * num_tried
+        is_confirmed = first.is_certain or is_sure
+        if not edges:
+            break
+    return Joined(join_graphs(base.graph, drive.graph, edges) if edges and is_confirmed else None, told)
 
 
 def find_first(
@@ -156,12 +158,14 @@ def search_by_ranges(base: SphereGraph, drive: Submap, load_base: Callable[[int]
 
 def refine_by_ranges(
     base: SphereGraph, joined: SphereGraph, images: Sequence[DriveSphere], load_base: Callable[[int], RangeImage]
-) -> tuple[list[Edge], int]:
-    """Return joins of the map's key spheres with the image of the drive that is nearest to each, and how many had one.
+) -> tuple[list[Edge], int, int]:
+    """Return joins of the map's key spheres with the image of the drive that is nearest to each, by ranges.
 
-    Where the localizer was sure of that image it says more than ranges do. `joined`: both, as far as it is known.
+    And at how many places ranges fit both ways, which speaks for the place where they do not tell it well enough for a
+    join, of how many that were compared. Where the localizer was sure of that image it says more than ranges do.
+    `joined`: both, as far as it is known.
     """
-    found, num_tried = [], 0
+    found, num_alike, num_tried = list[Edge](), 0, 0
     for node in base:
         motions = [node.T_map_sphere.inverse() @ joined[one.track.key_id].T_map_sphere @ one.track.T_key_sphere
                    for one in images]  # fmt: skip
@@ -171,9 +175,9 @@ def refine_by_ranges(
         if away[best] > MAX_AWAY or (located is not None and located.is_sure):
             continue
         num_tried += 1
-        fit = measure_motion_by_ranges(
-            load_base(node.id), RangeImage.from_sphere(images[best].load_small()), motions[best]
-        )
+        ways = fit_both_ways(load_base(node.id), RangeImage.from_sphere(images[best].load_small()), motions[best])
+        num_alike += ways is not None
+        fit = ways and reconcile(*ways)
         if fit is not None:
             track = images[best].track
             to_key = track.T_key_sphere
@@ -181,7 +185,7 @@ def refine_by_ranges(
             covariance = adjoint @ fit.honest_covariance @ adjoint.T
             T_a_key = fit.T_a_b @ to_key.inverse()
             found.append(Edge(node.id, track.key_id, T_a_key, symmetric_inverse(covariance), is_loop=True))
-    return found, num_tried
+    return found, num_alike, num_tried
 
 
 def range_edge(fit: RangeFit, a: int, b: int) -> Edge:

@@ -192,12 +192,24 @@ def assess_ranges(a: RangeImage, b: RangeImage, T_a_b: SE3) -> RangeFit | None:
 
 def measure_motion_by_ranges(a: RangeImage, b: RangeImage, T_a_b: SE3) -> RangeFit | None:
     """Return what both ways agree on, each from the first guess; None unless both are good."""
+    ways = fit_both_ways(a, b, T_a_b)
+    return ways and reconcile(*ways)
+
+
+def fit_both_ways(a: RangeImage, b: RangeImage, T_a_b: SE3) -> tuple[RangeFit, RangeFit] | None:
+    """Return T_a_b by the surfaces of `a` and T_b_a by those of `b`, each from the first guess, where both are good.
+
+    That both are speaks for one place, however far apart they are: along a street ranges hold little.
+    """
     forward = align_ranges(a, b, T_a_b)
     if forward is None or not forward.is_good:
         return None
     back = align_ranges(b, a, T_a_b.inverse())
-    if back is None or not back.is_good:
-        return None
+    return (forward, back) if back is not None and back.is_good else None
+
+
+def reconcile(forward: RangeFit, back: RangeFit) -> RangeFit | None:
+    """Return the motion T_a_b between both ways, with what they are apart in its covariance; None: too much."""
     gap = (back.T_a_b @ forward.T_a_b).log()  # A -> B composed with B -> A, axes of B
     length_m = float(np.linalg.norm(forward.T_a_b.translation))
     if np.linalg.norm(gap[:3]) > MAX_GAP[0] + MAX_GAP_SHARE * length_m or np.linalg.norm(gap[3:]) > MAX_GAP[1]:
