@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from sphere_mapping.experiences import joining
 from sphere_mapping.experiences.joining import (
     DriveSphere,
     Localized,
@@ -105,6 +106,49 @@ def test_a_given_start_needs_to_be_about_right(base, night):
     assert worst_m(joined) < 0.01
     wrong = SE3.from_planar(-2.0, 1.0, 0.0) @ DRIVE[0]
     assert join_drive(base, night, images(night), MapperParams(), wrong).graph is None
+
+
+@pytest.mark.parametrize(
+    ("slide", "unlike", "is_joined"),
+    [((), (), True), ((3, 4), (), True), ((), (3, 4), False), ((2, 3, 4), (), False), ((), (4,), True)],
+)
+def test_a_place_counts_where_ranges_fit_and_joins_where_both_ways_agree(monkeypatch, slide, unlike, is_joined):
+    """Of five places: where ranges slide, as along a street, they are alike and no join; three joins are needed."""
+    poses = [SE3.from_planar(0.25 * k, 0.1, 0.3 + 0.1 * k) for k in range(5)]
+    cave = Cave()
+    known, drive = submap(cave, poses, 0), submap(cave, poses, 100, FAR, is_dark=True)
+    fit, agree, calls = joining.fit_both_ways, joining.reconcile, []
+
+    def fit_but(*arguments):
+        calls.append(len(calls) % 5)
+        return None if calls[-1] in unlike else fit(*arguments)
+
+    monkeypatch.setattr(joining, "fit_both_ways", fit_but)
+    monkeypatch.setattr(joining, "reconcile", lambda *ways: None if calls[-1] in slide else agree(*ways))
+    joined = join_drive(known, drive, images(drive), MapperParams(), poses[0])
+    num_alike = 5 - len(unlike)
+    assert f"ranges fit at {num_alike} of 5 places, {num_alike - len(slide)} tell where" in joined.told
+    assert (joined.graph is not None) == is_joined
+
+
+def test_a_start_that_is_half_a_meter_off_is_mended_step_by_step():
+    """Few places fit where the drive is thought to be at first; each pass begins where the last one ended."""
+    calls = []
+    poses = [SE3.from_planar(0.25 * k, 0.1, 0.3 + 0.1 * k) for k in range(5)]
+    cave = Cave()
+    known, drive = submap(cave, poses, 0), submap(cave, poses, 100, FAR, is_dark=True)
+    fit = joining.fit_both_ways
+
+    def fit_but(a, b, T_a_b):
+        calls.append(T_a_b)
+        return fit(a, b, T_a_b) if len(calls) > 5 or len(calls) in (2, 4) else None
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(joining, "fit_both_ways", fit_but)
+        joined = join_drive(known, drive, images(drive), MapperParams(), poses[0] @ SE3.from_planar(0.3, -0.2, 0.1))
+    assert joined.graph is not None, joined.told
+    off = [float(joined.graph[100 + k].T_map_sphere.distance(pose)[0]) for k, pose in enumerate(poses)]
+    assert max(off) < 0.01
 
 
 def test_elsewhere_and_where_all_corners_are_alike_nothing_is_joined(base):
