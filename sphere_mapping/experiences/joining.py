@@ -14,9 +14,12 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binom
 
 from sphere_mapping.constants import (
     EDGE_FLOOR,
+    FALSE_FIT,
+    FALSE_JOIN,
     GUESS_STEP_RAD,
     MAX_AWAY,
     MIN_CONFIRMED_SHARE,
@@ -72,11 +75,24 @@ class Joined:
 
 @dataclass(frozen=True, eq=False)
 class First:
-    """What says first where the drive was; `is_certain`: it needs no confirmation."""
+    """What says first where the drive was; `is_certain`: it needs no confirmation; `is_given`: somebody said it."""
 
     edges: list[Edge]
     told: str
     is_certain: bool = True
+    is_given: bool = False
+
+    def is_confirmed(self, num_joins: int, num_alike: int, num_tried: int) -> bool:
+        """Say whether ranges confirm it: joins that agree, and places where ranges fit, of those that were compared.
+
+        What was searched for is the best of many, so most places must fit. A place that is given is one, and joins
+        that came by chance would be as rare as is stated, also where much of the place has changed.
+        """
+        if self.is_certain:
+            return True
+        is_by_chance = bool(binom.sf(num_joins - 1, num_tried, FALSE_FIT) > FALSE_JOIN)
+        is_alike = num_joins >= MIN_RANGE_JOINS and num_alike >= MIN_CONFIRMED_SHARE * num_tried
+        return is_alike or (self.is_given and not is_by_chance)
 
 
 def join_drive(
@@ -100,10 +116,9 @@ def join_drive(
         found, num_alike, num_tried = refine_by_ranges(base.graph, placed, images, load_base)
         told = f"{first.told}; ranges fit at {num_alike} of {num_tried} places, {len(found)} tell where"
         edges = agreeing(base.graph, drive.graph, [*(first.edges if first.is_certain else ()), *found])
-        is_sure = len(found) >= MIN_RANGE_JOINS and num_alike >= MIN_CONFIRMED_SHARE * num_tried
-        is_confirmed = first.is_certain or is_sure
         if not edges:
             break
+        is_confirmed = first.is_confirmed(len(edges), num_alike, num_tried)
     return Joined(join_graphs(base.graph, drive.graph, edges) if edges and is_confirmed else None, told)
 
 
@@ -118,7 +133,8 @@ def find_first(
     if T_map_start is not None:
         node, anchor = next(iter(drive.graph)), next(iter(base.graph))
         T_a_b = anchor.T_map_sphere.inverse() @ T_map_start
-        return First([Edge(anchor.id, node.id, T_a_b, np.eye(6), is_loop=True)], f"{told}; a start was given", False)
+        start = Edge(anchor.id, node.id, T_a_b, np.eye(6), is_loop=True)
+        return First([start], f"{told}; a start was given", is_certain=False, is_given=True)
     joins = find_joins(base, drive, params, run)
     return First(joins.edges, f"{told}; {joins}")
 
@@ -153,7 +169,7 @@ def search_by_ranges(base: SphereGraph, drive: Submap, load_base: Callable[[int]
     found = agreeing(base, drive.graph, edges)
     is_alone = len(found) >= MIN_RANGE_CONSENT * len(edges)  # what fits elsewhere, too, is no place
     found = found if is_alone and len({edge.b for edge in found}) >= MIN_RANGE_JOINS else []
-    return First(found, f"{told}; by ranges {len(edges)} places, {len(found)} of these agree", False)
+    return First(found, f"{told}; by ranges {len(edges)} places, {len(found)} of these agree", is_certain=False)
 
 
 def refine_by_ranges(

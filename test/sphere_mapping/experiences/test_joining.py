@@ -1,5 +1,6 @@
 """A drive in light that nobody knows is placed by its ranges, by a start, or not at all."""
 
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -9,6 +10,7 @@ import pytest
 from sphere_mapping.experiences import joining
 from sphere_mapping.experiences.joining import (
     DriveSphere,
+    First,
     Localized,
     _away,
     _spread,
@@ -129,6 +131,26 @@ def test_a_place_counts_where_ranges_fit_and_joins_where_both_ways_agree(monkeyp
     num_alike = 5 - len(unlike)
     assert f"ranges fit at {num_alike} of 5 places, {num_alike - len(slide)} tell where" in joined.told
     assert (joined.graph is not None) == is_joined
+
+
+@pytest.mark.parametrize(
+    ("counts", "searched", "given"),  # joins, places alike, places compared
+    [
+        ((3, 3, 3), True, True),
+        ((2, 2, 2), False, False),  # 1 in 400 by chance
+        ((3, 5, 7), True, True),  # five of seven are seven of ten
+        ((3, 4, 6), False, False),  # 2 in 1,000
+        ((4, 4, 6), False, True),  # 1 in 10,000
+        ((5, 5, 14), False, True),  # 4 in 10,000
+        ((5, 5, 17), False, False),  # 1.2 in 1,000
+        ((0, 0, 0), False, False),
+    ],
+)
+def test_what_was_searched_must_fit_widely_and_what_is_given_more_often_than_by_chance(counts, searched, given):
+    first = First([], "", is_certain=False)
+    assert first.is_confirmed(*counts) == searched
+    assert replace(first, is_given=True).is_confirmed(*counts) == given
+    assert replace(first, is_certain=True).is_confirmed(0, 0, counts[2])
 
 
 def test_a_start_that_is_half_a_meter_off_is_mended_step_by_step():
