@@ -88,7 +88,8 @@ def follow(
             moment = (folder / "before").rename(folder / "moment")
         shutil.rmtree(folder / "before", ignore_errors=True)
         what = f"{kind} {share:.0%}, seed {seed}"
-        rows.append((what, str(before), said.strip().splitlines()[0], str(after), str(now)))
+        told = said.strip().splitlines()[0].replace(f"{folder}/", "")
+        rows.append((what, str(before), told, str(after), str(now)))
         report.bounds += _judge(what, before, after, first, now)
         first = now
     return rows, moment
