@@ -2,13 +2,15 @@
 
 A map of a few key spheres in a street of the simulator, and a drive of a few spheres in another light, somewhere else
 or along the same street. Both go through what `sphere_nav map --extend` does where the localiser knows nothing:
-features, then ranges. Ranges are rough by a percent and end as those of a stereo rig do. Towns are others than
-parameters were chosen in.
+features, then ranges. With `--given` as with its `--start` instead: what is somewhere else is said to begin in the map,
+and of the drives along the same street every other one is said to begin 1 to 5 m from where it does. Ranges are rough
+by a percent and end as those of a stereo rig do. Towns are others than parameters were chosen in.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from functools import lru_cache, partial
 from itertools import pairwise
 
@@ -47,11 +49,14 @@ NOISE, REACH_M = 0.01, 30.0  # of ranges: share; farthest
 HEIGHT_M = 1.6  # of the sphere above the ground
 APART_M = 12.0  # between places that are not one, at least
 WRONG_M = 0.3  # of a true pair, joined there
+GIVEN_M, GIVEN_RAD = 0.35, 0.3  # off the truth along each axis, at most, where a start is given rightly
+GIVEN_WRONG_M = (1.0, 5.0)  # where it is given wrongly
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
     parser.add_argument("--pair-towns", type=int, nargs="*", default=TOWNS, help="seeds of the towns (91 92)")
+    parser.add_argument("--given", action="store_true", help="the start of each drive is given, most of them wrongly")
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -63,20 +68,41 @@ def run(options: argparse.Namespace) -> Report:
         town = options.pair_towns[number * len(options.pair_towns) // count]
         is_same = number % SAME_EVERY == 0
         camera = list(CAMERAS)[number % len(CAMERAS)]
-        error_m, told = _try(town, number, camera, is_same=is_same)
-        num_same += is_same
-        num_true += is_same and error_m <= WRONG_M
+        is_right = is_same and (not options.given or number % (2 * SAME_EVERY) == 0)
+        error_m, told = _try(town, number, camera, is_same=is_same, given=_GIVEN[is_right] if options.given else None)
+        num_same += is_right
+        num_true += is_right and error_m <= WRONG_M
         if error_m < np.inf and (not is_same or error_m > WRONG_M):
             num_false += 1
             rows.append((str(town), str(number), camera, "one place" if is_same else "two", f"{error_m:.2f}", told))
     report.tables.append(Table("False joins", ("town", "pair", "camera", "of", "off by m", "how"), rows))
     report.bounds.append(Bound(f"false joins of {count} pairs", 0, num_false, ""))
-    report.notes.append(f"of {num_same} pairs that were of one place {num_true} were joined")
+    kind = "one place, the start given rightly," if options.given else "one place"
+    report.notes.append(f"of {num_same} pairs that were of {kind} {num_true} were joined")
     return report
 
 
-def _try(town: int, number: int, camera: str, *, is_same: bool) -> tuple[float, str]:
-    """Join a pair; return how far off in m the drive is placed, infinite where it is not, and how it was placed."""
+def _off_a_little(rng: np.random.Generator) -> SE3:
+    """Return how far off a start is that is given rightly, as one says it of a vehicle on a road."""
+    return SE3.from_planar(*rng.uniform(-1.0, 1.0, 3) * [GIVEN_M, GIVEN_M, GIVEN_RAD])
+
+
+def _off_far(rng: np.random.Generator) -> SE3:
+    """Return how far off a start is that is given wrongly."""
+    ahead = rng.uniform(*GIVEN_WRONG_M) * rng.choice([-1.0, 1.0])
+    return SE3.from_planar(ahead, *rng.uniform(-1.0, 1.0, 2) * [GIVEN_M, GIVEN_RAD])
+
+
+_GIVEN = {True: _off_a_little, False: _off_far}
+
+
+def _try(
+    town: int, number: int, camera: str, *, is_same: bool, given: Callable[[np.random.Generator], SE3] | None = None
+) -> tuple[float, str]:
+    """Join a pair; return how far off in m the drive is placed, infinite where it is not, and how it was placed.
+
+    `given`: draws how far off the start is, from where the drive begins, or from the map's first key sphere.
+    """
     rng = np.random.default_rng([town, number, 5])
     plan = draw_plan(town)
     line = kidnapped_line(plan, NUM_SPHERES, STEP_M, rng)
@@ -94,7 +120,11 @@ def _try(town: int, number: int, camera: str, *, is_same: bool) -> tuple[float, 
         DriveSphere(Track(node.stamp_ns, node.id, SE3.identity()), None, partial(drive.load, node.id))
         for node in drive.graph
     ]
-    joined = join_drive(base, drive, images, MapperParams())
+    start = None
+    if given is not None:
+        begin = T.inverse() @ drive.graph[100].T_map_sphere if is_same else base.graph[0].T_map_sphere
+        start = begin @ given(rng)
+    joined = join_drive(base, drive, images, MapperParams(), start)
     if joined.graph is None:
         return np.inf, joined.told
     truth = [T.inverse() @ node.T_map_sphere for node in drive.graph]
