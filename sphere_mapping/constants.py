@@ -109,6 +109,7 @@ MIN_RANGE_CONSENT = 0.8  # of all that fits by ranges alone, which must be of on
 MIN_CONFIRMED_SHARE = 0.7  # of the places that both saw by what was found, where ranges must fit
 FALSE_FIT = 0.05  # of places, where ranges tell a motion from a start that is 0.5 m off or more: 2 % in a street
 FALSE_JOIN = 1e-3  # of drives whose start was given wrongly
+ASIDE_M, NUM_ASIDE = (0.5, 1.0, 2.0, 3.0), 8  # m, directions: moves of a drive, none of which may fit better
 NUM_SEARCHED = (8, 40, 16)  # key spheres of the drive, of the map, and the best places of each: sought by ranges alone
 GUESS_STEP_RAD = 0.35  # between headings that are tried of partial spheres
 NUM_HEADINGS = 4  # that are tried of whole ones, the likeliest

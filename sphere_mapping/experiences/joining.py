@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from sphere_mapping.constants import (
+    ASIDE_M,
     EDGE_FLOOR,
     FALSE_FIT,
     FALSE_JOIN,
@@ -25,6 +26,7 @@ from sphere_mapping.constants import (
     MIN_CONFIRMED_SHARE,
     MIN_RANGE_CONSENT,
     MIN_RANGE_JOINS,
+    NUM_ASIDE,
     NUM_HEADINGS,
     NUM_PASSES,
     NUM_SEARCHED,
@@ -39,7 +41,14 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.constants import MAX_GAP
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
-from sphere_nav.spheres.range_alignment import RangeFit, RangeImage, fit_both_ways, measure_motion_by_ranges, reconcile
+from sphere_nav.spheres.range_alignment import (
+    RangeFit,
+    RangeImage,
+    assess_ranges,
+    fit_both_ways,
+    measure_motion_by_ranges,
+    reconcile,
+)
 from sphere_nav.spheres.sphere import Sphere
 
 
@@ -63,6 +72,24 @@ class DriveSphere:
     track: Track
     located: Localized | None
     load_small: Callable[[], Sphere]
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A key sphere of the map and the image of the drive that is nearest to it, T_node_image as far as it is known."""
+
+    node: KeySphere
+    image: DriveSphere
+    T_node_image: SE3
+
+    def load(self) -> RangeImage:
+        """Return the ranges of the image."""
+        return RangeImage.from_sphere(self.image.load_small())
+
+    def moved(self, by_m: Array) -> SE3:
+        """Return T_node_image with the drive moved by (3,) m in the map."""
+        in_node = self.node.T_map_sphere.rotation.T @ by_m
+        return SE3.from_parts(self.T_node_image.rotation, self.T_node_image.translation + in_node)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +146,13 @@ def join_drive(
         if not edges:
             break
         is_confirmed = first.is_confirmed(len(edges), num_alike, num_tried)
-    return Joined(join_graphs(base.graph, drive.graph, edges) if edges and is_confirmed else None, told)
+    joined = join_graphs(base.graph, drive.graph, edges) if edges and is_confirmed else None
+    if joined is not None and not first.is_certain:
+        placed = SphereGraph(node for node in joined if node.id in drive.graph.nodes)
+        better_m = find_better(find_places(base.graph, placed, images, load_base), load_base)
+        if better_m > 0.0:
+            return Joined(None, f"{told}; ranges fit better {better_m:g} m away")
+    return Joined(joined, told)
 
 
 def find_first(
@@ -178,30 +211,56 @@ def refine_by_ranges(
     """Return joins of the map's key spheres with the image of the drive that is nearest to each, by ranges.
 
     And at how many places ranges fit both ways, which speaks for the place where they do not tell it well enough for a
-    join, of how many that were compared. Where the localizer was sure of that image it says more than ranges do.
-    `joined`: both, as far as it is known.
+    join, of how many that were compared. `joined`: both, as far as it is known.
     """
-    found, num_alike, num_tried = list[Edge](), 0, 0
+    found, num_alike = list[Edge](), 0
+    places = find_places(base, joined, images, load_base)
+    for place in places:
+        ways = fit_both_ways(load_base(place.node.id), place.load(), place.T_node_image)
+        num_alike += ways is not None
+        fit = ways and reconcile(*ways)
+        if fit is not None:
+            track = place.image.track
+            to_key = track.T_key_sphere
+            adjoint = to_key.adjoint()
+            covariance = adjoint @ fit.honest_covariance @ adjoint.T
+            T_a_key = fit.T_a_b @ to_key.inverse()
+            found.append(Edge(place.node.id, track.key_id, T_a_key, symmetric_inverse(covariance), is_loop=True))
+    return found, num_alike, len(places)
+
+
+def find_places(
+    base: SphereGraph, joined: SphereGraph, images: Sequence[DriveSphere], load_base: Callable[[int], RangeImage]
+) -> list[Place]:
+    """Return the map's key spheres with the image of the drive that is nearest to each, where that is near.
+
+    Where the localizer was sure of that image it says more than ranges do.
+    """
+    found = []
     for node in base:
         motions = [node.T_map_sphere.inverse() @ joined[one.track.key_id].T_map_sphere @ one.track.T_key_sphere
                    for one in images]  # fmt: skip
         away = [_away(T, node.region_radius_m or 1.0, is_whole=load_base(node.id).is_whole) for T in motions]
         best = int(np.argmin(away))
         located = images[best].located
-        if away[best] > MAX_AWAY or (located is not None and located.is_sure):
-            continue
-        num_tried += 1
-        ways = fit_both_ways(load_base(node.id), RangeImage.from_sphere(images[best].load_small()), motions[best])
-        num_alike += ways is not None
-        fit = ways and reconcile(*ways)
-        if fit is not None:
-            track = images[best].track
-            to_key = track.T_key_sphere
-            adjoint = to_key.adjoint()
-            covariance = adjoint @ fit.honest_covariance @ adjoint.T
-            T_a_key = fit.T_a_b @ to_key.inverse()
-            found.append(Edge(node.id, track.key_id, T_a_key, symmetric_inverse(covariance), is_loop=True))
-    return found, num_alike, num_tried
+        if away[best] <= MAX_AWAY and not (located is not None and located.is_sure):
+            found.append(Place(node, images[best], motions[best]))
+    return found
+
+
+def find_better(places: Sequence[Place], load_base: Callable[[int], RangeImage]) -> float:
+    """Return how far away in m the ranges of all places agree better than where they are; 0: nowhere near.
+
+    An alignment stops where it was begun along a street that looks alike for some meters.
+    """
+    pairs = [(load_base(place.node.id), place.load(), place) for place in places]
+    headings = np.linspace(0.0, 2.0 * np.pi, NUM_ASIDE, endpoint=False)
+    moves = [np.zeros(3), *(m * np.array([np.cos(one), np.sin(one), 0.0]) for m in ASIDE_M for one in headings)]
+    agreement = []
+    for move in moves:
+        fits = (assess_ranges(a, b, place.moved(move)) for a, b, place in pairs)
+        agreement.append(sum(fit.agreement if fit is not None else 0.0 for fit in fits))
+    return float(np.linalg.norm(moves[int(np.argmax(agreement))]))
 
 
 def range_edge(fit: RangeFit, a: int, b: int) -> Edge:
