@@ -1,7 +1,7 @@
 """A drive in light that nobody knows is placed by its ranges, by a start, or not at all."""
 
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +12,7 @@ from sphere_mapping.experiences.joining import (
     DriveSphere,
     First,
     Localized,
+    Place,
     _away,
     _spread,
     guess_headings,
@@ -171,6 +172,35 @@ def test_a_start_that_is_half_a_meter_off_is_mended_step_by_step():
     assert joined.graph is not None, joined.told
     off = [float(joined.graph[100 + k].T_map_sphere.distance(pose)[0]) for k, pose in enumerate(poses)]
     assert max(off) < 0.01
+
+
+def test_ranges_fit_best_where_the_drive_was(base, night):
+    true = SphereGraph(KeySphere(100 + k, k, pose) for k, pose in enumerate(DRIVE))
+    load_base = cache(lambda one: RangeImage.from_sphere(base.load(one)))
+    places = joining.find_places(base.graph, true, images(night), load_base)
+    assert [place.node.id for place in places] == [0, 1, 2]
+    assert joining.find_better(places, load_base) == 0.0
+    for aside, far_m in (([0.0, -0.5, 0.0], 0.5), ([0.71, 0.71, 0.0], 1.0)):
+        moved = [replace(place, T_node_image=place.moved(np.array(aside))) for place in places]
+        assert joining.find_better(moved, load_base) == pytest.approx(far_m)
+
+
+def test_a_place_is_moved_along_the_axes_of_the_map(base):
+    node = base.graph[2]
+    place = Place(node, None, node.T_map_sphere.inverse() @ DRIVE[2])
+    by_m = np.array([0.3, -0.2, 0.1])
+    T_map_image = node.T_map_sphere @ place.moved(by_m)
+    np.testing.assert_allclose(T_map_image.translation, DRIVE[2].translation + by_m, atol=1e-12)
+    np.testing.assert_allclose(T_map_image.rotation, DRIVE[2].rotation, atol=1e-12)
+
+
+def test_a_drive_that_fits_better_beside_is_refused_unless_the_localizer_saw_it(base, night, monkeypatch):
+    monkeypatch.setattr(joining, "find_better", lambda *_: 2.0)
+    joined = join_drive(base, night, images(night), MapperParams(), DRIVE[0])
+    assert joined.graph is None
+    assert joined.told.endswith("3 tell where; ranges fit better 2 m away")
+    sure = {100 + k: Localized(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=True) for k in (0, 1)}
+    assert join_drive(base, night, images(night, sure), MapperParams()).graph is not None
 
 
 def test_elsewhere_and_where_all_corners_are_alike_nothing_is_joined(base):
