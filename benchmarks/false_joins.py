@@ -62,7 +62,8 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
 def run(options: argparse.Namespace) -> Report:
     """Join pair after pair."""
     count = 20 if options.quick else options.starts or NUM_PAIRS
-    report = Report("false_joins", notes=[describe(options.threads), f"towns {options.pair_towns}, {count} pairs"])
+    name = "false_joins_given" if options.given else "false_joins"
+    report = Report(name, notes=[describe(options.threads), f"towns {options.pair_towns}, {count} pairs"])
     rows, num_false, num_true, num_same = [], 0, 0, 0
     for number in tqdm(range(count), desc="pairs", leave=False, disable=None):
         town = options.pair_towns[number * len(options.pair_towns) // count]
