@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache, partial
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -40,6 +41,7 @@ DRIVE = [SE3.from_planar(0.05 + 0.3 * k, 0.05, 0.32 + 0.1 * k) for k in range(3)
 NOTHING = Features(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros((0, SIZE), np.uint8))
 FAR = SE3.from_planar(5.0, -3.0, 1.2)  # where the drive thinks it began
 HALF = np.array([3.5, 2.5, 1.5])
+NODE = KeySphere(0, 0, SE3.identity())
 
 
 class Cave:
@@ -183,6 +185,22 @@ def test_ranges_fit_best_where_the_drive_was(base, night):
     for aside, far_m in (([0.0, -0.5, 0.0], 0.5), ([0.71, 0.71, 0.0], 1.0)):
         moved = [replace(place, T_node_image=place.moved(np.array(aside))) for place in places]
         assert joining.find_better(moved, load_base) == pytest.approx(far_m)
+
+
+def test_what_agrees_better_counts_and_not_what_overlaps_more(monkeypatch):
+    """Ahead by a meter surfaces agree a little better, where more is seen they agree less, or nothing is seen."""
+
+    def assess(a, b, T):
+        away_m = float(np.linalg.norm(T.translation))
+        if T.translation[0] < 0.0:
+            return None
+        return SimpleNamespace(agreement=0.95 if T.translation[0] == 1.0 else 0.9 - 0.1 * away_m, overlap=away_m)
+
+    monkeypatch.setattr(joining, "assess_ranges", assess)
+    monkeypatch.setattr(Place, "load", lambda _: None)
+    here = Place(NODE, None, SE3.identity())
+    assert joining.find_better([here], lambda _: None) == 1.0
+    assert joining.find_better([replace(here, T_node_image=SE3.from_planar(1.0, 0.0, 0.0))], lambda _: None) == 0.0
 
 
 def test_a_place_is_moved_along_the_axes_of_the_map(base):
