@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from sphere_mapping.constants import (
-    ASIDE_M,
+    ASIDE,
     EDGE_FLOOR,
     FALSE_FIT,
     FALSE_JOIN,
@@ -149,9 +149,9 @@ def join_drive(
     joined = join_graphs(base.graph, drive.graph, edges) if edges and is_confirmed else None
     if joined is not None and not first.is_certain:
         placed = SphereGraph(node for node in joined if node.id in drive.graph.nodes)
-        better_m = find_better(find_places(base.graph, placed, images, load_base), load_base)
-        if better_m > 0.0:
-            return Joined(None, f"{told}; ranges fit better {better_m:g} m away")
+        rival_m = find_rival(find_places(base.graph, placed, images, load_base), load_base)
+        if rival_m > 0.0:
+            return Joined(None, f"{told}; ranges fit as well {rival_m:g} m away")
     return Joined(joined, told)
 
 
@@ -248,19 +248,25 @@ def find_places(
     return found
 
 
-def find_better(places: Sequence[Place], load_base: Callable[[int], RangeImage]) -> float:
-    """Return how far away in m the ranges of all places agree better than where they are; 0: nowhere near.
+def find_rival(places: Sequence[Place], load_base: Callable[[int], RangeImage]) -> float:
+    """Return how far away in m the ranges of all places agree as well as where they are, or better; 0: nowhere near.
 
-    An alignment stops where it was begun along a street that looks alike for some meters.
+    An alignment stops where it was begun along a street that looks alike for some meters; and where a place is not the
+    one that it is taken for, it is often because streets are alike. There agreement falls little from meter to meter.
     """
     pairs = [(load_base(place.node.id), place.load(), place) for place in places]
     headings = np.linspace(0.0, 2.0 * np.pi, NUM_ASIDE, endpoint=False)
-    moves = [np.zeros(3), *(m * np.array([np.cos(one), np.sin(one), 0.0]) for m in ASIDE_M for one in headings)]
-    agreement = []
-    for move in moves:
-        fits = (assess_ranges(a, b, place.moved(move)) for a, b, place in pairs)
-        agreement.append(sum(fit.agreement if fit is not None else 0.0 for fit in fits))
-    return float(np.linalg.norm(moves[int(np.argmax(agreement))]))
+
+    def agreement(away_m: float, heading: float) -> float:
+        move = away_m * np.array([np.cos(heading), np.sin(heading), 0.0])
+        fits = [assess_ranges(a, b, place.moved(move)) for a, b, place in pairs]
+        return float(np.mean([fit.agreement if fit is not None else 0.0 for fit in fits]))
+
+    here = agreement(0.0, 0.0)
+    for away_m, lead in ASIDE:
+        if max(agreement(away_m, heading) for heading in headings) > here - lead:
+            return away_m
+    return 0.0
 
 
 def range_edge(fit: RangeFit, a: int, b: int) -> Edge:

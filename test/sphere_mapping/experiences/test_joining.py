@@ -181,26 +181,30 @@ def test_ranges_fit_best_where_the_drive_was(base, night):
     load_base = cache(lambda one: RangeImage.from_sphere(base.load(one)))
     places = joining.find_places(base.graph, true, images(night), load_base)
     assert [place.node.id for place in places] == [0, 1, 2]
-    assert joining.find_better(places, load_base) == 0.0
-    for aside, far_m in (([0.0, -0.5, 0.0], 0.5), ([0.71, 0.71, 0.0], 1.0)):
-        moved = [replace(place, T_node_image=place.moved(np.array(aside))) for place in places]
-        assert joining.find_better(moved, load_base) == pytest.approx(far_m)
+    assert joining.find_rival(places, load_base) == 0.0
+    moved = [replace(place, T_node_image=place.moved(np.array([0.0, -0.5, 0.0]))) for place in places]
+    assert joining.find_rival(moved, load_base) == 0.5
 
 
-def test_what_agrees_better_counts_and_not_what_overlaps_more(monkeypatch):
-    """Ahead by a meter surfaces agree a little better, where more is seen they agree less, or nothing is seen."""
-
+@pytest.mark.parametrize(
+    ("agreement", "rival_m"),  # at 0, 0.5, 1, 2, 3 m ahead; elsewhere it is 0.1, where more is seen, or nothing is
+    [
+        ((0.9, 0.89, 0.84, 0.84, 0.84), 0.0),
+        ((0.9, 0.91, 0.84, 0.84, 0.84), 0.5),
+        ((0.9, 0.89, 0.86, 0.84, 0.84), 1.0),  # a street that is alike
+        ((0.9, 0.89, 0.84, 0.86, 0.95), 2.0),
+        ((0.9, 0.89, 0.84, 0.84, 0.95), 3.0),
+    ],
+)
+def test_a_place_is_one_where_ranges_agree_better_than_around_it(monkeypatch, agreement, rival_m):
     def assess(a, b, T):
-        away_m = float(np.linalg.norm(T.translation))
-        if T.translation[0] < 0.0:
-            return None
-        return SimpleNamespace(agreement=0.95 if T.translation[0] == 1.0 else 0.9 - 0.1 * away_m, overlap=away_m)
+        x, y = T.translation[:2]
+        ahead = float(np.interp(x, [0.0, 0.5, 1.0, 2.0, 3.0], agreement))
+        return None if x < -1e-9 else SimpleNamespace(agreement=ahead if abs(y) < 1e-9 else 0.1, overlap=0.5 + y)
 
     monkeypatch.setattr(joining, "assess_ranges", assess)
     monkeypatch.setattr(Place, "load", lambda _: None)
-    here = Place(NODE, None, SE3.identity())
-    assert joining.find_better([here], lambda _: None) == 1.0
-    assert joining.find_better([replace(here, T_node_image=SE3.from_planar(1.0, 0.0, 0.0))], lambda _: None) == 0.0
+    assert joining.find_rival([Place(NODE, None, SE3.identity())], lambda _: None) == rival_m
 
 
 def test_a_place_is_moved_along_the_axes_of_the_map(base):
@@ -213,10 +217,10 @@ def test_a_place_is_moved_along_the_axes_of_the_map(base):
 
 
 def test_a_drive_that_fits_better_beside_is_refused_unless_the_localizer_saw_it(base, night, monkeypatch):
-    monkeypatch.setattr(joining, "find_better", lambda *_: 2.0)
+    monkeypatch.setattr(joining, "find_rival", lambda *_: 2.0)
     joined = join_drive(base, night, images(night), MapperParams(), DRIVE[0])
     assert joined.graph is None
-    assert joined.told.endswith("3 tell where; ranges fit better 2 m away")
+    assert joined.told.endswith("3 tell where; ranges fit as well 2 m away")
     sure = {100 + k: Localized(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=True) for k in (0, 1)}
     assert join_drive(base, night, images(night, sure), MapperParams()).graph is not None
 
