@@ -70,7 +70,8 @@ def run(options: argparse.Namespace) -> Report:
         is_same = number % SAME_EVERY == 0
         camera = list(CAMERAS)[number % len(CAMERAS)]
         is_right = is_same and (not options.given or number % (2 * SAME_EVERY) == 0)
-        error_m, told = _try(town, number, camera, is_same=is_same, given=_GIVEN[is_right] if options.given else None)
+        given = (_off_a_little if is_right else _off_far) if options.given else None
+        error_m, told = _try(town, number, camera, is_same=is_same, given=given)
         num_same += is_right
         num_true += is_right and error_m <= WRONG_M
         if error_m < np.inf and (not is_same or error_m > WRONG_M):
@@ -92,9 +93,6 @@ def _off_far(rng: np.random.Generator) -> SE3:
     """Return how far off a start is that is given wrongly."""
     ahead = rng.uniform(*GIVEN_WRONG_M) * rng.choice([-1.0, 1.0])
     return SE3.from_planar(ahead, *rng.uniform(-1.0, 1.0, 2) * [GIVEN_M, GIVEN_RAD])
-
-
-_GIVEN = {True: _off_a_little, False: _off_far}
 
 
 def _try(

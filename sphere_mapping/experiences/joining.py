@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,11 @@ class DriveSphere:
     located: Localized | None
     load_small: Callable[[], Sphere]
 
+    @cached_property
+    def ranges(self) -> RangeImage:
+        """What alignment by ranges needs of it, prepared once: passes compare the same images."""
+        return RangeImage.from_sphere(self.load_small())
+
 
 @dataclass(frozen=True, eq=False)
 class Place:
@@ -81,10 +86,6 @@ class Place:
     node: KeySphere
     image: DriveSphere
     T_node_image: SE3
-
-    def load(self) -> RangeImage:
-        """Return the ranges of the image."""
-        return RangeImage.from_sphere(self.image.load_small())
 
     def moved(self, by_m: Array) -> SE3:
         """Return T_node_image with the drive moved by (3,) m in the map."""
@@ -135,21 +136,20 @@ def join_drive(
     first = find_first(base, drive, images, params, T_map_start, run)
     if not first.edges:
         first = search_by_ranges(base.graph, drive, load_base, first.told)
-    edges, told, is_confirmed = first.edges, first.told, first.is_certain
-    for _ in range(NUM_PASSES if edges else 0):  # each time from where the last one ended
-        placed = SphereGraph(
-            node for node in join_graphs(base.graph, drive.graph, edges) if node.id in drive.graph.nodes
-        )
-        found, num_alike, num_tried = refine_by_ranges(base.graph, placed, images, load_base)
+    told, is_confirmed = first.told, False
+    joined = join_graphs(base.graph, drive.graph, first.edges) if first.edges else None
+    for _ in range(NUM_PASSES):  # each time from where the last one ended
+        if joined is None:
+            return Joined(None, told)
+        found, num_alike, num_tried = refine_by_ranges(base.graph, joined, images, load_base)
         told = f"{first.told}; ranges fit at {num_alike} of {num_tried} places, {len(found)} tell where"
         edges = agreeing(base.graph, drive.graph, [*(first.edges if first.is_certain else ()), *found])
-        if not edges:
-            break
         is_confirmed = first.is_confirmed(len(edges), num_alike, num_tried)
-    joined = join_graphs(base.graph, drive.graph, edges) if edges and is_confirmed else None
-    if joined is not None and not first.is_certain:
-        placed = SphereGraph(node for node in joined if node.id in drive.graph.nodes)
-        rival_m = find_rival(find_places(base.graph, placed, images, load_base), load_base)
+        joined = join_graphs(base.graph, drive.graph, edges) if edges else None
+    if joined is None or not is_confirmed:
+        return Joined(None, told)
+    if not first.is_certain:
+        rival_m = find_rival(find_places(base.graph, joined, images, load_base), load_base)
         if rival_m > 0.0:
             return Joined(None, f"{told}; ranges fit as well {rival_m:g} m away")
     return Joined(joined, told)
@@ -216,7 +216,7 @@ def refine_by_ranges(
     found, num_alike = list[Edge](), 0
     places = find_places(base, joined, images, load_base)
     for place in places:
-        ways = fit_both_ways(load_base(place.node.id), place.load(), place.T_node_image)
+        ways = fit_both_ways(load_base(place.node.id), place.image.ranges, place.T_node_image)
         num_alike += ways is not None
         fit = ways and reconcile(*ways)
         if fit is not None:
@@ -254,7 +254,7 @@ def find_rival(places: Sequence[Place], load_base: Callable[[int], RangeImage]) 
     An alignment stops where it was begun along a street that looks alike for some meters; and where a place is not the
     one that it is taken for, it is often because streets are alike. There agreement falls little from meter to meter.
     """
-    pairs = [(load_base(place.node.id), place.load(), place) for place in places]
+    pairs = [(load_base(place.node.id), place.image.ranges, place) for place in places]
     headings = np.linspace(0.0, 2.0 * np.pi, NUM_ASIDE, endpoint=False)
 
     def agreement(away_m: float, heading: float) -> float:

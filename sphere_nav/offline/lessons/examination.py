@@ -3,9 +3,9 @@
 Each image is localised for itself, from where it was when it was kept. That was told by the map of that day, so the
 map that told it is always nearest to it: by how much says nothing. That a drive is placed no worse means three things.
 Not fewer of its images are placed. Those that both maps place lie no farther from where they were than both
-uncertainties allow: the sum of the squared Mahalanobis distances is chi-squared, and a map as good as the old one is
-refused once in a thousand times. And their places are as certain as before: the median standard deviation grows by 5 %
-at most, without which a map could pass by knowing less.
+uncertainties allow: where covariances are honest and errors independent, the sum of the squared Mahalanobis distances
+is chi-squared, and a map as good as the old one is refused once in a thousand times. And their places are as certain as
+before: the median standard deviation grows by 5 % at most, without which a map could pass by knowing less.
 """
 
 from __future__ import annotations

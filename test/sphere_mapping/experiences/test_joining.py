@@ -203,8 +203,8 @@ def test_a_place_is_one_where_ranges_agree_better_than_around_it(monkeypatch, ag
         return None if x < -1e-9 else SimpleNamespace(agreement=ahead if abs(y) < 1e-9 else 0.1, overlap=0.5 + y)
 
     monkeypatch.setattr(joining, "assess_ranges", assess)
-    monkeypatch.setattr(Place, "load", lambda _: None)
-    assert joining.find_rival([Place(NODE, None, SE3.identity())], lambda _: None) == rival_m
+    image = SimpleNamespace(ranges=None)
+    assert joining.find_rival([Place(NODE, image, SE3.identity())], lambda _: None) == rival_m
 
 
 def test_a_place_is_moved_along_the_axes_of_the_map(base):
