@@ -78,6 +78,7 @@ BENCHMARKS = {
     "live_rigs": "benchmarks.live_rigs",
     "soak": "benchmarks.soak",
     "relight": "benchmarks.relight",
+    "relight_street": "benchmarks.relight_street",
     "dark": "benchmarks.dark",
     "learning": "benchmarks.learning",
     "false_joins": "benchmarks.false_joins",

@@ -17,7 +17,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.machine import describe
-from benchmarks.relight import FRAMES, WRONG, Gray, Light, Placed, Room
+from benchmarks.other_light import Gray, Light
+from benchmarks.relight import FRAMES, WRONG, Placed, Room
 from benchmarks.report import Bound, Report, Table
 from benchmarks.rgbd_data import colmap_poses
 from dense_localizer.inputs import LocalizerInput
@@ -60,8 +61,9 @@ def run(options: argparse.Namespace) -> Report:
     with tempfile.TemporaryDirectory() as temporary:
         room = Room(options.room, poses, FRAMES[options.lights], options.keep or Path(temporary))
         day, rows = room.base(), []
-        shared = SEED, room.recording, room.calibration, room.pose_files(0)
-        nights = {"torch": Torch("lamp", 1.0, *shared), "torch, patches": Torch("season", 1.0, *shared), "out": Out()}
+        torches = {"torch": "lamp", "torch, patches": "season"}
+        nights: dict[str, Any] = {name: room.light(kind, 1.0, SEED, Torch) for name, kind in torches.items()}
+        nights["out"] = Out()
         for name, light in nights.items():
             drive = name.replace(", ", "_")
             room.drive(drive, light, 2)

@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.machine import describe
 from benchmarks.nothing_lost import PATIENCE_S, SLACK_BYTES
-from benchmarks.relight import FRAMES, LIGHTS, WRONG, Light, Placed, Room, call
+from benchmarks.relight import FRAMES, LIGHTS, WRONG, Placed, Room, call
 from benchmarks.report import Bound, Report, Table
 from benchmarks.rgbd_data import colmap_poses
 from sphere_nav.ros.maps.check import verify_map
@@ -75,7 +75,7 @@ def follow(
     first = day
     for share in SHARES[1:3] if quick else SHARES:
         name = f"{kind}{round(100 * share)}_{seed}"
-        light = Light(kind, share, seed, room.recording, room.calibration, room.pose_files(0))
+        light = room.light(kind, share, seed)
         for number in (1, 2):
             room.drive(name, light, number)
         before = room.localize("map_learned", f"{name}_2")
