@@ -71,7 +71,9 @@ class Light:
         if self._kind == "lamp":
             away = self._lamp - world
             distance = np.linalg.norm(away, axis=-1)
-            lit = np.abs(np.sum(away * facing, axis=-1)) / distance / np.maximum(distance / self._extent.lamp_m, 0.5) ** 2
+            lit = (
+                np.abs(np.sum(away * facing, axis=-1)) / distance / np.maximum(distance / self._extent.lamp_m, 0.5) ** 2
+            )
             return 0.35 + 1.6 * lit
         sun = np.maximum(np.sum(facing * self._sun, axis=-1), 0.15) * self._is_lit(world)
         distance = np.linalg.norm(points, axis=-1)

@@ -158,7 +158,9 @@ class Street:
             return Placed(found["images"], found["states"], 0, np.nan)
         errors = evaluate_poses(read_tum(poses), read_poses(self.folder / drive, ("ground_truth/pose",))).errors
         is_wrong = (errors.translation_m > WRONG[0]) | (np.degrees(errors.rotation_rad) > WRONG[1])
-        return Placed(found["images"], found["states"], int(is_wrong.sum()), 1e3 * float(np.median(errors.translation_m)))
+        return Placed(
+            found["images"], found["states"], int(is_wrong.sum()), 1e3 * float(np.median(errors.translation_m))
+        )
 
 
 def depth(near: Any, other: Any, focal_m: float) -> Gray:

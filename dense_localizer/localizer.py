@@ -26,6 +26,7 @@ from dense_localizer.track.range_support import RangeSupport
 from dense_localizer.track.visual_odometry import VisualOdometry
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.localization import FINE, Finding, Reason, StateMachine, Status
+from sphere_nav.spheres.graph import Experience
 
 
 class Localizer:
@@ -73,14 +74,28 @@ class Localizer:
             return self._hold(frame, frame.finding)
         predictions = self._prior.propose(frame)  # the likeliest first
         candidate = select_first_accepted(self._locate(frame, prediction) for prediction in predictions)
+        candidate = self._ask_another_experience(frame, candidate)
         candidate = self._visual_odometry.verify(frame, candidate, is_trusted=self._states.is_trusted)
         if not candidate.is_accepted:
             return self._hold(frame, candidate.finding if frame.images else frame.finding, candidate)
         return self._update(frame, candidate)
 
-    def _locate(self, frame: LocalizerInput, prediction: Prediction) -> PoseCandidate:
+    def _ask_another_experience(self, frame: LocalizerInput, candidate: PoseCandidate) -> PoseCandidate:
+        """Return the candidate, or where that is not good a better one by key spheres of another day."""
+        if candidate.acceptance.is_good or not candidate.choice.ids:
+            return candidate
+        tried = self.references.node(candidate.choice.ids[0]).experience
+        other = self._locate(frame, candidate.prediction, tried)
+        if not other.is_accepted or other.acceptance.quality <= candidate.acceptance.quality:
+            return candidate
+        self.references.adopt(other.choice)
+        return other
+
+    def _locate(
+        self, frame: LocalizerInput, prediction: Prediction, instead_of: Experience | None = None
+    ) -> PoseCandidate:
         """Choose references, align, assess, ask depth: of a prediction, or of a guess of the search."""
-        chosen = self.references.choose_rig(frame.images, prediction)
+        chosen = self.references.choose_rig(frame.images, prediction, instead_of)
         alignment = align_rig(chosen, prediction, self.params)
         evidence = self._states.state, self._visual_odometry.usual_ncc
         return self._range_support.support(frame, self._integrity.assess(chosen, alignment, prediction, *evidence))

@@ -114,3 +114,10 @@ NUM_ASIDE = 8  # directions
 NUM_SEARCHED = (8, 40, 16)  # key spheres of the drive, of the map, and the best places of each: sought by ranges alone
 GUESS_STEP_RAD = 0.35  # between headings that are tried of partial spheres
 NUM_HEADINGS = 4  # that are tried of whole ones, the likeliest
+
+# The same by parts of the images (experiences/test_parts)
+NUM_PARTS_SEARCHED = (8, 40, 3)  # key spheres of the drive, of the map, and the likeliest of each, measured whole
+NUM_KEPT_PREPARED = (64, 6)  # key spheres that are kept ready, small and whole: memory, no result
+MAX_PARTS_CHANCE = 1e-7  # of as many parts agreeing in a wrong place, either way, all motions counted that were tried
+MAX_PARTS_APART = 4.74  # standard deviations between both ways, chi of 6 at 0.001
+PARTS_REACH = 1.0  # between key spheres that are aligned from where they are thought to be: by the region of the one

@@ -120,7 +120,8 @@ def assess(
         return refuse(_explain_refusal(alignment, params, max_mad))
     if not (np.all(np.isfinite(alignment.T_world_camera.matrix)) and np.all(np.isfinite(covariance))):
         return refuse(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
-    checks = _check_images(alignment, params) + _check_certainty(covariance, params)
+    is_proven = structure is not None and structure.support.is_proven
+    checks = _check_images(alignment, params, is_proven=is_proven) + _check_certainty(covariance, params)
     if structure is not None:
         checks += _check_structure(structure, params)
     if prediction is not None:
@@ -169,14 +170,17 @@ def _explain_refusal(alignment: Alignment, params: AcceptanceParams, max_mad: fl
     return Finding(reason, float(value), float(limit), detail)
 
 
-def _check_images(alignment: Alignment, params: AcceptanceParams) -> list[Check]:
-    """Return the checks of how well the images agree with the map."""
-    good_ncc = params.min_ncc + GOOD_NCC_LEAD
+def _check_images(alignment: Alignment, params: AcceptanceParams, *, is_proven: bool) -> list[Check]:
+    """Return the checks of how well the images agree with the map.
+
+    Where the parts of the view have proven the pose, those of all of it only say how much of it has changed.
+    """
+    lead, good_share = (0.0, ACCEPTED_INLIER_SHARE) if is_proven else (GOOD_NCC_LEAD, GOOD_INLIER_SHARE)
     return [
         Check(Reason.LOW_OVERLAP, alignment.overlap, MIN_OVERLAP, GOOD_OVERLAP),
         Check(Reason.LOW_TEXTURE, alignment.num_pixels, params.min_pixels, params.min_pixels, "pixels aligned"),
-        Check(Reason.OUTLIERS, alignment.inlier_share, ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE),
-        Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, good_ncc, "correlation with the map"),
+        Check(Reason.OUTLIERS, alignment.inlier_share, ACCEPTED_INLIER_SHARE, good_share),
+        Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.min_ncc + lead, "correlation with the map"),
     ]
 
 

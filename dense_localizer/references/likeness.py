@@ -26,11 +26,15 @@ from sphere_nav.spheres.graph import Experience, KeySphere
 
 
 class Sight(NamedTuple):
-    """The coarsest level of the image, where it is thought to be, and whether the last image was accepted."""
+    """The coarsest level of the image, where it is thought to be, and whether the last image was accepted.
+
+    `instead_of`: the experience that has been tried with this image, and did not do.
+    """
 
     level: Level
     T_map_camera: SE3
     is_followed: bool
+    instead_of: Experience | None = None
 
 
 class ExperienceChoice:
@@ -68,6 +72,19 @@ class ExperienceChoice:
         best = max(within_reach, key=lambda one: self._means.get(one, -1.0))
         self.current = best if self._means.get(best, -1.0) > self._means[current] + MIN_LIKENESS_LEAD else current
         return self.current
+
+    def choose_other(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience | None:
+        """Return the one that looks most like the image but that which did not do; None: there is no other.
+
+        It is the one in use only once `adopt` says so.
+        """
+        others = {one: self.compare(node, sight) for one, node in within_reach.items() if one != sight.instead_of}
+        self._means.update(others)
+        return max(others, key=lambda one: others[one]) if others else None
+
+    def adopt(self, experience: Experience) -> None:
+        """Go on with an experience that explained an image."""
+        self.current = experience
 
     def compare(self, node: KeySphere, sight: Sight) -> float:
         """Return the correlation of the image with a key sphere as it would look from there; -1: too little in view."""

@@ -169,6 +169,10 @@ class SpherePrefetch:
         for sphere_id in wanted:
             self._future(sphere_id, how(sphere_id))
 
+    def request(self, sphere_id: int) -> None:
+        """Have one more sphere prepared; return at once."""
+        self._future(sphere_id)
+
     def get(self, sphere_id: int) -> Reference:
         """Return a prepared sphere as soon as it is ready; raises what reading it raised, and reads again next time."""
         try:

@@ -151,13 +151,19 @@ class References:
         graph = self._parts.get(current, self._map.graph) if current is not None else self._map.graph
         return graph.nearest(point_map, count)
 
-    def choose_rig(self, images: Sequence[RigImage], prediction: Prediction) -> RigChoice:
-        """Return the images of one body with the references of each (M15 eq. 17)."""
+    def choose_rig(
+        self, images: Sequence[RigImage], prediction: Prediction, instead_of: Experience | None = None
+    ) -> RigChoice:
+        """Return the images of one body with the references of each (M15 eq. 17).
+
+        `instead_of`: the experience that has not explained these images; theirs are those of another one, or none.
+        """
         is_followed = not prediction.is_guess
         choices = []
         for one in images:
             T_map_camera = one.pose(prediction.T_map_camera)
-            sight = Sight(one.pyramid.levels[-1], T_map_camera, is_followed and not prediction.is_fallback)
+            is_sure = is_followed and not prediction.is_fallback
+            sight = Sight(one.pyramid.levels[-1], T_map_camera, is_sure, instead_of)
             choices.append(self.choose(T_map_camera, one.pyramid.cameras[0], is_followed=is_followed, sight=sight))
         chosen = tuple(replace(one, views=choice.views) for one, choice in zip(images, choices, strict=True))
         return RigChoice(chosen, Choice.merge(choices))
@@ -176,7 +182,10 @@ class References:
         needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
         usable = self._of_experience([candidates[index] for index in np.flatnonzero(overlaps >= needed)], sight)
         ready = [node for node in usable if not never_waits or self._spheres.is_ready(node.id)]
-        nearest = ready[: self._params.num_references] or usable[:1]
+        is_other = sight is not None and sight.instead_of is not None
+        if is_other and not ready and usable:
+            self._spheres.request(usable[0].id)  # for the next image: small ones explain nothing better
+        nearest = ready[: self._params.num_references] or ([] if is_other else usable[:1])
         chosen = self._near_enough(nearest, T_map_camera)
         if not chosen:
             return replace(Choice.merge(()), overlap=best)
@@ -198,12 +207,20 @@ class References:
         for node in nodes:
             first.setdefault(node.experience, node)
         if sight is None or len(self._parts) == 1 or not nodes:
-            return nodes
+            return [] if sight is not None and sight.instead_of is not None else nodes
         within = {
             one: node for one, node in first.items() if measure_distance(node, sight.T_map_camera) <= self._region(node)
         }
-        chosen = self._experience.choose(within or {nodes[0].experience: nodes[0]}, sight)
+        chosen: Experience | None
+        if sight.instead_of is not None:
+            chosen = self._experience.choose_other(within, sight)
+        else:
+            chosen = self._experience.choose(within or {nodes[0].experience: nodes[0]}, sight)
         return [node for node in nodes if node.experience == chosen]
+
+    def adopt(self, choice: Choice) -> None:
+        """Go on with the experience of references that explained an image."""
+        self._experience.adopt(self.node(choice.ids[0]).experience)
 
     def count_rejections(self, place_map: NDArray[np.float64], residuals: Iterable[Residuals]) -> None:
         """Count which squares of key spheres do not agree with an image; forget those that never do."""

@@ -32,6 +32,7 @@ from sphere_mapping.constants import (
     NUM_SEARCHED,
     TRACK_SHARE,
 )
+from sphere_mapping.experiences.parts import refine_by_parts, search_by_parts, spread
 from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_graphs
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.verification import Run
@@ -167,9 +168,29 @@ def find_first(
         node, anchor = next(iter(drive.graph)), next(iter(base.graph))
         T_a_b = anchor.T_map_sphere.inverse() @ T_map_start
         start = Edge(anchor.id, node.id, T_a_b, np.eye(6), is_loop=True)
-        return First([start], f"{told}; a start was given", is_certain=False, is_given=True)
+        given = First([start], f"{told}; a start was given", is_certain=False, is_given=True)
+        return confirm_by_parts(base, drive, given, params) or given
     joins = find_joins(base, drive, params, run)
-    return First(joins.edges, f"{told}; {joins}")
+    if joins.edges:
+        return First(joins.edges, f"{told}; {joins}")
+    load_base, load_drive = (
+        cache(lambda number, one=one: RangeImage.from_sphere(one.load(number))) for one in (base, drive)
+    )
+    found = search_by_parts(base, drive, params.registration, lambda a, b: guess_headings(load_base(a), load_drive(b)))
+    searched = First(found, f"{told}; {joins}")
+    return (confirm_by_parts(base, drive, searched, params) or searched) if found else searched
+
+
+def _ranges_of(one: Submap, number: int) -> RangeImage:
+    return RangeImage.from_sphere(one.load(number))
+
+
+def confirm_by_parts(base: Submap, drive: Submap, first: First, params: MapperParams) -> First | None:
+    """Return the joins that parts of the images say from where the drive is thought to be; None where too few do."""
+    joined = join_graphs(base.graph, drive.graph, first.edges)
+    edges = refine_by_parts(base, drive, joined, params.registration)
+    told = f"{first.told}; parts of the images agree at {len(edges)} of {len(drive.graph)} key spheres"
+    return First(edges, told) if edges else None
 
 
 def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
@@ -194,9 +215,9 @@ def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
 def search_by_ranges(base: SphereGraph, drive: Submap, load_base: Callable[[int], RangeImage], told: str = "") -> First:
     """Return the places of some key spheres of the drive that their ranges agree on."""
     edges = []
-    for node in _spread(drive.graph, NUM_SEARCHED[0]):
+    for node in spread(drive.graph, NUM_SEARCHED[0]):
         own = RangeImage.from_sphere(drive.load(node.id))
-        fits = [(one.id, fit) for one in _spread(base, NUM_SEARCHED[1]) for fit in _fit_all(load_base(one.id), own)]
+        fits = [(one.id, fit) for one in spread(base, NUM_SEARCHED[1]) for fit in _fit_all(load_base(one.id), own)]
         best = sorted(fits, key=lambda pair: -pair[1].likeness)[: NUM_SEARCHED[2]]
         edges += [range_edge(fit, a, node.id) for a, fit in best]
     found = agreeing(base, drive.graph, edges)
@@ -309,12 +330,6 @@ def is_same(one: SE3, other: SE3) -> bool:
     """Say whether two motions are one."""
     distance, angle = one.distance(other)
     return bool(distance <= MAX_GAP[0] and angle <= MAX_GAP[1])
-
-
-def _spread(graph: SphereGraph, count: int) -> list[KeySphere]:
-    """Return so many key spheres at most, evenly over the graph."""
-    nodes = list(graph)
-    return nodes[:: max(1, -(-len(nodes) // count))]
 
 
 def _away(T_a_b: SE3, reach_m: float, *, is_whole: bool) -> float:

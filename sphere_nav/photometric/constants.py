@@ -43,11 +43,19 @@ MIN_VISIBLE_SHARE = 0.3  # of the pixels, below which nothing can be said withou
 OCCLUSION_SHARE = 0.1  # of the texture, below which nothing is occluded; test_occlusion
 LAST_OCCLUSION_STEP_RAD = 1e-3  # median motion, below which a step is the last; test_occlusion
 
-# Parts of the view that show the map
-REACH, NEAR_SHIFT = 6, 1  # px, by which cells are shifted, and that counts as none; test_support
-FITTED_CELLS = 3  # that a fit of six numbers can bring to agree; test_support
+# Parts of the view that show the map (parts/)
+PARTS = (12, 8)  # columns and rows of an image, wherever it is cut; parts/test_votes
+MIN_PART_PIXELS = 12  # of a cell, to be asked; parts/test_votes
+REACH, NEAR_SHIFT = 8, 1  # px, by which cells are shifted, and that counts as none; parts/test_votes
+FITTED_CELLS = 3  # that a fit of six numbers can bring to agree; parts/test_votes
+STRENGTH_QUANTILE = 0.9  # of gradients, above which they count alike; parts/test_votes
+NUM_TRIED_MOTIONS = 300  # sets of cells that motions are fitted to; where a third agrees, 11 of them are of such
+MIN_SHIFT_SIGMA_PX = 0.5  # standard deviation of a shift by whole pixels, at least; parts/test_motion
+MIN_PARTS_SIDE, PART_ROUNDS = 44, 2  # px of the coarsest level that is used; fits at each; parts/test_registration
+MIN_PART_SAMPLES = 20  # pixels of a view, to be asked; parts/test_registration
+
+# Where they speak for the pose of an alignment
 MAX_CHANCE, MAX_PREDICTED_CHANCE = 1e-5, 1e-7  # of as many cells in a wrong place; of a prediction; test_support
-STRENGTH_QUANTILE = 0.9  # of gradients, above which they count alike; test_support
 LAST_SUPPORT_STEP = 3.55  # deviations, chi of 6 at 0.05: below it a step says nothing; test_support
 PREDICTED_LEVELS = 2, 3  # finest ones, by which a prediction is aligned; test_support
-SURE_AGREEMENT = 0.3  # mean cosine, below which the parts are asked; test_support
+SURE_AGREEMENT, SURE_NCC = 0.3, 0.5  # mean cosine, correlation: below either the parts are asked; test_support

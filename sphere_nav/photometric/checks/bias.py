@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,18 +10,13 @@ from numpy.typing import NDArray
 
 from sphere_nav.estimation.normal_equations import weighted_step
 from sphere_nav.estimation.robust import weigh
-from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.constants import NUM_REWEIGHTINGS
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.samples import Sample
+from sphere_nav.photometric.pixels.samples import CameraSamples
 
 Orders = Sequence[tuple[int, int]]  # half periods of a gain across the image, along both axes
 LeastSquares = tuple[Array, Array, NDArray[np.int64]]
-CameraSamples = Sequence[
-    tuple[SE3 | None, Sequence[Sample]]
-]  # T_body_camera (None: it is the body), pixels of its views
-Sampler = Callable[[SE3], CameraSamples]  # gives the pixels at another T_world_body
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,14 +18,13 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.checks.bias import (
     NO_BIAS,
-    CameraSamples,
     PoseBias,
-    Sampler,
     linearize_samples,
     solve_robustly,
 )
 from sphere_nav.photometric.constants import BIAS_STEPS, GRADIENT_ORDER, GRADIENT_SHARE, LAST_GRADIENT_STEP
 from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.pixels.samples import CameraSamples, Sampler
 
 ORDERS = [(i, j) for i in range(GRADIENT_ORDER + 1) for j in range(GRADIENT_ORDER + 1 - i) if i + j]
 NUM_COLUMNS = 2 + len(ORDERS)  # of a view: gain, bias, and how the gain varies

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import TINY, Array
-from sphere_nav.photometric.checks.bias import CameraSamples, PoseBias, Sampler, linearize_samples, solve_robustly
+from sphere_nav.photometric.checks.bias import PoseBias, linearize_samples, solve_robustly
 from sphere_nav.photometric.constants import (
     BIAS_STEPS,
     CELL_SIGMAS,
@@ -33,7 +33,7 @@ from sphere_nav.photometric.constants import (
     TYPICAL_QUANTILE,
 )
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.samples import Sample, cosines
+from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler, cosines
 
 
 def find_occlusion_bias(

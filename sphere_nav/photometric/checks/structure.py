@@ -20,14 +20,14 @@ from sphere_nav.geometry import SE3, FrameMotion, Spherical
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
-from sphere_nav.photometric.checks.bias import NO_BIAS, CameraSamples, PoseBias, Sampler
+from sphere_nav.photometric.checks.bias import NO_BIAS, PoseBias
 from sphere_nav.photometric.checks.illumination import find_illumination_bias
 from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occlusion_bias
 from sphere_nav.photometric.checks.support import NO_SUPPORT, Support, exclude_changes, find_support
-from sphere_nav.photometric.constants import LENS_PIECES, MIN_SAMPLES, OCCLUSION_SHARE, SURE_AGREEMENT
+from sphere_nav.photometric.constants import LENS_PIECES, MIN_SAMPLES, OCCLUSION_SHARE, SURE_AGREEMENT, SURE_NCC
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.reference import View
-from sphere_nav.photometric.pixels.samples import Sample, cosines, sample_views
+from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler, cosines, sample_views
 
 
 class Aspect(Flag):
@@ -84,7 +84,7 @@ def find_rig_structure(
     pose = alignment.T_world_camera
     cameras = sampler(pose)
     found = _find_fit(images, cameras, params) if Aspect.FIT in aspects else Structure()
-    if found.agreement < SURE_AGREEMENT:
+    if Aspect.FIT in aspects and (found.agreement < SURE_AGREEMENT or alignment.ncc < SURE_NCC):
         found = replace(found, support=find_support(images, sampler, pose, params, T_predicted))
     if found.support.is_proven:
         sampler, pose = exclude_changes(images, sampler, params), pose @ SE3.exp(found.support.xi)

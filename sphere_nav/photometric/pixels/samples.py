@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import FrameMotion
+from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.iteration import kernels
@@ -45,6 +45,12 @@ class Sample:
     def where(self, chosen: NDArray[np.bool_]) -> Sample:
         """Return some of the pixels, chosen (N,)."""
         return Sample(*(getattr(self, part.name)[chosen] for part in fields(self)))
+
+
+CameraSamples = Sequence[
+    tuple[SE3 | None, Sequence[Sample]]
+]  # T_body_camera (None: it is the body), pixels of its views
+Sampler = Callable[[SE3], CameraSamples]  # gives the pixels at another T_world_body
 
 
 def cosines(sample: Sample) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ import pytest
 
 from sphere_nav.photometric import warm_up
 from sphere_nav.photometric.align.descent import kernels as descent
-from sphere_nav.photometric.checks.kernels import score_shifts
+from sphere_nav.photometric.parts.kernels import score_shifts
 from sphere_nav.photometric.pixels import kernels
 
 

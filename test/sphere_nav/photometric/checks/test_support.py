@@ -10,11 +10,11 @@ from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks import support as support_module
-from sphere_nav.photometric.checks.bias import CameraSamples
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
-from sphere_nav.photometric.checks.support import Votes, exclude_changes, find_support
+from sphere_nav.photometric.checks.support import exclude_changes, find_support
 from sphere_nav.photometric.constants import MAX_CHANCE, MIN_SAMPLES
-from sphere_nav.photometric.pixels.samples import sample_views
+from sphere_nav.photometric.parts.votes import Votes
+from sphere_nav.photometric.pixels.samples import CameraSamples, sample_views
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import optical
 

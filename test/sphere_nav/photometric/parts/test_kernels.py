@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sphere_nav.photometric.checks.kernels import score_shifts
+from sphere_nav.photometric.parts.kernels import score_shifts
 
 
 def test_a_score_is_the_weighted_sum_of_cosines_of_its_cell_at_each_shift(rng):

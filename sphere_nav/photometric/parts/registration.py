@@ -1,0 +1,87 @@
+"""Images aligned by their parts, coarse to fine: where light has changed so much that grey levels say nothing.
+
+Shadows, lamps, snow and cars that stand elsewhere change most of a view, and turn the contrast of some of it. Grey
+levels then have no common minimum, but edges of what has stayed are where they were. At each level cells are matched
+(`votes.py`) and the motion on which most agree is taken (`motion.py`); at the finest one the votes are the evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.align.alignment import Alignment
+from sphere_nav.photometric.align.judgement import UNKNOWN
+from sphere_nav.photometric.align.rig import RigImage, share_pixels
+from sphere_nav.photometric.constants import MIN_PART_SAMPLES, MIN_PARTS_SIDE, NUM_TRIED_MOTIONS, PART_ROUNDS
+from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
+from sphere_nav.photometric.parts.votes import find_shifts, finest_levels, vote
+from sphere_nav.photometric.pixels.samples import CameraSamples, Sampler, sample_views
+
+
+@dataclass(frozen=True, eq=False)
+class PartsAlignment:
+    """T_world_body, its covariance (6, 6), how many cells there are and agree, and the chance of as many.
+
+    `chance` is that of a wrong place, all motions counted that were tried.
+    """
+
+    T_world_body: SE3
+    covariance: Array
+    num_cells: int
+    num_agreeing: int
+    chance: float
+
+
+def register_parts(images: Sequence[RigImage], T_world_body: SE3, params: RegistrationParams) -> PartsAlignment:
+    """Align images of one body to their references from a first guess; `chance` says whether to believe it.
+
+    It finds what is up to `REACH` pixels off at the coarsest level whose sides have `MIN_PARTS_SIDE` pixels.
+    """
+    for level in reversed(_usable_levels(images, params)):
+        own = _from_level(level, params)
+        for _ in range(PART_ROUNDS):
+            xi = fit_motion(find_shifts(finest_levels(images, own), _sampler(images, own)(T_world_body)))
+            if xi is None:
+                break
+            T_world_body = T_world_body @ SE3.exp(xi)
+    samples, levels = _sampler(images, params)(T_world_body), finest_levels(images, params)
+    votes = vote(levels, samples)
+    covariance = motion_covariance(find_shifts(levels, samples)) if votes.num_cells else UNKNOWN.copy()
+    chance = min(votes.chance * NUM_TRIED_MOTIONS, 1.0)
+    return PartsAlignment(T_world_body, covariance, votes.num_cells, votes.num_agreeing, chance)
+
+
+def _usable_levels(images: Sequence[RigImage], params: RegistrationParams) -> list[int]:
+    """Return the levels of which cells can be matched, the finest in any case."""
+    finest, coarsest = params.pyramid.finest, min(len(image.pyramid.levels) for image in images) - 1
+    cameras = [[image.pyramid.levels[level].camera for image in images] for level in range(coarsest + 1)]
+    sides = [min(side for one in level for side in (one.width, one.height)) for level in cameras]
+    wide = [level for level in range(finest, coarsest + 1) if sides[level] >= MIN_PARTS_SIDE]
+    return wide or [min(finest, coarsest)]
+
+
+@cache
+def _from_level(level: int, params: RegistrationParams) -> RegistrationParams:
+    """Return the parameters by which pixels are sampled at a level."""
+    return replace(params, pyramid=replace(params.pyramid, finest=level))
+
+
+def _sampler(images: Sequence[RigImage], params: RegistrationParams) -> Sampler:
+    """Return what samples the pixels of images at a pose; light is not asked."""
+    share = share_pixels(params, len(images))
+
+    def sample_at(T_world_body: SE3) -> CameraSamples:
+        found = []
+        for image in images:
+            light = (1.0,) * len(image.views), (0.0,) * len(image.views)
+            there = Alignment(image.pose(T_world_body), UNKNOWN, "", 0, 0, 1.0, 1.0, 0.0, 1.0, *light)
+            parts = sample_views(image.pyramid, image.views, there, share, None)
+            found.append((image.T_body_camera, [part for part in parts if len(part.residual) >= MIN_PART_SAMPLES]))
+        return found
+
+    return sample_at

@@ -1,0 +1,162 @@
+"""Which parts of a view show the map, how far each of them is shifted, and could as many agree by chance?
+
+Each cell of a grid is asked: of all shifts of the image by up to `REACH` pixels, at which do gradients of image and
+references agree best (block matching)? At none where the cell shows the map and the pose is right; where the pose is a
+little off, at the one that the motion makes there; at any one where it shows something else, or where the place is
+wrong. In a wrong place the cells whose best shift is none are therefore binomial (a contrario, Desolneux et al.): no
+threshold of likeness, but a chance. A pose has six numbers, so a fit alone can bring `FITTED_CELLS` to agree; they do
+not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import Camera
+from sphere_nav.geometry.arrays import TINY, Array
+from sphere_nav.geometry.so3 import hat
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.constants import (
+    FITTED_CELLS,
+    MIN_PART_PIXELS,
+    NEAR_SHIFT,
+    PARTS,
+    REACH,
+    STRENGTH_QUANTILE,
+)
+from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.parts import kernels
+from sphere_nav.photometric.pixels.pyramid import Level
+from sphere_nav.photometric.pixels.samples import CameraSamples, Sample
+
+COLUMNS, ROWS = PARTS
+P_NEAR = float((2 * NEAR_SHIFT + 1) ** 2 / (2 * REACH + 1) ** 2)  # that the best of all shifts is none, by chance
+FIELDS = ("points", "of_reference")  # of a sample
+DERIVATIVE_STEP = 1e-3  # of the range, by which a point is moved; to a hundredth of a pixel
+
+
+@dataclass(frozen=True, eq=False)
+class Votes:
+    """The cells of all images, those that agree, the pixels in them, and the cell of each of these pixels."""
+
+    num_cells: int
+    num_agreeing: int
+    kept: CameraSamples
+    owner: NDArray[np.int64]
+
+    @property
+    def chance(self) -> float:
+        """The probability that as many agree in a wrong place."""
+        from scipy.special import bdtrc  # what only reads bags does without it
+
+        number, agreeing = self.num_cells - FITTED_CELLS, self.num_agreeing - FITTED_CELLS
+        return float(bdtrc(agreeing - 1, number, P_NEAR)) if 0 < agreeing <= number else 1.0
+
+
+class Shifts(NamedTuple):
+    """Of N cells how far each is shifted, (N, 2) px, and its derivative (N, 2, 6) by xi of the body."""
+
+    shift: Array
+    by_pose: Array
+
+    @property
+    def number(self) -> int:
+        """How many cells there are."""
+        return len(self.shift)
+
+
+def finest_levels(images: Sequence[RigImage], params: RegistrationParams) -> list[Level]:
+    """Return the level of each image that pixels are sampled of."""
+    return [image.pyramid.levels[min(params.pyramid.finest, len(image.pyramid.levels) - 1)] for image in images]
+
+
+def vote(levels: Sequence[Level], cameras: CameraSamples) -> Votes:
+    """Return which cells of each image agree, where its pixels are."""
+    num_cells = num_agreeing = 0
+    kept, owners = [], [np.zeros(0, np.int64)]
+    for index, (level, (place, samples)) in enumerate(zip(levels, cameras, strict=True)):
+        found = _look(level, samples)
+        num_cells, num_agreeing = num_cells + int(found.is_known.sum()), num_agreeing + int(found.agrees.sum())
+        cells = np.split(found.cell, np.cumsum([len(one.residual) for one in samples])[:-1]) if samples else []
+        kept.append((place, [one.where(found.agrees[own]) for one, own in zip(samples, cells, strict=True)]))
+        owners.append(index * COLUMNS * ROWS + found.cell[found.agrees[found.cell]])
+    return Votes(num_cells, num_agreeing, kept, np.concatenate(owners))
+
+
+def find_shifts(levels: Sequence[Level], cameras: CameraSamples) -> Shifts:
+    """Return how far the cells of all images are shifted, and how that depends on the pose."""
+    shifts, by_pose = [np.zeros((0, 2))], [np.zeros((0, 2, 6))]
+    for level, (place, samples) in zip(levels, cameras, strict=True):
+        if not samples:
+            continue
+        found = _look(level, samples)
+        J, points = found.by_point, np.concatenate([one.points for one in samples])
+        J = np.concatenate([-J, J @ hat(points)], axis=-1)  # of exp(-xi) p
+        mean = np.zeros((COLUMNS * ROWS, 2, 6))
+        np.add.at(mean, found.cell, np.nan_to_num(J))
+        mean /= np.maximum(np.bincount(found.cell, minlength=len(mean)), 1)[:, None, None]
+        mean = mean if place is None else mean @ place.inverse().adjoint()
+        shifts.append(found.shift[found.is_known].astype(np.float64))
+        by_pose.append(mean[found.is_known])
+    return Shifts(np.concatenate(shifts), np.concatenate(by_pose))
+
+
+class _Looked(NamedTuple):
+    """Which cells have pixels enough, the shift (cells, 2) px at which each agrees best, the cell of each pixel.
+
+    by_point (N, 2, 3): where each pixel falls, by its point.
+    """
+
+    is_known: NDArray[np.bool_]
+    shift: NDArray[np.int64]
+    cell: NDArray[np.int64]
+    by_point: Array
+
+    @property
+    def agrees(self) -> NDArray[np.bool_]:
+        """Which cells agree where they are."""
+        return np.asarray(self.is_known & (np.abs(self.shift).max(axis=1) <= NEAR_SHIFT))
+
+
+def _look(level: Level, samples: Sequence[Sample]) -> _Looked:
+    """Return what the cells of an image say, by the pixels of all its views."""
+    camera, number, margin = level.camera, COLUMNS * ROWS, REACH + 1
+    scores = np.zeros((number, 2 * REACH + 1, 2 * REACH + 1))
+    if not samples:
+        none = np.zeros(number, bool), np.zeros((number, 2), np.int64), np.zeros(0, np.int64)
+        return _Looked(*none, np.zeros((0, 2, 3)))
+    points, of_reference = (np.concatenate([getattr(one, name) for one in samples]) for name in FIELDS)
+    place, by_point = _by_point(camera, points)
+    place, gradient = np.nan_to_num(place), _by_pixel(by_point, of_reference)
+    column, row = np.rint(place).astype(np.int32).T
+    cell = (row * ROWS // camera.height * COLUMNS + column * COLUMNS // camera.width).clip(0, number - 1)
+    inside = (column >= margin) & (column < camera.width - margin) & (row >= margin) & (row < camera.height - margin)
+    strength = np.linalg.norm(gradient, axis=1)
+    direction = (gradient / np.maximum(strength, TINY)[:, None]).astype(np.float32)
+    weight = np.minimum(strength, np.quantile(strength, STRENGTH_QUANTILE)).astype(np.float32)
+    pixels = column[inside] + np.int32(level.pad), row[inside], direction[inside], weight[inside]
+    kernels.score_shifts(level.image, *pixels, cell[inside], REACH, scores)
+    is_known = np.bincount(cell[inside], minlength=number) >= MIN_PART_PIXELS
+    down, across = np.unravel_index(scores.reshape(number, -1).argmax(axis=1), scores.shape[1:])
+    return _Looked(is_known, np.stack([across, down], axis=-1) - REACH, cell.astype(np.int64), by_point)
+
+
+def _by_pixel(J: Array, of_reference: Array) -> Array:
+    """Return gradients by the point (N, 3) as ones by px (N, 2), where J (N, 2, 3) is the pixel by the point."""
+    a, b = J[:, 0], J[:, 1]
+    aa, ab, bb = (np.einsum("ni,ni->n", *pair) for pair in ((a, a), (a, b), (b, b)))
+    ga, gb = np.einsum("ni,ni->n", a, of_reference), np.einsum("ni,ni->n", b, of_reference)
+    found = np.stack([bb * ga - ab * gb, aa * gb - ab * ga], axis=-1) / np.maximum(aa * bb - ab**2, TINY)[:, None]
+    return np.nan_to_num(found)
+
+
+def _by_point(camera: Camera, points: Array) -> tuple[Array, Array]:
+    """Return where points (N, 3) are in the image, (N, 2) px, and the derivative (N, 2, 3) by the point."""
+    step = DERIVATIVE_STEP * np.linalg.norm(points, axis=1, keepdims=True)
+    place = camera.project(points)[0]
+    return place, np.stack([(camera.project(points + step * axis)[0] - place) / step for axis in np.eye(3)], axis=-1)
