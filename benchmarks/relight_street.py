@@ -140,13 +140,14 @@ class Street:
     def _map(self, drive: str, name: str, *words: Any) -> str:
         """Make a map; return what was said of the joining, or why it was refused."""
         target = self.folder / name
-        if target.exists():
-            shutil.rmtree(target)
+        for remains in (target, target.with_name(f"{name}.partial")):
+            shutil.rmtree(remains, ignore_errors=True)
         anchor = () if words else ("--anchor", "truth")
         status, said = call("map", self.folder / drive, "-o", target, *anchor, *words)
         if status:
             return f"refused: {said.strip().splitlines()[-1].replace(f'{self.folder}/', '')}"
-        return next((line for line in said.splitlines() if line.startswith("joined")), "")
+        told = next((line for line in said.splitlines() if line.startswith("joined")), "")
+        return told.replace(f"{self.folder}/", "")
 
     def localize(self, name: str, drive: str) -> Placed:
         """Localise the left images of a drive, judged by the truth."""

@@ -173,14 +173,18 @@ def _explain_refusal(alignment: Alignment, params: AcceptanceParams, max_mad: fl
 def _check_images(alignment: Alignment, params: AcceptanceParams, *, is_proven: bool) -> list[Check]:
     """Return the checks of how well the images agree with the map.
 
-    Where the parts of the view have proven the pose, those of all of it only say how much of it has changed.
+    Where the parts of the view have proven the pose, the whole of it only says how much has changed.
     """
-    lead, good_share = (0.0, ACCEPTED_INLIER_SHARE) if is_proven else (GOOD_NCC_LEAD, GOOD_INLIER_SHARE)
-    return [
+    seen = [
         Check(Reason.LOW_OVERLAP, alignment.overlap, MIN_OVERLAP, GOOD_OVERLAP),
         Check(Reason.LOW_TEXTURE, alignment.num_pixels, params.min_pixels, params.min_pixels, "pixels aligned"),
-        Check(Reason.OUTLIERS, alignment.inlier_share, ACCEPTED_INLIER_SHARE, good_share),
-        Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.min_ncc + lead, "correlation with the map"),
+    ]
+    if is_proven:
+        return seen
+    return [
+        *seen,
+        Check(Reason.OUTLIERS, alignment.inlier_share, ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE),
+        Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.min_ncc + GOOD_NCC_LEAD, "correlation with the map"),
     ]
 
 

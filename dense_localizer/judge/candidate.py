@@ -36,6 +36,7 @@ class PoseCandidate:
     is_biased: bool = False  # by an occlusion, uneven light or changes, where that was checked; the bias is removed
     is_by_map: bool = True  # else by the last images alone
     is_by_range: bool = False  # by geometry alone
+    is_by_parts: bool = False  # parts of the view have proven it, however little the whole resembles the map
 
     def refuse(self, finding: Finding) -> PoseCandidate:
         """Return it as one that is not used."""

@@ -33,12 +33,15 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, Finding, Reason, State
-from sphere_nav.photometric import Alignment
+from sphere_nav.photometric import Alignment, RegistrationParams
+from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.photometric.align.judgement import UNKNOWN
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import PoseBias
 from sphere_nav.photometric.checks.structure import EVERYTHING, NOTHING, Aspect, find_rig_structure, view_residuals
 from sphere_nav.photometric.checks.support import Support
-from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
+from sphere_nav.photometric.constants import GRADIENT_SHARE, MAX_PREDICTED_CHANCE, OCCLUSION_SHARE
+from sphere_nav.photometric.parts.registration import register_parts
 
 # All checks of one image take as long as to align it: no two in the same one.
 CHECKS_DUE = {FIT_PHASE: Aspect.FIT, OCCLUSION_PHASE: Aspect.OCCLUSION, LIGHT_PHASE: Aspect.ILLUMINATION}
@@ -92,6 +95,8 @@ class Integrity:
         images, registration = chosen.covered, self._params.registration
         motion = prediction.frame_motion(self._params.camera.readout)
         structure, biases, remaining = None, list[PoseBias](), np.zeros((6, 6))
+        if not alignment.is_converged:
+            alignment = align_by_parts(alignment, images, prediction.T_map_camera, registration)
         due = EVERYTHING if alignment.ncc < FULL_CHECK_NCC * usual_ncc else self.find_due(state)
         if alignment.is_converged and due:
             predicted = None if prediction.is_guess else prediction.T_map_camera
@@ -110,7 +115,9 @@ class Integrity:
             covariance = cover_slip(pose, covariance, before)
         evidence = prediction, choice, acceptance, alignment, motion, images
         is_changed = structure is not None and structure.support.num_cells > 0  # the next image may slip
-        return PoseCandidate(pose, covariance, *evidence, is_biased=bool(biases) or is_changed)
+        is_by_parts = structure is not None and structure.support.chance <= MAX_PREDICTED_CHANCE
+        is_biased = bool(biases) or is_changed
+        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts)
 
     def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> None:
         """Begin at a candidate that a search has found."""
@@ -132,6 +139,16 @@ class Integrity:
         by_odometry = self._odometry.find(sample) if sample else FINE
         findings = candidate.finding, candidate.prediction.finding, by_odometry
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)
+
+
+def align_by_parts(
+    alignment: Alignment, images: Sequence[RigImage], T_world_body: SE3, params: RegistrationParams
+) -> Alignment:
+    """Return an alignment that failed at the pose on which parts of the view agree, where these prove it."""
+    found = register_parts(images, T_world_body, params)
+    if found.chance > MAX_PREDICTED_CHANCE:
+        return alignment
+    return replace(alignment, T_world_camera=found.T_world_body, covariance=found.covariance, reason=GOOD)
 
 
 def take_support(alignment: Alignment, support: Support) -> Alignment:

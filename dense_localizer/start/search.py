@@ -72,15 +72,14 @@ class PoseSearch:
     def _propose(self, frame: LocalizerInput) -> Iterator[list[Prediction]]:
         """Yield poses to try: near a given or lost one, then in the whole map where that is due, upright and turned.
 
-        Where depth is to place the image the near pose itself is one: grey levels that fit nowhere lead away from it.
+        The near pose itself is one: in another light grey levels that fit nowhere lead away from it.
         """
         if self._T_map_guess is not None and self._guess_until_ns is None:
             self._guess_until_ns = frame.stamp_ns + int(SEARCH_NEAR_S * 1e9)
         if self._guess_until_ns is not None and frame.stamp_ns > self._guess_until_ns:
             self._T_map_guess = None
         if self._T_map_guess is not None:
-            near = [self._T_map_guess] if frame.depth is not None else []
-            near += self._startup.propose_near(frame.images, self._T_map_guess)
+            near = [self._T_map_guess, *self._startup.propose_near(frame.images, self._T_map_guess)]
             yield [Prediction.guess(pose, is_near=True) for pose in near]
         if frame.stamp_ns >= self._next_ns and (self._is_automatic or self._is_requested):
             self._next_ns = frame.stamp_ns + int(SEARCH_PERIOD_S * 1e9)

@@ -213,14 +213,14 @@ def is_same_pose(a: SE3, b: SE3) -> bool:
 def decide(candidates: Sequence[PoseCandidate], params: SearchParams) -> SearchResult:
     """Return the best good candidate, unless it resembles the image too little or another one nearly as much.
 
-    Where none resembles it, the one place that range finds.
+    Where none resembles it, the one place that parts of the view prove, or that range finds.
     """
     ranked = sorted((one for one in candidates if one.acceptance.is_good), key=lambda one: -one.ncc)
     best_ncc = ranked[0].ncc if ranked else 0.0
     if best_ncc < params.min_ncc:
-        by_range = [one for one in ranked if one.is_by_range]
-        if by_range and all(is_same_pose(by_range[0].T_map_camera, one.T_map_camera) for one in by_range[1:]):
-            return SearchResult(by_range[0])
+        found = [one for one in ranked if one.is_by_parts] or [one for one in ranked if one.is_by_range]
+        if found and all(is_same_pose(found[0].T_map_camera, one.T_map_camera) for one in found[1:]):
+            return SearchResult(found[0])
         finding = Finding(Reason.LOW_OVERLAP, best_ncc, params.min_ncc, "no key sphere resembles the view")
         return SearchResult(None, finding)
     best = ranked[0].T_map_camera
