@@ -184,7 +184,9 @@ def _check_images(alignment: Alignment, params: AcceptanceParams, *, is_proven: 
     return [
         *seen,
         Check(Reason.OUTLIERS, alignment.inlier_share, ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE),
-        Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.min_ncc + GOOD_NCC_LEAD, "correlation with the map"),
+        Check(
+            Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.min_ncc + GOOD_NCC_LEAD, "correlation with the map"
+        ),
     ]
 
 

@@ -83,8 +83,10 @@ class ExperienceChoice:
         return max(others, key=lambda one: others[one]) if others else None
 
     def adopt(self, experience: Experience) -> None:
-        """Go on with an experience that explained an image."""
+        """Go on with an experience that explained an image; no other counts as more alike until it has been again."""
         self.current = experience
+        most = self._means.get(experience, -1.0)
+        self._means = {one: min(mean, most) for one, mean in self._means.items()}
 
     def compare(self, node: KeySphere, sight: Sight) -> float:
         """Return the correlation of the image with a key sphere as it would look from there; -1: too little in view."""

@@ -100,7 +100,8 @@ def search_by_parts(base: Submap, drive: Submap, params: MappingRegistrationPara
             for heading in headings(one.id, node.id).tolist():
                 guess = SE3.from_planar(0.0, 0.0, heading)
                 small = align_parts(known.small(one.id), own.small(node.id), guess, params)
-                found.append((small.chance, one.id, guess))
+                if small.chance < 1.0:  # else as many agree anywhere
+                    found.append((small.chance, one.id, guess))
         for _, a, guess in sorted(found, key=lambda pair: pair[0])[: NUM_PARTS_SEARCHED[2]]:
             motion = measure_motion_by_parts(known.whole(a), own.whole(node.id), guess, params)
             if motion is not None:

@@ -50,8 +50,9 @@ REACH, NEAR_SHIFT = 8, 1  # px, by which cells are shifted, and that counts as n
 FITTED_CELLS = 3  # that a fit of six numbers can bring to agree; parts/test_votes
 STRENGTH_QUANTILE = 0.9  # of gradients, above which they count alike; parts/test_votes
 NUM_TRIED_MOTIONS = 300  # sets of cells that motions are fitted to; where a third agrees, 11 of them are of such
-MIN_SHIFT_SIGMA_PX = 0.5  # standard deviation of a shift by whole pixels, at least; parts/test_motion
+MIN_SHIFT_SIGMA_PX = 0.3  # standard deviation of a shift, at least; parts/test_motion
 MIN_PARTS_SIDE, PART_ROUNDS = 44, 2  # px of the coarsest level that is used; fits at each; parts/test_registration
+SURE_CHANCE = 1e-12  # of an alignment by parts, beyond which no other one is begun; parts/test_registration
 MIN_PART_SAMPLES = 20  # pixels of a view, to be asked; parts/test_registration
 
 # Where they speak for the pose of an alignment

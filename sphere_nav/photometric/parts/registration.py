@@ -16,7 +16,13 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
-from sphere_nav.photometric.constants import MIN_PART_SAMPLES, MIN_PARTS_SIDE, NUM_TRIED_MOTIONS, PART_ROUNDS
+from sphere_nav.photometric.constants import (
+    MIN_PART_SAMPLES,
+    MIN_PARTS_SIDE,
+    NUM_TRIED_MOTIONS,
+    PART_ROUNDS,
+    SURE_CHANCE,
+)
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
 from sphere_nav.photometric.parts.votes import find_shifts, finest_levels, vote
@@ -40,19 +46,35 @@ class PartsAlignment:
 def register_parts(images: Sequence[RigImage], T_world_body: SE3, params: RegistrationParams) -> PartsAlignment:
     """Align images of one body to their references from a first guess; `chance` says whether to believe it.
 
-    It finds what is up to `REACH` pixels off at the coarsest level whose sides have `MIN_PARTS_SIDE` pixels.
+    It is begun at each level whose sides have `MIN_PARTS_SIDE` pixels, the coarsest first, which finds what is farthest
+    off (`REACH` pixels of it), but has the fewest cells; the one that most speaks for counts.
     """
-    for level in reversed(_usable_levels(images, params)):
+    levels = _usable_levels(images, params)
+    best: PartsAlignment | None = None
+    for number in range(len(levels), 0, -1):
+        found = _descend(images, T_world_body, params, levels[:number], len(levels))
+        best = found if best is None or found.chance < best.chance else best
+        if best.chance <= SURE_CHANCE:
+            break
+    assert best is not None
+    return best
+
+
+def _descend(
+    images: Sequence[RigImage], T_world_body: SE3, params: RegistrationParams, levels: Sequence[int], num_begun: int
+) -> PartsAlignment:
+    """Return the alignment through levels, the coarsest first; `num_begun` such are tried."""
+    for level in reversed(levels):
         own = _from_level(level, params)
         for _ in range(PART_ROUNDS):
             xi = fit_motion(find_shifts(finest_levels(images, own), _sampler(images, own)(T_world_body)))
             if xi is None:
                 break
             T_world_body = T_world_body @ SE3.exp(xi)
-    samples, levels = _sampler(images, params)(T_world_body), finest_levels(images, params)
-    votes = vote(levels, samples)
-    covariance = motion_covariance(find_shifts(levels, samples)) if votes.num_cells else UNKNOWN.copy()
-    chance = min(votes.chance * NUM_TRIED_MOTIONS, 1.0)
+    samples, finest = _sampler(images, params)(T_world_body), finest_levels(images, params)
+    votes = vote(finest, samples)
+    covariance = motion_covariance(find_shifts(finest, samples)) if votes.num_cells else UNKNOWN.copy()
+    chance = min(votes.chance * NUM_TRIED_MOTIONS * num_begun, 1.0)
     return PartsAlignment(T_world_body, covariance, votes.num_cells, votes.num_agreeing, chance)
 
 

@@ -37,6 +37,7 @@ from sphere_nav.photometric.pixels.samples import CameraSamples, Sample
 COLUMNS, ROWS = PARTS
 P_NEAR = float((2 * NEAR_SHIFT + 1) ** 2 / (2 * REACH + 1) ** 2)  # that the best of all shifts is none, by chance
 FIELDS = ("points", "of_reference")  # of a sample
+LARGEST_PART = 0.49  # px between two shifts, so that rounding gives the shift that was best
 DERIVATIVE_STEP = 1e-3  # of the range, by which a point is moved; to a hundredth of a pixel
 
 
@@ -101,7 +102,7 @@ def find_shifts(levels: Sequence[Level], cameras: CameraSamples) -> Shifts:
         np.add.at(mean, found.cell, np.nan_to_num(J))
         mean /= np.maximum(np.bincount(found.cell, minlength=len(mean)), 1)[:, None, None]
         mean = mean if place is None else mean @ place.inverse().adjoint()
-        shifts.append(found.shift[found.is_known].astype(np.float64))
+        shifts.append(found.shift[found.is_known])
         by_pose.append(mean[found.is_known])
     return Shifts(np.concatenate(shifts), np.concatenate(by_pose))
 
@@ -113,14 +114,14 @@ class _Looked(NamedTuple):
     """
 
     is_known: NDArray[np.bool_]
-    shift: NDArray[np.int64]
+    shift: Array
     cell: NDArray[np.int64]
     by_point: Array
 
     @property
     def agrees(self) -> NDArray[np.bool_]:
         """Which cells agree where they are."""
-        return np.asarray(self.is_known & (np.abs(self.shift).max(axis=1) <= NEAR_SHIFT))
+        return np.asarray(self.is_known & (np.abs(np.rint(self.shift)).max(axis=1) <= NEAR_SHIFT))
 
 
 def _look(level: Level, samples: Sequence[Sample]) -> _Looked:
@@ -128,7 +129,7 @@ def _look(level: Level, samples: Sequence[Sample]) -> _Looked:
     camera, number, margin = level.camera, COLUMNS * ROWS, REACH + 1
     scores = np.zeros((number, 2 * REACH + 1, 2 * REACH + 1))
     if not samples:
-        none = np.zeros(number, bool), np.zeros((number, 2), np.int64), np.zeros(0, np.int64)
+        none = np.zeros(number, bool), np.zeros((number, 2)), np.zeros(0, np.int64)
         return _Looked(*none, np.zeros((0, 2, 3)))
     points, of_reference = (np.concatenate([getattr(one, name) for one in samples]) for name in FIELDS)
     place, by_point = _by_point(camera, points)
@@ -142,8 +143,22 @@ def _look(level: Level, samples: Sequence[Sample]) -> _Looked:
     pixels = column[inside] + np.int32(level.pad), row[inside], direction[inside], weight[inside]
     kernels.score_shifts(level.image, *pixels, cell[inside], REACH, scores)
     is_known = np.bincount(cell[inside], minlength=number) >= MIN_PART_PIXELS
-    down, across = np.unravel_index(scores.reshape(number, -1).argmax(axis=1), scores.shape[1:])
-    return _Looked(is_known, np.stack([across, down], axis=-1) - REACH, cell.astype(np.int64), by_point)
+    return _Looked(is_known, _best_shifts(scores), cell.astype(np.int64), by_point)
+
+
+def _best_shifts(scores: Array) -> Array:
+    """Return the shift (cells, 2) px of the highest of scores (cells, rows, columns), between pixels by a parabola."""
+    cell, last = np.arange(len(scores)), scores.shape[1] - 1
+    down, across = np.unravel_index(scores.reshape(len(scores), -1).argmax(axis=1), scores.shape[1:])
+    best, found = scores[cell, down, across], []
+    for before, after, place in (
+        (scores[cell, down, np.maximum(across - 1, 0)], scores[cell, down, np.minimum(across + 1, last)], across),
+        (scores[cell, np.maximum(down - 1, 0), across], scores[cell, np.minimum(down + 1, last), across], down),
+    ):
+        is_inside = (place > 0) & (place < last)
+        part = 0.5 * (before - after) / np.minimum(before - 2.0 * best + after, -TINY)
+        found.append(place - REACH + np.where(is_inside, np.clip(part, -LARGEST_PART, LARGEST_PART), 0.0))
+    return np.stack(found, axis=-1)
 
 
 def _by_pixel(J: Array, of_reference: Array) -> Array:

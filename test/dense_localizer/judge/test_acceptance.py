@@ -137,6 +137,15 @@ def test_parts_of_the_view_that_agree_more_than_by_chance_stand_for_all_of_it(ch
     assert (verdict.is_accepted, verdict.is_good) == (is_good, is_good)
 
 
+@pytest.mark.parametrize("change", [{"ncc": -0.1}, {"inlier_share": 0.2}, {"ncc": 0.45}])
+def test_where_parts_have_proven_a_pose_the_whole_only_says_how_much_has_changed(change):
+    for chance, is_good in ((1e-6, True), (1e-4, False)):
+        structure = Structure(agreement=0.3, support=Support(40, 15, chance))
+        assert assessed(replace(GOOD, **change), structure=structure).is_good == is_good
+    hidden = Structure(agreement=0.05, support=Support(40, 15, 1e-6))
+    assert not assessed(replace(GOOD, overlap=0.1), structure=hidden).is_accepted  # what is not seen proves nothing
+
+
 def test_a_stretch_counts_by_what_it_surely_exceeds():
     wrong = assessed(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.01))
     assert not wrong.is_accepted

@@ -99,6 +99,30 @@ def test_an_alignment_that_other_parked_boxes_draw_away_is_mended_from_the_predi
     references.close()
 
 
+@pytest.mark.parametrize("reason", ["NO_CONVERGENCE", "OUTLIERS"])
+def test_an_alignment_that_failed_in_another_light_is_done_by_parts(reason):
+    day, other = (
+        ParkingRoom((8.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0, boxes=boxes_along(*boxes))
+        for boxes in ((1, (0.0, 1.6, 3.2)), (7, (-0.7, 1.0, 2.6)))
+    )
+    params = build(LocalizerParams, SMALL_IMAGES)
+    references = References(make_map(day, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0)]), params)
+    pose = at(-1.7, 0.1, 0.1)
+    images = [RigImage(build_pyramid(other.photograph(PINHOLE, pose, 1), PINHOLE, params.registration.pyramid))]
+    for off, is_found in ((SE3.exp([0.03, 0.0, 0.04, 0.0, 0.01, 0.0]), True), (SE3.from_planar(1.5, 0.4, 0.5), False)):
+        guess = Prediction.guess(pose @ off)
+        chosen = references.choose_rig(images, guess)
+        failed = replace(
+            align_rig(chosen, guess, params), T_world_camera=pose @ SE3.exp([0.5, 0, 0, 0, 0, 0]), reason=reason
+        )
+        candidate = Integrity(references, params).assess(chosen, failed, guess)
+        assert candidate.is_accepted == is_found
+        assert candidate.is_by_parts == is_found
+        if is_found:
+            assert candidate.T_map_camera.distance(pose)[0] < 0.01
+    references.close()
+
+
 def test_after_a_slip_the_next_image_is_not_held_to_a_motion_that_never_was():
     period_ns, small = 100_000_000, np.diag(np.full(6, 1e-6))
     step = SE3.from_parts(np.eye(3), [0.0, 0.0, 1.4])

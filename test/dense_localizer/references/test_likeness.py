@@ -1,5 +1,6 @@
 """Of several experiences the one that looks like the image is chosen, at the cost of one more comparison."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -141,6 +142,57 @@ def test_what_is_out_of_reach_is_not_chosen(days):
     far_night = [replace(node, region_radius_m=0.1) if node.experience == NIGHT else node for node in days.graph]
     references = References(MemoryMap(far_night), PARAMS)
     assert references.choose(at(0.25), PINHOLE, sight=sight(NIGHT, 0.25, is_followed=False)).ids[0] not in (10, 11, 12)
+
+
+def test_another_experience_is_asked_where_one_has_not_explained_an_image(days):
+    references = References(days, PARAMS)
+    seen = sight(NIGHT, 0.25, is_followed=False)
+    assert references.choose(at(0.25), PINHOLE, sight=seen).ids == (10, 11)
+    other = references.choose(at(0.25), PINHOLE, sight=seen._replace(instead_of=NIGHT))
+    assert other.ids[0] in (0, 1, 20, 21)
+    followed = seen._replace(is_followed=True)
+    assert references.choose(at(0.25), PINHOLE, sight=followed).ids == (10, 11)  # it was asked, no more
+    references.adopt(other)
+    assert references.choose(at(0.25), PINHOLE, sight=followed).ids == other.ids  # not back at once
+    again = [references.choose(at(0.25), PINHOLE, sight=followed).ids for _ in range(10)]
+    assert again[-1] == (10, 11)  # but if it stays more alike
+    references.close()
+
+
+def test_where_there_is_no_other_experience_there_are_no_references(days):
+    alone = References(MemoryMap([node for node in days.graph if node.experience == DAY]), PARAMS)
+    assert alone.choose(at(0.25), PINHOLE, sight=sight(DAY, 0.25)._replace(instead_of=DAY)).ids == ()
+    near = [replace(node, region_radius_m=0.1) if node.experience != DAY else node for node in days.graph]
+    references = References(MemoryMap(near), PARAMS)
+    chosen = references.choose(at(0.9), PINHOLE, sight=sight(DAY, 0.9)._replace(instead_of=DAY))
+    assert chosen.ids == ()
+    for one in (alone, references):
+        one.close()
+
+
+def test_a_live_image_does_not_wait_for_another_experience(days):
+    references = References(days, PARAMS, is_live=True)
+    seen = sight(NIGHT, 0.25)._replace(instead_of=NIGHT)
+    assert references.choose(at(0.25), PINHOLE, is_followed=True, sight=seen).ids == ()
+    for _ in range(500):
+        chosen = references.choose(at(0.25), PINHOLE, is_followed=True, sight=seen)
+        if chosen.ids:
+            break
+        time.sleep(0.02)
+    assert references.node(chosen.ids[0]).experience != NIGHT  # it was begun, and is there a little later
+    references.close()
+
+
+def test_a_localizer_takes_the_experience_that_explains_an_image_better(days, monkeypatch):
+    localizer = Localizer(PARAMS, days)
+    for number in range(6):
+        image = ROOMS[DAY].photograph(PINHOLE, at(0.2 + 0.03 * number), seed=number)
+        localizer.update(image, PINHOLE, 10**9 + number * 10**8)
+    image = ROOMS[NIGHT].photograph(PINHOLE, at(0.38), seed=9)  # the light goes out between two images
+    estimate = localizer.update(image, PINHOLE, 10**9 + 6 * 10**8)
+    assert localizer.references.node(estimate.status.references[0]).experience == NIGHT
+    assert estimate.status.state == "TRACKING"
+    assert estimate.T_map_camera.distance(at(0.38))[0] < 0.01
 
 
 def test_one_experience_is_never_compared(days, monkeypatch):

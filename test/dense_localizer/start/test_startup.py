@@ -157,6 +157,30 @@ def test_what_resembles_nothing_may_be_the_one_place_of_a_range():
     assert decide([candidate(0.51), one, other], SearchParams()).candidate.ncc == 0.51
 
 
+def test_what_resembles_nothing_may_be_the_one_place_that_parts_of_the_view_prove():
+    one, same, other = (candidate(n, x, is_by_parts=True) for n, x in ((0.2, 0.0), (0.1, 0.2), (0.15, 3.0)))
+    by_range = candidate(0.3, 5.0, is_by_range=True)
+    assert decide([by_range, candidate(0.4, 5.0), same, one], SearchParams()).candidate is one
+    assert decide([one, other], SearchParams()).finding.reason is Reason.LOW_OVERLAP
+    assert decide([candidate(0.51), one, other], SearchParams()).candidate.ncc == 0.51
+
+
+def test_a_pose_that_is_given_is_tried_as_it_is(room, room_map):
+    references = References(room_map, PARAMS)
+    search, tried = PoseSearch(references, PARAMS), []
+    given = at(0.3, 0.1, 0.2)
+    search.request(given)
+
+    def note(frame, guess):
+        tried.append(guess)
+        return locate(frame.images, references, PARAMS, guess)
+
+    search.find(LocalizerInput(10**9, images=(RigImage(pyramid_at(room, at(0.3, 0.1, 0.2))),)), note)
+    assert tried[0].T_map_camera is given
+    assert len(tried) > 1
+    references.close()
+
+
 def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):
     params = SearchParams(heading_step_deg=30.0)
     coarse = References(room_map, PARAMS).coarse[0]

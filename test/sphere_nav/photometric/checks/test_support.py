@@ -1,7 +1,6 @@
 """A view of which a part has changed: the parts that have not are found, they hold the pose, a wrong place has none."""
 
 from dataclasses import replace
-from math import comb
 
 import numpy as np
 import pytest
@@ -12,8 +11,7 @@ from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks import support as support_module
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.checks.support import exclude_changes, find_support
-from sphere_nav.photometric.constants import MAX_CHANCE, MIN_SAMPLES
-from sphere_nav.photometric.parts.votes import Votes
+from sphere_nav.photometric.constants import MIN_SAMPLES
 from sphere_nav.photometric.pixels.samples import CameraSamples, sample_views
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import optical
@@ -104,18 +102,24 @@ def test_a_prediction_is_asked_where_the_alignment_was_drawn_away(look):
 
 def test_a_prediction_needs_more_support_than_an_alignment(look, monkeypatch):
     away = TRUTH @ SE3.exp([0.0, 0.0, 0.3, 0.0, 0.05, 0.0])
-    monkeypatch.setattr(support_module, "P_NEAR", 0.26)  # the chance of as many as there are is then about 3e-7
-    assert 1e-7 < look.support(TRUTH).chance < 1e-5
+    chance = look.support(TRUTH).chance
+    monkeypatch.setattr(support_module, "MAX_CHANCE", 2.0 * chance)
+    monkeypatch.setattr(support_module, "MAX_PREDICTED_CHANCE", 0.5 * chance)
+    monkeypatch.setattr(support_module, "register_rig", lambda images, T, params: look.found)  # drawn away again
+    monkeypatch.setattr(support_module, "fit_motion", lambda shifts: None)
     assert look.support(TRUTH).is_proven
     assert not look.support(away, TRUTH).is_proven
 
 
-@pytest.mark.parametrize(("agreeing", "is_proven"), [(12, False), (13, False), (14, True)])
-def test_the_chance_is_binomial_but_for_what_six_numbers_fit(agreeing, is_proven):
-    votes, p = Votes(43, agreeing, [], np.zeros(0, np.int64)), 9 / 169
-    expected = sum(comb(40, k) * p**k * (1 - p) ** (40 - k) for k in range(agreeing - 3, 41))
-    assert votes.chance == pytest.approx(expected, rel=1e-9)
-    assert (votes.chance <= MAX_CHANCE) == is_proven
+def test_a_prediction_that_is_some_centimeters_off_is_moved_as_most_cells_are(look, monkeypatch):
+    away, predicted = TRUTH @ SE3.exp([0.0, 0.0, 0.3, 0.0, 0.05, 0.0]), TRUTH @ SE3.exp([0.03, 0, 0.05, 0, 0.01, 0])
+    assert not look.support(predicted).is_proven
+    monkeypatch.setattr(support_module, "PREDICTED_LEVELS", ())
+    support = look.support(away, predicted)
+    assert support.is_proven
+    assert off(away @ SE3.exp(support.xi)) < 0.005
+    monkeypatch.setattr(support_module, "NUM_TRIED_MOTIONS", 1e60)  # each motion that was tried counts
+    assert not look.support(away, predicted).is_proven
 
 
 def test_a_cell_agrees_within_one_pixel(views):

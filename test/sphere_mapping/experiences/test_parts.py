@@ -1,0 +1,167 @@
+"""Drives joined to a map by parts of their images, where other boxes stand and light turns the contrast."""
+
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sphere_mapping.experiences import joining, parts
+from sphere_mapping.experiences.joining import DriveSphere, join_drive
+from sphere_mapping.experiences.parts import measure_motion_by_parts, refine_by_parts, search_by_parts
+from sphere_mapping.graph.extension import Submap
+from sphere_mapping.graph.keyframes import Track
+from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.photometric import register
+from sphere_nav.spheres.appearance.features import SIZE, Features
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
+from worlds.parked import ParkingRoom, boxes_along
+
+CAMERA = Spherical(384, 192)
+PARAMS = MapperParams()
+REGISTRATION = PARAMS.registration
+BASE = [SE3.from_planar(-2.4 + 0.8 * k, 0.0, 0.0) for k in range(5)]
+DRIVE = [SE3.from_planar(-2.1 + 0.8 * k, 0.15, 0.06) for k in range(4)]
+FAR = SE3.from_planar(5.0, -3.0, 1.2)  # where the drive thinks it began
+NOTHING = Features(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros((0, SIZE), np.uint8))
+
+
+def room(seed, boxes, places):
+    return ParkingRoom(
+        (8.0, 3.0, 1.5), (1.0, 40.0, 40), gain=30.0, seed=seed, boxes=boxes_along(boxes, places, height=1.8)
+    )
+
+
+DAY, NIGHT, ELSEWHERE = room(7, 1, (0.0, 2.0, 4.0)), room(7, 9, (-0.7, 1.2, 3.2)), room(31, 9, (-0.7, 1.2, 3.2))
+
+
+def sphere(world, pose, is_dark):
+    gray, range_m = world.render(CAMERA, pose)
+    gray = gray.astype(np.float32)
+    if is_dark:
+        gray *= 0.6 + 0.4 * np.cos(np.linspace(0.0, 2.0 * np.pi, CAMERA.width))[None, :]
+        gray[:, 60:130] = gray[:, 60:130].max() - gray[:, 60:130]
+    return Sphere(np.clip(gray, 1, 255).astype(np.uint8), range_m.astype(np.float32), CAMERA)
+
+
+def submap(world, poses, first_id, T=None, is_dark=False):
+    """Return a graph in a frame of its own, moved by `T`; its features say nothing."""
+    made = [sphere(world, pose, is_dark) for pose in poses]
+    moved = [(T or SE3.identity()) @ pose for pose in poses]
+    nodes = [KeySphere(first_id + k, k, pose, region_radius_m=2.0) for k, pose in enumerate(moved)]
+    edges = [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, 1e5 * np.eye(6)) for a, b in pairwise(nodes)]
+    index = AppearanceIndex()
+    for node in nodes:
+        index.add(node.id, NOTHING)
+    return Submap(SphereGraph(nodes, edges), index, lambda one: made[one - first_id])
+
+
+@pytest.fixture(scope="module")
+def base():
+    return submap(DAY, BASE, 0)
+
+
+@pytest.fixture(scope="module")
+def night():
+    return submap(NIGHT, DRIVE, 100, FAR, is_dark=True)
+
+
+def ahead(*_):
+    return np.array([0.0])
+
+
+def images(drive):
+    tracks = [Track(node.stamp_ns, node.id, SE3.identity()) for node in drive.graph]
+    return [DriveSphere(one, None, partial(drive.load, one.key_id)) for one in tracks]
+
+
+def off(edge):
+    return (BASE[edge.a].inverse() @ DRIVE[edge.b - 100]).distance(edge.T_a_b)[0]
+
+
+def prepared(part, number):
+    return PreparedSphere(part.load(number), REGISTRATION)
+
+
+def test_a_motion_is_measured_where_gray_levels_lead_away(base, night):
+    a, b = prepared(base, 1), prepared(night, 101)
+    by_levels = register(b.pyramid, [a.at(SE3.identity())], SE3.identity(), REGISTRATION)
+    true = BASE[1].inverse() @ DRIVE[1]
+    assert not by_levels.is_converged or by_levels.T_world_camera.distance(true)[0] > 0.1
+    motion = measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION)
+    assert motion.T_a_b.distance(true)[0] < 0.03
+    assert motion.chance <= 1e-7
+    xi = (motion.T_a_b.inverse() @ true).log()
+    assert xi @ np.linalg.solve(motion.covariance, xi) < 22.5  # chi^2 of 6 at 0.001
+
+
+def test_both_ways_must_be_proven_and_be_one_motion(base, night, monkeypatch):
+    a, b = prepared(base, 1), prepared(night, 101)
+    align = parts.align_parts
+    for way in (0, 1):  # either way not proven
+        calls = []
+
+        def doubtful(*args, way=way, calls=calls):
+            calls.append(0)
+            found = align(*args)
+            return replace(found, chance=1e-6) if len(calls) - 1 == way else found
+
+        monkeypatch.setattr(parts, "align_parts", doubtful)
+        assert measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION) is None
+    calls = []
+
+    def aside(*args):
+        calls.append(0)
+        found = align(*args)
+        moved = found.T_world_body @ SE3.exp([0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
+        return replace(found, T_world_body=moved) if len(calls) == 2 else found
+
+    monkeypatch.setattr(parts, "align_parts", aside)
+    assert measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION) is None
+    assert len(calls) == 2
+
+
+def test_a_drive_is_found_from_nowhere(base, night):
+    edges = search_by_parts(base, night, REGISTRATION, ahead)
+    assert len(edges) >= 3
+    assert max(off(edge) for edge in edges) < 0.05
+
+
+def test_elsewhere_nothing_is_found(base):
+    other = submap(ELSEWHERE, DRIVE, 100, FAR, is_dark=True)
+    assert search_by_parts(base, other, REGISTRATION, ahead) == []
+
+
+def test_joins_are_refined_from_where_the_drive_is_thought_to_be(base, night):
+    placed = SphereGraph(
+        [KeySphere(100 + k, k, pose @ SE3.exp([0.1, -0.1, 0, 0, 0, 0.04])) for k, pose in enumerate(DRIVE)]
+    )
+    edges = refine_by_parts(base, night, placed, REGISTRATION)
+    assert [edge.b for edge in edges] == [100, 101, 102, 103]
+    assert max(off(edge) for edge in edges) < 0.03
+    away = SphereGraph([KeySphere(100 + k, k, SE3.from_planar(20.0 + k, 0.0, 0.0)) for k in range(4)])
+    assert refine_by_parts(base, night, away, REGISTRATION) == []  # beyond the reach of any key sphere
+
+
+def test_a_drive_of_another_day_joins_by_parts_from_a_start_and_from_nowhere(base, night, monkeypatch):
+    monkeypatch.setattr(joining, "fit_both_ways", lambda *_: None)  # ranges say nothing
+    for start, told in (
+        (DRIVE[0] @ SE3.exp([0.2, -0.1, 0, 0, 0, 0.1]), "a start was given"),
+        (None, "key spheres looked up"),
+    ):
+        joined = join_drive(base, night, images(night), PARAMS, start)
+        assert joined.graph is not None, joined.told
+        assert told in joined.told
+        assert "parts of the images agree at 4 of 4 key spheres" in joined.told
+        assert max(joined.graph[100 + k].T_map_sphere.distance(pose)[0] for k, pose in enumerate(DRIVE)) < 0.05
+        assert all(joined.graph[node.id].T_map_sphere is node.T_map_sphere for node in base.graph)  # the map stays
+
+
+def test_a_wrong_start_of_another_place_is_refused(base):
+    other = submap(ELSEWHERE, DRIVE, 100, FAR, is_dark=True)
+    assert join_drive(base, other, images(other), PARAMS, DRIVE[0]).graph is None

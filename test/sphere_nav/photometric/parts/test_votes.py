@@ -1,0 +1,98 @@
+"""Cells of a view: how far each is shifted, which agree, and the chance of as many in a wrong place."""
+
+from math import comb
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.parts.registration import _sampler
+from sphere_nav.photometric.parts.votes import Votes, find_shifts, finest_levels, vote
+from worlds.parked import ParkingRoom, boxes_along
+from worlds.room import optical
+
+PARAMS = RegistrationParams(max_pixels=20_000)
+SPHERE, CAMERA = Spherical(768, 384), Pinhole(240, 180, 165.0, 165.0, 119.5, 89.5)
+TRUTH = optical(SE3.from_planar(-1.7, 0.1, 0.05))
+P_CHANCE = 9 / 289  # nine of 17 x 17 shifts are within a pixel of none
+
+
+@pytest.fixture(scope="module")
+def room():
+    return ParkingRoom((8.0, 3.0, 1.5), (1.0, 40.0, 40), gain=30.0, boxes=boxes_along(1, (0.0, 2.0, 4.0), height=1.8))
+
+
+@pytest.fixture(scope="module")
+def view(room):
+    T = SE3.from_planar(-2.0, 0.0, 0.0)
+    return View(prepare_reference(*room.render(SPHERE, T), SPHERE, PARAMS), T)
+
+
+@pytest.fixture(scope="module")
+def image(room):
+    return build_pyramid(room.photograph(CAMERA, TRUTH, 1), CAMERA, PARAMS.pyramid)
+
+
+def looked(image, view, T_world_body, T_body_camera=None):
+    images = [RigImage(image, T_body_camera, (view,))]
+    return finest_levels(images, PARAMS), _sampler(images, PARAMS)(T_world_body)
+
+
+@pytest.mark.parametrize("mount", [None, SE3.exp([0.3, -0.2, 0.1, 0.2, -0.3, 0.5])])
+@pytest.mark.parametrize(
+    "xi",
+    [
+        (0, 0, 0, 0.0, 0.03, 0),
+        (0, 0, 0, 0.02, 0.0, 0),
+        (0, 0, 0, 0, 0, 0.04),
+        (0.1, 0, 0, 0, 0, 0),
+        (0, 0, 0.15, 0, 0, 0),
+    ],
+)
+def test_cells_are_shifted_as_the_motion_that_is_missing_shifts_them(image, view, mount, xi):
+    T_body = TRUTH if mount is None else TRUTH @ mount.inverse()
+    levels, cameras = looked(image, view, T_body @ SE3.exp(np.array(xi)).inverse(), mount)
+    found = find_shifts(levels, cameras)
+    expected = found.by_pose @ np.array(xi)
+    assert np.abs(expected).max() > 2.0  # px, or nothing has moved
+    near = np.abs(found.shift - expected).max(axis=1) <= 1.5
+    assert near[np.abs(expected).max(axis=1) < 7.0].mean() > 0.75
+
+
+def test_cells_agree_where_the_pose_is_right_and_only_there(image, view):
+    votes = vote(*looked(image, view, TRUTH))
+    assert votes.num_agreeing > 0.85 * votes.num_cells > 30
+    assert votes.chance < 1e-20
+    wrong = vote(*looked(image, view, optical(SE3.from_planar(0.5, 0.5, 0.3))))
+    assert wrong.num_agreeing < 0.2 * wrong.num_cells
+    assert wrong.chance > 1e-2
+
+
+def test_pixels_of_agreeing_cells_are_kept_each_with_its_cell(image, view):
+    levels, cameras = looked(image, view, TRUTH)
+    votes = vote(levels, cameras)
+    kept = sum(len(part.residual) for _, parts in votes.kept for part in parts)
+    assert kept == len(votes.owner)
+    assert len(np.unique(votes.owner)) == votes.num_agreeing
+
+
+@pytest.mark.parametrize(("agreeing", "chance"), [(9, 1.4e-3), (12, 3.1e-6), (14, 2.7e-8)])
+def test_the_chance_is_binomial_but_for_what_six_numbers_fit(agreeing, chance):
+    votes = Votes(43, agreeing, [], np.zeros(0, np.int64))
+    expected = sum(comb(40, k) * P_CHANCE**k * (1 - P_CHANCE) ** (40 - k) for k in range(agreeing - 3, 41))
+    assert votes.chance == pytest.approx(expected, rel=1e-9)
+    assert votes.chance == pytest.approx(chance, rel=0.1)
+
+
+@pytest.mark.parametrize(("number", "agreeing"), [(0, 0), (3, 3), (40, 0), (40, 3)])
+def test_what_a_fit_brings_alone_says_nothing(number, agreeing):
+    assert Votes(number, agreeing, [], np.zeros(0, np.int64)).chance == 1.0
+
+
+def test_no_samples_are_no_cells(image):
+    images = [RigImage(image, None, ())]
+    levels = finest_levels(images, PARAMS)
+    assert vote(levels, [(None, [])]).num_cells == 0
+    assert find_shifts(levels, [(None, [])]).number == 0
