@@ -24,6 +24,7 @@ from sphere_mapping.constants import (
     GUESS_STEP_RAD,
     MAX_AWAY,
     MIN_CONFIRMED_SHARE,
+    MIN_LOCATED_SHARE,
     MIN_RANGE_CONSENT,
     MIN_RANGE_JOINS,
     NUM_ASIDE,
@@ -163,7 +164,9 @@ def find_first(
     located = agreeing(base.graph, drive.graph, list(locate_edges(images)))
     told = f"the localizer placed {len(located)} of {len(drive.graph)} key spheres"
     if located:
-        return First(located, told)
+        first = First(located, told)
+        is_partly = len(located) < MIN_LOCATED_SHARE * len(drive.graph)
+        return (confirm_by_parts(base, drive, first, params) or first) if is_partly else first
     if T_map_start is not None:
         node, anchor = next(iter(drive.graph)), next(iter(base.graph))
         T_a_b = anchor.T_map_sphere.inverse() @ T_map_start
@@ -186,10 +189,11 @@ def _ranges_of(one: Submap, number: int) -> RangeImage:
 
 
 def confirm_by_parts(base: Submap, drive: Submap, first: First, params: MapperParams) -> First | None:
-    """Return the joins that parts of the images say from where the drive is thought to be; None where too few do."""
+    """Return joins by parts of the images from where the drive is thought to be, beside certain ones; None of none."""
     joined = join_graphs(base.graph, drive.graph, first.edges)
-    edges = refine_by_parts(base, drive, joined, params.registration)
-    told = f"{first.told}; parts of the images agree at {len(edges)} of {len(drive.graph)} key spheres"
+    found = refine_by_parts(base, drive, joined, params.registration)
+    told = f"{first.told}; parts of the images agree at {len(found)} of {len(drive.graph)} key spheres"
+    edges = agreeing(base.graph, drive.graph, [*(first.edges if first.is_certain else ()), *found]) if found else []
     return First(edges, told) if edges else None
 
 
