@@ -28,7 +28,13 @@ from sphere_nav.offline.importing.kitti import KittiRecording
 from sphere_nav.offline.pose_bags import read_poses
 
 HELP = "a recorded street in other light: images placed before and after one extension of the map"
-LIGHTS = (("season", 0.6, 12), ("season", 0.85, 12), ("season", 1.0, 12), ("season", 1.0, 13), ("lamp", 1.0, 11))
+LIGHTS: tuple[tuple[str, float, int], ...] = (
+    ("season", 0.6, 12),
+    ("season", 0.85, 12),
+    ("season", 1.0, 12),
+    ("season", 1.0, 13),
+    ("lamp", 1.0, 11),
+)
 MAX_WORSE = 1.5  # error by that of the map of that light alone
 WRONG = 0.5, 5.0  # m, deg: a pose that is wrong
 FARTHEST_M = 80.0  # stereo tells no more of what is beyond

@@ -13,7 +13,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from dense_localizer.inputs import CameraImage, Inputs, LocalizerInput
-from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
+from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.judge.estimate import CameraEstimate, report_estimate, report_status
 from dense_localizer.judge.integrity import Integrity
 from dense_localizer.motion_prior import PosePrior, Prediction
@@ -21,6 +21,7 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, SphereMap
 from dense_localizer.start.search import PoseSearch
 from dense_localizer.track.align import align_rig
+from dense_localizer.track.candidates import find_candidate
 from dense_localizer.track.inter_frame import InterFrame
 from dense_localizer.track.range_support import RangeSupport
 from dense_localizer.track.visual_odometry import VisualOdometry
@@ -72,30 +73,15 @@ class Localizer:
         """Go on by the map, by the last images where it does not fit (M15 section 5.3), else by the prediction."""
         if not (frame.images or frame.depth):
             return self._hold(frame, frame.finding)
-        predictions = self._prior.propose(frame)  # the likeliest first
-        candidate = select_first_accepted(self._locate(frame, prediction) for prediction in predictions)
-        candidate = self._ask_another_experience(frame, candidate)
+        candidate = find_candidate(self._prior.propose(frame), lambda *how: self._locate(frame, *how), self.references)
         candidate = self._visual_odometry.verify(frame, candidate, is_trusted=self._states.is_trusted)
         if not candidate.is_accepted:
             return self._hold(frame, candidate.finding if frame.images else frame.finding, candidate)
         return self._update(frame, candidate)
 
-    def _ask_another_experience(self, frame: LocalizerInput, candidate: PoseCandidate) -> PoseCandidate:
-        """Return the candidate, or where that is not good a better one by key spheres of another day."""
-        if candidate.acceptance.is_good or not candidate.choice.ids:
-            return candidate
-        tried = self.references.node(candidate.choice.ids[0]).experience
-        other = self._locate(frame, candidate.prediction, tried)
-        if not other.is_accepted or other.acceptance.quality <= candidate.acceptance.quality:
-            return candidate
-        self.references.adopt(other.choice)
-        return other
-
-    def _locate(
-        self, frame: LocalizerInput, prediction: Prediction, instead_of: Experience | None = None
-    ) -> PoseCandidate:
+    def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Experience | None = None) -> PoseCandidate:
         """Choose references, align, assess, ask depth: of a prediction, or of a guess of the search."""
-        chosen = self.references.choose_rig(frame.images, prediction, instead_of)
+        chosen = self.references.choose_rig(frame.images, prediction, instead_of=tried)
         alignment = align_rig(chosen, prediction, self.params)
         evidence = self._states.state, self._visual_odometry.usual_ncc
         return self._range_support.support(frame, self._integrity.assess(chosen, alignment, prediction, *evidence))

@@ -38,7 +38,14 @@ from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import PoseBias
-from sphere_nav.photometric.checks.structure import EVERYTHING, NOTHING, Aspect, find_rig_structure, view_residuals
+from sphere_nav.photometric.checks.structure import (
+    EVERYTHING,
+    NOTHING,
+    Aspect,
+    Structure,
+    find_rig_structure,
+    view_residuals,
+)
 from sphere_nav.photometric.checks.support import Support
 from sphere_nav.photometric.constants import GRADIENT_SHARE, MAX_PREDICTED_CHANCE, OCCLUSION_SHARE
 from sphere_nav.photometric.parts.registration import register_parts
@@ -94,18 +101,17 @@ class Integrity:
             return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refusal)
         images, registration = chosen.covered, self._params.registration
         motion = prediction.frame_motion(self._params.camera.readout)
-        structure, biases, remaining = None, list[PoseBias](), np.zeros((6, 6))
-        if not alignment.is_converged:
+        has_failed = not alignment.is_converged
+        if has_failed:
             alignment = align_by_parts(alignment, images, prediction.T_map_camera, registration)
-        due = EVERYTHING if alignment.ncc < FULL_CHECK_NCC * usual_ncc else self.find_due(state)
+        is_unusual = has_failed or alignment.ncc < FULL_CHECK_NCC * usual_ncc
+        due = EVERYTHING if is_unusual else self.find_due(state)
+        structure, is_biased, remaining = None, has_failed, np.zeros((6, 6))
         if alignment.is_converged and due:
             predicted = None if prediction.is_guess else prediction.T_map_camera
             structure = find_rig_structure(images, alignment, registration, motion, due, predicted)
-            biases = [structure.occlusion] if structure.occlusion.share >= OCCLUSION_SHARE else []
-            biases += [structure.illumination] if structure.illumination.share >= GRADIENT_SHARE else []
-            if structure.support.is_proven:
-                alignment = take_support(alignment, structure.support)
-            alignment, remaining = remove_bias(alignment, biases)
+            alignment, remaining, is_pulled = mend(alignment, structure)
+            is_biased = has_failed or is_pulled
         pose = alignment.T_world_camera
         T_sphere_camera = choice.views[0].T_world_reference.inverse() @ pose
         covariance = alignment.covariance + remaining + self._map_error.covariance(choice.ids[0], T_sphere_camera)
@@ -114,10 +120,8 @@ class Integrity:
         if before is not None and acceptance.is_accepted:
             covariance = cover_slip(pose, covariance, before)
         evidence = prediction, choice, acceptance, alignment, motion, images
-        is_changed = structure is not None and structure.support.num_cells > 0  # the next image may slip
-        is_by_parts = structure is not None and structure.support.chance <= MAX_PREDICTED_CHANCE
-        is_biased = bool(biases) or is_changed
-        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts)
+        is_proven = structure is not None and structure.support.chance <= MAX_PREDICTED_CHANCE
+        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=has_failed or is_proven)
 
     def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> None:
         """Begin at a candidate that a search has found."""
@@ -149,6 +153,18 @@ def align_by_parts(
     if found.chance > MAX_PREDICTED_CHANCE:
         return alignment
     return replace(alignment, T_world_camera=found.T_world_body, covariance=found.covariance, reason=GOOD)
+
+
+def mend(alignment: Alignment, structure: Structure) -> tuple[Alignment, NDArray[np.float64], bool]:
+    """Return the alignment without what pulls it, the covariance (6, 6) of what may remain, and whether anything does.
+
+    What has changed may pull the next image, too.
+    """
+    biases = [structure.occlusion] if structure.occlusion.share >= OCCLUSION_SHARE else []
+    biases += [structure.illumination] if structure.illumination.share >= GRADIENT_SHARE else []
+    if structure.support.is_proven:
+        alignment = take_support(alignment, structure.support)
+    return *remove_bias(alignment, biases), bool(biases) or structure.support.num_cells > 0
 
 
 def take_support(alignment: Alignment, support: Support) -> Alignment:

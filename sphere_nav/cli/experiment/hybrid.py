@@ -36,6 +36,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
 from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.spheres.graph import Experience
 
 STEP, PERIOD_NS = 0.28, 200_000_000  # m and ns from image to image: 1.4 m/s at 5 Hz
 WAY = 60.0  # m of the path, with its first bend
@@ -55,9 +56,9 @@ class HybridLocalizer(Localizer):
 
     _last: PoseCandidate | None = None
 
-    def _locate(self, frame: LocalizerInput, prediction: Prediction) -> PoseCandidate:
+    def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Experience | None = None) -> PoseCandidate:
         """As the localiser does, the last image among the references; judged with it."""
-        by_map = chosen = self.references.choose_rig(frame.images, prediction)
+        by_map = chosen = self.references.choose_rig(frame.images, prediction, instead_of=tried)
         if self._last is not None and self._states.is_following:
             chosen = replace(chosen, images=add_last(chosen, self._last, self.params.registration) or chosen.images)
         alignment = align_rig(chosen, prediction, self.params)

@@ -117,9 +117,9 @@ def test_an_alignment_that_failed_in_another_light_is_done_by_parts(reason):
         )
         candidate = Integrity(references, params).assess(chosen, failed, guess)
         assert candidate.is_accepted == is_found
-        assert candidate.is_by_parts == is_found
         if is_found:
-            assert candidate.T_map_camera.distance(pose)[0] < 0.01
+            assert candidate.is_by_parts
+            assert candidate.T_map_camera.distance(pose)[0] < 0.02
     references.close()
 
 

@@ -117,10 +117,9 @@ def test_no_place_is_no_start():
     assert decide([], SearchParams()).finding.reason is Reason.LOW_OVERLAP
 
 
-def candidate(ncc, x=0.0, yaw=0.0, is_good=True, is_by_range=False):
-    return SimpleNamespace(
-        acceptance=SimpleNamespace(is_good=is_good), ncc=ncc, T_map_camera=at(x, 0.0, yaw), is_by_range=is_by_range
-    )
+def candidate(ncc, x=0.0, yaw=0.0, is_good=True, is_by_range=False, is_by_parts=False):
+    by = {"is_by_range": is_by_range, "is_by_parts": is_by_parts}
+    return SimpleNamespace(acceptance=SimpleNamespace(is_good=is_good), ncc=ncc, T_map_camera=at(x, 0.0, yaw), **by)
 
 
 def test_the_best_of_the_good_places_is_chosen_in_whatever_order_they_come():

@@ -15,12 +15,12 @@ from sphere_mapping.experiences.joining import (
     Localized,
     Place,
     _away,
-    _spread,
     guess_headings,
     is_same,
     join_drive,
     locate_edges,
 )
+from sphere_mapping.experiences.parts import spread
 from sphere_mapping.graph.extension import Submap
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
@@ -295,8 +295,8 @@ def test_a_view_is_away_by_the_reach_and_of_a_part_by_its_heading():
 
 def test_key_spheres_are_tried_evenly_over_the_graph():
     graph = SphereGraph(KeySphere(k, k, SE3.identity()) for k in range(10))
-    assert [node.id for node in _spread(graph, 3)] == [0, 4, 8]
-    assert len(_spread(graph, 10)) == len(_spread(graph, 99)) == 10
+    assert [node.id for node in spread(graph, 3)] == [0, 4, 8]
+    assert len(spread(graph, 10)) == len(spread(graph, 99)) == 10
 
 
 def test_the_heading_between_whole_spheres_is_among_the_guesses():
