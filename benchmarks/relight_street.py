@@ -28,7 +28,7 @@ from sphere_nav.offline.importing.kitti import KittiRecording
 from sphere_nav.offline.pose_bags import read_poses
 
 HELP = "a recorded street in other light: images placed before and after one extension of the map"
-LIGHTS: tuple[tuple[str, float, int], ...] = (
+LIGHTS: tuple[tuple[str, float, int], ...] = (  # what, share of the other light, seed of its directions and patches
     ("season", 0.6, 12),
     ("season", 0.85, 12),
     ("season", 1.0, 12),
