@@ -1,10 +1,12 @@
 from dataclasses import replace
 from functools import reduce
 from operator import or_
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from dense_localizer.judge import integrity
 from dense_localizer.judge.acceptance import cover_slip, measure_innovation
 from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
 from dense_localizer.motion_prior import PosePrior, Prediction
@@ -17,6 +19,7 @@ from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.structure import EVERYTHING
+from sphere_nav.photometric.parts.registration import PartsAlignment
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, Run, at, drive, error, make_localizer, make_map
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import Room
@@ -121,6 +124,18 @@ def test_an_alignment_that_failed_in_another_light_is_done_by_parts(reason):
             assert candidate.is_by_parts
             assert candidate.T_map_camera.distance(pose)[0] < 0.02
     references.close()
+
+
+@pytest.mark.parametrize(("chance", "is_taken"), [(9e-8, True), (1.1e-7, False)])
+def test_parts_are_believed_at_one_in_ten_million(monkeypatch, chance, is_taken):
+    failed = SimpleNamespace(reason="OUTLIERS")
+    found = PartsAlignment(at(1.0), np.eye(6), 80, 20, chance)
+    monkeypatch.setattr(integrity, "register_parts", lambda *_: found)
+    monkeypatch.setattr(integrity, "replace", lambda one, **changes: changes)
+    taken = integrity.align_by_parts(failed, [], at(0.0), None)
+    assert (taken is failed) == (not is_taken)
+    if is_taken:
+        assert (taken["T_world_camera"], taken["reason"]) == (found.T_world_body, "")
 
 
 def test_after_a_slip_the_next_image_is_not_held_to_a_motion_that_never_was():

@@ -153,7 +153,10 @@ def test_a_wide_lens_and_a_whole_sphere_are_asked_alike(views):
 def test_the_parts_are_asked_only_where_the_whole_agrees_little(look, views):
     low = find_rig_structure(look.images, look.found, PARAMS, None, Aspect.FIT)
     assert low.agreement > 0.3
+    assert look.found.ncc > 0.5
     assert not low.support.num_cells
+    unlike = find_rig_structure(look.images, replace(look.found, ncc=0.49), PARAMS, None, Aspect.FIT)
+    assert unlike.support.is_proven
     wrong = replace(look.found, T_world_camera=TRUTH @ SE3.exp([0.0, 0.0, 0.3, 0.0, 0.05, 0.0]))
     asked = find_rig_structure(look.images, wrong, PARAMS, None, Aspect.FIT, TRUTH)
     assert asked.agreement < 0.3

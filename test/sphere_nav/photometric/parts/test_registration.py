@@ -58,7 +58,7 @@ def test_another_day_is_aligned_by_its_parts_where_grey_levels_lead_away(night, 
 def test_all_motions_count_that_were_tried(night, view):
     found = register_parts([RigImage(night, views=(view,))], FAR, PARAMS)
     alone = Votes(found.num_cells, found.num_agreeing, [], np.zeros(0, np.int64)).chance
-    assert found.chance == pytest.approx(300 * 3 * alone)  # sets of cells, and levels that are begun with
+    assert found.chance / alone == pytest.approx(300 * 3)  # sets of cells, and levels that are begun with
 
 
 @pytest.mark.parametrize("guess", [(0.5, 0.5, 0.3), (-1.7, 0.1, 1.6), (2.0, -0.5, -0.1)])
