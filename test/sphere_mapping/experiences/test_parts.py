@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.experiences import joining, parts
-from sphere_mapping.experiences.joining import DriveSphere, join_drive
+from sphere_mapping.experiences.joining import DriveSphere, Localized, join_drive
 from sphere_mapping.experiences.parts import measure_motion_by_parts, refine_by_parts, search_by_parts
 from sphere_mapping.graph.extension import Submap
 from sphere_mapping.graph.keyframes import Track
@@ -75,9 +75,10 @@ def ahead(*_):
     return np.array([0.0])
 
 
-def images(drive):
+def images(drive, located=()):
     tracks = [Track(node.stamp_ns, node.id, SE3.identity()) for node in drive.graph]
-    return [DriveSphere(one, None, partial(drive.load, one.key_id)) for one in tracks]
+    found = {100 + k: Localized(0, BASE[0].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=True) for k in located}
+    return [DriveSphere(one, found.get(one.key_id), partial(drive.load, one.key_id)) for one in tracks]
 
 
 def off(edge):
@@ -161,6 +162,14 @@ def test_a_drive_of_another_day_joins_by_parts_from_a_start_and_from_nowhere(bas
         assert "parts of the images agree at 4 of 4 key spheres" in joined.told
         assert max(joined.graph[100 + k].T_map_sphere.distance(pose)[0] for k, pose in enumerate(DRIVE)) < 0.05
         assert all(joined.graph[node.id].T_map_sphere is node.T_map_sphere for node in base.graph)  # the map stays
+
+
+@pytest.mark.parametrize(("located", "is_asked"), [((0, 1), True), ((0, 1, 2), True), ((0, 1, 2, 3), False)])
+def test_where_the_localizer_placed_part_of_a_drive_parts_of_the_images_join_the_rest(base, night, located, is_asked):
+    joined = join_drive(base, night, images(night, located), PARAMS)
+    assert f"the localizer placed {len(located)} of 4" in joined.told
+    assert ("parts of the images agree at 4 of 4 key spheres" in joined.told) == is_asked
+    assert max(joined.graph[100 + k].T_map_sphere.distance(pose)[0] for k, pose in enumerate(DRIVE)) < 0.05
 
 
 def test_a_wrong_start_of_another_place_is_refused(base):
