@@ -32,7 +32,7 @@ from sphere_nav.photometric.constants import (
     PREDICTED_LEVELS,
 )
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.parts.motion import fit_motion
+from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
 from sphere_nav.photometric.parts.votes import find_shifts, finest_levels, vote
 from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.photometric.pixels.samples import Sampler
@@ -119,6 +119,8 @@ def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, params
             break
         T_step = T_step @ SE3.exp(step[:6])
         votes = vote(levels, sampler(T_world_body @ T_step))
+    if votes.chance <= MAX_CHANCE:  # few cells hold a pose no better than they are matched, however alike they pull
+        covariance = covariance + motion_covariance(find_shifts(levels, sampler(T_world_body @ T_step)))
     return Support(votes.num_cells, votes.num_agreeing, votes.chance, T_step.log(), covariance)
 
 

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from dense_localizer.judge import integrity
 from dense_localizer.params import LocalizerParams
 from dense_localizer.track.visual_odometry import Way, make_view
 from sphere_nav.geometry import SE3, Spherical
@@ -12,6 +13,8 @@ from sphere_nav.localization.status import Reason, State
 from sphere_nav.params import build
 from sphere_nav.photometric import View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks import structure
+from sphere_nav.photometric.checks.support import NO_SUPPORT
 from worlds.localizer import PINHOLE, SMALL_IMAGES, Run, at, error, make_localizer, make_map
 from worlds.room import Room, wide_room
 
@@ -91,10 +94,14 @@ def test_a_lamp_that_is_switched_is_driven_through(room_map, is_half):
     states = [estimate.status.state for estimate in estimates]
     assert states[11] is State.TRACKING
     assert all(state in (State.TRACKING, State.DEGRADED) for state in states[11:])
-    errors = [error(estimate, pose)[0] for estimate, pose in zip(estimates[11:], poses[11:], strict=True)]
-    assert max(errors) < 0.1  # the map, fitting again in that light, is pulled; from 0.1 m on it is told, if looked at
+    for estimate, pose in zip(estimates[11:], poses[11:], strict=True):
+        is_by_parts = estimate.candidate is not None and estimate.candidate.is_by_parts
+        assert error(estimate, pose)[0] < (0.15 if is_by_parts else 0.1)  # the map, fitting again there, is pulled
+        if is_by_parts:  # a few cells hold the pose, and it is told how well
+            xi = (estimate.T_map_camera.inverse() @ pose).log()
+            assert xi @ np.linalg.solve(estimate.covariance, xi) < 25.0
     is_blind = ["by the last images alone" in estimate.status.remedy for estimate in estimates]
-    assert sum(is_blind) == 0 if is_half else sum(is_blind) > 20  # half a view is enough for the map
+    assert sum(is_blind) == 0 if is_half else sum(is_blind) > 10  # half a view is enough for the map
     assert states[-1] is State.TRACKING
     for k in np.flatnonzero(is_blind):
         xi = (estimates[k].T_map_camera.inverse() @ poses[k]).log()
@@ -139,7 +146,9 @@ def test_without_the_last_images_the_lamp_ends_the_drive(room_map):
     assert State.LOST in told[12:]
 
 
-def test_a_map_that_stays_hidden_is_told_and_lost_after_the_stated_distance(room_map):
+def test_a_map_that_stays_hidden_is_told_and_lost_after_the_stated_distance(room_map, monkeypatch):
+    monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: alignment)
+    monkeypatch.setattr(structure, "find_support", lambda *_: NO_SUPPORT)  # no part of it is seen, either
     run = Run(wide_room(), make_localizer(room_map, prior__max_blind_m=1.0))
     for pose in way(12):
         run.see(pose, step_ns=STEP_NS)
