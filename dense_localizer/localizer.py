@@ -1,8 +1,8 @@
 """READ FIRST. One image after the other -> pose of the camera in the map (M15 section 5).
 
-For each instant: check the images, predict where they were taken, choose references by distance alone (eq. 17), align
-with two at once (eq. 19), assess, ask depth where images do not do, update the state; before the first pose and after a
-loss, search. Poses leave this package only in TRACKING and DEGRADED. Decisions depend on images and stamps alone.
+For each instant: check the images, predict where they were taken, choose references (eq. 17), align with two at once
+(eq. 19), assess, ask another day's and depth where that does not do, update the state; before the first pose and after
+a loss, search. Poses leave this package only in TRACKING and DEGRADED. Decisions depend on images and stamps alone.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """READ FIRST. A drive in the frame of a map, whatever light it was driven in.
 
 Where the localizer tracked the drive in the map, its poses are joins. Where it did not, places are found by their
-features and aligned by their images, else by their ranges alone, from a given start or from nowhere; what is found is
-refined and checked over all places that both saw. Between joins the drive's own motions hold, with their covariances.
-The map stays where it is.
+features and aligned by their images, by parts of these, else by their ranges alone, from a given start or from nowhere;
+what is found is refined and checked over all places that both saw. Between joins the drive's own motions hold, with
+their covariances. The map stays where it is.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ def join_drive(
 def find_first(
     base: Submap, drive: Submap, images: Sequence[DriveSphere], params: MapperParams, T_map_start: SE3 | None, run: Run
 ) -> First:
-    """Return joins by the localizer, else by a given start, else by features and images."""
+    """Return joins by the localizer, else by a given start, else by features and images, else by parts of these."""
     located = agreeing(base.graph, drive.graph, list(locate_edges(images)))
     told = f"the localizer placed {len(located)} of {len(drive.graph)} key spheres"
     if located:
@@ -182,10 +182,6 @@ def find_first(
     found = search_by_parts(base, drive, params.registration, lambda a, b: guess_headings(load_base(a), load_drive(b)))
     searched = First(found, f"{told}; {joins}")
     return (confirm_by_parts(base, drive, searched, params) or searched) if found else searched
-
-
-def _ranges_of(one: Submap, number: int) -> RangeImage:
-    return RangeImage.from_sphere(one.load(number))
 
 
 def confirm_by_parts(base: Submap, drive: Submap, first: First, params: MapperParams) -> First | None:
