@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import importlib.util
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -51,7 +52,12 @@ os.environ |= {
 
 
 def pytest_configure() -> None:
-    """Refuse to test an installation that is not the checkout's."""
+    """Refuse to test an installation that is not the checkout's; have Ctrl-C end what tests start.
+
+    A shell has what it starts in the background ignore SIGINT, and so would every process that a test starts.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if different := differences():
         more = f" and {len(different) - 1} more" if len(different) > 1 else ""
         pytest.exit(
