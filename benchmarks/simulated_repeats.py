@@ -324,7 +324,8 @@ class Repeats:
                 call("map", bag, "-o", made, "--extend", known, *start, *name, *self._rig(bag))
             except ValueError as error:
                 self.notes.append(f"{drive.name}: {error}")
-                return "refused"
+                if not made.is_dir():  # else some of its spheres were not placed, and the others are in the map
+                    return "refused"
         self.maps.append(made)
         return f"extended to {num_spheres(made)}"
 
