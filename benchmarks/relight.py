@@ -15,7 +15,7 @@ import shutil
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -40,6 +40,10 @@ MAX_WORSE = 1.5  # error by that of the map of that light alone
 WRONG = 0.1, 5.0  # m, deg: a pose that is wrong
 
 
+TITLE = "Images placed, wrong ones, median error"
+COLUMNS = ("light", "map alone", "extension", "after it", "own map", "first light before", "first light after")
+
+
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
     parser.add_argument("--room", type=Path, default=Path("../shared/data/rgbd/redkitchen"), help="7-Scenes folder")
@@ -61,8 +65,7 @@ def run(options: argparse.Namespace) -> Report:
         room = Room(options.room, poses, FRAMES[options.lights], folder)
         own = room.base()
         rows = [room.measure(*light, own, report) for light in chosen]
-    columns = ("light", "map alone", "extension", "after it", "own map", "first light before", "first light after")
-    report.tables.append(Table("Images placed, wrong ones, median error", columns, rows))
+    report.tables.append(Table(TITLE, COLUMNS, rows))
     return report
 
 
@@ -85,14 +88,80 @@ class Placed:
         return f"{tracking}, {self.num_wrong} wrong, {self.median_mm:.1f} mm"
 
 
-class Room:
-    """A recording of a room, and what the commands make of it in a folder."""
+class Drives(NamedTuple):
+    """Names of bags: what extends the map, what is localised in the same light, and in the first one."""
+
+    joined: str
+    driven: str
+    by_day: str
+
+
+class Relit:
+    """A recorded place in several lights, and what the commands make of it in a folder."""
+
+    wrong = WRONG
+    topics: tuple[str, ...] = ()  # words for `localize`, where they are not the usual ones
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def compare(self, light: tuple[str, float, int], drives: Drives, day: Placed, report: Report) -> tuple[str, ...]:
+        """Localise before and after one extension, and in a map of the light alone; add the bounds, return the row."""
+        kind, share, seed = light
+        name = name_of(*light)
+        alone = self.localize("map_day", drives.driven)
+        self._map(drives.joined, f"map_{name}_own")
+        own = self.localize(f"map_{name}_own", drives.driven)
+        said = self._map(drives.joined, f"map_{name}", "--extend", self.folder / "map_day", "--experience", name)
+        if "refused" in said:
+            after, first = Placed(own.num_images, {}, 0, np.nan), day
+        else:
+            after, first = (self.localize(f"map_{name}", one) for one in (drives.driven, drives.by_day))
+        what = f"{kind} {share:.0%}, seed {seed}"
+        report.bounds += [
+            Bound(f"{what}: images placed, at least as by its own map", own.placed, after.placed, "", True),
+            Bound(f"{what}: wrong", 0, after.num_wrong + first.num_wrong, ""),
+            Bound(f"{what}: median error", MAX_WORSE * own.median_mm, after.median_mm, "mm"),
+            Bound(f"{what}: the first light placed", day.placed, first.placed, "", True),
+            Bound(f"{what}: its median error", 1.05 * day.median_mm + 0.05, first.median_mm, "mm"),
+        ]
+        return what, str(alone), said, str(after), str(own), str(day), str(first)
+
+    def _map(self, drive: str, name: str, *words: Any) -> str:
+        """Make a map; return what was said of the joining, or why it was refused."""
+        target = self.folder / name
+        for remains in (target, target.with_name(f"{name}.partial")):
+            shutil.rmtree(remains, ignore_errors=True)
+        anchor = () if words else ("--anchor", "truth")
+        status, said = call("map", self.folder / drive, "-o", target, *anchor, *words)
+        lines = said.replace(f"{self.folder}/", "").strip().splitlines()
+        if status:
+            return f"refused: {lines[-1]}"
+        return next((line for line in lines if line.startswith("joined")), "")
+
+    def localize(self, name: str, drive: str, *words: str) -> Placed:
+        """Localise a drive, judged by its truth; more words for the command."""
+        poses, summary = self.folder / "poses.tum", self.folder / "summary.json"
+        given = "localize", self.folder / name, self.folder / drive, "-o", poses, "--json", summary, "--overwrite"
+        call(*given, *self.topics, *words)
+        found = json.loads(summary.read_text(encoding="utf-8"))
+        if not found["poses"]:
+            return Placed(found["images"], found["states"], 0, np.nan)
+        errors = evaluate_poses(read_tum(poses), read_poses(self.folder / drive, ("ground_truth/pose",))).errors
+        is_wrong = (errors.translation_m > self.wrong[0]) | (np.degrees(errors.rotation_rad) > self.wrong[1])
+        median = 1e3 * float(np.median(errors.translation_m))
+        return Placed(found["images"], found["states"], int(is_wrong.sum()), median)
+
+
+class Room(Relit):
+    """A recording of a room in several lights."""
 
     def __init__(self, data: Path, poses: Path, first: int, folder: Path) -> None:
-        self._data, self._poses, self._first, self.folder = data, poses, first, folder
+        super().__init__(folder)
+        self._data, self._poses, self._first = data, poses, first
         self.recording = open_recording(data, poses)
         self.calibration = self.recording.calibrations[-1]
-        folder.mkdir(parents=True, exist_ok=True)
 
     def base(self) -> Placed:
         """Map the first drive in its own light, localise the third one in it."""
@@ -104,27 +173,11 @@ class Room:
 
     def measure(self, kind: str, share: float, seed: int, day: Placed, report: Report) -> tuple[str, ...]:
         """Measure one light; return its row."""
-        name = f"{kind}{round(100 * share)}_{seed}"
+        name = name_of(kind, share, seed)
         light = self.light(kind, share, seed)
         for number in (1, 2):
             self.drive(name, light, number)
-        alone = self.localize("map_day", f"{name}_2")
-        self._map(f"{name}_1", f"map_{name}_own")
-        own = self.localize(f"map_{name}_own", f"{name}_2")
-        said = self._map(f"{name}_1", f"map_{name}", "--extend", self.folder / "map_day", "--experience", name)
-        if "refused" in said:
-            after, first = Placed(day.num_images, {}, 0, np.nan), day
-        else:
-            after, first = self.localize(f"map_{name}", f"{name}_2"), self.localize(f"map_{name}", "day_2")
-        what = f"{kind} {share:.0%}, seed {seed}"
-        report.bounds += [
-            Bound(f"{what}: images placed, at least as by its own map", own.placed, after.placed, "", True),
-            Bound(f"{what}: wrong", 0, after.num_wrong + first.num_wrong, ""),
-            Bound(f"{what}: median error", MAX_WORSE * own.median_mm, after.median_mm, "mm"),
-            Bound(f"{what}: the first light placed", day.placed, first.placed, "", True),
-            Bound(f"{what}: its median error", 1.05 * day.median_mm + 0.05, first.median_mm, "mm"),
-        ]
-        return what, str(alone), said, str(after), str(own), str(day), str(first)
+        return self.compare((kind, share, seed), Drives(f"{name}_1", f"{name}_2", "day_2"), day, report)
 
     def light(self, kind: str, share: float, seed: int, what: type[Light] = Light) -> Light:
         """Return another light of this room."""
@@ -156,29 +209,10 @@ class Room:
             raise ValueError(f"{bag}: {said}")
         shutil.rmtree(folder)
 
-    def _map(self, drive: str, name: str, *words: Any) -> str:
-        """Make a map; return what was said of the joining, or why it was refused."""
-        target = self.folder / name
-        if target.exists():
-            shutil.rmtree(target)
-        anchor = () if words else ("--anchor", "truth")
-        status, said = call("map", self.folder / drive, "-o", target, *anchor, *words)
-        if status:
-            return f"refused: {said.strip().splitlines()[-1]}"
-        return next((line for line in said.splitlines() if line.startswith("joined")), "")
 
-    def localize(self, name: str, drive: str, *words: str) -> Placed:
-        """Localise a drive, judged by its truth; more words for the command."""
-        poses, summary = self.folder / "poses.tum", self.folder / "summary.json"
-        given = "localize", self.folder / name, self.folder / drive, "-o", poses, "--json", summary, "--overwrite"
-        call(*given, *words)
-        found = json.loads(summary.read_text(encoding="utf-8"))
-        if not found["poses"]:
-            return Placed(found["images"], found["states"], 0, np.nan)
-        errors = evaluate_poses(read_tum(poses), read_poses(self.folder / drive, ("ground_truth/pose",))).errors
-        is_wrong = (errors.translation_m > WRONG[0]) | (np.degrees(errors.rotation_rad) > WRONG[1])
-        median = 1e3 * float(np.median(errors.translation_m))
-        return Placed(found["images"], found["states"], int(is_wrong.sum()), median)
+def name_of(kind: str, share: float, seed: int) -> str:
+    """Return the name of a light, of which bags and maps are named."""
+    return f"{kind}{round(100 * share)}_{seed}"
 
 
 def call(*words: Any) -> tuple[int, str]:

@@ -7,7 +7,6 @@ that light are localised in the map alone, in the extended one, and in a map of 
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import tempfile
 from pathlib import Path
@@ -18,14 +17,11 @@ import numpy as np
 
 from benchmarks.machine import describe
 from benchmarks.other_light import STREET, Gray, Light
-from benchmarks.relight import Placed, call
-from benchmarks.report import Bound, Report, Table
+from benchmarks.relight import COLUMNS, TITLE, Drives, Placed, Relit, call, name_of
+from benchmarks.report import Report, Table
 from benchmarks.rgbd_data import Frame
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline.evaluation import evaluate_poses
 from sphere_nav.offline.importing.kitti import KittiRecording
-from sphere_nav.offline.pose_bags import read_poses
 
 HELP = "a recorded street in other light: images placed before and after one extension of the map"
 LIGHTS: tuple[tuple[str, float, int], ...] = (  # what, share of the other light, seed of its directions and patches
@@ -35,7 +31,6 @@ LIGHTS: tuple[tuple[str, float, int], ...] = (  # what, share of the other light
     ("season", 1.0, 13),
     ("lamp", 1.0, 11),
 )
-MAX_WORSE = 1.5  # error by that of the map of that light alone
 WRONG = 0.5, 5.0  # m, deg: a pose that is wrong
 FARTHEST_M = 80.0  # stereo tells no more of what is beyond
 TOPICS = "--image", "left/image_raw", "--info", "left/camera_info"
@@ -57,20 +52,22 @@ def run(options: argparse.Namespace) -> Report:
         street = Street(options.kitti, options.keep or Path(temporary))
         day = street.base()
         rows = [street.measure(*light, day, report) for light in chosen]
-    columns = ("light", "map alone", "extension", "after it", "own map", "first light before", "first light after")
-    report.tables.append(Table("Images placed, wrong ones, median error", columns, rows))
+    report.tables.append(Table(TITLE, COLUMNS, rows))
     return report
 
 
-class Street:
-    """A recording of a street by a stereo pair, and what the commands make of it in a folder."""
+class Street(Relit):
+    """A recording of a street by a stereo pair in several lights."""
+
+    wrong = WRONG
+    topics = TOPICS
 
     def __init__(self, data: Path, folder: Path) -> None:
-        self._data, self.folder = data, folder
+        super().__init__(folder)
+        self._data = data
         self.recording = KittiRecording(data)
         if self.recording.poses is None:
             raise ValueError(f"{data / 'poses.txt'}: expected the true poses, found none")
-        folder.mkdir(parents=True, exist_ok=True)
 
     def base(self) -> Placed:
         """Map every second pair in its own light, localise the others in it."""
@@ -82,25 +79,9 @@ class Street:
 
     def measure(self, kind: str, share: float, seed: int, day: Placed, report: Report) -> tuple[str, ...]:
         """Measure one light; return its row."""
-        name = f"{kind}{round(100 * share)}_{seed}"
+        name = name_of(kind, share, seed)
         self._drives(name, kind, share, seed)
-        alone = self.localize("map_day", name)
-        self._map(f"{name}_others", f"map_{name}_own")
-        own = self.localize(f"map_{name}_own", name)
-        said = self._map(f"{name}_others", f"map_{name}", "--extend", self.folder / "map_day", "--experience", name)
-        if "refused" in said:
-            after, first = Placed(own.num_images, {}, 0, np.nan), day
-        else:
-            after, first = self.localize(f"map_{name}", name), self.localize(f"map_{name}", "day_others")
-        what = f"{kind} {share:.0%}, seed {seed}"
-        report.bounds += [
-            Bound(f"{what}: images placed, at least as by its own map", own.placed, after.placed, "", True),
-            Bound(f"{what}: wrong", 0, after.num_wrong + first.num_wrong, ""),
-            Bound(f"{what}: median error", MAX_WORSE * own.median_mm, after.median_mm, "mm"),
-            Bound(f"{what}: the first light placed", day.placed, first.placed, "", True),
-            Bound(f"{what}: its median error", 1.05 * day.median_mm + 0.05, first.median_mm, "mm"),
-        ]
-        return what, str(alone), said, str(after), str(own), str(day), str(first)
+        return self.compare((kind, share, seed), Drives(f"{name}_others", name, "day_others"), day, report)
 
     def frame(self, index: int, *, is_left: bool) -> Frame:
         """Return an image with its depth by the pair, and its pose."""
@@ -142,32 +123,6 @@ class Street:
             status, said = call("import", "kitti", data, "-o", self.folder / name, "--frames", frames)
             if status:
                 raise ValueError(f"{name}: {said}")
-
-    def _map(self, drive: str, name: str, *words: Any) -> str:
-        """Make a map; return what was said of the joining, or why it was refused."""
-        target = self.folder / name
-        for remains in (target, target.with_name(f"{name}.partial")):
-            shutil.rmtree(remains, ignore_errors=True)
-        anchor = () if words else ("--anchor", "truth")
-        status, said = call("map", self.folder / drive, "-o", target, *anchor, *words)
-        if status:
-            return f"refused: {said.strip().splitlines()[-1].replace(f'{self.folder}/', '')}"
-        told = next((line for line in said.splitlines() if line.startswith("joined")), "")
-        return told.replace(f"{self.folder}/", "")
-
-    def localize(self, name: str, drive: str) -> Placed:
-        """Localise the left images of a drive, judged by the truth."""
-        poses, summary = self.folder / "poses.tum", self.folder / "summary.json"
-        given = "localize", self.folder / name, self.folder / drive, "-o", poses, "--json", summary, "--overwrite"
-        call(*given, *TOPICS)
-        found = json.loads(summary.read_text(encoding="utf-8"))
-        if not found["poses"]:
-            return Placed(found["images"], found["states"], 0, np.nan)
-        errors = evaluate_poses(read_tum(poses), read_poses(self.folder / drive, ("ground_truth/pose",))).errors
-        is_wrong = (errors.translation_m > WRONG[0]) | (np.degrees(errors.rotation_rad) > WRONG[1])
-        return Placed(
-            found["images"], found["states"], int(is_wrong.sum()), 1e3 * float(np.median(errors.translation_m))
-        )
 
 
 def depth(near: Any, other: Any, focal_m: float) -> Gray:

@@ -104,6 +104,7 @@ class Integrity:
         has_failed = not alignment.is_converged
         if has_failed:
             alignment = align_by_parts(alignment, images, prediction.T_map_camera, registration)
+        is_by_parts = has_failed and alignment.is_converged
         is_unusual = has_failed or alignment.ncc < FULL_CHECK_NCC * usual_ncc
         due = EVERYTHING if is_unusual else self.find_due(state)
         structure, is_biased, remaining = None, has_failed, np.zeros((6, 6))
@@ -121,7 +122,7 @@ class Integrity:
             covariance = cover_slip(pose, covariance, before)
         evidence = prediction, choice, acceptance, alignment, motion, images
         is_proven = structure is not None and structure.support.chance <= MAX_PREDICTED_CHANCE
-        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=has_failed or is_proven)
+        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts or is_proven)
 
     def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> None:
         """Begin at a candidate that a search has found."""

@@ -135,7 +135,7 @@ def join_drive(
 ) -> Joined:
     """Join a drive to a map; `T_map_start` is where its first sphere was, as somebody says, to half a meter."""
     load_base = cache(lambda sphere_id: RangeImage.from_sphere(base.load(sphere_id)))
-    first = find_first(base, drive, images, params, T_map_start, run)
+    first = find_first(base, drive, images, params, T_map_start, run, load_base)
     if not first.edges:
         first = search_by_ranges(base.graph, drive, load_base, first.told)
     told, is_confirmed = first.told, False
@@ -158,7 +158,13 @@ def join_drive(
 
 
 def find_first(
-    base: Submap, drive: Submap, images: Sequence[DriveSphere], params: MapperParams, T_map_start: SE3 | None, run: Run
+    base: Submap,
+    drive: Submap,
+    images: Sequence[DriveSphere],
+    params: MapperParams,
+    T_map_start: SE3 | None,
+    run: Run,
+    load_base: Callable[[int], RangeImage],
 ) -> First:
     """Return joins by the localizer, else by a given start, else by features and images, else by parts of these."""
     located = agreeing(base.graph, drive.graph, list(locate_edges(images)))
@@ -176,9 +182,7 @@ def find_first(
     joins = find_joins(base, drive, params, run)
     if joins.edges:
         return First(joins.edges, f"{told}; {joins}")
-    load_base, load_drive = (
-        cache(lambda number, one=one: RangeImage.from_sphere(one.load(number))) for one in (base, drive)
-    )
+    load_drive = cache(lambda number: RangeImage.from_sphere(drive.load(number)))
     found = search_by_parts(base, drive, params.registration, lambda a, b: guess_headings(load_base(a), load_drive(b)))
     searched = First(found, f"{told}; {joins}")
     return (confirm_by_parts(base, drive, searched, params) or searched) if found else searched

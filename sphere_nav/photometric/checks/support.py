@@ -120,7 +120,7 @@ def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, params
         T_step = T_step @ SE3.exp(step[:6])
         votes = vote(levels, sampler(T_world_body @ T_step))
     if votes.chance <= MAX_CHANCE:  # few cells hold a pose no better than they are matched, however alike they pull
-        covariance = covariance + motion_covariance(find_shifts(levels, sampler(T_world_body @ T_step)))
+        covariance = covariance + motion_covariance(votes.shifts)
     return Support(votes.num_cells, votes.num_agreeing, votes.chance, T_step.log(), covariance)
 
 

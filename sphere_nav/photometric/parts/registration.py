@@ -71,9 +71,8 @@ def _descend(
             if xi is None:
                 break
             T_world_body = T_world_body @ SE3.exp(xi)
-    samples, finest = _sampler(images, params)(T_world_body), finest_levels(images, params)
-    votes = vote(finest, samples)
-    covariance = motion_covariance(find_shifts(finest, samples)) if votes.num_cells else UNKNOWN.copy()
+    votes = vote(finest_levels(images, params), _sampler(images, params)(T_world_body))
+    covariance = motion_covariance(votes.shifts)
     chance = min(votes.chance * NUM_TRIED_MOTIONS * num_begun, 1.0)
     return PartsAlignment(T_world_body, covariance, votes.num_cells, votes.num_agreeing, chance)
 

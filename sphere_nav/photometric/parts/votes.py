@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -41,24 +42,6 @@ LARGEST_PART = 0.49  # px between two shifts, so that rounding gives the shift t
 DERIVATIVE_STEP = 1e-3  # of the range, by which a point is moved; to a hundredth of a pixel
 
 
-@dataclass(frozen=True, eq=False)
-class Votes:
-    """The cells of all images, those that agree, the pixels in them, and the cell of each of these pixels."""
-
-    num_cells: int
-    num_agreeing: int
-    kept: CameraSamples
-    owner: NDArray[np.int64]
-
-    @property
-    def chance(self) -> float:
-        """The probability that as many agree in a wrong place."""
-        from scipy.special import bdtrc  # what only reads bags does without it
-
-        number, agreeing = self.num_cells - FITTED_CELLS, self.num_agreeing - FITTED_CELLS
-        return float(bdtrc(agreeing - 1, number, P_NEAR)) if 0 < agreeing <= number else 1.0
-
-
 class Shifts(NamedTuple):
     """Of N cells how far each is shifted, (N, 2) px, and its derivative (N, 2, 6) by xi of the body."""
 
@@ -69,42 +52,6 @@ class Shifts(NamedTuple):
     def number(self) -> int:
         """How many cells there are."""
         return len(self.shift)
-
-
-def finest_levels(images: Sequence[RigImage], params: RegistrationParams) -> list[Level]:
-    """Return the level of each image that pixels are sampled of."""
-    return [image.pyramid.levels[min(params.pyramid.finest, len(image.pyramid.levels) - 1)] for image in images]
-
-
-def vote(levels: Sequence[Level], cameras: CameraSamples) -> Votes:
-    """Return which cells of each image agree, where its pixels are."""
-    num_cells = num_agreeing = 0
-    kept, owners = [], [np.zeros(0, np.int64)]
-    for index, (level, (place, samples)) in enumerate(zip(levels, cameras, strict=True)):
-        found = _look(level, samples)
-        num_cells, num_agreeing = num_cells + int(found.is_known.sum()), num_agreeing + int(found.agrees.sum())
-        cells = np.split(found.cell, np.cumsum([len(one.residual) for one in samples])[:-1]) if samples else []
-        kept.append((place, [one.where(found.agrees[own]) for one, own in zip(samples, cells, strict=True)]))
-        owners.append(index * COLUMNS * ROWS + found.cell[found.agrees[found.cell]])
-    return Votes(num_cells, num_agreeing, kept, np.concatenate(owners))
-
-
-def find_shifts(levels: Sequence[Level], cameras: CameraSamples) -> Shifts:
-    """Return how far the cells of all images are shifted, and how that depends on the pose."""
-    shifts, by_pose = [np.zeros((0, 2))], [np.zeros((0, 2, 6))]
-    for level, (place, samples) in zip(levels, cameras, strict=True):
-        if not samples:
-            continue
-        found = _look(level, samples)
-        J, points = found.by_point, np.concatenate([one.points for one in samples])
-        J = np.concatenate([-J, J @ hat(points)], axis=-1)  # of exp(-xi) p
-        mean = np.zeros((COLUMNS * ROWS, 2, 6))
-        np.add.at(mean, found.cell, np.nan_to_num(J))
-        mean /= np.maximum(np.bincount(found.cell, minlength=len(mean)), 1)[:, None, None]
-        mean = mean if place is None else mean @ place.inverse().adjoint()
-        shifts.append(found.shift[found.is_known])
-        by_pose.append(mean[found.is_known])
-    return Shifts(np.concatenate(shifts), np.concatenate(by_pose))
 
 
 class _Looked(NamedTuple):
@@ -122,6 +69,74 @@ class _Looked(NamedTuple):
     def agrees(self) -> NDArray[np.bool_]:
         """Which cells agree where they are."""
         return np.asarray(self.is_known & (np.abs(np.rint(self.shift)).max(axis=1) <= NEAR_SHIFT))
+
+
+@dataclass(frozen=True, eq=False)
+class Votes:
+    """The cells of all images, those that agree, the pixels in them, and the cell of each of these pixels."""
+
+    num_cells: int
+    num_agreeing: int
+    kept: CameraSamples
+    owner: NDArray[np.int64]
+    looks: Sequence[_Looked] = ()
+    cameras: CameraSamples = ()
+
+    @cached_property
+    def shifts(self) -> Shifts:
+        """How far the cells of all images are shifted, by what was looked at for the votes."""
+        return _join_shifts(self.looks, self.cameras)
+
+    @property
+    def chance(self) -> float:
+        """The probability that as many agree in a wrong place."""
+        from scipy.special import bdtrc  # what only reads bags does without it
+
+        number, agreeing = self.num_cells - FITTED_CELLS, self.num_agreeing - FITTED_CELLS
+        return float(bdtrc(agreeing - 1, number, P_NEAR)) if 0 < agreeing <= number else 1.0
+
+
+def finest_levels(images: Sequence[RigImage], params: RegistrationParams) -> list[Level]:
+    """Return the level of each image that pixels are sampled of."""
+    return [image.pyramid.levels[min(params.pyramid.finest, len(image.pyramid.levels) - 1)] for image in images]
+
+
+def vote(levels: Sequence[Level], cameras: CameraSamples) -> Votes:
+    """Return which cells of each image agree, where its pixels are."""
+    looks = _look_at_all(levels, cameras)
+    num_cells = num_agreeing = 0
+    kept, owners = [], [np.zeros(0, np.int64)]
+    for index, (found, (place, samples)) in enumerate(zip(looks, cameras, strict=True)):
+        num_cells, num_agreeing = num_cells + int(found.is_known.sum()), num_agreeing + int(found.agrees.sum())
+        cells = np.split(found.cell, np.cumsum([len(one.residual) for one in samples])[:-1]) if samples else []
+        kept.append((place, [one.where(found.agrees[own]) for one, own in zip(samples, cells, strict=True)]))
+        owners.append(index * COLUMNS * ROWS + found.cell[found.agrees[found.cell]])
+    return Votes(num_cells, num_agreeing, kept, np.concatenate(owners), looks, cameras)
+
+
+def find_shifts(levels: Sequence[Level], cameras: CameraSamples) -> Shifts:
+    """Return how far the cells of all images are shifted, and how that depends on the pose."""
+    return _join_shifts(_look_at_all(levels, cameras), cameras)
+
+
+def _look_at_all(levels: Sequence[Level], cameras: CameraSamples) -> list[_Looked]:
+    return [_look(level, samples) for level, (_, samples) in zip(levels, cameras, strict=True)]
+
+
+def _join_shifts(looks: Sequence[_Looked], cameras: CameraSamples) -> Shifts:
+    shifts, by_pose = [np.zeros((0, 2))], [np.zeros((0, 2, 6))]
+    for found, (place, samples) in zip(looks, cameras, strict=True):
+        if not samples:
+            continue
+        J, points = found.by_point, np.concatenate([one.points for one in samples])
+        J = np.concatenate([-J, J @ hat(points)], axis=-1)  # of exp(-xi) p
+        mean = np.zeros((COLUMNS * ROWS, 2, 6))
+        np.add.at(mean, found.cell, np.nan_to_num(J))
+        mean /= np.maximum(np.bincount(found.cell, minlength=len(mean)), 1)[:, None, None]
+        mean = mean if place is None else mean @ place.inverse().adjoint()
+        shifts.append(found.shift[found.is_known])
+        by_pose.append(mean[found.is_known])
+    return Shifts(np.concatenate(shifts), np.concatenate(by_pose))
 
 
 def _look(level: Level, samples: Sequence[Sample]) -> _Looked:

@@ -1,8 +1,7 @@
 """A drive in light that nobody knows is placed by its ranges, by a start, or not at all."""
 
 from dataclasses import replace
-from functools import cache, partial
-from itertools import pairwise
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,24 +20,21 @@ from sphere_mapping.experiences.joining import (
     locate_edges,
 )
 from sphere_mapping.experiences.parts import spread
-from sphere_mapping.graph.extension import Submap
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.spheres.appearance.features import SIZE, Features
-from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.range_alignment import RangeImage
 from sphere_nav.spheres.sphere import Sphere
 from worlds.room import sharp_room
+from worlds.submaps import images_of, submap_of
 
 CAMERA = Spherical(160, 110, 512.0, 176.0, 60.0)
 BASE = [SE3.from_planar(0.3 * k, 0.1, 0.3 + 0.1 * k) for k in range(3)]
 DRIVE = [SE3.from_planar(0.05 + 0.3 * k, 0.05, 0.32 + 0.1 * k) for k in range(3)]
 
 
-NOTHING = Features(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros((0, SIZE), np.uint8))
 FAR = SE3.from_planar(5.0, -3.0, 1.2)  # where the drive thinks it began
 HALF = np.array([3.5, 2.5, 1.5])
 NODE = KeySphere(0, 0, SE3.identity())
@@ -65,21 +61,7 @@ class Cave:
 
 
 def submap(cave, poses, first_id, T=None, is_dark=False):
-    """Return a graph in a frame of its own, moved by `T`; its features say nothing."""
-    moved = [(T or SE3.identity()) @ pose for pose in poses]
-    nodes = [KeySphere(first_id + k, k, pose, region_radius_m=2.0) for k, pose in enumerate(moved)]
-    edges = [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, 1e5 * np.eye(6)) for a, b in pairwise(nodes)]
-    index = AppearanceIndex()
-    for node in nodes:
-        index.add(node.id, NOTHING)
-    return Submap(SphereGraph(nodes, edges), index, lambda one: cave.sphere(poses[one - first_id], is_dark))
-
-
-def images(drive, located=None):
-    """Return the key spheres of a drive as its images, some of them located."""
-    found = located or {}
-    tracks = [Track(node.stamp_ns, node.id, SE3.identity()) for node in drive.graph]
-    return [DriveSphere(one, found.get(one.key_id), partial(drive.load, one.key_id)) for one in tracks]
+    return submap_of(lambda k: cave.sphere(poses[k], is_dark), poses, first_id, T)
 
 
 def worst_m(joined):
@@ -97,7 +79,7 @@ def night():
 
 
 def test_a_drive_in_unknown_light_is_placed_by_ranges(base, night):
-    joined = join_drive(base, night, images(night), MapperParams())
+    joined = join_drive(base, night, images_of(night), MapperParams())
     assert joined.graph is not None, joined.told
     assert worst_m(joined) < 0.01
     assert all(joined.graph[node.id].T_map_sphere is node.T_map_sphere for node in base.graph)  # the map stays
@@ -106,11 +88,11 @@ def test_a_drive_in_unknown_light_is_placed_by_ranges(base, night):
 
 def test_a_given_start_needs_to_be_about_right(base, night):
     near = DRIVE[0] @ SE3.exp([0.2, -0.15, 0.0, 0.0, 0.0, 0.15])
-    joined = join_drive(base, night, images(night), MapperParams(), near)
+    joined = join_drive(base, night, images_of(night), MapperParams(), near)
     assert joined.graph is not None, joined.told
     assert worst_m(joined) < 0.01
     wrong = SE3.from_planar(-2.0, 1.0, 0.0) @ DRIVE[0]
-    assert join_drive(base, night, images(night), MapperParams(), wrong).graph is None
+    assert join_drive(base, night, images_of(night), MapperParams(), wrong).graph is None
 
 
 @pytest.mark.parametrize(
@@ -130,7 +112,7 @@ def test_a_place_counts_where_ranges_fit_and_joins_where_both_ways_agree(monkeyp
 
     monkeypatch.setattr(joining, "fit_both_ways", fit_but)
     monkeypatch.setattr(joining, "reconcile", lambda *ways: None if calls[-1] in slide else agree(*ways))
-    joined = join_drive(known, drive, images(drive), MapperParams(), poses[0])
+    joined = join_drive(known, drive, images_of(drive), MapperParams(), poses[0])
     num_alike = 5 - len(unlike)
     assert f"ranges fit at {num_alike} of 5 places, {num_alike - len(slide)} tell where" in joined.told
     assert (joined.graph is not None) == is_joined
@@ -170,7 +152,7 @@ def test_a_start_that_is_half_a_meter_off_is_mended_step_by_step():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(joining, "fit_both_ways", fit_but)
-        joined = join_drive(known, drive, images(drive), MapperParams(), poses[0] @ SE3.from_planar(0.3, -0.2, 0.1))
+        joined = join_drive(known, drive, images_of(drive), MapperParams(), poses[0] @ SE3.from_planar(0.3, -0.2, 0.1))
     assert joined.graph is not None, joined.told
     off = [float(joined.graph[100 + k].T_map_sphere.distance(pose)[0]) for k, pose in enumerate(poses)]
     assert max(off) < 0.01
@@ -179,7 +161,7 @@ def test_a_start_that_is_half_a_meter_off_is_mended_step_by_step():
 def test_ranges_fit_best_where_the_drive_was(base, night):
     true = SphereGraph(KeySphere(100 + k, k, pose) for k, pose in enumerate(DRIVE))
     load_base = cache(lambda one: RangeImage.from_sphere(base.load(one)))
-    places = joining.find_places(base.graph, true, images(night), load_base)
+    places = joining.find_places(base.graph, true, images_of(night), load_base)
     assert [place.node.id for place in places] == [0, 1, 2]
     assert joining.find_rival(places, load_base) == 0.0
     moved = [replace(place, T_node_image=place.moved(np.array([0.0, -0.5, 0.0]))) for place in places]
@@ -218,24 +200,24 @@ def test_a_place_is_moved_along_the_axes_of_the_map(base):
 
 def test_a_drive_that_fits_better_beside_is_refused_unless_the_localizer_saw_it(base, night, monkeypatch):
     monkeypatch.setattr(joining, "find_rival", lambda *_: 2.0)
-    joined = join_drive(base, night, images(night), MapperParams(), DRIVE[0])
+    joined = join_drive(base, night, images_of(night), MapperParams(), DRIVE[0])
     assert joined.graph is None
     assert joined.told.endswith("3 tell where; ranges fit as well 2 m away")
     sure = {100 + k: Localized(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=True) for k in (0, 1)}
-    assert join_drive(base, night, images(night, sure), MapperParams()).graph is not None
+    assert join_drive(base, night, images_of(night, sure), MapperParams()).graph is not None
 
 
 def test_elsewhere_and_where_all_corners_are_alike_nothing_is_joined(base):
     elsewhere = submap(Cave(seed=9), DRIVE, 100, FAR, is_dark=True)
-    assert join_drive(base, elsewhere, images(elsewhere), MapperParams()).graph is None
+    assert join_drive(base, elsewhere, images_of(elsewhere), MapperParams()).graph is None
 
 
 def test_what_the_localizer_placed_counts_before_all(base, night):
     """Two of three key spheres, as the localizer saw them: the others by the drive's own motions and by ranges."""
     sure = {100 + k: Localized(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=k != 2) for k in (0, 1, 2)}
-    edges = list(locate_edges(images(night, sure)))
+    edges = list(locate_edges(images_of(night, sure)))
     assert [(edge.a, edge.b) for edge in edges] == [(0, 100), (1, 101)]  # it was not sure of the third
-    joined = join_drive(base, night, images(night, sure), MapperParams())
+    joined = join_drive(base, night, images_of(night, sure), MapperParams())
     assert "placed 2 of 3" in joined.told
     assert worst_m(joined) < 0.01
 

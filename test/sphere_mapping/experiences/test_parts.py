@@ -1,26 +1,21 @@
 """Drives joined to a map by parts of their images, where other boxes stand and light turns the contrast."""
 
 from dataclasses import replace
-from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from sphere_mapping.experiences import joining, parts
-from sphere_mapping.experiences.joining import DriveSphere, Localized, join_drive
+from sphere_mapping.experiences.joining import Localized, join_drive
 from sphere_mapping.experiences.parts import measure_motion_by_parts, refine_by_parts, search_by_parts
-from sphere_mapping.graph.extension import Submap
-from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.photometric import register
-from sphere_nav.spheres.appearance.features import SIZE, Features
-from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 from worlds.parked import ParkingRoom, boxes_along
+from worlds.submaps import images_of, submap_of
 
 CAMERA = Spherical(384, 192)
 PARAMS = MapperParams()
@@ -28,7 +23,6 @@ REGISTRATION = PARAMS.registration
 BASE = [SE3.from_planar(-2.4 + 0.8 * k, 0.0, 0.0) for k in range(5)]
 DRIVE = [SE3.from_planar(-2.1 + 0.8 * k, 0.15, 0.06) for k in range(4)]
 FAR = SE3.from_planar(5.0, -3.0, 1.2)  # where the drive thinks it began
-NOTHING = Features(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), np.zeros((0, SIZE), np.uint8))
 
 
 def room(seed, boxes, places):
@@ -50,15 +44,8 @@ def sphere(world, pose, is_dark):
 
 
 def submap(world, poses, first_id, T=None, is_dark=False):
-    """Return a graph in a frame of its own, moved by `T`; its features say nothing."""
     made = [sphere(world, pose, is_dark) for pose in poses]
-    moved = [(T or SE3.identity()) @ pose for pose in poses]
-    nodes = [KeySphere(first_id + k, k, pose, region_radius_m=2.0) for k, pose in enumerate(moved)]
-    edges = [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, 1e5 * np.eye(6)) for a, b in pairwise(nodes)]
-    index = AppearanceIndex()
-    for node in nodes:
-        index.add(node.id, NOTHING)
-    return Submap(SphereGraph(nodes, edges), index, lambda one: made[one - first_id])
+    return submap_of(made.__getitem__, poses, first_id, T)
 
 
 @pytest.fixture(scope="module")
@@ -76,9 +63,9 @@ def ahead(*_):
 
 
 def images(drive, located=()):
-    tracks = [Track(node.stamp_ns, node.id, SE3.identity()) for node in drive.graph]
-    found = {100 + k: Localized(0, BASE[0].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=True) for k in located}
-    return [DriveSphere(one, found.get(one.key_id), partial(drive.load, one.key_id)) for one in tracks]
+    return images_of(
+        drive, {100 + k: Localized(0, BASE[0].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=True) for k in located}
+    )
 
 
 def off(edge):
