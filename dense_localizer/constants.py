@@ -103,7 +103,7 @@ MIN_LIGHT_AGREEMENT, MAX_PREDICTED = 0.3, 2  # where light changes at once: mean
 MAX_LEVEL_PIXELS = 2.0  # of the pixels aligned: to make a reference of more takes longer than to align it
 ANY_MAD = 255.0  # grey levels: the map may differ as it likes, references count by the inverse of their residuals
 
-# Search, M15 section 5.4 (start/test_startup, references/test_recognition)
+# Search, M15 section 5.4 (start/test_startup, start/test_by_parts, references/test_recognition)
 NUM_RETRIEVED, NUM_MATCHED, MIN_POSE_INLIERS = 12, 6, 6  # spheres by appearance; of them by features; features
 TILT_STEP_DEG, SIDE_STEP_DEG = 12.0, 15.0  # above and below, beside the heading of a partial sphere
 ROLL_STEP_DEG = 45.0  # about the axis of a camera that nobody has found upright; alignment reaches half of it
@@ -112,6 +112,7 @@ MAX_PITCH_RAD = 1.2  # 70 deg: steeper, a mounting is of optical axes
 FORWARD_STEP = 0.2  # before and behind a center, as share of the range
 NUM_COMPARED_POINTS, MIN_COMPARED_POINTS = 600, 20  # of a sphere with the image; visible, below which nothing is said
 NUM_ALIGNED, NUM_VERIFIED = 30, 4  # best guesses that are aligned coarsely, and of them at full resolution
+NUM_LAID_OUT, NUM_HEADINGS, NUM_BY_PARTS = 48, 2, 6  # spheres compared by edges; headings of each; best ones aligned
 NUM_TURNED = 4  # spheres in which an image is compared at all turns about its axis, where no features place it
 NUM_NEAR = 6  # key spheres around a given or lost pose
 SAME_POSE_M, SAME_POSE_DEG = 0.3, 10.0  # candidates closer than this are one

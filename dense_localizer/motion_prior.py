@@ -32,7 +32,7 @@ from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric.align.judgement import UNKNOWN
-from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav.spheres.graph import Experience, SphereGraph
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,19 @@ class Prediction:
     is_fallback: bool = False  # made because a likelier one failed
     is_guess: bool = False  # of a search: the pose may be any other
     is_near: bool = False  # of a search near a pose that was given or lost
+    experience: Experience | None = None  # of a guess: whose key spheres parts of the view resemble
     T_map_aligned: SE3 | None = None  # pose of the last alignment
     growth: Array | None = None  # covariance (6, 6) of the motion since then
 
     @staticmethod
-    def guess(T_map_camera: SE3, *, is_near: bool = False) -> Prediction:
+    def guess(T_map_camera: SE3, *, is_near: bool = False, experience: Experience | None = None) -> Prediction:
         """Return a pose to try of which nothing else is known."""
-        return Prediction(T_map_camera, UNKNOWN, 0, is_guess=True, is_near=is_near)
+        return Prediction(T_map_camera, UNKNOWN, 0, is_guess=True, is_near=is_near, experience=experience)
+
+    @property
+    def asks_parts(self) -> bool:
+        """Whether it is likely enough for parts of the view to be asked where grey levels do not align."""
+        return not self.is_guess or self.is_near or self.experience is not None
 
     @property
     def finding(self) -> Finding:

@@ -102,14 +102,14 @@ class Integrity:
         images, registration = chosen.covered, self._params.registration
         motion = prediction.frame_motion(self._params.camera.readout)
         has_failed = not alignment.is_converged
-        if has_failed:
+        if has_failed and prediction.asks_parts:
             alignment = align_by_parts(alignment, images, prediction.T_map_camera, registration)
         is_by_parts = has_failed and alignment.is_converged
         is_unusual = has_failed or alignment.ncc < FULL_CHECK_NCC * usual_ncc
         due = EVERYTHING if is_unusual else self.find_due(state)
         structure, is_biased, remaining = None, has_failed, np.zeros((6, 6))
         if alignment.is_converged and due:
-            predicted = None if prediction.is_guess else prediction.T_map_camera
+            predicted = prediction.T_map_camera if prediction.asks_parts else None
             structure = find_rig_structure(images, alignment, registration, motion, due, predicted)
             alignment, remaining, is_pulled = mend(alignment, structure)
             is_biased = has_failed or is_pulled

@@ -79,3 +79,10 @@ class CoarseReferences(dict[int, CoarseReference]):
 def limit_levels(params: RegistrationParams) -> RegistrationParams:
     """Return the parameters with as many levels as small spheres have."""
     return replace(params, pyramid=replace(params.pyramid, num_levels=NUM_COARSE_LEVELS, finest=0))
+
+
+@cache
+def stop_at(finest: int, params: RegistrationParams) -> RegistrationParams:
+    """Return the parameters of an alignment that stops at the level `finest`."""
+    pyramid = replace(params.pyramid, finest=max(0, finest))
+    return replace(params, pyramid=pyramid, max_iterations_fine=params.max_iterations_coarse)

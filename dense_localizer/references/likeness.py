@@ -28,13 +28,14 @@ from sphere_nav.spheres.graph import Experience, KeySphere
 class Sight(NamedTuple):
     """The coarsest level of the image, where it is thought to be, and whether the last image was accepted.
 
-    `instead_of`: the experience that has been tried with this image, and did not do.
+    `instead_of`: the experience that has been tried with this image, and did not do; `wanted`: that which is asked for.
     """
 
     level: Level
     T_map_camera: SE3
     is_followed: bool
     instead_of: Experience | None = None
+    wanted: Experience | None = None
 
 
 class ExperienceChoice:
@@ -56,6 +57,9 @@ class ExperienceChoice:
         Where the last image was not followed by one, all are compared, and this image alone decides; among those that
         look nearly alike that of the first drive, by whose key spheres later ones were placed.
         """
+        if sight.wanted is not None and sight.wanted in within_reach:
+            self.current = sight.wanted
+            return self.current
         current = self.current
         if current is None or current not in within_reach or not sight.is_followed:
             self._means = {one: self.compare(node, sight) for one, node in within_reach.items()}

@@ -163,7 +163,7 @@ class References:
         for one in images:
             T_map_camera = one.pose(prediction.T_map_camera)
             is_sure = is_followed and not prediction.is_fallback
-            sight = Sight(one.pyramid.levels[-1], T_map_camera, is_sure, instead_of)
+            sight = Sight(one.pyramid.levels[-1], T_map_camera, is_sure, instead_of, prediction.experience)
             choices.append(self.choose(T_map_camera, one.pyramid.cameras[0], is_followed=is_followed, sight=sight))
         chosen = tuple(replace(one, views=choice.views) for one, choice in zip(images, choices, strict=True))
         return RigChoice(chosen, Choice.merge(choices))
@@ -219,8 +219,9 @@ class References:
         return [node for node in nodes if node.experience == chosen]
 
     def adopt(self, choice: Choice) -> None:
-        """Go on with the experience of references that explained an image."""
-        self._experience.adopt(self.node(choice.ids[0]).experience)
+        """Go on with the experience of references that explained an image, if there were any."""
+        if choice.ids:
+            self._experience.adopt(self.node(choice.ids[0]).experience)
 
     def count_rejections(self, place_map: NDArray[np.float64], residuals: Iterable[Residuals]) -> None:
         """Count which squares of key spheres do not agree with an image; forget those that never do."""

@@ -23,6 +23,7 @@ from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.ros.run import return_free_memory, run
+from sphere_nav.spheres.appearance.headings import warm_up as warm_up_headings
 
 
 class DenseLocalizerNode(LocalizerNode):
@@ -36,6 +37,7 @@ class DenseLocalizerNode(LocalizerNode):
     def configure(self) -> None:
         """Open topics, services and the map."""
         warm_up()
+        warm_up_headings()
         self.localizer: Localizer | None = None
         self.drive: DriveRecorder | None = None
         self.maps = Maps(self.endpoints, self.use_map)

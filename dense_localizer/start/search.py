@@ -66,6 +66,7 @@ class PoseSearch:
             result = decide([locate(frame, guess) for guess in guesses], self._params)
             self._finding = result.finding
             if result.candidate is not None:
+                self._references.adopt(result.candidate.choice)
                 break
         return result
 
@@ -85,6 +86,8 @@ class PoseSearch:
             self._next_ns = frame.stamp_ns + int(SEARCH_PERIOD_S * 1e9)
             yield list(map(Prediction.guess, self._startup.propose(frame.images, self.T_base_body)))
             if self._finding.reason is not Reason.AMBIGUOUS:
+                by_parts = self._startup.propose_by_parts(frame.images, self.T_base_body)
+                yield [Prediction.guess(pose, experience=experience) for pose, experience in by_parts]
                 yield list(map(Prediction.guess, self._startup.propose_turned(frame.images, self.T_base_body)))
 
     def _check(self, T_map_camera: SE3) -> None:

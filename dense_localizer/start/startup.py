@@ -9,8 +9,6 @@ align at full resolution with two references. A result that another place explai
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -27,31 +25,22 @@ from dense_localizer.constants import (
     NUM_TURNED,
     NUM_VERIFIED,
     ROLL_STEP_DEG,
-    SAME_POSE_DEG,
-    SAME_POSE_M,
     SIDE_STEP_DEG,
     TILT_STEP_DEG,
 )
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.params import LocalizerParams, SearchParams
-from dense_localizer.references.coarse_reference import CoarseReference
+from dense_localizer.references.coarse_reference import CoarseReference, stop_at
 from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.recognition import Recognition, find_body_axes
 from dense_localizer.references.reference import References
+from dense_localizer.start.by_parts import PartsSearch
+from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.localization.status import FINE, Finding, Reason
-from sphere_nav.photometric import RegistrationParams, View, register
+from sphere_nav.photometric import View, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.spheres.graph import KeySphere
-
-
-@dataclass(frozen=True)
-class Guess:
-    """A pose to try against one key sphere, and how well the image resembled it there."""
-
-    node: KeySphere
-    T_map_camera: SE3
-    ncc: float = -1.0
+from sphere_nav.spheres.graph import Experience, KeySphere
 
 
 class SearchResult(NamedTuple):
@@ -67,6 +56,7 @@ class Startup:
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references = references
         self._params = params
+        self._by_parts = PartsSearch(references, params.registration)
         self._count = 0
 
     def propose(self, images: Sequence[RigImage], T_base_body: SE3 | None = None) -> list[SE3]:
@@ -92,6 +82,17 @@ class Startup:
         if len(self._references.appearance):
             nodes, placed = self._recognize(seen, [upright, *attitudes])
         return self._refine(seen, placed or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
+
+    def propose_by_parts(
+        self, images: Sequence[RigImage], T_base_body: SE3 | None = None
+    ) -> list[tuple[SE3, Experience]]:
+        """Compare edges of the image with key spheres: in another light grey levels do not say where, nor features.
+
+        Return with each pose the experience that the image resembles there.
+        """
+        seen = images[(self._count - 1) % len(images)]
+        found = self._by_parts.propose(seen, find_attitude(seen, T_base_body))
+        return [(seen.body(one.T_map_camera), one.node.experience) for one in select_distinct(found, NUM_VERIFIED)]
 
     def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
         """Return the key spheres that look like the image, and where its features place it."""
@@ -130,7 +131,7 @@ class Startup:
 
     def _refine(self, seen: RigImage, guesses: Sequence[Guess]) -> list[SE3]:
         aligned = select_best([self._align(seen, guess) for guess in guesses], len(guesses))
-        return [seen.body(guess.T_map_camera) for guess in self._select_distinct(aligned)]
+        return [seen.body(guess.T_map_camera) for guess in select_distinct(aligned, NUM_VERIFIED)]
 
     def _align(self, seen: RigImage, guess: Guess) -> Guess:
         """Return a guess after alignment at the coarsest levels."""
@@ -139,21 +140,6 @@ class Startup:
         found = register(seen.pyramid, [view], guess.T_map_camera, params)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
         return Guess(guess.node, found.T_world_camera, float(score))
-
-    def _select_distinct(self, guesses: Sequence[Guess]) -> list[Guess]:
-        """Return the first few guesses that are different places."""
-        kept: list[Guess] = []
-        for guess in guesses:
-            if len(kept) == NUM_VERIFIED:
-                break
-            if not any(is_same_pose(guess.T_map_camera, other.T_map_camera) for other in kept):
-                kept.append(guess)
-        return kept
-
-
-def select_best(guesses: Sequence[Guess], count: int) -> list[Guess]:
-    """Return the guesses that resemble the image most; equal ones stay in the order of the map."""
-    return sorted(guesses, key=lambda guess: -guess.ncc)[:count]
 
 
 def find_attitude(seen: RigImage, T_base_body: SE3 | None) -> SE3:
@@ -195,19 +181,6 @@ def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camer
     advanced = SE3.from_parts(np.eye(3), np.stack([forward, zero, zero], axis=-1))
     rolled = SE3.from_angles(float(roll), 0.0, 0.0, np.zeros(3))
     return turned @ raised @ advanced @ rolled @ find_body_axes(camera)
-
-
-@cache
-def stop_at(finest: int, params: RegistrationParams) -> RegistrationParams:
-    """Return the parameters of an alignment that stops at the level `finest`."""
-    pyramid = replace(params.pyramid, finest=max(0, finest))
-    return replace(params, pyramid=pyramid, max_iterations_fine=params.max_iterations_coarse)
-
-
-def is_same_pose(a: SE3, b: SE3) -> bool:
-    """Say whether two poses are one place."""
-    distance, angle = a.distance(b)
-    return bool(distance < SAME_POSE_M and angle < np.radians(SAME_POSE_DEG))
 
 
 def decide(candidates: Sequence[PoseCandidate], params: SearchParams) -> SearchResult:

@@ -18,6 +18,7 @@ from sphere_mapping.acquisition import kernels as acquisition
 from sphere_mapping.acquisition.range.sweep import warm_up as warm_up_sweep
 from sphere_nav import kernel_cache, photometric
 from sphere_nav.kernel_cache.folder import PACKAGES, cache_folder, cache_root, remove_old
+from sphere_nav.spheres.appearance.headings import warm_up as warm_up_headings
 from sphere_nav.view_synthesis.warm_up import warm_up as warm_up_view
 
 
@@ -30,6 +31,7 @@ def warm_up_registration() -> None:
     """One after the other: kernels of view synthesis call those of registration."""
     photometric.warm_up()
     warm_up_view()
+    warm_up_headings()
 
 
 def warm_up_acquisition() -> None:

@@ -56,3 +56,13 @@ SURFACE_RATIO = 1.1  # ranges within this ratio of the nearest in a block are on
 PLACE_REACH = 0.5  # of the radius of a region: key spheres so near each other are of one place
 PLACE_TURN = 0.6  # rad between views of one place, where spheres do not see in every direction
 FADING = 0.5  # weight of what a key sphere explained, with each later drive: the last few decide
+
+# Headings at which an image looks as in a sphere, in any light (appearance/test_headings)
+GRID_WIDTH = 256  # columns of the grid: 1.4 degrees
+MAX_GRID_ELEVATION = np.radians(60.0)  # nearer to the poles nothing tells headings apart
+CELL_SIDE = 10  # of the grid: 14 degrees
+CELL_REACH = (4, 2)  # columns and rows by which a cell may lie beside its place: the viewpoint differs
+SOFT_GRADIENT = 2.0  # grey levels over two columns, at which a gradient counts half
+STRONG_SHARE = 0.5  # of the gradients of a view, the strongest, that are compared
+MIN_CELL_EDGES = 8  # of a cell, to be asked
+APART_TURNS = 10  # columns between two headings that are two

@@ -20,6 +20,7 @@ from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.structure import EVERYTHING
 from sphere_nav.photometric.parts.registration import PartsAlignment
+from sphere_nav.spheres.graph import Experience
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, Run, at, drive, error, make_localizer, make_map
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import Room
@@ -113,7 +114,7 @@ def test_an_alignment_that_failed_in_another_light_is_done_by_parts(reason):
     pose = at(-1.7, 0.1, 0.1)
     images = [RigImage(build_pyramid(other.photograph(PINHOLE, pose, 1), PINHOLE, params.registration.pyramid))]
     for off, is_found in ((SE3.exp([0.03, 0.0, 0.04, 0.0, 0.01, 0.0]), True), (SE3.from_planar(1.5, 0.4, 0.5), False)):
-        guess = Prediction.guess(pose @ off)
+        guess = Prediction.guess(pose @ off, is_near=True)
         chosen = references.choose_rig(images, guess)
         failed = replace(
             align_rig(chosen, guess, params), T_world_camera=pose @ SE3.exp([0.5, 0, 0, 0, 0, 0]), reason=reason
@@ -136,6 +137,29 @@ def test_parts_are_believed_at_one_in_ten_million(monkeypatch, chance, is_taken)
     assert (taken is failed) == (not is_taken)
     if is_taken:
         assert (taken["T_world_camera"], taken["reason"]) == (found.T_world_body, "")
+
+
+@pytest.mark.parametrize(
+    ("how", "is_asked"),
+    [({}, False), ({"is_near": True}, True), ({"experience": Experience("snow")}, True)],
+    ids=["any", "near", "by parts"],
+)
+def test_parts_are_asked_only_of_likely_guesses(room, room_map, monkeypatch, how, is_asked):
+    params = build(LocalizerParams, SMALL_IMAGES)
+    references, asked = References(room_map, params), []
+    find, fail = integrity.find_rig_structure, integrity.align_by_parts
+    monkeypatch.setattr(integrity, "find_rig_structure", lambda *args: asked.append(args[-1]) or find(*args))
+    monkeypatch.setattr(integrity, "align_by_parts", lambda *args: asked.append("failed") or fail(*args))
+    images = [RigImage(build_pyramid(room.photograph(PINHOLE, at(0.2)), PINHOLE, params.registration.pyramid))]
+    guess = Prediction.guess(at(0.21), **how)
+    chosen = references.choose_rig(images, guess)
+    alignment = align_rig(chosen, guess, params)
+    for one in (alignment, replace(alignment, reason="OUTLIERS")):
+        Integrity(references, params).assess(chosen, one, guess)
+    predicted = guess.T_map_camera if is_asked else None
+    assert asked[0] is predicted
+    assert ("failed" in asked) == is_asked
+    references.close()
 
 
 def test_after_a_slip_the_next_image_is_not_held_to_a_motion_that_never_was():

@@ -49,6 +49,13 @@ def test_references_are_of_the_experience_that_looks_like_the_image(days):
     assert references.choose(at(0.25), PINHOLE).ids[0] in (0, 10, 20)  # without an image by distance alone
 
 
+def test_an_experience_that_is_wanted_is_taken_where_it_is_within_reach(days):
+    references = References(days, PARAMS)
+    day = sight(DAY, 0.25, is_followed=False)
+    assert references.choose(at(0.25), PINHOLE, sight=day._replace(wanted=NIGHT)).ids == (10, 11)
+    assert references.choose(at(0.25), PINHOLE, sight=day._replace(wanted=Experience("fog"))).ids == (0, 1)
+
+
 def test_followed_images_cost_two_comparisons_and_change_over(days, monkeypatch):
     references = References(days, PARAMS)
     asked = []

@@ -1,0 +1,112 @@
+"""Headings by edges: right in another light, beside the middle of the sphere, for tilted cameras and windows."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.spheres.appearance.headings import (
+    TURN_RAD,
+    cut_view,
+    draw_sphere,
+    rank_headings,
+    score_headings,
+    warm_up,
+)
+from sphere_nav.spheres.appearance.kernels import score_turns
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from worlds.relit import EdgedRoom, relit
+
+ROOM = EdgedRoom(wave_numbers=(1.0, 6.0, 40))
+PINHOLE = Pinhole(320, 240, 220.0, 220.0, 159.5, 119.5)
+FISHEYE = Fisheye(320, 240, 120.0, 120.0, 159.5, 119.5, (0.02, -0.01, 0.0, 0.0))
+WHOLE = Spherical(512, 256)
+
+
+def turned(yaw, place=(0.0, 0.0, 0.0), T_level_camera=T_BODY_OPTICAL):
+    return SE3.from_parts(SE3.from_planar(0, 0, yaw).rotation, place) @ T_level_camera
+
+
+def likeliest(image, camera, T_level_camera=T_BODY_OPTICAL, sphere=WHOLE, count=1):
+    panorama = draw_sphere(coarse_sphere(ROOM.sphere(SE3.identity(), sphere)))
+    return rank_headings(cut_view(image, camera, T_level_camera), panorama, count)
+
+
+def off(heading, yaw):
+    return abs((heading.yaw - yaw + np.pi) % (2 * np.pi) - np.pi)
+
+
+@pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=["pinhole", "fisheye"])
+@pytest.mark.parametrize("yaw", [0.0, 1.3, -2.9])
+def test_the_heading_is_found_in_another_light(camera, yaw):
+    image = ROOM.photograph(camera, turned(yaw, (0.3, 0.1, 0.05)))
+    assert off(likeliest(relit(image, 1), camera)[0], yaw) < 0.15
+
+
+@pytest.mark.parametrize("yaw", [0.3, 2.0, -1.2])
+def test_the_camera_may_stand_beside_the_middle_of_the_sphere(yaw):
+    beside = turned(yaw, (0.5 * np.sin(yaw), -0.5 * np.cos(yaw), 0.1))  # to the right: all cells are shifted
+    view = cut_view(ROOM.photograph(PINHOLE, beside), PINHOLE, T_BODY_OPTICAL)
+    panorama = draw_sphere(coarse_sphere(ROOM.sphere(SE3.identity(), WHOLE)))
+    (found,) = rank_headings(view, panorama, 1)
+    assert off(found, yaw) < 0.15
+    assert found.score > 0.46  # 0.4 where no cell may lie beside its place
+
+
+def test_where_the_camera_is_nothing_is_shifted():
+    (found,) = likeliest(ROOM.photograph(PINHOLE, turned(40 * TURN_RAD)), PINHOLE)
+    assert off(found, 40 * TURN_RAD) <= 4.5 * TURN_RAD  # as far as cells may lie beside their place
+    assert found.score > 0.5
+
+
+@pytest.mark.parametrize(("roll", "pitch"), [(0.6, 0.0), (0.0, 0.5), (np.pi, 0.0)])
+def test_a_tilted_camera_is_drawn_upright(roll, pitch):
+    T_level_camera = SE3.from_angles(roll, pitch, 0.0, np.zeros(3)) @ T_BODY_OPTICAL
+    image = ROOM.photograph(PINHOLE, turned(0.8, T_level_camera=T_level_camera))
+    right, wrong = (likeliest(image, PINHOLE, T)[0] for T in (T_level_camera, T_BODY_OPTICAL))
+    assert off(right, 0.8) < 0.1
+    assert right.score > wrong.score + 0.1
+
+
+def test_a_window_of_a_sphere_is_found_where_it_looks():
+    window = Spherical(200, 128, 512.0, 20.0, 64.0)
+    yaw = float(np.pi - (20.0 + 100.0) * 2 * np.pi / 512)
+    assert off(likeliest(ROOM.photograph(PINHOLE, turned(yaw)), PINHOLE, sphere=window)[0], yaw) < 0.1
+
+
+def test_headings_of_one_sphere_are_apart_and_the_likeliest_is_first():
+    found = likeliest(ROOM.photograph(PINHOLE, turned(0.5)), PINHOLE, count=4)
+    assert len(found) == 4
+    assert [one.score for one in found] == sorted((one.score for one in found), reverse=True)
+    gaps = [off(a, b.yaw) for k, a in enumerate(found) for b in found[:k]]
+    assert min(gaps) > 10 * TURN_RAD
+    assert found[0].score > found[1].score + 0.1
+
+
+def test_another_place_looks_less_alike():
+    other = EdgedRoom(wave_numbers=(1.0, 6.0, 40), seed=8).photograph(PINHOLE, turned(0.5))
+    own = ROOM.photograph(PINHOLE, turned(0.5))
+    assert likeliest(other, PINHOLE)[0].score < likeliest(own, PINHOLE)[0].score - 0.1
+
+
+def test_an_even_image_has_no_heading():
+    panorama = draw_sphere(coarse_sphere(ROOM.sphere(SE3.identity(), WHOLE)))
+    view = cut_view(np.full((240, 320), 90, np.uint8), PINHOLE, T_BODY_OPTICAL)
+    assert rank_headings(view, panorama, 2) == []
+    assert np.all(np.isneginf(score_headings(view, panorama)))
+
+
+def test_of_what_no_camera_saw_nothing_is_compared():
+    image = ROOM.photograph(PINHOLE, turned(0.5)).astype(np.float32)
+    image[:, 160:] = np.nan
+    view = cut_view(image, PINHOLE, T_BODY_OPTICAL)
+    whole = cut_view(ROOM.photograph(PINHOLE, turned(0.5)), PINHOLE, T_BODY_OPTICAL)
+    assert 0 < len(view.norm) < 0.7 * len(whole.norm)
+    assert np.all(np.isfinite(view.direction))
+
+
+def test_what_is_compiled_before_the_first_image_serves_all():
+    warm_up()
+    likeliest(ROOM.photograph(PINHOLE, turned(0.5)), PINHOLE)
+    likeliest(ROOM.photograph(PINHOLE, turned(0.5)).astype(np.float32), PINHOLE, sphere=Spherical(200, 128, 512.0))
+    assert len(score_turns.signatures) == 1
