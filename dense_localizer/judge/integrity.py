@@ -105,8 +105,9 @@ class Integrity:
         if has_failed and prediction.asks_parts:
             alignment = align_by_parts(alignment, images, prediction.T_map_camera, registration)
         is_by_parts = has_failed and alignment.is_converged
-        is_unusual = has_failed or alignment.ncc < FULL_CHECK_NCC * usual_ncc
-        due = EVERYTHING if is_unusual else self.find_due(state)
+        due = EVERYTHING if has_failed or alignment.ncc < FULL_CHECK_NCC * usual_ncc else self.find_due(state)
+        if is_by_parts:
+            due = Aspect.FIT  # no grey levels pull a pose that they have not given
         structure, is_biased, remaining = None, has_failed, np.zeros((6, 6))
         if alignment.is_converged and due:
             predicted = prediction.T_map_camera if prediction.asks_parts else None
