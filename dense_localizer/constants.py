@@ -35,6 +35,7 @@ NUM_COARSE_LEVELS = 2  # of the small spheres that stay in memory
 
 # Choice of an experience (references/test_likeness)
 LIKENESS_FORGETTING = 0.7  # weight of earlier images, from one to the next: about three count
+MIN_EDGE_LEAD = 0.02  # of the likeness of edges, below which two experiences look alike
 MIN_LIKENESS_LEAD = 0.05  # of correlation, by which another experience must be more like the images
 
 # Prefetch (references/test_prefetch, references/test_reference)
@@ -83,6 +84,7 @@ INTEGRITY_PERIOD = 10
 FIT_PHASE, OCCLUSION_PHASE, LIGHT_PHASE = 0, 3, 6  # which image of INTEGRITY_PERIOD
 REJECTION_PHASE, MAP_PHASE = 2, 5  # counted after the image
 FULL_CHECK_NCC = 0.97  # of the usual correlation: all checks are due below it
+CORRELATED_CELLS = 2.0  # factor of a covariance by parts of the view: a lamp shifts neighbours alike
 REMAINING_BIAS = 0.2  # standard deviation of what is left of a bias that was removed, as share of it
 
 # Odometry against images (judge/test_odometry_check)

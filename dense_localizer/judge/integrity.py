@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import (
+    CORRELATED_CELLS,
     FIT_PHASE,
     FULL_CHECK_NCC,
     INTEGRITY_PERIOD,
@@ -154,7 +155,8 @@ def align_by_parts(
     found = register_parts(images, T_world_body, params)
     if found.chance > MAX_PREDICTED_CHANCE:
         return alignment
-    return replace(alignment, T_world_camera=found.T_world_body, covariance=found.covariance, reason=GOOD)
+    covariance = CORRELATED_CELLS * found.covariance
+    return replace(alignment, T_world_camera=found.T_world_body, covariance=covariance, reason=GOOD)
 
 
 def mend(alignment: Alignment, structure: Structure) -> tuple[Alignment, NDArray[np.float64], bool]:

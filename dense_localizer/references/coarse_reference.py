@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.constants import NUM_COARSE_LEVELS, NUM_COVERAGE_POINTS
+from dense_localizer.constants import NUM_COARSE_LEVELS, NUM_COVERAGE_POINTS, NUM_LAID_OUT
 from sphere_nav.geometry import Spherical
 from sphere_nav.photometric import Reference, RegistrationParams, prepare_reference
+from sphere_nav.spheres.appearance.headings import Panorama, draw_sphere
 from sphere_nav.spheres.sphere import Sphere
 
 NUM_PREPARED = 32  # small spheres that are kept ready for alignment: memory, no result
@@ -53,16 +54,21 @@ class CoarseReference:
 
 
 class CoarseReferences(dict[int, CoarseReference]):
-    """Small key spheres by id, read when they are first needed; the latest that were prepared stay so."""
+    """Small key spheres by id, read when they are first needed; the latest that were prepared, or drawn, stay so."""
 
     def __init__(self, spheres: Mapping[int, Sphere], params: RegistrationParams) -> None:
         super().__init__()
         self._spheres, self._params = spheres, params
         self._latest: dict[int, None] = {}
+        self.panorama = lru_cache(NUM_LAID_OUT)(self._draw)
 
     def __missing__(self, sphere_id: int) -> CoarseReference:
         self[sphere_id] = CoarseReference.load_from(partial(self._spheres.__getitem__, sphere_id), self._params)
         return self[sphere_id]
+
+    def _draw(self, sphere_id: int) -> Panorama:
+        """Return the edges of a small sphere."""
+        return draw_sphere(self[sphere_id].load())
 
     def reference(self, sphere_id: int) -> Reference:
         """Return a prepared small sphere."""

@@ -1,7 +1,8 @@
 """Which experience of a map looks like the present image: day or night, summer or winter (MTR's recommendation).
 
 Of the experiences within reach that of the last image is compared with the image, and another one in turn: one more
-comparison of coarse levels, however many there are. Where an image was refused, or nothing is known, all of them.
+comparison of coarse levels, however many there are. Where an image was refused, or nothing is known, all of them, by
+their edges: these say more in a light that none of them has.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from dense_localizer.constants import (
     LIKENESS_FORGETTING,
     MIN_COMPARED_POINTS,
+    MIN_EDGE_LEAD,
     MIN_LIKENESS_LEAD,
     NUM_COMPARED_POINTS,
 )
@@ -22,6 +24,7 @@ from dense_localizer.references.coarse_reference import CoarseReferences
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.pixels.pyramid import Level
+from sphere_nav.spheres.appearance.headings import cut_view, score_headings
 from sphere_nav.spheres.graph import Experience, KeySphere
 
 
@@ -54,19 +57,15 @@ class ExperienceChoice:
     def choose(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience:
         """Return the experience that looks most like the image; `within_reach`: the nearest key sphere of each.
 
-        Where the last image was not followed by one, all are compared, and this image alone decides; among those that
-        look nearly alike that of the first drive, by whose key spheres later ones were placed.
+        Where the last image was not followed by one, all are compared, and this image alone decides, by its edges;
+        among those that look nearly alike that of the first drive, by whose key spheres later ones were placed.
         """
+        current = self.current
         if sight.wanted is not None and sight.wanted in within_reach:
             self.current = sight.wanted
             return self.current
-        current = self.current
         if current is None or current not in within_reach or not sight.is_followed:
-            self._means = {one: self.compare(node, sight) for one, node in within_reach.items()}
-            needed = max(self._means.values()) - MIN_LIKENESS_LEAD
-            alike = (one for one, mean in self._means.items() if mean >= needed)
-            self.current = min(alike, key=lambda one: within_reach[one].id)
-            return self.current
+            return self._choose_of_all(within_reach, sight)
         others = [one for one in within_reach if one != current]
         self._turn += 1
         for one in (current, *others[self._turn % max(len(others), 1) :][:1]):
@@ -77,20 +76,40 @@ class ExperienceChoice:
         self.current = best if self._means.get(best, -1.0) > self._means[current] + MIN_LIKENESS_LEAD else current
         return self.current
 
+    def _choose_of_all(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience:
+        """Return the one whose edges are most like the image, and go on with it."""
+        if len(within_reach) == 1:
+            (self.current,) = within_reach
+            return self.current
+        edges = {one: self.compare_edges(node, sight) for one, node in within_reach.items()}
+        needed = max(edges.values()) - MIN_EDGE_LEAD
+        chosen = min((one for one in edges if edges[one] >= needed), key=lambda one: within_reach[one].id)
+        self._means = {one: self.compare(node, sight) for one, node in within_reach.items()}
+        self.adopt(chosen)
+        return chosen
+
     def choose_other(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience | None:
-        """Return the one that looks most like the image but that which did not do; None: there is no other.
+        """Return the one whose edges are most like the image but that which did not do; None: there is no other.
 
         It is the one in use only once `adopt` says so.
         """
-        others = {one: self.compare(node, sight) for one, node in within_reach.items() if one != sight.instead_of}
-        self._means.update(others)
-        return max(others, key=lambda one: others[one]) if others else None
+        others = {one: node for one, node in within_reach.items() if one != sight.instead_of}
+        self._means.update({one: self.compare(node, sight) for one, node in others.items()})
+        return max(others, key=lambda one: self.compare_edges(others[one], sight)) if others else None
 
     def adopt(self, experience: Experience) -> None:
-        """Go on with an experience that explained an image; no other counts as more alike until it has been again."""
+        """Go on with an experience that explained an image; one that looked more alike has to for some images again."""
         self.current = experience
         most = self._means.get(experience, -1.0)
-        self._means = {one: min(mean, most) for one, mean in self._means.items()}
+        self._means = {one: mean if mean <= most else -1.0 for one, mean in self._means.items()}
+
+    def compare_edges(self, node: KeySphere, sight: Sight) -> float:
+        """Return how alike edges of the image and of a key sphere are from there, whatever the light, -1...1."""
+        T_sphere_camera = node.T_map_sphere.inverse() @ sight.T_map_camera
+        level = sight.level
+        image = level.image[:, level.pad : level.pad + level.camera.width]
+        view = cut_view(image, level.camera, T_sphere_camera)
+        return float(score_headings(view, self._coarse.panorama(node.id))[0])
 
     def compare(self, node: KeySphere, sight: Sight) -> float:
         """Return the correlation of the image with a key sphere as it would look from there; -1: too little in view."""

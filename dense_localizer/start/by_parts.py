@@ -8,8 +8,6 @@ guess: the proof is that of the whole image.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from dense_localizer.constants import (
@@ -29,7 +27,7 @@ from sphere_nav.photometric import RegistrationParams, View
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import FITTED_CELLS, MAX_PREDICTED_CHANCE
 from sphere_nav.photometric.parts.registration import PartsAlignment, register_parts
-from sphere_nav.spheres.appearance.headings import Panorama, cut_view, draw_sphere, rank_headings
+from sphere_nav.spheres.appearance.headings import cut_view, rank_headings
 from sphere_nav.spheres.graph import KeySphere
 
 
@@ -38,7 +36,6 @@ class PartsSearch:
 
     def __init__(self, references: References, params: RegistrationParams) -> None:
         self._references, self._params, self._count = references, params, 0
-        self._panorama = lru_cache(NUM_LAID_OUT)(self._draw)
 
     def propose(self, seen: RigImage, T_level_body: SE3) -> list[Guess]:
         """Return the poses on which most parts agree, the likeliest first; `T_level_body`: body axes, heading 0."""
@@ -46,7 +43,7 @@ class PartsSearch:
         view = cut_view(seen.pyramid.images[0], seen.pyramid.cameras[0], T_level_camera)
         guesses = []
         for node in self._next_nodes():
-            for heading in rank_headings(view, self._panorama(node.id), NUM_HEADINGS):
+            for heading in rank_headings(view, self._references.coarse.panorama(node.id), NUM_HEADINGS):
                 T_sphere_camera = SE3.from_planar(0.0, 0.0, heading.yaw) @ T_level_camera
                 guesses.append(Guess(node, node.T_map_sphere @ T_sphere_camera, heading.score))
         aligned = [self._align(seen, one) for one in select_best(guesses, NUM_BY_PARTS)]
@@ -77,6 +74,3 @@ class PartsSearch:
         params = stop_at(len(seen.pyramid.levels) - NUM_COARSE_LEVELS, self._params)
         view = View(self._references.coarse.reference(node.id), node.T_map_sphere)
         return register_parts([RigImage(seen.pyramid, views=(view,))], T_map_camera, params)
-
-    def _draw(self, sphere_id: int) -> Panorama:
-        return draw_sphere(self._references.coarse[sphere_id].load())

@@ -64,7 +64,7 @@ class Heading(NamedTuple):
 def draw_sphere(sphere: Sphere) -> Panorama:
     """Return the gradient directions of a sphere, whole or partial; a small one does."""
     directions, _ = _draw(sphere.gray, sphere.camera, SE3.identity())
-    return Panorama(np.concatenate([directions, directions], axis=2))
+    return Panorama(directions)
 
 
 def cut_view(image: NDArray[Any], camera: Camera, T_level_camera: SE3) -> PartedView:

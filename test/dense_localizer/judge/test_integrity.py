@@ -18,7 +18,7 @@ from sphere_nav.localization.status import TRUSTED, Reason, State
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import EVERYTHING
+from sphere_nav.photometric.checks.structure import EVERYTHING, Aspect
 from sphere_nav.photometric.parts.registration import PartsAlignment
 from sphere_nav.spheres.graph import Experience
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, Run, at, drive, error, make_localizer, make_map
@@ -159,6 +159,21 @@ def test_parts_are_asked_only_of_likely_guesses(room, room_map, monkeypatch, how
     predicted = guess.T_map_camera if is_asked else None
     assert asked[0] is predicted
     assert ("failed" in asked) == is_asked
+    references.close()
+
+
+def test_no_light_pulls_a_pose_that_parts_have_given(room, room_map, monkeypatch):
+    params, checked = build(LocalizerParams, SMALL_IMAGES), []
+    references, find = References(room_map, params), integrity.find_rig_structure
+    monkeypatch.setattr(integrity, "find_rig_structure", lambda *args: checked.append(args[4]) or find(*args))
+    monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: replace(alignment, reason=""))
+    images = [RigImage(build_pyramid(room.photograph(PINHOLE, at(0.2)), PINHOLE, params.registration.pyramid))]
+    guess = Prediction.guess(at(0.21), is_near=True)
+    chosen = references.choose_rig(images, guess)
+    alignment = align_rig(chosen, guess, params)
+    for one in (alignment, replace(alignment, reason="OUTLIERS")):
+        Integrity(references, params).assess(chosen, one, guess)
+    assert checked == [EVERYTHING, Aspect.FIT]
     references.close()
 
 

@@ -100,7 +100,8 @@ def test_of_a_large_map_other_spheres_are_compared_each_time(references, monkeyp
     monkeypatch.setattr(by_parts, "NUM_LAID_OUT", 2)
     search = PartsSearch(references, PARAMS.registration)
     drawn = []
-    monkeypatch.setattr(search, "_panorama", lambda sphere_id: drawn.append(sphere_id) or search._draw(sphere_id))
+    panorama = references.coarse.panorama
+    monkeypatch.setattr(references.coarse, "panorama", lambda number: drawn.append(number) or panorama(number))
     for _ in range(2):
         search.propose(seen(at(0.4, 0.1, 0.3)), SE3.identity())
     assert sorted(drawn) == [0, 1, 2]

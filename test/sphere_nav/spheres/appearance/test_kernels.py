@@ -12,7 +12,7 @@ def test_a_score_is_the_sum_of_products_of_its_cell_at_each_turn_and_rise(rng):
     direction, cell = rng.normal(size=(number, 2)).astype(np.float32), rng.integers(0, 3, number)
     scores = np.zeros((3, 2 * reach + 1, width), np.float32)
     places = row.astype(np.int32), column.astype(np.int32)
-    score_turns(*places, direction, cell.astype(np.int32), reach, np.concatenate([directions] * 2, axis=2), scores)
+    score_turns(*places, direction, cell.astype(np.int32), reach, directions, scores)
     expected = np.zeros(scores.shape)
     for rise in range(-reach, reach + 1):
         for turn in range(width):
