@@ -77,16 +77,17 @@ class ExperienceChoice:
         return self.current
 
     def _choose_of_all(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience:
-        """Return the one whose edges are most like the image, and go on with it."""
+        """Return the one most like the image by its edges, of those alike in these by grey levels; go on with it."""
         if len(within_reach) == 1:
             (self.current,) = within_reach
             return self.current
         edges = {one: self.compare_edges(node, sight) for one, node in within_reach.items()}
-        needed = max(edges.values()) - MIN_EDGE_LEAD
-        chosen = min((one for one in edges if edges[one] >= needed), key=lambda one: within_reach[one].id)
         self._means = {one: self.compare(node, sight) for one, node in within_reach.items()}
-        self.adopt(chosen)
-        return chosen
+        sharp = [one for one in edges if edges[one] >= max(edges.values()) - MIN_EDGE_LEAD]
+        needed = max(self._means[one] for one in sharp) - MIN_LIKENESS_LEAD
+        self.adopt(min((one for one in sharp if self._means[one] >= needed), key=lambda one: within_reach[one].id))
+        assert self.current is not None
+        return self.current
 
     def choose_other(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience | None:
         """Return the one whose edges are most like the image but that which did not do; None: there is no other.
