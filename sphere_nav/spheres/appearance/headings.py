@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.spheres.appearance.kernels import score_turns
@@ -97,6 +96,8 @@ def rank_headings(view: PartedView, panorama: Panorama, count: int) -> list[Head
 
 def score_headings(view: PartedView, panorama: Panorama) -> Floats:
     """Return how alike a view is (W,) when it is turned by so many columns to the right."""
+    from scipy.ndimage import maximum_filter1d  # what only reads bags does without it
+
     if not len(view.norm):
         return np.full(GRID_WIDTH, -np.inf, np.float32)
     scores = np.zeros((len(view.norm), 2 * CELL_REACH[1] + 1, GRID_WIDTH), np.float32)
