@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dense_localizer.constants import NUM_COARSE_LEVELS, NUM_COVERAGE_POINTS, NUM_LAID_OUT
 from sphere_nav.geometry import Spherical
 from sphere_nav.photometric import Reference, RegistrationParams, prepare_reference
-from sphere_nav.spheres.appearance.headings import Panorama, draw_sphere
+from sphere_nav.spheres.appearance.headings import draw_sphere
 from sphere_nav.spheres.sphere import Sphere
 
 NUM_PREPARED = 32  # small spheres that are kept ready for alignment: memory, no result
@@ -66,7 +66,7 @@ class CoarseReferences(dict[int, CoarseReference]):
         self[sphere_id] = CoarseReference.load_from(partial(self._spheres.__getitem__, sphere_id), self._params)
         return self[sphere_id]
 
-    def _draw(self, sphere_id: int) -> Panorama:
+    def _draw(self, sphere_id: int) -> NDArray[np.float32]:
         """Return the edges of a small sphere."""
         return draw_sphere(self[sphere_id].load())
 

@@ -85,9 +85,9 @@ class ExperienceChoice:
         self._means = {one: self.compare(node, sight) for one, node in within_reach.items()}
         sharp = [one for one in edges if edges[one] >= max(edges.values()) - MIN_EDGE_LEAD]
         needed = max(self._means[one] for one in sharp) - MIN_LIKENESS_LEAD
-        self.adopt(min((one for one in sharp if self._means[one] >= needed), key=lambda one: within_reach[one].id))
-        assert self.current is not None
-        return self.current
+        chosen = min((one for one in sharp if self._means[one] >= needed), key=lambda one: within_reach[one].id)
+        self.adopt(chosen)
+        return chosen
 
     def choose_other(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience | None:
         """Return the one whose edges are most like the image but that which did not do; None: there is no other.
@@ -107,9 +107,7 @@ class ExperienceChoice:
     def compare_edges(self, node: KeySphere, sight: Sight) -> float:
         """Return how alike edges of the image and of a key sphere are from there, whatever the light, -1...1."""
         T_sphere_camera = node.T_map_sphere.inverse() @ sight.T_map_camera
-        level = sight.level
-        image = level.image[:, level.pad : level.pad + level.camera.width]
-        view = cut_view(image, level.camera, T_sphere_camera)
+        view = cut_view(sight.level.unpadded, sight.level.camera, T_sphere_camera)
         return float(score_headings(view, self._coarse.panorama(node.id))[0])
 
     def compare(self, node: KeySphere, sight: Sight) -> float:

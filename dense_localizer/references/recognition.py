@@ -26,8 +26,7 @@ class Recognition:
         """`attitudes`: T_level_body, of the camera's body axes (x ahead, z up) in upright ones of any heading."""
         self._index, level = index, pyramid.levels[0]
         self._T_body_camera = find_body_axes(level.camera)
-        image = level.image[:, level.pad : level.pad + level.camera.width]
-        found = features_of_image(image.astype(np.float32), level.camera)
+        found = features_of_image(level.unpadded.astype(np.float32), level.camera)
         self._features = _turn(found, self._T_body_camera)
         self.alike = self._find(attitudes)
 

@@ -36,6 +36,11 @@ class Level:
     camera: Camera
     pad: int
 
+    @property
+    def unpadded(self) -> Image:
+        """The image without its padding."""
+        return self.image[:, self.pad : self.pad + self.camera.width]
+
     @cached_property
     def samples(self) -> Samples:
         """The image as kernels take it."""
@@ -59,7 +64,7 @@ class Pyramid:
     @property
     def images(self) -> tuple[Image, ...]:
         """The images without their padding."""
-        return tuple(level.image[:, level.pad : level.image.shape[1] - level.pad] for level in self.levels)
+        return tuple(level.unpadded for level in self.levels)
 
     @property
     def cameras(self) -> tuple[Camera, ...]:

@@ -215,7 +215,7 @@ def _halve_steps(steps: Steps, pad: int) -> Steps:
 
 def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
     """Prepare one level of an image with range (H, W) in metres; all its pixels are used that are seen."""
-    bare = level.image[:, level.pad : level.image.shape[1] - level.pad]
+    bare = level.unpadded
     is_unseen = np.isnan(bare)
     if is_unseen.any():  # nor has one beside it a gradient
         beside = cv2.dilate(is_unseen.view(np.uint8), np.ones((3, 3), np.uint8)) > 0

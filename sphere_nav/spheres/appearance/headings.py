@@ -36,12 +36,6 @@ GRID = Spherical(GRID_WIDTH, GRID_WIDTH // 2)
 TURN_RAD = 2.0 * np.pi / GRID_WIDTH
 
 
-class Panorama(NamedTuple):
-    """Gradient directions on the grid, (2, H, W) float32: shorter where faint, 0 where nothing is known."""
-
-    directions: Floats
-
-
 @dataclass(frozen=True, eq=False)
 class PartedView:
     """The stronger edges of an image on the grid, at heading 0, and the cell of each."""
@@ -60,10 +54,12 @@ class Heading(NamedTuple):
     score: float
 
 
-def draw_sphere(sphere: Sphere) -> Panorama:
-    """Return the gradient directions of a sphere, whole or partial; a small one does."""
-    directions, _ = _draw(sphere.gray, sphere.camera, SE3.identity())
-    return Panorama(directions)
+def draw_sphere(sphere: Sphere) -> Floats:
+    """Return the panorama of a sphere, whole or partial; a small one does.
+
+    Its gradient directions on the grid, (2, H, W): shorter where faint, 0 where nothing is known.
+    """
+    return _draw(sphere.gray, sphere.camera, SE3.identity())[0]
 
 
 def cut_view(image: NDArray[Any], camera: Camera, T_level_camera: SE3) -> PartedView:
@@ -81,7 +77,7 @@ def cut_view(image: NDArray[Any], camera: Camera, T_level_camera: SE3) -> Parted
     return PartedView(row, column, direction, cell.astype(np.int32), np.sqrt(square * count).astype(np.float32))
 
 
-def rank_headings(view: PartedView, panorama: Panorama, count: int) -> list[Heading]:
+def rank_headings(view: PartedView, panorama: Floats, count: int) -> list[Heading]:
     """Return the likeliest headings of a view in one sphere, the likeliest first, all of them apart."""
     likeness = score_headings(view, panorama)
     found: list[Heading] = []
@@ -94,14 +90,14 @@ def rank_headings(view: PartedView, panorama: Panorama, count: int) -> list[Head
     return found
 
 
-def score_headings(view: PartedView, panorama: Panorama) -> Floats:
+def score_headings(view: PartedView, panorama: Floats) -> Floats:
     """Return how alike a view is (W,) when it is turned by so many columns to the right."""
     from scipy.ndimage import maximum_filter1d  # what only reads bags does without it
 
     if not len(view.norm):
         return np.full(GRID_WIDTH, -np.inf, np.float32)
     scores = np.zeros((len(view.norm), 2 * CELL_REACH[1] + 1, GRID_WIDTH), np.float32)
-    score_turns(view.row, view.column, view.direction, view.cell, CELL_REACH[1], panorama.directions, scores)
+    score_turns(view.row, view.column, view.direction, view.cell, CELL_REACH[1], panorama, scores)
     best = maximum_filter1d(scores.max(axis=1), 2 * CELL_REACH[0] + 1, axis=1, mode="wrap")
     return np.asarray(np.mean(best / view.norm[:, None], axis=0))
 
