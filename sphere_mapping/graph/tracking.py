@@ -14,7 +14,8 @@ from sphere_mapping.graph.both_ways import confirm, find_motion, why_denied
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.loop_closure import LoopCloser
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
-from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
+from sphere_mapping.graph.parts_motion import measure_motion_by_parts
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
 from sphere_mapping.params import MapperParams, MappingRegistrationParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
@@ -43,8 +44,8 @@ class SphereTracker:
     def align(self, current: PreparedSphere, odometry: SE3 | None, graph: SphereGraph) -> Alignment:
         """Align a sphere with the newest key spheres; a result that is not expected, or one-sided, is refused.
 
-        A known motion is the first guess. Where none is known, or it does not hold, features find one; where several
-        spheres in a row were not where they were expected, one that is not expected either.
+        A known motion is the first guess. Where none is known, or it does not hold, features find one, or parts of the
+        images; where several spheres in a row were not where they were expected, one that is not expected either.
         """
         references = [prepared.at(graph[key_id].T_map_sphere) for key_id, prepared in self.references]
         expected = self.motion.expect(current.sphere.stamp_ns, odometry)
@@ -63,7 +64,10 @@ class SphereTracker:
             proven = self._prove(current, reference, graph[key_id])
             if proven is not None and (is_contradicted or expected.allows(proven.T_world_camera)):
                 return proven
-        return found or align_expected()
+        found = found or align_expected()
+        by_parts = None if found.is_converged else self._prove_by_parts(current, expected, graph)
+        is_possible = by_parts is not None and (is_contradicted or expected.allows(by_parts.T_world_camera))
+        return by_parts if by_parts is not None and is_possible else found
 
     def find_again(self, current: PreparedSphere, found: Alignment, loops: LoopCloser, graph: SphereGraph) -> Alignment:
         """Return an alignment; in place of a refused one, after several, that with a key sphere that looks alike.
@@ -89,6 +93,16 @@ class SphereTracker:
             return None
         T_map_sphere = node.T_map_sphere @ motion.T_a_b
         return replace(motion.forward, T_world_camera=T_map_sphere, covariance=motion.covariance)
+
+    def _prove_by_parts(self, current: PreparedSphere, expected: Expectation, graph: SphereGraph) -> Alignment | None:
+        """Return the alignment with the newest key sphere by parts of the images; None unless it is proven."""
+        (key_id, reference), params = self.references[0], self._params.registration
+        T_map_key = graph[key_id].T_map_sphere
+        motion = measure_motion_by_parts(reference, current, T_map_key.inverse() @ expected.T_map_sphere, params)
+        if motion is None:
+            return None
+        seen = residual_at(current, reference.at(T_map_key), T_map_key @ motion.T_a_b, params)
+        return replace(seen, covariance=motion.covariance, reason=GOOD)
 
     def align_moving(
         self, current: PreparedSphere, odometry: SE3 | None, unroll: Unroll | None, graph: SphereGraph
@@ -159,7 +173,9 @@ class SphereTracker:
             return None
         key_id, reference = self.references[0]
         forward = local(self._last_alignment, graph[key_id])
-        motion = confirm(reference, self.last, forward, self._params.registration)
+        params = self._params.registration
+        motion = confirm(reference, self.last, forward, params)
+        motion = motion or measure_motion_by_parts(reference, self.last, forward.T_world_camera, params)
         if motion is not None:
             return motion.edge(key_id, newer_id, is_loop=False)
         sigma_m = UNCONFIRMED[0] + UNCONFIRMED_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))

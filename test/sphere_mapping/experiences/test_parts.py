@@ -1,23 +1,17 @@
 """Drives joined to a map by parts of their images, where other boxes stand and light turns the contrast."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from sphere_mapping.experiences import joining, parts
 from sphere_mapping.experiences.joining import Localized, join_drive
-from sphere_mapping.experiences.parts import measure_motion_by_parts, refine_by_parts, search_by_parts
-from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.experiences.parts import refine_by_parts, search_by_parts
 from sphere_mapping.params import MapperParams
-from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.photometric import register
+from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
-from sphere_nav.spheres.sphere import Sphere
-from worlds.parked import ParkingRoom, boxes_along
-from worlds.submaps import images_of, submap_of
+from worlds.nightfall import DAY, ELSEWHERE, NIGHT, make_submap
+from worlds.submaps import images_of
 
-CAMERA = Spherical(384, 192)
 PARAMS = MapperParams()
 REGISTRATION = PARAMS.registration
 BASE = [SE3.from_planar(-2.4 + 0.8 * k, 0.0, 0.0) for k in range(5)]
@@ -25,37 +19,14 @@ DRIVE = [SE3.from_planar(-2.1 + 0.8 * k, 0.15, 0.06) for k in range(4)]
 FAR = SE3.from_planar(5.0, -3.0, 1.2)  # where the drive thinks it began
 
 
-def room(seed, boxes, places):
-    return ParkingRoom(
-        (8.0, 3.0, 1.5), (1.0, 40.0, 40), gain=30.0, seed=seed, boxes=boxes_along(boxes, places, height=1.8)
-    )
-
-
-DAY, NIGHT, ELSEWHERE = room(7, 1, (0.0, 2.0, 4.0)), room(7, 9, (-0.7, 1.2, 3.2)), room(31, 9, (-0.7, 1.2, 3.2))
-
-
-def sphere(world, pose, is_dark):
-    gray, range_m = world.render(CAMERA, pose)
-    gray = gray.astype(np.float32)
-    if is_dark:
-        gray *= 0.6 + 0.4 * np.cos(np.linspace(0.0, 2.0 * np.pi, CAMERA.width))[None, :]
-        gray[:, 60:130] = gray[:, 60:130].max() - gray[:, 60:130]
-    return Sphere(np.clip(gray, 1, 255).astype(np.uint8), range_m.astype(np.float32), CAMERA)
-
-
-def submap(world, poses, first_id, T=None, is_dark=False):
-    made = [sphere(world, pose, is_dark) for pose in poses]
-    return submap_of(made.__getitem__, poses, first_id, T)
-
-
 @pytest.fixture(scope="module")
 def base():
-    return submap(DAY, BASE, 0)
+    return make_submap(DAY, BASE, 0, is_dark=False)
 
 
 @pytest.fixture(scope="module")
 def night():
-    return submap(NIGHT, DRIVE, 100, FAR, is_dark=True)
+    return make_submap(NIGHT, DRIVE, 100, FAR, is_dark=True)
 
 
 def ahead(*_):
@@ -72,48 +43,6 @@ def off(edge):
     return (BASE[edge.a].inverse() @ DRIVE[edge.b - 100]).distance(edge.T_a_b)[0]
 
 
-def prepared(part, number):
-    return PreparedSphere(part.load(number), REGISTRATION)
-
-
-def test_a_motion_is_measured_where_gray_levels_lead_away(base, night):
-    a, b = prepared(base, 1), prepared(night, 101)
-    by_levels = register(b.pyramid, [a.at(SE3.identity())], SE3.identity(), REGISTRATION)
-    true = BASE[1].inverse() @ DRIVE[1]
-    assert not by_levels.is_converged or by_levels.T_world_camera.distance(true)[0] > 0.1
-    motion = measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION)
-    assert motion.T_a_b.distance(true)[0] < 0.03
-    assert motion.chance <= 1e-7
-    xi = (motion.T_a_b.inverse() @ true).log()
-    assert xi @ np.linalg.solve(motion.covariance, xi) < 22.5  # chi^2 of 6 at 0.001
-
-
-def test_both_ways_must_be_proven_and_be_one_motion(base, night, monkeypatch):
-    a, b = prepared(base, 1), prepared(night, 101)
-    align = parts.align_parts
-    for way in (0, 1):  # either way not proven
-        calls = []
-
-        def doubtful(*args, way=way, calls=calls):
-            calls.append(0)
-            found = align(*args)
-            return replace(found, chance=1e-6) if len(calls) - 1 == way else found
-
-        monkeypatch.setattr(parts, "align_parts", doubtful)
-        assert measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION) is None
-    calls = []
-
-    def aside(*args):
-        calls.append(0)
-        found = align(*args)
-        moved = found.T_world_body @ SE3.exp([0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
-        return replace(found, T_world_body=moved) if len(calls) == 2 else found
-
-    monkeypatch.setattr(parts, "align_parts", aside)
-    assert measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION) is None
-    assert len(calls) == 2
-
-
 def test_a_drive_is_found_from_nowhere(base, night):
     edges = search_by_parts(base, night, REGISTRATION, ahead)
     assert len(edges) >= 3
@@ -121,7 +50,7 @@ def test_a_drive_is_found_from_nowhere(base, night):
 
 
 def test_elsewhere_nothing_is_found(base):
-    other = submap(ELSEWHERE, DRIVE, 100, FAR, is_dark=True)
+    other = make_submap(ELSEWHERE, DRIVE, 100, FAR, is_dark=True)
     assert search_by_parts(base, other, REGISTRATION, ahead) == []
 
 
@@ -160,5 +89,5 @@ def test_where_the_localizer_placed_part_of_a_drive_parts_of_the_images_join_the
 
 
 def test_a_wrong_start_of_another_place_is_refused(base):
-    other = submap(ELSEWHERE, DRIVE, 100, FAR, is_dark=True)
+    other = make_submap(ELSEWHERE, DRIVE, 100, FAR, is_dark=True)
     assert join_drive(base, other, images(other), PARAMS, DRIVE[0]).graph is None

@@ -3,12 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sphere_mapping.graph import tracking
 from sphere_mapping.graph.both_ways import ONE_WAY
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.tracking import INNOVATION, SphereTracker
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import SphereGraph
+from worlds.nightfall import DAY, NIGHT, make_sphere
 from worlds.room import sharp_room
 
 # Written out: imported, a change would go unseen.
@@ -145,3 +147,56 @@ def test_what_spheres_in_a_row_contradict_is_not_expected_any_longer():
     found = tracker.align(prepared(FAR, 2 + CONTRADICTED), None, graph)
     assert found.is_converged
     assert found.T_world_camera.distance(FAR)[0] < 0.02
+
+
+AT_DAY, AT_NIGHT = SE3.from_planar(-1.6, 0.0, 0.0), SE3.from_planar(-1.3, 0.15, 0.06)
+
+
+def at_nightfall(before=AT_DAY, number=1):
+    """A tracker with a key sphere by day, and the next sphere, by night."""
+    tracker, graph = SphereTracker(PARAMS), SphereGraph()
+    tracker.update(PreparedSphere(make_sphere(DAY, before, is_dark=False), PARAMS.registration), before, None, None)
+    graph.add(tracker.make_key(0, graph)[0])
+    night = make_sphere(NIGHT, AT_NIGHT, number * PERIOD_NS, is_dark=True)
+    return tracker, graph, PreparedSphere(night, PARAMS.registration)
+
+
+def test_where_light_misleads_parts_of_the_images_place_a_sphere(monkeypatch):
+    tracker, graph, current = at_nightfall()
+    found = tracker.align(current, None, graph)
+    assert found.is_converged
+    assert found.T_world_camera.distance(AT_NIGHT)[0] < 0.03
+    xi = (found.T_world_camera.inverse() @ AT_NIGHT).log()
+    assert xi @ np.linalg.solve(found.covariance, xi) < 22.5  # chi^2 of 6 at 0.001
+    assert 0.0 < found.overlap <= 1.0  # what decides on the next key sphere is told of that pose, too
+    assert found.ncc < 0.6
+    monkeypatch.setattr(tracking, "measure_motion_by_parts", lambda *_: None)
+    assert not tracker.align(current, None, graph).is_converged
+
+
+def test_its_edge_is_as_sure_as_the_parts_are(monkeypatch):
+    tracker, graph, current = at_nightfall()
+    found = tracker.align(current, None, graph)
+    tracker.update(current, found.T_world_camera, None, found)
+    _, edge = tracker.make_key(1, graph)
+    assert not edge.is_loop
+    assert edge.T_a_b.distance(AT_DAY.inverse() @ AT_NIGHT)[0] < 0.03
+    assert np.linalg.inv(edge.information)[0, 0] < 0.02**2  # one way alone is wider: 0.03 m and more
+
+
+def test_parts_place_nothing_where_the_vehicle_cannot_be(monkeypatch):
+    tracker, graph, current = at_nightfall(number=3)
+    for number in (1, 2):  # it stood
+        day = PreparedSphere(make_sphere(DAY, AT_DAY, number * PERIOD_NS, is_dark=False), PARAMS.registration)
+        tracker.update(day, AT_DAY, None, None)
+    measured = tracking.measure_motion_by_parts(
+        tracker.references[0][1], current, AT_DAY.inverse() @ AT_NIGHT, PARAMS.registration
+    )
+    far = replace(measured, T_a_b=SE3.from_planar(1.5, 0.0, 0.0))
+    monkeypatch.setattr(tracking, "measure_motion_by_parts", lambda *_: far)
+    for _ in range(CONTRADICTED):
+        assert not tracker.align(current, None, graph).is_converged
+        tracker.motion.lose()
+    found = tracker.align(current, None, graph)
+    assert found.is_converged
+    assert found.T_world_camera.distance(AT_DAY @ far.T_a_b)[0] < 1e-6

@@ -1,0 +1,65 @@
+"""Two spheres aligned both ways by what has stayed of their images, whatever the light (`photometric/parts`).
+
+Head lamps move with the vehicle, and by night grey levels say that it stands; edges do not. A motion counts if either
+way, each from the first guess, more parts agree than by chance, one in so many of all that are tried, and both ways are
+one motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sphere_mapping.constants import EDGE_FLOOR, MAX_PARTS_APART, MAX_PARTS_CHANCE
+from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.params import MappingRegistrationParams
+from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.normal_equations import symmetric_inverse
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.parts.registration import PartsAlignment, register_parts
+from sphere_nav.spheres.constants import EDGE_SHARE
+from sphere_nav.spheres.graph import Edge
+
+
+@dataclass(frozen=True, eq=False)
+class PartsMotion:
+    """T_a_b as both ways measured it, its covariance (6, 6), and the larger of both chances."""
+
+    T_a_b: SE3
+    covariance: Array
+    chance: float
+
+    def edge(self, a: int, b: int, *, is_loop: bool) -> Edge:
+        """Return it as an edge of the graph."""
+        return Edge(a, b, self.T_a_b, symmetric_inverse(self.covariance), is_loop)
+
+
+def measure_motion_by_parts(
+    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingRegistrationParams
+) -> PartsMotion | None:
+    """Return the motion between two spheres from a first guess; None unless both ways are proven and are one motion."""
+    forward = align_parts(a, b, T_a_b, params)
+    if forward.chance > MAX_PARTS_CHANCE:
+        return None
+    back = align_parts(b, a, T_a_b.inverse(), params)
+    if back.chance > MAX_PARTS_CHANCE:
+        return None
+    T_there, T_back = forward.T_world_body, back.T_world_body
+    gap = (T_back @ T_there).log()  # A -> B composed with B -> A, axes of B
+    adjoint = T_there.inverse().adjoint()
+    length_m = float(np.linalg.norm(T_there.translation))
+    floor = np.diag(np.repeat([EDGE_FLOOR[0] + EDGE_SHARE * length_m, EDGE_FLOOR[1]], 3) ** 2)
+    both = forward.covariance + adjoint @ back.covariance @ adjoint.T
+    if squared_mahalanobis(gap, both + floor) > MAX_PARTS_APART**2:
+        return None
+    apart = np.repeat([np.sum(gap[:3] ** 2) / 12, np.sum(gap[3:] ** 2) / 12], 3)
+    covariance = 0.5 * both + floor + np.diag(apart)
+    return PartsMotion(T_there @ SE3.exp(-0.5 * gap), covariance, max(forward.chance, back.chance))
+
+
+def align_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingRegistrationParams) -> PartsAlignment:
+    """Return T_a_b by the image of `b` and the ranges of `a`."""
+    return register_parts([RigImage(b.pyramid, views=(a.at(SE3.identity()),))], T_a_b, params)
