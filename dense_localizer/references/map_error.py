@@ -22,6 +22,7 @@ from dense_localizer.constants import (
     SHARED_ERROR,
 )
 from dense_localizer.params import CovarianceParams
+from dense_localizer.references.edge_errors import EdgeErrors
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, RegistrationParams
@@ -44,13 +45,13 @@ class MapError:
         self._possible = self._assumed[:, None] * _RATIOS
         self._log = np.zeros_like(self._possible)  # likelihood of each by the observations
         self._variance = self._assumed  # by all that is known
-        self._of_edges = average_edges(graph)
+        self._edges = EdgeErrors(graph)
         self._count = 0
 
     def covariance(self, sphere_id: int, T_sphere_camera: SE3) -> Array:
         """Return the covariance (6, 6) of xi in T_map_camera exp(xi) by the map, seen from a key sphere."""
         observed = np.diag(SHARED_ERROR * self._variance)
-        edge = self._of_edges.get(sphere_id)
+        edge = self._edges.covariance(sphere_id)
         if edge is None:
             return observed
         R = np.kron(np.eye(2), T_sphere_camera.rotation)
@@ -96,23 +97,6 @@ class MapError:
         """Return the mean variance (6,) of each axis."""
         weight = _PRIOR * np.exp(self._log - self._log.max(axis=1, keepdims=True))
         return np.asarray(np.sum(weight * self._possible, axis=1) / weight.sum(axis=1), np.float64)
-
-
-def average_edges(graph: SphereGraph) -> dict[int, Array]:
-    """Return for each key sphere that has edges the mean covariance (6, 6) of those edges, its own axes.
-
-    An edge to what another drive added later says how sure that is: the map stayed where it was.
-    """
-    found: dict[int, list[Array]] = {}
-    for edge in graph.edges:
-        try:
-            covariance: Array = np.linalg.inv(edge.information).astype(np.float64)
-        except np.linalg.LinAlgError:
-            continue
-        is_one_drive = graph[edge.a].experience == graph[edge.b].experience
-        for end in (edge.a, edge.b) if is_one_drive else (max(edge.a, edge.b),):
-            found.setdefault(end, []).append(covariance)
-    return {end: np.mean(covariances, axis=0) for end, covariances in found.items()}
 
 
 @cache

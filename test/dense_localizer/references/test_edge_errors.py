@@ -1,0 +1,109 @@
+"""How sure a key sphere is among those around it: by hand-made graphs whose covariances are known in closed form."""
+
+import numpy as np
+import pytest
+
+from dense_localizer.references.edge_errors import EdgeErrors, is_refuted, relative_covariances
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
+
+HERE = SE3.identity()
+LOOSE, TIGHT = 1e-2, 1e-6
+
+
+def graph_of(edges, poses=None, experiences=None):
+    ids = sorted({end for edge in edges for end in (edge.a, edge.b)})
+    poses, experiences = poses or {}, experiences or {}
+    nodes = [KeySphere(i, i, poses.get(i, HERE), experience=experiences.get(i, Experience())) for i in ids]
+    return SphereGraph(nodes, edges)
+
+
+def edge(a, b, variance, T=HERE, is_loop=False):
+    return Edge(a, b, T, np.eye(6) / variance, is_loop)
+
+
+def sigma2(edges, sphere_id, **more):
+    found = EdgeErrors(graph_of(edges, **more)).covariance(sphere_id)
+    return None if found is None else float(found[0, 0])
+
+
+def test_in_a_chain_it_is_the_mean_of_the_edges():
+    edges = [edge(0, 1, 1e-4), edge(1, 2, 3e-4), edge(2, 3, 1.0)]
+    assert sigma2(edges, 0) == pytest.approx(1e-4)
+    assert sigma2(edges, 1) == pytest.approx(2e-4)
+    assert sigma2(edges, 2) == pytest.approx((3e-4 + 1.0) / 2)
+
+
+def test_two_measurements_of_one_motion_are_one_surer_one():
+    assert sigma2([edge(0, 1, 1e-4), edge(0, 1, 3e-4, is_loop=True)], 0) == pytest.approx(0.75e-4)
+
+
+def test_a_wide_edge_is_as_sure_as_the_way_around_it():
+    around = [edge(0, 2, TIGHT), edge(2, 3, TIGHT), edge(3, 1, TIGHT)]
+    expected = 1 / (1 / LOOSE + 1 / (3 * TIGHT))
+    motions = relative_covariances(*graph_and_edges([edge(0, 1, LOOSE), *around]), 0)
+    np.testing.assert_allclose(np.diagonal(motions[1]), expected, rtol=1e-6)
+    assert sigma2([edge(0, 1, LOOSE)], 0) == pytest.approx(LOOSE)
+
+
+def test_a_way_over_far_key_spheres_does_not_count():
+    around = [edge(0, 2, TIGHT), edge(2, 3, TIGHT), edge(3, 4, TIGHT), edge(4, 5, TIGHT), edge(5, 6, TIGHT),
+              edge(6, 1, TIGHT)]  # fmt: skip
+    motions = relative_covariances(*graph_and_edges([edge(0, 1, LOOSE), *around]), 0)
+    assert motions[1][0, 0] == pytest.approx(LOOSE)
+
+
+def test_a_refuted_loop_makes_nothing_sure():
+    wrong = edge(0, 1, TIGHT, SE3.from_planar(0.01, 0.0, 0.0), is_loop=True)  # ten standard deviations off
+    right = edge(0, 1, TIGHT, SE3.from_planar(0.004, 0.0, 0.0), is_loop=True)
+    assert is_refuted(graph_of([wrong]), wrong)
+    assert not is_refuted(graph_of([right]), right)
+    assert not is_refuted(graph_of([wrong]), edge(0, 1, TIGHT, SE3.from_planar(0.01, 0.0, 0.0)))  # of the drive itself
+    assert sigma2([edge(0, 1, LOOSE), wrong], 0) == pytest.approx(LOOSE)
+    assert sigma2([edge(0, 1, LOOSE), right], 0) == pytest.approx(TIGHT, rel=1e-3)
+
+
+def test_along_a_way_covariances_are_carried_by_the_adjoint():
+    rng = np.random.default_rng(3)
+    T_0_1, T_1_2 = (SE3.exp([1.0, 0.3, -0.2, 0.1, 0.2, angle]) for angle in (0.7, -0.4))
+    first, second = (np.diag(rng.uniform(1.0, 9.0, 6)) * 1e-6 for _ in range(2))
+    poses = {0: HERE, 1: T_0_1, 2: T_0_1 @ T_1_2}
+    edges = [Edge(0, 1, T_0_1, np.linalg.inv(first)), Edge(1, 2, T_1_2, np.linalg.inv(second))]
+    motions = relative_covariances(*graph_and_edges(edges, poses), 0)
+    adjoint = T_1_2.inverse().adjoint()
+    np.testing.assert_allclose(motions[2], adjoint @ first @ adjoint.T + second, rtol=1e-6, atol=1e-12)
+    # seen from the other end it is the same motion, carried there
+    back = relative_covariances(*graph_and_edges(edges, poses), 2)
+    to_first = (T_0_1 @ T_1_2).adjoint()
+    np.testing.assert_allclose(back[0], to_first @ motions[2] @ to_first.T, rtol=1e-6, atol=1e-12)
+
+
+def test_it_is_told_in_the_axes_of_the_key_sphere():
+    turned = SE3.from_planar(0.0, 0.0, np.pi / 2)
+    variance = np.array([1e-4, 4e-6, 1e-6, 1e-6, 1e-6, 4e-6])
+    one = EdgeErrors(graph_of([Edge(0, 1, turned, np.diag(1 / variance))], {1: turned}))
+    np.testing.assert_allclose(np.diagonal(one.covariance(0)), variance[[1, 0, 2, 4, 3, 5]], rtol=1e-9)
+
+
+def test_what_another_drive_added_later_widens_only_its_own():
+    day, night = Experience("day"), Experience("night")
+    edges = [edge(0, 1, TIGHT), edge(0, 2, LOOSE, is_loop=True)]
+    kinds = {0: day, 1: day, 2: night}
+    assert sigma2(edges, 0, experiences=kinds) == pytest.approx(TIGHT)
+    assert sigma2(edges, 2, experiences=kinds) == pytest.approx(LOOSE)
+
+
+def test_where_nothing_is_known_nothing_is_said():
+    graph = SphereGraph([KeySphere(0, 0, HERE), KeySphere(1, 1, HERE)], [Edge(0, 1, HERE, np.zeros((6, 6)))])
+    errors = EdgeErrors(graph)
+    assert errors.covariance(0) is None
+    assert errors.covariance(7) is None
+    assert EdgeErrors(SphereGraph([KeySphere(0, 0, HERE)])).covariance(0) is None
+
+
+def graph_and_edges(edges, poses=None):
+    edges_of = {}
+    for one in edges:
+        edges_of.setdefault(one.a, []).append(one)
+        edges_of.setdefault(one.b, []).append(one)
+    return graph_of(edges, poses), edges_of
