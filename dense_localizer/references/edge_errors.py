@@ -66,7 +66,7 @@ def relative_covariances(graph: SphereGraph, edges_of: dict[int, list[Edge]], sp
                     if sphere_id not in (one, other):
                         information[rows[one], rows[other]] += J.T @ edge.information @ K
     try:
-        covariance = np.linalg.inv(information)
+        covariance: Array = np.linalg.inv(information).astype(np.float64)
     except np.linalg.LinAlgError:
         return {}
     found = {node: covariance[at, at] for node, at in rows.items()}

@@ -174,8 +174,9 @@ class SphereTracker:
         key_id, reference = self.references[0]
         forward = local(self._last_alignment, graph[key_id])
         params = self._params.registration
-        motion = confirm(reference, self.last, forward, params)
-        motion = motion or measure_motion_by_parts(reference, self.last, forward.T_world_camera, params)
+        motion = confirm(reference, self.last, forward, params) or measure_motion_by_parts(
+            reference, self.last, forward.T_world_camera, params
+        )
         if motion is not None:
             return motion.edge(key_id, newer_id, is_loop=False)
         sigma_m = UNCONFIRMED[0] + UNCONFIRMED_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))

@@ -1,4 +1,4 @@
-"""A street-like room by day, and by night with other boxes: light falls off behind, and turns the contrast of a part."""
+"""A street-like room by day, and by night with other boxes: light falls off, and turns contrast."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from sphere_mapping.graph import parts_motion
 from sphere_mapping.graph.parts_motion import measure_motion_by_parts
@@ -57,6 +58,25 @@ def test_both_ways_must_be_proven_and_be_one_motion(monkeypatch):
     monkeypatch.setattr(parts_motion, "align_parts", aside)
     assert measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION) is None
     assert len(calls) == 2
+
+
+def test_it_is_half_way_between_both_ways_and_surely_no_nearer(monkeypatch):
+    a, b = prepared_pair()
+    apart = SE3.exp([0.004, -0.002, 0.001, 0.0, 0.001, 0.002])
+    align, calls = parts_motion.align_parts, []
+
+    def moved(*args):
+        found = align(*args)
+        calls.append(found.T_world_body)
+        return replace(found, T_world_body=calls[0].inverse() @ apart) if len(calls) == 2 else found
+
+    monkeypatch.setattr(parts_motion, "align_parts", moved)
+    motion = measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION)
+    there, back = calls[0], (calls[0].inverse() @ apart).inverse()
+    away = [motion.T_a_b.distance(one)[0] for one in (there, back)]
+    assert away[0] == pytest.approx(away[1], rel=1e-3)
+    assert away[0] < 0.6 * there.distance(back)[0]
+    assert np.all(np.diagonal(motion.covariance)[:3] > away[0] ** 2 / 3)
 
 
 def test_an_edge_says_what_was_measured():
