@@ -42,8 +42,11 @@ def started(num_placed):
     return tracker, graph
 
 
-@pytest.mark.parametrize("num_placed", [1, 3])
-def test_the_next_sphere_is_placed_with_and_without_a_velocity(num_placed):
+@pytest.mark.parametrize(("num_placed", "has_features"), [(1, True), (1, False), (3, True)])
+def test_the_next_sphere_is_placed_with_and_without_a_velocity(num_placed, has_features, monkeypatch):
+    monkeypatch.setattr(tracking, "measure_motion_by_parts", lambda *_: pytest.fail("asked"))
+    if not has_features:
+        monkeypatch.setattr(tracking, "find_motion", lambda *_: None)
     tracker, graph = started(num_placed)
     found = tracker.align(prepared(POSES[num_placed], num_placed), None, graph)
     assert found.is_converged
@@ -132,9 +135,8 @@ def test_the_first_motion_of_a_drive_may_be_any():
     assert found.T_world_camera.distance(FAR)[0] < 0.02
 
 
-def test_a_known_motion_costs_no_features_and_asks_no_parts(monkeypatch):
+def test_a_known_motion_costs_no_features():
     tracker, graph = started(3)
-    monkeypatch.setattr(tracking, "measure_motion_by_parts", lambda *_: pytest.fail("asked"))
     current = prepared(POSES[3], 3)
     assert tracker.align(current, None, graph).is_converged
     assert "fine_features" not in current.__dict__
