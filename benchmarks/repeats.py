@@ -85,6 +85,7 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
     )
     parser.add_argument("--order", type=int, default=1, metavar="SEED", help="decides their order and clouds (1)")
     parser.add_argument("--driven", type=int, default=0, metavar="K", help="kinds driven over DDS at the end (0)")
+    parser.add_argument("--budget", default="", metavar="N|MB", help="of the map, as `map --budget` (none)")
     parser.add_argument(
         "--repeats-folder", type=Path, metavar="DIR", help="keep the drives and go on with what is there"
     )
@@ -101,7 +102,7 @@ def run(options: argparse.Namespace) -> Report:
             kinds = tuple("" if kind == "day" else kind for kind in options.kinds or KINDS)
             way = Way(options.town, options.length)
             drives = draw_drives(options.simulated, options.order, kinds)
-            return measure(way, drives, work, options.driven, options.threads)
+            return measure(way, drives, work, options.budget, options.driven, options.threads)
         bags = find_recordings(folders[0], work) if folders else record_example(work, is_quick=options.quick)
         rows, notes = follow(bags, work, options.wrong)
     title = f"Repeats of {folders[0].name if folders else 'a simulated street'}"

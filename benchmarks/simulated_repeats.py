@@ -246,8 +246,8 @@ def _departure_ns(truth: Trajectory) -> int:
 class Repeats:
     """The drives of one way, and the maps that they made; what a folder holds from a run before is not done again."""
 
-    def __init__(self, way: Way, folder: Path) -> None:
-        self.way, self.folder = way, folder
+    def __init__(self, way: Way, folder: Path, budget: str = "") -> None:
+        self.way, self.folder, self._budget = way, folder, ("--budget", budget) if budget else ()
         self.maps: list[Path] = []
         self.notes: list[str] = []
         self.rows: list[tuple[str, ...]] = []
@@ -321,7 +321,7 @@ class Repeats:
         if not made.is_dir():
             start, name = ("--start", 0.0, 0.0, 0.0), ("--experience", drive.kind or "day")
             try:
-                call("map", bag, "-o", made, "--extend", known, *start, *name, *self._rig(bag))
+                call("map", bag, "-o", made, "--extend", known, *start, *name, *self._budget, *self._rig(bag))
             except ValueError as error:
                 self.notes.append(f"{drive.name}: {error}")
                 if not made.is_dir():  # else some of its spheres were not placed, and the others are in the map
@@ -345,9 +345,9 @@ def num_spheres(map_folder: Path) -> int:
         return len(reader.graph)
 
 
-def measure(way: Way, drives: list[Drive], folder: Path, num_driven: int, threads: int) -> Report:
-    """Teach, repeat, and judge."""
-    repeats = Repeats(way, folder)
+def measure(way: Way, drives: list[Drive], folder: Path, budget: str, num_driven: int, threads: int) -> Report:
+    """Teach, repeat, and judge; `budget`: of the map, as `sphere_nav map --budget` takes it."""
+    repeats = Repeats(way, folder, budget)
     repeats.teach()
     for drive in drives:
         repeats.repeat(drive)
