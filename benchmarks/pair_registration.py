@@ -15,6 +15,7 @@ from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.world.worlds import build_world
 from sphere_mapping.graph.both_ways import measure_motion
+from sphere_mapping.graph.parts_motion import measure_motion_by_parts
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Spherical
@@ -28,14 +29,16 @@ WIDTH, NOISE, HEIGHT_M = 256, 2.0, 1.6  # px, grey levels, m above the ground
 MAX_OFF_M, MAX_OFF_DEG = 5.0, 90.0
 WRONG_M, WRONG_DEG = 0.1, 1.0
 PARAMS = MappingRegistrationParams()
+WAYS = ("one way", "both ways", "by parts")
 
 
 @dataclass(frozen=True)
 class Found:
-    """Errors (m, deg) of one way alone and of both ways; None where it was refused."""
+    """Errors (m, deg) of one way alone, of both ways, and of both by parts of the images; None where it was refused."""
 
     one_way: tuple[float, float] | None
     both_ways: tuple[float, float] | None
+    by_parts: tuple[float, float] | None
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
@@ -53,14 +56,15 @@ def run(options: argparse.Namespace) -> Report:
         pairs = measure_pairs(seed, count)
         found += pairs
         rows.append((str(seed), str(count), *_counts(pairs)))
-    columns = ("seed", "pairs", "one way accepts", "of them wrong", "both ways accept", "of them wrong")
+    columns = ("seed", "pairs", *(f"{way}{told}" for way in WAYS for told in (" accepted", ", wrong")))
     report = Report("pair_registration", [Table("First guesses up to 5 m, 90 deg off", columns, rows)])
     report.notes.append(describe(options.threads))
-    both = [one.both_ways for one in found if one.both_ways is not None]
-    wrong = sum(is_wrong(error) for error in both)
+    both, parts = ([one for one in way if one is not None] for way in _by_way(found)[1:])
+    off = f"more than {WRONG_M} m or {WRONG_DEG:g} deg off, of {len(found)} pairs"
     report.bounds += [
-        Bound(f"accepted more than {WRONG_M} m or {WRONG_DEG:g} deg off, of {len(found)} pairs", 0.0, float(wrong), ""),
+        Bound(f"accepted {off}", 0.0, float(sum(map(is_wrong, both))), ""),
         Bound("pairs accepted", 25.0, 100.0 * len(both) / len(found), "%", True),
+        Bound(f"accepted by parts of the images {off}", 0.0, float(sum(map(is_wrong, parts))), ""),
     ]
     return report
 
@@ -77,8 +81,9 @@ def measure_pairs(seed: int, count: int) -> list[Found]:
         guess = truth @ random_motion(rng, MAX_OFF_M, np.radians(MAX_OFF_DEG))
         alone = register(spheres[b].pyramid, [spheres[a].at(SE3.identity())], guess, PARAMS)
         both = measure_motion(spheres[a], spheres[b], guess, PARAMS)
+        parts = measure_motion_by_parts(spheres[a], spheres[b], guess, PARAMS)
         one_way = _error(truth, alone.T_world_camera) if alone.is_converged else None
-        found.append(Found(one_way, _error(truth, both.T_a_b) if both is not None else None))
+        found.append(Found(one_way, *(_error(truth, one.T_a_b) if one is not None else None for one in (both, parts))))
     return found
 
 
@@ -118,7 +123,11 @@ def _error(truth: SE3, found: SE3) -> tuple[float, float]:
     return float(distance), float(np.degrees(angle))
 
 
-def _counts(pairs: Sequence[Found]) -> tuple[str, str, str, str]:
-    one = [pair.one_way for pair in pairs if pair.one_way is not None]
-    both = [pair.both_ways for pair in pairs if pair.both_ways is not None]
-    return str(len(one)), str(sum(map(is_wrong, one))), str(len(both)), str(sum(map(is_wrong, both)))
+def _by_way(pairs: Sequence[Found]) -> list[list[tuple[float, float] | None]]:
+    return [[pair.one_way for pair in pairs], [pair.both_ways for pair in pairs], [pair.by_parts for pair in pairs]]
+
+
+def _counts(pairs: Sequence[Found]) -> list[str]:
+    """Return of each way how many it accepted, and how many of them wrongly."""
+    accepted = [[one for one in way if one is not None] for way in _by_way(pairs)]
+    return [str(count) for way in accepted for count in (len(way), sum(map(is_wrong, way)))]
