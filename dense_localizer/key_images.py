@@ -77,6 +77,10 @@ class Explanation(NamedTuple):
 
 def is_explained(estimate: CameraEstimate) -> bool:
     """Say whether the map explains an image."""
+    return estimate.status.state is State.TRACKING and is_alike(estimate)
+
+
+def is_alike(estimate: CameraEstimate) -> bool:
+    """Say whether an image looks like the map where this has placed it, whether that is trusted or not."""
     candidate = estimate.candidate
-    is_sure = estimate.status.state is State.TRACKING and candidate is not None and candidate.is_by_map
-    return is_sure and candidate is not None and candidate.ncc >= MIN_EXPLAINED_NCC
+    return candidate is not None and candidate.is_by_map and candidate.ncc >= MIN_EXPLAINED_NCC

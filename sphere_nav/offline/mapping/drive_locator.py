@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dense_localizer.judge.estimate import CameraEstimate
-from dense_localizer.key_images import is_explained
+from dense_localizer.key_images import is_alike
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_mapping.experiences.joining import DriveSphere, Localized
@@ -58,7 +58,7 @@ class DriveLocator:
         self._found: dict[int, Localized | None] = {}
         self._judged: set[int] = set()  # stamps of images on which the localiser has a judgement
         self._explained: set[int] = set()  # and of those that the map explains
-        self._probation: set[int] = set()  # and of the latest ones, that are in probation
+        self._probation: set[int] = set()  # and of the latest ones, in probation, that look like the map
         self._small = CompactSpheres()
         self._numbers: dict[int, int] = {}  # of the small sphere of each stamp
         self._T_odom_graph, self._num_loops = SE3.identity(), 0
@@ -82,11 +82,11 @@ class DriveLocator:
             return
         self._found[stamp_ns] = self._locate(estimate)
         self._judged.add(stamp_ns)
-        self._explained |= {stamp_ns} if is_explained(estimate) else set()
+        alike = {stamp_ns} if is_alike(estimate) else set()
         if estimate.status.state is State.PROBATION:
-            self._probation.add(stamp_ns)
-        else:  # what ended well was no failure of the map
-            self._judged -= self._probation if estimate.status.state is State.TRACKING else set()
+            self._probation |= alike
+        else:  # a probation that ended well was no failure of the map
+            self._explained |= self._probation | alike if estimate.status.state is State.TRACKING else set()
             self._probation.clear()
         self._numbers[stamp_ns] = len(self._numbers)
         small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, self._numbers[stamp_ns])

@@ -26,12 +26,13 @@ def taught(tmp_path_factory):
     return save_map(tmp_path_factory.mktemp("taught") / "map", SphereGraph(nodes))
 
 
-def locate(reader, room):
-    """Return mapper and locator after a drive through a room."""
+def locate(reader, *rooms):
+    """Return mapper and locator after a drive through rooms, one after the other, the last one to the end."""
     locator = DriveLocator(reader)
     mapper = locator.make_mapper(PARAMS)
     mapper.first_id = 100
     for number, pose in enumerate(DRIVE):
+        room = rooms[min(number, len(rooms) - 1)]
         mapper.add(replace(room.sphere(pose, CAMERA, 50 + number), stamp_ns=10**9 + number * 10**8))
     locator.close()
     return mapper, locator
@@ -74,3 +75,9 @@ def test_what_is_tracked_but_looks_different_is_new(taught):
         mapper, locator = locate(reader, HalfNew())
         assert sum(image.located is not None and image.located.is_sure for image in locator.images(mapper)) >= 4
         assert locator.unexplained(mapper) == set(mapper.graph.nodes)
+
+
+def test_what_looks_different_in_probation_is_new_and_what_looks_alike_is_not(taught):
+    with open_map(taught) as reader:
+        mapper, locator = locate(reader, HalfNew(), HalfNew(), sharp_room())
+        assert locator.unexplained(mapper) == {min(mapper.graph.nodes)}
