@@ -80,7 +80,7 @@ TAIL_DECADES = 2.0  # in which chi2 may grow as from its 90 to its 99 %: to one 
 GNC_GROWTH, GNC_ROUNDS = 1.8, 100  # of mu in each round (Yang et al.: 1.4, from first poses); rounds at most
 ADMISSION_ROUNDS = 50  # each admits loops or is the last
 
-# Which way is up at the first sphere (test_level). Gravity by an IMU: an inexpensive one is off by 0.1 m/s^2, 0.6 deg.
+# Which way is up at the first sphere (../test_level). Gravity by an IMU: a cheap one is off by 0.1 m/s^2, 0.6 deg.
 GRAVITY = 9.80665  # m/s^2
 GRAVITY_S = 0.5  # s before and after the first sphere, of which samples of the IMU count
 MIN_STILL = 10  # samples, to tell rest from motion

@@ -13,7 +13,7 @@ import numpy as np
 from sensor_msgs.msg import Imu
 
 from sphere_mapping.constants import GRAVITY_S, GROUND_LEAN_RAD, MAX_LEAN_RAD, MOUNT_WAIT_S, POINTS_STEP
-from sphere_mapping.graph.level import UP, ImuSample, Upright, find_gravity, find_ground
+from sphere_mapping.level import UP, ImuSample, Upright, find_gravity, find_ground
 from sphere_mapping.params import SphereMapperParams
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.ros import conversions, qos

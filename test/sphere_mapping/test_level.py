@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.graph.level import (
+from sphere_mapping.level import (
     BY_GROUND,
     BY_ORIENTATION,
     BY_REST,
