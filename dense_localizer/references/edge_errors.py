@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dense_localizer.constants import EDGE_HOPS, MAX_LOOP_SIGMAS
+from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import Edge, SphereGraph
 
@@ -49,34 +50,33 @@ class EdgeErrors:
 def relative_covariances(graph: SphereGraph, edges_of: dict[int, list[Edge]], sphere_id: int) -> dict[int, Array]:
     """Return by id the covariance (6, 6) of x in T_sphere_other exp(x) of those around a key sphere.
 
-    By all edges among those that are reached over `EDGE_HOPS` edges; nothing where these do not say it.
+    By all edges among those that are reached over `EDGE_HOPS` edges, refuted loops and edges that say nothing left out.
     """
     local = {sphere_id}
     for _ in range(EDGE_HOPS):
-        local |= {end for node in local for edge in edges_of.get(node, ()) for end in (edge.a, edge.b)}
+        reached = (edge for node in local for edge in edges_of.get(node, ()) if is_usable(graph, edge))
+        local |= {end for edge in reached for end in (edge.a, edge.b)}
     rows = {node: slice(6 * k, 6 * k + 6) for k, node in enumerate(sorted(local - {sphere_id}))}
     information = np.zeros((6 * len(rows), 6 * len(rows)))
     for node in sorted(local):
         for edge in edges_of.get(node, ()):
-            if edge.a != node or edge.b not in local or is_refuted(graph, edge):
+            if edge.a != node or edge.b not in local or not is_usable(graph, edge):
                 continue
             ends = {edge.a: -edge.T_a_b.inverse().adjoint(), edge.b: np.eye(6)}  # of xi, by each end
             for one, J in ends.items():
                 for other, K in ends.items():
                     if sphere_id not in (one, other):
                         information[rows[one], rows[other]] += J.T @ edge.information @ K
-    try:
-        covariance: Array = np.linalg.inv(information).astype(np.float64)
-    except np.linalg.LinAlgError:
-        return {}
-    found = {node: covariance[at, at] for node, at in rows.items()}
-    return {node: one for node, one in found.items() if np.all(np.isfinite(one)) and np.all(np.diagonal(one) > 0.0)}
+    covariance = symmetric_inverse(information)
+    return {node: covariance[at, at] for node, at in rows.items()}
 
 
-def is_refuted(graph: SphereGraph, edge: Edge) -> bool:
-    """Say whether a loop is contradicted by where the map has its ends: it makes nothing sure."""
-    if not edge.is_loop:
+def is_usable(graph: SphereGraph, edge: Edge) -> bool:
+    """Say whether an edge fixes a motion; a loop that the map contradicts, by where it has the ends, fixes none."""
+    if np.any(np.linalg.eigvalsh(edge.information) <= 0.0):
         return False
+    if not edge.is_loop:
+        return True
     T_a_b = graph[edge.a].T_map_sphere.inverse() @ graph[edge.b].T_map_sphere
     xi = (edge.T_a_b.inverse() @ T_a_b).log()
-    return bool(xi @ edge.information @ xi > MAX_LOOP_SIGMAS**2)
+    return bool(xi @ edge.information @ xi <= MAX_LOOP_SIGMAS**2)

@@ -65,9 +65,11 @@ class SphereTracker:
             if proven is not None and (is_contradicted or expected.allows(proven.T_world_camera)):
                 return proven
         found = found or align_expected()
-        by_parts = None if found.is_converged else self._prove_by_parts(current, expected, graph)
-        is_possible = by_parts is not None and (is_contradicted or expected.allows(by_parts.T_world_camera))
-        return by_parts if by_parts is not None and is_possible else found
+        if found.is_converged:
+            return found
+        proven = self._prove_by_parts(current, expected, graph)
+        is_possible = proven is not None and (is_contradicted or expected.allows(proven.T_world_camera))
+        return proven if proven is not None and is_possible else found
 
     def find_again(self, current: PreparedSphere, found: Alignment, loops: LoopCloser, graph: SphereGraph) -> Alignment:
         """Return an alignment; in place of a refused one, after several, that with a key sphere that looks alike.

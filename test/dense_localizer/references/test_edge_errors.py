@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dense_localizer.references.edge_errors import EdgeErrors, is_refuted, relative_covariances
+from dense_localizer.references.edge_errors import EdgeErrors, is_usable, relative_covariances
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 
@@ -56,11 +56,20 @@ def test_a_way_over_far_key_spheres_does_not_count():
 def test_a_refuted_loop_makes_nothing_sure():
     wrong = edge(0, 1, TIGHT, SE3.from_planar(0.01, 0.0, 0.0), is_loop=True)  # ten standard deviations off
     right = edge(0, 1, TIGHT, SE3.from_planar(0.004, 0.0, 0.0), is_loop=True)
-    assert is_refuted(graph_of([wrong]), wrong)
-    assert not is_refuted(graph_of([right]), right)
-    assert not is_refuted(graph_of([wrong]), edge(0, 1, TIGHT, SE3.from_planar(0.01, 0.0, 0.0)))  # of the drive itself
+    assert not is_usable(graph_of([wrong]), wrong)
+    assert is_usable(graph_of([right]), right)
+    assert is_usable(graph_of([wrong]), edge(0, 1, TIGHT, SE3.from_planar(0.01, 0.0, 0.0)))  # of the drive itself
     assert sigma2([edge(0, 1, LOOSE), wrong], 0) == pytest.approx(LOOSE)
     assert sigma2([edge(0, 1, LOOSE), right], 0) == pytest.approx(TIGHT, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [edge(1, 2, TIGHT, SE3.from_planar(1.0, 0.0, 0.0), is_loop=True), Edge(1, 2, HERE, np.diag([1.0, 1, 1, 1, 1, 0]))],
+    ids=["refuted", "singular"],
+)
+def test_a_key_sphere_that_nothing_holds_makes_the_others_no_surer(lost):
+    assert sigma2([edge(0, 1, LOOSE), lost], 0) == pytest.approx(LOOSE)
 
 
 def test_along_a_way_covariances_are_carried_by_the_adjoint():
