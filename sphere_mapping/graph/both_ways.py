@@ -34,17 +34,23 @@ ONE_WAY, FEATURES = "ONE_WAY", "FEATURES"  # the way back does not agree; featur
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredMotion:
-    """T_a_b as both ways measured it, covariance (6, 6) of xi in T_a_b @ exp(xi), and the two alignments."""
+class TwoWayMotion:
+    """T_a_b as both ways measured it, and the covariance (6, 6) of xi in T_a_b @ exp(xi)."""
 
     T_a_b: SE3
     covariance: Array
-    forward: Alignment
-    back: Alignment
 
     def edge(self, a: int, b: int, *, is_loop: bool) -> Edge:
         """Return it as an edge of the graph."""
         return Edge(a, b, self.T_a_b, symmetric_inverse(self.covariance), is_loop)
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMotion(TwoWayMotion):
+    """The same by grey levels, with the two alignments."""
+
+    forward: Alignment
+    back: Alignment
 
 
 def measure_motion(

@@ -12,29 +12,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from sphere_mapping.constants import EDGE_FLOOR, MAX_PARTS_APART, MAX_PARTS_CHANCE
+from sphere_mapping.graph.both_ways import TwoWayMotion
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.estimation.gates import squared_mahalanobis
-from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.parts.registration import PartsAlignment, register_parts
 from sphere_nav.spheres.constants import EDGE_SHARE
-from sphere_nav.spheres.graph import Edge
 
 
 @dataclass(frozen=True, eq=False)
-class PartsMotion:
-    """T_a_b as both ways measured it, its covariance (6, 6), and the larger of both chances."""
+class PartsMotion(TwoWayMotion):
+    """A motion by parts of the images, with the larger of both chances."""
 
-    T_a_b: SE3
-    covariance: Array
     chance: float
-
-    def edge(self, a: int, b: int, *, is_loop: bool) -> Edge:
-        """Return it as an edge of the graph."""
-        return Edge(a, b, self.T_a_b, symmetric_inverse(self.covariance), is_loop)
 
 
 def measure_motion_by_parts(
