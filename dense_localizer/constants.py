@@ -119,7 +119,12 @@ NUM_LAID_OUT, NUM_HEADINGS, NUM_BY_PARTS = 48, 2, 6  # spheres compared by edges
 NUM_TURNED = 4  # spheres in which an image is compared at all turns about its axis, where no features place it
 NUM_NEAR = 6  # key spheres around a given or lost pose
 SAME_POSE_M, SAME_POSE_DEG = 0.3, 10.0  # candidates closer than this are one
+NUM_WHOLE_SEARCHES = 2  # first ones of the whole map that ask everything each time (start/test_search)
 SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.5, 2.0  # between two searches of the whole map; that a given or lost pose is tried
+
+# Parts of the view, asked of one prediction after the other (track/test_candidates)
+MAX_HINT_CHANCE = 0.01  # that as many agree in a wrong place, above which those of other predictions are not asked
+ASK_ALL_S = 0.3  # since the map placed an image, until which they are in any case
 
 # Drives that are kept to learn from (test_key_images)
 MIN_EXPLAINED_NCC = 0.8  # correlation of an image with the map that explains it

@@ -50,18 +50,18 @@ class Prediction:
     is_guess: bool = False  # of a search: the pose may be any other
     is_near: bool = False  # of a search near a pose that was given or lost
     experience: Experience | None = None  # of a guess: whose key spheres parts of the view resemble
+    asks_parts: bool = True  # likely enough for parts of the view to be asked where grey levels do not align
     T_map_aligned: SE3 | None = None  # pose of the last alignment
     growth: Array | None = None  # covariance (6, 6) of the motion since then
+    age_s: float = 0.0  # since an image was last placed by the map
 
     @staticmethod
     def guess(T_map_camera: SE3, *, is_near: bool = False, experience: Experience | None = None) -> Prediction:
         """Return a pose to try of which nothing else is known."""
-        return Prediction(T_map_camera, UNKNOWN, 0, is_guess=True, is_near=is_near, experience=experience)
-
-    @property
-    def asks_parts(self) -> bool:
-        """Whether it is likely enough for parts of the view to be asked where grey levels do not align."""
-        return not self.is_guess or self.is_near or self.experience is not None
+        asks_parts = is_near or experience is not None
+        return Prediction(
+            T_map_camera, UNKNOWN, 0, is_guess=True, is_near=is_near, experience=experience, asks_parts=asks_parts
+        )
 
     @property
     def finding(self) -> Finding:
@@ -145,7 +145,8 @@ class PosePrior:
         covariance, before = Ad @ aligned.covariance @ Ad.T + growth, aligned.T_map_camera
         max_step_s = max(GAP_S, GAP_PERIODS * float(np.median(self._periods_s))) if self._periods_s else GAP_S
         steps = step_s, max_step_s, blind_s
-        return Prediction(T_map_camera, covariance, stamp_ns, *steps, T_map_aligned=before, growth=growth)
+        age_s = self.age(stamp_ns)
+        return Prediction(T_map_camera, covariance, stamp_ns, *steps, T_map_aligned=before, growth=growth, age_s=age_s)
 
     def propose(self, frame: LocalizerInput) -> Iterator[Prediction]:
         """Yield predictions, the likeliest first: by odometry or velocity, turned as measured, standing still.

@@ -102,9 +102,9 @@ class Integrity:
             return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refusal)
         images, registration = chosen.covered, self._params.registration
         motion = prediction.frame_motion(self._params.camera.readout)
-        has_failed = not alignment.is_converged
+        has_failed, chance = not alignment.is_converged, None
         if has_failed and prediction.asks_parts:
-            alignment = align_by_parts(alignment, images, prediction.T_map_camera, registration)
+            alignment, chance = align_by_parts(alignment, images, prediction.T_map_camera, registration)
         is_by_parts = has_failed and alignment.is_converged
         due = EVERYTHING if has_failed or alignment.ncc < FULL_CHECK_NCC * usual_ncc else self.find_due(state)
         if is_by_parts:
@@ -123,8 +123,10 @@ class Integrity:
         if before is not None and acceptance.is_accepted:
             covariance = cover_slip(pose, covariance, before)
         evidence = prediction, choice, acceptance, alignment, motion, images
-        is_proven = structure is not None and structure.support.chance <= MAX_PREDICTED_CHANCE
-        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts or is_proven)
+        if structure is not None and structure.support.num_cells:
+            chance = min(structure.support.chance, 1.0 if chance is None else chance)
+        is_by_parts = is_by_parts or (chance is not None and chance <= MAX_PREDICTED_CHANCE)
+        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts, chance=chance)
 
     def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> None:
         """Begin at a candidate that a search has found."""
@@ -150,13 +152,16 @@ class Integrity:
 
 def align_by_parts(
     alignment: Alignment, images: Sequence[RigImage], T_world_body: SE3, params: RegistrationParams
-) -> Alignment:
-    """Return an alignment that failed at the pose on which parts of the view agree, where these prove it."""
+) -> tuple[Alignment, float]:
+    """Return an alignment that failed at the pose on which parts of the view agree, where these prove it.
+
+    With it, the chance that as many agree in a wrong place.
+    """
     found = register_parts(images, T_world_body, params)
     if found.chance > MAX_PREDICTED_CHANCE:
-        return alignment
+        return alignment, found.chance
     covariance = CORRELATED_CELLS * found.covariance
-    return replace(alignment, T_world_camera=found.T_world_body, covariance=covariance, reason=GOOD)
+    return replace(alignment, T_world_camera=found.T_world_body, covariance=covariance, reason=GOOD), found.chance
 
 
 def mend(alignment: Alignment, structure: Structure) -> tuple[Alignment, NDArray[np.float64], bool]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from dense_localizer.constants import MAX_GUESS_M, SEARCH_NEAR_S, SEARCH_PERIOD_S
+from dense_localizer.constants import MAX_GUESS_M, NUM_WHOLE_SEARCHES, SEARCH_NEAR_S, SEARCH_PERIOD_S
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.motion_prior import Prediction
@@ -38,7 +39,7 @@ class PoseSearch:
         """Nothing is requested, nothing is known of the past."""
         self._T_map_guess: SE3 | None = None
         self._guess_until_ns: int | None = None
-        self._next_ns = 0
+        self._next_ns = self._num_near = self._num_whole = 0  # searches that have found nothing
         self._is_requested = False
         self._finding = FINE
 
@@ -71,24 +72,42 @@ class PoseSearch:
         return result
 
     def _propose(self, frame: LocalizerInput) -> Iterator[list[Prediction]]:
-        """Yield poses to try: near a given or lost one, then in the whole map where that is due, upright and turned.
-
-        The near pose itself is one: in another light grey levels that fit nowhere lead away from it.
-        """
+        """Yield poses to try: near a given or lost one, then in the whole map where that is due."""
         if self._T_map_guess is not None and self._guess_until_ns is None:
             self._guess_until_ns = frame.stamp_ns + int(SEARCH_NEAR_S * 1e9)
         if self._guess_until_ns is not None and frame.stamp_ns > self._guess_until_ns:
             self._T_map_guess = None
         if self._T_map_guess is not None:
-            near = [self._T_map_guess, *self._startup.propose_near(frame.images, self._T_map_guess)]
-            yield [Prediction.guess(pose, is_near=True) for pose in near]
+            yield self._propose_near(frame, self._T_map_guess)
         if frame.stamp_ns >= self._next_ns and (self._is_automatic or self._is_requested):
             self._next_ns = frame.stamp_ns + int(SEARCH_PERIOD_S * 1e9)
-            yield list(map(Prediction.guess, self._startup.propose(frame.images, self.T_base_body)))
-            if self._finding.reason is not Reason.AMBIGUOUS:
-                by_parts = self._startup.propose_by_parts(frame.images, self.T_base_body)
-                yield [Prediction.guess(pose, experience=experience) for pose, experience in by_parts]
-                yield list(map(Prediction.guess, self._startup.propose_turned(frame.images, self.T_base_body)))
+            yield from self._propose_anywhere(frame)
+
+    def _propose_near(self, frame: LocalizerInput, T_map_guess: SE3) -> list[Prediction]:
+        """Return a pose and others about it; parts of each image are asked of another one, the pose itself first.
+
+        It is one of them, as in another light grey levels that fit nowhere lead away from it.
+        """
+        near = [T_map_guess, *self._startup.propose_near(frame.images, T_map_guess)]
+        asked, self._num_near = self._num_near % len(near), self._num_near + 1
+        guesses = [Prediction.guess(pose, is_near=True) for pose in near]
+        return [replace(guess, asks_parts=number == asked) for number, guess in enumerate(guesses)]
+
+    def _propose_anywhere(self, frame: LocalizerInput) -> Iterator[list[Prediction]]:
+        """Yield poses of an upright camera, of one in another light, of a turned one; these in turn after a while.
+
+        Who is lost for long mostly stands where no map is: to ask all each time would take a core for nothing.
+        """
+        number, self._num_whole = self._num_whole, self._num_whole + 1
+        images, T_base_body = frame.images, self.T_base_body
+        yield list(map(Prediction.guess, self._startup.propose(images, T_base_body)))
+        if self._finding.reason is Reason.AMBIGUOUS:
+            return
+        if number < NUM_WHOLE_SEARCHES or number % 2:
+            by_parts = self._startup.propose_by_parts(images, T_base_body)
+            yield [Prediction.guess(pose, experience=experience) for pose, experience in by_parts]
+        if number < NUM_WHOLE_SEARCHES or not number % 2:
+            yield list(map(Prediction.guess, self._startup.propose_turned(images, T_base_body)))
 
     def _check(self, T_map_camera: SE3) -> None:
         if not np.all(np.isfinite(T_map_camera.matrix)):

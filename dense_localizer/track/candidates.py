@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
+from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE
 from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.references.reference import References
@@ -14,7 +16,7 @@ Locate = Callable[[Prediction, Experience | None], PoseCandidate]  # by another 
 
 def find_candidate(predictions: Iterable[Prediction], locate: Locate, references: References) -> PoseCandidate:
     """Return the first accepted candidate; where that is not good, a better one by another experience."""
-    candidate = select_first_accepted(locate(prediction, None) for prediction in predictions)
+    candidate = select_first_accepted(_locate_each(predictions, locate))
     if candidate.acceptance.is_good or not candidate.choice.ids:
         return candidate
     tried = references.node(candidate.choice.ids[0]).experience
@@ -23,3 +25,18 @@ def find_candidate(predictions: Iterable[Prediction], locate: Locate, references
         return candidate
     references.adopt(other.choice)
     return other
+
+
+def _locate_each(predictions: Iterable[Prediction], locate: Locate) -> Iterator[PoseCandidate]:
+    """Yield the candidate of each prediction; parts of the view, which take longest, are asked while they may help.
+
+    Where from one prediction no more of them agree than by chance, they rarely do from another one: that is tried for
+    some images, then only the likeliest.
+    """
+    least: float | None = None
+    for prediction in predictions:
+        may_help = least is None or least <= MAX_HINT_CHANCE or prediction.age_s <= ASK_ALL_S
+        candidate = locate(prediction if may_help else replace(prediction, asks_parts=False), None)
+        if candidate.chance is not None:
+            least = candidate.chance if least is None else min(least, candidate.chance)
+        yield candidate

@@ -157,6 +157,7 @@ def test_a_pose_that_is_not_by_the_map_makes_the_pose_no_younger():
     prior.correct(truth[1], TIGHT, STEP_NS)
     prior.correct(truth[2], TIGHT, 2 * STEP_NS, is_by_map=False)
     assert prior.age(3 * STEP_NS) == pytest.approx(2e-9 * STEP_NS)
+    assert prior.predict(3 * STEP_NS).age_s == pytest.approx(2e-9 * STEP_NS)
     assert_same(prior.last.T_map_camera, truth[2])
 
 

@@ -121,6 +121,7 @@ def test_an_alignment_that_failed_in_another_light_is_done_by_parts(reason):
         )
         candidate = Integrity(references, params).assess(chosen, failed, guess)
         assert candidate.is_accepted == is_found
+        assert (candidate.chance < 1e-7) == is_found
         if is_found:
             assert candidate.is_by_parts
             assert candidate.T_map_camera.distance(pose)[0] < 0.02
@@ -133,7 +134,8 @@ def test_parts_are_believed_at_one_in_ten_million(monkeypatch, chance, is_taken)
     found = PartsAlignment(at(1.0), np.eye(6), 80, 20, chance)
     monkeypatch.setattr(integrity, "register_parts", lambda *_: found)
     monkeypatch.setattr(integrity, "replace", lambda one, **changes: changes)
-    taken = integrity.align_by_parts(failed, [], at(0.0), None)
+    taken, told = integrity.align_by_parts(failed, [], at(0.0), None)
+    assert told == chance
     assert (taken is failed) == (not is_taken)
     if is_taken:
         assert (taken["T_world_camera"], taken["reason"]) == (found.T_world_body, "")
@@ -166,7 +168,7 @@ def test_no_light_pulls_a_pose_that_parts_have_given(room, room_map, monkeypatch
     params, checked = build(LocalizerParams, SMALL_IMAGES), []
     references, find = References(room_map, params), integrity.find_rig_structure
     monkeypatch.setattr(integrity, "find_rig_structure", lambda *args: checked.append(args[4]) or find(*args))
-    monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: replace(alignment, reason=""))
+    monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: (replace(alignment, reason=""), 0.0))
     images = [RigImage(build_pyramid(room.photograph(PINHOLE, at(0.2)), PINHOLE, params.registration.pyramid))]
     guess = Prediction.guess(at(0.21), is_near=True)
     chosen = references.choose_rig(images, guess)

@@ -1,15 +1,12 @@
-from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from dense_localizer.inputs import LocalizerInput
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
 from dense_localizer.references.reference import References
-from dense_localizer.start.search import PoseSearch
 from dense_localizer.start.startup import Startup, candidate_poses, decide, find_attitude
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason
@@ -164,22 +161,6 @@ def test_what_resembles_nothing_may_be_the_one_place_that_parts_of_the_view_prov
     assert decide([candidate(0.51), one, other], SearchParams()).candidate.ncc == 0.51
 
 
-def test_a_pose_that_is_given_is_tried_as_it_is(room, room_map):
-    references = References(room_map, PARAMS)
-    search, tried = PoseSearch(references, PARAMS), []
-    given = at(0.3, 0.1, 0.2)
-    search.request(given)
-
-    def note(frame, guess):
-        tried.append(guess)
-        return locate(frame.images, references, PARAMS, guess)
-
-    search.find(LocalizerInput(10**9, images=(RigImage(pyramid_at(room, at(0.3, 0.1, 0.2))),)), note)
-    assert tried[0].T_map_camera is given
-    assert len(tried) > 1
-    references.close()
-
-
 def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):
     params = SearchParams(heading_step_deg=30.0)
     coarse = References(room_map, PARAMS).coarse[0]
@@ -192,30 +173,3 @@ def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_
     assert part.matrix.shape == (45, 4, 4)  # 5 x 3 directions, 3 places
     middle = Spherical(100, 60, 512.0, 0.0, 98.0).unproject([49.5, 29.5])
     assert np.any(np.all(np.isclose(part.rotation[:, :, 2], middle, atol=1e-9), axis=1))
-
-
-@pytest.mark.parametrize(("away_m", "is_refused"), [(9.9, False), (10.1, True)])
-def test_a_pose_far_from_all_key_spheres_is_refused(room_map, away_m, is_refused):
-    search, above = PoseSearch(References(room_map, PARAMS), PARAMS), np.array([0.0, 0.0, away_m])
-    far = SE3.from_parts(np.eye(3), room_map.graph[0].T_map_sphere.translation + above)
-    with pytest.raises(ValueError, match="expected at most 10 m from a key sphere") if is_refused else nullcontext():
-        search.request(far)
-
-
-def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):
-    references = References(room_map, PARAMS)
-    search = PoseSearch(references, PARAMS)
-
-    def find(pyramid, stamp_ns):
-        frame = LocalizerInput(stamp_ns, images=(RigImage(pyramid),))
-        return search.find(frame, lambda frame, guess: locate(frame.images, references, PARAMS, guess))
-
-    nothing = build_pyramid(np.random.default_rng(4).integers(0, 255, (120, 160), dtype=np.uint8), PINHOLE)
-    search.start_near(at(0.0))
-    assert find(nothing, 1_000_000_000).finding.reason is Reason.LOW_OVERLAP
-    assert find(pyramid_at(room, at(0.0)), 1_100_000_000).candidate is not None  # near the lost pose: at once
-    search.start_near(at(0.0))
-    find(nothing, 1_400_000_000)
-    pose = at(-2.0, 0.2, 3.0)
-    assert find(pyramid_at(room, pose), 1_450_000_000).candidate is None  # elsewhere: after the pause
-    assert find(pyramid_at(room, pose), 1_950_000_000).candidate is not None

@@ -138,7 +138,7 @@ def test_a_lamp_that_pulls_the_map_itself_is_told():
 
 
 def test_without_the_last_images_and_parts_the_lamp_ends_the_drive(room_map, monkeypatch):
-    monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: alignment)
+    monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: (alignment, 1.0))
     monkeypatch.setattr(structure, "find_support", lambda *_: NO_SUPPORT)
     run, told = Run(wide_room(), make_localizer(room_map, prior__max_blind_m=0.0)), []
     for k, pose in enumerate(way(20)):
@@ -149,7 +149,7 @@ def test_without_the_last_images_and_parts_the_lamp_ends_the_drive(room_map, mon
 
 
 def test_a_map_that_stays_hidden_is_told_and_lost_after_the_stated_distance(room_map, monkeypatch):
-    monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: alignment)
+    monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: (alignment, 1.0))
     monkeypatch.setattr(structure, "find_support", lambda *_: NO_SUPPORT)  # no part of it is seen, either
     run = Run(wide_room(), make_localizer(room_map, prior__max_blind_m=1.0))
     for pose in way(12):
