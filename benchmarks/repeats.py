@@ -24,6 +24,7 @@ from benchmarks.report import Report, Table
 from benchmarks.simulated_repeats import KINDS, Way, draw_drives, measure
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
+from sphere_mapping.experiences.budget import Budget
 from sphere_nav.geometry import Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
@@ -98,6 +99,8 @@ def run(options: argparse.Namespace) -> Report:
         raise ValueError(f"repeats: expected one folder of recordings, found {len(folders)}")
     with tempfile.TemporaryDirectory() as name:
         work = options.repeats_folder or Path(name)
+        if options.budget:
+            Budget.parse(options.budget)  # a wrong one is refused before anything is driven
         if options.simulated:
             kinds = tuple("" if kind == "day" else kind for kind in options.kinds or KINDS)
             way = Way(options.town, options.length)

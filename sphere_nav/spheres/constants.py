@@ -55,7 +55,7 @@ SURFACE_RATIO = 1.1  # ranges within this ratio of the nearest in a block are on
 # Experiences of a place (test_experiences)
 PLACE_REACH = 0.5  # of the radius of a region: key spheres so near each other are of one place
 PLACE_TURN = 0.6  # rad between views of one place, where spheres do not see in every direction
-FADING = 0.5  # weight of what a key sphere explained, with each later drive: the last few decide
+FADING = 0.5  # weight of what a key sphere explained, with each later drive of its light: the last few decide
 
 # Headings at which an image looks as in a sphere, in any light (appearance/test_headings)
 GRID_WIDTH = 256  # columns of the grid: 1.4 degrees

@@ -40,12 +40,29 @@ def with_experience(graph: SphereGraph, experience: Experience, ids: Iterable[in
 
 
 def with_service(graph: SphereGraph, served: dict[int, Service]) -> SphereGraph:
-    """Return the graph after one more drive, that key spheres have served as told by id; earlier service fades."""
+    """Return the graph after one more drive, that key spheres have served as told by id; earlier service fades.
+
+    A drive tells of an experience as much as it was used in it: what served by day does not fade by night.
+    """
+    shares, total = dict.fromkeys(split_by_experience(graph), 0.0), sum(one.num_images for one in served.values())
+    for node in graph:
+        if node.id in served:
+            shares[node.experience] += served[node.id].num_images / max(total, 1)
     changes = {}
     for node in graph:
         new = served.get(node.id, Service(0, node.last_served_ns))
-        changes[node.id] = {"served": FADING * node.served + new.num_images, "last_served_ns": new.last_ns}
+        before = node.served * (1.0 - (1.0 - FADING) * shares[node.experience])
+        changes[node.id] = {"served": before + new.num_images, "last_served_ns": new.last_ns}
     return graph.with_nodes(changes)
+
+
+def with_own_service(graph: SphereGraph, num_images: float) -> SphereGraph:
+    """Return the graph, key spheres of which nobody has counted what they serve taken to explain so many images.
+
+    They explain those of their own drive: a first day would leave before what has been added to it.
+    """
+    unknown = [node for node in graph if not (node.served or node.last_served_ns)]
+    return graph.with_nodes({node.id: {"served": num_images, "last_served_ns": node.stamp_ns} for node in unknown})
 
 
 def find_places(graph: SphereGraph, *, is_whole: bool) -> dict[int, dict[Experience, float]]:

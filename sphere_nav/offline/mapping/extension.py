@@ -21,7 +21,7 @@ from sphere_nav.ros.maps.reader import FILE_NAME, MapReader, open_map
 from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.experiences import Service, with_service
+from sphere_nav.spheres.experiences import Service, with_own_service, with_service
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,8 @@ def extend(
     base: MapReader, mapper: Mapper, locator: DriveLocator, T_map_start: SE3 | None = None, run: Run = map
 ) -> Extension:
     """Move what was mapped into the frame of the map, both in one graph; BagError where nothing says where it was."""
-    known = Submap(base.graph, base.appearance(), base.load_sphere)
+    graph = with_own_service(base.graph, len(mapper.tracks) / max(len(mapper.graph), 1))
+    known = Submap(graph, base.appearance(), base.load_sphere)
     drive = Submap(mapper.graph, mapper.appearance, mapper.load_sphere)
     for part in (known, drive):
         learn_appearance(part)

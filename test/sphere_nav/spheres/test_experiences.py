@@ -1,7 +1,14 @@
 """Which experiences a map holds, where, and how they serve."""
 
 from sphere_nav.geometry import SE3
-from sphere_nav.spheres.experiences import Service, find_places, split_by_experience, with_experience, with_service
+from sphere_nav.spheres.experiences import (
+    Service,
+    find_places,
+    split_by_experience,
+    with_experience,
+    with_own_service,
+    with_service,
+)
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 
 NIGHT = Experience("night", "rgbd 64 x 48", "drive_2", 7)
@@ -25,6 +32,20 @@ def test_service_fades_with_each_drive():
     assert [node.served for node in graph] == [0.0, 6.0, 1.0, 0.0]
     assert [node.last_served_ns for node in graph] == [0, 200, 250, 0]
     assert [node.last_served_ns for node in with_service(graph, {})] == [0, 200, 250, 0]
+
+
+def test_a_drive_by_night_tells_nothing_of_the_day():
+    graph = with_service(with_experience(line(), NIGHT, [1, 3]), {0: Service(8, 1), 1: Service(8, 1), 2: Service(4, 1)})
+    by_night = with_service(graph, {1: Service(6, 2), 3: Service(2, 2)})
+    assert [node.served for node in by_night] == [8.0, 10.0, 4.0, 2.0]
+    in_both = with_service(graph, {1: Service(6, 2), 2: Service(2, 2)})  # a quarter of it by the day's
+    assert [node.served for node in in_both] == [8.0 * 0.875, 8.0 * 0.625 + 6.0, 4.0 * 0.875 + 2.0, 0.0]
+
+
+def test_nobody_has_counted_what_a_first_day_serves():
+    graph = with_own_service(with_service(line(), {1: Service(8, 100)}), 5.0)
+    assert [node.served for node in graph] == [5.0, 8.0, 5.0, 5.0]
+    assert [node.last_served_ns for node in graph] == [0, 100, 2, 3]
 
 
 def test_a_place_is_what_is_near_by_the_region():
