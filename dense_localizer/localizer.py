@@ -64,7 +64,7 @@ class Localizer:
         self._integrity.begin(frame, self._states.state)
         if self._states.is_following and self._prior.pause_s(frame.stamp_ns) > self.params.input.timeout_s:
             self._states.lose()  # nobody knows what happened meanwhile
-            self.search.start_near(self._prior.predict(frame.stamp_ns, frame.T_odom_camera).T_map_camera)
+            self.search.start_near(self._prior.predict(frame.stamp_ns, frame.T_odom_camera).T_map_camera, frame)
         estimate = self._track(frame) if self._states.is_following else self._find_start(frame)
         self._inter_frame.images = frame.images
         return estimate
@@ -105,7 +105,7 @@ class Localizer:
         is_blind = prediction.blind_s > self.params.state.max_blind_s
         self._states.refuse(is_lost=is_blind or not prediction.is_certain)
         if not self._states.is_following:
-            self.search.start_near(prediction.T_map_camera)
+            self.search.start_near(prediction.T_map_camera, frame)
         return self._report(frame, finding, refused)
 
     def _find_start(self, frame: LocalizerInput) -> CameraEstimate:

@@ -38,6 +38,7 @@ class PoseSearch:
     def reset(self) -> None:
         """Nothing is requested, nothing is known of the past."""
         self._T_map_guess: SE3 | None = None
+        self._T_odom_guess: SE3 | None = None  # odometry there
         self._guess_until_ns: int | None = None
         self._next_ns = self._num_near = self._num_whole = 0  # searches that have found nothing
         self._is_requested = False
@@ -51,9 +52,9 @@ class PoseSearch:
         self._is_requested = T_map_camera is None
         self._T_map_guess = T_map_camera
 
-    def start_near(self, T_map_camera: SE3) -> None:
-        """Search near the pose where the camera was lost, then everywhere."""
-        self._T_map_guess, self._guess_until_ns = T_map_camera, None
+    def start_near(self, T_map_camera: SE3, frame: LocalizerInput) -> None:
+        """Search near the pose where the camera was lost at an instant, then everywhere."""
+        self._T_map_guess, self._T_odom_guess, self._guess_until_ns = T_map_camera, frame.T_odom_camera, None
 
     def find(self, frame: LocalizerInput, locate: Locate) -> SearchResult:
         """Search with one instant what is due, guesses aligned by `locate`; between searches the last finding stands.
@@ -62,6 +63,7 @@ class PoseSearch:
         """
         if not (self.is_wanted and frame.images):
             return SearchResult(None, frame.finding)
+        self._move_guess(frame.T_odom_camera)
         result = SearchResult(None, self._finding)
         for guesses in self._propose(frame):
             result = decide([locate(frame, guess) for guess in guesses], self._params)
@@ -70,6 +72,14 @@ class PoseSearch:
                 self._references.adopt(result.candidate.choice)
                 break
         return result
+
+    def _move_guess(self, T_odom_camera: SE3 | None) -> None:
+        """Move a given or lost pose as the camera has moved since, by odometry where there is any."""
+        if self._T_map_guess is None or T_odom_camera is None:
+            return
+        if self._T_odom_guess is not None:
+            self._T_map_guess = self._T_map_guess @ self._T_odom_guess.inverse() @ T_odom_camera
+        self._T_odom_guess = T_odom_camera
 
     def _propose(self, frame: LocalizerInput) -> Iterator[list[Prediction]]:
         """Yield poses to try: near a given or lost one, then in the whole map where that is due."""

@@ -84,10 +84,10 @@ def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):
         return search.find(frame, lambda frame, guess: locate(frame.images, references, PARAMS, guess))
 
     nothing = build_pyramid(np.random.default_rng(4).integers(0, 255, (120, 160), dtype=np.uint8), PINHOLE)
-    search.start_near(at(0.0))
+    search.start_near(at(0.0), LocalizerInput(10**9))
     assert find(nothing, 1_000_000_000).finding.reason is Reason.LOW_OVERLAP
     assert find(pyramid_at(room, at(0.0)), 1_100_000_000).candidate is not None  # near the lost pose: at once
-    search.start_near(at(0.0))
+    search.start_near(at(0.0), LocalizerInput(10**9))
     find(nothing, 1_400_000_000)
     pose = at(-2.0, 0.2, 3.0)
     assert find(pyramid_at(room, pose), 1_450_000_000).candidate is None  # elsewhere: after the pause
@@ -97,7 +97,7 @@ def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):
 def test_of_the_poses_near_a_given_one_each_image_asks_parts_of_another(asked):
     search, ask = asked
     search._is_automatic = False
-    search.start_near(at(0.0))
+    search.start_near(at(0.0), LocalizerInput(10**9))
     rounds = ask(8, 0.1)
     turns = [[guess.asks_parts for guess in tried].index(True) for tried in rounds]
     assert all(sum(guess.asks_parts for guess in tried) == 1 for tried in rounds)
@@ -122,3 +122,27 @@ def test_a_new_request_asks_everything_again(asked):
     search.request(None)
     (tried,) = ask(1, SEARCH_PERIOD_S)
     assert {id(BY_PARTS), id(TURNED)} <= {id(one.T_map_camera) for one in tried}
+
+
+def test_a_lost_pose_moves_with_the_odometry(asked, room, monkeypatch):
+    search, _ = asked
+    search._is_automatic, tried = False, []
+    monkeypatch.setattr(search._startup, "propose_near", lambda images, T: tried.append(T) or [])
+    step, lost, odom = SE3.from_planar(0.4, 0.1, 0.2), at(0.5, 0.0, 0.3), SE3.from_planar(7.0, 1.0, 2.0)
+    pyramid = pyramid_at(room, at(0.3))
+    nowhere = locate([RigImage(pyramid)], search._references, PARAMS, Prediction.guess(at(50.0)))
+
+    def find(number, T_odom):
+        frame = LocalizerInput(10**9 + number * 10**8, images=(RigImage(pyramid),), T_odom_camera=T_odom)
+        search.find(frame, lambda frame, guess: nowhere)
+
+    search.start_near(lost, LocalizerInput(10**9, T_odom_camera=odom))
+    for number, T_odom in enumerate([odom @ step, None, odom @ step @ step]):
+        find(number, T_odom)
+    expected = [lost @ step, lost @ step, lost @ step @ step]
+    assert [one.distance(other) < (1e-9, 1e-9) for one, other in zip(tried, expected, strict=True)] == [True] * 3
+    search.request(lost)  # by an operator: it moves from the next image on
+    for number, T_odom in enumerate([odom, odom @ step], start=3):
+        find(number, T_odom)
+    assert tried[3] is lost
+    assert tried[4].distance(lost @ step) < (1e-9, 1e-9)
