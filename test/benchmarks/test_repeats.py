@@ -47,9 +47,16 @@ def _two(folder):
     return folder
 
 
-def test_a_folder_without_recordings_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("simulated", "budget", "told"),
+    [
+        (None, "", "expected at least two bags or recordings of a known kind, found 0"),
+        (30, "3x", "expected experiences a place, as 3, or megabytes, as 200MB, found '3x'"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_before_anything_is_driven(tmp_path, simulated, budget, told):
     options = argparse.Namespace(
-        folders=[tmp_path], wrong=0.3, quick=True, threads=1, simulated=None, repeats_folder=None
+        folders=[tmp_path], wrong=0.3, quick=True, threads=1, simulated=simulated, repeats_folder=None, budget=budget
     )
-    with pytest.raises(ValueError, match="expected at least two bags or recordings of a known kind, found 0"):
+    with pytest.raises(ValueError, match=told):
         repeats.run(options)
