@@ -81,6 +81,7 @@ def test_two_drives_are_one_map_and_the_first_one_stays_as_it_is(drives, joint):
         errors = [float(node.T_map_sphere.distance(truth[node.stamp_ns])[0]) for node in both.graph]
         assert np.sqrt(np.mean(np.square(errors))) < 0.01  # m, of all key spheres: the map's frame is the truth's
         assert any(edge.is_loop for edge in both.graph.edges)
+        assert min(both.graph[sphere_id].served for sphere_id in taught.graph.nodes) > 0.0  # in their own drive
     driven = read_tum(joint / "west.tum")
     assert max(float(a.distance(b)[0]) for a, b in zip(driven.T_map_body, WEST, strict=True)) < 0.02
 
