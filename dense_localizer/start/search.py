@@ -108,15 +108,16 @@ class PoseSearch:
 
         Who is lost for long mostly stands where no map is: to ask all each time would take a core for nothing.
         """
-        number, self._num_whole = self._num_whole, self._num_whole + 1
         images, T_base_body = frame.images, self.T_base_body
+        asks_all, is_turned = self._num_whole < NUM_WHOLE_SEARCHES, self._num_whole // len(images) % 2 == 0
+        self._num_whole += 1  # every camera serves once before the other is asked
         yield list(map(Prediction.guess, self._startup.propose(images, T_base_body)))
         if self._finding.reason is Reason.AMBIGUOUS:
             return
-        if number < NUM_WHOLE_SEARCHES or number % 2:
+        if asks_all or not is_turned:
             by_parts = self._startup.propose_by_parts(images, T_base_body)
             yield [Prediction.guess(pose, experience=experience) for pose, experience in by_parts]
-        if number < NUM_WHOLE_SEARCHES or not number % 2:
+        if asks_all or is_turned:
             yield list(map(Prediction.guess, self._startup.propose_turned(images, T_base_body)))
 
     def _check(self, T_map_camera: SE3) -> None:

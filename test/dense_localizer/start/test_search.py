@@ -116,6 +116,15 @@ def test_who_is_lost_for_long_is_searched_for_in_another_light_and_turned_in_tur
     assert all(len(tried) > 1 for tried in rounds)  # upright ones each time
 
 
+def test_of_two_cameras_each_is_asked_both_ways(asked, room, monkeypatch):
+    search, _ = asked
+    monkeypatch.setattr(search._startup, "propose", lambda *_: [])
+    frame = LocalizerInput(10**9, images=(RigImage(pyramid_at(room, at(0.3))),) * 2)
+    search._num_whole = 2 * NUM_WHOLE_SEARCHES
+    told = [[one.T_map_camera for part in search._propose_anywhere(frame) for one in part] for _ in range(4)]
+    assert [one is TURNED for (one,) in told] == [True, True, False, False]
+
+
 def test_a_new_request_asks_everything_again(asked):
     search, ask = asked
     ask(NUM_WHOLE_SEARCHES + 1, SEARCH_PERIOD_S)
