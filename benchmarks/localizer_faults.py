@@ -178,7 +178,20 @@ def run(options: argparse.Namespace) -> Report:
                 found.outside.append(drive.start(elsewhere)[0])
                 bar.update()
             drive.localizer.references.close()
+            bar.write(f"hall {hall + 1} of {halls}, so far: {_so_far(found)}")
     return _report(found, options)
+
+
+def _so_far(found: Found) -> str:
+    """Return in one line what the halls until now have shown: all of them take hours."""
+    failures = sum(found.injected.values()), sum(found.undetected[name] for name in found.injected)
+    starts = len(found.starts), sum(found.starts), found.num_wrong
+    return (
+        f"{failures[0]} failures, {failures[1]} undetected; without one {found.num_nominal} images, "
+        f"{found.num_trusted} TRACKING, {found.undetected['nothing']} wrong, {found.false_alarms} false DEGRADED; "
+        f"{starts[0]} starts, {starts[1]} TRACKING, {starts[2]} wrong; "
+        f"{len(found.outside)} starts outside, {sum(found.outside)} with a pose"
+    )
 
 
 def _report(found: Found, options: argparse.Namespace) -> Report:

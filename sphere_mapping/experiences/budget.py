@@ -1,13 +1,20 @@
-"""What leaves a map that holds too much: what explained least in the last drives, never the only one of a place."""
+"""What a map that holds too much goes without: first bytes of its key spheres, then what explained least.
+
+A key sphere is condensed before any leaves (`spheres/condensed.py`); those go first, either way, that explain the
+fewest images of a drive in their light. The only one of a place never leaves.
+"""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
-from sphere_mapping.graph.merging import Merged, drop
+from sphere_mapping.graph.merging import drop
 from sphere_nav.spheres.experiences import find_places
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
+
+CountBytes = Callable[[int, bool], float]  # of a key sphere by its id, as it is and condensed
 
 
 @dataclass(frozen=True)
@@ -27,25 +34,51 @@ class Budget:
         return Budget(num_bytes=number * 1e6) if found[2] else Budget(number)
 
 
-def thin(graph: SphereGraph, budget: Budget, bytes_per_sphere: float, *, is_whole: bool) -> Merged:
-    """Return the graph within a budget, as far as places keep one key sphere each; the least serving ones leave first.
+@dataclass(frozen=True, eq=False)
+class Thinned:
+    """A graph within a budget, how many key spheres left it, and the ids of those of it that are to be condensed."""
+
+    graph: SphereGraph
+    num_left: int = 0
+    condensed: set[int] = field(default_factory=set)
+
+
+def thin(graph: SphereGraph, budget: Budget, count_bytes: CountBytes, *, is_whole: bool) -> Thinned:
+    """Return the graph within a budget, as far as places keep one key sphere each; the least serving ones go first.
 
     `is_whole`: its spheres see in every direction.
     """
-    left, leaving = graph, list[int]()
+    sizes, condensed = _condense(graph, budget, count_bytes) if budget.num_bytes else ({}, set())
+    left, leaving, total = graph, list[int](), sum(sizes.values())
     while True:
-        places = find_places(left, is_whole=is_whole)
-        if budget.num_experiences:
-            crowded = {node_id for node_id, found in places.items() if len(found) > budget.num_experiences}
-        else:
-            is_full = len(left) * bytes_per_sphere > budget.num_bytes
-            crowded = {node_id for node_id, found in places.items() if is_full and len(found) > 1}
-        least = [left[node_id] for node_id in crowded if _is_least(left[node_id], places[node_id])]
+        most = budget.num_experiences or (1 if total > budget.num_bytes else len(graph))
+        places = find_places(left, is_whole=is_whole) if most < len(graph) else {}
+        crowded = [left[node_id] for node_id, found in places.items() if len(found) > most]
+        least = [node for node in crowded if _is_least(node, places[node.id])]
         if not least:
-            return drop(graph, leaving)
-        gone = min(least, key=lambda node: (node.served, node.id))
+            return Thinned(drop(graph, leaving).graph, len(leaving), condensed - set(leaving))
+        gone = min(least, key=_service)
         leaving.append(gone.id)
+        total -= sizes.get(gone.id, 0.0)
         left = SphereGraph(node for node in left if node.id != gone.id)
+
+
+def _condense(graph: SphereGraph, budget: Budget, count_bytes: CountBytes) -> tuple[dict[int, float], set[int]]:
+    """Return the bytes of key spheres by id, and which of them are condensed: as many as it needs, or all."""
+    sizes, condensed = {node.id: count_bytes(node.id, False) for node in graph}, set[int]()
+    total = sum(sizes.values())
+    for node in sorted(graph, key=_service):
+        if total <= budget.num_bytes:
+            break
+        size = count_bytes(node.id, True)
+        if size < sizes[node.id]:
+            total, sizes[node.id] = total + size - sizes[node.id], size
+            condensed.add(node.id)
+    return sizes, condensed
+
+
+def _service(node: KeySphere) -> tuple[float, int]:
+    return node.served, node.id
 
 
 def _is_least(node: KeySphere, found: dict[Experience, float]) -> bool:

@@ -39,30 +39,29 @@ def with_experience(graph: SphereGraph, experience: Experience, ids: Iterable[in
     return graph.with_nodes({node_id: {"experience": experience} for node_id in ids})
 
 
-def with_service(graph: SphereGraph, served: dict[int, Service]) -> SphereGraph:
-    """Return the graph after one more drive, that key spheres have served as told by id; earlier service fades.
+def with_service(graph: SphereGraph, served: dict[int, Service], own: dict[int, Service] | None = None) -> SphereGraph:
+    """Return the graph after one more drive: for each key sphere the images that it explains in a drive of its light.
 
-    A drive tells of an experience as much as it was used in it: what served by day does not fade by night.
+    served: by id what key spheres explained of the drive; own: those that it added, and what they explain of it.
+    A mean, in which later drives count more, and each as much as its light was used in it: what served by day does not
+    fade by night, and what has been driven in once is worth as much as what has been driven in often. Key spheres that
+    nobody has counted, those of a first day, begin with as many images as the drive's own ones explain.
     """
-    shares, total = dict.fromkeys(split_by_experience(graph), 0.0), sum(one.num_images for one in served.values())
+    told, own = served | (own or {}), own or {}
+    total = max(sum(one.num_images for one in told.values()), 1)
+    shares = dict.fromkeys(split_by_experience(graph), 0.0)
     for node in graph:
-        if node.id in served:
-            shares[node.experience] += served[node.id].num_images / max(total, 1)
+        shares[node.experience] += told[node.id].num_images / total if node.id in told else 0.0
+    first = sum(one.num_images for one in own.values()) / max(len(own), 1)
     changes = {}
     for node in graph:
-        new = served.get(node.id, Service(0, node.last_served_ns))
-        before = node.served * (1.0 - (1.0 - FADING) * shares[node.experience])
-        changes[node.id] = {"served": before + new.num_images, "last_served_ns": new.last_ns}
+        new = told.get(node.id, Service(0, node.last_served_ns or (node.stamp_ns if own else 0)))
+        is_counted = bool(node.served or node.last_served_ns)
+        before = node.served if is_counted else first
+        mean = before + (1.0 - FADING) * (new.num_images - shares[node.experience] * before)
+        begins = node.id in own or not (is_counted or own)
+        changes[node.id] = {"served": float(new.num_images) if begins else mean, "last_served_ns": new.last_ns}
     return graph.with_nodes(changes)
-
-
-def with_own_service(graph: SphereGraph, num_images: float) -> SphereGraph:
-    """Return the graph, key spheres of which nobody has counted what they serve taken to explain so many images.
-
-    They explain those of their own drive: a first day would leave before what has been added to it.
-    """
-    unknown = [node for node in graph if not (node.served or node.last_served_ns)]
-    return graph.with_nodes({node.id: {"served": num_images, "last_served_ns": node.stamp_ns} for node in unknown})
 
 
 def find_places(graph: SphereGraph, *, is_whole: bool) -> dict[int, dict[Experience, float]]:

@@ -33,7 +33,7 @@ class KeySphere:
     """A vertex: where a sphere was taken. `sphere` is None where only the pose is in memory.
 
     region_radius_m: up to where a camera can be localised by it; 0 where that is not known.
-    served: images of later drives that it explained, earlier drives count less; last_served_ns: 0 for none.
+    served: images that it explains of a drive in its light, a mean of the last ones; last_served_ns: 0 for none.
     """
 
     id: int

@@ -50,6 +50,12 @@ def decode_ranges(codes: NDArray[np.uint16]) -> NDArray[np.float32]:
     return ranges
 
 
+def coarse_ranges(codes: NDArray[np.uint16], steps: int) -> NDArray[np.uint16]:
+    """Return codes of ranges that are multiples of some steps, which compress better; what is not finite stays."""
+    multiples = np.clip(np.rint(codes / np.float32(steps)), 1, NUM_STEPS // steps) * steps
+    return np.where((codes == CODE_NAN) | (codes == CODE_INF), codes, multiples).astype(np.uint16)
+
+
 def encode_deviation(
     range_std_m: NDArray[np.floating[Any]],
     range_m: NDArray[np.floating[Any]],
@@ -70,6 +76,12 @@ def encode_deviation(
         steps = np.log(ratio[marked] / np.float32(MIN_FILLED)) * np.float32(1 / FILLED_STEP)
         codes[marked] = np.clip(np.rint(steps) + np.float32(FIRST_FILLED), FIRST_FILLED, 255)
     return codes.astype(np.uint8)
+
+
+def coarse_deviation(codes: NDArray[np.uint8], steps: int) -> NDArray[np.uint8]:
+    """Return codes of deviations, one for each run of some steps; those of filled ranges, coarse already, stay."""
+    measured = np.minimum((codes - 1) // steps * steps + 1 + steps // 2, FIRST_FILLED - 1)
+    return np.where((codes == CODE_NAN) | (codes >= FIRST_FILLED), codes, measured).astype(np.uint8)
 
 
 def decode_deviation(codes: NDArray[np.uint8], range_m: NDArray[np.float32]) -> NDArray[np.float32]:

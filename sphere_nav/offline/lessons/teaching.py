@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from sphere_nav.offline.constants import KEY_FLOOR, MIN_MEASURED, NUM_DRAWN, TEA
 from sphere_nav.offline.forgetting import without
 from sphere_nav.offline.lessons.kept_drives import KeptDrive, KeyImage
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
+from sphere_nav.ros.maps.condensing import condense, condense_message, count_bytes, count_compressed
 from sphere_nav.ros.maps.reader import MapDetails, MapReader
 from sphere_nav.ros.maps.writer import SPHERE_FRAME, Stored, write_stored
 from sphere_nav.spheres.appearance.features import features_of_sphere
@@ -89,9 +91,11 @@ def teach(
         if node.id not in index.features:
             load = spheres.__getitem__ if node.id in spheres else base.load_sphere
             index.add(node.id, features_of_sphere(load(node.id)))
+    condensed = set[int]()
     if budget is not None:
         is_whole = base.load_sphere(min(base.graph.nodes)).camera.is_whole
-        graph = thin(graph, budget, base.num_bytes / len(base.graph), is_whole=is_whole).graph
+        thinned = thin(graph, budget, partial(_count_bytes, base, spheres), is_whole=is_whole)
+        graph, condensed = thinned.graph, thinned.condensed
     info = base.info
     details = MapDetails(
         map_id=str(info.map_id),  # the frame and the poses of the map are those of before
@@ -100,7 +104,7 @@ def teach(
         rig=info.rig,
         frame_id=info.header.frame_id,
     )
-    write_stored(target, graph, details, index, _stored(base, spheres, rejections))
+    write_stored(target, graph, details, index, condense(_stored(base, spheres, rejections), condensed))
     return len(spheres.keys() & graph.nodes.keys())
 
 
@@ -145,14 +149,30 @@ def _edge(graph: SphereGraph, one: KeyImage, node: KeySphere, covariance: Array)
 
 
 def _with_drive(graph: SphereGraph, drive: KeptDrive, nodes: list[KeySphere], edges: list[Edge]) -> SphereGraph:
-    """Return the graph with the key spheres of a drive, and what the others were worth in it."""
-    served: dict[int, Service] = {}
+    """Return the graph with the key spheres of a drive, and what they and the others explain of it.
+
+    What the map did not explain is explained by the new key sphere nearest to it.
+    """
+    served, own = dict[int, Service](), dict[int, Service]()
     for one in drive.images():
         if one.is_explained and one.references and one.references[0] in graph.nodes:
-            before = served.get(one.references[0], Service(0, 0))
-            served[one.references[0]] = Service(before.num_images + 1, one.stamp_ns)
-    served |= {node.id: Service(1, node.stamp_ns) for node in nodes}
-    return with_service(SphereGraph([*graph, *nodes], [*graph.edges, *edges]), served)
+            _count(served, one.references[0], one.stamp_ns)
+        elif not one.is_explained and nodes:
+            nearest = SphereGraph(nodes).nearest(one.T_map_camera.translation)[0]
+            _count(own, nearest.id, one.stamp_ns)
+    return with_service(SphereGraph([*graph, *nodes], [*graph.edges, *edges]), served, own)
+
+
+def _count(served: dict[int, Service], sphere_id: int, stamp_ns: int) -> None:
+    served[sphere_id] = Service(served.get(sphere_id, Service(0, 0)).num_images + 1, stamp_ns)
+
+
+def _count_bytes(base: MapReader, spheres: dict[int, Sphere], sphere_id: int, is_condensed: bool) -> float:
+    if sphere_id not in spheres:
+        return count_bytes(base, sphere_id, is_condensed)
+    whole, _ = _message(sphere_id, spheres[sphere_id])
+    size = count_compressed(condense_message(whole) if is_condensed else whole)
+    return size + base.num_other_bytes / len(base.graph)
 
 
 def _stored(base: MapReader, spheres: dict[int, Sphere], rejections: Rejections) -> Iterator[Stored]:

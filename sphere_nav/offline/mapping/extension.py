@@ -21,7 +21,7 @@ from sphere_nav.ros.maps.reader import FILE_NAME, MapReader, open_map
 from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.experiences import Service, with_own_service, with_service
+from sphere_nav.spheres.experiences import Service, with_service
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,7 @@ def extend(
     base: MapReader, mapper: Mapper, locator: DriveLocator, T_map_start: SE3 | None = None, run: Run = map
 ) -> Extension:
     """Move what was mapped into the frame of the map, both in one graph; BagError where nothing says where it was."""
-    graph = with_own_service(base.graph, len(mapper.tracks) / max(len(mapper.graph), 1))
-    known = Submap(graph, base.appearance(), base.load_sphere)
+    known = Submap(base.graph, base.appearance(), base.load_sphere)
     drive = Submap(mapper.graph, mapper.appearance, mapper.load_sphere)
     for part in (known, drive):
         learn_appearance(part)
@@ -66,7 +65,7 @@ def extend(
         raise BagError(f"{base.path}: expected a drive by places of the map, found none that hold: {joined.told}")
     own = Counter(track.key_id for track in mapper.tracks)  # a key sphere explains the images of its own drive
     newest = {node.id: Service(own[node.id], node.stamp_ns) for node in drive.graph}
-    mapper.graph = with_service(joined.graph, locator.served | newest)
+    mapper.graph = with_service(joined.graph, locator.served, newest)
     for sphere_id, features in drive.index.features.items():
         known.index.add(sphere_id, features)
     told = f"joined to {base.path}: {joined.told}; {len(new)} of {len(drive.graph)} key spheres show what it did not"

@@ -81,11 +81,6 @@ class JoinedSegments:
             self._open[path] = open_map(path)
         return self._open[path]
 
-    @property
-    def num_bytes(self) -> int:
-        """Size of the maps that it is from."""
-        return sum(self.reader(path).num_bytes for path in sorted({path for path, _ in self.sources.values()}))
-
     def close(self) -> None:
         """Close all files."""
         while self._open:

@@ -10,17 +10,14 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from itertools import chain
 from typing import cast
 
-from sphere_mapping.experiences.budget import thin
-from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.saving import details_of
-from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.offline.mapping.drive import MappedDrive, truth_of
@@ -30,13 +27,15 @@ from sphere_nav.offline.mapping.joining import Bridge, JoinedSegments
 from sphere_nav.offline.mapping.plan import MappingPlan, make_plan
 from sphere_nav.offline.mapping.remains import Remains
 from sphere_nav.offline.mapping.segment_work import SegmentRecord
+from sphere_nav.offline.mapping.thinning import Thinner
 from sphere_nav.offline.mapping.workers import NUM_THREADS, Workers, limit_threads
 from sphere_nav.ros.bags import BagError
+from sphere_nav.ros.maps.condensing import condense
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.ros.maps.writer import MAP_FRAME, Stored, check_free
 from sphere_nav.ros.service import one_line
 from sphere_nav.spheres.experiences import with_experience
-from sphere_nav.spheres.graph import Experience, SphereGraph
+from sphere_nav.spheres.graph import Experience
 
 ORIGINS = {"truth": "the true poses of the drive", "survey": "the survey of its key spheres"}
 
@@ -134,10 +133,11 @@ def finish_map(
     T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, truth, str(arguments.bag))
     origin = base.reader.origin if base is not None else ORIGINS.get(arguments.anchor, mapper.origin)
     ways = [drive.trajectory(is_base=is_base).moved(T_new_map) for is_base in (False, True)]
-    graph, left = thin_map(arguments, graph, mapper, ways[0].positions, joined, base, new)
+    thinner = Thinner(mapper, joined, base.reader if base is not None else None, arguments.budget)
+    graph, condensed, left = thinner.thin(graph, ways[0].positions, new)
     told += left
     details = details_of(graph, mapper.params, source, frame, rig, origin)
-    remains.complete(graph, details, index, chain(stored, joined.stored()))
+    remains.complete(graph, details, index, condense(chain(stored, joined.stored()), condensed))
     joined.close()
     for path, way in zip((arguments.trajectory, arguments.taught), ways, strict=True):
         if path:
@@ -148,30 +148,6 @@ def finish_map(
     if drive.loss:
         print(f"sphere_nav map: {arguments.bag}: {drive.loss}", file=sys.stderr)
     return 1 if drive.loss else 0
-
-
-def thin_map(
-    arguments: argparse.Namespace,
-    graph: SphereGraph,
-    mapper: Mapper,
-    positions: Array,
-    joined: JoinedSegments,
-    base: Base | None,
-    new: Collection[int],
-) -> tuple[SphereGraph, list[str]]:
-    """Return the graph without what is redundant, or beyond the budget, and what is told of that."""
-    told, known = [], base.reader if base is not None else None
-    if mapper.params.key.merge:
-        merged = merge(graph, positions, known.graph.nodes if known is not None else (), new)
-        told += [f"{len(merged.replaced)} key spheres merged with others of their places"] if merged.replaced else []
-        graph = merged.graph
-    if arguments.budget is not None:
-        num_bytes = joined.num_bytes + (known.num_bytes if known is not None else 0)
-        is_whole = mapper.load_sphere(mapper.tracks[0].key_id).camera.is_whole
-        thinned = thin(graph, arguments.budget, num_bytes / len(mapper.graph), is_whole=is_whole)
-        told += [f"{len(thinned.replaced)} key spheres left for the budget"] if thinned.replaced else []
-        graph = thinned.graph
-    return graph, told
 
 
 def describe_drive(arguments: argparse.Namespace, drive: MappedDrive) -> Experience:

@@ -99,11 +99,7 @@ class MapReader:
 
     def load_sphere(self, sphere_id: int) -> Sphere:
         """Read one key sphere, one chunk; BagError if it is missing or damaged."""
-        index = self._chunks.get(sphere_id)
-        if index is None:
-            raise BagError(
-                f"{self.path}: key sphere {sphere_id}: expected one of the map's {len(self.graph)}, found none"
-            )
+        index = self._chunk_of(sphere_id)
         message = view_message(self._data_of(index), AugmentedSphere, f"{self.path}: {SPHERE}")
         if message.id != sphere_id:
             raise BagError(
@@ -114,6 +110,14 @@ class MapReader:
         except ValueError as error:
             raise BagError(f"{self.path}: key sphere {sphere_id}: {error}") from None
         return sphere
+
+    def load_message(self, sphere_id: int) -> AugmentedSphere:
+        """Read one key sphere as it is stored; BagError if it is missing or damaged."""
+        return self._message_of(self._chunk_of(sphere_id))
+
+    def count_bytes(self, sphere_id: int) -> int:
+        """Return what a key sphere takes of the file; BagError if it is missing."""
+        return self._chunk_of(sphere_id).chunk_length
 
     def coarse_spheres(self) -> Mapping[int, Sphere]:
         """Read all key spheres small, in one read; made from the spheres themselves where a map has none.
@@ -168,6 +172,11 @@ class MapReader:
     def num_bytes(self) -> int:
         """Size of its file."""
         return self._bag.files[0].path.stat().st_size
+
+    @property
+    def num_other_bytes(self) -> int:
+        """Size of its file without the key spheres themselves: small ones, features, graph."""
+        return self.num_bytes - sum(index.chunk_length for index in self._chunks.values())
 
     @property
     def origin(self) -> str:
@@ -242,6 +251,13 @@ class MapReader:
         if len(chunks) != len(ids) or found != len(ids):
             raise BagError(f"{self.path}: spheres: expected {len(ids)} (one a vertex of the graph), found {found}")
         return dict(zip(ids, chunks, strict=True))
+
+    def _chunk_of(self, sphere_id: int) -> ChunkIndex:
+        index = self._chunks.get(sphere_id)
+        if index is None:
+            found = f"expected one of the map's {len(self.graph)}, found none"
+            raise BagError(f"{self.path}: key sphere {sphere_id}: {found}")
+        return index
 
     def _message_of(self, index: ChunkIndex) -> AugmentedSphere:
         message: AugmentedSphere = self._bag.decode(SPHERE, bytes(self._data_of(index)), AugmentedSphere)

@@ -26,9 +26,23 @@ def graph():
     return SphereGraph(nodes, edges)
 
 
+def alike(sphere_id, is_condensed):
+    """Return the bytes of key spheres that cannot be condensed."""
+    return 1e6
+
+
+def left(graph, budget, count_bytes=alike, *, is_whole=True):
+    """Return which key spheres leave."""
+    found = thin(graph, budget, count_bytes, is_whole=is_whole)
+    leaving = graph.nodes.keys() - found.graph.nodes.keys()
+    assert found.num_left == len(leaving)
+    assert found.condensed <= found.graph.nodes.keys()
+    return leaving
+
+
 def test_what_served_least_leaves_and_the_graph_stays_whole(graph):
-    found = thin(graph, Budget.parse("2"), 1.0, is_whole=True)
-    assert set(found.replaced) == {1}
+    found = thin(graph, Budget.parse("2"), alike, is_whole=True)
+    assert not found.condensed
     assert [node.id for node in found.graph] == [0, 2, 10, 11, 20]
     assert len(found.graph.edges) == 4
     for edge in found.graph.edges:
@@ -37,20 +51,40 @@ def test_what_served_least_leaves_and_the_graph_stays_whole(graph):
 
 
 def test_the_only_one_of_a_place_stays_whatever_it_served(graph):
-    assert set(thin(graph, Budget.parse("1"), 1.0, is_whole=True).replaced) == {1, 2, 10}
-    assert set(thin(graph, Budget(num_bytes=1.0), 1.0, is_whole=True).replaced) == {1, 2, 10}
+    assert left(graph, Budget.parse("1")) == {1, 2, 10}
+    assert left(graph, Budget(num_bytes=1.0)) == {1, 2, 10}
 
 
 def test_bytes_are_kept_within(graph):
-    assert set(thin(graph, Budget(num_bytes=4e6), 1e6, is_whole=True).replaced) == {1, 10}
-    assert not thin(graph, Budget.parse("6MB"), 1e6, is_whole=True).replaced
+    assert left(graph, Budget(num_bytes=4e6)) == {1, 10}
+    assert not left(graph, Budget.parse("6MB"))
+
+
+def test_bytes_are_saved_before_any_key_sphere_leaves(graph):
+    """By service: 20 (0 images), 10 (2), 1 (3), 11 (9), 2 (20), 0 (50)."""
+
+    def count(sphere_id, is_condensed):
+        return 0.4e6 if is_condensed else 1e6
+
+    assert not thin(graph, Budget(num_bytes=6e6), count, is_whole=True).condensed
+    found = thin(graph, Budget(num_bytes=4.9e6), count, is_whole=True)
+    assert (found.num_left, found.condensed) == (0, {20, 10})
+    found = thin(graph, Budget(num_bytes=2.4e6), count, is_whole=True)
+    assert (found.num_left, found.condensed) == (0, {0, 1, 2, 10, 11, 20})
+    found = thin(graph, Budget(num_bytes=1.7e6), count, is_whole=True)
+    assert (found.num_left, found.condensed) == (2, {0, 2, 11, 20})
+
+
+def test_what_would_not_be_smaller_is_not_condensed(graph):
+    found = thin(graph, Budget(num_bytes=4e6), lambda sphere_id, _: 1e6 + sphere_id % 2, is_whole=True)
+    assert not found.condensed
 
 
 def test_views_elsewhere_are_other_places_of_partial_spheres():
     turned = SE3.from_planar(0.0, 0.0, 1.5)
     nodes = [KeySphere(0, 0, SE3.identity(), None, 4.0, DAY), KeySphere(1, 1, turned, None, 4.0, NIGHT)]
-    assert not thin(SphereGraph(nodes), Budget(1), 1.0, is_whole=False).replaced
-    assert set(thin(SphereGraph(nodes), Budget(1), 1.0, is_whole=True).replaced) == {0}
+    assert not left(SphereGraph(nodes), Budget(1), is_whole=False)
+    assert left(SphereGraph(nodes), Budget(1)) == {0}
 
 
 @pytest.mark.parametrize("text", ["", "0", "-1", "MB", "1.5", "3 spheres", "1e9"])

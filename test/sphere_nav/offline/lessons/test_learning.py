@@ -1,6 +1,7 @@
 """A vehicle that learns by itself: drives that are kept, the new version that is judged, and the way back."""
 
 import shutil
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +30,7 @@ from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav.ros.maps.check import verify_map
+from sphere_nav.ros.maps.condensing import condense_message
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
@@ -197,9 +199,40 @@ def test_rejections_and_a_budget_apply_to_the_new_version(taught, tmp_path):
         with open_map(tmp_path / "new") as new:
             assert new.load_sphere(0).measured.mean() < base.load_sphere(0).measured.mean() - 0.05
             np.testing.assert_array_equal(new.load_sphere(1).range_m, base.load_sphere(1).range_m)
+        bytes_of_new = (tmp_path / "new" / "map.mcap").stat().st_size
+        budget = Budget(num_bytes=0.9 * bytes_of_new)
+        teach(base, lesson, taught_images, tmp_path / "condensed", Rejections(), budget=budget)
     with open_map(tmp_path / "small") as small:
         assert len(small.graph) < 4
-    assert verify_map(tmp_path / "new") == verify_map(tmp_path / "small") == []
+    with open_map(tmp_path / "condensed") as within, open_map(tmp_path / "new") as new:
+        assert within.graph.nodes.keys() == new.graph.nodes.keys()
+        ids = list(new.graph.nodes)
+        same = [within.load_message(one) == new.load_message(one) for one in ids]
+        again = [condense_message(within.load_message(one)) == within.load_message(one) for one in ids]
+        assert 0 < sum(same) < len(same)
+        assert np.logical_or(same, again).all()
+        assert within.num_bytes <= 1.01 * budget.num_bytes
+    for name in ("new", "small", "condensed"):
+        assert verify_map(tmp_path / name) == []
+
+
+def test_what_explains_how_much_of_a_lesson(taught, tmp_path):
+    """New key spheres explain what the map did not; those of the map what they placed."""
+    lesson = list_drives(taught)[1]
+    with open_map(taught) as base:
+        images = Lesson.of(lesson, base.graph).taught[:1]
+        teach(base, lesson, images, tmp_path / "new", Rejections())
+        served = Counter(one.references[0] for one in lesson.images() if one.is_explained)
+        num_others = sum(not one.is_explained for one in lesson.images())
+        assert num_others > 1
+        with open_map(tmp_path / "new") as new:
+            (added,) = new.graph.nodes.keys() - base.graph.nodes.keys()
+            assert new.graph[added].served == num_others
+            shares = sum(served.values()) / (sum(served.values()) + num_others)
+            for node in base.graph:
+                before = node.served if node.served or node.last_served_ns else num_others
+                expected = before + 0.5 * (served[node.id] - shares * before)
+                assert new.graph[node.id].served == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("moment", range(8))

@@ -17,7 +17,7 @@ from sphere_mapping.experiences.budget import Budget
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline.mapping.learning import thin_map
+from sphere_nav.offline.mapping.thinning import Thinner
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_stamped, sphere_to_message
 from sphere_nav.ros.maps.check import verify_map
@@ -141,7 +141,8 @@ def test_a_drive_in_another_light_becomes_an_experience_from_a_given_start(drive
             assert node.T_map_sphere.distance(WEST[(node.stamp_ns - START) // PERIOD - 100])[0] < 0.03
         for node in before.graph:
             assert both.graph[node.id].T_map_sphere.distance(node.T_map_sphere)[0] < 1e-9
-        thinned, told = thinned_to_one(both)
+        thinned, condensed, told = thinned_to(both, Budget.parse("1"))
+    assert not condensed
     assert {node.experience.name for node in thinned} == {"night"}  # the day's explained nothing of the last drive
     assert told == [f"{len(before.graph)} key spheres left for the budget"]
     assert call("map-info", output, "--json") == 0
@@ -150,17 +151,24 @@ def test_a_drive_in_another_light_becomes_an_experience_from_a_given_start(drive
     assert facts["places_by_experiences"] == {"2": len(before.graph) + len(night)}
 
 
-def thinned_to_one(reader):
-    """Return the graph of a map with one experience at each place, as `--budget 1` makes it."""
-    arguments, writer = SimpleNamespace(budget=Budget.parse("1")), SimpleNamespace(num_bytes=1)
+def thinned_to(reader, budget):
+    """Return the graph of a map within a budget, what is condensed of it, and what is told."""
     key = SimpleNamespace(merge=False)
-    mapper = SimpleNamespace(
-        params=SimpleNamespace(key=key),
-        graph=reader.graph,
-        tracks=[SimpleNamespace(key_id=min(reader.graph.nodes))],
-        load_sphere=reader.load_sphere,
-    )
-    return thin_map(arguments, reader.graph, mapper, np.zeros((0, 3)), writer, None, ())
+    tracks = [SimpleNamespace(key_id=min(reader.graph.nodes))]
+    mapper = SimpleNamespace(params=SimpleNamespace(key=key), tracks=tracks, load_sphere=reader.load_sphere)
+    return Thinner(mapper, None, reader, budget).thin(reader.graph, np.zeros((0, 3)), ())
+
+
+def test_a_budget_is_kept_by_condensing_first(drives, joint, tmp_path, capsys):
+    with open_map(joint / "both") as both:
+        size, number = both.num_bytes, len(both.graph)
+        for share, is_left in ((0.9, False), (0.2, True)):
+            budget = Budget(num_bytes=share * size)
+            graph, condensed, told = thinned_to(both, budget)
+            assert bool(condensed)
+            assert (len(graph) < number) == is_left
+            assert told[0] == f"{len(condensed)} key spheres are condensed for the budget"
+            assert told[1:] == ([f"{number - len(graph)} key spheres left for the budget"] if is_left else [])
 
 
 def test_a_drive_that_the_map_explains_adds_nothing(drives, tmp_path, capsys):
