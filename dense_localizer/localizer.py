@@ -83,7 +83,7 @@ class Localizer:
         """Choose references, align, assess, ask depth: of a prediction, or of a guess of the search."""
         chosen = self.references.choose_rig(frame.images, prediction, instead_of=tried)
         alignment = align_rig(chosen, prediction, self.params)
-        evidence = self._states.state, self._visual_odometry.usual_ncc
+        evidence = self._states.state, self._visual_odometry.usual_ncc(chosen.choice.by_contrast)
         return self._range_support.support(frame, self._integrity.assess(chosen, alignment, prediction, *evidence))
 
     def _update(self, frame: LocalizerInput, candidate: PoseCandidate) -> CameraEstimate:

@@ -51,6 +51,7 @@ class Prediction:
     is_near: bool = False  # of a search near a pose that was given or lost
     experience: Experience | None = None  # of a guess: whose key spheres parts of the view resemble
     asks_parts: bool = True  # likely enough for parts of the view to be asked where grey levels do not align
+    by_contrast: bool | None = None  # aligned by local contrast, or by grey levels; None: by what serves at present
     T_map_aligned: SE3 | None = None  # pose of the last alignment
     growth: Array | None = None  # covariance (6, 6) of the motion since then
     age_s: float = 0.0  # since an image was last placed by the map
@@ -60,7 +61,14 @@ class Prediction:
         """Return a pose to try of which nothing else is known."""
         asks_parts = is_near or experience is not None
         return Prediction(
-            T_map_camera, UNKNOWN, 0, is_guess=True, is_near=is_near, experience=experience, asks_parts=asks_parts
+            T_map_camera,
+            UNKNOWN,
+            0,
+            is_guess=True,
+            is_near=is_near,
+            experience=experience,
+            asks_parts=asks_parts,
+            by_contrast=False,
         )
 
     @property

@@ -39,6 +39,7 @@ class AlignmentParams:
     num_levels: int = param(5, "levels of the pyramid, the full image included", low=1, high=10)
     finest: int = param(0, "finest level that is used; 0 is the full image", low=0, high=9)
     max_pixels: int = param(60_000, "best pixels used at a level, all references together", low=100)
+    contrast: bool = param(True, "where grey levels do not place an image, align local contrast: light changes it less")
 
 
 @parameters

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -22,6 +22,7 @@ from dense_localizer.constants import (
     MIN_CANDIDATES,
     MIN_VISIBLE_SHARE,
     NUM_CANDIDATES,
+    NUM_CONTRAST_IMAGES,
     PIXELS_LEAD_S,
     PREFETCH_S,
     PREFETCH_STEP_M,
@@ -37,9 +38,10 @@ from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
 from dense_localizer.references.rejections import Rejections
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.photometric import Reference, View, prepare_reference
+from sphere_nav.photometric import Pyramid, Reference, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import CELLS
+from sphere_nav.photometric.pixels.contrast import contrast_window, local_contrast
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
@@ -79,6 +81,7 @@ class Choice:
     distance_m: float
     typical_range_m: float
     region_m: float
+    by_contrast: bool = False  # their views show local contrast
 
     @staticmethod
     def merge(choices: Sequence[Choice]) -> Choice:
@@ -122,6 +125,9 @@ class References:
         self.rejections = Rejections()
         self._parts = split_by_experience(sphere_map.graph)
         self._experience = ExperienceChoice(self.coarse)
+        self._has_contrast = params.alignment.contrast
+        self.by_contrast = False  # what serves at present
+        self._contrast_images: list[tuple[Pyramid, Pyramid]] = []  # of the latest images
         self._spheres = SpherePrefetch(self._prepare, params.reference.memory * 1e6, is_live=is_live)
         self._pixels = PixelPrefetch(params.registration, is_live=is_live)
         self._prefetched: NDArray[np.float64] | None = None
@@ -131,6 +137,11 @@ class References:
         """End what is being prepared; nothing can be chosen any more."""
         self._spheres.close()
         self._pixels.close()
+
+    @property
+    def knows_contrast(self) -> bool:
+        """Whether images may be aligned by their local contrast."""
+        return self._has_contrast
 
     def node(self, sphere_id: int) -> KeySphere:
         """Return a key sphere by its id."""
@@ -159,17 +170,26 @@ class References:
         `instead_of`: the experience that has not explained these images; theirs are those of another one, or none.
         """
         is_followed = not prediction.is_guess
+        by_contrast = self.by_contrast if prediction.by_contrast is None else prediction.by_contrast
         choices = []
         for one in images:
             T_map_camera = one.pose(prediction.T_map_camera)
             is_sure = is_followed and not prediction.is_fallback
             sight = Sight(one.pyramid.levels[-1], T_map_camera, is_sure, instead_of, prediction.experience)
-            choices.append(self.choose(T_map_camera, one.pyramid.cameras[0], is_followed=is_followed, sight=sight))
-        chosen = tuple(replace(one, views=choice.views) for one, choice in zip(images, choices, strict=True))
-        return RigChoice(chosen, Choice.merge(choices))
+            how = {"is_followed": is_followed, "by_contrast": by_contrast}
+            choices.append(self.choose(T_map_camera, one.pyramid.cameras[0], sight=sight, **how))
+        seen = [self._in_contrast(one) for one in images] if by_contrast else images
+        chosen = tuple(replace(one, views=choice.views) for one, choice in zip(seen, choices, strict=True))
+        return RigChoice(chosen, replace(Choice.merge(choices), by_contrast=by_contrast))
 
     def choose(
-        self, T_map_camera: SE3, camera: Camera, *, is_followed: bool = False, sight: Sight | None = None
+        self,
+        T_map_camera: SE3,
+        camera: Camera,
+        *,
+        is_followed: bool = False,
+        sight: Sight | None = None,
+        by_contrast: bool = False,
     ) -> Choice:
         """Return the references for an image taken near a pose: the nearest of those that cover it.
 
@@ -181,15 +201,17 @@ class References:
         best = float(np.max(overlaps, initial=0.0))
         needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
         usable = self._of_experience([candidates[index] for index in np.flatnonzero(overlaps >= needed)], sight)
-        ready = [node for node in usable if not never_waits or self._spheres.is_ready(node.id)]
-        is_other = sight is not None and sight.instead_of is not None
+        ready = [node for node in usable if not never_waits or self._spheres.is_ready(_key(node.id, by_contrast))]
+        is_other = by_contrast or (sight is not None and sight.instead_of is not None)
         if is_other and not ready and usable:
-            self._spheres.request(usable[0].id)  # for the next image: small ones explain nothing better
+            # For the next image: small ones explain nothing better.
+            self._spheres.request(_key(usable[0].id, by_contrast))
         nearest = ready[: self._params.num_references] or ([] if is_other else usable[:1])
         chosen = self._near_enough(nearest, T_map_camera)
         if not chosen:
             return replace(Choice.merge(()), overlap=best)
-        references = [self._get(node.id) for node in chosen if ready] or [self.coarse.reference(chosen[0].id)]
+        keys = [_key(node.id, by_contrast) for node in chosen if ready]
+        references = [self._get(key) for key in keys] or [self.coarse.reference(chosen[0].id)]
         self._last = camera, tuple(node.id for node in chosen)
         views = tuple(View(one, node.T_map_sphere) for one, node in zip(references, chosen, strict=True))
         distance, typical = measure_distance(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
@@ -219,8 +241,9 @@ class References:
         return [node for node in nodes if node.experience == chosen]
 
     def adopt(self, choice: Choice) -> None:
-        """Go on with the experience of references that explained an image, if there were any."""
+        """Go on with the experience of references that explained an image, if there were any, and as they showed it."""
         if choice.ids:
+            self.by_contrast = choice.by_contrast
             self._experience.adopt(self.node(choice.ids[0]).experience)
 
     def count_rejections(self, place_map: NDArray[np.float64], residuals: Iterable[Residuals]) -> None:
@@ -230,7 +253,8 @@ class References:
             if self.rejections.is_due(sphere_id, place_map) and self.rejections.add(
                 sphere_id, place_map, points, residual
             ):
-                self._spheres.forget(sphere_id)
+                for key in (_key(sphere_id, False), _key(sphere_id, True)):
+                    self._spheres.forget(key)
 
     def prefetch(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None, *, is_rig: bool = False) -> None:
         """Have prepared what the camera that chose last, at some velocity (6,), will need; return at once.
@@ -249,8 +273,8 @@ class References:
         for seconds in PREFETCH_S:
             pose = T_map_camera @ SE3.exp(twist * seconds)
             for node in self._nearest_in_use(pose.translation, self._params.num_references):
-                wanted.setdefault(node.id, pose)
-        self._spheres.begin(list(wanted), lambda sphere_id: partial(self._prepare_seen, wanted[sphere_id], self._last))
+                wanted.setdefault(_key(node.id, self.by_contrast), pose)
+        self._spheres.begin(list(wanted), lambda key: partial(self._prepare_seen, wanted[key], self._last))
 
     def _choose_pixels(self, T_map_camera: SE3, twist: NDArray[np.float64]) -> None:
         """Have the pixels chosen of the key spheres that are ready where the camera will soon be."""
@@ -259,18 +283,36 @@ class References:
         camera, last = self._last
         T_soon = T_map_camera @ SE3.exp(twist * PIXELS_LEAD_S)
         nearest = self._nearest_in_use(T_soon.translation, self._params.num_references)
-        soon = [node.id for node in self._near_enough(nearest, T_soon)]
-        self._pixels.forget({*last, *soon})
-        for sphere_id, num_views in dict.fromkeys((one, len(some)) for some in (last, soon) for one in some):
-            reference = self._spheres.find(sphere_id)
+        keys = [
+            [_key(one, self.by_contrast) for one in some]
+            for some in (last, [node.id for node in self._near_enough(nearest, T_soon)])
+        ]
+        self._pixels.forget({key for some in keys for key in some})
+        for key, num_views in dict.fromkeys((one, len(some)) for some in keys for one in some):
+            reference = self._spheres.find(key)
             if reference is not None:
-                T_camera_sphere = T_map_camera.inverse() @ self.node(sphere_id).T_map_sphere
-                self._pixels.begin(sphere_id, reference, T_camera_sphere, twist, camera, num_views)
+                T_camera_sphere = T_map_camera.inverse() @ self.node(_sphere_id(key)).T_map_sphere
+                self._pixels.begin(key, reference, T_camera_sphere, twist, camera, num_views)
 
-    def _get(self, sphere_id: int) -> Reference:
+    def _get(self, key: int) -> Reference:
         """Return a prepared sphere with the pixels that were chosen last."""
-        self._pixels.use(sphere_id)
-        return self._spheres.get(sphere_id)
+        self._pixels.use(key)
+        return self._spheres.get(key)
+
+    @cached_property
+    def _window_rad(self) -> float:
+        """The window of local contrast, the same in all images and key spheres."""
+        return contrast_window(self._map.load_sphere(min(self._map.graph.nodes)).camera)
+
+    def _in_contrast(self, one: RigImage) -> RigImage:
+        """Return an image by its local contrast; those of the latest instant are kept."""
+        found = next((known for image, known in self._contrast_images if image is one.pyramid), None)
+        if found is None:
+            level = one.pyramid.levels[0]
+            seen = local_contrast(level.unpadded, level.camera, self._window_rad)
+            found = build_pyramid(seen, level.camera, self._registration.pyramid)
+            self._contrast_images = [*self._contrast_images[-NUM_CONTRAST_IMAGES:], (one.pyramid, found)]
+        return replace(one, pyramid=found)
 
     def _candidates(self, T_map_camera: SE3, camera: Camera, count: int) -> tuple[list[KeySphere], NDArray[np.float64]]:
         """Return the nearest key spheres, `count` where all are whole, and the share of the image that each covers."""
@@ -300,8 +342,9 @@ class References:
         """Return how far in m a key sphere serves."""
         return node.region_radius_m or self.coarse[node.id].typical_range_m
 
-    def _prepare(self, sphere_id: int) -> Reference:
+    def _prepare(self, key: int) -> Reference:
         """Read a sphere and prepare it."""
+        sphere_id = _sphere_id(key)
         with self._pixels.background.wait_for_turn():
             sphere = self._map.load_sphere(sphere_id)
         unused = self.rejections.mask(sphere_id, sphere.camera)
@@ -310,19 +353,28 @@ class References:
         levels, range_m, camera = sphere.levels, sphere.range_m, sphere.camera
         del sphere  # colors take more than the grey levels
         with self._pixels.background.wait_for_turn():
+            if key != sphere_id:
+                levels = local_contrast(levels, camera, self._window_rad)
             return prepare_reference(levels, range_m, camera, self._registration)
 
-    def _prepare_seen(
-        self, T_map_camera: SE3, last: tuple[Camera, tuple[int, ...]] | None, sphere_id: int
-    ) -> Reference:
+    def _prepare_seen(self, T_map_camera: SE3, last: tuple[Camera, tuple[int, ...]] | None, key: int) -> Reference:
         """Prepare a sphere, and choose those of its pixels that a camera will see."""
-        reference = self._prepare(sphere_id)
+        reference = self._prepare(key)
         if last is not None:
-            T_camera_sphere = T_map_camera.inverse() @ self.node(sphere_id).T_map_sphere
+            T_camera_sphere = T_map_camera.inverse() @ self.node(_sphere_id(key)).T_map_sphere
             with self._pixels.background.wait_for_turn():
                 for chosen in self._pixels.choose(reference, T_camera_sphere, last[0], len(last[1])):
                     chosen.keep()
         return reference
+
+
+def _key(sphere_id: int, by_contrast: bool) -> int:
+    """Return under what a key sphere is prepared: its id, below zero by local contrast."""
+    return ~sphere_id if by_contrast else sphere_id
+
+
+def _sphere_id(key: int) -> int:
+    return ~key if key < 0 else key
 
 
 def measure_distance(node: KeySphere, T_map_camera: SE3) -> float:

@@ -15,16 +15,34 @@ Locate = Callable[[Prediction, Experience | None], PoseCandidate]  # by another 
 
 
 def find_candidate(predictions: Iterable[Prediction], locate: Locate, references: References) -> PoseCandidate:
-    """Return the first accepted candidate; where that is not good, a better one by another experience."""
+    """Return the first accepted candidate; where it is not good, a better one by local contrast or another experience.
+
+    What explained an image, grey levels or their local contrast, serves until it does no more.
+    """
     candidate = select_first_accepted(_locate_each(predictions, locate))
+    by_contrast = candidate.choice.by_contrast
+    if not (candidate.choice.ids or by_contrast):
+        return candidate
+    if candidate.acceptance.is_good and not candidate.is_by_parts:
+        return candidate
+    if references.knows_contrast:
+        other = locate(replace(candidate.prediction, by_contrast=not by_contrast, asks_parts=False), None)
+        if other.is_accepted and (other.acceptance.is_good or is_better(other, candidate)):
+            references.adopt(other.choice)
+            return other
     if candidate.acceptance.is_good or not candidate.choice.ids:
         return candidate
     tried = references.node(candidate.choice.ids[0]).experience
     other = locate(candidate.prediction, tried)
-    if not other.is_accepted or other.acceptance.quality <= candidate.acceptance.quality:
+    if not is_better(other, candidate):
         return candidate
     references.adopt(other.choice)
     return other
+
+
+def is_better(one: PoseCandidate, other: PoseCandidate) -> bool:
+    """Whether a candidate is accepted, and more surely than another one."""
+    return one.is_accepted and one.acceptance.quality > other.acceptance.quality
 
 
 def _locate_each(predictions: Iterable[Prediction], locate: Locate) -> Iterator[PoseCandidate]:

@@ -90,7 +90,11 @@ class VisualOdometry:
         self._last: PoseCandidate | None = None
         self._way: Way | None = None
         self._num_predicted = 0  # images in a row
-        self.usual_ncc = 0.0  # of images and map
+        self._usual_ncc = {False: 0.0, True: 0.0}  # of images and map, by grey levels and by local contrast
+
+    def usual_ncc(self, by_contrast: bool) -> float:
+        """Return how well images have resembled the map, by local contrast or grey levels; 0: nobody knows."""
+        return self._usual_ncc[by_contrast]
 
     @property
     def is_needed(self) -> bool:
@@ -117,8 +121,9 @@ class VisualOdometry:
     def _start(self, candidate: PoseCandidate, stamp_ns: int) -> None:
         """Begin anew at an image that the map has placed."""
         if not (self.is_needed or candidate.is_by_range):
-            usual, ncc = self.usual_ncc, candidate.ncc
-            self.usual_ncc += (1.0 - IMAGE_FORGETTING) * (ncc - usual) if usual else ncc
+            by_contrast, ncc = candidate.choice.by_contrast, candidate.ncc
+            usual = self._usual_ncc[by_contrast]
+            self._usual_ncc[by_contrast] += (1.0 - IMAGE_FORGETTING) * (ncc - usual) if usual else ncc
         self._last, self._way = candidate, Way(candidate.T_map_camera, candidate.covariance, stamp_ns)
         self._num_predicted = 0
 
@@ -128,10 +133,11 @@ class VisualOdometry:
         It is where the last images place it (None: nowhere), but for their drift, or it resembles the map nearly as
         images did before.
         """
-        if self._way is None or by_map.ncc >= VO_GOOD_NCC * self.usual_ncc:
+        usual = self._usual_ncc[by_map.choice.by_contrast]
+        if self._way is None or (usual and by_map.ncc >= VO_GOOD_NCC * usual):
             return True
         if by_images is None:
-            return False
+            return not usual
         xi = (by_images.T_map_camera.inverse() @ by_map.T_map_camera).log()
         sigma = COMPARISON_SIGMA + VO_DRIFT * self._way.meters
         return float(np.sum((xi / sigma) ** 2)) <= VO_MAX_SIGMAS**2
@@ -143,7 +149,8 @@ class VisualOdometry:
             return None
         if way.meters > limit or prediction.stamp_ns - way.stamp_ns > VO_MAX_S * 1e9:
             return None
-        chosen = self._references.choose_rig(images, prediction)
+        as_before = replace(prediction, by_contrast=last.choice.by_contrast)
+        chosen = self._references.choose_rig(images, as_before)
         registration = end_at(find_finest_level(images, self._params), self._params.registration)
         seen = add_last(chosen, last, registration)
         if not seen:

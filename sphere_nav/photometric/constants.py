@@ -33,6 +33,12 @@ GRADIENT_ORDER = 2  # half periods of the gain across the image, both axes toget
 GRADIENT_SHARE = 0.2  # of the squared residuals that it explains; noise explains 0.03 at most; test_illumination
 LAST_GRADIENT_STEP = 0.1  # share of the bias, below which a step is the last; test_illumination
 
+# Local contrast (pixels/test_contrast, docs/notes/contrast.md)
+CONTRAST_ANGLE, CONTRAST_PIXELS = 0.04, 8.0  # rad: standard deviation of the window; px of a sphere, at least
+CONTRAST_FLOOR = 6.0  # grey levels, added to the deviation of a window: noise of a camera is a third of it
+CONTRAST_MEAN, CONTRAST_SCALE = 128.0, 40.0  # of the bytes: three deviations either way
+CONTRAST_STEPS = 2.0  # standard deviation of the window, in the blocks by which it is found
+
 # Occlusion
 CELLS = (8, 6)  # columns and rows of an image, wherever it is cut; test_occlusion, rig_calibration/boards/test_quality
 MIN_CELL_PIXELS = 12  # of a cell, to be used; test_occlusion
