@@ -87,6 +87,7 @@ FIT_PHASE, OCCLUSION_PHASE, LIGHT_PHASE = 0, 3, 6  # which image of INTEGRITY_PE
 REJECTION_PHASE, MAP_PHASE = 2, 5  # counted after the image
 FULL_CHECK_NCC = 0.97  # of the usual correlation: all checks are due below it
 CORRELATED_CELLS = 2.0  # factor of a covariance by parts of the view: a lamp shifts neighbours alike
+CONTRAST_COVARIANCE = 3.0  # by how much that of an alignment by local contrast is larger: other light errs alike
 REMAINING_BIAS = 0.2  # standard deviation of what is left of a bias that was removed, as share of it
 
 # Odometry against images (judge/test_odometry_check)

@@ -58,7 +58,11 @@ class Prediction:
 
     @staticmethod
     def guess(T_map_camera: SE3, *, is_near: bool = False, experience: Experience | None = None) -> Prediction:
-        """Return a pose to try of which nothing else is known."""
+        """Return a pose to try of which nothing else is known.
+
+        Near a known one it is tried by what serves at present; in another light, where parts of the view resemble those
+        of an experience, by local contrast; else by grey levels.
+        """
         asks_parts = is_near or experience is not None
         return Prediction(
             T_map_camera,
@@ -68,7 +72,7 @@ class Prediction:
             is_near=is_near,
             experience=experience,
             asks_parts=asks_parts,
-            by_contrast=False,
+            by_contrast=None if is_near else experience is not None,
         )
 
     @property

@@ -171,6 +171,7 @@ class References:
         """
         is_followed = not prediction.is_guess
         by_contrast = self.by_contrast if prediction.by_contrast is None else prediction.by_contrast
+        by_contrast = by_contrast and self._has_contrast
         choices = []
         for one in images:
             T_map_camera = one.pose(prediction.T_map_camera)

@@ -27,7 +27,7 @@ def find_candidate(predictions: Iterable[Prediction], locate: Locate, references
         return candidate
     if references.knows_contrast:
         other = locate(replace(candidate.prediction, by_contrast=not by_contrast, asks_parts=False), None)
-        if other.is_accepted and (other.acceptance.is_good or is_better(other, candidate)):
+        if other.acceptance.is_good or (other.is_accepted and not candidate.is_accepted):
             references.adopt(other.choice)
             return other
     if candidate.acceptance.is_good or not candidate.choice.ids:
