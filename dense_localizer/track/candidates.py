@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE
+from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE, MAX_SAME_POSE
 from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.references.reference import References
+from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.localization.status import Reason
 from sphere_nav.spheres.graph import Experience
 
 Locate = Callable[[Prediction, Experience | None], PoseCandidate]  # by another experience than that one
@@ -27,7 +29,7 @@ def find_candidate(predictions: Iterable[Prediction], locate: Locate, references
         return candidate
     if references.knows_contrast:
         other = locate(replace(candidate.prediction, by_contrast=not by_contrast, asks_parts=False), None)
-        if other.acceptance.is_good or (other.is_accepted and not candidate.is_accepted):
+        if explains_more(other, candidate):
             references.adopt(other.choice)
             return other
     if candidate.acceptance.is_good or not candidate.choice.ids:
@@ -38,6 +40,20 @@ def find_candidate(predictions: Iterable[Prediction], locate: Locate, references
         return candidate
     references.adopt(other.choice)
     return other
+
+
+def explains_more(other: PoseCandidate, candidate: PoseCandidate) -> bool:
+    """Whether a candidate by local contrast serves where one by grey levels is not good, or the other way round.
+
+    Not where both have the pose jump to one place: they confirm the jump, and the care that it asks for.
+    """
+    if not candidate.is_accepted:
+        return other.is_accepted
+    if not other.acceptance.is_good:
+        return False
+    xi = (candidate.T_map_camera.inverse() @ other.T_map_camera).log()
+    is_there = squared_mahalanobis(xi, candidate.covariance + other.covariance) <= MAX_SAME_POSE**2
+    return not (is_there and candidate.finding.reason is Reason.JUMP_REJECTED)
 
 
 def is_better(one: PoseCandidate, other: PoseCandidate) -> bool:

@@ -39,20 +39,22 @@ def with_experience(graph: SphereGraph, experience: Experience, ids: Iterable[in
     return graph.with_nodes({node_id: {"experience": experience} for node_id in ids})
 
 
-def with_service(graph: SphereGraph, served: dict[int, Service], own: dict[int, Service] | None = None) -> SphereGraph:
+def with_service(
+    graph: SphereGraph, served: dict[int, Service], own: dict[int, Service] | None = None, first: float | None = None
+) -> SphereGraph:
     """Return the graph after one more drive: for each key sphere the images that it explains in a drive of its light.
 
-    served: by id what key spheres explained of the drive; own: those that it added, and what they explain of it.
+    served: by id what key spheres explained of the drive; own: those that it added, and what they alone explain of it.
     A mean, in which later drives count more, and each as much as its light was used in it: what served by day does not
     fade by night, and what has been driven in once is worth as much as what has been driven in often. Key spheres that
-    nobody has counted, those of a first day, begin with as many images as the drive's own ones explain.
+    nobody has counted, those of a first day, begin with the `first` so many images; None: as the drive's own ones.
     """
     told, own = served | (own or {}), own or {}
     total = max(sum(one.num_images for one in told.values()), 1)
     shares = dict.fromkeys(split_by_experience(graph), 0.0)
     for node in graph:
         shares[node.experience] += told[node.id].num_images / total if node.id in told else 0.0
-    first = sum(one.num_images for one in own.values()) / max(len(own), 1)
+    first = sum(one.num_images for one in own.values()) / max(len(own), 1) if first is None else first
     changes = {}
     for node in graph:
         new = told.get(node.id, Service(0, node.last_served_ns or (node.stamp_ns if own else 0)))

@@ -92,6 +92,11 @@ class DriveLocator:
         small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, self._numbers[stamp_ns])
         self._small.add(serialize_to_store(small))
 
+    @property
+    def placed(self) -> set[int]:
+        """Stamps of the spheres that the map places in TRACKING."""
+        return {stamp_ns for stamp_ns, found in self._found.items() if found is not None and found.is_sure}
+
     def images(self, mapper: Mapper) -> list[DriveSphere]:
         """Return the spheres of the drive that were placed in it."""
         tracks = [track for track in mapper.tracks if track.stamp_ns in self._numbers]

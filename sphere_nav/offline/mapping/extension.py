@@ -63,9 +63,9 @@ def extend(
     joined = join_drive(known, drive, locator.images(mapper), mapper.params, T_map_start, run)
     if joined.graph is None:
         raise BagError(f"{base.path}: expected a drive by places of the map, found none that hold: {joined.told}")
-    own = Counter(track.key_id for track in mapper.tracks)  # a key sphere explains the images of its own drive
-    newest = {node.id: Service(own[node.id], node.stamp_ns) for node in drive.graph}
-    mapper.graph = with_service(joined.graph, locator.served, newest)
+    alone = Counter(track.key_id for track in mapper.tracks if track.stamp_ns not in locator.placed)
+    own = {node.id: Service(alone[node.id], node.stamp_ns) for node in drive.graph}
+    mapper.graph = with_service(joined.graph, locator.served, own, len(mapper.tracks) / max(len(drive.graph), 1))
     for sphere_id, features in drive.index.features.items():
         known.index.add(sphere_id, features)
     told = f"joined to {base.path}: {joined.told}; {len(new)} of {len(drive.graph)} key spheres show what it did not"

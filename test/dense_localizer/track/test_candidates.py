@@ -1,14 +1,16 @@
-"""Where an image is not explained well, the key spheres of another day are asked; the better answer counts."""
+"""Where an image is not explained well, local contrast and the key spheres of another day are asked."""
 
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.track.candidates import find_candidate
 from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import Reason
 
 NODES = {0: SimpleNamespace(experience="day"), 10: SimpleNamespace(experience="night")}
 
@@ -16,21 +18,78 @@ NODES = {0: SimpleNamespace(experience="day"), 10: SimpleNamespace(experience="n
 class Days:
     """References that note what they were asked."""
 
-    adopted = None
+    adopted = by_contrast = None
+    knows_contrast = False
 
     def node(self, number):
         return NODES[number]
 
     def adopt(self, choice):
-        self.adopted = choice.ids
+        self.adopted, self.by_contrast = choice.ids, choice.by_contrast
 
 
-def candidate(quality, ids=(0,), prediction="here", chance=None):
+def candidate(quality, ids=(0,), prediction="here", chance=None, **more):
     """Accepted from 0, good from 0.5."""
     acceptance = SimpleNamespace(quality=max(quality, 0.0), is_good=quality >= 0.5)
-    choice = SimpleNamespace(ids=ids)
-    judged = SimpleNamespace(is_accepted=quality >= 0.0, acceptance=acceptance)
-    return SimpleNamespace(**vars(judged), choice=choice, prediction=prediction, chance=chance)
+    choice = SimpleNamespace(ids=ids, by_contrast=more.get("by_contrast", False))
+    judged = SimpleNamespace(is_accepted=quality >= 0.0, acceptance=acceptance, covariance=1e-4 * np.eye(6))
+    judged.T_map_camera = SE3.exp([more.get("x", 0.0), 0.0, 0.0, 0.0, 0.0, 0.0])
+    judged.finding = SimpleNamespace(reason=more.get("reason", Reason.OUTLIERS))
+    evidence = {"chance": chance, "is_by_parts": more.get("is_by_parts", False)}
+    return SimpleNamespace(**vars(judged), choice=choice, prediction=prediction, **evidence)
+
+
+HERE = Prediction.guess(SE3.identity(), is_near=True)
+
+
+@pytest.mark.parametrize("serves", [False, True])
+@pytest.mark.parametrize(
+    ("first", "other", "is_by_parts", "is_taken"),
+    [
+        (0.6, None, False, False),  # a good one costs nothing
+        (0.6, 0.5, True, True),  # parts of the view are more work than the whole of it
+        (0.6, 0.4, True, False),
+        (0.3, 0.5, False, True),
+        (0.3, 0.4, False, False),  # neither is good: what served before goes on
+        (-1.0, 0.1, False, True),
+        (-1.0, -1.0, False, False),
+    ],
+)
+def test_local_contrast_serves_where_grey_levels_are_not_good_and_these_where_it_is_not(
+    serves, first, other, is_by_parts, is_taken
+):
+    days, asked = Days(), []
+    days.knows_contrast = True
+    one = candidate(first, prediction=HERE, is_by_parts=is_by_parts, by_contrast=serves)
+    another = candidate(-1.0 if other is None else other, by_contrast=not serves)
+
+    def locate(prediction, tried):
+        asked.append((prediction.by_contrast, prediction.asks_parts, tried))
+        return {None: one, not serves: another}[prediction.by_contrast] if tried is None else candidate(-1.0, (10,))
+
+    assert find_candidate([HERE], locate, days) is (another if is_taken else one)
+    assert asked[:2] == [(None, True, None)] + [(not serves, False, None)] * (other is not None)
+    assert days.by_contrast is (not serves if is_taken else None)
+
+
+@pytest.mark.parametrize(
+    ("x", "reason", "is_taken"),
+    [(0.03, Reason.JUMP_REJECTED, False), (0.1, Reason.JUMP_REJECTED, True), (0.03, Reason.OUTLIERS, True)],
+)
+def test_both_confirm_a_jump_or_do_not(x, reason, is_taken):
+    """0.014 m is the standard deviation of both together."""
+    days = Days()
+    days.knows_contrast = True
+    one, another = candidate(0.3, (), HERE, by_contrast=True, reason=reason), candidate(0.7, x=x)
+    found = find_candidate([HERE], lambda how, _: one if how.by_contrast is None else another, days)
+    assert found is (another if is_taken else one)
+
+
+def test_without_a_key_sphere_of_that_contrast_grey_levels_are_asked():
+    days = Days()
+    days.knows_contrast = True
+    one, another = candidate(-1.0, (), HERE, by_contrast=True), candidate(0.7)
+    assert find_candidate([HERE], lambda how, _: one if how.by_contrast is None else another, days) is another
 
 
 @pytest.mark.parametrize(
