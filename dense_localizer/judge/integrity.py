@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import (
-    CONTRAST_COVARIANCE,
     CORRELATED_CELLS,
     FIT_PHASE,
     FULL_CHECK_NCC,
@@ -101,8 +100,6 @@ class Integrity:
             limit, detail = MIN_VISIBLE_SHARE, "no key sphere covers the view"
             refusal = refuse(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
             return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refusal)
-        if choice.by_contrast:
-            alignment = replace(alignment, covariance=CONTRAST_COVARIANCE * alignment.covariance)
         images, registration = chosen.covered, self._params.registration
         motion = prediction.frame_motion(self._params.camera.readout)
         has_failed, chance = not alignment.is_converged, None
@@ -110,9 +107,8 @@ class Integrity:
             alignment, chance = align_by_parts(alignment, images, prediction.T_map_camera, registration)
         is_by_parts = has_failed and alignment.is_converged
         is_unusual = has_failed or choice.by_contrast or alignment.ncc < FULL_CHECK_NCC * usual_ncc
-        due = EVERYTHING if is_unusual else self.find_due(state)
-        if is_by_parts:
-            due = Aspect.FIT  # no grey levels pull a pose that they have not given
+        # No grey levels pull a pose that they have not given.
+        due = Aspect.FIT if is_by_parts else EVERYTHING if is_unusual else self.find_due(state)
         structure, is_biased, remaining = None, has_failed, np.zeros((6, 6))
         if alignment.is_converged and due:
             predicted = prediction.T_map_camera if prediction.asks_parts else None

@@ -179,8 +179,10 @@ class References:
             sight = Sight(one.pyramid.levels[-1], T_map_camera, is_sure, instead_of, prediction.experience)
             how = {"is_followed": is_followed, "by_contrast": by_contrast}
             choices.append(self.choose(T_map_camera, one.pyramid.cameras[0], sight=sight, **how))
-        seen = [self._in_contrast(one) for one in images] if by_contrast else images
-        chosen = tuple(replace(one, views=choice.views) for one, choice in zip(seen, choices, strict=True))
+        chosen = tuple(
+            replace(self._in_contrast(one) if by_contrast and choice.views else one, views=choice.views)
+            for one, choice in zip(images, choices, strict=True)
+        )
         return RigChoice(chosen, replace(Choice.merge(choices), by_contrast=by_contrast))
 
     def choose(
@@ -302,7 +304,7 @@ class References:
 
     @cached_property
     def _window_rad(self) -> float:
-        """The window of local contrast, the same in all images and key spheres."""
+        """The window of local contrast, the same in all images and key spheres; read where key spheres are prepared."""
         return contrast_window(self._map.load_sphere(min(self._map.graph.nodes)).camera)
 
     def _in_contrast(self, one: RigImage) -> RigImage:

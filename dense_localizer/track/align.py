@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 
+from dense_localizer.constants import CONTRAST_COVARIANCE
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import Choice, RigChoice
@@ -22,7 +23,8 @@ def align_rig(chosen: RigChoice, prediction: Prediction, params: LocalizerParams
     if not (prediction.is_guess or prediction.is_fallback):
         registration = start_at(find_first_level(prediction, chosen.choice, images[0].pyramid), registration)
     motion = prediction.frame_motion(params.camera.readout)
-    return register_rig(images, prediction.T_map_camera, registration, motion)
+    found = register_rig(images, prediction.T_map_camera, registration, motion)
+    return replace(found, covariance=CONTRAST_COVARIANCE * found.covariance) if chosen.choice.by_contrast else found
 
 
 def find_first_level(prediction: Prediction, choice: Choice, pyramid: Pyramid) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE, MAX_SAME_POSE
+from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE, MAX_SAME_POSE, SURE_GRAY_NCC
 from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.references.reference import References
@@ -25,7 +25,8 @@ def find_candidate(predictions: Iterable[Prediction], locate: Locate, references
     by_contrast = candidate.choice.by_contrast
     if not (candidate.choice.ids or by_contrast):
         return candidate
-    if candidate.acceptance.is_good and not candidate.is_by_parts:
+    is_sure = by_contrast or candidate.ncc >= SURE_GRAY_NCC
+    if candidate.acceptance.is_good and is_sure and not candidate.is_by_parts:
         return candidate
     if references.knows_contrast:
         other = locate(replace(candidate.prediction, by_contrast=not by_contrast, asks_parts=False), None)

@@ -17,7 +17,7 @@ import numpy as np
 
 from dense_localizer.references.rejections import Rejections
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
-from sphere_mapping.experiences.budget import Budget, thin
+from sphere_mapping.experiences.budget import Budget, Thinned, thin
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
@@ -91,11 +91,9 @@ def teach(
         if node.id not in index.features:
             load = spheres.__getitem__ if node.id in spheres else base.load_sphere
             index.add(node.id, features_of_sphere(load(node.id)))
-    condensed = set[int]()
+    is_whole, thinned = base.load_sphere(min(base.graph.nodes)).camera.is_whole, Thinned(graph)
     if budget is not None:
-        is_whole = base.load_sphere(min(base.graph.nodes)).camera.is_whole
         thinned = thin(graph, budget, partial(_count_bytes, base, spheres), is_whole=is_whole)
-        graph, condensed = thinned.graph, thinned.condensed
     info = base.info
     details = MapDetails(
         map_id=str(info.map_id),  # the frame and the poses of the map are those of before
@@ -104,8 +102,9 @@ def teach(
         rig=info.rig,
         frame_id=info.header.frame_id,
     )
-    write_stored(target, graph, details, index, condense(_stored(base, spheres, rejections), condensed))
-    return len(spheres.keys() & graph.nodes.keys())
+    stored = condense(_stored(base, spheres, rejections), thinned.condensed)
+    write_stored(target, thinned.graph, details, index, stored)
+    return len(spheres.keys() & thinned.graph.nodes.keys())
 
 
 def make_sphere(base: MapReader, one: KeyImage) -> tuple[Sphere, SE3, Array]:

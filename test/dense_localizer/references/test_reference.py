@@ -12,8 +12,9 @@ from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.reference import References, measure_coverage
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
-from sphere_nav.photometric import build_pyramid
+from sphere_nav.photometric import build_pyramid, prepare_reference
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.pixels.contrast import contrast_window, local_contrast
 from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_map
 from worlds.room import Room
 
@@ -104,6 +105,69 @@ def test_a_live_camera_never_waits_for_a_sphere(room):
     sphere_map.is_open.set()
     assert references.choose(at(1.0), PINHOLE).ids == (2, 1)  # whoever is not followed waits
     assert references.choose(at(1.0), PINHOLE, is_followed=True).ids == (2, 1)
+
+
+def seen_from(room, pose):
+    return RigImage(build_pyramid(room.photograph(PINHOLE, pose), PINHOLE, PARAMS.registration.pyramid))
+
+
+def test_local_contrast_of_image_and_key_spheres_is_that_of_one_window(room, room_map):
+    references, image, pose = References(room_map, PARAMS), seen_from(room, at(0.4)), at(0.4)
+    window = contrast_window(room_map.load_sphere(0).camera)
+    prediction = replace(Prediction.guess(pose), by_contrast=True)
+    chosen = references.choose_rig([image], prediction)
+    assert chosen.choice.by_contrast
+    expected = local_contrast(image.pyramid.images[0], PINHOLE, window)
+    np.testing.assert_array_equal(chosen.images[0].pyramid.images[0], expected)
+    sphere = room_map.load_sphere(chosen.choice.ids[0])
+    like = prepare_reference(
+        local_contrast(sphere.levels, sphere.camera, window), sphere.range_m, sphere.camera, PARAMS.registration
+    )
+    levels = chosen.choice.views[0].reference.levels
+    for found, known in zip(levels, like.levels, strict=True):
+        np.testing.assert_array_equal(found.intensity, known.intensity)
+    again = references.choose_rig([image], prediction)
+    assert again.images[0].pyramid is chosen.images[0].pyramid  # once an image
+    in_gray = references.choose_rig([image], Prediction.guess(pose))
+    assert in_gray.images[0].pyramid is image.pyramid
+    assert not in_gray.choice.by_contrast
+    references.close()
+
+
+def test_what_explained_an_image_serves_the_next_one_and_is_prepared(room, room_map):
+    references, image, pose = References(room_map, PARAMS), seen_from(room, at(0.4)), at(0.4)
+    followed = Prediction(pose, 1e-6 * np.eye(6), 0)
+    assert not references.choose_rig([image], followed).choice.by_contrast
+    references.adopt(references.choose_rig([image], replace(followed, by_contrast=True)).choice)
+    assert references.choose_rig([image], followed).choice.by_contrast
+    references.prefetch(at(0.9), None)
+    number = room_map.num_loaded
+    ahead = references.choose_rig([image], replace(followed, T_map_camera=at(0.9)))
+    assert set(ahead.choice.ids) == {3, 2}
+    references._spheres.get(~3)
+    assert room_map.num_loaded <= number + 2  # those of grey levels were not read
+    references.adopt(references.choose_rig([image], replace(followed, by_contrast=False)).choice)
+    assert not references.choose_rig([image], followed).choice.by_contrast
+    references.close()
+
+
+def test_a_live_camera_does_not_compare_contrast_with_grey_levels(room, room_map):
+    references, image = References(room_map, PARAMS, is_live=True), seen_from(room, at(0.4))
+    by_contrast = Prediction(at(0.4), 1e-6 * np.eye(6), 0, by_contrast=True)
+    first = references.choose_rig([image], by_contrast)  # nothing is ready
+    assert (first.choice.ids, first.covered) == ((), ())
+    assert first.choice.by_contrast
+    references._spheres.get(~2)  # it was asked for
+    assert references.choose_rig([image], by_contrast).choice.ids == (2,)
+    references.close()
+
+
+def test_who_wants_no_contrast_gets_none(room, room_map):
+    references = References(room_map, build(LocalizerParams, SMALL_IMAGES | {"alignment.contrast": False}))
+    prediction = replace(Prediction.guess(at(0.4)), by_contrast=True)
+    assert not references.choose_rig([seen_from(room, at(0.4))], prediction).choice.by_contrast
+    assert not references.knows_contrast
+    references.close()
 
 
 def test_memory_holds_whatever_the_way(room):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dense_localizer.constants import CONTRAST_COVARIANCE
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import Choice, References
@@ -12,6 +13,7 @@ from dense_localizer.track.align import align_rig, find_first_level, start_at
 from sphere_nav.geometry import SE3
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
+from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.rig import RigImage
 from worlds.localizer import PINHOLE, SMALL_IMAGES, at
 
@@ -33,6 +35,18 @@ def test_an_alignment_never_begins_above_the_coarsest_level():
     params = replace(PARAMS.registration, pyramid=replace(PARAMS.registration.pyramid, coarsest=2))
     assert start_at(1, params).pyramid.coarsest == 1
     assert start_at(5, params).pyramid.coarsest == 2
+
+
+def test_by_local_contrast_an_alignment_is_less_sure(room, room_map):
+    pose, references = at(0.1, 0.0, 0.3), References(room_map, PARAMS)
+    image = RigImage(build_pyramid(room.photograph(PINHOLE, pose), PINHOLE, PARAMS.registration.pyramid))
+    prediction = replace(Prediction.guess(pose), by_contrast=True)
+    chosen = references.choose_rig([image], prediction)
+    found = align_rig(chosen, prediction, PARAMS)
+    alone = register_rig(chosen.covered, pose, PARAMS.registration)
+    assert found.T_world_camera.distance(pose) < (0.015, 0.008)
+    np.testing.assert_allclose(found.covariance, CONTRAST_COVARIANCE * alone.covariance)
+    references.close()
 
 
 def test_a_sure_prediction_saves_levels_and_a_fallback_or_a_guess_takes_all(room, room_map):

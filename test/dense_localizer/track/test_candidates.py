@@ -35,7 +35,7 @@ def candidate(quality, ids=(0,), prediction="here", chance=None, **more):
     judged = SimpleNamespace(is_accepted=quality >= 0.0, acceptance=acceptance, covariance=1e-4 * np.eye(6))
     judged.T_map_camera = SE3.exp([more.get("x", 0.0), 0.0, 0.0, 0.0, 0.0, 0.0])
     judged.finding = SimpleNamespace(reason=more.get("reason", Reason.OUTLIERS))
-    evidence = {"chance": chance, "is_by_parts": more.get("is_by_parts", False)}
+    evidence = {"chance": chance, "is_by_parts": more.get("is_by_parts", False), "ncc": more.get("ncc", 1.0)}
     return SimpleNamespace(**vars(judged), choice=choice, prediction=prediction, **evidence)
 
 
@@ -70,6 +70,16 @@ def test_local_contrast_serves_where_grey_levels_are_not_good_and_these_where_it
     assert find_candidate([HERE], locate, days) is (another if is_taken else one)
     assert asked[:2] == [(None, True, None)] + [(not serves, False, None)] * (other is not None)
     assert days.by_contrast is (not serves if is_taken else None)
+
+
+@pytest.mark.parametrize(("ncc", "serves", "is_asked"), [(0.89, False, True), (0.91, False, False), (0.6, True, False)])
+def test_what_resembles_the_map_little_is_looked_at_by_contrast(ncc, serves, is_asked):
+    """Grey levels that correlate so have been 0.3 m off in TRACKING, among other cars."""
+    days = Days()
+    days.knows_contrast = True
+    one, another = candidate(0.9, prediction=HERE, by_contrast=serves, ncc=ncc), candidate(0.6, by_contrast=not serves)
+    found = find_candidate([HERE], lambda how, _: one if how.by_contrast is None else another, days)
+    assert found is (another if is_asked else one)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The last image as a reference (M15 section 5.3): range, covariance of a way, other light, a hidden map."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +10,7 @@ from dense_localizer.judge import integrity
 from dense_localizer.params import LocalizerParams
 from dense_localizer.track.visual_odometry import Way, make_view
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.localization.status import Reason, State
+from sphere_nav.localization.status import Finding, Reason, State
 from sphere_nav.params import build
 from sphere_nav.photometric import View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
@@ -166,6 +167,26 @@ def test_without_the_last_images_and_parts_the_lamp_ends_the_drive(room_map, mon
         told.append(run.see(pose, step_ns=STEP_NS).status.state)
     assert told[11] is State.TRACKING
     assert State.LOST in told[12:]
+
+
+def test_the_last_image_is_compared_as_the_map_placed_it(room_map):
+    """By local contrast, then the map is hidden: with its grey levels the next images would be compared wrongly."""
+    localizer = make_localizer(room_map, prior__max_blind_m=2.0)
+    run, poses, told = Run(wide_room(), localizer), way(34), []
+    for k, pose in enumerate(poses):
+        run.room = RelitRoom(False) if 12 <= k < 24 else run.room
+        told.append(run.see(pose, step_ns=STEP_NS))
+    placed = told[23]
+    assert placed.candidate.choice.by_contrast
+    odometry = localizer._visual_odometry
+    image = RigImage(build_pyramid(RelitRoom(False).photograph(PINHOLE, poses[24], 24), PINHOLE, PARAMS.pyramid))
+    prediction = replace(
+        placed.candidate.prediction, T_map_camera=poses[24], by_contrast=False, growth=1e-4 * np.eye(6)
+    )
+    found = odometry._propagate([image], prediction, Finding(Reason.OUTLIERS))
+    assert found.choice.by_contrast
+    assert found.T_map_camera.distance(poses[24])[0] < 0.1
+    localizer.references.close()
 
 
 def test_a_map_that_stays_hidden_is_told_and_lost_after_the_stated_distance(room_map, monkeypatch):
