@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.motion_prior import PosePrior
+from dense_localizer.motion_prior import PosePrior, Prediction
 from dense_localizer.params import PriorParams
 from sphere_nav.geometry import SE3
+from sphere_nav.spheres.graph import Experience
 
 PARAMS = PriorParams()
 STEP_NS = 100_000_000
@@ -47,6 +48,13 @@ def assert_same(found: SE3, expected: SE3) -> None:
     distance, angle = found.distance(expected)
     assert distance < 1e-9  # rounding of a few compositions
     assert angle < 1e-9
+
+
+def test_a_guess_is_tried_by_what_may_serve():
+    night = Experience("night")
+    assert not Prediction.guess(SE3.identity()).by_contrast
+    assert Prediction.guess(SE3.identity(), experience=night).by_contrast  # parts of the view resemble that
+    assert Prediction.guess(SE3.identity(), is_near=True).by_contrast is None  # what served last
 
 
 def test_constant_velocity_is_predicted_exactly():

@@ -180,9 +180,8 @@ def test_the_last_image_is_compared_as_the_map_placed_it(room_map):
     assert placed.candidate.choice.by_contrast
     odometry = localizer._visual_odometry
     image = RigImage(build_pyramid(RelitRoom(False).photograph(PINHOLE, poses[24], 24), PINHOLE, PARAMS.pyramid))
-    prediction = replace(
-        placed.candidate.prediction, T_map_camera=poses[24], by_contrast=False, growth=1e-4 * np.eye(6)
-    )
+    before = replace(placed.candidate.prediction, T_map_camera=poses[24], by_contrast=False)
+    prediction = replace(before, growth=1e-4 * np.eye(6))
     found = odometry._propagate([image], prediction, Finding(Reason.OUTLIERS))
     assert found.choice.by_contrast
     assert found.T_map_camera.distance(poses[24])[0] < 0.1

@@ -143,6 +143,7 @@ def test_a_drive_in_another_light_becomes_an_experience_from_a_given_start(drive
             assert both.graph[node.id].T_map_sphere.distance(node.T_map_sphere)[0] < 1e-9
         thinned, condensed, told = thinned_to(both, Budget.parse("1"))
     assert not condensed
+    assert sum(node.served for node in night) == len(WEST)  # what no other key sphere placed
     assert {node.experience.name for node in thinned} == {"night"}  # the day's explained nothing of the last drive
     assert told == [f"{len(before.graph)} key spheres left for the budget"]
     assert call("map-info", output, "--json") == 0
