@@ -106,7 +106,7 @@ class Integrity:
         if has_failed and prediction.asks_parts:
             alignment, chance = align_by_parts(alignment, images, prediction.T_map_camera, registration)
         is_by_parts = has_failed and alignment.is_converged
-        is_unusual = has_failed or choice.by_contrast or alignment.ncc < FULL_CHECK_NCC * usual_ncc
+        is_unusual = has_failed or not usual_ncc or alignment.ncc < FULL_CHECK_NCC * usual_ncc
         # No grey levels pull a pose that they have not given.
         due = Aspect.FIT if is_by_parts else EVERYTHING if is_unusual else self.find_due(state)
         structure, is_biased, remaining = None, has_failed, np.zeros((6, 6))
