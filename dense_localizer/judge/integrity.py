@@ -141,7 +141,8 @@ class Integrity:
         self._count, self._is_biased, self._is_refused = self._count + 1, candidate.is_biased, False
         if self._count % INTEGRITY_PERIOD == MAP_PHASE and alignment is not None and not candidate.is_biased:
             self._map_error.observe(candidate.images, alignment, registration, candidate.motion)
-        if self._count % INTEGRITY_PERIOD == REJECTION_PHASE and alignment is not None and candidate.acceptance.is_good:
+        is_like = candidate.acceptance.is_good and not candidate.choice.by_contrast  # another light moves no walls
+        if self._count % INTEGRITY_PERIOD == REJECTION_PHASE and alignment is not None and is_like:
             residuals = view_residuals(candidate.images, alignment, registration, candidate.motion)
             self._references.count_rejections(candidate.T_map_camera.translation, residuals)
         sample = _make_sample(frame, candidate)

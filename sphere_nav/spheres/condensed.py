@@ -1,4 +1,4 @@
-"""A sphere in a third of its bytes, for maps with a budget: grey, and its range as fine as stereo tells it at best.
+"""A sphere in less than half of its bytes, for maps with a budget: grey, its range as fine as stereo tells it at best.
 
 Grey levels are rounded, no more: where JPEG blurs weak edges, starts in another light take longer
 (docs/notes/experiences.md). Colour is gone; the deviation of the range is kept coarsely.

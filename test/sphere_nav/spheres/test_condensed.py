@@ -1,4 +1,4 @@
-"""A sphere in a third of its bytes."""
+"""A sphere in less than half of its bytes."""
 
 import numpy as np
 
