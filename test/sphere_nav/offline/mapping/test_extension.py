@@ -21,6 +21,7 @@ from sphere_nav.offline.mapping.thinning import Thinner
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_stamped, sphere_to_message
 from sphere_nav.ros.maps.check import verify_map
+from sphere_nav.ros.maps.condensing import count_bytes
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
 from worlds.maps import load_all
 from worlds.room import sharp_room
@@ -160,12 +161,13 @@ def thinned_to(reader, budget):
     return Thinner(mapper, None, reader, budget).thin(reader.graph, np.zeros((0, 3)), ())
 
 
-def test_a_budget_is_kept_by_condensing_first(drives, joint, tmp_path, capsys):
+def test_a_budget_is_kept_by_condensing_first(joint):
     with open_map(joint / "both") as both:
-        size, number = both.num_bytes, len(both.graph)
-        for share, is_left in ((0.9, False), (0.2, True)):
-            budget = Budget(num_bytes=share * size)
-            graph, condensed, told = thinned_to(both, budget)
+        number = len(both.graph)
+        sizes = [[count_bytes(both, one, is_condensed) for one in both.graph.nodes] for is_condensed in (False, True)]
+        least = sum(min(two) for two in zip(*sizes, strict=True))
+        for num_bytes, is_left in ((0.5 * (both.num_bytes + least), False), (0.2 * least, True)):
+            graph, condensed, told = thinned_to(both, Budget(num_bytes=num_bytes))
             assert bool(condensed)
             assert (len(graph) < number) == is_left
             assert told[0] == f"{len(condensed)} key spheres are condensed for the budget"

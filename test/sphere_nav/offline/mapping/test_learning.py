@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.offline.mapping import learning, plan
+from sphere_nav.offline.mapping import learning, plan, thinning
 from sphere_nav.offline.mapping.plan import stitcher_values
 from sphere_nav.ros.bags import BagError
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
@@ -62,7 +62,8 @@ class Finished:
             summary=lambda truth: ["2 loops"], loss="", kind="rgbd",
         )  # fmt: skip
         monkeypatch.setattr(learning, "truth_of", lambda bag: None)
-        monkeypatch.setattr(learning, "merge", lambda *words: SimpleNamespace(graph=graph, replaced=replaced))
+        monkeypatch.setattr(thinning, "merge", lambda *words: SimpleNamespace(graph=graph, replaced=replaced))
+        monkeypatch.setattr(learning, "condense", lambda stored, ids: [*stored, *ids])
         monkeypatch.setattr(learning, "details_of", lambda graph, params, *words: words)
         extended = SimpleNamespace(index=other, told="joined", new={0})
         monkeypatch.setattr(learning, "extend", lambda base, mapper, locator, start, run: extended)
