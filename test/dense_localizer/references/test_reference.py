@@ -140,11 +140,11 @@ def test_what_explained_an_image_serves_the_next_one_and_is_prepared(room, room_
     assert not references.choose_rig([image], followed).choice.by_contrast
     references.adopt(references.choose_rig([image], replace(followed, by_contrast=True)).choice)
     assert references.choose_rig([image], followed).choice.by_contrast
-    references.prefetch(at(0.9), None)
-    assert references._spheres.find(~3) is not None
-    assert references._spheres.find(3) is None  # no grey levels are read
-    ahead = references.choose_rig([image], replace(followed, T_map_camera=at(0.9)))
-    assert set(ahead.choice.ids) == {3, 2}
+    references.prefetch(at(1.9), None)
+    assert references._spheres.find(~4) is not None
+    assert references._spheres.find(4) is None  # no grey levels are read
+    ahead = references.choose_rig([image], replace(followed, T_map_camera=at(1.9)))
+    assert set(ahead.choice.ids) == {4, 3}
     references.adopt(references.choose_rig([image], replace(followed, by_contrast=False)).choice)
     assert not references.choose_rig([image], followed).choice.by_contrast
     references.close()
