@@ -125,7 +125,7 @@ class References:
         self.rejections = Rejections()
         self._parts = split_by_experience(sphere_map.graph)
         self._experience = ExperienceChoice(self.coarse)
-        self._has_contrast = params.alignment.contrast
+        self.knows_contrast = params.alignment.contrast  # whether images may be aligned by it
         self.by_contrast = False  # what serves at present
         self._contrast_images: list[tuple[Pyramid, Pyramid]] = []  # of the latest images
         self._spheres = SpherePrefetch(self._prepare, params.reference.memory * 1e6, is_live=is_live)
@@ -137,11 +137,6 @@ class References:
         """End what is being prepared; nothing can be chosen any more."""
         self._spheres.close()
         self._pixels.close()
-
-    @property
-    def knows_contrast(self) -> bool:
-        """Whether images may be aligned by their local contrast."""
-        return self._has_contrast
 
     def node(self, sphere_id: int) -> KeySphere:
         """Return a key sphere by its id."""
@@ -171,7 +166,7 @@ class References:
         """
         is_followed = not prediction.is_guess
         by_contrast = self.by_contrast if prediction.by_contrast is None else prediction.by_contrast
-        by_contrast = by_contrast and self._has_contrast
+        by_contrast = by_contrast and self.knows_contrast
         choices = []
         for one in images:
             T_map_camera = one.pose(prediction.T_map_camera)

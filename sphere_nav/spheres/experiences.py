@@ -17,6 +17,11 @@ class Service:
     last_ns: int
 
 
+def count_image(served: dict[int, Service], sphere_id: int, stamp_ns: int) -> None:
+    """Note one more image that a key sphere explains; images come in the order of their stamps."""
+    served[sphere_id] = Service(served.get(sphere_id, Service(0, 0)).num_images + 1, stamp_ns)
+
+
 def split_by_experience(graph: SphereGraph) -> dict[Experience, SphereGraph]:
     """Return the key spheres of each experience, without edges, in the order of the graph."""
     found: dict[Experience, list[KeySphere]] = {}

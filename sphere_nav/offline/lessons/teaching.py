@@ -31,7 +31,7 @@ from sphere_nav.ros.maps.reader import MapDetails, MapReader
 from sphere_nav.ros.maps.writer import SPHERE_FRAME, Stored, write_stored
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.coarse import coarse_sphere
-from sphere_nav.spheres.experiences import Service, with_service
+from sphere_nav.spheres.experiences import Service, count_image, with_service
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Range, Sphere
 from sphere_nav.view_synthesis.region import region_radius
@@ -91,9 +91,7 @@ def teach(
         if node.id not in index.features:
             load = spheres.__getitem__ if node.id in spheres else base.load_sphere
             index.add(node.id, features_of_sphere(load(node.id)))
-    is_whole, thinned = base.load_sphere(min(base.graph.nodes)).camera.is_whole, Thinned(graph)
-    if budget is not None:
-        thinned = thin(graph, budget, partial(_count_bytes, base, spheres), is_whole=is_whole)
+    thinned = Thinned(graph) if budget is None else _thin(graph, budget, base, spheres)
     info = base.info
     details = MapDetails(
         map_id=str(info.map_id),  # the frame and the poses of the map are those of before
@@ -155,15 +153,16 @@ def _with_drive(graph: SphereGraph, drive: KeptDrive, nodes: list[KeySphere], ed
     served, own = dict[int, Service](), dict[int, Service]()
     for one in drive.images():
         if one.is_explained and one.references and one.references[0] in graph.nodes:
-            _count(served, one.references[0], one.stamp_ns)
+            count_image(served, one.references[0], one.stamp_ns)
         elif not one.is_explained and nodes:
             nearest = SphereGraph(nodes).nearest(one.T_map_camera.translation)[0]
-            _count(own, nearest.id, one.stamp_ns)
+            count_image(own, nearest.id, one.stamp_ns)
     return with_service(SphereGraph([*graph, *nodes], [*graph.edges, *edges]), served, own)
 
 
-def _count(served: dict[int, Service], sphere_id: int, stamp_ns: int) -> None:
-    served[sphere_id] = Service(served.get(sphere_id, Service(0, 0)).num_images + 1, stamp_ns)
+def _thin(graph: SphereGraph, budget: Budget, base: MapReader, spheres: dict[int, Sphere]) -> Thinned:
+    is_whole = base.load_sphere(min(base.graph.nodes)).camera.is_whole
+    return thin(graph, budget, partial(_count_bytes, base, spheres), is_whole=is_whole)
 
 
 def _count_bytes(base: MapReader, spheres: dict[int, Sphere], sphere_id: int, is_condensed: bool) -> float:

@@ -26,7 +26,7 @@ from sphere_nav.ros.maps.compact import CompactSpheres
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.ros.maps.writer import SPHERE_FRAME
 from sphere_nav.spheres.coarse import coarse_sphere
-from sphere_nav.spheres.experiences import Service
+from sphere_nav.spheres.experiences import Service, count_image
 from sphere_nav.spheres.sphere import Sphere
 
 
@@ -138,8 +138,7 @@ class DriveLocator:
         a = int(status.references[0])
         is_sure = status.state is State.TRACKING
         if is_sure:
-            known = self.served.get(a, Service(0, 0))
-            self.served[a] = Service(known.num_images + 1, status.stamp_ns)
+            count_image(self.served, a, status.stamp_ns)
         T_a_sphere = self._graph[a].T_map_sphere.inverse() @ estimate.T_map_camera
         return Localized(a, T_a_sphere, estimate.covariance, is_sure)
 

@@ -63,7 +63,8 @@ def extend(
     joined = join_drive(known, drive, locator.images(mapper), mapper.params, T_map_start, run)
     if joined.graph is None:
         raise BagError(f"{base.path}: expected a drive by places of the map, found none that hold: {joined.told}")
-    alone = Counter(track.key_id for track in mapper.tracks if track.stamp_ns not in locator.placed)
+    placed = locator.placed
+    alone = Counter(track.key_id for track in mapper.tracks if track.stamp_ns not in placed)
     own = {node.id: Service(alone[node.id], node.stamp_ns) for node in drive.graph}
     mapper.graph = with_service(joined.graph, locator.served, own, len(mapper.tracks) / max(len(drive.graph), 1))
     for sphere_id, features in drive.index.features.items():

@@ -11,6 +11,7 @@ Everything is checked before it is believed: format version, sizes, checksums, t
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -173,7 +174,7 @@ class MapReader:
         """Size of its file."""
         return self._bag.files[0].path.stat().st_size
 
-    @property
+    @cached_property
     def num_other_bytes(self) -> int:
         """Size of its file without the key spheres themselves: small ones, features, graph."""
         return self.num_bytes - sum(index.chunk_length for index in self._chunks.values())
