@@ -127,6 +127,7 @@ SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.5, 2.0  # between two searches of the whole m
 # Parts of the view, asked of one prediction after the other (track/test_candidates)
 MAX_HINT_CHANCE = 0.01  # that as many agree in a wrong place, above which those of other predictions are not asked
 MAX_SAME_POSE = 4.7  # standard deviations of both, chi of 6 at 0.001: poses by grey levels and contrast that agree
+NUM_OTHER_EXPERIENCES = 3  # that are asked for an image which the one in use does not explain well
 SURE_GRAY_NCC = 0.9  # correlation of grey levels below which local contrast is asked, too: other cars, another light
 ASK_ALL_S = 0.3  # since the map placed an image, until which they are in any case
 

@@ -18,6 +18,7 @@ from dense_localizer.judge.estimate import CameraEstimate, report_estimate, repo
 from dense_localizer.judge.integrity import Integrity
 from dense_localizer.motion_prior import PosePrior, Prediction
 from dense_localizer.params import LocalizerParams
+from dense_localizer.references.likeness import Tried
 from dense_localizer.references.reference import References, SphereMap
 from dense_localizer.start.search import PoseSearch
 from dense_localizer.track.align import align_rig
@@ -27,7 +28,6 @@ from dense_localizer.track.range_support import RangeSupport
 from dense_localizer.track.visual_odometry import VisualOdometry
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.localization import FINE, Finding, Reason, StateMachine, Status
-from sphere_nav.spheres.graph import Experience
 
 
 class Localizer:
@@ -79,7 +79,7 @@ class Localizer:
             return self._hold(frame, candidate.finding if frame.images else frame.finding, candidate)
         return self._update(frame, candidate)
 
-    def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Experience | None = None) -> PoseCandidate:
+    def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Tried = ()) -> PoseCandidate:
         """Choose references, align, assess, ask depth: of a prediction, or of a guess of the search."""
         chosen = self.references.choose_rig(frame.images, prediction, instead_of=tried)
         alignment = align_rig(chosen, prediction, self.params)

@@ -1,8 +1,9 @@
 """Which experience of a map looks like the present image: day or night, summer or winter (MTR's recommendation).
 
 Of the experiences within reach that of the last image is compared with the image, and another one in turn: one more
-comparison of coarse levels, however many there are. Where an image was refused, or nothing is known, all of them, by
-their edges: these say more in a light that none of them has.
+comparison of coarse levels, however many there are. Where nothing is known, all of them, by their edges: these say more
+in a light that none of them has. What is in use changes only by what explained an image: an image that nothing explains
+looks like anything.
 """
 
 from __future__ import annotations
@@ -27,18 +28,21 @@ from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.spheres.appearance.headings import cut_view, score_headings
 from sphere_nav.spheres.graph import Experience, KeySphere
 
+Tried = tuple[Experience, ...]  # experiences that have not explained an image
+
 
 class Sight(NamedTuple):
-    """The coarsest level of the image, where it is thought to be, and whether the last image was accepted.
+    """The coarsest level of the image, where it is thought to be, and whether it follows one that was placed.
 
-    `instead_of`: the experience that has been tried with this image, and did not do; `wanted`: that which is asked for.
+    `instead_of`: experiences that have been tried with this image, and did not do; `wanted`: that which is asked for.
     """
 
     level: Level
     T_map_camera: SE3
     is_followed: bool
-    instead_of: Experience | None = None
+    instead_of: Tried = ()
     wanted: Experience | None = None
+    by_contrast: bool = False  # what explains the images now: how alike grey levels are says nothing then
 
 
 class ExperienceChoice:
@@ -62,10 +66,11 @@ class ExperienceChoice:
         """
         current = self.current
         if sight.wanted is not None and sight.wanted in within_reach:
-            self.current = sight.wanted
-            return self.current
+            return sight.wanted
         if current is None or current not in within_reach or not sight.is_followed:
             return self._choose_of_all(within_reach, sight)
+        if sight.by_contrast:
+            return current
         others = [one for one in within_reach if one != current]
         self._turn += 1
         for one in (current, *others[self._turn % max(len(others), 1) :][:1]):
@@ -73,33 +78,33 @@ class ExperienceChoice:
             mean = self._means.get(one, likeness)
             self._means[one] = LIKENESS_FORGETTING * mean + (1.0 - LIKENESS_FORGETTING) * likeness
         best = max(within_reach, key=lambda one: self._means.get(one, -1.0))
-        self.current = best if self._means.get(best, -1.0) > self._means[current] + MIN_LIKENESS_LEAD else current
-        return self.current
+        return best if self._means.get(best, -1.0) > self._means[current] + MIN_LIKENESS_LEAD else current
 
     def _choose_of_all(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience:
-        """Return the one most like the image by its edges, of those alike in these by grey levels; go on with it."""
+        """Return the one most like the image by its edges, of those alike in these by grey levels."""
         if len(within_reach) == 1:
-            (self.current,) = within_reach
-            return self.current
+            return next(iter(within_reach))
         edges = {one: self.compare_edges(node, sight) for one, node in within_reach.items()}
         self._means = {one: self.compare(node, sight) for one, node in within_reach.items()}
         sharp = [one for one in edges if edges[one] >= max(edges.values()) - MIN_EDGE_LEAD]
         needed = max(self._means[one] for one in sharp) - MIN_LIKENESS_LEAD
-        chosen = min((one for one in sharp if self._means[one] >= needed), key=lambda one: within_reach[one].id)
-        self.adopt(chosen)
-        return chosen
+        return min((one for one in sharp if self._means[one] >= needed), key=lambda one: within_reach[one].id)
 
     def choose_other(self, within_reach: Mapping[Experience, KeySphere], sight: Sight) -> Experience | None:
-        """Return the one whose edges are most like the image but that which did not do; None: there is no other.
+        """Return the one in use or else the one whose edges are most like the image, but none which did not do.
 
-        It is the one in use only once `adopt` says so.
+        None: there is no other.
         """
-        others = {one: node for one, node in within_reach.items() if one != sight.instead_of}
+        others = {one: node for one, node in within_reach.items() if one not in sight.instead_of}
         self._means.update({one: self.compare(node, sight) for one, node in others.items()})
+        if self.current in others:
+            return self.current
         return max(others, key=lambda one: self.compare_edges(others[one], sight)) if others else None
 
     def adopt(self, experience: Experience) -> None:
         """Go on with an experience that explained an image; one that looked more alike has to for some images again."""
+        if experience == self.current:
+            return
         self.current = experience
         most = self._means.get(experience, -1.0)
         self._means = {one: mean if mean <= most else -1.0 for one, mean in self._means.items()}

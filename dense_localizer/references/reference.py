@@ -32,7 +32,7 @@ from dense_localizer.constants import (
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.coarse_reference import CoarseReferences
-from dense_localizer.references.likeness import ExperienceChoice, Sight
+from dense_localizer.references.likeness import ExperienceChoice, Sight, Tried
 from dense_localizer.references.map_error import MapError
 from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
 from dense_localizer.references.rejections import Rejections
@@ -157,12 +157,10 @@ class References:
         graph = self._parts.get(current, self._map.graph) if current is not None else self._map.graph
         return graph.nearest(point_map, count)
 
-    def choose_rig(
-        self, images: Sequence[RigImage], prediction: Prediction, instead_of: Experience | None = None
-    ) -> RigChoice:
+    def choose_rig(self, images: Sequence[RigImage], prediction: Prediction, instead_of: Tried = ()) -> RigChoice:
         """Return the images of one body with the references of each (M15 eq. 17).
 
-        `instead_of`: the experience that has not explained these images; theirs are those of another one, or none.
+        `instead_of`: experiences that have not explained these images; theirs are those of another one, or none.
         """
         is_followed = not prediction.is_guess
         by_contrast = self.by_contrast if prediction.by_contrast is None else prediction.by_contrast
@@ -170,8 +168,8 @@ class References:
         choices = []
         for one in images:
             T_map_camera = one.pose(prediction.T_map_camera)
-            is_sure = is_followed and not prediction.is_fallback
-            sight = Sight(one.pyramid.levels[-1], T_map_camera, is_sure, instead_of, prediction.experience)
+            wanted = prediction.experience
+            sight = Sight(one.pyramid.levels[-1], T_map_camera, is_followed, instead_of, wanted, by_contrast)
             how = {"is_followed": is_followed, "by_contrast": by_contrast}
             choices.append(self.choose(T_map_camera, one.pyramid.cameras[0], sight=sight, **how))
         chosen = tuple(
@@ -200,11 +198,11 @@ class References:
         needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
         usable = self._of_experience([candidates[index] for index in np.flatnonzero(overlaps >= needed)], sight)
         ready = [node for node in usable if not never_waits or self._spheres.is_ready(_key(node.id, by_contrast))]
-        is_other = by_contrast or (sight is not None and sight.instead_of is not None)
-        if is_other and not ready and usable:
-            # For the next image: small ones explain nothing better.
+        is_other = by_contrast or (sight is not None and bool(sight.instead_of))
+        if not ready and usable:  # for the next image
             self._spheres.request(_key(usable[0].id, by_contrast))
-        nearest = ready[: self._params.num_references] or ([] if is_other else usable[:1])
+        small = [] if is_other else usable[:1]  # which explain nothing better
+        nearest = ready[: self._params.num_references] or small
         chosen = self._near_enough(nearest, T_map_camera)
         if not chosen:
             return replace(Choice.merge(()), overlap=best)
@@ -227,12 +225,12 @@ class References:
         for node in nodes:
             first.setdefault(node.experience, node)
         if sight is None or len(self._parts) == 1 or not nodes:
-            return [] if sight is not None and sight.instead_of is not None else nodes
+            return [] if sight is not None and sight.instead_of else nodes
         within = {
             one: node for one, node in first.items() if measure_distance(node, sight.T_map_camera) <= self._region(node)
         }
         chosen: Experience | None
-        if sight.instead_of is not None:
+        if sight.instead_of:
             chosen = self._experience.choose_other(within, sight)
         else:
             chosen = self._experience.choose(within or {nodes[0].experience: nodes[0]}, sight)

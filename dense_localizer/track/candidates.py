@@ -1,46 +1,57 @@
-"""Which pose an image is placed at: that of the likeliest prediction, or by key spheres of another day."""
+"""Which pose an image is placed at: by grey levels or local contrast, by key spheres of this day or another one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE, MAX_SAME_POSE, SURE_GRAY_NCC
+from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE, MAX_SAME_POSE, NUM_OTHER_EXPERIENCES, SURE_GRAY_NCC
 from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
 from dense_localizer.motion_prior import Prediction
+from dense_localizer.references.likeness import Tried
 from dense_localizer.references.reference import References
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.localization.status import Reason
-from sphere_nav.spheres.graph import Experience
 
-Locate = Callable[[Prediction, Experience | None], PoseCandidate]  # by another experience than that one
+Locate = Callable[[Prediction, Tried], PoseCandidate]  # by another experience than those
 
 
 def find_candidate(predictions: Iterable[Prediction], locate: Locate, references: References) -> PoseCandidate:
-    """Return the first accepted candidate; where it is not good, a better one by local contrast or another experience.
+    """Return the first accepted candidate; where it is not sure, a better one by local contrast or other experiences.
 
-    What explained an image, grey levels or their local contrast, serves until it does no more.
+    What explained an image, an experience by grey levels or by their local contrast, serves until it does no more.
     """
-    candidate = select_first_accepted(_locate_each(predictions, locate))
-    by_contrast = candidate.choice.by_contrast
-    if not (candidate.choice.ids or by_contrast):
+    candidate = select_first_accepted(_locate_each(predictions, locate, references))
+    if candidate.is_accepted:
+        references.adopt(candidate.choice)
+    return candidate
+
+
+def _ask_otherwise(candidate: PoseCandidate, locate: Locate, references: References) -> PoseCandidate:
+    """Return a candidate, or a better one: the same experience in the other mode, then others, by local contrast."""
+    by_contrast, prediction = candidate.choice.by_contrast, candidate.prediction
+    knows_contrast = references.knows_contrast
+    if is_sure(candidate, knows_contrast=knows_contrast):
         return candidate
-    is_sure = by_contrast or candidate.ncc >= SURE_GRAY_NCC
-    if candidate.acceptance.is_good and is_sure and not candidate.is_by_parts:
-        return candidate
-    if references.knows_contrast:
-        other = locate(replace(candidate.prediction, by_contrast=not by_contrast, asks_parts=False), None)
-        if explains_more(other, candidate):
-            references.adopt(other.choice)
-            return other
-    if candidate.acceptance.is_good or not candidate.choice.ids:
-        return candidate
-    tried = references.node(candidate.choice.ids[0]).experience
-    other = locate(candidate.prediction, tried)
-    if not is_better(other, candidate):
-        return candidate
-    references.adopt(other.choice)
-    return other
+    tried = tuple(references.node(one).experience for one in candidate.choice.ids[:1])
+    if knows_contrast and (tried or by_contrast):
+        other = locate(replace(prediction, by_contrast=not by_contrast, asks_parts=False), ())
+        candidate = other if explains_more(other, candidate) else candidate
+    otherwise = replace(prediction, by_contrast=True) if knows_contrast else prediction
+    while 0 < len(tried) <= NUM_OTHER_EXPERIENCES and not is_sure(candidate, knows_contrast=knows_contrast):
+        other = locate(otherwise, tried)
+        tried = (*tried, references.node(other.choice.ids[0]).experience) if other.choice.ids else ()
+        candidate = other if is_better(other, candidate, knows_contrast=knows_contrast) else candidate
+    return candidate
+
+
+def is_sure(candidate: PoseCandidate, *, knows_contrast: bool) -> bool:
+    """Whether a candidate is good and nothing else need be asked.
+
+    Grey levels that resemble the map little, or only in parts, are compared with local contrast.
+    """
+    is_alike = candidate.choice.by_contrast or (candidate.ncc >= SURE_GRAY_NCC and not candidate.is_by_parts)
+    return candidate.acceptance.is_good and (is_alike or not knows_contrast)
 
 
 def explains_more(other: PoseCandidate, candidate: PoseCandidate) -> bool:
@@ -57,21 +68,23 @@ def explains_more(other: PoseCandidate, candidate: PoseCandidate) -> bool:
     return not (is_there and candidate.finding.reason is Reason.JUMP_REJECTED)
 
 
-def is_better(one: PoseCandidate, other: PoseCandidate) -> bool:
+def is_better(one: PoseCandidate, other: PoseCandidate, *, knows_contrast: bool) -> bool:
     """Whether a candidate is accepted, and more surely than another one."""
-    return one.is_accepted and one.acceptance.quality > other.acceptance.quality
+    one_is_sure, other_is_sure = (is_sure(some, knows_contrast=knows_contrast) for some in (one, other))
+    return one.is_accepted and (one_is_sure, one.acceptance.quality) > (other_is_sure, other.acceptance.quality)
 
 
-def _locate_each(predictions: Iterable[Prediction], locate: Locate) -> Iterator[PoseCandidate]:
-    """Yield the candidate of each prediction; parts of the view, which take longest, are asked while they may help.
+def _locate_each(predictions: Iterable[Prediction], locate: Locate, references: References) -> Iterator[PoseCandidate]:
+    """Yield the candidate of each prediction, the likeliest one's by all that may explain the image.
 
-    Where from one prediction no more of them agree than by chance, they rarely do from another one: that is tried for
-    some images, then only the likeliest.
+    Parts of the view, which take longest, are asked while they may help: where from one prediction no more of them
+    agree than by chance, they rarely do from another one; that is tried for some images, then only the likeliest.
     """
     least: float | None = None
-    for prediction in predictions:
+    for number, prediction in enumerate(predictions):
         may_help = least is None or least <= MAX_HINT_CHANCE or prediction.age_s <= ASK_ALL_S
-        candidate = locate(prediction if may_help else replace(prediction, asks_parts=False), None)
+        candidate = locate(prediction if may_help else replace(prediction, asks_parts=False), ())
         if candidate.chance is not None:
             least = candidate.chance if least is None else min(least, candidate.chance)
-        yield candidate
+        is_asked = number == 0 or candidate.is_accepted
+        yield _ask_otherwise(candidate, locate, references) if is_asked else candidate

@@ -26,6 +26,7 @@ from dense_localizer.judge.estimate import CameraEstimate
 from dense_localizer.localizer import Localizer
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
+from dense_localizer.references.likeness import Tried
 from dense_localizer.track.align import align_rig
 from dense_localizer.track.visual_odometry import add_last
 from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, rms
@@ -36,7 +37,6 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav.spheres.graph import Experience
 
 STEP, PERIOD_NS = 0.28, 200_000_000  # m and ns from image to image: 1.4 m/s at 5 Hz
 WAY = 60.0  # m of the path, with its first bend
@@ -56,7 +56,7 @@ class HybridLocalizer(Localizer):
 
     _last: PoseCandidate | None = None
 
-    def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Experience | None = None) -> PoseCandidate:
+    def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Tried = ()) -> PoseCandidate:
         """As the localiser does, the last image among the references; judged with it."""
         by_map = chosen = self.references.choose_rig(frame.images, prediction, instead_of=tried)
         if self._last is not None and self._states.is_following:

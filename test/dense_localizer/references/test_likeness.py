@@ -65,7 +65,7 @@ def test_followed_images_cost_two_comparisons_and_change_over(days, monkeypatch)
     monkeypatch.setattr(
         ExperienceChoice, "compare", lambda self, node, seen: asked.append(node) or compare(self, node, seen)
     )
-    references.choose(at(0.1), PINHOLE, sight=sight(DAY, 0.1, is_followed=False))
+    references.adopt(references.choose(at(0.1), PINHOLE, sight=sight(DAY, 0.1, is_followed=False)))
     assert len(asked) == 3  # nothing is known: all
     used = []
     for _ in range(10):
@@ -100,11 +100,15 @@ class Scripted(ExperienceChoice):
         super().__init__(None)
         self.asked = []
 
-    def look(self, is_followed=True, **likeness):
+    def look(self, is_followed=True, is_explained=True, **likeness):
+        """Return the choice, which explains the image."""
         self.asked.clear()
         self._likeness = {Experience(name): value for name, value in likeness.items()}
         reach = {one: replace(NODE, id=DRIVES.index(one.name), experience=one) for one in self._likeness}
-        return self.choose(reach, Sight(None, None, is_followed)).name
+        chosen = self.choose(reach, Sight(None, None, is_followed))
+        if is_explained:
+            self.adopt(chosen)
+        return chosen.name
 
     def compare(self, node, sight):
         self.asked.append(node.experience.name)
@@ -134,6 +138,27 @@ def test_another_experience_must_lead_by_a_twentieth_over_three_images():
     assert choice.look(day=0.6, night=0.7) == "night"  # ... 0.6646
     assert choice.look(day=0.9, night=0.6) == "night"  # 0.69 against 0.6452
     assert choice.look(is_followed=False, day=0.61, night=0.6) == "day"  # one image alone decides
+
+
+def test_what_explains_nothing_is_not_gone_on_with():
+    choice = Scripted()
+    choice.look(is_followed=False, day=0.6, night=0.1)
+    for _ in range(9):
+        said = choice.look(is_explained=False, day=0.1, night=0.9)
+    assert said == "night"  # it is asked for
+    assert choice.current == Experience("day")
+    assert choice.look(is_explained=False, snow=0.9, night=0.9) == "night"  # of all, as day is out of reach
+    assert choice.current == Experience("day")
+
+
+def test_grey_levels_do_not_choose_for_local_contrast():
+    choice = Scripted()
+    choice.look(is_followed=False, day=0.6, night=0.1)
+    choice._likeness = {DAY: 0.1, NIGHT: 0.9}
+    reach = {one: replace(NODE, experience=one) for one in (DAY, NIGHT)}
+    for _ in range(9):
+        assert choice.choose(reach, Sight(None, None, is_followed=True, by_contrast=True)) == DAY
+    assert choice.choose({NIGHT: NODE}, Sight(None, None, is_followed=True, by_contrast=True)) == NIGHT  # out of reach
 
 
 def test_the_others_are_compared_in_turn_and_the_unknown_do_not_count():
@@ -176,9 +201,16 @@ def test_what_is_out_of_reach_is_not_chosen(days):
 def test_another_experience_is_asked_where_one_has_not_explained_an_image(days):
     references = References(days, PARAMS)
     seen = sight(NIGHT, 0.25, is_followed=False)
-    assert references.choose(at(0.25), PINHOLE, sight=seen).ids == (10, 11)
-    other = references.choose(at(0.25), PINHOLE, sight=seen._replace(instead_of=NIGHT))
+    night = references.choose(at(0.25), PINHOLE, sight=seen)
+    assert night.ids == (10, 11)
+    references.adopt(night)
+    other = references.choose(at(0.25), PINHOLE, sight=seen._replace(instead_of=(NIGHT,)))
     assert other.ids[0] in (0, 1, 20, 21)
+    tried = NIGHT, references.node(other.ids[0]).experience
+    third = references.choose(at(0.25), PINHOLE, sight=seen._replace(instead_of=tried))
+    assert {references.node(third.ids[0]).experience, *tried} == {DAY, NIGHT, SNOW}
+    assert references.choose(at(0.25), PINHOLE, sight=seen._replace(instead_of=(DAY,))).ids == (10, 11)  # in use
+    assert references.choose(at(0.25), PINHOLE, sight=seen._replace(instead_of=(DAY, NIGHT, SNOW))).ids == ()
     followed = seen._replace(is_followed=True)
     assert references.choose(at(0.25), PINHOLE, sight=followed).ids == (10, 11)  # it was asked, no more
     references.adopt(other)
@@ -190,10 +222,10 @@ def test_another_experience_is_asked_where_one_has_not_explained_an_image(days):
 
 def test_where_there_is_no_other_experience_there_are_no_references(days):
     alone = References(MemoryMap([node for node in days.graph if node.experience == DAY]), PARAMS)
-    assert alone.choose(at(0.25), PINHOLE, sight=sight(DAY, 0.25)._replace(instead_of=DAY)).ids == ()
+    assert alone.choose(at(0.25), PINHOLE, sight=sight(DAY, 0.25)._replace(instead_of=(DAY,))).ids == ()
     near = [replace(node, region_radius_m=0.1) if node.experience != DAY else node for node in days.graph]
     references = References(MemoryMap(near), PARAMS)
-    chosen = references.choose(at(0.9), PINHOLE, sight=sight(DAY, 0.9)._replace(instead_of=DAY))
+    chosen = references.choose(at(0.9), PINHOLE, sight=sight(DAY, 0.9)._replace(instead_of=(DAY,)))
     assert chosen.ids == ()
     for one in (alone, references):
         one.close()
@@ -201,7 +233,7 @@ def test_where_there_is_no_other_experience_there_are_no_references(days):
 
 def test_a_live_image_does_not_wait_for_another_experience(days):
     references = References(days, PARAMS, is_live=True)
-    seen = sight(NIGHT, 0.25)._replace(instead_of=NIGHT)
+    seen = sight(NIGHT, 0.25)._replace(instead_of=(NIGHT,))
     assert references.choose(at(0.25), PINHOLE, is_followed=True, sight=seen).ids == ()
     for _ in range(500):
         chosen = references.choose(at(0.25), PINHOLE, is_followed=True, sight=seen)

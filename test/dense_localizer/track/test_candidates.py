@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE
+from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE, NUM_OTHER_EXPERIENCES
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.track.candidates import find_candidate
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Reason
 
-NODES = {0: SimpleNamespace(experience="day"), 10: SimpleNamespace(experience="night")}
+NAMES = {0: "day", 10: "night", 20: "snow", 30: "rain", 40: "fog"}
+NODES = {number: SimpleNamespace(experience=name) for number, name in NAMES.items()}
 
 
 class Days:
@@ -40,6 +41,7 @@ def candidate(quality, ids=(0,), prediction="here", chance=None, **more):
 
 
 HERE = Prediction.guess(SE3.identity(), is_near=True)
+NOTHING = candidate(-1.0, (), HERE)  # nothing covers the view
 
 
 @pytest.mark.parametrize("serves", [False, True])
@@ -47,8 +49,6 @@ HERE = Prediction.guess(SE3.identity(), is_near=True)
     ("first", "other", "is_by_parts", "is_taken"),
     [
         (0.6, None, False, False),  # a good one costs nothing
-        (0.6, 0.5, True, True),  # parts of the view are more work than the whole of it
-        (0.6, 0.4, True, False),
         (0.3, 0.5, False, True),
         (0.3, 0.4, False, False),  # neither is good: what served before goes on
         (-1.0, 0.1, False, True),
@@ -65,11 +65,33 @@ def test_local_contrast_serves_where_grey_levels_are_not_good_and_these_where_it
 
     def locate(prediction, tried):
         asked.append((prediction.by_contrast, prediction.asks_parts, tried))
-        return {None: one, not serves: another}[prediction.by_contrast] if tried is None else candidate(-1.0, (10,))
+        return {None: one, not serves: another}[prediction.by_contrast] if not tried else candidate(-1.0, ())
+
+    found = find_candidate([HERE], locate, days)
+    assert found is (another if is_taken else one)
+    assert asked[:2] == [(None, True, ())] + [(not serves, False, ())] * (other is not None)
+    assert days.by_contrast is (found.choice.by_contrast if found.is_accepted else None)
+
+
+@pytest.mark.parametrize(
+    ("serves", "other", "is_asked", "is_taken"),
+    [(False, 0.5, True, True), (False, 0.4, True, False), (True, 0.9, False, False)],
+)
+def test_where_grey_levels_are_alike_in_parts_alone_contrast_may_be_in_the_whole_view(
+    serves, other, is_asked, is_taken
+):
+    """Not the other way round: by contrast parts were 17 mm off, by grey levels 45 mm, on a wet road."""
+    days, asked = Days(), []
+    days.knows_contrast = True
+    one = candidate(0.6, prediction=HERE, is_by_parts=True, by_contrast=serves)
+    another = candidate(other, by_contrast=not serves)
+
+    def locate(prediction, tried):
+        asked.append(prediction.by_contrast)
+        return candidate(-1.0, ()) if tried else one if prediction.by_contrast is None else another
 
     assert find_candidate([HERE], locate, days) is (another if is_taken else one)
-    assert asked[:2] == [(None, True, None)] + [(not serves, False, None)] * (other is not None)
-    assert days.by_contrast is (not serves if is_taken else None)
+    assert len(asked) == 1 + is_asked * (1 + (not is_taken))
 
 
 @pytest.mark.parametrize(("ncc", "serves", "is_asked"), [(0.89, False, True), (0.91, False, False), (0.6, True, False)])
@@ -114,21 +136,93 @@ def test_without_a_key_sphere_of_that_contrast_grey_levels_are_asked():
     ],
 )
 def test_the_better_of_two_experiences_counts_where_the_first_is_not_good(first, other, is_taken):
-    one, another, days, asked = candidate(first), candidate(other, (10,)), Days(), []
+    one, another, days, asked = candidate(first, prediction=HERE), candidate(other, (10,)), Days(), []
 
     def locate(prediction, tried):
-        asked.append((prediction, tried))
-        return one if tried is None else another
+        asked.append(tried)
+        return {0: one, 1: another}.get(len(tried), candidate(-1.0, ()))
 
-    found = find_candidate(["here"], locate, days)
+    found = find_candidate([HERE], locate, days)
     assert found is (another if is_taken else one)
-    assert asked == [("here", None)] + [("here", "day")] * (first < 0.5)  # a good one costs nothing
-    assert days.adopted == ((10,) if is_taken else None)
+    is_done = first >= 0.5 or other >= 0.5  # a good one costs nothing
+    assert asked == [(), ("day",), ("day", "night")][: 1 if first >= 0.5 else 2 if is_done else 3]
+    assert days.adopted == (
+        found.choice.ids if found.is_accepted else None
+    )  # what explains nothing is not gone on with
+
+
+@pytest.mark.parametrize(
+    ("qualities", "expected", "num_asked"),
+    [
+        ((-1.0, -1.0, 0.6), (20,), 3),
+        ((-1.0, 0.2, 0.3, 0.1), (20,), 4),
+        ((-1.0, -1.0, -1.0, -1.0, 0.9), (0,), 1 + NUM_OTHER_EXPERIENCES),  # an image does not wait for all of them
+        ((0.1, 0.6, 0.9), (10,), 2),
+    ],
+)
+def test_one_experience_after_another_is_asked_until_one_is_good(qualities, expected, num_asked):
+    asked = []
+
+    def locate(prediction, tried):
+        asked.append(tried)
+        return candidate(qualities[len(tried)], (10 * len(tried),), HERE) if len(tried) < len(qualities) else NOTHING
+
+    assert find_candidate([HERE], locate, Days()).choice.ids == expected
+    assert len(asked) == num_asked
+
+
+def test_others_are_asked_by_contrast_which_knows_no_light():
+    days, asked = Days(), []
+    days.knows_contrast = True
+
+    def locate(prediction, tried):
+        asked.append((prediction.by_contrast, tried))
+        found = candidate(-1.0, (10 * len(tried),), HERE, by_contrast=bool(prediction.by_contrast))
+        return candidate(0.6, (20,), by_contrast=True) if len(tried) == 2 else found
+
+    assert find_candidate([HERE], locate, days).choice.ids == (20,)
+    assert asked == [(None, ()), (True, ()), (True, ("day",)), (True, ("day", "night"))]
+    assert (days.adopted, days.by_contrast) == ((20,), True)
+
+
+def test_contrast_in_another_experience_is_surer_than_parts_by_grey_levels():
+    days = Days()
+    days.knows_contrast = True
+    grey = candidate(0.8, prediction=HERE, is_by_parts=True)
+
+    def locate(prediction, tried):
+        return candidate(0.6, (10,), by_contrast=True) if tried else grey if prediction.by_contrast is None else NOTHING
+
+    assert find_candidate([HERE], locate, days).choice.ids == (10,)
+
+
+def test_all_is_asked_of_the_likeliest_prediction_before_another_one():
+    """One that defies odometry would otherwise place what another experience explains, and odometry be blamed."""
+    asked = []
+
+    def locate(prediction, tried):
+        asked.append((prediction.is_fallback, tried))
+        return (
+            candidate(0.7, (10,), prediction) if tried and not prediction.is_fallback else candidate(-1.0, (0,), HERE)
+        )
+
+    assert find_candidate([HERE, replace(HERE, is_fallback=True)], locate, Days()).choice.ids == (10,)
+    assert asked == [(False, ()), (False, ("day",))]
+    asked.clear()
+
+    def fails(prediction, tried):
+        asked.append((prediction.is_fallback, tried))
+        return NOTHING if tried or not prediction.is_fallback else candidate(0.7, (0,), prediction)
+
+    assert find_candidate([HERE, replace(HERE, is_fallback=True)], fails, Days()).choice.ids == (0,)
+    assert asked == [(False, ()), (True, ())]
 
 
 def test_where_nothing_covers_the_view_no_other_experience_is_asked():
-    nothing = candidate(-1.0, ())
-    assert find_candidate(["here"], lambda *_: nothing, Days()) is nothing
+    asked = []
+    found = find_candidate([HERE], lambda *how: asked.append(how) or NOTHING, Days())
+    assert found is NOTHING
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize(
