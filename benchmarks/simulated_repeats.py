@@ -14,10 +14,12 @@ from __future__ import annotations
 import json
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +31,7 @@ from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
 from cycab_sim.sensors.rigs import rig_file_text
 from cycab_sim.simulator import Simulator
+from dense_localizer.localizer import Localizer
 from sphere_nav.cli.demo.demo import OTHER_DAY, SIMULATION, TOUR, Demo
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.offline.pose_bags import read_poses
@@ -151,7 +154,8 @@ def draw_drives(count: int, seed: int, kinds: tuple[str, ...] = KINDS) -> list[D
 class Found:
     """How a drive was localised: images of the moving vehicle, share in TRACKING, the rest of them by reason and state.
 
-    start_s: from the first image to the first pose in TRACKING, s (NaN: none); errors of the poses in TRACKING.
+    start_s: from the first image to the first pose in TRACKING, s (NaN: none); errors of the poses in TRACKING;
+    step_ms: CPU of an image after that, of all where there is none.
     """
 
     num_images: int
@@ -200,12 +204,12 @@ def localise(map_folder: Path, bag: Path, folder: Path, taught: Taught) -> Found
     """Localise a drive by its camera from nowhere."""
     shutil.rmtree(folder, ignore_errors=True)  # of a run that was ended
     folder.mkdir()
-    begun, problem = time.process_time(), ""
-    try:
-        call("localize", map_folder, bag, "-o", folder / "poses.tum", "--bag", folder / "said")
-    except ValueError as error:
-        problem = str(error)
-    seconds = time.process_time() - begun
+    problem = ""
+    with _noted_steps() as ends_s:
+        try:
+            call("localize", map_folder, bag, "-o", folder / "poses.tum", "--bag", folder / "said")
+        except ValueError as error:
+            problem = str(error)
     truth = read_poses(bag, ("/ground_truth/odometry",))
     with BagReader(bag) as reader:
         images = np.array([stamp_ns(item.message) for item in reader.messages(["/image_raw"])])
@@ -216,7 +220,7 @@ def localise(map_folder: Path, bag: Path, folder: Path, taught: Taught) -> Found
     counts = {one: told.count(one) for one in dict.fromkeys(told) if one[0] != "TRACKING"}
     why = ", ".join(f"{number} {state} {reason}".strip() for (state, reason), number in counts.items()) or problem
     if not len(tracked):
-        return Found(len(moving), 0.0, float("nan"), 0, float("nan"), 1e3 * seconds / len(images), why)
+        return Found(len(moving), 0.0, float("nan"), 0, float("nan"), _step_ms(ends_s, 0), why)
     poses = read_tum(folder / "poses.tum")
     errors = taught.errors(poses[np.isin(poses.stamps_ns, tracked)], truth)
     return Found(
@@ -225,9 +229,30 @@ def localise(map_folder: Path, bag: Path, folder: Path, taught: Taught) -> Found
         float(tracked[0] - images[0]) / 1e9,
         int(np.sum(np.linalg.norm(errors, axis=1) > WRONG_M)),
         float(np.sqrt(np.mean(errors[:, 1] ** 2))),
-        1e3 * seconds / len(images),
+        _step_ms(ends_s, int(tracked[0])),
         why,
     )
+
+
+@contextmanager
+def _noted_steps() -> Iterator[dict[int, float]]:
+    """Give the CPU seconds of the process at the end of each image that a localizer takes, by the image's stamp."""
+    ends_s: dict[int, float] = {}
+    update = Localizer.update_rig
+
+    def noted(self: Localizer, images: Any, stamp_ns: int, T_odom: Any = None) -> Any:
+        estimate = update(self, images, stamp_ns, T_odom)
+        ends_s[stamp_ns] = time.process_time()
+        return estimate
+
+    with patch.object(Localizer, "update_rig", noted):
+        yield ends_s
+
+
+def _step_ms(ends_s: dict[int, float], since_ns: int) -> float:
+    """Return the mean CPU of an image after that of a stamp: a start, which a drive has once, is no step of it."""
+    seconds = [second for stamp, second in sorted(ends_s.items()) if stamp >= since_ns]
+    return 1e3 * (seconds[-1] - seconds[0]) / (len(seconds) - 1) if len(seconds) > 1 else float("nan")
 
 
 def _states(bag: Path) -> dict[int, tuple[str, str]]:

@@ -1,5 +1,6 @@
 """What the simulated repeats draw and judge by themselves; their rows are the commands."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,18 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks.simulated_repeats import KINDS, Drive, Found, Taught, Way, draw_drives, judge
+from benchmarks.simulated_repeats import (
+    KINDS,
+    Drive,
+    Found,
+    Taught,
+    Way,
+    _noted_steps,
+    _step_ms,
+    draw_drives,
+    judge,
+)
+from dense_localizer.localizer import Localizer
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.ros.bags import BagReader, BagWriter
@@ -67,3 +79,19 @@ def test_a_drive_is_what_the_node_publishes(tmp_path):
         assert {"/image_raw", "/camera_info", "/odom", "/ground_truth/odometry", "/tf_static"} <= set(bag.topics)
         assert not [name for name in bag.topics if name.startswith("/cameras")]
         assert bag.topics["/image_raw"].count >= 5
+
+
+def test_a_start_is_no_step_of_the_drive(monkeypatch):
+    def burn(localizer, images, stamp_ns, T_odom=None):
+        begun = time.process_time()
+        while time.process_time() - begun < (0.2 if stamp_ns == SECOND else 0.01):
+            pass
+
+    monkeypatch.setattr(Localizer, "update_rig", burn)
+    with _noted_steps() as ends_s:
+        for number in range(1, 6):
+            Localizer.update_rig(None, (), number * SECOND)
+    assert Localizer.update_rig is burn
+    assert 10.0 <= _step_ms(ends_s, SECOND) < 40.0
+    assert _step_ms(ends_s, 4 * SECOND) == pytest.approx(10.0, abs=8.0)
+    assert np.isnan(_step_ms(ends_s, 5 * SECOND))  # no image after it
