@@ -13,8 +13,8 @@ import numpy as np
 
 from dense_localizer.constants import (
     ACCEPTED_INLIER_SHARE,
+    GOOD_AGREEMENT_LEAD,
     GOOD_BIAS,
-    GOOD_GRADIENT_AGREEMENT,
     GOOD_INLIER_SHARE,
     GOOD_INNOVATION,
     GOOD_NCC_LEAD,
@@ -37,6 +37,7 @@ from dense_localizer.constants import (
 )
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
+from dense_localizer.references.reference import Choice
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -105,7 +106,7 @@ def cover_slip(T_map_camera: SE3, covariance: Array, prediction: Prediction) -> 
 def assess(
     alignment: Alignment,
     covariance: Array,
-    distance_ratio: float,
+    choice: Choice,
     prediction: Prediction | None,
     params: AcceptanceParams,
     max_mad: float = np.inf,
@@ -113,29 +114,24 @@ def assess(
 ) -> Acceptance:
     """Assess one alignment with its honest covariance; without a prediction (a start) every jump is allowed.
 
-    `distance_ratio` is the distance to the nearest reference by the radius of its region, `max_mad` the limit of the
-    alignment, `structure` that of its residuals where it was checked.
+    `choice` is that of its references, `max_mad` the limit of the alignment, `structure` that of its residuals where it
+    was checked. Local contrast of a followed camera is good as soon as it is not refused.
     """
     if alignment.reason:
         return refuse(_explain_refusal(alignment, params, max_mad))
     if not (np.all(np.isfinite(alignment.T_world_camera.matrix)) and np.all(np.isfinite(covariance))):
         return refuse(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
+    lead = 0.0 if choice.by_contrast and prediction is not None else 1.0
     is_proven = structure is not None and structure.support.is_proven
-    checks = _check_images(alignment, params, is_proven=is_proven) + _check_certainty(covariance, params)
+    checks = _check_images(alignment, params, lead, is_proven=is_proven) + _check_certainty(covariance, params)
     if structure is not None:
-        checks += _check_structure(structure, params)
+        checks += _check_structure(structure, params, lead)
     if prediction is not None:
-        checks.append(_check_jump(measure_innovation(alignment.T_world_camera, covariance, prediction)))
-        covered = cover_slip(alignment.T_world_camera, covariance, prediction)
-        detail = "{}: far from the prediction, it may have slipped"
-        checks += [
-            replace(check, reason=Reason.JUMP_REJECTED, detail=detail.format(check.detail))
-            for check in _check_certainty(covered, params)
-        ]
+        checks += _check_motion(alignment.T_world_camera, covariance, prediction, params)
     acceptance = _conclude(checks)
     if acceptance.is_good:
         return acceptance
-    return replace(acceptance, finding=_name_cause(acceptance.finding, alignment, distance_ratio))
+    return replace(acceptance, finding=_name_cause(acceptance.finding, alignment, choice.distance_ratio))
 
 
 def assess_range(
@@ -170,8 +166,8 @@ def _explain_refusal(alignment: Alignment, params: AcceptanceParams, max_mad: fl
     return Finding(reason, float(value), float(limit), detail)
 
 
-def _check_images(alignment: Alignment, params: AcceptanceParams, *, is_proven: bool) -> list[Check]:
-    """Return the checks of how well the images agree with the map.
+def _check_images(alignment: Alignment, params: AcceptanceParams, lead: float, *, is_proven: bool) -> list[Check]:
+    """Return the checks of how well the images agree with the map; `lead`: share of that which is asked of a good one.
 
     Where the parts of the view have proven the pose, the whole of it only says how much has changed.
     """
@@ -185,17 +181,21 @@ def _check_images(alignment: Alignment, params: AcceptanceParams, *, is_proven: 
         *seen,
         Check(Reason.OUTLIERS, alignment.inlier_share, ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE),
         Check(
-            Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.min_ncc + GOOD_NCC_LEAD, "correlation with the map"
+            Reason.OUTLIERS,
+            alignment.ncc,
+            params.min_ncc,
+            params.min_ncc + lead * GOOD_NCC_LEAD,
+            "correlation with the map",
         ),
     ]
 
 
-def _check_structure(structure: Structure, params: AcceptanceParams) -> list[Check]:
-    """Return the checks of what the residuals look like."""
+def _check_structure(structure: Structure, params: AcceptanceParams, lead: float) -> list[Check]:
+    """Return the checks of what the residuals look like; `lead`: share of that which is asked of a good one."""
+    limits = MIN_GRADIENT_AGREEMENT, MIN_GRADIENT_AGREEMENT + lead * GOOD_AGREEMENT_LEAD
     surely = max(abs(structure.stretch) - STRETCH_SIGMAS * structure.stretch_sigma, 0.0)
     larger = "larger" if structure.stretch > 0 else "smaller"
     detail = f"the image is {larger} about its centre than the lens says, by {abs(structure.stretch):.0%}"
-    limits = MIN_GRADIENT_AGREEMENT, GOOD_GRADIENT_AGREEMENT
     agreement = Check(Reason.OUTLIERS, structure.agreement, *limits, "agreement of gradients")
     return [
         *([] if structure.support.is_proven else [agreement]),  # a part of the view may have changed
@@ -244,6 +244,21 @@ def _name_cause(finding: Finding, alignment: Alignment, distance_ratio: float) -
         detail = f"{finding.detail}; {distance_ratio:.2g} times the region of the key sphere away".removeprefix("; ")
         return replace(finding, reason=Reason.OUTSIDE_REGION, detail=detail)
     return finding
+
+
+def _check_motion(
+    T_map_camera: SE3, covariance: Array, prediction: Prediction, params: AcceptanceParams
+) -> list[Check]:
+    """Return the checks of a pose against its prediction: a jump, and how certain a pose is that may have slipped."""
+    covered = cover_slip(T_map_camera, covariance, prediction)
+    detail = "{}: far from the prediction, it may have slipped"
+    return [
+        _check_jump(measure_innovation(T_map_camera, covariance, prediction)),
+        *(
+            replace(check, reason=Reason.JUMP_REJECTED, detail=detail.format(check.detail))
+            for check in _check_certainty(covered, params)
+        ),
+    ]
 
 
 def _check_jump(distance: float) -> Check:

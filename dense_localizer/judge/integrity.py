@@ -119,7 +119,7 @@ class Integrity:
         T_sphere_camera = choice.views[0].T_world_reference.inverse() @ pose
         covariance = alignment.covariance + remaining + self._map_error.covariance(choice.ids[0], T_sphere_camera)
         limits, before = (self._params.acceptance, registration.max_mad), None if prediction.is_guess else prediction
-        acceptance = assess(alignment, covariance, choice.distance_ratio, before, *limits, structure)
+        acceptance = assess(alignment, covariance, choice, before, *limits, structure)
         if before is not None and acceptance.is_accepted:
             covariance = cover_slip(pose, covariance, before)
         evidence = prediction, choice, acceptance, alignment, motion, images

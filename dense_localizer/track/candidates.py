@@ -22,7 +22,7 @@ def find_candidate(predictions: Iterable[Prediction], locate: Locate, references
     What explained an image, an experience by grey levels or by their local contrast, serves until it does no more.
     """
     candidate = select_first_accepted(_locate_each(predictions, locate, references))
-    if candidate.is_accepted:
+    if candidate.acceptance.is_good:
         references.adopt(candidate.choice)
     return candidate
 

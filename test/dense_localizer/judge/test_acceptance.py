@@ -7,6 +7,7 @@ from dense_localizer.judge.acceptance import Check, assess, measure_innovation
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
 from dense_localizer.reasons import REMEDIES
+from dense_localizer.references.reference import Choice
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Reason
 from sphere_nav.photometric import Alignment
@@ -31,14 +32,29 @@ GOOD = Alignment(
 HERE = Prediction(SE3.identity(), TIGHT, 0)
 
 
-def assessed(alignment, covariance=TIGHT, distance_ratio=0.1, prediction=HERE, structure=None):
-    return assess(alignment, covariance, distance_ratio, prediction, PARAMS, structure=structure)
+def assessed(alignment, covariance=TIGHT, distance_ratio=0.1, prediction=HERE, structure=None, by_contrast=False):
+    choice = Choice((0,), (), 1.0, 3.0 * distance_ratio, 5.0, 3.0, by_contrast)
+    return assess(alignment, covariance, choice, prediction, PARAMS, structure=structure)
 
 
 def test_a_good_alignment_is_accepted_without_a_word():
     verdict = assessed(GOOD)
     assert (verdict.is_accepted, verdict.is_good, verdict.finding.reason) == (True, True, "")
     assert 0.5 < verdict.quality <= 1.0
+
+
+@pytest.mark.parametrize("by_contrast", [False, True])
+@pytest.mark.parametrize("prediction", [HERE, None])
+def test_local_contrast_of_a_followed_camera_is_good_as_soon_as_it_is_used(by_contrast, prediction):
+    """A start may be anywhere: it is held to those of grey levels."""
+    how = {"by_contrast": by_contrast, "prediction": prediction}
+    is_free = by_contrast and prediction is not None
+    for value, expected in ((0.19, (False, False)), (0.21, (True, is_free)), (0.26, (True, True))):
+        verdict = assessed(GOOD, structure=Structure(agreement=value), **how)
+        assert (verdict.is_accepted, verdict.is_good) == expected
+    for value, expected in ((0.39, (False, False)), (0.41, (True, is_free)), (0.51, (True, True))):
+        verdict = assessed(replace(GOOD, ncc=value), **how)
+        assert (verdict.is_accepted, verdict.is_good) == expected
 
 
 @pytest.mark.parametrize(

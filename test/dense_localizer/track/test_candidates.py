@@ -70,7 +70,7 @@ def test_local_contrast_serves_where_grey_levels_are_not_good_and_these_where_it
     found = find_candidate([HERE], locate, days)
     assert found is (another if is_taken else one)
     assert asked[:2] == [(None, True, ())] + [(not serves, False, ())] * (other is not None)
-    assert days.by_contrast is (found.choice.by_contrast if found.is_accepted else None)
+    assert days.by_contrast is (found.choice.by_contrast if found.acceptance.is_good else None)
 
 
 @pytest.mark.parametrize(
