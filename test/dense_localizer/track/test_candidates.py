@@ -146,9 +146,8 @@ def test_the_better_of_two_experiences_counts_where_the_first_is_not_good(first,
     assert found is (another if is_taken else one)
     is_done = first >= 0.5 or other >= 0.5  # a good one costs nothing
     assert asked == [(), ("day",), ("day", "night")][: 1 if first >= 0.5 else 2 if is_done else 3]
-    assert days.adopted == (
-        found.choice.ids if found.is_accepted else None
-    )  # what explains nothing is not gone on with
+    is_good = found.acceptance.is_good  # what explains an image with care is not gone on with
+    assert days.adopted == (found.choice.ids if is_good else None)
 
 
 @pytest.mark.parametrize(
