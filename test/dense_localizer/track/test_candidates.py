@@ -215,6 +215,23 @@ def test_all_is_asked_of_the_likeliest_prediction_before_another_one():
 
     assert find_candidate([HERE, replace(HERE, is_fallback=True)], fails, Days()).choice.ids == (0,)
     assert asked == [(False, ()), (True, ())]
+    asked.clear()
+
+    def refuses(prediction, tried):
+        asked.append(tried)
+        return candidate(-1.0, (0,), prediction) if prediction.is_fallback else NOTHING
+
+    assert not find_candidate([HERE, replace(HERE, is_fallback=True)], refuses, Days()).is_accepted
+    assert asked == [(), ()]  # of one that is less likely others are not asked
+
+
+def test_what_a_less_likely_prediction_places_with_care_is_asked_otherwise_too():
+    def locate(prediction, tried):
+        if not prediction.is_fallback:
+            return NOTHING
+        return candidate(0.7, (10,), prediction) if tried else candidate(0.3, (0,), prediction)
+
+    assert find_candidate([HERE, replace(HERE, is_fallback=True)], locate, Days()).choice.ids == (10,)
 
 
 def test_where_nothing_covers_the_view_no_other_experience_is_asked():
