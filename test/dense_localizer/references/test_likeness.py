@@ -151,6 +151,15 @@ def test_what_explains_nothing_is_not_gone_on_with():
     assert choice.current == Experience("day")
 
 
+def test_what_served_before_is_asked_before_what_looks_more_alike():
+    choice = Scripted()
+    choice.look(is_followed=False, day=0.6, night=0.1)
+    choice._likeness = {DAY: 0.1, NIGHT: 0.5, SNOW: 0.9}
+    reach = {one: replace(NODE, experience=one) for one in choice._likeness}
+    asked = [Sight(None, None, is_followed=True, instead_of=tried) for tried in ((NIGHT,), (NIGHT, DAY))]
+    assert [choice.choose_other(reach, sight) for sight in asked] == [DAY, SNOW]
+
+
 def test_grey_levels_do_not_choose_for_local_contrast():
     choice = Scripted()
     choice.look(is_followed=False, day=0.6, night=0.1)
