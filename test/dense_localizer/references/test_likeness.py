@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 from dense_localizer.localizer import Localizer
+from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.likeness import ExperienceChoice, Sight, correlate_poses, score_poses
 from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.graph import Experience, KeySphere
 from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, make_map
 from worlds.relit import EdgedRoom, relit
@@ -201,6 +203,17 @@ def test_a_correlation_is_of_what_is_in_view():
     assert correlate_poses(points, other, here, level)[0][0] == pytest.approx(np.corrcoef(seen, other)[0, 1], abs=1e-5)
 
 
+@pytest.mark.parametrize("by_contrast", [False, True])
+def test_images_that_are_aligned_by_contrast_keep_their_experience(days, by_contrast):
+    references = References(days, PARAMS)
+    references.adopt(references.choose(at(0.25), PINHOLE, sight=sight(DAY, 0.25, is_followed=False)))
+    image = RigImage(build_pyramid(ROOMS[NIGHT].photograph(PINHOLE, at(0.25), seed=3), PINHOLE))
+    followed = Prediction(at(0.25), 1e-6 * np.eye(6), 0, by_contrast=by_contrast)
+    chosen = [references.choose_rig([image], followed).choice.ids[0] for _ in range(10)]
+    assert chosen[-1] == (0 if by_contrast else 10)
+    references.close()
+
+
 def test_what_is_out_of_reach_is_not_chosen(days):
     far_night = [replace(node, region_radius_m=0.1) if node.experience == NIGHT else node for node in days.graph]
     references = References(MemoryMap(far_night), PARAMS)
@@ -250,6 +263,22 @@ def test_a_live_image_does_not_wait_for_another_experience(days):
             break
         time.sleep(0.02)
     assert references.node(chosen.ids[0]).experience != NIGHT  # it was begun, and is there a little later
+    references.close()
+
+
+def test_for_a_live_image_is_prepared_what_looks_more_alike(days):
+    """Nothing else would: it is in use only once it has explained an image."""
+    references = References(days, PARAMS, is_live=True)
+    references.adopt(references.choose(at(0.25), PINHOLE, sight=sight(DAY, 0.25, is_followed=False)))
+    seen = sight(NIGHT, 0.25)
+    for _ in range(500):
+        chosen = references.choose(at(0.25), PINHOLE, is_followed=True, sight=seen)
+        whole = references._spheres.find(10)
+        if whole is not None and chosen.views[0].reference is whole:
+            break
+        time.sleep(0.02)
+    assert whole is not None
+    assert chosen.views[0].reference is whole
     references.close()
 
 
