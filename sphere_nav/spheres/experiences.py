@@ -11,15 +11,15 @@ from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 
 @dataclass(frozen=True)
 class Service:
-    """How many images of a drive a key sphere explained, and the stamp of the last one."""
+    """How many images of a drive a key sphere explained, a part of one by the part, and the stamp of the last one."""
 
-    num_images: int
+    num_images: float
     last_ns: int
 
 
 def count_image(served: dict[int, Service], sphere_id: int, stamp_ns: int) -> None:
     """Note one more image that a key sphere explains; images come in the order of their stamps."""
-    served[sphere_id] = Service(served.get(sphere_id, Service(0, 0)).num_images + 1, stamp_ns)
+    served[sphere_id] = Service(served.get(sphere_id, Service(0.0, 0)).num_images + 1.0, stamp_ns)
 
 
 def split_by_experience(graph: SphereGraph) -> dict[Experience, SphereGraph]:

@@ -64,6 +64,7 @@ class DriveLocator:
         self._T_odom_graph, self._num_loops = SE3.identity(), 0
         self._last: tuple[Mapper, SE3] | None = None
         self.served: dict[int, Service] = {}
+        self._unlike: dict[int, float] = {}  # of the stamps of what is in TRACKING, how little it resembles the map
 
     def close(self) -> None:
         """End the threads of the localiser."""
@@ -92,10 +93,13 @@ class DriveLocator:
         small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, self._numbers[stamp_ns])
         self._small.add(serialize_to_store(small))
 
-    @property
-    def placed(self) -> set[int]:
-        """Stamps of the spheres that the map places in TRACKING."""
-        return {stamp_ns for stamp_ns, found in self._found.items() if found is not None and found.is_sure}
+    def lacking(self, stamp_ns: int) -> float:
+        """Return the share 0...1 of a sphere of the drive that the map does not show, 1 where it is not in TRACKING.
+
+        In TRACKING it is one minus the correlation: a sphere is tracked all around in a light in which one camera is
+        lost, as in snow. So whether it is tracked does not say that the map holds what a camera needs.
+        """
+        return self._unlike.get(stamp_ns, 1.0)
 
     def images(self, mapper: Mapper) -> list[DriveSphere]:
         """Return the spheres of the drive that were placed in it."""
@@ -139,6 +143,8 @@ class DriveLocator:
         is_sure = status.state is State.TRACKING
         if is_sure:
             count_image(self.served, a, status.stamp_ns)
+            ncc = estimate.candidate.ncc if estimate.candidate is not None else 0.0
+            self._unlike[status.stamp_ns] = 1.0 - max(ncc, 0.0)
         T_a_sphere = self._graph[a].T_map_sphere.inverse() @ estimate.T_map_camera
         return Localized(a, T_a_sphere, estimate.covariance, is_sure)
 

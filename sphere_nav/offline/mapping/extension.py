@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,9 +62,10 @@ def extend(
     joined = join_drive(known, drive, locator.images(mapper), mapper.params, T_map_start, run)
     if joined.graph is None:
         raise BagError(f"{base.path}: expected a drive by places of the map, found none that hold: {joined.told}")
-    placed = locator.placed
-    alone = Counter(track.key_id for track in mapper.tracks if track.stamp_ns not in placed)
-    own = {node.id: Service(alone[node.id], node.stamp_ns) for node in drive.graph}
+    lacking = dict.fromkeys(drive.graph.nodes, 0.0)
+    for track in mapper.tracks:
+        lacking[track.key_id] = lacking.get(track.key_id, 0.0) + locator.lacking(track.stamp_ns)
+    own = {node.id: Service(lacking[node.id], node.stamp_ns) for node in drive.graph}
     mapper.graph = with_service(joined.graph, locator.served, own, len(mapper.tracks) / max(len(drive.graph), 1))
     for sphere_id, features in drive.index.features.items():
         known.index.add(sphere_id, features)
