@@ -21,6 +21,7 @@ from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.world.worlds import build_world
 from dense_localizer.judge.acceptance import assess
 from dense_localizer.params import LocalizerParams
+from dense_localizer.references.reference import Choice
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
@@ -150,7 +151,8 @@ def localise(
     single = RigImage(pyramid, views=tuple(views))
     structure = find_rig_structure([single], alignment, PARAMS.registration) if alignment.is_converged else None
     limits = PARAMS.acceptance, PARAMS.registration.max_mad
-    if not assess(alignment, alignment.covariance, 0.0, None, *limits, structure).is_accepted:
+    choice = Choice((), tuple(views), 1.0, 0.0, 1.0, 1.0)  # as if at its centre: the region is what is measured
+    if not assess(alignment, alignment.covariance, choice, None, *limits, structure).is_accepted:
         return None
     off_m, off_rad = T_camera.distance(alignment.T_world_camera)
     return float(off_m), float(np.degrees(off_rad))
