@@ -58,13 +58,13 @@ class DriveLocator:
         self._found: dict[int, Localized | None] = {}
         self._judged: set[int] = set()  # stamps of images on which the localiser has a judgement
         self._explained: set[int] = set()  # and of those that the map explains
-        self._probation: set[int] = set()  # and of the latest ones, in probation, that look like the map
+        self._probation: dict[int, CameraEstimate] = {}  # the latest ones, by the stamp, while they are in probation
         self._small = CompactSpheres()
         self._numbers: dict[int, int] = {}  # of the small sphere of each stamp
         self._T_odom_graph, self._num_loops = SE3.identity(), 0
         self._last: tuple[Mapper, SE3] | None = None
         self.served: dict[int, Service] = {}
-        self._unlike: dict[int, float] = {}  # of the stamps of what is in TRACKING, how little it resembles the map
+        self._unlike: dict[int, float] = {}  # of the stamps of what was placed, how little it resembles the map
 
     def close(self) -> None:
         """End the threads of the localiser."""
@@ -83,21 +83,20 @@ class DriveLocator:
             return
         self._found[stamp_ns] = self._locate(estimate)
         self._judged.add(stamp_ns)
-        alike = {stamp_ns} if is_alike(estimate) else set()
-        if estimate.status.state is State.PROBATION:
-            self._probation |= alike
-        else:  # a probation that ended well was no failure of the map
-            self._explained |= self._probation | alike if estimate.status.state is State.TRACKING else set()
+        self._probation[stamp_ns] = estimate
+        if estimate.status.state is not State.PROBATION:
+            if estimate.status.state is State.TRACKING:  # a probation that ended well was no failure of the map
+                self._count_shown()
             self._probation.clear()
         self._numbers[stamp_ns] = len(self._numbers)
         small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, self._numbers[stamp_ns])
         self._small.add(serialize_to_store(small))
 
     def lacking(self, stamp_ns: int) -> float:
-        """Return the share 0...1 of a sphere of the drive that the map does not show, 1 where it is not in TRACKING.
+        """Return the share 0...1 of a sphere of the drive that the map does not show.
 
-        In TRACKING it is one minus the correlation: a sphere is tracked all around in a light in which one camera is
-        lost, as in snow. So whether it is tracked does not say that the map holds what a camera needs.
+        One minus the correlation in TRACKING, and in a probation that led to it; else 1. A sphere is tracked all around
+        in a light in which one camera is lost, as in snow: that it is tracked does not say what a camera will find.
         """
         return self._unlike.get(stamp_ns, 1.0)
 
@@ -121,6 +120,14 @@ class DriveLocator:
             told[key_of[stamp_ns]].append(stamp_ns in self._explained)
         return {key_id for key_id, images in told.items() if images and np.mean(images) < MIN_EXPLAINED_SHARE}
 
+    def _count_shown(self) -> None:
+        """Note what the map shows of the spheres of a probation that ended, and of the one that ended it."""
+        for stamp_ns, estimate in self._probation.items():
+            ncc = estimate.candidate.ncc if estimate.candidate is not None else 0.0
+            self._unlike[stamp_ns] = 1.0 - max(ncc, 0.0)
+            if is_alike(estimate):
+                self._explained.add(stamp_ns)
+
     def _odometry(self, mapper: Mapper, update: MapUpdate) -> SE3 | None:
         """Return the pose of a sphere in a frame that loops do not move."""
         if update.T_map_sphere is None or not mapper.tracks:
@@ -143,8 +150,6 @@ class DriveLocator:
         is_sure = status.state is State.TRACKING
         if is_sure:
             count_image(self.served, a, status.stamp_ns)
-            ncc = estimate.candidate.ncc if estimate.candidate is not None else 0.0
-            self._unlike[status.stamp_ns] = 1.0 - max(ncc, 0.0)
         T_a_sphere = self._graph[a].T_map_sphere.inverse() @ estimate.T_map_camera
         return Localized(a, T_a_sphere, estimate.covariance, is_sure)
 

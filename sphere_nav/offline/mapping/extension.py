@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,9 +63,9 @@ def extend(
     joined = join_drive(known, drive, locator.images(mapper), mapper.params, T_map_start, run)
     if joined.graph is None:
         raise BagError(f"{base.path}: expected a drive by places of the map, found none that hold: {joined.told}")
-    lacking = dict.fromkeys(drive.graph.nodes, 0.0)
+    lacking: defaultdict[int, float] = defaultdict(float)  # what the map does not show of the images of a key sphere
     for track in mapper.tracks:
-        lacking[track.key_id] = lacking.get(track.key_id, 0.0) + locator.lacking(track.stamp_ns)
+        lacking[track.key_id] += locator.lacking(track.stamp_ns)
     own = {node.id: Service(lacking[node.id], node.stamp_ns) for node in drive.graph}
     mapper.graph = with_service(joined.graph, locator.served, own, len(mapper.tracks) / max(len(drive.graph), 1))
     for sphere_id, features in drive.index.features.items():
