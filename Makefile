@@ -24,9 +24,10 @@ ready: $(STAMPS)/tf2_msgs $(STAMPS)/msg_defs $(STAMPS)/kernels
 demo: env
 	$(RUN)/sphere_nav demo $(ARGS)
 
-# a worker a core; of many cores four, as tests of nodes start processes of their own
+# a worker a core; of many cores four, as tests of nodes start processes of their own. Threads that multiply matrices
+# beside them would wait for each other with both cores busy.
 test: env $(STAMPS)/test_wheels
-	$(RUN)/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
+	OPENBLAS_NUM_THREADS=1 $(RUN)/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
 
 bench: env
 	$(RUN)/python -m benchmarks $(ARGS)

@@ -67,6 +67,15 @@ def cast_packets(intersect, scene, arguments, origin, rays, first_number, triang
                 ranges[first + k] = floats[FAR, k]
 
 
+@njit(cache=True, nogil=True)
+def turn_rays(rays, R, out):
+    """Write rays (N, 3) f32 turned by a rotation (3, 3) f32; a library's threads cost more than such a product."""
+    for n in range(rays.shape[0]):
+        x, y, z = rays[n, 0], rays[n, 1], rays[n, 2]
+        for c in range(3):
+            out[n, c] = R[c, 0] * x + R[c, 1] * y + R[c, 2] * z
+
+
 @njit(cache=True)
 def place_parts(T_world_part, part_of_triangle, part_of_surface, local, moved):
     """Move triangles (T, 3, 3), normals (T, 3) and surface frames (S, 3, 4), all f32, by their parts' poses.

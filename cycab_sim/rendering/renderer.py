@@ -134,7 +134,9 @@ class Renderer:
         """
         rays_camera, cone = self._lens(camera)
         height, width = camera.height, camera.width
-        rays = (rays_camera.reshape(-1, 3) @ T_world_camera.rotation.T.astype(np.float32)).reshape(rays_camera.shape)
+        rays = np.empty_like(rays_camera)
+        R = np.ascontiguousarray(T_world_camera.rotation, dtype=np.float32)
+        kernels.turn_rays(rays_camera.reshape(-1, 3), R, rays.reshape(-1, 3))
         origin = np.ascontiguousarray(T_world_camera.translation, dtype=np.float64)
         color = np.empty((height * width, 3), np.float32)
         hits = self._look(origin, rays.reshape(-1, 3), cone.reshape(-1), color)

@@ -3,6 +3,7 @@ import pytest
 
 from cycab_sim.rendering import kernels
 from cycab_sim.world.mesh import moved, placed
+from sphere_nav.geometry import SE3
 
 
 def test_edges_are_where_surfaces_or_ranges_change_and_the_light_with_them():
@@ -15,6 +16,15 @@ def test_edges_are_where_surfaces_or_ranges_change_and_the_light_with_them():
     kernels.find_edges(triangles, surface_of, normals, ranges, np.repeat(levels[..., None], 3, 2), found)
     # between 2 and 3 on the right the surface changes but the light does not; OUTSIDE is no edge
     assert found.tolist() == [[0, 1, 1, 1], [1, 1, 1, 1], [1, 1, 0, 0]]
+
+
+def test_rays_are_turned_as_by_the_matrix(rng):
+    R = SE3.exp([0.0, 0.0, 0.0, 0.3, -1.2, 0.7]).rotation
+    rays = rng.normal(size=(50, 3)).astype(np.float32)
+    rays[7] = np.nan  # outside the lens
+    out = np.empty_like(rays)
+    kernels.turn_rays(rays, R.astype(np.float32), out)
+    np.testing.assert_allclose(out, rays @ R.T, atol=2e-6)
 
 
 def test_split_rays_fill_their_pixel(rng):
