@@ -1,4 +1,4 @@
-"""Run benchmarks by name, all of them without a name; print Markdown, write JSON. Exit code 1 where one broke."""
+"""Run benchmarks by name, all without a name; print Markdown, write JSON. Exit code: 1 one broke, 2 one refused."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _run_one(name: str, module: ModuleType, options: argparse.Namespace) -> int:
         report: Report = module.run(options)
     except (ValueError, OSError) as error:
         print(f"{name}: {error}", file=sys.stderr)
-        return 1
+        return 2
     except Exception:  # one broken benchmark must not hide the others
         print(f"{name} broke:", file=sys.stderr)
         traceback.print_exc()

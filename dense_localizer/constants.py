@@ -72,8 +72,6 @@ ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # of the pixels compared
 # Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
 # hand-held images and saturated ones among them.
 MIN_GRADIENT_AGREEMENT, GOOD_AGREEMENT_LEAD = 0.2, 0.05
-# Local contrast of a followed camera needs no lead to be good: of 244 alignments that ended more than 0.3 m off in
-# simulated towns (docs/notes/contrast.md) none had an agreement of 0.09 or a correlation of 0.3.
 MAX_STRETCH, GOOD_STRETCH = 0.06, 0.03  # three quarters of the error of the focal length, judge/test_integrity
 STRETCH_SIGMAS = 4.0  # by which a stretch must exceed them: 6e-5 of right lenses by chance
 MAX_INNOVATION, GOOD_INNOVATION = 8.0, 0.7  # standard deviations from the prediction, 7e-12 by chance; share of it

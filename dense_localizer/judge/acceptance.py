@@ -121,6 +121,8 @@ def assess(
         return refuse(_explain_refusal(alignment, params, max_mad))
     if not (np.all(np.isfinite(alignment.T_world_camera.matrix)) and np.all(np.isfinite(covariance))):
         return refuse(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
+    # Contrast needs no lead to be good: of 244 alignments that ended more than 0.3 m off in simulated towns none had an
+    # agreement of 0.09 or a correlation of 0.3 (docs/notes/contrast.md).
     lead = 0.0 if choice.by_contrast and prediction is not None else 1.0
     is_proven = structure is not None and structure.support.is_proven
     checks = _check_images(alignment, params, lead, is_proven=is_proven) + _check_certainty(covariance, params)

@@ -29,29 +29,28 @@ def find_candidate(predictions: Iterable[Prediction], locate: Locate, references
 
 def _ask_otherwise(candidate: PoseCandidate, locate: Locate, references: References) -> PoseCandidate:
     """Return a candidate, or a better one: the same experience in the other mode, then others, by local contrast."""
-    by_contrast, prediction = candidate.choice.by_contrast, candidate.prediction
-    knows_contrast = references.knows_contrast
-    if is_sure(candidate, knows_contrast=knows_contrast):
+    if is_sure(candidate, references):
         return candidate
+    by_contrast, prediction = candidate.choice.by_contrast, candidate.prediction
     tried = tuple(references.node(one).experience for one in candidate.choice.ids[:1])
-    if knows_contrast and (tried or by_contrast):
+    if references.knows_contrast and (tried or by_contrast):
         other = locate(replace(prediction, by_contrast=not by_contrast, asks_parts=False), ())
         candidate = other if explains_more(other, candidate) else candidate
-    otherwise = replace(prediction, by_contrast=True) if knows_contrast else prediction
-    while 0 < len(tried) <= NUM_OTHER_EXPERIENCES and not is_sure(candidate, knows_contrast=knows_contrast):
+    otherwise = replace(prediction, by_contrast=True) if references.knows_contrast else prediction
+    while 0 < len(tried) <= NUM_OTHER_EXPERIENCES and not is_sure(candidate, references):
         other = locate(otherwise, tried)
         tried = (*tried, references.node(other.choice.ids[0]).experience) if other.choice.ids else ()
-        candidate = other if is_better(other, candidate, knows_contrast=knows_contrast) else candidate
+        candidate = other if is_better(other, candidate, references) else candidate
     return candidate
 
 
-def is_sure(candidate: PoseCandidate, *, knows_contrast: bool) -> bool:
+def is_sure(candidate: PoseCandidate, references: References) -> bool:
     """Whether a candidate is good and nothing else need be asked.
 
     Grey levels that resemble the map little, or only in parts, are compared with local contrast.
     """
     is_alike = candidate.choice.by_contrast or (candidate.ncc >= SURE_GRAY_NCC and not candidate.is_by_parts)
-    return candidate.acceptance.is_good and (is_alike or not knows_contrast)
+    return candidate.acceptance.is_good and (is_alike or not references.knows_contrast)
 
 
 def explains_more(other: PoseCandidate, candidate: PoseCandidate) -> bool:
@@ -68,9 +67,9 @@ def explains_more(other: PoseCandidate, candidate: PoseCandidate) -> bool:
     return not (is_there and candidate.finding.reason is Reason.JUMP_REJECTED)
 
 
-def is_better(one: PoseCandidate, other: PoseCandidate, *, knows_contrast: bool) -> bool:
+def is_better(one: PoseCandidate, other: PoseCandidate, references: References) -> bool:
     """Whether a candidate is accepted, and more surely than another one."""
-    one_is_sure, other_is_sure = (is_sure(some, knows_contrast=knows_contrast) for some in (one, other))
+    one_is_sure, other_is_sure = (is_sure(some, references) for some in (one, other))
     return one.is_accepted and (one_is_sure, one.acceptance.quality) > (other_is_sure, other.acceptance.quality)
 
 

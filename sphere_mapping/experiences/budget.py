@@ -26,12 +26,13 @@ class Budget:
 
     @staticmethod
     def parse(text: str) -> Budget:
-        """Return the budget of `3` or `200MB`; ValueError for anything else."""
-        found = re.fullmatch(r"([1-9][0-9]{0,6})(MB)?", text.strip())
+        """Return the budget of `3`, `200MB` or `17.5MB`; ValueError for anything else."""
+        found = re.fullmatch(r"([1-9][0-9]{0,6})(?:(\.[0-9]{1,3})?MB)?", text.strip())
         if found is None:
             raise ValueError(f"expected experiences a place, as 3, or megabytes, as 200MB, found {text[:40]!r}")
-        number = int(found[1])
-        return Budget(num_bytes=number * 1e6) if found[2] else Budget(number)
+        if not text.strip().endswith("MB"):
+            return Budget(int(found[1]))
+        return Budget(num_bytes=1e6 * float(found[1] + (found[2] or "")))
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,7 +87,15 @@ def test_views_elsewhere_are_other_places_of_partial_spheres():
     assert left(SphereGraph(nodes), Budget(1)) == {0}
 
 
-@pytest.mark.parametrize("text", ["", "0", "-1", "MB", "1.5", "3 spheres", "1e9"])
+@pytest.mark.parametrize("text", ["", "0", "-1", "MB", "1.5", "0.5MB", "3 spheres", "1e9"])
 def test_what_is_no_budget_is_refused(text):
     with pytest.raises(ValueError, match="expected experiences a place, as 3, or megabytes, as 200MB"):
         Budget.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "budget"),
+    [("3", Budget(3)), ("200MB", Budget(num_bytes=200e6)), (" 17.5MB ", Budget(num_bytes=17.5e6))],
+)
+def test_a_budget_is_a_number_of_experiences_or_megabytes(text, budget):
+    assert Budget.parse(text) == budget
