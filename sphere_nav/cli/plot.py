@@ -15,12 +15,17 @@ BAG is what `sphere_nav localize --bag` or `sphere_nav mcl --bag` wrote, or a re
 of a vehicle. The truth is a TUM file, another bag, or ground_truth/... in BAG itself. The ending of FILE chooses the
 format: png, pdf or svg. With --map the picture shows by which experience of a map of many days each image was placed.
 
+A map has a frame of its own. Where the truth has another one, errors are those of the frames, many metres. --align
+poses finds the place of the map by all poses, as sphere_nav evaluate does, and draws the truth there.
+
 examples:
   sphere_nav plot result -o result.png
   sphere_nav plot result -o result.pdf --truth truth.tum
+  sphere_nav plot result -o result.png --truth drive_bag --align poses
   sphere_nav plot result -o result.png --map day_and_night
   sphere_nav plot vehicle.mcap -o vehicle.png --pose /car/pose --status /car/status
 """
+ALIGNED = ("none", "poses")  # those of sphere_nav evaluate that keep the picture as the map has it
 ENDINGS = (".png", ".pdf", ".svg")
 
 
@@ -31,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pose", metavar="TOPIC", help="poses (found by name)")
     parser.add_argument("--status", metavar="TOPIC", help="status of the localiser (found by type)")
     parser.add_argument("--truth", type=Path, metavar="F", help="true poses: TUM file, or a bag (those in BAG)")
+    parser.add_argument("--align", choices=ALIGNED, default="none", help="move the truth to the map (default: none)")
     parser.add_argument("--map", type=Path, metavar="MAP", help="the map it was localised in: show its experiences")
     parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
 
@@ -51,7 +57,12 @@ def run(arguments: argparse.Namespace) -> int:
     if poses is None and not statuses:
         raise BagError(f"{arguments.bag}: expected a topic with poses or a status, found neither: --pose, --status")
     served = plot_figure.find_experiences(arguments.map, statuses) if arguments.map else {}
-    errors = plot_figure.measure(poses, arguments.truth or arguments.bag, is_required=arguments.truth is not None)
+    errors = plot_figure.measure(
+        poses,
+        arguments.truth or arguments.bag,
+        is_required=arguments.truth is not None,
+        alignment=arguments.align,
+    )
     plot_figure.draw_localization(output, poses, errors, statuses, served)
     told = [*plot_figure.describe_states(statuses), *plot_figure.describe_experiences(served)]
     print("\n".join([*told, f"{output}: {0 if poses is None else len(poses)} poses"]))

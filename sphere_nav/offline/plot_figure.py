@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.geometry.trajectory_error import AbsoluteErrors
 from sphere_nav.localization.status import TRUSTED, Reason, State, Status
@@ -63,8 +64,11 @@ def read_statuses(bag: BagReader, topic: str) -> list[Status]:
     return [conversions.message_to_status(message) for _, _, message in bag.messages([topic])]
 
 
-def measure(poses: Trajectory | None, truth: Path, *, is_required: bool) -> Errors | None:
-    """Return estimate, truth and errors; None where a bag has no truth that is asked for by nobody."""
+def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignment: str = "none") -> Errors | None:
+    """Return estimate, truth and errors; None where a bag has no truth that is asked for by nobody.
+
+    alignment: that finds the place of the map in the frame of the truth (`ALIGNMENTS`); the truth is moved to the map.
+    """
     if poses is None:
         return None
     if is_bag(truth):
@@ -72,10 +76,12 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool) -> Erro
             topics = [t for t in TRUTH_TOPICS if f"/{t}" in bag.topics and bag.topics[f"/{t}"].count]
         if not topics and not is_required:
             return None
-        judged = evaluate_poses(poses, read_poses(truth, tuple(topics) or TRUTH_TOPICS), is_interpolated=True)
+        true = read_poses(truth, tuple(topics) or TRUTH_TOPICS)
     else:
-        judged = evaluate_poses(poses, read_tum(truth), is_interpolated=True)
-    return judged.estimate, judged.truth, judged.errors
+        true = read_tum(truth)
+    judged = evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)
+    T_map_truth = SE3(np.array(judged.report["alignment"]["T_truth_estimate"])).inverse()
+    return judged.estimate.moved(T_map_truth), judged.truth.moved(T_map_truth), judged.errors
 
 
 def find_experiences(map_path: Path, statuses: list[Status]) -> dict[int, str]:

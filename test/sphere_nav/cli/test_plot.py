@@ -10,8 +10,9 @@ from sphere_nav_msgs.msg import LocalizationStatus
 
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.trajectory import Trajectory, write_tum
+from sphere_nav.geometry.trajectory import Trajectory, read_tum, write_tum
 from sphere_nav.localization.status import Reason, State, Status
+from sphere_nav.offline import plot_figure
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 
@@ -66,6 +67,22 @@ def test_a_truth_changes_the_picture_and_pdf_is_pdf(drive):
     assert (drive / "a.png").read_bytes() != (drive / "b.png").read_bytes()
     assert call("plot", drive / "drive", "-o", drive / "a.pdf", "--truth", drive / "truth.tum") == 0
     assert (drive / "a.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_a_truth_of_another_frame_is_moved_to_the_map(drive, monkeypatch):
+    elsewhere = SE3.from_planar(30.0, -4.0, 1.0)
+    monkeypatch.chdir(drive)
+    truth = read_tum(drive / "truth.tum")
+    write_tum(drive / "truth.tum", truth.moved(elsewhere))
+    drawn = []
+    monkeypatch.setattr(plot_figure, "draw_localization", lambda path, poses, errors, *more: drawn.append(errors))
+    for alignment in ("none", "poses"):
+        assert call("plot", drive / "drive", "-o", drive / "a.png", "--truth", "truth.tum", "--align", alignment) == 0
+    far, near = drawn
+    assert far[2].translation_m.min() > 10.0
+    assert near[2].translation_m.max() < 1e-6
+    np.testing.assert_allclose(near[1].positions, truth.positions, atol=1e-6)  # where the map has it
+    np.testing.assert_allclose(near[0].positions, truth.positions, atol=1e-6)
 
 
 @pytest.mark.parametrize(
