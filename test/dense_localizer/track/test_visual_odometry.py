@@ -119,7 +119,7 @@ def test_a_lamp_that_is_switched_is_driven_through(room_map, is_half):
             xi = (estimate.T_map_camera.inverse() @ pose).log()
             assert xi @ np.linalg.solve(estimate.covariance, xi) < 25.0
     is_blind = ["by the last images alone" in estimate.status.remedy for estimate in estimates]
-    # half a view is enough for the map; else some images are beyond it: more than ten on one processor, eight on another
+    # half a view is enough for the map; else some images are beyond it: eight to more than ten, by the processor
     assert sum(is_blind) == 0 if is_half else sum(is_blind) > 4
     assert states[-1] is State.TRACKING
     for k in np.flatnonzero(is_blind):
