@@ -121,8 +121,13 @@ class DriveLocator:
         return {key_id for key_id, images in told.items() if images and np.mean(images) < MIN_EXPLAINED_SHARE}
 
     def _count_shown(self) -> None:
-        """Note what the map shows of the spheres of a probation that ended, and of the one that ended it."""
+        """Note what the map shows of the spheres of a probation that ended, and of the one that ended it.
+
+        Those of the probation served, too: else what a map holds of the place where drives begin would never count.
+        """
         for stamp_ns, estimate in self._probation.items():
+            if estimate.status.references:
+                count_image(self.served, int(estimate.status.references[0]), stamp_ns)
             ncc = estimate.candidate.ncc if estimate.candidate is not None else 0.0
             self._unlike[stamp_ns] = 1.0 - max(ncc, 0.0)
             if is_alike(estimate):
@@ -147,11 +152,8 @@ class DriveLocator:
         if estimate.T_map_camera is None or estimate.covariance is None or not status.references:
             return None
         a = int(status.references[0])
-        is_sure = status.state is State.TRACKING
-        if is_sure:
-            count_image(self.served, a, status.stamp_ns)
         T_a_sphere = self._graph[a].T_map_sphere.inverse() @ estimate.T_map_camera
-        return Localized(a, T_a_sphere, estimate.covariance, is_sure)
+        return Localized(a, T_a_sphere, estimate.covariance, is_sure=status.state is State.TRACKING)
 
     def _loader(self, number: int) -> Callable[[], Sphere]:
         return lambda: self._small[number]

@@ -50,7 +50,7 @@ def test_what_the_map_explains_is_placed_and_adds_nothing(taught):
             assert T_map_sphere.distance(pose)[0] < 0.01
             assert image.load_small().stamp_ns == image.track.stamp_ns
         assert locator.unexplained(mapper) == set()
-        assert sum(one.num_images for one in locator.served.values()) == len(sure)
+        assert sum(one.num_images for one in locator.served.values()) == len(DRIVE)  # in probation, too
 
 
 def test_what_looks_like_nothing_in_the_map_is_new(taught):
@@ -84,6 +84,7 @@ def test_the_map_shows_nothing_of_a_probation_that_ends_badly(taught):
         images = locator.images(mapper)
         assert not any(image.located is not None and image.located.is_sure for image in images)
         assert {locator.lacking(image.track.stamp_ns) for image in images} == {1.0}
+        assert locator.served == {}
 
 
 def test_what_looks_different_in_probation_is_new_and_what_looks_alike_is_not(taught):
