@@ -27,12 +27,11 @@ class Budget:
     @staticmethod
     def parse(text: str) -> Budget:
         """Return the budget of `3`, `200MB` or `17.5MB`; ValueError for anything else."""
-        found = re.fullmatch(r"([1-9][0-9]{0,6})(?:(\.[0-9]{1,3})?MB)?", text.strip())
+        number = r"[1-9][0-9]{0,6}"
+        found = re.fullmatch(rf"({number})|({number}(?:\.[0-9]{{1,3}})?)MB", text.strip())
         if found is None:
             raise ValueError(f"expected experiences a place, as 3, or megabytes, as 200MB, found {text[:40]!r}")
-        if not text.strip().endswith("MB"):
-            return Budget(int(found[1]))
-        return Budget(num_bytes=1e6 * float(found[1] + (found[2] or "")))
+        return Budget(int(found[1])) if found[1] else Budget(num_bytes=1e6 * float(found[2]))
 
 
 @dataclass(frozen=True, eq=False)

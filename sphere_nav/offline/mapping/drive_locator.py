@@ -56,8 +56,7 @@ class DriveLocator:
         )
         self._graph, self._localizer = base.graph, Localizer(params, base)
         self._found: dict[int, Localized | None] = {}
-        self._judged: set[int] = set()  # stamps of images on which the localiser has a judgement
-        self._explained: set[int] = set()  # and of those that the map explains
+        self._explained: set[int] = set()  # stamps of images that the map explains
         self._probation: dict[int, CameraEstimate] = {}  # the latest ones, by the stamp, while they are in probation
         self._small = CompactSpheres()
         self._numbers: dict[int, int] = {}  # of the small sphere of each stamp
@@ -82,7 +81,6 @@ class DriveLocator:
         if stamp_ns in self._numbers:
             return
         self._found[stamp_ns] = self._locate(estimate)
-        self._judged.add(stamp_ns)
         self._probation[stamp_ns] = estimate
         if estimate.status.state is not State.PROBATION:
             if estimate.status.state is State.TRACKING:  # a probation that ended well was no failure of the map
@@ -116,7 +114,7 @@ class DriveLocator:
             node.stamp_ns: node.id for node in mapper.graph
         }
         told: dict[int, list[bool]] = {node.id: [] for node in mapper.graph}
-        for stamp_ns in self._judged & key_of.keys():
+        for stamp_ns in self._found.keys() & key_of.keys():
             told[key_of[stamp_ns]].append(stamp_ns in self._explained)
         return {key_id for key_id, images in told.items() if images and np.mean(images) < MIN_EXPLAINED_SHARE}
 
