@@ -38,7 +38,7 @@ from dense_localizer.constants import (
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
 from dense_localizer.references.reference import Choice
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
@@ -88,8 +88,8 @@ class Check:
 
 def measure_innovation(T_map_camera: SE3, covariance: Array, prediction: Prediction) -> float:
     """Return the distance of a pose from its prediction in standard deviations of both together."""
-    xi = (prediction.T_map_camera.inverse() @ T_map_camera).log()
-    return float(np.sqrt(squared_mahalanobis(xi, prediction.covariance + covariance)))
+    both = prediction.covariance + covariance
+    return float(np.sqrt(squared_distance(prediction.T_map_camera, T_map_camera, both)))
 
 
 def cover_slip(T_map_camera: SE3, covariance: Array, prediction: Prediction) -> Array:

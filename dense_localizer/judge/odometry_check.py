@@ -22,7 +22,7 @@ from dense_localizer.constants import (
     MOTION_INTERVAL_S,
     MOTION_SHIFT_S,
 )
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
@@ -79,10 +79,9 @@ class OdometryCheck:
         if before is None:
             return
         T_map_camera = before.T_map_camera @ before.T_odom_camera.inverse() @ sample.T_odom_camera
-        xi = (T_map_camera.inverse() @ sample.T_map_camera).log()
         growth = np.repeat(self._error * self._driven, 3) ** 2 + COMPARISON_SIGMA**2
         covariance = before.covariance + sample.covariance + np.diag(growth)
-        sigmas = float(np.sqrt(squared_mahalanobis(xi, covariance)))
+        sigmas = float(np.sqrt(squared_distance(T_map_camera, sample.T_map_camera, covariance)))
         if sigmas > MAX_ODOMETRY_SIGMAS:
             detail = "standard deviations from where odometry says the camera has gone since it was last sure"
             self._dispute = Finding(Reason.ODOM_STALE, sigmas, MAX_ODOMETRY_SIGMAS, detail)

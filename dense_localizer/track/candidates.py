@@ -10,7 +10,7 @@ from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.references.likeness import Tried
 from dense_localizer.references.reference import References
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.localization.status import Reason
 
 Locate = Callable[[Prediction, Tried], PoseCandidate]  # by another experience than those
@@ -62,8 +62,8 @@ def explains_more(other: PoseCandidate, candidate: PoseCandidate) -> bool:
         return other.is_accepted
     if not other.acceptance.is_good:
         return False
-    xi = (candidate.T_map_camera.inverse() @ other.T_map_camera).log()
-    is_there = squared_mahalanobis(xi, candidate.covariance + other.covariance) <= MAX_SAME_POSE**2
+    both = candidate.covariance + other.covariance
+    is_there = squared_distance(candidate.T_map_camera, other.T_map_camera, both) <= MAX_SAME_POSE**2
     return not (is_there and candidate.finding.reason is Reason.JUMP_REJECTED)
 
 

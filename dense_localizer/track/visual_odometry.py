@@ -36,7 +36,7 @@ from dense_localizer.motion_prior import Prediction, measure_position_sigma
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
 from dense_localizer.track.align import find_first_level
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Finding, Reason
@@ -222,8 +222,8 @@ def is_step(found: Alignment, prediction: Prediction) -> bool:
         return False
     if measure_position_sigma(found.covariance) > VO_MAX_SIGMA_M:
         return False
-    xi = (prediction.T_map_camera.inverse() @ found.T_world_camera).log()
-    return squared_mahalanobis(xi, prediction.growth + found.covariance) <= VO_MAX_SIGMAS**2
+    both = prediction.growth + found.covariance
+    return squared_distance(prediction.T_map_camera, found.T_world_camera, both) <= VO_MAX_SIGMAS**2
 
 
 def measure_agreement(

@@ -5,9 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.geometry import SE3
+
 Floats = NDArray[np.floating]
 
 
 def squared_mahalanobis(error: Floats, covariance: Floats) -> float:
     """Return e' C^-1 e of an error (N,) with covariance (N, N); chi^2 of N degrees of freedom where e is normal."""
     return float(error @ np.linalg.solve(covariance, error))
+
+
+def squared_distance(T_a: SE3, T_b: SE3, covariance: Floats) -> float:
+    """Return how far two poses are apart as `squared_mahalanobis` does: `covariance` (6, 6) of both, in axes of `T_a`.
+
+    chi^2 of 6 degrees of freedom where they are one: the tangent vector (v, omega) of T_a^-1 T_b.
+    """
+    return squared_mahalanobis((T_a.inverse() @ T_b).log(), covariance)

@@ -36,7 +36,7 @@ COLORS = {
     State.LOST: "#d62728",
 }
 TRUTH, ESTIMATE, LATERAL, LONGITUDINAL, ROTATION = "#9aa0a6", "#1f77b4", "#d62728", "#2ca02c", "#8c564b"
-Errors = tuple[Trajectory, Trajectory, AbsoluteErrors]
+Errors = tuple[Trajectory, AbsoluteErrors]  # the truth in the frame of the map, and what poses are off it
 
 
 def find_pose_topic(bag: BagReader) -> str:
@@ -65,7 +65,7 @@ def read_statuses(bag: BagReader, topic: str) -> list[Status]:
 
 
 def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignment: str = "none") -> Errors | None:
-    """Return estimate, truth and errors; None where a bag has no truth that is asked for by nobody.
+    """Return truth and errors; None where a bag has no truth that is asked for by nobody.
 
     alignment: that finds the place of the map in the frame of the truth (`ALIGNMENTS`); the truth is moved to the map.
     """
@@ -81,7 +81,7 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignme
         true = read_tum(truth)
     judged = evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)
     T_map_truth = SE3(np.array(judged.report["alignment"]["T_truth_estimate"])).inverse()
-    return judged.estimate.moved(T_map_truth), judged.truth.moved(T_map_truth), judged.errors
+    return judged.truth.moved(T_map_truth), judged.errors
 
 
 def find_experiences(map_path: Path, statuses: list[Status]) -> dict[int, str]:
@@ -121,7 +121,7 @@ def draw_localization(
     statuses: list[Status],
     served: dict[int, str] | None = None,
 ) -> None:
-    """Draw poses, (estimate, truth, errors) and statuses, whatever of them there is; the ending chooses the format.
+    """Draw poses, (truth, errors) and statuses, whatever of them there is; the ending chooses the format.
 
     served: by stamp, which experience of the map placed an image.
     """
@@ -154,7 +154,7 @@ def runs_of(statuses: list[Status], start: int) -> list[tuple[State, str, float,
 
 def _draw_top(axes: Axes, poses: Trajectory | None, errors: Errors | None, served: dict[int, str]) -> None:
     if errors is not None:
-        axes.plot(*errors[1].positions[:, :2].T, color=TRUTH, lw=4, label="truth")
+        axes.plot(*errors[0].positions[:, :2].T, color=TRUTH, lw=4, label="truth")
     if poses is not None and len(poses):
         axes.plot(*poses.positions[:, :2].T, ".-", color=ESTIMATE, lw=1, ms=2, label="pose")
         for number, name in enumerate(dict.fromkeys(served.values())):
@@ -172,9 +172,10 @@ def _draw_errors(axes: Axes, errors: Errors | None, start: int) -> None:
     if errors is None:
         axes.text(0.5, 0.5, "no truth", transform=axes.transAxes, ha="center", va="center", color=TRUTH)
         return
-    seconds = (errors[1].stamps_ns - start) * 1e-9
-    axes.plot(seconds, errors[2].lateral_m, color=LATERAL, lw=1, label="lateral (left)")
-    axes.plot(seconds, errors[2].longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+    true, found = errors
+    seconds = (true.stamps_ns - start) * 1e-9
+    axes.plot(seconds, found.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
+    axes.plot(seconds, found.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
     axes.legend(loc="upper right")
 
 

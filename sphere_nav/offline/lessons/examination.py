@@ -20,7 +20,7 @@ from dense_localizer.constants import MIN_EXPLAINED_NCC
 from dense_localizer.localizer import Localizer
 from dense_localizer.motion_prior import measure_position_sigma
 from dense_localizer.params import LocalizerParams
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.offline.constants import FALSE_REFUSAL, MAX_OFF, MAX_WORSE, MIN_OFF_M
 from sphere_nav.offline.lessons.kept_drives import KeyImage
 from sphere_nav.ros.maps.reader import MapReader
@@ -94,6 +94,5 @@ def _place(localizer: Localizer, one: KeyImage) -> Placement | None:
     is_elsewhere = off_m > max(MAX_OFF * (sigma_m + measure_position_sigma(one.covariance)), MIN_OFF_M)
     if is_elsewhere:
         return None
-    xi = (one.T_map_camera.inverse() @ candidate.T_map_camera).log()
-    squared = squared_mahalanobis(xi, one.covariance + candidate.covariance)
+    squared = squared_distance(one.T_map_camera, candidate.T_map_camera, one.covariance + candidate.covariance)
     return Placement(off_m, squared, sigma_m, candidate.ncc)

@@ -9,7 +9,7 @@ import numpy as np
 
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.mount import CameraMount
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline.constants import (
@@ -177,9 +177,8 @@ def check_survey(aligned: SphereGraph, surveyed: SphereGraph, source: str) -> li
 
 def _sigmas(edge: Edge, surveyed: SphereGraph) -> float:
     """Return how far the survey is from an edge in standard deviations of both."""
-    xi = (edge.T_a_b.inverse() @ _motion(edge, surveyed)).log()
     covariance = EDGE_FACTOR**2 * np.linalg.pinv(edge.information) + np.diag(SURVEY_SIGMA**2)
-    return float(np.sqrt(squared_mahalanobis(xi, covariance)))
+    return float(np.sqrt(squared_distance(edge.T_a_b, _motion(edge, surveyed), covariance)))
 
 
 def _describe(edge: Edge, sigmas: float, surveyed: SphereGraph) -> str:
