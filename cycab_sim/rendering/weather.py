@@ -88,6 +88,8 @@ class Lamp:
         distances, lux = np.empty(len(points), np.float32), np.empty(len(points), np.float32)
         lamp = self.at, self.axis, self.edges
         num = collect_lit(points, normals, lamp, self.reach, some, rays, distances, lux)
+        if num == 0:
+            return
         is_lit = cast(self.at, rays[:num]) > (1.0 - NEARLY) * distances[:num] - CLEAR
         light[some[:num][is_lit]] += lux[:num][is_lit, None] * self.candela
 
@@ -147,7 +149,7 @@ class Weather:
             lamp = Lamp(torch.translation, torch.rotation[:, 0], BEAM, np.inf, self.light.torch * TORCH_COLOR)
             lamp.shine(points, normals, cast, light)
         if self._glow is not None:
-            for place in self.mesh.lamps:
+            for place in self._lamps_near(points):
                 lamp = Lamp(place, np.array([0.0, 0.0, -1.0]), CUTOFF, LAMP_REACH, STREET_LAMP * WARM)
                 lamp.shine(points, normals, cast, light)
             light += BOUNCE * WARM
@@ -157,6 +159,14 @@ class Weather:
             pane = np.clip(1.0 - 2.5 * albedo[hit].mean(axis=1), 0.1, 1.0)  # the glass shines, its frame does not
             light += (glow * pane)[:, None] * WARM
         color[hit] += light / np.float32(UNIT)
+
+    def _lamps_near(self, points: Floats) -> Array:
+        """Return the places (K, 3) m of the street lamps that may reach some of the points (N, 3) m, by their box."""
+        lamps = self.mesh.lamps
+        if len(points) == 0 or len(lamps) == 0:
+            return lamps[:0]
+        nearest = np.clip(lamps, points.min(axis=0), points.max(axis=0))
+        return lamps[np.linalg.norm(lamps - nearest, axis=1) <= LAMP_REACH]
 
     def mirror(self, view: PixelView, color: Floats, look: Look) -> None:
         """Mix what wet, level ground mirrors into radiance (N, 3): Fresnel's share by Schlick, one bounce."""

@@ -7,7 +7,7 @@ import pytest
 from cycab_sim.params import LightParams, RenderParams, SeasonParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.rendering.sky import SkyLight
-from cycab_sim.rendering.weather import SNOW, PixelView, Weather, _find_glow
+from cycab_sim.rendering.weather import CUTOFF, LAMP_REACH, SNOW, Lamp, PixelView, Weather, _find_glow
 from cycab_sim.sensors.cameras import OPTICAL
 from cycab_sim.world.finishes import ASPHALT
 from cycab_sim.world.mesh import MeshBuilder
@@ -61,6 +61,23 @@ def test_street_lamps_are_brightest_below_themselves(box_mesh):
     row = lit[59, :, 1].reshape(-1, 10).mean(axis=1)  # along x, 1.3 m each
     assert np.argmax(row) in (7, 8)
     assert row[7] > 3.0 * row[0]  # at 10 m
+
+
+def test_a_lamp_that_is_left_out_would_have_lit_nothing(box_mesh, rng):
+    points = rng.uniform([-8.0, -30.0, 0.0], [4.0, 30.0, 6.0], (4000, 3)).astype(np.float32)
+    places = rng.uniform([-60.0, -90.0, 5.0], [60.0, 90.0, 6.0], (200, 3))
+    weather = Weather(replace(box_mesh, lamps=places), box_mesh, NIGHT, SeasonParams())
+    near = {tuple(place) for place in weather._lamps_near(points)}
+    up, down = np.broadcast_to(np.float32([0.0, 0.0, 1.0]), points.shape).copy(), np.array([0.0, 0.0, -1.0])
+    lit = set()
+    for place in places:
+        light = np.zeros_like(points)
+        lamp = Lamp(place, down, CUTOFF, LAMP_REACH, np.ones(3, np.float32))
+        lamp.shine(points, up, lambda at, rays: np.full(len(rays), np.inf, np.float32), light)
+        lit |= {tuple(place)} if light.any() else set()
+    assert lit <= near
+    assert 20 < len(lit) <= len(near) < 100  # half of all are too far
+    assert len(weather._lamps_near(points[:0])) == 0
 
 
 def test_snow_lies_on_upward_faces_only_and_changes_no_range(box_mesh):
