@@ -49,6 +49,7 @@ from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.pixels.selection import choose_pixels
 
 CONTRADICTED = Finding(Reason.JUMP_REJECTED, detail="the map fits elsewhere than the last images say")
+UNSUPPORTED = Finding(Reason.OUTLIERS, detail="less like the map than before, and the last images say nothing")
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,8 @@ class VisualOdometry:
         if by_map.is_accepted:
             if self.is_needed and not by_map.is_by_range:  # which knows no light
                 by_images = self._propagate(frame.images, by_map.prediction, CONTRADICTED)
-                by_map = by_map if self._supports(by_map, by_images) else by_map.refuse(CONTRADICTED)
+                if not self._supports(by_map, by_images):
+                    by_map = by_map.refuse(CONTRADICTED if by_images else UNSUPPORTED)
             if by_map.is_accepted:
                 self._start(by_map, frame.stamp_ns)
                 return by_map
@@ -131,13 +133,13 @@ class VisualOdometry:
         """Say whether a candidate by the map, after images without it, is one to believe.
 
         It is where the last images place it (None: nowhere), but for their drift, or it resembles the map nearly as
-        images did before.
+        images did before. Where images say nothing, local contrast that is good is believed: no light pulls it.
         """
         usual = self._usual_ncc[by_map.choice.by_contrast]
         if self._way is None or (usual and by_map.ncc >= VO_GOOD_NCC * usual):
             return True
         if by_images is None:
-            return not usual
+            return not usual or (by_map.choice.by_contrast and by_map.acceptance.is_good)
         xi = (by_images.T_map_camera.inverse() @ by_map.T_map_camera).log()
         sigma = COMPARISON_SIGMA + VO_DRIFT * self._way.meters
         return float(np.sum((xi / sigma) ** 2)) <= VO_MAX_SIGMAS**2

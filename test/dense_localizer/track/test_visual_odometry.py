@@ -188,6 +188,31 @@ def test_the_last_image_is_compared_as_the_map_placed_it(room_map):
     localizer.references.close()
 
 
+def test_where_images_say_nothing_good_contrast_is_believed_and_grey_levels_are_not(room_map, monkeypatch):
+    localizer = make_localizer(room_map)
+    run = Run(RelitRoom(False), localizer)
+    told = [run.see(pose, step_ns=STEP_NS) for pose in way(24)]
+    placed, odometry = told[-1].candidate, localizer._visual_odometry
+    localizer.references.close()
+    assert placed.choice.by_contrast
+    assert placed.acceptance.is_good
+    less = 0.8 * odometry.usual_ncc(True)  # another wall, which looks less like the map
+    unlike = replace(placed, alignment=replace(placed.alignment, ncc=less))
+    by_gray = replace(unlike, choice=replace(placed.choice, by_contrast=False))
+    odometry._usual_ncc[False] = odometry.usual_ncc(True)
+    poor = replace(unlike, acceptance=replace(placed.acceptance, is_good=False))
+    elsewhere = replace(placed, T_map_camera=placed.T_map_camera @ SE3.from_planar(0.5, 0.0, 0.0))
+    odometry._way = replace(odometry._way, meters=0.1)
+    for candidate, by_images, is_believed in (
+        (unlike, None, True),
+        (by_gray, None, False),
+        (poor, None, False),
+        (unlike, elsewhere, False),
+        (by_gray, placed, True),
+    ):
+        assert odometry._supports(candidate, by_images) is is_believed
+
+
 def test_a_map_that_stays_hidden_is_told_and_lost_after_the_stated_distance(room_map, monkeypatch):
     monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: (alignment, 1.0))
     monkeypatch.setattr(structure, "find_support", lambda *_: NO_SUPPORT)  # no part of it is seen, either
