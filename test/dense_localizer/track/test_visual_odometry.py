@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -211,6 +212,12 @@ def test_where_images_say_nothing_good_contrast_is_believed_and_grey_levels_are_
         (by_gray, placed, True),
     ):
         assert odometry._supports(candidate, by_images) is is_believed
+    frame = SimpleNamespace(images=placed.images, stamp_ns=placed.prediction.stamp_ns)
+    for by_images, said in ((None, "the last images say nothing"), (elsewhere, "elsewhere than the last images say")):
+        monkeypatch.setattr(odometry, "_propagate", lambda *_, found=by_images: found)
+        refused = odometry.verify(frame, by_gray, is_trusted=False)
+        assert not refused.is_accepted
+        assert said in refused.finding.detail
 
 
 def test_a_map_that_stays_hidden_is_told_and_lost_after_the_stated_distance(room_map, monkeypatch):
