@@ -160,14 +160,6 @@ class Weather:
             light += (glow * pane)[:, None] * WARM
         color[hit] += light / np.float32(UNIT)
 
-    def _lamps_near(self, points: Floats) -> Array:
-        """Return the places (K, 3) m of the street lamps that may reach some of the points (N, 3) m, by their box."""
-        lamps = self.mesh.lamps
-        if len(points) == 0 or len(lamps) == 0:
-            return lamps[:0]
-        nearest = np.clip(lamps, points.min(axis=0), points.max(axis=0))
-        return lamps[np.linalg.norm(lamps - nearest, axis=1) <= LAMP_REACH]
-
     def mirror(self, view: PixelView, color: Floats, look: Look) -> None:
         """Mix what wet, level ground mirrors into radiance (N, 3): Fresnel's share by Schlick, one bounce."""
         if not self.season.wet:
@@ -184,6 +176,14 @@ class Weather:
         # what is seen in level ground of one height is what a viewer as far below it would see
         below = view.origin * (1.0, 1.0, -1.0) + (0.0, 0.0, 2.0 * float(np.median(points[:, 2])))
         color[level] += share * (look(below, rays, points, view.cone[level]) - color[level])
+
+    def _lamps_near(self, points: Floats) -> Array:
+        """Return the places (K, 3) m of the street lamps that may reach some of the points (N, 3) m, by their box."""
+        lamps = self.mesh.lamps
+        if len(points) == 0:
+            return lamps[:0]
+        nearest = np.clip(lamps, points.min(axis=0), points.max(axis=0))
+        return lamps[np.linalg.norm(lamps - nearest, axis=1) <= LAMP_REACH]
 
     def _close_sky(self, view: PixelView, now: SkyLight, color: Floats) -> None:
         """Blend the sky into that of a closed layer of clouds, three times as bright overhead as at the horizon."""
