@@ -12,9 +12,10 @@ PACKAGES = (
     "mcl_depth",
     "path_follower",
     "cycab_sim",
+    "sphere_nav_tools",
 )
 EXECUTABLES = {
-    "sphere_nav": "sphere_nav.cli.main",
+    "sphere_nav": "sphere_nav_tools.cli.main",
     "sphere_stitcher": "sphere_mapping.acquisition.ros.node",
     "sphere_mapper": "sphere_mapping.ros.node",
     "dense_localizer": "dense_localizer.ros.node",

@@ -14,10 +14,10 @@ import numpy as np
 from benchmarks.board_world import BoardWorld
 from benchmarks.report import Bound, Report, Table
 from rig_calibration.boards.board import Board
-from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
+from sphere_nav_tools.cli.main import main
 
 HELP = "bad sets of board images (blur, wrong size, few, frontal, one side) warned of by name; good ones not"
 WORDS = {

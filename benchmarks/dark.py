@@ -31,7 +31,6 @@ from dense_localizer.track.range_support import RangeSupport
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE
-from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.params import build
 from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.ros.bags import BagReader
@@ -39,6 +38,7 @@ from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, stamp_
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.range_alignment import DepthImage
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.offline.pose_bags import read_poses
 
 HELP = "a recorded room by night: images placed by colour, and with depth; wrong places that depth accepts"
 SEED = 11  # of patches

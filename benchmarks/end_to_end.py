@@ -21,18 +21,18 @@ from benchmarks.report import Bound, Report
 from benchmarks.rgbd_data import COLMAP_POSES, colmap_poses
 from benchmarks.straight_truth import straighten
 from sphere_mapping.params import MapperParams
-from sphere_nav.cli.main import main as sphere_nav
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
-from sphere_nav.offline.evaluation import evaluate_poses
-from sphere_nav.offline.mapping.drive import fit_poses
-from sphere_nav.offline.mapping.sphere_source import LensOptions, read_sphere
-from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, message_to_status, stamp_ns
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.cli.main import main as sphere_nav
+from sphere_nav_tools.offline.evaluation import evaluate_poses
+from sphere_nav_tools.offline.mapping.drive import fit_poses
+from sphere_nav_tools.offline.mapping.sphere_source import LensOptions, read_sphere
+from sphere_nav_tools.offline.pose_bags import read_poses
 
 HELP = "import, map, localise and register recorded data through the commands"
 TRUTH = ("ground_truth/pose",)

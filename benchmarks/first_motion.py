@@ -30,9 +30,9 @@ from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline.pose_bags import read_poses
-from sphere_nav.offline.registering import register_spheres
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.registering import register_spheres
 
 HELP = "drives from images alone whose first image is in motion, gaps and covers; false first motions"
 NUM_IMAGES, QUICK_IMAGES = 51, 16  # of a drive

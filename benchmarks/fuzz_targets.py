@@ -33,7 +33,6 @@ from sphere_mapping.graph.graph_file import read_graph
 from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline.importing import recording
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.mcap_salvage import Salvage
 from sphere_nav.ros.bags.reader import BagReader, deserialize
@@ -47,6 +46,7 @@ from sphere_nav.ros.maps.migration import migrate_map
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.spheres.graph import KeySphere
+from sphere_nav_tools.offline.importing import recording
 
 CONVERSIONS: dict[str, tuple[Callable[[Any], Any], ...]] = {
     "Image": (conversions.image_to_rgb, conversions.image_to_gray, conversions.depth_to_meters),

@@ -33,12 +33,12 @@ from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline.evaluation import evaluate_poses as judge_poses
-from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.params import build
 from sphere_nav.photometric import View, prepare_reference
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav_tools.offline.evaluation import evaluate_poses as judge_poses
+from sphere_nav_tools.offline.pose_bags import read_poses
 
 HELP = "spacing of key spheres and what it costs: eq. 12 alone against the rules in force, in towns and on recordings"
 NEVER = 1e6

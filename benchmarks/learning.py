@@ -168,7 +168,7 @@ def _learn(folder: Path, after_s: float = PATIENCE_S) -> int:
 
     It is not forked: this process has localised, and GNU OpenMP ends a child that uses it again.
     """
-    command = [sys.executable, "-m", "sphere_nav.cli.main", "map-learn", "map_learned"]
+    command = [sys.executable, "-m", "sphere_nav_tools.cli.main", "map-learn", "map_learned"]
     with (folder / "said").open("ab") as said:
         process = subprocess.Popen(command, cwd=folder, stdout=said, stderr=said)
         try:

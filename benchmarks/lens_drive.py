@@ -25,16 +25,16 @@ from benchmarks.report import Bound, Report
 from benchmarks.rgbd_data import colmap_poses
 from benchmarks.straight_truth import bend
 from rig_calibration.drive.drive_lens import Lens
-from sphere_nav.cli.main import main as sphere_nav
 from sphere_nav.geometry import Camera, Pinhole, Spherical
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline.evaluation import evaluate_poses
-from sphere_nav.offline.mapping.drive import fit_poses
-from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import camera_from_info, camera_to_info, stamp_ns
 from sphere_nav.ros.maps.reader import open_map
+from sphere_nav_tools.cli.main import main as sphere_nav
+from sphere_nav_tools.offline.evaluation import evaluate_poses
+from sphere_nav_tools.offline.mapping.drive import fit_poses
+from sphere_nav_tools.offline.pose_bags import read_poses
 
 HELP = "lenses refined by a drive: the truth within 3 deviations or refused, readouts that help"
 MAX_SIGMAS, MAX_WORSE = 3.0, 1.05

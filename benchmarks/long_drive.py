@@ -30,8 +30,6 @@ from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2
 from path_follower.taught import reference_path, taught_speeds
 from sphere_mapping.mapper import Mapper
-from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, TOUR
-from sphere_nav.cli.demo.report import distances_from_path
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
@@ -40,6 +38,8 @@ from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
+from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, TOUR
+from sphere_nav_tools.cli.demo.report import distances_from_path
 
 HELP = "490 m through a city with traffic, pedestrians and a change of light (takes a quarter of an hour)"
 STEP_NS = 10_000_000

@@ -33,11 +33,11 @@ HELP = "map of six cameras by several processes: wall time by that of one, and t
 WIDTH, INSTANTS, QUICK_INSTANTS, SPACING_M, STEP_NS = 1024, 410, 12, 1.2, 250_000_000
 COUNTED = (2, 4)  # workers whose time is counted
 PATIENCE_S = 7200.0
-CODE = "import sys; from sphere_nav.cli.main import main; sys.exit(main())"
+CODE = "import sys; from sphere_nav_tools.cli.main import main; sys.exit(main())"
 TIMED = """
 import json, sys, time
-from sphere_nav.cli.main import main
-from sphere_nav.offline.mapping import remains
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.mapping import remains
 
 map_segment, seconds = remains.map_segment, []
 

@@ -31,20 +31,20 @@ from cycab_sim.vehicle import VehicleCommand
 from dense_localizer.ros.node import DenseLocalizerNode
 from path_follower.path import Pose2
 from path_follower.routes.network import Network
-from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, SIMULATION, TEACHING
-from sphere_nav.cli.demo.report import read_truth
-from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.localization.status import State
-from sphere_nav.offline.routes import map_id_of, read_network_of
 from sphere_nav.params import build
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell, record
 from sphere_nav.ros.conversions import pose_to_se3, stamp_ns
 from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, SIMULATION, TEACHING
+from sphere_nav_tools.cli.demo.report import read_truth
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.routes import map_id_of, read_network_of
 
 EAST, LANE, NORTH_SIDE = 132.5, 120.0, 42.0  # m: x of the other way over the square, x of the lane, y where they meet
 WEST, F_NORTH, F_SOUTH = -20.0 - RIGHT, 40.0 + RIGHT, 40.0 - RIGHT

@@ -30,12 +30,9 @@ from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from sphere_nav.cli.demo.demo import MOUNTINGS
-from sphere_nav.cli.demo.report import distances_from_path
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
-from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.params import build
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagReader, BagWriter
@@ -51,6 +48,9 @@ from sphere_nav.ros.conversions import (
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.cli.demo.demo import MOUNTINGS
+from sphere_nav_tools.cli.demo.report import distances_from_path
+from sphere_nav_tools.offline.pose_bags import read_poses
 
 HELP = "the same drive with four mountings: taught paths, drives in the simulator, starts from nowhere"
 SIMULATION = {"seed": 3, "path": "two_turns", "camera.period": 0.2}

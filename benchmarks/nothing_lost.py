@@ -27,14 +27,14 @@ from sphere_nav_msgs.msg import AugmentedSphere
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import render
-from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.offline.mapping import segments
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.ros.maps.writer import MapWriter
 from sphere_nav.spheres.sphere import Sphere
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.mapping import segments
 
 HELP = "map killed at random moments, and on full disks: key spheres read back, resumed maps by whole ones"
 CAMERA = Spherical(128, 64)

@@ -24,10 +24,10 @@ from benchmarks.machine import describe
 from benchmarks.other_light import Light
 from benchmarks.report import Bound, Report, Table
 from benchmarks.rgbd_data import colmap_poses, open_recording
-from sphere_nav.cli.main import main as sphere_nav
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline.evaluation import evaluate_poses
-from sphere_nav.offline.pose_bags import read_poses
+from sphere_nav_tools.cli.main import main as sphere_nav
+from sphere_nav_tools.offline.evaluation import evaluate_poses
+from sphere_nav_tools.offline.pose_bags import read_poses
 
 HELP = "a recorded room in other light: images placed before and after one extension of the map"
 LIGHTS = {  # what, share of the other light, seed of its directions and patches

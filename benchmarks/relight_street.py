@@ -21,7 +21,7 @@ from benchmarks.relight import COLUMNS, TITLE, Drives, Placed, Relit, call, name
 from benchmarks.report import Report, Table
 from benchmarks.rgbd_data import Frame
 from sphere_nav.geometry import SE3
-from sphere_nav.offline.importing.kitti import KittiRecording
+from sphere_nav_tools.offline.importing.kitti import KittiRecording
 
 HELP = "a recorded street in other light: images placed before and after one extension of the map"
 LIGHTS: tuple[tuple[str, float, int], ...] = (  # what, share of the other light, seed of its directions and patches

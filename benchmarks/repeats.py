@@ -28,8 +28,6 @@ from sphere_mapping.experiences.budget import Budget
 from sphere_nav.geometry import Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
-from sphere_nav.offline.importing.frames import guess_format
-from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.params import build
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagReader, BagWriter
@@ -37,6 +35,8 @@ from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_po
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.offline.importing.frames import guess_format
+from sphere_nav_tools.offline.pose_bags import read_poses
 
 HELP = "recordings of one place on several days (DIR): map the first, localise and add the others"
 CONDITIONS = ("", "overcast", "low_sun", "night_lamps")  # of the example, the first is mapped

@@ -32,14 +32,14 @@ from cycab_sim.ros.outputs import Outputs
 from cycab_sim.sensors.rigs import rig_file_text
 from cycab_sim.simulator import Simulator
 from dense_localizer.localizer import Localizer
-from sphere_nav.cli.demo.demo import OTHER_DAY, SIMULATION, TOUR, Demo
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
-from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.params import build
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagReader, BagWriter
 from sphere_nav.ros.conversions import message_to_status, stamp_ns
 from sphere_nav.ros.maps.reader import FILE_NAME, open_map
+from sphere_nav_tools.cli.demo.demo import OTHER_DAY, SIMULATION, TOUR, Demo
+from sphere_nav_tools.offline.pose_bags import read_poses
 
 KINDS = ("", "overcast", "autumn", "winter", "snow", "wet", "low_sun", "dusk", "night_lamps")  # "": the taught day
 WAYS = (("straight", 30.0), ("two_turns", 100.0), ("tour", 490.0))  # paths of the simulator and how long they are, m

@@ -28,10 +28,10 @@ from benchmarks.zoo_bags import (
     write_room,
 )
 from benchmarks.zoo_writers import ros2
-from sphere_nav.cli.main import main
 from sphere_nav.geometry import Rig
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.offline.offers import CLOUD_FILE, MAP, RIG_FILE
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.offers import CLOUD_FILE, MAP, RIG_FILE
 
 HELP = "recordings written by other libraries: does every command that inspect prints succeed (--exhibit WORD)"
 # What a user of so small images and so bare a room would add.

@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 
 LIBRARY = "sphere_nav"  # its rooms count as packages
 PARAMETER_TESTS = ("test/architecture/test_params.py", "test/config/test_yaml_matches_params.py")  # of every params.py
-COMMANDS = {"sphere_nav/offline": "sphere_nav/cli"}  # what the commands do is tested through them, too
+COMMANDS = {"sphere_nav_tools/offline": "sphere_nav_tools/cli"}  # what the commands do is tested through them, too
 NEAR = 1  # tests at this distance of imports from a module, or nearer, run first
 
 

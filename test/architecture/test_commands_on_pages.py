@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 
 from architecture.tree import EXECUTABLES, ROOT
-from sphere_nav.cli.main import COMMANDS
 from sphere_nav.ros.compositions import COMPOSITIONS
+from sphere_nav_tools.cli.main import COMMANDS
 
 GENERATED = {"results.md", "parameters.md"}
 PAGES = [ROOT / "README.md", *(page for page in sorted((ROOT / "docs").glob("*.md")) if page.name not in GENERATED)]
 NOTES = sorted((ROOT / "docs" / "notes").glob("*.md"))
-MODULES = {command.name: f"sphere_nav.cli.{command.module}" for command in COMMANDS}
+MODULES = {command.name: f"sphere_nav_tools.cli.{command.module}" for command in COMMANDS}
 NODES_OF_TOPICS = ("cycab_sim", "dense_localizer", "mcl_depth", "path_follower", "route_navigator")
 NODES_OF_TOPICS += ("sphere_mapper", "sphere_stitcher")
 FOLDERS = {"route_navigator": "path_follower/ros", "sphere_mapper": "sphere_mapping/ros"}

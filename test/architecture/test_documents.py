@@ -11,7 +11,7 @@ import pytest
 
 from architecture.tree import EXECUTABLES, PACKAGES, ROOT
 from benchmarks.__main__ import BENCHMARKS
-from sphere_nav.cli.main import COMMANDS
+from sphere_nav_tools.cli.main import COMMANDS
 
 PAGES = sorted(str(page.relative_to(ROOT)) for page in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 EXACT = {"README.md", "docs/conventions.md", "docs/papers.md"}  # paths from the root; elsewhere of what a page is about

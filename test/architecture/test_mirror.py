@@ -15,7 +15,7 @@ TESTED_ELSEWHERE = {
     "arrays.py": "test/architecture/test_layering.py",  # what mypy checks
     "__init__.py": "test/architecture/test_layering.py",  # an index, executed by every import of the package
 }
-COMMANDS = {"sphere_nav.offline": "sphere_nav.cli"}  # what the commands do is tested through them, too
+COMMANDS = {"sphere_nav_tools.offline": "sphere_nav_tools.cli"}  # what the commands do is tested through them, too
 NODES = {module: name for name, module in EXECUTABLES.items()}
 
 

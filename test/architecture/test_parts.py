@@ -25,7 +25,7 @@ def node_parameters(module: Path) -> Iterator[str]:
 def is_part(module: Path) -> bool:
     """Whether a module is a part of a node; what carries nodes out (`run`, `live`, `replay`) is none."""
     is_carrier = room(dotted(module)) == "sphere_nav.ros" and module.stem in ("run", "live", "replay", "node")
-    return room(dotted(module)) not in ("sphere_nav.cli", "sphere_nav.offline") and not is_carrier
+    return room(dotted(module)) not in ("sphere_nav_tools.cli", "sphere_nav_tools.offline") and not is_carrier
 
 
 def test_no_part_is_given_its_node() -> None:
@@ -35,4 +35,4 @@ def test_no_part_is_given_its_node() -> None:
 def test_one_executor_calls_the_callbacks_of_nodes() -> None:
     """Only the guarded executor takes from rclpy's; the demo watches others with one of its own, and is no node."""
     users = [str(module) for module in MODULES if any(name.endswith("ThreadedExecutor") for name in imports(module))]
-    assert sorted(users) == ["sphere_nav/cli/demo/watch.py", "sphere_nav/ros/executor.py"]
+    assert sorted(users) == ["sphere_nav/ros/executor.py", "sphere_nav_tools/cli/demo/watch.py"]

@@ -23,10 +23,10 @@ ALLOWED = {
     ("cycab_sim/sensors/rigs.py", "Path(path).read_text"): "a file that it has just written",
     ("mcl_depth/likeness/encoder.py", "np.load"): "weights: arrays alone, of a bounded size",
     ("mcl_depth/geometry/las.py", "path.open"): "the header; `open_file` has seen what it is",
-    ("sphere_nav/cli/demo/processes.py", "(self.folder / f'{node}.log').read_text"): "a log that the demo writes",
-    ("sphere_nav/cli/demo/processes.py", "path.read_text"): "of the kernel",
+    ("sphere_nav_tools/cli/demo/processes.py", "(self.folder / f'{node}.log').read_text"): "a log that the demo writes",
+    ("sphere_nav_tools/cli/demo/processes.py", "path.read_text"): "of the kernel",
     (
-        "sphere_nav/cli/operate/teaching.py",
+        "sphere_nav_tools/cli/operate/teaching.py",
         "(self.folder / f'{self.name}.{self._job}.log').open",
     ): "the end of a log that its own process writes",
     ("sphere_nav/geometry/files/encoded.py", "np.fromfile"): "in a process of its own, with limits",
@@ -35,7 +35,7 @@ ALLOWED = {
     ("sphere_nav/kernel_cache/folder.py", "(ROOT / path).read_bytes"): "our own source",
     ("sphere_nav/kernel_cache/folder.py", "path.read_text"): "our own source",
     (
-        "sphere_nav/offline/importing/nclt.py",
+        "sphere_nav_tools/offline/importing/nclt.py",
         "np.loadtxt",
     ): "millions of numbers in a text that `read_text` has bounded",
     ("sphere_nav/ros/bags/unpack.py", "source.open"): "in pieces, up to a limit",

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-LIBRARY = "sphere_nav"  # the package that is divided into rooms
+DIVIDED = ("sphere_nav", "sphere_nav_tools")  # ground and roof: the packages that are divided into rooms
 
 
 def setup_constants() -> dict[str, Any]:
@@ -52,9 +52,9 @@ def dotted(module: Path) -> str:
 
 
 def room(name: str) -> str:
-    """Return the room that a module lies in, by its dotted name: a package, or a folder of the library."""
+    """Return the room that a module lies in, by its dotted name: a package, or a folder of a divided one."""
     parts = name.split(".")
-    return ".".join(parts[:2]) if parts[0] == LIBRARY else parts[0]
+    return ".".join(parts[:2]) if parts[0] in DIVIDED else parts[0]
 
 
 def is_shell(module: Path) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from architecture.tree import EXECUTABLES
-from sphere_nav.cli.main import COMMANDS
+from sphere_nav_tools.cli.main import COMMANDS
 
 pytest.importorskip("rclpy", reason="the nodes need ROS 2")
 

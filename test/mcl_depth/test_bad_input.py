@@ -13,7 +13,6 @@ from sphere_nav_msgs.msg import SphereInfo
 from sphere_nav_msgs.srv import LoadCloud
 from tf2_msgs.msg import TFMessage
 
-from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.writer import BagWriter
@@ -24,6 +23,7 @@ from sphere_nav.ros.conversions import (
     se3_to_odometry,
     se3_to_transform,
 )
+from sphere_nav_tools.cli.main import main
 from worlds.mcl import SECOND, SETTINGS, T_BASE_EYE, T_ODOM_MAP, Bench, Eye, drive, room_points
 
 CLOUDS = {

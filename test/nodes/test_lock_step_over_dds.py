@@ -26,7 +26,6 @@ from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
 from path_follower.ros.node import PathFollowerNode
-from sphere_nav.cli.demo.processes import Processes
 from sphere_nav.localization.status import State, Status
 from sphere_nav.params import build
 from sphere_nav.ros import qos
@@ -38,6 +37,7 @@ from sphere_nav.ros.conversions import (
     stamp_ns,
     status_to_message,
 )
+from sphere_nav_tools.cli.demo.processes import Processes
 
 DOMAIN, SEED, NUM_IMAGES = 46, 5, 24
 LIMIT = 120.0  # s; kernels may have to be compiled first

@@ -155,9 +155,9 @@ FILES = {
     "test/car/test_steering.py": "from car import steer\n\n\ndef test_it():\n    assert steer(4, 1) == 3\n",
     "test/car/test_wrong.py": "from car import law\n\n\ndef test_it():\n    assert False\n",
     "car/params.py": "y = -1\n",
-    "sphere_nav/offline/drive.py": "y = -1\n",
-    "test/sphere_nav/offline/test_all.py": "",
-    "test/sphere_nav/cli/test_drive.py": "from sphere_nav.offline import drive\n",
+    "sphere_nav_tools/offline/drive.py": "y = -1\n",
+    "test/sphere_nav_tools/offline/test_all.py": "",
+    "test/sphere_nav_tools/cli/test_drive.py": "from sphere_nav_tools.offline import drive\n",
     "test/architecture/test_params.py": "",
     "test/config/test_yaml_matches_params.py": "",
     "test/nodes/test_car_driver_speed.py": "from car.ros import driver\n",
@@ -183,7 +183,7 @@ def test_mutants_are_in_modules_that_do_something(project):
     paths = {name: {mutant.path for mutant in mutants} for name, mutants in found.items()}
     assert paths == {
         "sphere_nav/geometry": {"sphere_nav/geometry/angles.py"},
-        "sphere_nav/offline": {"sphere_nav/offline/drive.py"},
+        "sphere_nav_tools/offline": {"sphere_nav_tools/offline/drive.py"},
         "car": {"car/law.py", "car/follower.py", "car/params.py", "car/ros/driver.py"},
     }
 
@@ -203,8 +203,8 @@ def test_a_shell_has_the_tests_of_its_nodes(project):
 
 
 def test_what_commands_do_has_the_tests_of_the_commands(project):
-    near, rest = Tree(project).tests_of(PurePosixPath("sphere_nav/offline/drive.py"))
-    assert (near, rest) == (["test/sphere_nav/cli/test_drive.py"], ["test/sphere_nav/offline/test_all.py"])
+    near, rest = Tree(project).tests_of(PurePosixPath("sphere_nav_tools/offline/drive.py"))
+    assert (near, rest) == (["test/sphere_nav_tools/cli/test_drive.py"], ["test/sphere_nav_tools/offline/test_all.py"])
 
 
 def test_parameters_have_the_tests_of_all_parameters(project):

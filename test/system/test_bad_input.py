@@ -15,8 +15,8 @@ from mcap.reader import make_reader
 from sensor_msgs.msg import CameraInfo
 from sphere_nav_msgs.msg import MapInfo
 
-from sphere_nav.cli.main import main
 from sphere_nav.ros.bags import BagReader, BagWriter
+from sphere_nav_tools.cli.main import main
 
 from .conftest import SECOND, SMALL, Frames, wall, wall_messages, write_bag
 

@@ -15,11 +15,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.ros.bags import BagReader
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.pose_bags import read_poses
 
 from .conftest import PERIOD, SECOND, STREET, Frames, write_bag
 
@@ -119,7 +119,7 @@ def stopped(process: subprocess.Popen) -> str:
 
 def test_nodes_over_dds_give_the_same_poses(chain, processes, tmp_path):
     node = "from dense_localizer.ros.node import main; sys.exit(main())"
-    command = "from sphere_nav.cli.main import main; sys.exit(main())"
+    command = "from sphere_nav_tools.cli.main import main; sys.exit(main())"
     live = tmp_path / "live"
     recorder = processes(command, "record", "-o", live, "/pose", "/status", "--use-sim-time")
     settings = (f"map:={chain / 'map'}", "use_sim_time:=true", "every_image:=true")

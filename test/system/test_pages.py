@@ -18,11 +18,11 @@ from rosbags.typesys import Stores, get_typestore
 
 from architecture.tree import EXECUTABLES
 from config.test_yaml_matches_params import NODES
-from sphere_nav.cli.main import COMMANDS, main
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.params import leaves
 from sphere_nav.ros.compositions import COMPOSITIONS
 from sphere_nav.ros.live import ShellParams
+from sphere_nav_tools.cli.main import COMMANDS, main
 from worlds.recordings import CAMERA, FRAME, ROOM, optical, pose, stamp
 from worlds.rig import seen, vertical_rig
 

@@ -15,11 +15,11 @@ pytest.importorskip("rclpy")
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams, SphereMapperParams
 from sphere_mapping.ros.saving import Journal, journal_path
-from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.params import build
 from sphere_nav.ros.maps.check import salvage_map
 from sphere_nav.ros.maps.reader import open_map, save_map
+from sphere_nav_tools.cli.main import main
 from worlds.room import wide_room
 
 CAMERA = Spherical(256, 128)

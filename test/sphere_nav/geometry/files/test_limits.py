@@ -7,8 +7,8 @@ pytest.importorskip("rclpy")
 from sphere_mapping.graph.graph_file import read_graph
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.offline.importing.recording import read_image
 from sphere_nav.ros.conversions import camera_to_sphere_info, sphere_info_to_camera
+from sphere_nav_tools.offline.importing.recording import read_image
 
 
 @pytest.mark.parametrize(("kind", "read"), [("pose graph", read_graph), ("image file", read_image)])

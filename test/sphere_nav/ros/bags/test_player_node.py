@@ -19,7 +19,6 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
-from sphere_nav.cli.main import main
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter, salvage, verify_bag
 from sphere_nav.ros.bags.player_node import BagPlayer
@@ -27,6 +26,7 @@ from sphere_nav.ros.bags.recorder_node import BagRecorder
 from sphere_nav.ros.conversions import array_to_image, stamp_ns
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import WARN
+from sphere_nav_tools.cli.main import main
 
 PATIENCE = 40.0  # s; a process starts in half a second, on a busy machine in ten
 START, STEP = 7_000_000_000, 50_000_000

@@ -1,0 +1,99 @@
+"""`sphere_nav inspect`: what a recording of anybody's offers, what is missing for which job, and what to type."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.ros.camera.mounting import read_mounting
+from sphere_nav.ros.tf import TransformTree
+from sphere_nav_tools.offline import topics
+from sphere_nav_tools.offline.offers import OpenedBag, find_offers
+
+HELP = """\
+Tell what a bag offers: its topics with type, rate, frame and size; then for mapping, localising and mcl what is
+missing, or the command to type. Topics may have any names. MAP and CLOUD stand for a map and a file of geometry.
+
+examples:
+  sphere_nav inspect drive
+  sphere_nav inspect recording.mcap --json offer.json
+  sphere_nav inspect six_cameras --rig rig.yaml
+  sphere_nav inspect recording.db3 --driver zed --mounting 0.4,0,1.1,0,0,0
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("bag", type=Path, metavar="BAG", help="a recording")
+    parser.add_argument("--json", type=Path, metavar="F", help="also write it as JSON")
+    parser.add_argument("--rig", type=Path, metavar="F", help="rig file of the cameras in the bag")
+    topics.add_options(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the topics and the offers; 1 if the bag is good for none of the jobs."""
+    with BagReader(arguments.bag) as bag:
+        chosen = topics.choose_topics(bag, arguments)
+        recording = OpenedBag.of(bag, chosen, arguments.rig, arguments.mounting)
+        streams, (first, last) = recording.streams, bag.time_range
+        mounting = describe_mountings(recording.frames, streams, arguments.mounting)
+        offers = find_offers(recording)
+    if arguments.mounting:
+        for offer in offers:
+            offer.command += ["--mounting", arguments.mounting] if offer.command else []
+    print(f"{arguments.bag}: {(last - first) * 1e-9:.1f} s, {sum(stream.count for stream in streams)} messages")
+    print("\n".join(topic_table(streams)))
+    print("\n".join([*driver_lines(streams), *mounting]))
+    for offer in offers:
+        print(f"\n{offer.job}: {offer.note or 'ready'}" if offer.command else f"\n{offer.job}: {offer.missing}")
+        if offer.command:
+            print(f"  {shlex.join(offer.command)}")
+    if arguments.json:
+        content = {"topics": [asdict(stream) for stream in streams], "jobs": [asdict(offer) for offer in offers]}
+        arguments.json.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    return 0 if any(offer.command for offer in offers) else 1
+
+
+def driver_lines(streams: Sequence[Stream]) -> list[str]:
+    """Return which drivers are known by their topics, and what they publish otherwise than usual."""
+    by_name, lines = {stream.topic: stream for stream in streams}, []
+    for driver in topics.find_drivers(streams):
+        lines.append(f"driver: {driver.title}: --driver {driver.name}")
+        for ours, theirs in driver.find(by_name).items():
+            usual, found = driver.encodings.get(ours, ()), by_name[theirs].encoding
+            if usual and found not in usual and "compressed" not in found:
+                lines.append(f"  {theirs}: usually {' or '.join(usual)}, here {found}")
+    return lines
+
+
+def describe_mountings(frames: TransformTree, streams: Sequence[Stream], given: str) -> list[str]:
+    """Return for each camera whether it is known where it sits on the vehicle; ValueError for a wrong mounting."""
+    if read_mounting(given) is not None:
+        return [f"mounting: {given}, for {topics.BASE_FRAME} and the camera"]
+    lines = []
+    for frame in dict.fromkeys(stream.frame_id for stream in streams if stream.is_picture and stream.frame_id):
+        try:
+            x, y, z = frames.lookup(topics.BASE_FRAME, frame).translation
+        except ValueError:
+            lines.append(f"mounting: {frame}: not told by /tf_static: it is taken as the vehicle; else --mounting")
+        else:
+            lines.append(f"mounting: {frame}: x {x:.3f}, y {y:.3f}, z {z:.3f} m on {topics.BASE_FRAME} by /tf_static")
+    return lines
+
+
+def topic_table(streams: Sequence[Stream]) -> list[str]:
+    """Return a line for each topic."""
+    rows = [("topic", "type", "messages", "rate", "frame", "content")]
+    for s in streams:
+        size = f"{s.width} x {s.height} " if s.width else ""
+        rate = f"{s.rate_hz:.1f} Hz" if s.count > 1 else ""
+        content = f"{size}{s.encoding}".strip() + f" (of no use: {s.problem})" * bool(s.problem)
+        rows.append((s.topic, s.type.split("/")[-1], str(s.count), rate, s.frame_id, content.strip()))
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

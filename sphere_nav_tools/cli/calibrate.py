@@ -1,0 +1,81 @@
+"""`sphere_nav calibrate`: images of a board to rig.yaml, with a report."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from tqdm import tqdm
+
+from rig_calibration.boards.board import Board, parse_size, read_boards
+from rig_calibration.boards.lens import MODELS
+from rig_calibration.boards.report import calibration_as_mapping, draw_calibration
+from rig_calibration.calibrate import CameraSpec, calibrate
+from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav_tools.offline.board_images import check_board_sizes, detect_boards, find_images
+
+HELP = "lenses and poses of all cameras of a rig from images of boards"
+EXAMPLES = """\
+examples:
+  sphere_nav calibrate recordings/cam0 recordings/cam1 --board 8x6 --square 0.03 -o rig.yaml
+  sphere_nav calibrate 'left*.jpg' 'right*.jpg' --board 9x6 --square 0.025 -o rig.yaml
+  sphere_nav calibrate recordings/* --boards boards.yaml --model fisheye -o rig.yaml
+
+One folder, or one quoted glob, for each camera. Images of one instant have the same name, or the same number in it.
+A board counts inner corners. rig_report.json and rig_report.png are written beside rig.yaml.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("images", nargs="+", metavar="IMAGES", help="a folder or a glob for each camera")
+    parser.add_argument("--board", metavar="8x6", help="inner corners of the board")
+    parser.add_argument("--square", type=float, metavar="M", help="side of a square in m")
+    parser.add_argument("--charuco", type=float, metavar="M", help="a ChArUco board with markers of this side in m")
+    parser.add_argument("--dictionary", default="DICT_4X4_250", help="of the ChArUco markers (DICT_4X4_250)")
+    parser.add_argument("--boards", type=Path, metavar="FILE", help="several boards, in YAML")
+    parser.add_argument("--model", choices=MODELS, default="pinhole", help="of the lenses (pinhole)")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="rig file to write")
+    parser.add_argument("--force", action="store_true", help="replace an existing rig file")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Detect, calibrate, write rig and report."""
+    boards = _boards(arguments)
+    if arguments.output.exists() and not arguments.force:
+        raise ValueError(f"{arguments.output}: expected no such file, found one (--force replaces it)")
+    cameras = find_images(arguments.images)
+    sizes, views = detect_boards(cameras, boards)
+    wrong_size = check_board_sizes(cameras, boards, views)
+    if not views and wrong_size:
+        raise ValueError(wrong_size[0])
+    specs = [CameraSpec(name, arguments.model, sizes[name]) for name in cameras]
+    with tqdm(desc="calibrating", bar_format="{desc} {elapsed}", leave=False) as bar:
+        found = calibrate(specs, boards, views, CalibrationParams(), progress=bar.set_description_str)
+    write_rig(arguments.output, found.rig, is_overwriting=arguments.force)
+    report, stem = calibration_as_mapping(found), arguments.output.with_suffix("")
+    Path(f"{stem}_report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    draw_calibration(found, Path(f"{stem}_report.png"))
+    for name, row in report["cameras"].items():
+        held_out = row["held_out_rms_px"]
+        print(f"{name}: RMS {row['rms_px']:.3f} px, held out {'-' if held_out is None else f'{held_out:.3f} px'}")
+    unseen = [f"{board.name}: seen in no image" for board in boards if board.name not in {v.board for v in views}]
+    for line in (
+        [f"left out {name}: {why}" for name, why in found.dropped.items()] + unseen + wrong_size + found.warnings
+    ):
+        print(f"warning: {line}")
+    return 0
+
+
+def _boards(arguments: argparse.Namespace) -> tuple[Board, ...]:
+    if arguments.boards:
+        return read_boards(arguments.boards)
+    if not arguments.board or arguments.square is None:
+        raise ValueError("expected --board and --square, or --boards")
+    columns, rows = parse_size(arguments.board)
+    kind = "chessboard" if arguments.charuco is None else "charuco"
+    marker = arguments.charuco or 0.0
+    return (Board("board", columns, rows, arguments.square, kind, marker, arguments.dictionary),)

@@ -1,0 +1,28 @@
+"""Numbers that commands depend on and nobody would set: unit, origin, and the test that pins each group.
+
+Tests are named below test/sphere_nav_tools/cli/. What an experiment does and is judged by stands at its head; sizes of
+what is drawn stand where it is drawn.
+"""
+
+# The page of an operator (operate/test_link, operate/test_page, operate/test_words)
+ANSWER_S, CONFIRMED_S = 5.0, 2.0  # to wait for the answer to a call; for the state that shows that it was done
+STOP_ANSWER_S = 1.0  # the same for an emergency stop
+WITHDRAW_S = 0.5  # from a release of the emergency stop until nobody publishes it any more
+PERIOD_S, PICTURE_S = 0.2, 0.5  # between two looks at what was heard; between two pictures
+ALIVE_S = 1.0  # within which a browser has to answer where the dead-man switch is on
+SILENT_S = 1.5  # s after which what a node said holds no more
+
+# A demonstration, and whether it goes on (demo/test_demo, demo/test_watch)
+MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within it)
+MIN_DRIVEN = 0.95  # share of the path that must be driven
+PAUSE_AT = 4.0  # s of simulated time at which it stands until the follower is armed: found after half a second
+MIN_WORK_SHARE = 0.8  # of the time on a processor, or waiting for one; idle nodes have 0.45 at a load of 7 a core
+STALL = 30.0  # s of simulated time without motion of the car that end a drive
+SILENCE = 240.0  # s of wall time without news after which it matters whether any process works
+LOOK = 0.1  # s between two looks at what still runs
+MAX_CALLS = 600  # of a service that refuses
+MOVING = 0.05  # m/s, slower is standing
+TRUTH_SPACING = 0.02  # m between the points of the taught path that distances are measured to
+
+# A recording (test_mcl)
+MAX_LEAP_S = 3600.0  # between images of a recording, which may be far apart

@@ -1,0 +1,354 @@
+"""`sphere_nav demo`: the main job from end to end in the simulator."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from cycab_sim.params import CONDITIONS, SimParams
+from cycab_sim.sensors.rigs import rig_camera_names
+from cycab_sim.world.worlds import build_world
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.files.untrusted import load_yaml, read_text, required
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.params import build
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav_tools.cli.constants import MAX_LATERAL, MIN_DRIVEN, PAUSE_AT
+from sphere_nav_tools.cli.demo.plots import plot_errors, plot_top_view
+from sphere_nav_tools.cli.demo.processes import Processes
+from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, read_estimate, read_truth
+from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
+
+HELP = """\
+Teach, map and drive: a simulated Cycab is driven once along a path with two 90 degree turns while the six cameras on
+its roof are recorded, their images are stitched to spheres with range by stereo and mapped, and the car drives the path
+again by one camera and cmd_vel alone: on another day, with other cars and people about, and clouds before the sun.
+
+Writes maps, bags, plots and result.json below --output. Exit status 1 if the drive left the path or did not finish it.
+
+examples:
+  sphere_nav demo
+  sphere_nav demo --seed 7 --path block --output out/seven
+  sphere_nav demo --path tour --traffic
+  sphere_nav demo --mounting inverted
+  sphere_nav demo --condition overcast
+"""
+BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} m, {elapsed}, {remaining} left"
+SIMULATION = {
+    "has_stamped_command": True,
+    "camera.period": 0.2,
+    "camera.size": "448,336",  # another kind of camera than that of the spheres, and quick to draw
+    "odometry.period": 0.05,
+    "rig.kind": "vertical",  # three stereo pairs back to back (M15 section 4.3)
+    "rig.size": "416,416",
+    "capture.distance": 1.5,
+    "sphere.width": 0,
+    "traffic.density": "usual",
+}
+TOUR = {"world": "city", "teach.speed": 1.2}  # 490 m through streets, a square and a lane (M15 section 6.4.4)
+BUSY = {"traffic.density": "busy"}
+MOUNTINGS = {  # of the camera that drives
+    "upright": {},
+    "pitched": {"camera.mounting_deg": "1,0,1.6,0,30,0"},
+    "rolled": {"camera.mounting_deg": "1,0,1.6,90,4,0"},
+    "inverted": {"camera.mounting_deg": "1,0,1.6,180,4,0"},
+}
+OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and a camera that heeds them
+    "traffic.seed": 1,
+    "light.clouds": 0.7,
+    "imaging.has_automatic_exposure": True,
+    "imaging.white_balance": 0.03,
+}
+LOCK_STEP = {"clock.is_strict": True, "clock.real_time_factor": 0.0}  # time waits, however slow the computer
+TEACHING = {"mode": "teach", "camera.period": 0.0}  # the rig sees what is mapped, the camera drives later
+SEE_ALL = {"use_sim_time": True, "every_image": True}
+WARM_UP = (
+    "from sphere_nav import photometric; photometric.warm_up(); "
+    "from sphere_mapping.acquisition import kernels; kernels.warm_up()"
+)
+RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in rig_camera_names("vertical"))
+TEACH_TOPICS = f"{RIG_TOPICS} /odom /ground_truth/odometry /tf_static"
+DRIVE_TOPICS = (
+    "/pose /odometry /status /cmd_vel /tracking_error /path_follower/status /path_follower/trajectory "
+    "/ground_truth/odometry /odom /camera_info /tf /tf_static /diagnostics"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help="(%(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="decides the town and every noise (%(default)s)")
+    paths = ("two_turns", "block", "straight", "tour")
+    parser.add_argument("--path", default="two_turns", choices=paths, help="tour: 490 m of a city (%(default)s)")
+    parser.add_argument("--traffic", action="store_true", help="twice as much of it")
+    parser.add_argument(
+        "--mounting", default="upright", choices=tuple(MOUNTINGS), help="how the driving camera sits (%(default)s)"
+    )
+    told = f"light and season of the second drive: {', '.join(CONDITIONS)} (as in the first, with clouds)"
+    told += "; a map of one light may not serve another"
+    parser.add_argument("--condition", default="", choices=("", *CONDITIONS), metavar="NAME", help=told)
+    parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do the whole job, print the table of errors, write everything that was made."""
+    more = (BUSY if arguments.traffic else {}) | MOUNTINGS[arguments.mounting]
+    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain, more, arguments.condition)
+    try:
+        demo.teach()
+        demo.map()
+        demo.drive()
+    except (DriveFailed, RuntimeError) as error:
+        print(f"demo: {error}; what the nodes said is in {demo.folder}")
+        return 1
+    return demo.judge()
+
+
+class Demo:
+    """One run: its folder, its domain, and how long each stage took."""
+
+    localizer: Mapping[str, Any] = {}  # parameters that are not those of every drive
+    follower: Mapping[str, Any] = {}
+    topics: Mapping[str, Mapping[str, str]] = {}  # by node: other names of its topics
+    recorded = DRIVE_TOPICS
+
+    def __init__(
+        self,
+        output: Path,
+        seed: int,
+        path: str,
+        domain: int | None,
+        more: Mapping[str, Any],
+        condition: str = "",
+        taught: Path | None = None,
+    ) -> None:
+        """`more`: parameters of the simulator that are not those of every demo; `condition`: of the second drive.
+
+        `taught`: output of an earlier run of the same seed and path, whose teaching drive and map are used again.
+        """
+        self.domain = 50 + os.getpid() % 50 if domain is None else domain
+        place = TOUR if path == "tour" else {"path": path}
+        self.other_day = OTHER_DAY | {"condition": condition}
+        self.simulation = SIMULATION | {"seed": seed} | place | dict(more)
+        params = build(SimParams, self.simulation)
+        self.length = build_world(params.world, params.seed, params.path).path.length
+        known = check_taught(taught, self.simulation) if taught is not None else None
+        self.folder = new_folder(output)
+        self.taught = known or self.folder  # where the teaching drive and its map are
+        self.seconds: dict[str, float] = {}
+        self.cpu_seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Measure the time of a stage, and that of the processors in this process and its children."""
+        print(f"{name} ...", flush=True)
+        begun, cpu = time.monotonic(), cpu_seconds()
+        try:
+            yield
+        finally:
+            self.seconds[name] = round(time.monotonic() - begun, 1)
+            self.cpu_seconds[name] = round(cpu_seconds() - cpu, 1)
+
+    def teach(self) -> None:
+        """Drive the path once by the simulator's driver and record the cameras; compile what comes later beside."""
+        with self.stage("teach"), self.processes("teach") as processes, DriveMonitor(processes, self.domain) as watch:
+            processes.run("warm_up", WARM_UP)
+            processes.start("bag_recorder", {"output": str(self.folder / "teach"), "topics": TEACH_TOPICS})
+            processes.start(
+                "cycab_sim",
+                self.simulation | LOCK_STEP | TEACHING | {"rig.file": str(self.folder / "rig.yaml")},
+            )
+            self.follow(watch, "teaching drive", lambda: watch.is_taught)
+            processes.stop("bag_recorder")
+            processes.wait("warm_up")
+
+    def map(self) -> None:
+        """Make the map from the recording, by the command that a user types."""
+        from sphere_nav_tools.cli.main import main
+
+        teach, made = str(self.folder / "teach"), str(self.folder / "map")
+        taught = str(self.folder / "taught.tum")
+        with self.stage("map"):
+            if main(["map", teach, "-o", made, "--rig", str(self.folder / "rig.yaml"), "--taught", taught]) != 0:
+                raise RuntimeError("mapping failed")
+
+    def drive(self) -> None:
+        """Drive the path again: camera, localiser, follower, cmd_vel, over DDS in lock-step."""
+        with self.stage("drive"), self.processes("drive") as processes, DriveMonitor(processes, self.domain) as watch:
+            processes.start(
+                "bag_recorder",
+                {"output": str(self.folder / "drive"), "topics": self.recorded, "use_sim_time": True},
+            )
+            for node, values in self.localizers().items():
+                processes.start(node, SEE_ALL | dict(values), self.topics.get(node, {}))
+                watch.wait_for(f"{node}/reset")
+            processes.start(
+                "cycab_sim",
+                self.simulation | LOCK_STEP | {"mode": "drive", "clock.pause_at": PAUSE_AT} | self.other_day,
+            )
+            self.place(watch)
+            processes.start(  # time stands until it is there
+                "path_follower",
+                {"trajectory": str(self.reference()), "enable_stamped_cmd_vel": True, "use_sim_time": True}
+                | dict(self.follower),
+                self.topics.get("path_follower", {}),
+            )
+            self.depart(watch)
+            self.accompany(watch)
+            self.has_finished = watch.follower.startswith("FINISHED")
+            self.end = watch.describe()
+            processes.stop("bag_recorder")
+
+    def localizers(self) -> dict[str, Mapping[str, Any]]:
+        """Return the parameters of each localiser of the drive."""
+        return {"dense_localizer": {"map": str(self.taught / "map")} | dict(self.localizer)}
+
+    def reference(self) -> Path:
+        """Return the file of the path to drive: the taught one."""
+        return self.taught / "taught.tum"
+
+    def place(self, watch: DriveMonitor) -> None:
+        """Prepare the world before time passes: the car stands at the beginning of the path, nothing is to be done."""
+
+    def depart(self, watch: DriveMonitor) -> None:
+        """Start the follower once the place is found."""
+        watch.wait("localisation", lambda: watch.is_paused, is_moving=False)
+        watch.call("path_follower/start")
+        watch.call("cycab_sim/resume")
+
+    def accompany(self, watch: DriveMonitor) -> None:
+        """See the drive to its end."""
+        self.follow(watch, "drive by the camera", lambda: has_ended(watch.follower))
+
+    def follow(self, watch: DriveMonitor, what: str, has_ended: Callable[[], bool]) -> None:
+        """Show how far the car is until the drive has ended."""
+        with tqdm(total=round(self.length), desc=what, bar_format=BAR, mininterval=0.5, disable=None) as bar:
+            watch.wait(what, has_ended, is_moving=True, bar=bar)
+
+    def processes(self, name: str) -> Processes:
+        """Return an empty set of processes whose output goes to a folder of the stage."""
+        folder = self.folder / f"{name}_logs"
+        folder.mkdir()
+        return Processes(folder, self.domain)
+
+    def judge(self) -> int:
+        """Compare with the taught drive, draw, write result.json; 1 where the drive left the path."""
+        result = self.result(self.measure())
+        (self.folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        print(result_table(result, self.folder))
+        return 0 if result["has_followed"] else 1
+
+    def measure(self) -> DriveErrors:
+        """Compare with the path that was to be driven, and draw."""
+        with self.stage("judge"):
+            T_world_map = self.anchor()
+            errors = self.errors(T_world_map)
+            with open_map(self.taught / "map") as made:
+                keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
+            self.num_key_spheres = len(keys)
+            plot_top_view(self.folder / "top_view.png", errors, keys)
+            plot_errors(self.folder / "errors.png", errors, read_estimate(self.folder / "drive"))
+        return errors
+
+    def errors(self, T_world_map: SE3) -> DriveErrors:
+        """Return how far the drive was from the taught one."""
+        return drive_errors(self.taught / "teach", self.folder / "drive", T_world_map)
+
+    def anchor(self) -> SE3:
+        """Return T_world_map: the map begins where the teaching drive truly began."""
+        truth, taught = read_truth(self.taught / "teach"), read_tum(self.taught / "taught.tum")
+        first = np.maximum(taught.stamps_ns[:1], truth.stamps_ns[0])  # the car still stands when recording begins
+        at, known = truth.at(first)
+        if not known.all():
+            raise ValueError("teaching drive: expected a true pose of the first sphere, found none")
+        return at.T_map_body[0] @ taught.T_map_body[0].inverse()
+
+    def result(self, errors: DriveErrors) -> dict[str, Any]:
+        """Return what result.json holds."""
+        worst = float(np.abs(errors.lateral).max())
+        return {
+            "lateral_rmse_m": rms(errors.lateral),
+            "lateral_max_m": worst,
+            "longitudinal_rmse_m": rms(errors.longitudinal),
+            "share_driven": errors.share_driven,
+            "has_finished": self.has_finished,
+            "has_followed": self.has_finished and worst <= MAX_LATERAL and errors.share_driven >= MIN_DRIVEN,
+            "end": self.end,
+            "length_m": self.length,
+            "num_key_spheres": self.num_key_spheres,
+            "seed": self.simulation["seed"],
+            "seconds": self.seconds,
+            "cpu_seconds": self.cpu_seconds,
+        }
+
+
+def check_taught(taught: Path, simulation: dict[str, Any]) -> Path:
+    """Return the folder of a teaching drive; ValueError where it was not made in a simulation of these parameters."""
+    told = taught / "teach_logs" / "cycab_sim.yaml"
+    if not (taught / "map").is_dir() or not told.is_file():
+        raise ValueError(f"{taught}: expected the output of an experiment with a taught map, found none")
+    values = load_yaml(told, read_text(told, "file of parameters"))
+    node = required(values, f"{told}", ["cycab_sim"])["cycab_sim"]
+    made = required(node, f"{told}: cycab_sim", ["ros__parameters"])["ros__parameters"]
+    for key, value in (simulation | TEACHING).items():
+        if made.get(key) != value:
+            raise ValueError(f"{taught}: {key}: expected {value!r} as in this experiment, found {made.get(key)!r}")
+    return taught
+
+
+def has_ended(follower: str) -> bool:
+    """Whether the follower's state is an end; it drives on by itself where only a slow machine held up the clock."""
+    return follower.startswith(("FINISHED", "STOPPED")) and "CLOCK_STOPPED" not in follower
+
+
+def cpu_seconds() -> float:
+    """Return the processor time of this process and of all children that have ended, s."""
+    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def result_table(result: dict[str, Any], folder: Path) -> str:
+    """Return the table that is printed."""
+    cpu = result["cpu_seconds"]
+    stages = ", ".join(f"{name} {seconds:.0f} s (CPU {cpu[name]:.0f})" for name, seconds in result["seconds"].items())
+    verdict = "the drive followed the taught path to its end"
+    if not result["has_followed"]:
+        verdict = "THE DRIVE LEFT THE TAUGHT PATH" if result["has_finished"] else "THE DRIVE DID NOT FINISH"
+    return "\n".join(
+        [
+            f"driven               {100 * result['share_driven']:.1f} % of {result['length_m']:.0f} m",
+            f"lateral RMSE         {result['lateral_rmse_m']:.3f} m",
+            f"lateral maximum      {result['lateral_max_m']:.3f} m (limit {MAX_LATERAL} m)",
+            f"longitudinal RMSE    {result['longitudinal_rmse_m']:.3f} m (localisation)",
+            f"key spheres          {result['num_key_spheres']}",
+            f"time                 {stages}",
+            f"end                  {result['end']}",
+            f"plots, map and bags  {folder}",
+            verdict,
+        ]
+    )
+
+
+def new_folder(wanted: Path) -> Path:
+    """Make the output folder; one that is there is kept under the next free number."""
+    if wanted.exists():
+        number = next(n for n in range(1, 10_000) if not wanted.with_name(f"{wanted.name}.{n}").exists())
+        kept = wanted.rename(wanted.with_name(f"{wanted.name}.{number}"))
+        print(f"the last result is kept as {kept}")
+    wanted.mkdir(parents=True)
+    return wanted

@@ -1,0 +1,144 @@
+"""The nodes of a drive as processes of their own, in a ROS domain of their own; they end with this process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import yaml
+
+from sphere_nav.ros.constants import END_PATIENCE_S
+from sphere_nav_tools.cli.constants import MIN_WORK_SHARE
+
+# However this process ends, the kernel of Linux then tells its children to (PR_SET_PDEATHSIG is 1).
+FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
+NODE = "from {module} import main; sys.exit(main())"
+LOOK = 5.0  # s over which it is measured who works
+
+
+def module_of(node: str) -> str:
+    """Return the module of an executable, as it is installed."""
+    entries = tuple(entry_points(group="console_scripts", name=node))
+    if not entries:
+        raise ValueError(f"{node}: expected an installed executable of this name, found none: install sphere_nav anew")
+    return entries[0].module
+
+
+def node_command(node: str, *words: str) -> list[str]:
+    """Return the command of a node that ends with this process."""
+    return python_command(NODE.format(module=module_of(node)), *words)
+
+
+def python_command(code: str, *words: str) -> list[str]:
+    """Return the command of Python code; what it imports is what is installed (-P), not what lies in this folder."""
+    return [sys.executable, "-P", "-c", f"{FOLLOW_PARENT}; {code}", *words]
+
+
+def wanted_seconds(pid: int) -> float:
+    """Return for how long the threads of a process have run, or have waited for a processor, s; 0 for none."""
+    threads = Path(f"/proc/{pid}/task").glob("*/schedstat")  # ns on a processor, ns ready but waiting, turns
+    total = 0
+    for path in threads:
+        with suppress(OSError):  # a thread that has just ended
+            total += sum(map(int, path.read_text(encoding="ascii").split()[:2]))
+    return total / 1e9
+
+
+def are_busy(pids: Mapping[str, int]) -> list[str]:
+    """Return the names of those processes that work, or would if they were let; takes `LOOK` s."""
+    before = {name: wanted_seconds(pid) for name, pid in pids.items()}
+    time.sleep(LOOK)
+    return [name for name, pid in pids.items() if wanted_seconds(pid) - before[name] > MIN_WORK_SHARE * LOOK]
+
+
+class Processes:
+    """Starts nodes, keeps what they print in a folder, ends them all when it is left."""
+
+    def __init__(self, folder: Path, domain_id: int) -> None:
+        self.folder = folder
+        self.environment = os.environ | {
+            "ROS_DOMAIN_ID": str(domain_id),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._nodes: set[str] = set()  # of these: they end when they are told to
+
+    def start(self, node: str, values: Mapping[str, Any], topics: Mapping[str, str] | None = None) -> None:
+        """Start a node with parameters by dotted name; they are kept in a file beside what it prints.
+
+        `topics`: other names of its topics.
+        """
+        parameters = self.folder / f"{node}.yaml"
+        parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
+        self._nodes.add(node)
+        remapped = [word for name, other in (topics or {}).items() for word in ("-r", f"{name}:={other}")]
+        self.run(node, NODE.format(module=module_of(node)), "--ros-args", "--params-file", str(parameters), *remapped)
+
+    def run(self, name: str, code: str, *words: str) -> None:
+        """Run Python code as a process."""
+        command = python_command(code, *words)
+        with (self.folder / f"{name}.log").open("wb") as log:
+            self._running[name] = subprocess.Popen(
+                command,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                env=self.environment,
+                start_new_session=True,  # Ctrl-C reaches us alone: the order of ending is ours
+            )
+
+    def check(self) -> None:
+        """Raise RuntimeError if a node has ended by itself, or code has failed; the message shows what it said last."""
+        for name, process in self._running.items():
+            status = process.poll()
+            if status or (status == 0 and name in self._nodes):
+                raise RuntimeError(f"{name} ended with status {status}: {self.last_words(name)}")
+
+    def wait(self, name: str) -> None:
+        """Wait for a process that ends by itself; RuntimeError with what it said last if that was no good end."""
+        status = self._running[name].wait()
+        if status:
+            raise RuntimeError(f"{name} ended with status {status}: {self.last_words(name)}")
+        del self._running[name]
+
+    def find_busy(self) -> list[str]:
+        """Return which processes work, or would if the computer had time for them; takes `LOOK` s."""
+        return are_busy({name: process.pid for name, process in self._running.items()})
+
+    def last_words(self, node: str) -> str:
+        """Return the last line that a node printed."""
+        lines = (self.folder / f"{node}.log").read_text(encoding="utf-8", errors="replace").split("\n")
+        return next((line for line in reversed(lines) if line.strip()), "it said nothing")
+
+    def stop(self, node: str) -> None:
+        """End a node as Ctrl-C would, by force if it does not."""
+        process = self._running.pop(node)
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        while True:
+            try:
+                process.wait(END_PATIENCE_S)
+                return
+            except subprocess.TimeoutExpired:
+                if not are_busy({node: process.pid}):
+                    process.kill()
+
+    def __enter__(self) -> Self:
+        """Return self."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End what still runs, the last one started first."""
+        for node in reversed(list(self._running)):
+            self.stop(node)

@@ -1,0 +1,97 @@
+"""`sphere_nav evaluate`: estimated poses against true ones."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+
+from sphere_nav.geometry.trajectory_error import ALIGNMENTS
+from sphere_nav_tools.offline.evaluation import (
+    ESTIMATE_TOPICS,
+    TRUTH_TOPICS,
+    error_table,
+    evaluate_poses,
+    read_trajectory,
+)
+from sphere_nav_tools.offline.pose_bags import is_bag
+
+HELP = "errors of estimated poses against true ones"
+EXAMPLES = """\
+examples:
+  sphere_nav evaluate poses.tum truth.tum
+  sphere_nav evaluate poses.tum drive_bag --json errors.json --plot errors.png
+  sphere_nav evaluate poses.tum drive_bag --truth-topic /ground_truth/odometry --align poses --tolerance 0.02
+  sphere_nav evaluate poses.tum drive_bag --align poses --align-by taught.tum teaching_bag
+
+A map has a frame of its own, and first of all its place in the frame of the truth must be found. --align poses finds it
+from all positions and rotations together, also for a straight path; wrong poses count little. --align-by finds it on
+the drive that made the map (sphere_nav map --taught), so that nothing is fitted to the poses that are judged. se3 and
+sim3 fit positions alone, as evo does; the rotation about a straight path is then meaningless.
+
+Poses are paired by the nearest stamp within the tolerance (or the truth is interpolated). Lateral is left of the
+true direction of motion, longitudinal ahead along it, both in the horizontal plane. Statistics are of absolute values.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("poses", type=Path, help="estimated poses: TUM file, or a bag")
+    parser.add_argument("truth", type=Path, help="true poses: TUM file, or a bag")
+    parser.add_argument("--align", choices=ALIGNMENTS, default="none", help="move the estimate first (default: none)")
+    parser.add_argument(
+        "--align-by", nargs=2, type=Path, metavar=("POSES", "TRUTH"), help="find the alignment on these (--align poses)"
+    )
+    parser.add_argument("--json", type=Path, metavar="F", help="write all numbers to this file")
+    parser.add_argument("--plot", type=Path, metavar="F", help="draw top view and errors over time (png, pdf or svg)")
+    parser.add_argument(
+        "--tolerance", type=_positive, default=0.01, help="largest distance of paired stamps in s (0.01)"
+    )
+    parser.add_argument("--interpolate", action="store_true", help="interpolate the truth at every estimate's stamp")
+    parser.add_argument(
+        "--rpe", type=_positive, default=1.0, metavar="M", help="stretch of the relative error in m (1)"
+    )
+    parser.add_argument("--truth-topic", help=f"topic of the truth in a bag (default: {' or '.join(TRUTH_TOPICS)})")
+    parser.add_argument("--poses-topic", help=f"topic of the poses in a bag (default: {' or '.join(ESTIMATE_TOPICS)})")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Pair, align, measure; print a table; write JSON and plot where asked."""
+    estimate = read_trajectory(arguments.poses, arguments.poses_topic, ESTIMATE_TOPICS)
+    truth = read_trajectory(arguments.truth, arguments.truth_topic, TRUTH_TOPICS)
+    aligned_by = None
+    if arguments.align_by:
+        if arguments.align == "none":
+            raise ValueError("--align-by: expected --align poses, se3 or sim3 with it, found none")
+        poses, true_poses = arguments.align_by
+        aligned_by = (
+            read_trajectory(poses, arguments.poses_topic if is_bag(poses) else None, ESTIMATE_TOPICS),
+            read_trajectory(true_poses, arguments.truth_topic if is_bag(true_poses) else None, TRUTH_TOPICS),
+        )
+    judged = evaluate_poses(
+        estimate,
+        truth,
+        alignment=arguments.align,
+        tolerance_s=arguments.tolerance,
+        is_interpolated=arguments.interpolate,
+        rpe_length_m=arguments.rpe,
+        aligned_by=aligned_by,
+    )
+    print(error_table(judged.report))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(judged.report, indent=2) + "\n", encoding="utf-8")
+    if arguments.plot:
+        from sphere_nav_tools.offline.plot_figure import draw_evaluation  # matplotlib takes half a second to import
+
+        draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, arguments.plot)
+    return 0
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"expected a positive number, found {text}")
+    return value

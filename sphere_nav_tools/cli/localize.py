@@ -1,0 +1,61 @@
+"""`sphere_nav localize`: a recorded camera in a map, through the very callbacks of the node."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from dense_localizer.references.rejections import Rejections
+from dense_localizer.ros.node import DenseLocalizerNode
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav_tools.offline import localizing
+from sphere_nav_tools.offline.topics import camera_names
+
+HELP = """\
+Find the camera of a bag in a map, image by image, from colour alone. The poses of base_link in the states TRACKING and
+DEGRADED are written as a TUM file: stamp x y z qx qy qz qw; their covariances beside it into a .cov file.
+
+examples:
+  sphere_nav localize kitchen drive2 -o poses.tum
+  sphere_nav localize kitchen drive2 -o poses.tum --bag result --json summary.json
+  sphere_nav localize campus tour -o poses.tum --image /front/image_raw --info /front/camera_info
+  sphere_nav localize campus tour -o poses.tum --camera front=/front/image_raw --camera back=/back/image_raw
+  sphere_nav localize campus tour -o poses.tum --set rig.calibration=map --mounting 0,0,1.4,0,0,0 \\
+      --camera front=/cameras/front/image_raw --camera back=/cameras/back/image_raw
+  sphere_nav localize campus walk360 -o poses.tum --set is_panorama=true --image /theta/image_raw
+  sphere_nav localize campus tour -o poses.tum --initial-pose 1.0,2.5,0,0,0,0,1
+"""
+TOPICS = ("/pose", "/odometry", "/status", "/tf")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("map", metavar="MAP", help="map made by `sphere_nav map`")
+    parser.add_argument("source", metavar="BAG", help="bag with images and camera_info")
+    localizing.add_arguments(parser, "dense_localizer")
+    parser.add_argument("--rejections", metavar="FILE", help="also write what the images contradict, for map-forget")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Localise every image; 1 if none could be localised."""
+    path, counted = arguments.rejections and Path(arguments.rejections), list[tuple[Rejections, str]]()
+    if path and path.exists():
+        raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
+
+    def add_node(bus: OfflineBus, remap: dict[str, str], given: dict[str, Any]) -> None:
+        cameras = camera_names(remap)
+        node = bus.add(
+            DenseLocalizerNode,
+            given | {"map": arguments.map, "rig.cameras": ",".join(cameras)} | arguments.settings,
+            remap,
+        )
+        if node.localizer is not None and node.maps.reader is not None:
+            counted.append((node.localizer.references.rejections, str(node.maps.reader.info.map_id)))
+        if arguments.initial_pose:
+            localizing.give_initial_pose(node, arguments.initial_pose)
+
+    status = localizing.write_poses(arguments, localizing.replay_localizer(arguments, TOPICS, add_node))
+    for rejections, map_id in counted if path else ():
+        rejections.write(path, map_id)
+    return status

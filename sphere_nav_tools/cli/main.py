@@ -1,0 +1,144 @@
+"""The `sphere_nav` command. A subcommand is a file with HELP, `add_arguments(parser)` and `run(arguments) -> int`.
+
+Exit status: 0 done, 1 the work failed, 2 misuse or bad input (one line on stderr), 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import logging
+import logging.handlers
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from types import ModuleType
+from typing import NamedTuple
+
+from sphere_nav.ros.service import one_line
+from sphere_nav.ros.shared_files import software
+
+DEBUG_VARIABLE = "SPHERE_NAV_DEBUG"
+
+
+class Subcommand(NamedTuple):
+    """A word of the command line, the module that carries it out, and what it does."""
+
+    name: str
+    module: str
+    summary: str
+
+
+COMMANDS = (
+    Subcommand("import", "import_", "turn a recorded data set into a bag with our topics and its truth"),
+    Subcommand("calibrate", "calibrate", "find the parameters of a rig of cameras from images of a board"),
+    Subcommand("rig-convert", "rig_convert", "turn a file of Kalibr, basalt, OpenCV or OCamCalib into a rig file"),
+    Subcommand("register", "register", "align two spheres, RGB-D images or stereo pairs"),
+    Subcommand("optimize", "optimize", "optimise a pose graph"),
+    Subcommand("inspect", "bags.inspect_", "tell what a bag offers, and what to type"),
+    Subcommand("map", "maps.map", "make a map of key spheres from a bag"),
+    Subcommand("localize", "localize", "find the camera of a bag in a map"),
+    Subcommand("refine-camera", "refine_camera", "find lens and readout time of a camera by a drive in a map"),
+    Subcommand("mcl", "mcl", "find the camera of a bag in a point cloud"),
+    Subcommand("map-info", "maps.map_info", "tell what is in a map"),
+    Subcommand("map-verify", "maps.map_verify", "check every sphere of a map, salvage a damaged one"),
+    Subcommand("map-export", "maps.map_export", "write a map as point cloud, graph or trajectory"),
+    Subcommand("map-migrate", "maps.map_migrate", "make a map of an earlier version readable"),
+    Subcommand("map-learn", "maps.map_learn", "learn from the drives that were kept beside a map, or take it back"),
+    Subcommand("map-forget", "maps.map_forget", "make a new map without what drives have rejected again and again"),
+    Subcommand("route", "route", "make a network of taught paths with named places, plan ways on it"),
+    Subcommand("view", "view.view", "look around in a map, in a web browser"),
+    Subcommand("evaluate", "evaluate", "compare estimated poses with the truth"),
+    Subcommand("plot", "plot", "draw what a localiser said: path, errors, states, timings"),
+    Subcommand("verify-bag", "bags.verify_bag", "check every message of a bag, salvage a damaged one"),
+    Subcommand("record", "bags.record", "record topics into a bag"),
+    Subcommand("play", "bags.play", "publish the messages of a bag"),
+    Subcommand("up", "up", "start nodes that belong together, as ros2 launch does"),
+    Subcommand("operate", "operate.operate", "an operator's page: teach, drive, pause, stop, see why it stands"),
+    Subcommand("demo", "demo.demo", "teach, map and drive a loop in the simulator"),
+    Subcommand("experiment", "experiment.experiment", "repeat a drive or a figure of the papers in the simulator"),
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one subcommand and return the exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _dispatch(words)
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:  # the reader of our output, `head` perhaps, has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (ValueError, OSError) as error:
+        if os.environ.get(DEBUG_VARIABLE) == "1":
+            raise
+        print(f"sphere_nav{_command_name(words)}: {one_line(error)}", file=sys.stderr)
+        return 2
+
+
+def _dispatch(words: list[str]) -> int:
+    commands = {command.name: command for command in COMMANDS}
+    if words and words[0] in commands:
+        module = importlib.import_module(f"sphere_nav_tools.cli.{commands[words[0]].module}")
+        arguments = _parser(words[0], module).parse_args(words[1:])
+        arguments.words = words
+        with _log_at_the_end():
+            return int(module.run(arguments) or 0)
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(_overview())
+        return 0 if words else 2
+    if words[0] == "--version":
+        print(software())
+        return 0
+    raise ValueError(f"expected a command ({', '.join(commands)}), found {words[0]!r}")
+
+
+@contextmanager
+def _log_at_the_end() -> Iterator[None]:
+    """Keep what nodes of a replay log away from progress bars, and let the one line of an error stand alone."""
+    log = logging.getLogger("sphere_nav")
+    shown = logging.StreamHandler()
+    shown.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+    held = logging.handlers.MemoryHandler(100_000, flushLevel=logging.CRITICAL + 1, target=shown)
+    log.addHandler(held)
+    try:
+        yield
+    except (ValueError, OSError):
+        held.buffer.clear()
+        raise
+    finally:
+        log.removeHandler(held)
+        held.close()
+
+
+def _parser(name: str, module: ModuleType) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=f"sphere_nav {name}",
+        description=module.HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    module.add_arguments(parser)
+    return parser
+
+
+def _overview() -> str:
+    lines = ["usage: sphere_nav COMMAND ...", "", "Teach a vehicle a place once, then drive there by one camera.", ""]
+    width = max(len(command.name) for command in COMMANDS)
+    lines += [f"  {command.name:<{width}}  {command.summary}" for command in COMMANDS]
+    lines += [
+        "",
+        "'sphere_nav COMMAND --help' explains a command and gives examples. Exit status: 0 done, 1 failed,",
+        f"2 misuse or bad input. {DEBUG_VARIABLE}=1 shows where an error comes from.",
+    ]
+    return "\n".join(lines)
+
+
+def _command_name(words: list[str]) -> str:
+    return f" {words[0]}" if words and any(words[0] == command.name for command in COMMANDS) else ""
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,104 @@
+"""`sphere_nav map`: the learning phase, offline, through the very callbacks of the node `sphere_mapper`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from sphere_mapping.ros.intake import TOPICS
+from sphere_nav_tools.offline import topics
+from sphere_nav_tools.offline.mapping.learning import learn
+from sphere_nav_tools.offline.mapping.sphere_source import CAMERAS
+from sphere_nav_tools.offline.settings import add_budget, add_settings
+
+HELP = """\
+Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the cameras of a rig.
+
+The bag holds spheres; or images, camera_info and depth; or a stereo pair with both camera_info; or, with --rig, the
+cameras of a rig, whose images go through the node sphere_stitcher. Raw stereo images are rectified by D, R and P or by
+/tf_static; errors that the images show are reported and corrected. Topics of any names are found by type, name, frame
+and size (`sphere_nav inspect BAG` shows how), or named by options.
+
+The map frame is that of base_link at the first sphere, level by an IMU of the bag or by the ground. A drive is mapped
+in segments of about 100 instants; the map is the same for every number of jobs. Until the map is whole, what is mapped
+stays in MAP.partial, also after a crash; --resume goes on from there. Parts of the bag that cannot be read are left out
+and reported. One line says so if an RGB-D drive contradicts the pose of its depth camera (`sphere_nav refine-camera`).
+
+examples:
+  sphere_nav map kitchen -o kitchen_map
+  sphere_nav map kitchen -o kitchen_map --anchor truth --trajectory kitchen.tum
+  sphere_nav map campus_drive -o campus --taught campus.tum
+  sphere_nav map recording -o hall --image /camera/color/image_raw --depth /camera/aligned_depth_to_color/image_raw
+  sphere_nav map kitchen -o kitchen_map --set depth_pose=depth.yaml
+  sphere_nav map drive -o drive_map --anchor survey
+  sphere_nav map second_drive -o both_maps --extend drive_map
+  sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048 --jobs 2
+  sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048 --jobs 2 --resume
+  sphere_nav map night_drive -o day_and_night --extend day_map --experience night --start 0 0 0
+  sphere_nav map six_cameras -o drive_map --rig old_rig.yaml --set-stitcher rectify.num_instants=5
+  sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.nearest_m=2
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("bag", type=Path, metavar="BAG", help="bag of the teaching drive")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MAP", help="map to make (a folder)")
+    _add_extension(parser)
+    parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
+    parser.add_argument(
+        "--resume", action="store_true", help="go on from what an interrupted run of the same words has left, if any"
+    )
+    parser.add_argument(
+        "--anchor",
+        choices=("first", "truth", "survey"),
+        default="first",
+        help="first: base_link at the start is the origin; truth: the map as it is, fitted to the truth; survey: every "
+        "key sphere where the truth has it, as after a surveyed drive (%(default)s)",
+    )
+    parser.add_argument("--rig", type=Path, metavar="F", help="rig file, for a bag with the cameras of a rig")
+    parser.add_argument(
+        "--input", choices=("auto", *TOPICS, CAMERAS), default="auto", help="what is mapped (by the topics)"
+    )
+    topics.add_options(parser)
+    parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
+    parser.add_argument(
+        "--jobs", type=_positive, default=1, metavar="N", help="processes that map segments of the drive (%(default)s)"
+    )
+    parser.add_argument(
+        "--scheduler", default="", metavar="ADDRESS", help="do that on a Dask cluster that sees bag and map's folder"
+    )
+    parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
+    parser.add_argument("--taught", type=Path, metavar="F", help="write the vehicle's poses, for path_follower (TUM)")
+    add_settings(parser, "sphere_mapper")
+    add_settings(parser, "sphere_stitcher", "--set-stitcher", "set_stitcher")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Map what the bag holds."""
+    return learn(arguments)
+
+
+def _add_extension(parser: argparse.ArgumentParser) -> None:
+    """Declare what joins a drive to a map, and keeps it small."""
+    parser.add_argument(
+        "--extend", type=Path, metavar="MAP0", help="a map that the drive is joined to, whatever light either was in"
+    )
+    parser.add_argument(
+        "--experience", default="", metavar="NAME", help="what you call the light or season of this drive"
+    )
+    parser.add_argument(
+        "--start",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "YAW"),
+        help="with --extend: where base_link was in the map at the start, m and rad, to half a metre and 20 deg",
+    )
+    add_budget(parser)
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"expected at least 1, found {text}")
+    return number

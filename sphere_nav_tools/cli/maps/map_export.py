@@ -1,0 +1,114 @@
+"""`sphere_nav map-export`: a map as point cloud, pose graph or trajectory."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from sphere_mapping.graph.graph_file import write_g2o
+from sphere_mapping.graph.pose_graph import from_spheres
+from sphere_mapping.params import CloudParams
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory, write_tum
+from sphere_nav.ros.maps.reader import MapReader, open_map
+from sphere_nav_tools.offline.geojson import Datum, geojson
+from sphere_nav_tools.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
+
+Writer = Callable[[MapReader, Path, argparse.Namespace], str]
+
+HELP = """\
+Write a map in a format that other tools read; the suffix of the output says which.
+
+  .ply  point cloud with normals and colours, map frame, metres (binary)
+  .laz  the same, compressed; normals as NormalX, NormalY, NormalZ
+  .g2o  pose graph, VERTEX_SE3:QUAT and EDGE_SE3:QUAT
+  .tum  pose of every key sphere: stamp x y z qx qy qz qw
+  .kitti  the same without stamps: the first three rows of T_map_sphere
+  .geojson  key spheres and edges by longitude and latitude (WGS 84), given --datum
+
+examples:
+  sphere_nav map-export kitchen_map -o kitchen.ply --step 4
+  sphere_nav map-export kitchen_map -o kitchen.g2o
+  sphere_nav map-export campus -o campus.geojson --datum 43.6161,7.0678,90
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("map", type=Path, metavar="MAP", help="a map (a folder)")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="file to write")
+    parser.add_argument("--step", type=int, default=4, help="clouds: every how many rows and columns (%(default)s)")
+    parser.add_argument("--max-range", type=float, default=50.0, metavar="M", help="clouds: farther is left out")
+    parser.add_argument(
+        "--datum",
+        metavar="lat,lon,heading",
+        help=".geojson: where the map begins, and its x axis from north, deg",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the file."""
+    output: Path = arguments.output
+    if output.suffix not in WRITERS:
+        raise ValueError(f"{output}: expected a suffix of {', '.join(WRITERS)}, found {output.suffix or 'none'!r}")
+    partial = output.with_name(output.name + ".part")
+    with open_map(arguments.map) as reader:
+        count = WRITERS[output.suffix](reader, partial, arguments)
+    partial.replace(output)
+    print(f"{output}: {count}")
+    return 0
+
+
+def write_cloud(write: Callable[[Path, list[MapPoints]], int]) -> Writer:
+    """Return what writes the points of all key spheres in one format."""
+
+    def write_all(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
+        params = CloudParams(step=arguments.step, max_range_m=arguments.max_range)
+        nodes = tqdm(list(reader.graph), desc="export", unit="sphere", leave=False, disable=None)
+        return f"{write(path, [cloud_of(node, reader.load_sphere(node.id), params) for node in nodes])} points"
+
+    return write_all
+
+
+def write_geojson(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
+    """Write key spheres and edges on the earth."""
+    if not arguments.datum:
+        raise ValueError("map-export: .geojson: expected --datum lat,lon,heading of the map's origin, found none")
+    path.write_text(geojson(reader.graph, Datum.parse(arguments.datum)), encoding="utf-8")
+    return f"{len(reader.graph)} points, {len(reader.graph.edges)} lines"
+
+
+def write_graph(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
+    """Write the graph: information of (translation, rotation vector), as `optimize` and GTSAM read it."""
+    write_g2o(path, from_spheres(reader.graph))
+    return f"{len(reader.graph)} vertices, {len(reader.graph.edges)} edges"
+
+
+def write_trajectory(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
+    """Write the poses of the key spheres by stamp."""
+    nodes = sorted(reader.graph, key=lambda node: node.stamp_ns)
+    matrices = np.stack([node.T_map_sphere.matrix for node in nodes])
+    poses = Trajectory(np.array([node.stamp_ns for node in nodes], dtype=np.int64), SE3(matrices))
+    write_tum(path, poses, str(reader.info.map_id))
+    return f"{len(nodes)} poses"
+
+
+def write_kitti(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
+    """Write the poses of the key spheres by stamp, a line of 12 numbers each."""
+    nodes = sorted(reader.graph, key=lambda node: node.stamp_ns)
+    np.savetxt(path, [node.T_map_sphere.matrix[:3].ravel() for node in nodes], fmt="%.9g")
+    return f"{len(nodes)} poses"
+
+
+WRITERS: dict[str, Writer] = {
+    ".ply": write_cloud(write_ply),
+    ".laz": write_cloud(write_laz),
+    ".g2o": write_graph,
+    ".tum": write_trajectory,
+    ".kitti": write_kitti,
+    ".geojson": write_geojson,
+}

@@ -1,0 +1,46 @@
+"""`sphere_nav map-verify`: read every sphere of a map; salvage a damaged one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tqdm import tqdm
+
+from sphere_nav.ros.maps.check import salvage_map, verify_map
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav_tools.offline.mapping.remains import Remains, is_run
+
+HELP = """\
+Read every key sphere of a map and check it. Exit status 1 where something is wrong, each problem on a line.
+
+examples:
+  sphere_nav map-verify kitchen_map
+  sphere_nav map-verify torn_map --salvage mended_map
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("map", type=Path, metavar="MAP", help="a map (a folder)")
+    parser.add_argument("--salvage", type=Path, metavar="OUT", help="make a map of what is still readable")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check, or salvage."""
+    if arguments.salvage:
+        with tqdm(desc="salvage", unit="message", leave=False, disable=None) as bar:
+            if is_run(arguments.map):
+                kept = Remains(arguments.salvage, arguments.map).salvage()
+            else:
+                kept = salvage_map(arguments.map, arguments.salvage, bar.update)
+        print(f"{arguments.salvage}: {kept} key spheres saved")
+        return 0
+    with open_map(arguments.map) as reader:
+        number = len(reader.graph)
+    with tqdm(total=number, desc="verify", unit="sphere", leave=False, disable=None) as bar:
+        problems = verify_map(arguments.map, bar.update)
+    for problem in problems:
+        print(problem)
+    print(f"{arguments.map}: {number} key spheres, {len(problems)} problems")
+    return 1 if problems else 0

@@ -1,0 +1,61 @@
+"""`sphere_nav mcl`: a recorded camera in a point cloud, through the very callbacks of the node."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from mcl_depth.ros.node import MclDepthNode
+from mcl_depth.site import PRESETS
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav_tools.cli.constants import MAX_LEAP_S
+from sphere_nav_tools.offline import localizing
+
+HELP = """\
+Find the camera of a bag in bare geometry. It needs no start; in a map of one or two rooms give --initial-pose, because
+there a right place is hard to tell from a chance match. CLOUD is .ply, .pcd, .las, .laz, .npy, .e57, a floor plan .csv,
+a folder of tiles, or a map made by `sphere_nav map`. The poses of base_link in the states TRACKING and DEGRADED are
+written as a TUM file.
+
+examples:
+  sphere_nav mcl town.ply drive -o poses.tum
+  sphere_nav mcl room.ply drive -o poses.tum --initial-pose 1.0,2.5,0,0,0,0,1
+  sphere_nav mcl tile.laz drive --preset outdoor -o poses.tum
+  sphere_nav mcl utm_tile.laz drive --origin 500200,5412300,0 -o poses.tum
+  sphere_nav mcl campus drive2 -o poses.tum --bag result --set resampling.num_particles=2000
+"""
+TOPICS = ("/pose", "/fix", "/status", "/tf", "/particle_cloud", "/heading", "/trajectory")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("cloud", metavar="CLOUD", help="geometry to localise in")
+    parser.add_argument("source", metavar="BAG", help="bag with images, camera_info or sphere_info, and odometry")
+    parser.add_argument("--preset", choices=("auto", *PRESETS), default="auto", help="surroundings (by the cloud)")
+    parser.add_argument(
+        "--origin",
+        default="",
+        metavar="E,N,H",
+        help="of the survey in m at the origin of the map (chosen, where needed)",
+    )
+    localizing.add_arguments(parser, "mcl_depth")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Localise every image; 1 if none could be localised."""
+    if arguments.camera:
+        raise ValueError(f"--camera: expected one camera (--image TOPIC), found {', '.join(arguments.camera)}")
+
+    def add_node(bus: OfflineBus, remap: dict[str, str], given: dict[str, Any]) -> None:
+        given = given | {
+            "cloud": arguments.cloud,
+            "preset": arguments.preset,
+            "survey.origin": arguments.origin,
+            "input.max_leap_s": MAX_LEAP_S,
+            "every_image": True,
+        }
+        node = bus.add(MclDepthNode, given | arguments.settings, remap)
+        if arguments.initial_pose:
+            localizing.give_initial_pose(node, arguments.initial_pose)
+
+    return localizing.write_poses(arguments, localizing.replay_localizer(arguments, TOPICS, add_node))

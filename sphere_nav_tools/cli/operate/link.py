@@ -1,0 +1,267 @@
+"""What the page hears of the nodes, and what it asks of them: every command is confirmed by who carries it out."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.action import ActionClient
+from rclpy.action.graph import get_action_names_and_types
+from rclpy.context import Context
+from rclpy.task import Future
+from sensor_msgs.msg import CompressedImage, Image
+from sphere_nav_msgs.action import Navigate
+from sphere_nav_msgs.msg import FollowerStatus, KeySphereGraph, LocalizationStatus, ReferenceTrajectory
+from sphere_nav_msgs.srv import LoadMap, LoadTrajectory
+from std_msgs.msg import Bool, String
+from std_srvs.srv import Trigger
+
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.camera.images import read_gray
+from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
+from sphere_nav.ros.node import ThrottledLog
+from sphere_nav_tools.cli.constants import ANSWER_S, CONFIRMED_S, STOP_ANSWER_S, WITHDRAW_S
+from sphere_nav_tools.cli.operate.words import Heard, Place, places_of
+
+AT_REST = ("NO_PATH", "IDLE", "STOPPED", "FINISHED")
+EXPECTED = {  # states that confirm a command
+    "start": ("DRIVING", "SLOW"),
+    "resume": ("DRIVING", "SLOW"),
+    "pause": ("PAUSED",),
+    "stop": ("STOPPING", *AT_REST),
+}
+NAVIGATE = "sphere_nav_msgs/action/Navigate"
+LOOK_S = 0.02
+TRAIL_STEP_M, MAX_TRAIL = 0.1, 20_000
+
+
+class Link:
+    """A node in a thread of its own. Calls wait, and may come from any other thread."""
+
+    def __init__(self, namespace: str = "", image_topic: str = "image_raw", domain_id: int | None = None) -> None:
+        self.seen = Heard()
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain_id)
+        self.node = rclpy.create_node("operator_page", namespace=namespace, context=self._context)
+        self._image_topic, self._num_watching = image_topic, 0
+        self._pictures: list[Any] = []
+        self._emergency: Any = None
+        self._goal: Any = None
+        self._lock = threading.Lock()
+        calls = {f"path_follower/{name}": Trigger for name in EXPECTED}
+        calls |= {"path_follower/load_trajectory": LoadTrajectory, "dense_localizer/load_map": LoadMap}
+        calls |= {"route_navigator/pause": Trigger, "route_navigator/resume": Trigger}
+        self._clients = {name: self.node.create_client(kind, name) for name, kind in calls.items()}
+        self._navigators: dict[str, ActionClient] = {}
+        self._subscribe()
+        failures = CallbackFailures(ThrottledLog(self.node.get_logger()))
+        self._executor, self._stopped = GuardedExecutor(failures, context=self._context), Future()
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._executor.spin_until, args=(self._stopped,), daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave; an emergency stop that is pressed stays pressed for those who heard it."""
+        self._stopped.set_result(0)
+        self._thread.join(timeout=2.0)
+        self._executor.shutdown(timeout_sec=0.5)
+        self.node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    # --- what is heard
+    def _subscribe(self) -> None:
+        seen, subscribe = self.seen, self.node.create_subscription
+        subscribe(FollowerStatus, "path_follower/status", lambda m: seen.hear("follower", m), qos.STATE)
+        subscribe(LocalizationStatus, "status", lambda m: seen.hear("localizer", m), qos.STATE)
+        subscribe(ReferenceTrajectory, "path_follower/trajectory", self._on_path, qos.LATCHED)
+        subscribe(PoseWithCovarianceStamped, "pose", self._on_pose, qos.STATE)
+        subscribe(Odometry, "odom", self._on_odometry, qos.SENSOR)
+        subscribe(KeySphereGraph, "graph", self._on_graph, qos.LATCHED)
+        subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.STATE)
+        subscribe(String, "route_navigator/network", self._on_network, qos.LATCHED)
+
+    def watch_pictures(self, is_watching: bool) -> None:
+        """Count the pages that show pictures: while there is none, no image is sent here and no residual is made."""
+        with self._lock:
+            self._num_watching += 1 if is_watching else -1
+            if self._num_watching and not self._pictures:
+                kind = CompressedImage if self._image_topic.endswith("/compressed") else Image
+                hear = self.seen.hear
+                self._pictures = [
+                    self.node.create_subscription(kind, self._image_topic, lambda m: hear("image", m), qos.SENSOR),
+                    self.node.create_subscription(Image, "residual", lambda m: hear("residual", m), qos.LARGE),
+                ]
+            elif not self._num_watching:
+                for picture in self._pictures:
+                    self.node.destroy_subscription(picture)
+                self._pictures = []
+
+    def picture(self, name: str) -> Any:
+        """Return the newest `image` or `residual` as grey levels (H, W); None while there is none, or it is broken."""
+        message, age = self.seen.told(name)
+        try:
+            return read_gray(message) if message is not None and age < CONFIRMED_S else None
+        except ValueError:
+            return None
+
+    def _on_path(self, message: ReferenceTrajectory) -> None:
+        points = np.array([(p.position_x, p.position_y) for p in message.points]).reshape(-1, 2)
+        self.seen.hear("path", np.vstack([points, points[:1]]) if message.is_closed else points)
+
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        T, covariance = conversions.pose_to_se3(message.pose.pose), np.reshape(message.pose.covariance, (6, 6))
+        self.seen.hear("pose", (float(T.translation[0]), float(T.translation[1]), float(T.yaw), covariance[:2, :2]))
+        self._grow("trail", T.translation[:2])
+
+    def _on_odometry(self, message: Odometry) -> None:
+        place = message.pose.pose.position
+        self._grow("odometry", np.array([place.x, place.y]))
+
+    def _grow(self, name: str, point: Any) -> None:
+        trail, _ = self.seen.told(name)
+        trail = [] if trail is None else trail
+        if not trail or np.hypot(*(point - trail[-1])) >= TRAIL_STEP_M:
+            trail = [*trail[-MAX_TRAIL:], point]
+        self.seen.hear(name, trail)
+
+    def _on_graph(self, message: KeySphereGraph) -> None:
+        places = [vertex.pose.position for vertex in message.vertices]
+        self.seen.hear("spheres", np.array([(p.x, p.y) for p in places]).reshape(-1, 2))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        known, _ = self.seen.told("diagnostics")
+        found = {status.name: (status.level[0], status.message, time.monotonic()) for status in message.status}
+        self.seen.hear("diagnostics", (known or {}) | found)
+
+    def _on_network(self, message: String) -> None:
+        self.seen.hear("places", places_of(message.data))
+
+    # --- what is asked; every answer is one line that a person understands
+    def command(self, name: str) -> str:
+        """Ask the follower to start, stop, pause or resume, and wait until its status shows that it did."""
+        mission = self._goal is not None
+        if mission and name == "stop":
+            self._goal.cancel_goal_async()
+        node = "route_navigator" if mission and name in ("pause", "resume") else "path_follower"
+        patience = STOP_ANSWER_S if name == "stop" else ANSWER_S
+        refusal = self.call(f"{node}/{name}", Trigger.Request(), patience)
+        if refusal:
+            return f"{name}: {refusal}"
+        return f"{name}: {self._confirmed(lambda status: status.state in EXPECTED[name])}"
+
+    def load_path(self, path: str) -> str:
+        """Ask the follower to take a file."""
+        refusal = self.call("path_follower/load_trajectory", LoadTrajectory.Request(path=path))
+        return f"{path}: {refusal or 'loaded'}"
+
+    def load_map(self, path: str) -> str:
+        """Ask the localiser to take a map."""
+        refusal = self.call("dense_localizer/load_map", LoadMap.Request(path=path), patience=60.0)
+        return f"{path}: {refusal or 'loaded'}"
+
+    def call(self, name: str, request: Any, patience: float = ANSWER_S) -> str:
+        """Call a service and return why it was not done; empty where it was."""
+        client = self._clients[name]
+        if not client.service_is_ready():
+            return f"nobody offers {name}: is the node running, in this domain and namespace?"
+        response = self._wait(client.call_async(request), patience)
+        if response is None:
+            return f"{name} did not answer within {patience:g} s: NOT KNOWN whether it was done"
+        return "" if response.success else response.message or "refused"
+
+    def press_emergency(self) -> str:
+        """Publish the emergency stop until it is released, and call stop: whichever is heard first brakes.
+
+        Nothing is published while it is not pressed: then the vehicle does not depend on this page.
+        """
+        begin, (status, _) = time.monotonic(), self.seen.told("follower")
+        is_standing = status is not None and status.state in AT_REST
+        with self._lock:
+            if self._emergency is None:
+                self._emergency = self.node.create_publisher(Bool, "emergency_stop", qos.LATCHED)
+            self._emergency.publish(Bool(data=True))
+        stop = self._clients["path_follower/stop"]
+        if stop.service_is_ready():
+            stop.call_async(Trigger.Request())
+        if self._goal is not None:
+            self._goal.cancel_goal_async()
+        confirmed = self._confirmed(
+            lambda status: status.reason == "EMERGENCY_STOP" or (is_standing and status.state in AT_REST)
+        )
+        return f"emergency stop: {confirmed} after {time.monotonic() - begin:.2f} s"
+
+    def release_emergency(self) -> str:
+        """Say that it is released, unless somebody else publishes it too, who may still press it; nothing moves."""
+        with self._lock:
+            publisher, self._emergency = self._emergency, None
+        if publisher is None:
+            return "emergency stop: is not pressed here"
+        others = [
+            f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            for info in self.node.get_publishers_info_by_topic(publisher.topic_name)
+            if (info.node_name, info.node_namespace) != (self.node.get_name(), self.node.get_namespace())
+        ]
+        if not others:
+            publisher.publish(Bool(data=False))
+        time.sleep(WITHDRAW_S)
+        self.node.destroy_publisher(publisher)
+        if others:
+            return f"emergency stop: withdrawn here; {', '.join(others)} decides: press and release it there"
+        return "emergency stop: released; start drives again"
+
+    @property
+    def is_pressed(self) -> bool:
+        """Whether this page holds the emergency stop."""
+        return self._emergency is not None
+
+    @property
+    def navigator(self) -> str:
+        """Name of the action that drives to places; empty while nobody offers it."""
+        found = get_action_names_and_types(self.node)
+        return next((name for name, kinds in found if NAVIGATE in kinds), "")
+
+    def go(self, place: Place) -> str:
+        """Send the vehicle to a place; the answer is that of the navigator."""
+        name = self.navigator
+        if not name:
+            return "nobody offers the action navigate: start route_navigator, or load a path"
+        if name not in self._navigators:
+            self._navigators[name] = ActionClient(self.node, Navigate, name)
+        client = self._navigators[name]
+        if not client.wait_for_server(timeout_sec=ANSWER_S):
+            return f"{name} does not answer"
+        goal = Navigate.Goal(place=place.name)
+        handle = self._wait(client.send_goal_async(goal, lambda m: self.seen.hear("mission", m.feedback)), ANSWER_S)
+        if handle is None or not handle.accepted:
+            return f"{place.name}: {name} refused" if handle is not None else f"{name} did not answer: NOT KNOWN"
+        self._goal = handle
+        handle.get_result_async().add_done_callback(lambda future: self._on_arrival(place, future))
+        return f"{place.name}: on the way"
+
+    def _on_arrival(self, place: Place, future: Any) -> None:
+        self._goal, result = None, future.result().result
+        self.seen.hear("mission", None)
+        self.seen.say(f"{place.name}: {'arrived' if result.success else result.reason}, {result.distance:.0f} m")
+
+    def _wait(self, future: Any, seconds: float) -> Any:
+        """Return the result of a future that the other thread completes; None when the time is over."""
+        done = threading.Event()
+        future.add_done_callback(lambda _: done.set())
+        return future.result() if done.wait(seconds) else None
+
+    def _confirmed(self, holds: Callable[[Any], bool]) -> str:
+        """Wait until the follower says so, after now; return its state and reason, or that it is not confirmed."""
+        begin = time.monotonic()
+        while time.monotonic() - begin < CONFIRMED_S:
+            status, age = self.seen.told("follower")
+            if status is not None and time.monotonic() - age > begin and holds(status):
+                return f"{status.state} {status.reason}".strip()
+            time.sleep(LOOK_S)
+        return "NOT CONFIRMED by the follower: use the button on the vehicle"

@@ -1,0 +1,127 @@
+"""Record a drive and make a map of it, by the programs that a user types, as processes that end with this one."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from sphere_nav.ros.bags.writer import PARTIAL
+from sphere_nav_tools.cli.demo.processes import node_command, python_command
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
+MAPPING = "from sphere_nav_tools.cli.main import main; sys.exit(main(sys.argv[1:]))"
+PATHS = (".tum", ".csv", ".yaml", ".geojson")
+LOG_HEAD = re.compile(r"(\[[^\]]*\] ){2}\[[^\]]*\]: ")  # level, stamp and node of a line in the log
+MAX_LINE = 200
+
+
+class Teaching:
+    """One job at a time in one folder: NAME (the bag), NAME_map, NAME.tum."""
+
+    def __init__(self, folder: Path, record: Sequence[str], mapping: Sequence[str]) -> None:
+        """`record`: words for bag_recorder after its output; `mapping`: more words for `sphere_nav map`."""
+        self.folder, self._record, self._mapping = folder, tuple(record), tuple(mapping)
+        self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
+        self._process: subprocess.Popen[bytes] | None = None
+        self._job, self.name, self._begun = "", "", 0.0
+
+    def check(self, name: str) -> str:
+        """Return why a drive cannot have this name; empty where it can."""
+        if not NAME.fullmatch(name):
+            return f"name: expected letters, digits, _ and -, found {name[:64]!r}"
+        taken = [path.name for path in self._made(name) if path.exists()]
+        return f"name: expected a new one, found {taken[0]} in {self.folder}" if taken else ""
+
+    def record(self, name: str) -> str:
+        """Begin to record."""
+        refusal = self.busy or self.check(name)
+        if refusal:
+            return refusal
+        words = ["--ros-args", "-p", f"output:={self.folder / name}", *self._record]
+        return self._start("recording", name, node_command("bag_recorder", *words))
+
+    def finish(self) -> str:
+        """End the recording in order."""
+        if self._job != "recording" or self._process is None or self._process.poll() is not None:
+            return "nothing is being recorded"
+        self._process.send_signal(signal.SIGINT)
+        return f"{self.name}: the recording is being completed"
+
+    def map(self, name: str) -> str:
+        """Make a map of a recorded drive."""
+        bag, made, taught = self._made(name) if NAME.fullmatch(name) else (Path(), Path(), Path())
+        if self.busy or not (bag.is_dir() and NAME.fullmatch(name)):
+            return self.busy or f"{name[:64]}: expected a recorded drive in {self.folder}, found none"
+        words = ["map", str(bag), "-o", str(made), "--taught", str(taught), *self._mapping]
+        return self._start("mapping", name, python_command(MAPPING, *words))
+
+    @property
+    def busy(self) -> str:
+        """What is going on; empty where nothing is."""
+        is_running = self._process is not None and self._process.poll() is None
+        return f"{self._job} {self.name} is not over" if is_running else ""
+
+    @property
+    def drives(self) -> list[str]:
+        """Names of what was recorded here, and is complete."""
+        bags = (path.parent.name for path in self.folder.glob("*/*.mcap") if path.name != "map.mcap")
+        return sorted(name for name in set(bags) if not name.endswith(PARTIAL))
+
+    @property
+    def paths(self) -> list[str]:
+        """Names of the files here that a path can be in."""
+        return sorted(path.name for path in self.folder.iterdir() if path.suffix in PATHS and path.is_file())
+
+    def describe(self) -> str:
+        """Return in one line what is going on, or how it ended."""
+        if self._process is None:
+            return ""
+        status, said = self._process.poll(), self._last_words()
+        if status is None:
+            size = sum(path.stat().st_size for path in (self.folder / (self.name + PARTIAL)).glob("*")) / 1e6
+            grown = f", {size:.1f} MB" if self._job == "recording" else ""
+            return f"{self._job} {self.name}: {time.monotonic() - self._begun:.0f} s{grown} {said}".strip()
+        return f"{self._job} {self.name}: {'done' if status == 0 else f'FAILED ({status})'} {said}".strip()
+
+    def close(self) -> None:
+        """End what still goes on, in order."""
+        if self._process is not None and self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            try:
+                self._process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+        self._starter.shutdown()
+
+    def _made(self, name: str) -> tuple[Path, Path, Path]:
+        return self.folder / name, self.folder / f"{name}_map", self.folder / f"{name}.tum"
+
+    def _start(self, job: str, name: str, command: list[str]) -> str:
+        self._job, self.name, self._begun = job, name, time.monotonic()
+        with (self.folder / f"{name}.{job}.log").open("wb") as log:
+            started = self._starter.submit(
+                subprocess.Popen,
+                command,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+            self._process = started.result()
+        return f"{job} {name}"
+
+    def _last_words(self) -> str:
+        try:
+            with (self.folder / f"{self.name}.{self._job}.log").open("rb") as log:
+                log.seek(0, 2)
+                log.seek(max(0, log.tell() - 4096))
+                lines = log.read().decode("utf-8", "replace").replace("\r", "\n").split("\n")
+        except OSError:
+            return ""
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        return LOG_HEAD.sub("", last)[:MAX_LINE]

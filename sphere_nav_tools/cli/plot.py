@@ -1,0 +1,69 @@
+"""`sphere_nav plot`: what a localiser said in a recording, as one picture."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav_tools.offline.pose_bags import read_poses
+
+HELP = """\
+Draw what a localiser said: top view, errors against a truth, states with their reasons, and the time for an image.
+
+BAG is what `sphere_nav localize --bag` or `sphere_nav mcl --bag` wrote, or a recording of the topics pose and status
+of a vehicle. The truth is a TUM file, another bag, or ground_truth/... in BAG itself. The ending of FILE chooses the
+format: png, pdf or svg. With --map the picture shows by which experience of a map of many days each image was placed.
+
+A map has a frame of its own. Where the truth has another one, errors are those of the frames, many metres. --align
+poses finds the place of the map by all poses, as sphere_nav evaluate does, and draws the truth there.
+
+examples:
+  sphere_nav plot result -o result.png
+  sphere_nav plot result -o result.pdf --truth truth.tum
+  sphere_nav plot result -o result.png --truth drive_bag --align poses
+  sphere_nav plot result -o result.png --map day_and_night
+  sphere_nav plot vehicle.mcap -o vehicle.png --pose /car/pose --status /car/status
+"""
+ALIGNED = ("none", "poses")  # those of sphere_nav evaluate that keep the picture as the map has it
+ENDINGS = (".png", ".pdf", ".svg")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("bag", type=Path, metavar="BAG", help="recording with pose and status")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="picture to write")
+    parser.add_argument("--pose", metavar="TOPIC", help="poses (found by name)")
+    parser.add_argument("--status", metavar="TOPIC", help="status of the localiser (found by type)")
+    parser.add_argument("--truth", type=Path, metavar="F", help="true poses: TUM file, or a bag (those in BAG)")
+    parser.add_argument("--align", choices=ALIGNED, default="none", help="move the truth to the map (default: none)")
+    parser.add_argument("--map", type=Path, metavar="MAP", help="the map it was localised in: show its experiences")
+    parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read, measure, draw; 1 if there is neither a pose nor a status."""
+    output = arguments.output
+    if output.suffix not in ENDINGS:
+        raise ValueError(f"{output}: expected a file {', '.join(ENDINGS)}, found ending {output.suffix!r}")
+    if output.exists() and not arguments.overwrite:
+        raise ValueError(f"{output}: expected no such file, found one: --overwrite replaces it")
+    from sphere_nav_tools.offline import plot_figure  # matplotlib takes half a second to import
+
+    with BagReader(arguments.bag) as bag:
+        pose = arguments.pose or plot_figure.find_pose_topic(bag)
+        statuses = plot_figure.read_statuses(bag, arguments.status or plot_figure.find_status(bag))
+    poses = read_poses(arguments.bag, (pose,)) if pose else None
+    if poses is None and not statuses:
+        raise BagError(f"{arguments.bag}: expected a topic with poses or a status, found neither: --pose, --status")
+    served = plot_figure.find_experiences(arguments.map, statuses) if arguments.map else {}
+    errors = plot_figure.measure(
+        poses,
+        arguments.truth or arguments.bag,
+        is_required=arguments.truth is not None,
+        alignment=arguments.align,
+    )
+    plot_figure.draw_localization(output, poses, errors, statuses, served)
+    told = [*plot_figure.describe_states(statuses), *plot_figure.describe_experiences(served)]
+    print("\n".join([*told, f"{output}: {0 if poses is None else len(poses)} poses"]))
+    return 0

@@ -1,0 +1,91 @@
+"""`sphere_nav refine-camera`: lens and readout time of a camera from a drive in a map, or where its depth sits."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+from rig_calibration.drive.proof import LensProof
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav_tools.offline import topics
+from sphere_nav_tools.offline.refine_camera import (
+    RecordedDrive,
+    mounting_by_odometry,
+    mounting_lines,
+    run_depth,
+    text_of,
+)
+from sphere_nav_tools.offline.settings import add_settings
+
+HELP = """\
+Correct the calibration of a camera by a recorded drive, without boards.
+
+With MAP: focal lengths, centre, distortion and readout time (rolling shutter). The focal length in camera_info must be
+within 5 % of the true one. The result is a calibration file of ROS (camera_info_manager) with `readout` and
+`standard_deviations`. Turn and move while recording, past surfaces near and far that fill the image. With odometry in
+the bag the file also says where the camera sits on the vehicle (`mounting`; --mounting and the nodes read it).
+
+The lens found from one half of the drive must explain the images of the other half better than camera_info does, and
+both halves must agree. Otherwise nothing is written, the status is 1, and the quantities that the drive does not
+separate are named. A wrong lens cannot be found in a map that was made with the same wrong lens.
+
+Without MAP: where the depth camera of an RGB-D camera sits beside the colour camera, from a bag with images and depth.
+The result is a file for the parameter depth_pose of sphere_mapper. Move in all directions, by half of the distance to
+what the camera sees, before surfaces of several slopes; give --readout for a rolling shutter. What the drive does not
+determine is named (status 1). The scale of depth is never found.
+
+examples:
+  sphere_nav refine-camera campus drive2 -o camera.yaml
+  sphere_nav refine-camera campus drive2 -o camera.yaml --image /front/image_raw --images 60
+  sphere_nav refine-camera kitchen -o depth.yaml --readout 0.0227
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("map", metavar="MAP", nargs="?", help="map made by `sphere_nav map`, best by another camera")
+    parser.add_argument("source", metavar="BAG", help="bag with images, camera_info, and depth without MAP")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="YAML", help="calibration to write")
+    parser.add_argument("--images", type=int, default=40, metavar="N", help="images that are compared (%(default)s)")
+    parser.add_argument("--readout", type=float, default=0.0, metavar="S", help="where to start, s (%(default)s)")
+    parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
+    topics.add_options(parser)
+    add_settings(parser, "dense_localizer, without MAP of sphere_mapper")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Localise and refine in turn; 1, with nothing written, if the drive does not prove a better lens."""
+    if arguments.output.exists() and not arguments.overwrite:
+        raise ValueError(f"{arguments.output}: expected no such file, found one: --overwrite replaces it")
+    if arguments.map is None:
+        return run_depth(arguments)
+    drive = RecordedDrive(arguments)
+    with open_map(arguments.map) as sphere_map:
+        proof = drive.refine(sphere_map)
+    if proof.reasons:
+        lines = [*report_camera(proof), "refused, nothing is written: the camera stays as it is given", *proof.reasons]
+        print("\n".join([*lines, *proof.weak()]))
+        return 1
+    mounting, reason = mounting_by_odometry(arguments, drive.frame_id, drive.odometry, drive.located.trajectory())
+    arguments.output.write_text(text_of(proof, drive.frame_id, mounting), encoding="utf-8")
+    print("\n".join([*report_camera(proof), f"-> {arguments.output}", *(proof.weak() if proof.unobserved else ())]))
+    print("\n".join(mounting_lines(mounting)) if mounting else f"no mounting: {reason}")
+    return 0
+
+
+def report_camera(proof: LensProof) -> Iterator[str]:
+    """Yield what is printed."""
+    found = proof.found
+    yield f"{len(found.states)} images, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels"
+    for name, value in zip(found.lens.names, found.lens.values, strict=True):
+        note = "  NOT OBSERVED by this drive" if name in proof.unobserved else ""
+        yield f"{name:<8}{value:12.5f} +- {found.deviations[name]:.5f}{note}"
+    yield (
+        f"held-out halves of the drive: t {proof.evidence:.1f} for it, more than {proof.limit:.1f} is proof; "
+        f"{proof.moved_px:.2f} px off the given lens, {proof.apart_px:.2f} px apart"
+    )
+    if "readout" in proof.unobserved:
+        yield "the readout shows in motion: record a drive with turns, best with nods and shakes"
+    elif proof.unobserved:
+        yield "record surfaces near and far, all over the image"

@@ -1,0 +1,83 @@
+"""`sphere_nav register`: the motion between two spheres, RGB-D images or stereo pairs, as JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3
+from sphere_nav_tools.offline import topics
+from sphere_nav_tools.offline.mapping.sphere_source import LensOptions, read_sphere
+from sphere_nav_tools.offline.registering import describe_refusal, register_spheres
+
+HELP = """\
+Align B with A and print the pose of B in A as JSON: T_a_b, covariance of (v, omega) in T_a_b @ exp(xi), residual.
+
+A and B are PATH:NUMBER, an instant of a bag (spheres, RGB-D or stereo; counted from 0) or a key sphere of a map; or
+two files IMAGE,DEPTH (16 bit, or .npy in m) or LEFT,RIGHT (rectified, with --baseline). Axes of the result: x forward,
+y left, z up. The motion may be large: features with range give the first guess, and aligning A with B must agree with
+aligning B with A. Exit status 1 where the alignment is refused; the JSON and one line say why and what would help.
+
+examples:
+  sphere_nav register kitchen:0 kitchen:10
+  sphere_nav register recording:0 recording:10 --driver realsense
+  sphere_nav register color0.png,depth0.png color9.png,depth9.png --camera 525,525,319.5,239.5 --depth-units 5000
+  sphere_nav register l0.png,r0.png l1.png,r1.png --camera 707.09,707.09,601.89,183.11 --baseline 0.537
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("a", metavar="A", help="reference, with range")
+    parser.add_argument("b", metavar="B", help="what is aligned with it")
+    parser.add_argument("--camera", type=numbers_argument(4), metavar="FX,FY,CX,CY", help="px, of image files")
+    parser.add_argument("--baseline", type=float, metavar="M", help="m; the files are rectified stereo pairs")
+    parser.add_argument(
+        "--depth-units", type=float, default=1000.0, metavar="N", help="depth units per m (%(default)s)"
+    )
+    parser.add_argument(
+        "--guess", type=numbers_argument(7), metavar="X,Y,Z,QX,QY,QZ,QW", help="first guess of T_a_b (identity)"
+    )
+    parser.add_argument("--json", type=Path, metavar="F", help="write to this file too")
+    topics.add_options(parser, has_cameras=False)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read both, align, print."""
+    params = MapperParams()
+    lens = LensOptions(arguments.camera, arguments.baseline, arguments.depth_units)
+    a, b = (
+        read_sphere(word, lens, params, lambda bag: topics.choose_topics(bag, arguments))
+        for word in (arguments.a, arguments.b)
+    )
+    guess = arguments.guess
+    T_a_b = SE3.from_quaternion(guess[3:], guess[:3]) if guess else SE3.identity()
+    found = register_spheres(a, b, T_a_b, params)
+    text = json.dumps(found, indent=2)
+    print(text)
+    if arguments.json:
+        arguments.json.write_text(text + "\n", encoding="utf-8")
+    if not found["is_converged"]:
+        print(f"sphere_nav register: {arguments.b}: {describe_refusal(found['reason'])}", file=sys.stderr)
+    return 0 if found["is_converged"] else 1
+
+
+def numbers_argument(count: int) -> Any:
+    """Return the reader of a comma-separated argument."""
+
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(word) for word in text.split(","))
+        except ValueError:
+            values = ()
+        if len(values) != count or not np.all(np.isfinite(values)):
+            raise argparse.ArgumentTypeError(f"expected {count} numbers, found {text!r}")
+        return values
+
+    return read

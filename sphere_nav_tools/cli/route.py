@@ -1,0 +1,196 @@
+"""`sphere_nav route`: taught paths of one map as a network with named places."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from path_follower.params import VehicleParams
+from path_follower.routes.course import make_course
+from path_follower.routes.mission_file import write_course
+from path_follower.routes.network import Network
+from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
+from path_follower.routes.planning import Route, plan
+from sphere_nav.geometry.files.untrusted import number
+
+HELP = """\
+Make a network of taught paths: what drives share is one edge, where they part or meet is a branch. The network is
+kept in the folder of its map (routes.geojson), as Nav2's Route Server reads it, with the dense curves of its edges.
+
+  build   make the network of drives (.tum or .csv, as path_follower takes them)
+  name    give a name to a place on it
+  show    tell what is in it, draw it
+  plan    tell the way between two places
+  export  write it without dense curves (.geojson), or a way between two places as a path (.csv)
+
+NETWORK is a map that has one, or a .geojson file.
+
+examples:
+  sphere_nav route build maps/campus drives/*.tum --dry-run --plot campus.png
+  sphere_nav route build maps/campus drives/*.tum
+  sphere_nav route name gate maps/campus --at 41.5,60
+  sphere_nav route plan maps/campus home gate --closed 12
+  sphere_nav route export maps/campus -o way.csv --from home --to gate
+"""
+ENDINGS = (".png", ".pdf", ".svg")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of each word."""
+    words = parser.add_subparsers(dest="word", required=True, metavar="build|name|show|plan|export")
+    build = words.add_parser("build", help="make the network of drives")
+    build.add_argument("map", type=Path, metavar="MAP", help="map of the drives; or the .geojson file to write")
+    build.add_argument("drives", type=Path, nargs="+", metavar="DRIVE", help="taught paths, the first begins at `home`")
+    build.add_argument("--reversible", action="store_true", help="all edges may be driven backwards, too")
+    build.add_argument(
+        "--width", type=float, default=VehicleParams().width, metavar="M", help="of the vehicle (%(default)s)"
+    )
+    build.add_argument("--dry-run", action="store_true", help="show what would be made, write nothing but the plot")
+    build.add_argument("--overwrite", action="store_true", help="replace the network that is there")
+    name = words.add_parser("name", help="give a name to a place")
+    name.add_argument("name", metavar="NAME", help="of the place")
+    _add_network(name)
+    name.add_argument(
+        "--at",
+        required=True,
+        metavar="X,Y[,YAW]",
+        help="m, m and deg in the map; of several lanes the one that heads so",
+    )
+    _add_network(words.add_parser("show", help="tell what is in a network"))
+    way = words.add_parser("plan", help="tell the way between two places")
+    _add_network(way)
+    way.add_argument("start", metavar="FROM", help="place")
+    way.add_argument("goal", metavar="TO", help="place")
+    export = words.add_parser("export", help="write the network, or a way on it")
+    _add_network(export)
+    export.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help=".geojson or .csv")
+    export.add_argument("--from", dest="start", metavar="PLACE", help=".csv: begin of the way")
+    export.add_argument("--to", dest="goal", metavar="PLACE", help=".csv: end of the way")
+    for word in (way, export):
+        word.add_argument("--closed", default="", metavar="N,N", help="edges that are not driven")
+        word.add_argument("--cruise", type=float, default=1.4, metavar="M/S", help="largest speed (%(default)s)")
+    for word in (build, words.choices["show"], way):
+        word.add_argument("--plot", type=Path, metavar="FILE", help=f"picture to write ({', '.join(ENDINGS)})")
+
+
+def _add_network(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("network", type=Path, metavar="NETWORK", help="a map that has one, or a .geojson file")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Carry out one word."""
+    words: dict[str, Callable[[argparse.Namespace], int]] = {
+        "build": make_network,
+        "name": name_place,
+        "show": show,
+        "plan": plan_way,
+        "export": export,
+    }
+    if getattr(arguments, "plot", None) is not None and arguments.plot.suffix not in ENDINGS:
+        raise ValueError(f"--plot: expected a file {', '.join(ENDINGS)}, found {arguments.plot}")
+    return words[arguments.word](arguments)
+
+
+def make_network(arguments: argparse.Namespace) -> int:
+    """Make, show, and keep a network."""
+    from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
+
+    output = network_path(arguments.map)
+    if output.suffix != ".geojson":
+        raise ValueError(f"{arguments.map}: expected a map, or a .geojson file to write, found neither")
+    if output.exists() and not (arguments.overwrite or arguments.dry_run):
+        raise ValueError(f"{output}: expected no network, found one: --overwrite replaces it, its places with it")
+    reverse = arguments.drives if arguments.reversible else ()
+    network = routes.read_network_of(arguments.drives, routes.map_id_of(arguments.map), arguments.width, reverse)
+    print("\n".join(routes.describe(network)))
+    _plot(arguments, network)
+    if arguments.dry_run:
+        print(f"{output}: not written (--dry-run)")
+    else:
+        write_network(output, network)
+        print(f"{output}: written")
+    return 0
+
+
+def name_place(arguments: argparse.Namespace) -> int:
+    """Name a place."""
+    from sphere_nav_tools.offline import routes
+
+    words = arguments.at.split(",")
+    if len(words) not in (2, 3):
+        raise ValueError(f"--at: expected X,Y or X,Y,YAW, found {arguments.at!r}")
+    values = [number(word.strip(), "--at") for word in words]
+    path = network_path(arguments.network)
+    network = read_network(path)
+    yaw = float(np.radians(values[2])) if len(values) == 3 else None
+    spot = routes.find_spot(network, values[0], values[1], yaw)
+    named = network.with_place(arguments.name, spot)
+    write_network(path, named)
+    node = named.nodes[named.places[arguments.name]]
+    heading = np.degrees(node.pose.yaw)
+    print(
+        f"{path}: {arguments.name} is node {node.id} at {node.pose.x:.2f}, {node.pose.y:.2f}, heading {heading:.0f} deg"
+    )
+    return 0
+
+
+def show(arguments: argparse.Namespace) -> int:
+    """Tell what is in a network."""
+    from sphere_nav_tools.offline import routes
+
+    network = read_network(network_path(arguments.network))
+    print("\n".join(routes.describe(network)))
+    _plot(arguments, network)
+    return 0
+
+
+def plan_way(arguments: argparse.Namespace) -> int:
+    """Tell a way; 1 where there is none."""
+    from sphere_nav_tools.offline import routes
+
+    network = read_network(network_path(arguments.network))
+    try:
+        route = _way(network, arguments)
+    except ValueError as error:
+        if not str(error).startswith("no way"):
+            raise
+        print(error)
+        return 1
+    print("\n".join(routes.describe_route(network, route)))
+    _plot(arguments, network, route)
+    return 0
+
+
+def export(arguments: argparse.Namespace) -> int:
+    """Write a network, or a way on it."""
+    network, output = read_network(network_path(arguments.network)), arguments.output
+    if output.suffix == ".geojson":
+        output.write_text(to_geojson(network, is_dense=False), encoding="utf-8")
+        print(f"{output}: {len(network.nodes)} nodes, {len(network.edges)} edges")
+        return 0
+    if output.suffix != ".csv" or not (arguments.start and arguments.goal):
+        raise ValueError(f"{output}: expected .geojson, or .csv with --from and --to, found neither")
+    vehicle = VehicleParams()
+    course = make_course(network, _way(network, arguments).legs, None, vehicle)
+    write_course(output, course, network.map_id, vehicle.max_speed)
+    print(f"{output}: {len(course.x)} points, {course.length:.1f} m")
+    return 0
+
+
+def _way(network: Network, arguments: argparse.Namespace) -> Route:
+    closed = {int(number(word, "--closed")) for word in arguments.closed.split(",") if word.strip()}
+    if unknown := closed - set(network.edges):
+        raise ValueError(f"--closed: expected edges of the network, found {sorted(unknown)[0]}")
+    starts, goals = (network.spots_of(network.node_of(place)) for place in (arguments.start, arguments.goal))
+    return plan(network, starts, goals, cruise=arguments.cruise, closed=closed)
+
+
+def _plot(arguments: argparse.Namespace, network: Network, route: Route | None = None) -> None:
+    if arguments.plot is not None:
+        from sphere_nav_tools.offline import routes
+
+        routes.draw_network(arguments.plot, network, route)
+        print(f"{arguments.plot}: drawn")

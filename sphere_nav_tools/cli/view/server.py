@@ -1,0 +1,294 @@
+"""The page: graph and key spheres in a browser, before what a camera would see; mouse and WASD move it.
+
+The browser draws the graph and says where its camera is; for each browser a thread here draws the view from there and
+sends it as the background. viser is imported when the page is made: a vehicle needs none.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import SE3, Camera, Pinhole
+from sphere_nav.spheres.graph import Experience, SphereGraph
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav.view_synthesis.scene import Scene
+from sphere_nav.view_synthesis.synthesis import SynthesizedView
+from sphere_nav_tools.cli.view.drive import Shot
+
+SIDE, BORDER = 300, 20  # px
+MIN_EXTENT_M = 10.0
+COLORS = {
+    "paper": (250, 250, 247),
+    "way": (150, 150, 150),
+    "loops": (220, 120, 30),
+    "key": (40, 90, 160),
+    "camera": (200, 30, 30),
+}
+Picture = NDArray[np.uint8]
+
+
+class Minimap:
+    """Draws a graph once, and a pose into a copy as often as it is asked; x of the map to the right, y up."""
+
+    def __init__(self, graph: SphereGraph) -> None:
+        points = np.array([node.T_map_sphere.translation[:2] for node in graph])
+        self._middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        extent = max(float(np.ptp(points, axis=0).max()), MIN_EXTENT_M)
+        self._scale = (SIDE - 2 * BORDER) / extent
+        self._base: Picture = np.full((SIDE, SIDE, 3), COLORS["paper"], np.uint8)
+        for edge in graph.edges:
+            ends = [tuple(self.pixel(graph[end].T_map_sphere)) for end in (edge.a, edge.b)]
+            cv2.line(self._base, *ends, COLORS["loops" if edge.is_loop else "way"], 1, cv2.LINE_AA)
+        for node in graph:
+            cv2.circle(self._base, tuple(self.pixel(node.T_map_sphere)), 2, COLORS["key"], -1, cv2.LINE_AA)
+
+    def pixel(self, T_map_any: SE3) -> list[int]:
+        """Return the column and row of a pose."""
+        x, y = (T_map_any.translation[:2] - self._middle) * self._scale
+        return [round(float(0.5 * SIDE + x)), round(float(0.5 * SIDE - y))]
+
+    def draw(self, T_map_camera: SE3) -> Picture:
+        """Return the picture (SIDE, SIDE, 3) with an arrow where a camera (z forward) looks."""
+        picture = self._base.copy()
+        u, v = self.pixel(T_map_camera)
+        ahead = T_map_camera.rotation[:2, 2]
+        length = float(np.linalg.norm(ahead))
+        du, dv = 14.0 * ahead / length * (1.0, -1.0) if length > 1e-6 else (0.0, 0.0)
+        tip = (round(u + float(du)), round(v + float(dv)))
+        cv2.arrowedLine(picture, (u, v), tip, COLORS["camera"], 2, cv2.LINE_AA, tipLength=0.5)
+        cv2.circle(picture, (u, v), 4, COLORS["camera"], -1, cv2.LINE_AA)
+        return picture
+
+
+INSTALL = "pip install 'viser>=1.1,<2'"
+MAX_SIDE = 800  # px, of a view; the browser enlarges it
+FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
+IDLE_S = 0.5
+ANY_LOOK = "the nearest key spheres"
+
+
+def import_viser(command: str = "view") -> Any:
+    """Return the module; ValueError with what to type where it is missing."""
+    try:
+        import viser
+    except ImportError:
+        raise ValueError(f"{command}: expected the package viser, found none: {INSTALL}") from None
+    return viser
+
+
+def make_server(command: str, host: str, port: int) -> Any:
+    """Return a server of pages that stays on this machine, or in its network."""
+    viser = import_viser(command)
+
+    class Server(viser.ViserServer):  # type: ignore[name-defined]
+        def request_share_url(self, verbose: bool = True) -> str | None:
+            """Refuse: no page goes through a tunnel of others because a browser asks for it."""
+            return None
+
+    return Server(host=host, port=port, label=f"sphere_nav {command}", verbose=False)
+
+
+class Page:
+    """Serves one map to any number of browsers until `close`."""
+
+    def __init__(
+        self,
+        graph: SphereGraph,
+        scene: Scene,
+        start: SE3,
+        experience: Experience | None = None,
+        *,
+        host: str,
+        port: int,
+    ) -> None:
+        """`experience`: the look of the map that browsers are shown first; None: the nearest key spheres of any."""
+        self._first = experience
+        self._graph, self._scene, self._minimap = graph, scene, Minimap(graph)
+        self._closed = threading.Event()
+        self.server = make_server("view", host, port)
+        self.server.scene.set_up_direction("+z")
+        initial = self.server.initial_camera
+        initial.position, initial.look_at, initial.up = start.translation, look_at(start), (0.0, 0.0, 1.0)
+        initial.near, initial.far = 0.05, 500.0
+        self._add_graph()
+        self._drive: dict[str, Any] = {}
+        self.server.on_client_connect(self._welcome)
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self.server.get_port())
+
+    def show(self, shot: Shot, camera: Camera) -> None:
+        """Show one image of a drive: the camera in the map, image, residual, status; wait while it is paused."""
+        gui, handles = self.server.gui, self._drive
+        if not handles:
+            handles["pause"] = gui.add_checkbox("pause the drive", False)
+            handles["ride"] = gui.add_checkbox("ride along", False)
+            handles["text"] = gui.add_markdown(shot.text)
+            handles["image"] = gui.add_image(shot.image, label="camera")
+            gray = np.full(shot.image.shape[:2], 128, np.uint8)
+            handles["residual"] = gui.add_image(colored(gray), label="residual (grey: as the map)")
+        handles["text"].content = shot.text
+        handles["image"].image = shot.image
+        if shot.residual is not None:
+            handles["residual"].image = colored(shot.residual)
+        if shot.T_map_camera is not None:
+            x, y, z, w = shot.T_map_camera.quaternion
+            self.server.scene.add_camera_frustum(
+                "/drive",
+                **drawn_lens(camera),
+                scale=0.3,
+                color=COLORS["camera"],
+                wxyz=(w, x, y, z),
+                position=shot.T_map_camera.translation,
+            )
+            for client in self.server.get_clients().values() if handles["ride"].value else ():
+                put(client, shot.T_map_camera)
+        while handles["pause"].value and not self._closed.wait(FLIGHT_STEP_S):
+            pass
+
+    def fly(self, client: Any, target: SE3) -> None:
+        """Move the camera of a browser to a pose, slow at both ends."""
+        begin, start = browser_pose(client.camera), time.monotonic()
+        way = (begin.inverse() @ target).log()
+        share = 0.0
+        while share < 1.0 and not self._closed.wait(FLIGHT_STEP_S):
+            share = min((time.monotonic() - start) / FLIGHT_S, 1.0)
+            T = begin @ SE3.exp(way * (3.0 - 2.0 * share) * share**2)
+            put(client, T)
+
+    def close(self) -> None:
+        """End the page and the threads of its browsers."""
+        self._closed.set()
+        self.server.stop()
+
+    def _add_graph(self) -> None:
+        scene = self.server.scene
+        for name, is_loop in (("way", False), ("loops", True)):
+            edges = [edge for edge in self._graph.edges if edge.is_loop == is_loop]
+            if edges:
+                ends = [[self._graph[end].T_map_sphere.translation for end in (edge.a, edge.b)] for edge in edges]
+                scene.add_line_segments(f"/graph/{name}", points=np.array(ends, np.float32), colors=COLORS[name])
+        for node in self._graph:
+            handle = scene.add_icosphere(
+                f"/graph/key_sphere_{node.id}",
+                radius=0.08,
+                color=COLORS["key"],
+                position=node.T_map_sphere.translation,
+            )
+            handle.on_click(lambda event, T=node.T_map_sphere: self.fly(event.client, T @ T_BODY_OPTICAL))
+
+    def _welcome(self, client: Any) -> None:
+        """Set a new browser up, with a thread that draws for it."""
+        changed = threading.Event()
+        client.camera.on_update(lambda _: changed.set())
+        target = client.gui.add_number("key sphere", 0, min=0, max=max(self._graph.nodes), step=1)
+        go = client.gui.add_button("fly there")
+        go.on_click(lambda _: self._fly_to_id(client, int(target.value)))
+        has_pictures = client.gui.add_checkbox("synthesised view", True)
+        has_pictures.on_update(lambda _: changed.set())
+        looks = {ANY_LOOK: None} | {str(one): one for one in self._scene.experiences}
+        look = client.gui.add_dropdown("experience", tuple(looks), str(self._first or ANY_LOOK))
+        look.visible = len(looks) > 2
+        look.on_update(lambda _: changed.set())
+        text = client.gui.add_markdown("")
+        minimap = client.gui.add_image(self._minimap.draw(browser_pose(client.camera)), label="map, x to the right")
+        shot = client.gui.add_button("screenshot")
+
+        def draw() -> bool:
+            T = browser_pose(client.camera)
+            minimap.image = self._minimap.draw(T)
+            if not has_pictures.value:
+                client.scene.set_background_image(None)
+                return True
+            begin = time.perf_counter()
+            view, is_whole = self._view(client, T, looks[look.value])
+            client.scene.set_background_image(shown(view), format="jpeg", jpeg_quality=85)
+            text.content = (
+                f"{1e3 * (time.perf_counter() - begin):.0f} ms a view, {100 * view.is_known.mean():.0f} % seen"
+            )
+            return is_whole
+
+        def send_screenshot(_: Any) -> None:
+            lens = browser_camera(client.camera)
+            view = self._scene.render(browser_pose(client.camera), lens, looks[look.value])
+            client.send_file_download("view.png", encoded(shown(view), ".png"))
+
+        shot.on_click(send_screenshot)
+        changed.set()
+        threading.Thread(target=self._follow, args=(client, changed, draw), daemon=True).start()
+
+    def _view(self, client: Any, T: SE3, experience: Experience | None) -> tuple[SynthesizedView, bool]:
+        """Return what is ready of a view, and whether nothing is on its way any more."""
+        is_whole = self._scene.is_ready(T, experience)
+        return self._scene.render(T, browser_camera(client.camera), experience, is_waiting=False), is_whole
+
+    def _fly_to_id(self, client: Any, sphere_id: int) -> None:
+        if sphere_id in self._graph.nodes:
+            self.fly(client, self._graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL)
+
+    def _follow(self, client: Any, changed: threading.Event, draw: Callable[[], bool]) -> None:
+        """Draw whenever the camera of a browser has moved, until it leaves."""
+        while not self._closed.is_set() and client.client_id in self.server.get_clients():
+            if changed.wait(IDLE_S):
+                changed.clear()
+                if not draw():
+                    changed.set()  # what was on its way will be there
+
+
+def put(client: Any, T_map_camera: SE3) -> None:
+    """Move the camera of a browser at once."""
+    with client.atomic():
+        client.camera.position = T_map_camera.translation
+        client.camera.look_at = look_at(T_map_camera)
+
+
+def browser_pose(camera: Any) -> SE3:
+    """Return T_map_camera of a browser's camera: z forward, x right, y down, as ours."""
+    w, x, y, z = camera.wxyz
+    return SE3.from_quaternion([x, y, z, w], camera.position)
+
+
+def look_at(T_map_camera: SE3) -> NDArray[np.float64]:
+    """Return the point (3,) in front of a camera about which the mouse turns it."""
+    return T_map_camera.translation + T_map_camera.rotation[:, 2]
+
+
+def drawn_lens(camera: Camera) -> dict[str, float]:
+    """Return how high (fov, rad) and how much wider than high a camera is drawn."""
+    fov = 2.0 * float(np.arctan(0.5 * camera.height / camera.pixels_per_radian))
+    return {"fov": fov, "aspect": camera.width / camera.height}
+
+
+def browser_camera(camera: Any) -> Pinhole:
+    """Return the lens of a browser's camera; views are no larger than `MAX_SIDE`."""
+    aspect = float(camera.aspect)
+    width = round(MAX_SIDE * min(aspect, 1.0))
+    height = max(round(width / aspect), 1)
+    focal = 0.5 * height / np.tan(0.5 * float(camera.fov))
+    return Pinhole(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
+
+
+def shown(view: SynthesizedView) -> NDArray[np.uint8]:
+    """Return the picture of a view, its holes dark."""
+    image = view.image.copy()
+    image[~view.is_known] = 60
+    return image
+
+
+def colored(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a grey picture with three channels."""
+    return np.repeat(gray[..., None], 3, axis=2)
+
+
+def encoded(image: NDArray[np.uint8], suffix: str) -> bytes:
+    """Return an RGB picture as a file of a kind that OpenCV knows."""
+    return bytes(cv2.imencode(suffix, image[..., ::-1])[1].tobytes())

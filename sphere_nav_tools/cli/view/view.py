@@ -1,0 +1,154 @@
+"""`sphere_nav view`: look around in a map, in a web browser."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.ros.maps.reader import MapReader, open_map
+from sphere_nav.spheres.graph import Experience
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav.view_synthesis.scene import Scene
+from sphere_nav_tools.cli.view.drive import Drive
+from sphere_nav_tools.cli.view.server import Page, encoded, import_viser, shown
+from sphere_nav_tools.offline import topics
+from sphere_nav_tools.offline.settings import add_settings
+
+HELP = """\
+Show a map in a web browser: its graph, its key spheres, and what a camera would see from anywhere near them. The mouse
+turns and zooms, W A S D Q E move, a click on a key sphere flies there. With --bag a drive is localised in the map,
+image by image: camera, residual and status are shown as it goes. A map of many days is shown in the experience that
+is chosen on the page, or by --experience.
+
+With --screenshot a single view is written, without a browser. Poses are those of the vehicle's axes: x ahead, z up.
+
+examples:
+  sphere_nav view kitchen
+  sphere_nav view kitchen --bag drive2
+  sphere_nav view kitchen --screenshot view.png --pose 1.0,0.2,1.5,90
+  sphere_nav view day_and_night --experience night --screenshot night.png
+  sphere_nav view kitchen --host 0.0.0.0 --port 9000
+"""
+ENDINGS = (".png", ".jpg")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("map", type=Path, metavar="MAP", help="map made by `sphere_nav map`")
+    parser.add_argument("--host", default="127.0.0.1", help="address to serve at (%(default)s: this machine only)")
+    parser.add_argument("--port", type=int, default=8080, help="port, or the next free one (%(default)s)")
+    parser.add_argument("--memory", type=float, default=500.0, metavar="MB", help="of key spheres kept (%(default)g)")
+    parser.add_argument("--pose", metavar="x,y,z,yaw[,pitch,roll]", help="where to begin, m and degrees")
+    parser.add_argument("--sphere", type=int, metavar="ID", help="begin at a key sphere (the first one)")
+    parser.add_argument("--experience", metavar="NAME", help="begin with this look of the map, as map-info names it")
+    parser.add_argument("--screenshot", type=Path, metavar="F", help="write the first view (.png, .jpg) and end")
+    parser.add_argument("--size", default="800x600", metavar="WxH", help="of the screenshot (%(default)s)")
+    parser.add_argument("--fov", type=float, default=75.0, metavar="DEG", help="its width (%(default)g)")
+    parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
+    parser.add_argument("--bag", type=Path, metavar="BAG", help="drive to localise and show")
+    topics.add_options(parser, has_cameras=False)
+    add_settings(parser, "dense_localizer")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write one view, or serve until interrupted."""
+    if arguments.memory <= 0:
+        raise ValueError(f"--memory: expected megabytes above 0, found {arguments.memory:g}")
+    with open_map(arguments.map) as reader:
+        start = first_pose(reader, arguments)
+        scene = Scene(reader, arguments.memory)
+        try:
+            find_experience(scene, arguments.experience)  # refused before anything is shown
+            if arguments.screenshot:
+                return write_view(scene, start, arguments)
+            return serve(reader, scene, start, arguments)
+        finally:
+            scene.close()
+
+
+def first_pose(reader: MapReader, arguments: argparse.Namespace) -> SE3:
+    """Return the pose of the camera to begin with, optical axes; ValueError for words that are none."""
+    if arguments.pose and arguments.sphere is not None:
+        raise ValueError("--pose, --sphere: expected one of them, found both")
+    if not arguments.pose:
+        sphere_id = arguments.sphere if arguments.sphere is not None else min(reader.graph.nodes)
+        return reader.graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL
+    try:
+        numbers = [float(word) for word in arguments.pose.split(",")]
+    except ValueError:
+        numbers = []
+    if not 4 <= len(numbers) <= 6 or not np.all(np.isfinite(numbers)):
+        raise ValueError(f"--pose: expected x,y,z,yaw[,pitch,roll], found {arguments.pose!r}")
+    turns = itertools.zip_longest(numbers[3:], (2, 1, 0), fillvalue=0.0)
+    T = SE3.from_parts(np.eye(3), numbers[:3])
+    for degrees, axis in turns:
+        T = T @ SE3.exp(np.radians(degrees) * np.eye(6)[3 + int(axis)])
+    return T @ T_BODY_OPTICAL
+
+
+def find_experience(scene: Scene, name: str | None) -> Experience | None:
+    """Return the experience of a name or drive; None for none. ValueError where the map has no such one."""
+    if not name:
+        return None
+    known = {str(one): one for one in reversed(scene.experiences)}
+    if name not in known:
+        raise ValueError(f"--experience: expected one of {', '.join(map(repr, reversed(known)))}, found {name!r}")
+    return known[name]
+
+
+def camera_for(size: str, fov_deg: float) -> Pinhole:
+    """Return a pinhole camera of a size `WxH` and a horizontal field of view; ValueError for others."""
+    width, found, height = size.partition("x")
+    if not (found and width.isdigit() and height.isdigit()):
+        raise ValueError(f"--size: expected WxH in pixels, found {size!r}")
+    if not 1.0 <= fov_deg <= 150.0:
+        raise ValueError(f"--fov: expected 1 to 150 degrees, found {fov_deg:g}")
+    focal = 0.5 * int(width) / np.tan(0.5 * np.radians(fov_deg))
+    return Pinhole(int(width), int(height), focal, focal, 0.5 * (int(width) - 1), 0.5 * (int(height) - 1))
+
+
+def write_view(scene: Scene, T_map_camera: SE3, arguments: argparse.Namespace) -> int:
+    """Write the view from a pose as a picture."""
+    output: Path = arguments.screenshot
+    if output.suffix not in ENDINGS:
+        raise ValueError(f"{output}: expected a file {', '.join(ENDINGS)}, found ending {output.suffix!r}")
+    if output.exists() and not arguments.overwrite:
+        raise ValueError(f"{output}: expected no such file, found one: --overwrite replaces it")
+    experience = find_experience(scene, arguments.experience)
+    view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience)
+    output.write_bytes(encoded(shown(view), output.suffix))
+    print(f"{output}: {arguments.size}, {100 * view.is_known.mean():.1f} % seen")
+    return 0
+
+
+def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Namespace) -> int:
+    """Show the page until interrupted; with a drive, localise and show it."""
+    import_viser()
+    drive = Drive(arguments, reader) if arguments.bag else None
+    shown_first = find_experience(scene, arguments.experience)
+    page = Page(reader.graph, scene, start, shown_first, host=arguments.host, port=arguments.port)
+    print(f"http://{arguments.host}:{page.port}  (Ctrl-C ends it)", flush=True)
+    try:
+        if drive is not None:
+            replay_drive(drive, page)
+        threading.Event().wait()
+    finally:
+        page.close()
+        if drive is not None:
+            drive.close()
+    return 0
+
+
+def replay_drive(drive: Drive, page: Page) -> None:
+    """Show a drive at its own pace, or as fast as it can be localised."""
+    begin, first_ns = time.monotonic(), 0
+    for shot in drive.shots():
+        first_ns = first_ns or shot.stamp_ns
+        time.sleep(max(0.0, 1e-9 * (shot.stamp_ns - first_ns) - (time.monotonic() - begin)))
+        page.show(shot, drive.camera)

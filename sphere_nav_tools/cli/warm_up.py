@@ -1,0 +1,60 @@
+"""Compile the kernels of all packages once, so that no node waits: `python -m sphere_nav_tools.cli.warm_up`.
+
+An installation ends with it; where the kernels are compiled already it takes seconds.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+from cycab_sim.warm_up import warm_up as warm_up_simulator
+from mcl_depth.params import FilterParams
+from mcl_depth.warm_up import warm_up as warm_up_mcl
+from sphere_mapping.acquisition import kernels as acquisition
+from sphere_mapping.acquisition.range.sweep import warm_up as warm_up_sweep
+from sphere_nav import kernel_cache, photometric
+from sphere_nav.kernel_cache.folder import PACKAGES, cache_folder, cache_root, remove_old
+from sphere_nav.spheres.appearance.headings import warm_up as warm_up_headings
+from sphere_nav.view_synthesis.warm_up import warm_up as warm_up_view
+
+
+def warm_up_mcl_depth() -> None:
+    """With the parameters that are the default."""
+    warm_up_mcl(FilterParams())
+
+
+def warm_up_registration() -> None:
+    """One after the other: kernels of view synthesis call those of registration."""
+    photometric.warm_up()
+    warm_up_view()
+    warm_up_headings()
+
+
+def warm_up_acquisition() -> None:
+    """Of both kinds of rigs."""
+    acquisition.warm_up()
+    warm_up_sweep()
+
+
+PARTS = (warm_up_mcl_depth, warm_up_registration, warm_up_simulator, warm_up_acquisition)  # the longest first
+
+
+def main() -> int:
+    """Compile what is not compiled yet, on all cores."""
+    if not all(cache_folder(package).is_dir() for package in PACKAGES if package != kernel_cache.__name__):
+        print(f"compiling kernels into {cache_root()}, a minute or two", file=sys.stderr)
+    jobs = min(os.cpu_count() or 1, len(PARTS))
+    # a compiler makes much and drops little: without the garbage collector it needs a tenth less time
+    with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=gc.disable) as workers:
+        for part in [workers.submit(part) for part in PARTS]:
+            part.result()
+    remove_old()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,68 @@
+"""The numbers that offline results depend on and nobody would set: unit, origin, and the tests that pin each group.
+
+Tests are named below test/sphere_nav_tools/offline/; "cli/" are those of the commands. "Chosen": by the test named.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Recordings (test_topics, test_recorded_camera, cli/test_import)
+SLACK_S = (0.005, 0.02)  # least and largest difference of the stamps of one instant: what a moving camera can bear
+NUM_PAIRED = 40  # messages of each of two cameras, within which two of one instant are looked for
+SILENT_PERIODS = 4.0  # of a camera, that are a silence; recordings drop images
+NUM_TF_MESSAGES = 1000  # that are looked at for the frames there are
+OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
+DEFAULT_HZ = 10.0  # of images without stamps; KITTI's scanner turns so fast
+MAX_PAIR_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
+
+# A drive in segments (mapping/test_segments, docs/notes/mapping_in_pieces.md)
+SEGMENT = 100  # instants of one, about: what is mapped again after a crash, and what one worker does at a time
+WARM_UP = 4  # instants before it, from which its motion is known: three do, and one may be lost
+LEAD_NS = 500_000_000  # of recording before these, for odometry, and so that their instants are complete
+MAX_BRIDGED = 3  # key spheres of the next segment that are tried where it has no instant in common
+
+# A rectified pair by its drive (mapping/test_stereo_drive)
+MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
+MAX_PAIRS = 400  # of the drive's beginning
+
+# A depth camera by its drive (mapping/test_depth_drive)
+NUM_PAIRS = 16  # that the way is shared among: few long ones tell more than many short ones
+PARALLAX = (0.03, 0.15)  # distance between two images over the range of what they see: least and largest
+MAX_TURN = np.radians(15.0)  # between the two, so that they see the same
+# Levels of the pyramid: to half the size, where neighboring pixels of a mosaic are independent; then once more with
+# hidden points found anew.
+DEPTH_LEVELS = ((3, 2, 1), (1,))
+
+# A driving camera by its drive in a map (test_refine_camera)
+MAX_PAUSE_S = 0.3  # between two images that tell a velocity
+MAX_ODOMETRY_GAP_NS = 200_000_000  # between two poses
+REFINE_ROUNDS = 3  # of localizing with the lens found so far and refining it
+SETTLED_PX = 2.0  # rms change of the lens that moves no image out of the reach of its alignment
+
+# A survey against what was aligned (mapping/test_survey)
+SURVEY_SIGMA = np.repeat([0.01, np.radians(0.3)], 3)  # (6,) m, rad: standard deviations that are granted to a survey
+EDGE_FACTOR = 2.0  # of those of the edges: on real recordings with good truth edges err about twice as much as they say
+MAX_SURVEY_SIGMAS = 5.3  # of six degrees of freedom together: an edge in 10,000 by chance
+MAX_CONTRADICTED = 0.5  # share of the edges above which the survey is refused
+
+# A drive that is mapped or localised (mapping/test_drive, mapping/test_drive_locator)
+MAX_LOST = 0.5  # share of the spheres above which a drive was not mapped
+MIN_WAY_M = 0.1  # of a drive whose drift is told
+MIN_EXPLAINED_SHARE = 0.8  # of the images of a key sphere, above which it adds nothing to the map
+PATIENCE_S = 10.0  # between spheres: the drive's own motion bridges that
+IMU_NS = 1_000_000_000  # of the bag's beginning: its first image may come before the IMU
+
+# Lessons of a drive (lessons/test_learning)
+NUM_DRAWN = 6  # key spheres whose range is drawn: those that placed the image, and the nearest ones beside them
+TEACH_REACH, TEACH_TURN = 0.35, 0.35  # between key spheres of a lesson: share of the radius of a region; rad
+MIN_MEASURED = 0.2  # of the pixels, for a key sphere
+KEY_FLOOR = np.repeat([0.005, 0.002], 3) ** 2  # (6,) m^2, rad^2: added to the covariance of a key image
+MAX_WORSE = 1.05  # of the median standard deviation of places
+FALSE_REFUSAL = 1e-3  # of a version that places a drive as well as the one before
+MAX_OFF = 6.0  # standard deviations of both places from which an image is not where it was, and at least MIN_OFF_M
+MIN_OFF_M = 0.1  # the same, however sure
+MAX_EXAMINED, MAX_JUDGES = 40, 5  # key images of a drive, spread over it; latest other drives
+
+# Places on a network of routes (cli/test_route)
+NETWORK_REACH = 2.0  # m from the network within which a place can be named

@@ -1,0 +1,167 @@
+"""Estimated poses against true ones: paired by stamps, aligned, measured."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum
+from sphere_nav.geometry.trajectory_error import (
+    AXES,
+    AbsoluteErrors,
+    Statistics,
+    absolute_errors,
+    align_trajectories,
+    directions_of_motion,
+    nees,
+    nees_of_axes,
+    relative_errors,
+)
+from sphere_nav_tools.offline.pose_bags import is_bag, read_poses
+
+TRUTH_TOPICS = ("ground_truth/pose", "ground_truth/odometry")
+ESTIMATE_TOPICS = ("pose", "odometry")
+METRICS = ("translation_m", "rotation_deg", "lateral_m", "longitudinal_m")
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Paired and aligned trajectories, the errors of each pair, and the numbers of the report."""
+
+    estimate: Trajectory
+    truth: Trajectory
+    all_truth: Trajectory
+    errors: AbsoluteErrors
+    report: dict[str, Any]
+
+
+def evaluate_poses(
+    estimate: Trajectory,
+    truth: Trajectory,
+    *,
+    alignment: str = "none",
+    tolerance_s: float = 0.01,
+    is_interpolated: bool = False,
+    rpe_length_m: float = 1.0,
+    aligned_by: tuple[Trajectory, Trajectory] | None = None,
+) -> Judged:
+    """Measure an estimate; also for benchmarks and the demo. ValueError if no stamps are in common.
+
+    `aligned_by`: another estimate in the same frame and its truth, such as those of the drive that made the map. The
+    alignment is found on these alone; else on the estimate itself.
+    """
+    tolerance_ns = round(tolerance_s * 1e9)
+    directions = directions_of_motion(truth)
+    covered, _ = associate(truth.stamps_ns, estimate.stamps_ns, tolerance_ns)
+    if is_interpolated:
+        paired_truth, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))
+        paired = estimate[known]
+        directions = directions_of_motion(paired_truth) if known.any() else directions[:0]
+    else:
+        first, second = associate(estimate.stamps_ns, truth.stamps_ns, tolerance_ns)
+        paired, paired_truth, directions = estimate[first], truth[second], directions[second]
+    if not len(paired):
+        raise ValueError(f"stamps: expected some in common within {tolerance_s:g} s, found {_spans(estimate, truth)}")
+    T_truth_estimate, scale = find_alignment((paired, paired_truth), alignment, aligned_by)
+    paired = paired.moved(T_truth_estimate, scale)
+    errors = absolute_errors(paired, paired_truth, directions)
+    report = {
+        "n": len(paired),
+        "coverage": len(covered) / len(truth),
+        **_absolute(errors),
+        "rpe": _relative(paired, paired_truth, rpe_length_m),
+        "nees": _consistency(paired, paired_truth),
+        "alignment": {"kind": alignment, "scale": scale, "T_truth_estimate": T_truth_estimate.matrix.tolist()},
+        "num_estimates": len(estimate),
+        "num_truth": len(truth),
+        "length_m": float(paired_truth.distances[-1]),
+    }
+    return Judged(paired, paired_truth, truth, errors, report)
+
+
+def find_alignment(
+    paired: tuple[Trajectory, Trajectory], kind: str, aligned_by: tuple[Trajectory, Trajectory] | None
+) -> tuple[SE3, float]:
+    """Return T_truth_estimate and scale by an estimate and its truth: the paired one, or another one that is given."""
+    if aligned_by is None:
+        return align_trajectories(*paired, kind)
+    estimate, truth = aligned_by
+    at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))
+    if not known.any():
+        raise ValueError(f"stamps: expected some in common to align by, found {_spans(*aligned_by)}")
+    return align_trajectories(estimate[known], at, kind)
+
+
+def error_table(report: dict[str, Any]) -> str:
+    """Return the report as text."""
+    lines = [f"{report['n']} poses paired, coverage {100 * report['coverage']:.1f} %, {report['length_m']:.2f} m"]
+    lines.append(f"{'':16}{'median':>10}{'rmse':>10}{'p95':>10}{'max':>10}")
+    rows = {name: report[name] for name in METRICS}
+    if report["rpe"]["n"]:
+        over = f" / {report['rpe']['length_m']:g} m"
+        rows |= {"rpe_m" + over: report["rpe"]["translation_m"], "rpe_deg" + over: report["rpe"]["rotation_deg"]}
+    for name, row in rows.items():
+        cells = "".join(f"{value:10.4f}" for value in row.values()) if row else f"{'-':>10}"
+        lines.append(f"{name:16}{cells}")
+    if found := report["nees"]:
+        lines.append(f"NEES {found['mean']:.2f} (6 degrees of freedom, {found['n']} covariances)")
+        axes = ", ".join(f"{name} {value:.2f}" for name, value in found["axes"].items())
+        lines.append(f"NEES of each axis of the body (1 degree of freedom): {axes}")
+    moved = SE3(np.array(report["alignment"]["T_truth_estimate"]))
+    meters, radians = moved.distance(SE3.identity())
+    if report["alignment"]["kind"] != "none":
+        scale = report["alignment"]["scale"]
+        size = f", scale {scale:.5f}" if scale != 1.0 else ""
+        lines.append(f"aligned by {report['alignment']['kind']}: {meters:.4f} m, {np.degrees(radians):.3f} deg{size}")
+    return "\n".join(lines)
+
+
+def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
+    values = (errors.translation_m, np.degrees(errors.rotation_rad), errors.lateral_m, errors.longitudinal_m)
+    return {name: _statistics(value) for name, value in zip(METRICS, values, strict=True)}
+
+
+def _relative(estimate: Trajectory, truth: Trajectory, length_m: float) -> dict[str, Any]:
+    errors = relative_errors(estimate, truth, length_m)
+    return {
+        "n": len(errors.length_m),
+        "length_m": length_m,
+        "translation_m": _statistics(errors.translation_m),
+        "rotation_deg": _statistics(np.degrees(errors.rotation_rad)),
+        "translation_percent": _statistics(100 * errors.translation_m / errors.length_m),
+    }
+
+
+def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | None:
+    squared = nees(estimate, truth)
+    squared = squared[np.isfinite(squared)]
+    if not squared.size:
+        return None
+    axes = dict(zip(AXES, np.nanmean(nees_of_axes(estimate, truth), axis=0).tolist(), strict=True))
+    return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared)), "axes": axes}
+
+
+def _statistics(values: np.ndarray) -> dict[str, float] | None:
+    found = Statistics.of(values)
+    return None if found is None else dataclasses.asdict(found)
+
+
+def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Trajectory:
+    """Return poses of a TUM file or of the first usual topic of a bag; ValueError where there are none."""
+    if is_bag(path):
+        return read_poses(path, (topic,) if topic else usual)
+    if not path.exists():
+        raise ValueError(f"{path}: expected a TUM file or a bag, found none")
+    if topic:
+        raise ValueError(f"{path}: expected a bag, as a topic ({topic}) is named, found a file of another kind")
+    return read_tum(path)
+
+
+def _spans(*trajectories: Trajectory) -> str:
+    spans = (f"{t.stamps_ns[0] / 1e9:.3f} ... {t.stamps_ns[-1] / 1e9:.3f} s" for t in trajectories)
+    return " against ".join(spans)

@@ -1,0 +1,181 @@
+"""Images of one camera as a folder of files or a video, with stamps where known; which data set a folder looks like."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav_tools.offline.constants import DEFAULT_HZ
+from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, read_image
+
+IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
+VIDEOS = {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v"}
+SIGNS: dict[str, tuple[tuple[str, ...], ...]] = {
+    "seven_scenes": (("frame-*.depth.png",),),
+    "tum": (("rgb.txt",), ("img_curr*.png", "img_prev*.png")),
+    "openloris": (("color.txt", "aligned_depth.txt"),),
+    "rover": (("*D435i",), ("d435i", "t265")),
+    "euroc": (("mav0",), ("cam0", "cam1", "imu0")),
+    "four_seasons": (("undistorted_images", "times.txt"),),
+    "nclt": (("lb3",),),
+    "kitti": (("calib.txt", "image_0"), ("calib.txt", "image_2"), ("calib.txt", "image_l")),
+    "spherical": (("sphere_*", "Extrinsics"), ("image_*.png", "range_*.png"), ("image_*.jpg", "range_*.png")),
+}  # format -> alternatives, of which all names must be there
+
+
+def guess_format(folder: Path) -> str:
+    """Return the format whose files are in the folder; empty: none of SIGNS."""
+    for name, alternatives in SIGNS.items():
+        if any(all(any(folder.glob(sign)) for sign in signs) for signs in alternatives):
+            return name
+    return ""
+
+
+def describe_folder(folder: Path) -> str:
+    """Return in words what a folder is, or holds where that is not known."""
+    if not folder.is_dir():
+        return ""
+    if name := guess_format(folder):
+        return f"the folder looks like {name}"
+    below = sorted(path for path in folder.iterdir() if path.is_dir())
+    for path in below:
+        if name := guess_format(path):
+            return f"{path} looks like {name}"
+    if any(path.suffix.lower() in IMAGES | VIDEOS for place in (folder, *below) for path in place.iterdir()):
+        return "it has images"
+    found = ", ".join(path.name for path in sorted(folder.iterdir())[:5]) or "nothing"
+    return f"the folder holds {found}"
+
+
+UNITS = ((18, 1), (15, 1_000), (12, 1_000_000))  # digits of a stamp since 1970, and ns in its unit
+EARLIEST_S = 1e8  # a name that is a number with a point, at least this, is a stamp in s
+
+
+class Frames(Protocol):
+    """The images of one camera; `stamps` in ns, None where nothing tells them; `hz`, NaN where unknown."""
+
+    path: Path
+    number: int
+    stamps: list[int] | None
+    hz: float
+
+    def read(self, index: int) -> NDArray[np.uint8]:
+        """Return an image (h, w) grey or (h, w, 3) BGR."""
+        ...
+
+
+class Folder:
+    """Image files in the order of the last number in their names; names that are times since 1970 are stamps."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.hz = path, float("nan")
+        self.files = sorted((file for file in path.iterdir() if file.suffix.lower() in IMAGES), key=_order)
+        if not self.files:
+            raise ValueError(f"{path}: expected images or videos, found none")
+        self.number = len(self.files)
+        stamps = [stamp_of(file.stem) for file in self.files]
+        self.stamps = [stamp for stamp in stamps if stamp is not None] if None not in stamps else None
+        if self.stamps is not None and any(np.diff(self.stamps) <= 0):
+            raise ValueError(f"{path}: expected names that are rising times, found some that are equal")
+
+    def read(self, index: int) -> NDArray[np.uint8]:
+        """Return an image (h, w) grey or (h, w, 3) BGR."""
+        return read_image(self.files[index])
+
+
+class Video:
+    """A video file, read from its beginning to its end."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.stamps = path, cast("list[int] | None", None)
+        self._capture = cv2.VideoCapture(str(path))
+        self.number = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)) if self._capture.isOpened() else 0
+        if self.number <= 0:
+            raise ValueError(f"{path}: expected a video, found a file that cannot be read as one")
+        self.hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or float("nan")
+        self._next = 0
+
+    def read(self, index: int) -> NDArray[np.uint8]:
+        """Return an image (h, w, 3) BGR; indices may only rise."""
+        while self._next < index and self._capture.grab():
+            self._next += 1
+        is_read, image = self._capture.read()
+        if not is_read or self._next != index:
+            raise ValueError(f"{self.path}: expected {self.number} frames, found {self._next}")
+        self._next += 1
+        return np.asarray(image, dtype=np.uint8)
+
+
+def open_frames(folder: Path, name: str) -> Frames:
+    """Return the images of a camera: the folder of that name, a video of that name, or, for '', the folder itself."""
+    if folder.is_file() and not name:
+        return Video(folder)
+    if (folder / name).is_dir() and (name or any(file.suffix.lower() in IMAGES for file in folder.iterdir())):
+        return Folder(folder / name)
+    files = sorted(folder.iterdir()) if folder.is_dir() else [folder]
+    videos = [file for file in files if file.suffix.lower() in VIDEOS and file.stem == (name or file.stem)]
+    if len(videos) != 1:
+        found = ", ".join(path.name for path in files[:8]) or "nothing"
+        wanted = f"a folder {name} of images or a video {name}.mp4" if name else "images, or one video"
+        raise ValueError(f"{folder}: expected {wanted}, found {found}")
+    return Video(videos[0])
+
+
+def instants_of(cameras: dict[str, Frames], hz: float | None) -> list[dict[str, tuple[int, int]]]:
+    """Return by instant and camera the number of the image and its stamp in ns.
+
+    With stamps, each image belongs to the image of the first camera that is nearest in time; a camera may lack one.
+    Without, images of one number are one instant, all cameras have as many, and `hz` or the video's own rate counts.
+    """
+    first = next(iter(cameras))
+    stamped = {name: frames.stamps for name, frames in cameras.items() if frames.stamps is not None}
+    if len(stamped) == len(cameras):
+        return _by_stamp(stamped, first)
+    for name, frames in cameras.items():
+        if frames.number != cameras[first].number:
+            number = cameras[first].number
+            raise ValueError(f"{frames.path}: expected {number} images as of {first}, found {frames.number} of {name}")
+    own = cameras[first].hz
+    period_ns = 1e9 / (hz or (own if np.isfinite(own) else DEFAULT_HZ))
+    return [
+        dict.fromkeys(cameras, (index, FIRST_STAMP_NS + round(index * period_ns)))
+        for index in range(cameras[first].number)
+    ]
+
+
+def stamp_of(stem: str) -> int | None:
+    """Return the stamp in ns that the name of a file is; None if it is none."""
+    if re.fullmatch(r"\d{9,10}\.\d+", stem):
+        whole, part = stem.split(".")
+        return int(whole) * 1_000_000_000 + int(f"{part:0<9}"[:9]) if float(stem) >= EARLIEST_S else None
+    if stem.isdigit():
+        for digits, unit in UNITS:
+            if len(stem) >= digits and int(stem) > 0:
+                return int(stem) * unit if len(stem) < digits + 3 else None
+    return None
+
+
+def _by_stamp(stamped: dict[str, list[int]], first: str) -> list[dict[str, tuple[int, int]]]:
+    reference = np.array(stamped[first], dtype=np.int64)
+    near = float(np.median(np.diff(reference))) / 2 if reference.size > 1 else 1e9 / DEFAULT_HZ
+    instants: list[dict[str, tuple[int, int]]] = [{first: (i, int(stamp))} for i, stamp in enumerate(reference)]
+    for name, stamps in stamped.items():
+        if name == first:
+            continue
+        for index, stamp in enumerate(stamps):
+            at = int(np.argmin(np.abs(reference - stamp)))
+            known = instants[at].get(name)
+            is_nearer = known is None or abs(stamp - reference[at]) < abs(known[1] - reference[at])
+            if abs(stamp - reference[at]) < near and is_nearer:
+                instants[at][name] = (index, stamp)
+    return instants
+
+
+def _order(file: Path) -> tuple[Any, ...]:
+    numbers = re.findall(r"\d+", file.stem)
+    return (float(file.stem) if stamp_of(file.stem) else int(numbers[-1]) if numbers else -1, file.name)

@@ -1,0 +1,195 @@
+"""NCLT, a robot on a campus in 27 sessions: six cameras of a Ladybug3, the clouds of its LiDAR, its truth.
+
+Images come as they were taken, on their side (the poses of the cameras say so), and are undistorted here by the tables
+of the set, as its lenses are told by nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, so3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.limits import LIMITS
+from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav.geometry.files.untrusted import read_bytes, read_text
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.ros.conversions import camera_to_info, se3_to_odometry, se3_to_transform
+from sphere_nav.ros.conversions.clouds import cloud_to_message
+from sphere_nav_tools.offline.importing.frames import Folder, stamp_of
+from sphere_nav_tools.offline.importing.images import RIG_FRAME, CameraRecording
+from sphere_nav_tools.offline.importing.recording import BASE_FRAME, MAP_FRAME, require_folder
+
+CAMERAS = ("Cam5", "Cam4", "Cam3", "Cam2", "Cam1", "Cam0")  # that which looks ahead first, that which looks up last
+# What the set's own projection of its clouds into its images has: x, y, z in m; roll, pitch, heading in deg
+BODY_LADYBUG = np.array([0.035, 0.002, -1.23, -179.93, -0.23, 0.50])
+DEGREES = np.array([1.0, 1.0, 1.0, *np.radians([1.0] * 3)])  # of a pose whose angles are in deg
+T_BASE_BODY = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # its body, and its world, have z down
+POINT = np.dtype([("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])  # of a file of velodyne_sync
+MAX_TRUTH_GAP_NS = 200_000_000  # between two true poses with an image between them; they come at 100 Hz
+BORDER_PX = 15  # of the mask: what the table reaches, less the blur of the edge
+MAX_TABLE_BYTES = LIMITS["pose graph"]  # 2 million lines of a table of undistortion
+
+
+class NcltRecording(CameraRecording):
+    """Images undistorted, `cameras/<name>/image_raw` with camera_info; `points`; the true pose of base_link."""
+
+    def __init__(self, cameras: dict[str, Undistorted], rig: Rig, clouds: Path, truth: Trajectory | None) -> None:
+        super().__init__(dict(cameras), rig, None)
+        self.has_infos, self.undistorted, self.clouds, self.truth = False, cameras, clouds, truth
+        self.truth_name = "" if truth is None else "groundtruth_*.csv"
+
+    def static_transforms(self, stamp: int) -> list[TransformStamped]:
+        """Return base_link -> rig_link (identity) -> the optical frames."""
+        optical = [
+            se3_to_transform(part.T_rig_camera, stamp, RIG_FRAME, f"{part.name}_optical") for part in self.rig.cameras
+        ]
+        return [*super().static_transforms(stamp), *optical]
+
+    def frame(self, index: int) -> Iterator[tuple[str, Any]]:
+        """Yield the true pose, the LiDAR's cloud and the images, each with its camera_info."""
+        stamp = self.stamp_ns(index)
+        poses = None if self.truth is None else self.truth.at([stamp], max_gap_ns=MAX_TRUTH_GAP_NS)[0]
+        if poses is not None and len(poses):
+            yield (
+                "ground_truth/odometry",
+                se3_to_odometry(poses.T_map_body[0], np.zeros((6, 6)), stamp, (MAP_FRAME, BASE_FRAME)),
+            )
+        cloud = self.clouds / f"{stamp // 1000}.bin"
+        if cloud.is_file():
+            yield "points", cloud_to_message(T_BASE_BODY.apply(read_velodyne(cloud)), stamp, RIG_FRAME)
+        for topic, message in super().frame(index):
+            name = topic.split("/")[1]
+            message.header.frame_id = f"{name}_optical"
+            time = self.instants[index][name][1]
+            yield f"cameras/{name}/camera_info", camera_to_info(self.rig.camera(name).camera, time, f"{name}_optical")
+            yield topic, message
+
+    def write_rig(self, folder: Path) -> None:
+        """Write rig.yaml, and beside it masks of what the undistorted images show."""
+        parts = []
+        for part in self.rig.cameras:
+            mask = folder / f"mask_{part.name}.png"
+            cv2.imwrite(str(mask), self.undistorted[part.name].mask())
+            parts.append(RigCamera(part.name, part.camera, part.T_rig_camera, str(mask), "ladybug"))
+        write_rig(folder / "rig.yaml", Rig(tuple(parts), "nclt"))
+
+
+class Undistorted(Folder):
+    """The images of a camera, taken to what a pinhole sees; maps (H, W): where column and row are in the image."""
+
+    def __init__(self, path: Path, columns: NDArray[np.float32], rows: NDArray[np.float32]) -> None:
+        super().__init__(path)
+        self.columns, self.rows = columns, rows
+
+    def read(self, index: int) -> NDArray[np.uint8]:
+        """Return an image (H, W) grey or (H, W, 3) BGR; what the lens does not see is 0."""
+        return np.asarray(cv2.remap(super().read(index), self.columns, self.rows, cv2.INTER_LINEAR), np.uint8)
+
+    def mask(self) -> NDArray[np.uint8]:
+        """Return 255 (H, W) where the lens sees, 0 elsewhere."""
+        seen = cv2.remap(np.full(self.rows.shape, 255, np.uint8), self.columns, self.rows, cv2.INTER_NEAREST)
+        kernel = np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)
+        return np.asarray(cv2.erode(seen, kernel), np.uint8)
+
+
+def open_nclt(folder: Path) -> NcltRecording:
+    """Open a session: lb3/CamN/<stamp in us>.tiff, velodyne_sync, groundtruth_*.csv; calibration in it or beside it."""
+    images, cameras, parts = require_folder(require_folder(folder) / "lb3"), dict[str, Undistorted](), []
+    for name in CAMERAS:
+        if not (images / name).is_dir():
+            continue
+        number = name.removeprefix("Cam")
+        K = _table(_calibration(folder, f"K_cam{number}.csv"), 3, 3)
+        pose = _table(_calibration(folder, f"x_lb3_c{number}.csv"), 1, 6)[0]
+        columns, rows = read_undistortion(_calibration(folder, f"U2D_{name}_1616X1232.txt"))
+        cameras[name.lower()] = Undistorted(images / name, columns, rows)
+        if any(stamp_of(file.stem) is None for file in cameras[name.lower()].files):
+            raise ValueError(f"{images / name}: expected images named by their stamps in us, found others")
+        lens = Pinhole(rows.shape[1], rows.shape[0], K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        T_base_camera = T_BASE_BODY @ pose_of(DEGREES * BODY_LADYBUG) @ pose_of(DEGREES * pose)
+        parts.append(RigCamera(name.lower(), lens, T_base_camera))
+    if not parts:
+        raise ValueError(f"{images}: expected folders Cam0 to Cam5, found none")
+    truth = _find(folder, f"groundtruth_{folder.resolve().name}.csv")
+    poses = None if truth is None else read_ground_truth(truth)
+    return NcltRecording(cameras, Rig(tuple(parts)), folder / "velodyne_sync", poses)
+
+
+def pose_of(rows: Array) -> SE3:
+    """Return the poses of (..., 6): x, y, z (m), roll, pitch, heading (rad); R = Rz(heading) Ry(pitch) Rx(roll)."""
+    about_x, about_y, about_z = (so3.exp(rows[..., 3 + axis, None] * np.eye(3)[axis]) for axis in range(3))
+    return SE3.from_parts(about_z @ about_y @ about_x, rows[..., :3])
+
+
+def read_undistortion(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the column and row (H, W) in the image of each pixel of the undistorted one.
+
+    A table of lines 'row column row_in_image column_in_image', every pixel once, in the order of an image.
+    """
+    table = _table(path, None, 4, skip=1, separator=None)
+    height, width = (int(value) + 1 for value in table[:, :2].max(axis=0))
+    expected = (
+        np.stack(np.meshgrid(np.arange(height), np.arange(width), indexing="ij"), axis=-1).reshape(-1, 2)
+        if height * width == len(table)
+        else None
+    )
+    if expected is None or not np.array_equal(expected, table[:, :2]):
+        raise ValueError(
+            f"{path}: expected a line for each pixel, row by row, found {len(table)} lines in another order"
+        )
+    rows, columns = (np.ascontiguousarray(table[:, at].reshape(height, width), np.float32) for at in (2, 3))
+    return columns, rows
+
+
+def read_velodyne(path: Path) -> Array:
+    """Return the points (N, 3) in m of a file of velodyne_sync, in the frame of the robot's body, z down."""
+    data = read_bytes(path, "cloud of NCLT", LIMITS["cloud"])
+    if len(data) % POINT.itemsize:
+        raise ValueError(f"{path}: expected points of {POINT.itemsize} bytes, found {len(data)} bytes")
+    return np.frombuffer(data, POINT)["place"] * 0.005 - 100.0  # m
+
+
+def read_ground_truth(path: Path) -> Trajectory:
+    """Return where base_link was, in a world with z up; rows without a pose (NaN) are left out."""
+    table = _table(path, None, 7)
+    table = table[np.isfinite(table).all(axis=1)]
+    if not len(table):
+        raise ValueError(f"{path}: expected true poses, found none")
+    try:
+        return Trajectory(table[:, 0].astype(np.int64) * 1000, T_BASE_BODY @ pose_of(table[:, 1:]) @ T_BASE_BODY)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _table(path: Path, count: int | None, width: int, *, skip: int = 0, separator: str | None = ",") -> Array:
+    """Return the numbers (count, width) of a file; it may have millions of lines."""
+    text = read_text(path, "table of NCLT", MAX_TABLE_BYTES)
+    try:
+        table = np.loadtxt(StringIO(text), delimiter=separator, skiprows=skip, ndmin=2)
+    except ValueError as error:
+        raise ValueError(f"{path}: expected numbers, found others: {' '.join(str(error).split())[:100]}") from None
+    if table.shape[1:] != (width,) or table.shape[0] != (count or table.shape[0]) or not len(table):
+        found = f"{table.shape[0]} x {table.shape[1]}"
+        raise ValueError(f"{path}: expected {count or 'N'} x {width} numbers, found {found}")
+    return np.asarray(table, np.float64)
+
+
+def _find(folder: Path, name: str) -> Path | None:
+    """Return a file that comes in an archive of its own: in a session, beside it, or a folder down."""
+    places = [path for place in (folder, folder.parent) for path in (place / name, *sorted(place.glob(f"*/{name}")))]
+    return next((path for path in places if path.is_file()), None)
+
+
+def _calibration(folder: Path, name: str) -> Path:
+    if (found := _find(folder, name)) is None:
+        raise ValueError(f"{folder}: expected {name} of the calibration in it or beside it, found none")
+    return found

@@ -1,0 +1,191 @@
+"""A drive that was mapped: its trajectory, the true poses of its bag, where these lay it, and what is told of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.ros.mount import CameraMount
+from sphere_nav.estimation.gates import squared_distance
+from sphere_nav.geometry import SE3, so3
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.spheres.graph import Edge, SphereGraph
+from sphere_nav_tools.offline.constants import (
+    EDGE_FACTOR,
+    MAX_CONTRADICTED,
+    MAX_LOST,
+    MAX_SURVEY_SIGMAS,
+    MIN_WAY_M,
+    SURVEY_SIGMA,
+)
+from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses
+from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.registering import REMEDY
+
+NUM_NAMED = 3  # motions that are told by name
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """True poses; `is_base` where they are the vehicle's, not the camera's."""
+
+    poses: Trajectory
+    is_base: bool
+
+
+@dataclass(eq=False)
+class MappedDrive:
+    """What was mapped, by what camera, and what was not.
+
+    refused: how often, by the words with {n} in the place of the number. damages: what cannot be read of the bag.
+    """
+
+    mapper: Mapper
+    mount: CameraMount
+    num_lost: int = 0
+    refused: dict[str, int] = field(default_factory=dict)
+    damages: list[str] = field(default_factory=list)
+    kind: str = ""  # of what was mapped: cameras, sphere, rgbd, stereo
+    stereo: str = ""  # what was found of the pair
+    depth: str = ""  # and of the depth camera, where it sits elsewhere
+
+    def trajectory(self, *, is_base: bool) -> Trajectory:
+        """Return the pose of the camera (body axes) of every placed sphere, or the vehicle's, as the graph has it."""
+        mount = self.mount
+        T_sphere_pose = mount.T_base_sphere.inverse() if is_base else mount.T_sphere_body
+        stamps, poses = zip(*self.mapper.trajectory(), strict=True)
+        matrices = np.stack([(T_map_sphere @ T_sphere_pose).matrix for T_map_sphere in poses])
+        return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
+
+    def anchor_graph(self, anchor: str, truth: Truth | None, source: str) -> tuple[SE3, SphereGraph, list[str]]:
+        """Return T_new_map as the anchor asks for, the graph there, and what is to be warned of.
+
+        anchor: first, truth or survey, as of `sphere_nav map`. BagError where the truth is asked for and not known.
+        """
+        graph = self.mapper.graph
+        if anchor == "first":
+            return SE3.identity(), graph, []
+        T_fitted_map = self.fit(truth) if truth is not None else None
+        if truth is None or T_fitted_map is None:
+            topics = " or ".join(TRUTH_TOPICS)
+            raise BagError(f"{source}: {topics}: expected poses at the stamps of the spheres, found none")
+        graph = graph.with_poses({node.id: T_fitted_map @ node.T_map_sphere for node in graph})
+        if anchor == "truth":
+            return T_fitted_map, graph, []
+        mount = self.mount
+        T_pose_sphere = mount.T_base_sphere if truth.is_base else mount.T_sphere_body.inverse()
+        surveyed = move_to_truth(graph, truth.poses, T_pose_sphere)
+        return T_fitted_map, surveyed, check_survey(graph, surveyed, source)
+
+    def anchor(self, truth: Truth) -> SE3 | None:
+        """Return T_truth_map, so that the first sphere is where the truth has it; None where the truth lacks it."""
+        mine = self.trajectory(is_base=truth.is_base)
+        at, known = truth.poses.at(mine.stamps_ns[:1], max_gap_ns=round(1e9))
+        return at.T_map_body[0] @ mine.T_map_body[0].inverse() if known.any() else None
+
+    def fit(self, truth: Truth) -> SE3 | None:
+        """Return T_truth_map that fits all spheres best, so that no single true pose decides; None without truth."""
+        mine = self.trajectory(is_base=truth.is_base)
+        at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
+        return fit_poses(at.T_map_body, mine.T_map_body[known]) if known.any() else None
+
+    @property
+    def refusal(self) -> str:
+        """What was refused, and why, in one line."""
+        return "; ".join(words.replace("{n}", str(number)) for words, number in self.refused.items())
+
+    @property
+    def loss(self) -> str:
+        """One line where most spheres were lost and what would help, else nothing."""
+        total = self.num_lost + len(self.trajectory(is_base=False))
+        if self.num_lost <= MAX_LOST * total:
+            return ""
+        return (
+            f"expected most of {total} spheres placed, found {self.num_lost} lost ({self.num_lost / total:.0%}): "
+            f"{REMEDY}, or recorded odometry, would help"
+        )
+
+    def summary(self, truth: Truth | None) -> list[str]:
+        """Return what is printed."""
+        mapper, placed = self.mapper, self.trajectory(is_base=False)
+        lines = [self.stereo] if self.stereo else []
+        lines.append(
+            f"{len(placed)} spheres placed, {self.num_lost} lost, {len(mapper.graph)} kept, {mapper.num_loops} loops "
+            f"closed, {placed.distances[-1]:.2f} m"
+        )
+        lines += [self.depth] if self.depth else []
+        lines += [f"refused: {self.refusal}"] if self.refusal else []
+        lines += [f"not readable, left out: {'; '.join(self.damages)}"] if self.damages else []
+        if truth is None or self.loss or (T_truth_map := self.anchor(truth)) is None:
+            return lines
+        estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
+        judged = evaluate_poses(estimate, truth.poses, is_interpolated=True)
+        error, turn = judged.report["translation_m"], judged.report["rotation_deg"]
+        end, length = float(judged.errors.translation_m[-1]), judged.report["length_m"]
+        lines.append(
+            f"against the truth from the first pose on: median {1e3 * error['median']:.1f} mm, "
+            f"max {1e3 * error['max']:.1f} mm, median {turn['median']:.2f} deg, max {turn['max']:.2f} deg"
+        )
+        if length < MIN_WAY_M:
+            return lines
+        lines.append(f"drift at the end: {1e3 * end:.1f} mm in {length:.2f} m ({100 * end / length:.2f} %)")
+        return lines
+
+
+def truth_of(path: Path) -> Truth | None:
+    """Return the true poses of a bag, None where it has none."""
+    with BagReader(path, damages=[]) as bag:
+        topics = [topic for topic in TRUTH_TOPICS if "/" + topic in bag.topics and bag.topics["/" + topic].count]
+    return Truth(read_poses(path, (topics[0],), []), is_base=topics[0].endswith("odometry")) if topics else None
+
+
+def fit_poses(theirs: SE3, ours: SE3) -> SE3:
+    """Return T_theirs_ours that brings poses (N,) together best: rotations by their mean, then positions."""
+    R = so3.nearest_rotations(np.sum(theirs.rotation @ np.swapaxes(ours.rotation, -1, -2), axis=0))
+    return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))
+
+
+def move_to_truth(graph: SphereGraph, truth: Trajectory, T_pose_sphere: SE3) -> SphereGraph:
+    """Return the graph with every key sphere at its true pose, where that is known at its stamp."""
+    poses = {}
+    for node in graph:
+        at, known = truth.at([node.stamp_ns], max_gap_ns=round(1e9))
+        if known.all():
+            poses[node.id] = at.T_map_body[0] @ T_pose_sphere
+    return graph.with_poses(poses)
+
+
+def check_survey(aligned: SphereGraph, surveyed: SphereGraph, source: str) -> list[str]:
+    """Compare the aligned edges with the surveyed poses of the same key spheres; return warnings, worst edges by name.
+
+    BagError where most edges contradict the survey: the poses are wrong, of another frame or of other stamps.
+    """
+    found = sorted(((_sigmas(edge, surveyed), edge) for edge in aligned.edges), key=lambda pair: pair[0], reverse=True)
+    wrong = [(sigmas, edge) for sigmas, edge in found if sigmas > MAX_SURVEY_SIGMAS]
+    if not wrong:
+        return []
+    named = "; ".join(_describe(edge, sigmas, surveyed) for sigmas, edge in wrong[:NUM_NAMED])
+    what = f"{len(wrong)} of {len(found)} motions between key spheres contradict the survey: {named}"
+    if len(wrong) > MAX_CONTRADICTED * len(found):
+        raise BagError(f"{source}: expected surveyed poses that agree with the images, found {what}")
+    return [f"warning: {what}"]
+
+
+def _sigmas(edge: Edge, surveyed: SphereGraph) -> float:
+    """Return how far the survey is from an edge in standard deviations of both."""
+    covariance = EDGE_FACTOR**2 * np.linalg.pinv(edge.information) + np.diag(SURVEY_SIGMA**2)
+    return float(np.sqrt(squared_distance(edge.T_a_b, _motion(edge, surveyed), covariance)))
+
+
+def _describe(edge: Edge, sigmas: float, surveyed: SphereGraph) -> str:
+    meters, radians = edge.T_a_b.distance(_motion(edge, surveyed))
+    return f"{edge.a} to {edge.b} by {1e3 * meters:.0f} mm, {np.degrees(radians):.2f} deg ({sigmas:.1f} sigma)"
+
+
+def _motion(edge: Edge, graph: SphereGraph) -> SE3:
+    """Return T_a_b as the poses of a graph have it."""
+    return graph[edge.a].T_map_sphere.inverse() @ graph[edge.b].T_map_sphere

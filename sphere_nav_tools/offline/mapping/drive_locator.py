@@ -1,0 +1,157 @@
+"""The spheres of a drive localised, as they are mapped, in the map that the drive extends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dense_localizer.judge.estimate import CameraEstimate
+from dense_localizer.key_images import is_alike
+from dense_localizer.localizer import Localizer
+from dense_localizer.params import LocalizerParams
+from sphere_mapping.experiences.joining import DriveSphere, Localized
+from sphere_mapping.graph.keyframes import MapUpdate
+from sphere_mapping.graph.store import SphereStore
+from sphere_mapping.graph.tracking import Unroll
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.params import InputParams, StateParams
+from sphere_nav.localization.status import State
+from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.conversions import sphere_to_message
+from sphere_nav.ros.maps.compact import CompactSpheres
+from sphere_nav.ros.maps.reader import MapReader
+from sphere_nav.ros.maps.writer import SPHERE_FRAME
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.experiences import Service, count_image
+from sphere_nav.spheres.sphere import Sphere
+from sphere_nav_tools.offline.constants import MIN_EXPLAINED_SHARE, PATIENCE_S
+
+
+class ObservedMapper(Mapper):
+    """Tells of every sphere as it was mapped."""
+
+    def __init__(
+        self, observe: Callable[[Mapper, Sphere, MapUpdate], None], params: MapperParams, store: SphereStore | None
+    ) -> None:
+        self._observe = observe
+        super().__init__(params, store=store)
+
+    def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
+        """Map one sphere, and tell of it, straightened by its motion."""
+        update = super().add(sphere, odometry, unroll)
+        last = self._tracker.last if update.T_map_sphere is not None else None
+        self._observe(self, last.sphere if last is not None else sphere, update)
+        return update
+
+
+class DriveLocator:
+    """Told of every sphere by the mapper; its own motion is the odometry of the localiser."""
+
+    def __init__(self, base: MapReader) -> None:
+        params = LocalizerParams(
+            input=InputParams(timeout_s=PATIENCE_S, allow_still=True), state=StateParams(max_blind_s=PATIENCE_S)
+        )
+        self._graph, self._localizer = base.graph, Localizer(params, base)
+        self._found: dict[int, Localized | None] = {}
+        self._explained: set[int] = set()  # stamps of images that the map explains
+        self._probation: dict[int, CameraEstimate] = {}  # the latest ones, by the stamp, while they are in probation
+        self._small = CompactSpheres()
+        self._numbers: dict[int, int] = {}  # of the small sphere of each stamp
+        self._T_odom_graph, self._num_loops = SE3.identity(), 0
+        self._last: tuple[Mapper, SE3] | None = None
+        self.served: dict[int, Service] = {}
+        self._unlike: dict[int, float] = {}  # of the stamps of what was placed, how little it resembles the map
+
+    def close(self) -> None:
+        """End the threads of the localiser."""
+        self._localizer.references.close()
+
+    def make_mapper(self, params: MapperParams, store: SphereStore | None = None) -> Mapper:
+        """Return a mapper that tells of its spheres."""
+        return ObservedMapper(self.observe, params, store)
+
+    def observe(self, mapper: Mapper, sphere: Sphere, update: MapUpdate) -> None:
+        """Localise a sphere of the drive."""
+        stamp_ns = sphere.stamp_ns
+        T_odom_sphere = self._odometry(mapper, update)
+        estimate = self._localizer.update(sphere.gray, sphere.camera, stamp_ns, T_odom_sphere)
+        if stamp_ns in self._numbers:
+            return
+        self._found[stamp_ns] = self._locate(estimate)
+        self._probation[stamp_ns] = estimate
+        if estimate.status.state is not State.PROBATION:
+            if estimate.status.state is State.TRACKING:  # a probation that ended well was no failure of the map
+                self._count_shown()
+            self._probation.clear()
+        self._numbers[stamp_ns] = len(self._numbers)
+        small = sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, self._numbers[stamp_ns])
+        self._small.add(serialize_to_store(small))
+
+    def lacking(self, stamp_ns: int) -> float:
+        """Return the share 0...1 of a sphere of the drive that the map does not show.
+
+        One minus the correlation in TRACKING, and in a probation that led to it; else 1. A sphere is tracked all around
+        in a light in which one camera is lost, as in snow: that it is tracked does not say what a camera will find.
+        """
+        return self._unlike.get(stamp_ns, 1.0)
+
+    def images(self, mapper: Mapper) -> list[DriveSphere]:
+        """Return the spheres of the drive that were placed in it."""
+        tracks = [track for track in mapper.tracks if track.stamp_ns in self._numbers]
+        return [
+            DriveSphere(one, self._found[one.stamp_ns], self._loader(self._numbers[one.stamp_ns])) for one in tracks
+        ]
+
+    def unexplained(self, mapper: Mapper) -> set[int]:
+        """Return the key spheres of the drive most of whose images the map did not explain.
+
+        A sphere sees all around: it is tracked where one camera is not. So it must resemble the map, too.
+        """
+        key_of = {track.stamp_ns: track.key_id for track in mapper.tracks} | {
+            node.stamp_ns: node.id for node in mapper.graph
+        }
+        told: dict[int, list[bool]] = {node.id: [] for node in mapper.graph}
+        for stamp_ns in self._found.keys() & key_of.keys():
+            told[key_of[stamp_ns]].append(stamp_ns in self._explained)
+        return {key_id for key_id, images in told.items() if images and np.mean(images) < MIN_EXPLAINED_SHARE}
+
+    def _count_shown(self) -> None:
+        """Note what the map shows of the spheres of a probation that ended, and of the one that ended it.
+
+        Those of the probation served, too: else what a map holds of the place where drives begin would never count.
+        """
+        for stamp_ns, estimate in self._probation.items():
+            if estimate.status.references:
+                count_image(self.served, int(estimate.status.references[0]), stamp_ns)
+            ncc = estimate.candidate.ncc if estimate.candidate is not None else 0.0
+            self._unlike[stamp_ns] = 1.0 - max(ncc, 0.0)
+            if is_alike(estimate):
+                self._explained.add(stamp_ns)
+
+    def _odometry(self, mapper: Mapper, update: MapUpdate) -> SE3 | None:
+        """Return the pose of a sphere in a frame that loops do not move."""
+        if update.T_map_sphere is None or not mapper.tracks:
+            return None
+        if mapper.num_loops != self._num_loops and len(mapper.tracks) > 1 and self._last is not None:
+            before = mapper.tracks[-2]
+            T_graph_before = mapper.graph[before.key_id].T_map_sphere @ before.T_key_sphere
+            self._T_odom_graph = self._last[1] @ T_graph_before.inverse()
+        self._num_loops = mapper.num_loops
+        newest = mapper.tracks[-1]
+        T_odom_sphere = self._T_odom_graph @ mapper.graph[newest.key_id].T_map_sphere @ newest.T_key_sphere
+        self._last = mapper, T_odom_sphere
+        return T_odom_sphere
+
+    def _locate(self, estimate: CameraEstimate) -> Localized | None:
+        status = estimate.status
+        if estimate.T_map_camera is None or estimate.covariance is None or not status.references:
+            return None
+        a = int(status.references[0])
+        T_a_sphere = self._graph[a].T_map_sphere.inverse() @ estimate.T_map_camera
+        return Localized(a, T_a_sphere, estimate.covariance, is_sure=status.state is State.TRACKING)
+
+    def _loader(self, number: int) -> Callable[[], Sphere]:
+        return lambda: self._small[number]

@@ -1,0 +1,241 @@
+"""Pictures of poses: what a localiser said in a recording (top view, errors, states, timings), and an evaluation."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import groupby
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory, read_tum
+from sphere_nav.geometry.trajectory_error import AbsoluteErrors
+from sphere_nav.localization.status import TRUSTED, Reason, State, Status
+from sphere_nav.ros import conversions
+from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.spheres.experiences import names_of_experiences
+from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses
+from sphere_nav_tools.offline.pose_bags import READINGS, is_bag, read_poses
+
+STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
+POSE_NAMES = ("pose", "odometry")
+COLORS = {
+    State.UNCONFIGURED: "#5f6368",
+    State.NO_MAP: "#5f6368",
+    State.NOT_LOCALISED: "#9aa0a6",
+    State.SEARCHING: "#6fa8dc",
+    State.PROBATION: "#ffd966",
+    State.TRACKING: "#2ca02c",
+    State.DEGRADED: "#ff9900",
+    State.LOST: "#d62728",
+}
+TRUTH, ESTIMATE, LATERAL, LONGITUDINAL, ROTATION = "#9aa0a6", "#1f77b4", "#d62728", "#2ca02c", "#8c564b"
+Errors = tuple[Trajectory, AbsoluteErrors]  # the truth in the frame of the map, and what poses are off it
+
+
+def find_pose_topic(bag: BagReader) -> str:
+    """Return the topic of poses by its last name, those of a pose before odometry; empty where there is none."""
+    topics = [info.name for info in bag.topics.values() if info.count and info.type in READINGS]
+    named = [t for name in POSE_NAMES for t in sorted(topics) if t.split("/")[-1] == name]
+    return next((topic for topic in named if not any(word in topic for word in TRUTH_WORDS)), "")
+
+
+def find_status(bag: BagReader) -> str:
+    """Return the one topic with the status of a localiser; empty: none. BagError for several."""
+    topics = sorted(info.name for info in bag.topics.values() if info.type == STATUS and info.count)
+    if len(topics) > 1:
+        raise BagError(f"{bag.path}: expected one status, found {', '.join(topics)}: choose by --status")
+    return topics[0] if topics else ""
+
+
+def read_statuses(bag: BagReader, topic: str) -> list[Status]:
+    """Return what was said of every image, and of silences; BagError for a topic of another type."""
+    if not topic:
+        return []
+    info = bag.require(topic)
+    if info.type != STATUS:
+        raise BagError(f"{bag.path}: {info.name}: expected {STATUS}, found {info.type}")
+    return [conversions.message_to_status(message) for _, _, message in bag.messages([topic])]
+
+
+def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignment: str = "none") -> Errors | None:
+    """Return truth and errors; None where a bag has no truth that is asked for by nobody.
+
+    alignment: that finds the place of the map in the frame of the truth (`ALIGNMENTS`); the truth is moved to the map.
+    """
+    if poses is None:
+        return None
+    if is_bag(truth):
+        with BagReader(truth) as bag:
+            topics = [t for t in TRUTH_TOPICS if f"/{t}" in bag.topics and bag.topics[f"/{t}"].count]
+        if not topics and not is_required:
+            return None
+        true = read_poses(truth, tuple(topics) or TRUTH_TOPICS)
+    else:
+        true = read_tum(truth)
+    judged = evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)
+    T_map_truth = SE3(np.array(judged.report["alignment"]["T_truth_estimate"])).inverse()
+    return judged.truth.moved(T_map_truth), judged.errors
+
+
+def find_experiences(map_path: Path, statuses: list[Status]) -> dict[int, str]:
+    """Return by stamp which experience of a map placed an image; BagError where that was another map."""
+    with open_map(map_path) as reader:
+        names, map_id = names_of_experiences(reader.graph), str(reader.info.map_id)
+    others = {status.map_id for status in statuses} - {map_id, ""}
+    if others:
+        raise BagError(f"{map_path}: map_id: expected that of the recording, {min(others)}, found {map_id}")
+    placed = (status for status in statuses if status.state in TRUSTED and status.references)
+    return {status.stamp_ns: names[one] for status in placed if (one := status.references[0]) in names}
+
+
+def describe_experiences(served: dict[int, str]) -> list[str]:
+    """Return how many images each experience placed."""
+    return [f"{number:6d}  placed by {name}" for name, number in Counter(served.values()).most_common()]
+
+
+def describe_states(statuses: list[Status]) -> list[str]:
+    """Return how often each state was told for each reason, with the remedy, and the time for an image."""
+    counts = Counter((str(status.state), str(status.reason)) for status in statuses)
+    remedies = {(str(status.state), str(status.reason)): status.remedy for status in statuses}
+    lines = [
+        f"{number:6d}  {state:<14} {reason:<14} {remedies[state, reason]}".rstrip()
+        for (state, reason), number in counts.most_common()
+    ]
+    times = [status.milliseconds for status in statuses if status.reason != Reason.TIMEOUT and status.milliseconds > 0]
+    if times:
+        lines.append(f"time for an image: median {np.median(times):.1f} ms, p99 {np.percentile(times, 99):.1f} ms")
+    return lines
+
+
+def draw_localization(
+    path: Path,
+    poses: Trajectory | None,
+    errors: Errors | None,
+    statuses: list[Status],
+    served: dict[int, str] | None = None,
+) -> None:
+    """Draw poses, (truth, errors) and statuses, whatever of them there is; the ending chooses the format.
+
+    served: by stamp, which experience of the map placed an image.
+    """
+    stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
+    start = int(min(stamps))
+    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = Figure(figsize=(13, 7), layout="constrained")
+        cells = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.4), height_ratios=(1.0, 1.0, 1.0))
+        _draw_top(figure.add_subplot(cells[:, 0]), poses, errors, served or {})
+        rows = [figure.add_subplot(cells[row, 1]) for row in range(3)]
+        for axes in rows[1:]:
+            axes.sharex(rows[0])
+        _draw_errors(rows[0], errors, start)
+        _draw_states(rows[1], statuses, start)
+        _draw_times(rows[2], statuses, start)
+        rows[2].set_xlabel("time [s]")
+        figure.savefig(path, dpi=120)
+
+
+def runs_of(statuses: list[Status], start: int) -> list[tuple[State, str, float, float]]:
+    """Return state, reason, first and last second of every run of equal ones; a run lasts until the next begins."""
+    runs = []
+    ordered = sorted(statuses, key=lambda status: status.stamp_ns)
+    for (state, reason), members in groupby(ordered, key=lambda status: (status.state, str(status.reason))):
+        stamps = [(status.stamp_ns - start) * 1e-9 for status in members]
+        runs.append((state, reason, stamps[0], stamps[-1]))
+    ends = [run[2] for run in runs[1:]] + [runs[-1][3]] if runs else []
+    return [(state, reason, first, end) for (state, reason, first, _), end in zip(runs, ends, strict=True)]
+
+
+def _draw_top(axes: Axes, poses: Trajectory | None, errors: Errors | None, served: dict[int, str]) -> None:
+    if errors is not None:
+        axes.plot(*errors[0].positions[:, :2].T, color=TRUTH, lw=4, label="truth")
+    if poses is not None and len(poses):
+        axes.plot(*poses.positions[:, :2].T, ".-", color=ESTIMATE, lw=1, ms=2, label="pose")
+        for number, name in enumerate(dict.fromkeys(served.values())):
+            is_its = [served.get(int(stamp)) == name for stamp in poses.stamps_ns]
+            axes.plot(*poses.positions[is_its, :2].T, "o", color=f"C{number + 1}", ms=4, label=f"by {name}")
+        axes.plot(*poses.positions[0, :2], "o", color="black", ms=5, label="start")
+        axes.legend(loc="best")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+
+
+def _draw_errors(axes: Axes, errors: Errors | None, start: int) -> None:
+    axes.set_ylabel("error [m]")
+    if errors is None:
+        axes.text(0.5, 0.5, "no truth", transform=axes.transAxes, ha="center", va="center", color=TRUTH)
+        return
+    true, found = errors
+    seconds = (true.stamps_ns - start) * 1e-9
+    axes.plot(seconds, found.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
+    axes.plot(seconds, found.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+    axes.legend(loc="upper right")
+
+
+def _draw_states(axes: Axes, statuses: list[Status], start: int) -> None:
+    runs = runs_of(statuses, start)
+    present = [state for state in State if any(run[0] == state for run in runs)]
+    reasons = sorted({reason for _, reason, _, _ in runs if reason})
+    names = [*present, *reasons]
+    rows = {str(name): row for row, name in enumerate(names)}
+    for state, reason, first, end in runs:
+        width = max(end - first, 1e-3)
+        axes.broken_barh([(first, width)], (rows[str(state)] - 0.4, 0.8), color=COLORS[State(state)])
+        if reason:
+            axes.broken_barh([(first, width)], (rows[reason] - 0.2, 0.4), color=COLORS[State(state)])
+    axes.set_yticks(range(len(names)), [str(name) for name in names])
+    axes.set_ylim(len(names) - 0.5, -0.5)
+
+
+def _draw_times(axes: Axes, statuses: list[Status], start: int) -> None:
+    timed = [status for status in statuses if status.milliseconds > 0.0]
+    seconds = np.array([(status.stamp_ns - start) * 1e-9 for status in timed])
+    axes.plot(seconds, [status.milliseconds for status in timed], ".", color=ESTIMATE, ms=3)
+    axes.set_ylabel("time for an image [ms]")
+    if timed:
+        axes.set_yscale("log")
+
+
+def draw_evaluation(
+    estimate: Trajectory, truth: Trajectory, all_truth: Trajectory, errors: AbsoluteErrors, path: Path
+) -> None:
+    """Draw paired trajectories (N,) and their errors into a file; the ending chooses the format."""
+    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = Figure(figsize=(12, 6), layout="constrained")
+        cells = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.3))
+        _top_view(figure.add_subplot(cells[:, 0]), estimate, all_truth)
+        upper, lower = figure.add_subplot(cells[0, 1]), figure.add_subplot(cells[1, 1])
+        seconds = (truth.stamps_ns - truth.stamps_ns[0]) / 1e9
+        upper.plot(seconds, errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
+        upper.plot(seconds, errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+        upper.set_ylabel("error [m]")
+        turned = lower.twinx()
+        drawn = lower.plot(seconds, errors.translation_m, color=ESTIMATE, lw=1, label="translation")
+        drawn += turned.plot(seconds, np.degrees(errors.rotation_rad), color=ROTATION, lw=1, label="rotation")
+        for axes, name, color in ((lower, "translation [m]", ESTIMATE), (turned, "rotation [°]", ROTATION)):
+            axes.set_ylabel(f"error of {name}", color=color)
+            axes.tick_params(axis="y", labelcolor=color)
+            axes.margins(y=0.25)  # for the legend
+            axes.set_ylim(bottom=0.0)
+        turned.grid(visible=False)
+        lower.set_xlabel("time [s]")
+        upper.legend(loc="upper right")
+        lower.legend(handles=drawn, loc="upper right")
+        figure.savefig(path, dpi=120)
+
+
+def _top_view(axes: mpl.axes.Axes, estimate: Trajectory, truth: Trajectory) -> None:
+    axes.plot(*truth.positions[:, :2].T, color=TRUTH, lw=4, label="truth")
+    axes.plot(*estimate.positions[:, :2].T, ".-", color=ESTIMATE, lw=1, ms=2, label="estimate")
+    axes.plot(*truth.positions[0, :2], "o", color="black", ms=5, label="start")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.legend(loc="best")

@@ -1,0 +1,61 @@
+"""The images of one camera of a bag, with its calibration.
+
+Recordings with few images: a localiser must wait for the next one longer than behind a live camera.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from sensor_msgs.msg import CompressedImage, Image
+
+from sphere_nav.localization.params import InputParams
+from sphere_nav.ros import conversions
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.streams import Stream, read_streams
+from sphere_nav.ros.conversions import camera_from_info
+from sphere_nav_tools.offline import topics
+from sphere_nav_tools.offline.constants import SILENT_PERIODS
+
+TIMEOUT = "input.timeout_s"
+
+
+def patience(streams: Sequence[Stream], images: Iterable[str]) -> dict[str, float]:
+    """Return the time-out for the slowest of the topics with images, where the default is too short for it."""
+    wanted, default = set(images), InputParams().timeout_s
+    rates = [stream.rate_hz for stream in streams if stream.topic in wanted and stream.count > 1]
+    if not rates or min(rates) <= 0.0 or SILENT_PERIODS / min(rates) <= default:
+        return {}
+    timeout_s = round(SILENT_PERIODS / min(rates), 3)
+    text = f"an image every {1.0 / min(rates):.2f} s: {TIMEOUT}={timeout_s:g} (else {default:g})"
+    logging.getLogger("sphere_nav.slow_camera").warning(text)
+    return {TIMEOUT: timeout_s}
+
+
+class RecordedCamera:
+    """Found by the options of `topics.add_options`; BagError where there is none.
+
+    `patience` is what a localiser is to be given where its images are far apart, `odometry` the topic of it, if any.
+    """
+
+    def __init__(self, path: str | Path, arguments: argparse.Namespace) -> None:
+        self._path = path
+        with BagReader(path) as bag:
+            chosen = topics.choose_topics(bag, arguments)
+            self._topics = topics.find_topics(bag, ("image_raw", "camera_info"), chosen)
+            info = next(iter(bag.messages([self._topics["camera_info"]]))).message
+            self.patience = patience(read_streams(bag), [self._topics["image_raw"]])
+        self.camera, self.frame_id = camera_from_info(info), str(info.header.frame_id)
+        self.odometry = self._topics.get("odom", "")
+
+    def messages(self) -> Iterator[tuple[int, Image]]:
+        """Yield stamp in ns and image, those that were compressed undone."""
+        with BagReader(self._path) as bag:
+            for item in bag.messages([self._topics["image_raw"]]):
+                message = item.message
+                if isinstance(message, CompressedImage):
+                    message = conversions.compressed_to_image(message)
+                yield conversions.stamp_ns(message), message

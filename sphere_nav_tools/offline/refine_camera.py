@@ -1,0 +1,238 @@
+"""What is wrong with the calibration of a camera, and where it sits on the vehicle, from a drive in a map.
+
+Without a map: where the depth camera of an RGB-D camera sits beside the image's, from a drive.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from dense_localizer.localizer import Localizer
+from dense_localizer.params import LocalizerParams
+from rig_calibration.drive.depth_pose import RefinedDepth
+from rig_calibration.drive.drive_image import DriveImage, collect
+from rig_calibration.drive.drive_lens import Lens
+from rig_calibration.drive.mounting import NAMES, Mounting, find_mounting
+from rig_calibration.drive.proof import LensProof, lens_distance, prove
+from rig_calibration.drive.refinement import refine_camera
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.ros.intake import TOPICS
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.params import build
+from sphere_nav.photometric import build_pyramid
+from sphere_nav.ros import conversions
+from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.camera.mounting import NAMES as POSE
+from sphere_nav.ros.camera.mounting import read_mounting
+from sphere_nav.ros.conversions import camera_to_info
+from sphere_nav.ros.maps.reader import MapDetails, MapReader
+from sphere_nav_tools.offline import topics
+from sphere_nav_tools.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S, REFINE_ROUNDS, SETTLED_PX
+from sphere_nav_tools.offline.mapping.depth_drive import describe_components, refine_depth
+from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, replay_mapper
+from sphere_nav_tools.offline.mapping.sphere_source import find_input
+from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.recorded_camera import RecordedCamera
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Stamps and poses of the images that were localised."""
+
+    stamps_ns: NDArray[np.int64]
+    T_map_camera: tuple[SE3, ...]
+
+    def trajectory(self) -> Trajectory:
+        """Return the poses of the camera, optical axes, in the map."""
+        return Trajectory(self.stamps_ns, SE3(np.array([T.matrix for T in self.T_map_camera]).reshape(-1, 4, 4)))
+
+    def velocity(self, index: int) -> NDArray[np.float64] | None:
+        """Return the velocity (6,) between both neighbours of an image; None where one is missing."""
+        if not 0 < index < len(self.stamps_ns) - 1:
+            return None
+        elapsed_s = float(self.stamps_ns[index + 1] - self.stamps_ns[index - 1]) * 1e-9
+        if elapsed_s > 2.0 * MAX_PAUSE_S:
+            return None
+        moved = self.T_map_camera[index - 1].inverse() @ self.T_map_camera[index + 1]
+        return moved.log() / elapsed_s
+
+
+class RecordedDrive:
+    """The images of a bag."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._arguments = arguments
+        self._recorded = RecordedCamera(arguments.source, arguments)
+        self.camera, self.frame_id = self._recorded.camera, self._recorded.frame_id
+        self.odometry = self._recorded.odometry
+        self.located = Located(np.empty(0, np.int64), ())
+
+    def refine(self, sphere_map: MapReader) -> LensProof:
+        """Localise the drive with the lens found so far and refine it, in turn; then judge it by halves of the drive.
+
+        Poses that were found by a lens that is far off are far off themselves.
+        """
+        given = lens = Lens.of(self.camera, self._arguments.readout)
+        for _ in range(REFINE_ROUNDS):
+            images = self._locate(sphere_map, lens)
+            found = refine_camera(images, given).lens
+            is_settled, lens = lens_distance(lens, found) < SETTLED_PX, found
+            if is_settled:
+                break
+        return prove(images, given, self._period())
+
+    def _period(self) -> float:
+        """Return the time between two images in s, longer than any readout; infinite where there is none."""
+        steps = np.diff(self.located.stamps_ns)
+        return float(steps.min()) * 1e-9 if len(steps) else np.inf
+
+    def _locate(self, sphere_map: MapReader, lens: Lens) -> list[DriveImage]:
+        """Localise the drive with a lens; return images spread over it, with what the map shows there."""
+        given = self._recorded.patience | self._arguments.settings
+        localizer = Localizer(build(LocalizerParams, {"camera.readout": lens.readout} | given), sphere_map)
+        try:
+            self.located = self._localize(localizer, lens.camera)
+            return list(self._collect(localizer, lens.camera, self.located))
+        finally:
+            localizer.references.close()
+
+    def _localize(self, localizer: Localizer, camera: Camera) -> Located:
+        stamps, poses = [], []
+        for stamp, image in tqdm(self._images(), desc="localise", unit="image", leave=False, disable=None):
+            estimate = localizer.update(image, camera, stamp)
+            if estimate.T_map_camera is not None and estimate.candidate is not None:
+                stamps.append(stamp)
+                poses.append(estimate.T_map_camera)
+        return Located(np.array(stamps, np.int64), tuple(poses))
+
+    def _collect(self, localizer: Localizer, camera: Camera, located: Located) -> Iterator[DriveImage]:
+        """Yield images spread over the drive, with the pixels of the map that they show."""
+        number = min(self._arguments.images, len(located.stamps_ns))
+        indices = np.unique(np.linspace(0, len(located.stamps_ns) - 1, number).round().astype(int))
+        velocities = {int(located.stamps_ns[i]): (int(i), located.velocity(int(i))) for i in indices}
+        if all(velocity is None for _, velocity in velocities.values()):  # too slow for one: no readout, but a lens
+            velocities = {stamp: (i, np.zeros(6)) for stamp, (i, _) in velocities.items()}
+        for stamp, image in self._images():
+            index, velocity = velocities.get(stamp, (0, None))
+            if velocity is None:
+                continue
+            T_map_camera = located.T_map_camera[index]
+            choice = localizer.references.choose(T_map_camera, camera)
+            if choice.views:
+                pyramid = build_pyramid(image, camera, localizer.params.registration.pyramid)
+                yield collect(pyramid, choice.views[0], T_map_camera, velocity)
+
+    def _images(self) -> Iterator[tuple[int, NDArray[Any]]]:
+        for stamp, message in self._recorded.messages():
+            yield stamp, conversions.image_to_gray(message)
+
+
+def text_of(proof: LensProof, frame_id: str, mounting: Mounting | None) -> str:
+    """Return the calibration file: that of camera_info_manager, with readout, deviations and mounting beside."""
+    found = proof.found
+    info = camera_to_info(found.lens.camera, 0, frame_id)
+
+    def matrix(rows: int, values: Sequence[float]) -> dict[str, Any]:
+        return {"rows": rows, "cols": len(values) // rows, "data": [float(value) for value in values]}
+
+    values = {
+        "image_width": int(info.width),
+        "image_height": int(info.height),
+        "camera_name": frame_id,
+        "camera_matrix": matrix(3, info.k),
+        "distortion_model": info.distortion_model,
+        "distortion_coefficients": matrix(1, info.d),
+        "rectification_matrix": matrix(3, info.r),
+        "projection_matrix": matrix(3, info.p),
+        "readout": float(found.lens.readout),
+        "standard_deviations": found.deviations,
+        "held_out": {name: float(getattr(proof, name)) for name in ("evidence", "limit", "moved_px", "apart_px")},
+    }
+    return yaml.safe_dump(values | (mounting_values(mounting) if mounting else {}), sort_keys=False)
+
+
+def mounting_by_odometry(
+    arguments: argparse.Namespace, frame_id: str, odometry: str, camera: Trajectory
+) -> tuple[Mounting | None, str]:
+    """Return the mounting by the poses of the camera (optical axes) in the map and the odometry; or none, and why.
+
+    It starts from --mounting or /tf_static; without either the camera may look anywhere.
+    """
+    if not odometry:
+        return None, "the bag has no odometry"
+    given = read_mounting(arguments.mounting)
+    with BagReader(arguments.source) as bag:
+        tree = topics.read_frames(bag)
+    if given is None and tree.is_connected(topics.BASE_FRAME, frame_id):
+        given = tree.lookup(topics.BASE_FRAME, frame_id) @ T_BODY_OPTICAL.inverse()
+    base, is_known = read_poses(bag.path, (odometry,)).at(camera.stamps_ns, MAX_ODOMETRY_GAP_NS)
+    T_map_body: SE3 = camera.T_map_body[is_known] @ T_BODY_OPTICAL.inverse()
+    try:
+        return find_mounting(T_map_body, base.T_map_body, given), ""
+    except ValueError as error:
+        return None, str(error).removeprefix("mounting: ")
+
+
+def mounting_values(found: Mounting) -> dict[str, dict[str, float]]:
+    """Return what the calibration file says: the six numbers that --mounting reads, and deviations beside."""
+    values, deviations = (dict(zip(NAMES, map(float, v), strict=True)) for v in (found.values, found.deviations))
+    return {"mounting": {name: values[name] for name in POSE}, "mounting_standard_deviations": deviations}
+
+
+def mounting_lines(found: Mounting) -> Iterator[str]:
+    """Yield what is printed."""
+    left = "{:.3f} m, {:.4f} rad".format(*found.rms)
+    yield f"mounting on {topics.BASE_FRAME}: {found.num_pieces} pieces of the drive, left of each {left}"
+    for name, value, sigma in zip(NAMES, found.values, found.deviations, strict=True):
+        note = "  NOT OBSERVED by this drive: as it was given" if name in found.unobserved else ""
+        yield f"{name:<15}{value:10.4f} +- {sigma:.4f}{note}"
+    if found.unobserved:
+        yield "a place shows in turns, a height on ramps and bumps only: measure what is missing"
+
+
+def run_depth(arguments: argparse.Namespace) -> int:
+    """Map the drive, refine the depth camera by pairs of it; 1 if the drive does not tell everything."""
+    given = {"camera.readout": arguments.readout, "mapper.loop.automatic": False}
+    values = given | arguments.settings | {"input": "rgbd"}
+    with BagReader(arguments.source) as bag:
+        chosen = topics.choose_topics(bag, arguments)
+        kind = find_input(bag, chosen)
+        if kind != "rgbd":
+            raise BagError(f"{arguments.source}: expected images with depth where no MAP is given, found {kind}")
+        found = topics.find_topics(bag, TOPICS["rgbd"], chosen)
+        values = {"slack_s": topics.pairing_slack(bag, found["image_raw"])} | values
+        drive = replay_mapper(Recipe(arguments.source, values, found, MapDetails()), Mapper)
+        if not drive.mapper.tracks:
+            raise BagError(f"{arguments.source}: expected images to align, found none: {drive.refusal}")
+        estimate = refine_depth(bag, values, found, drive)
+    arguments.output.write_text(depth_file_text(estimate.found), encoding="utf-8")
+    print("\n".join([*report_depth(estimate.found, str(arguments.output)), *filter(None, [estimate.verdict])]))
+    return 1 if estimate.found.unobserved else 0
+
+
+def depth_file_text(found: RefinedDepth) -> str:
+    """Return the file that `depth_pose` takes: x y z roll pitch yaw (m, rad), their standard deviations beside."""
+    values = [*found.T_image_depth.translation, *found.T_image_depth.angles]
+    deviations = zip(POSE, found.deviations.values(), strict=True)
+    content = {name: float(value) for name, value in zip(POSE, values, strict=True)}
+    return yaml.safe_dump({"depth_pose": content, "standard_deviations": dict(deviations)}, sort_keys=False)
+
+
+def report_depth(found: RefinedDepth, output: str) -> Iterator[str]:
+    """Yield what is printed."""
+    yield f"{len(found.states)} pairs, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels -> {output}"
+    yield "depth camera in the axes of the image's (x right, y down, z ahead):"
+    yield from describe_components(found)
+    if found.unobserved:
+        yield "record surfaces at several distances and slopes, and move by half of their distance, not only turn"
+    yield f"to map with it: sphere_nav map BAG -o MAP --set depth_pose={output}"

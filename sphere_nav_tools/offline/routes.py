@@ -1,0 +1,139 @@
+"""Networks of taught paths for the command `route`: from files of drives, in words, as a picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from path_follower.params import FollowerParams, VehicleParams
+from path_follower.path import Pose2
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.drive_files import read_drives
+from path_follower.routes.network import Network, RouteEdge, Spot
+from path_follower.routes.planning import Route
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav_tools.offline.constants import NETWORK_REACH
+
+ONE_WAY, BOTH, REVERSE, WAY = "#1f77b4", "#2ca02c", "#8c564b", "#d62728"
+
+
+def map_id_of(path: Path) -> str:
+    """Return the id of a map; of anything that is no folder nothing is known."""
+    if not path.is_dir():
+        return ""
+    with open_map(path) as reader:
+        return str(reader.info.map_id)
+
+
+def read_network_of(files: Sequence[Path], map_id: str, width: float, reverse: Collection[Path] = ()) -> Network:
+    """Return the network of drives in files; ValueError for those of another map."""
+    params = FollowerParams(vehicle=replace(VehicleParams(), width=width))
+    drives: list[TaughtDrive] = []
+    for file in files:
+        found, theirs = read_drives(file, params, is_reversible=file in reverse)
+        if map_id and theirs and theirs != map_id:
+            raise ValueError(f"{file}: map_id: expected {map_id}, found {theirs}: drives of one map make a network")
+        map_id = map_id or theirs
+        drives += found
+    return build_network(drives, map_id, width)
+
+
+def find_spot(network: Network, x: float, y: float, yaw: float | None) -> Spot:
+    """Return the spot of a network that is closest to a position, and heads as asked for; ValueError where none is."""
+    turns = [yaw] if yaw is not None else [edge.curve.yaw for edge in network.edges.values()]
+    found: list[Spot] = []
+    for turn in np.unique(np.round(np.concatenate([np.atleast_1d(t) for t in turns]) / 0.3) * 0.3):
+        found += network.locate(Pose2(x, y, float(turn)), NETWORK_REACH, 0.35)
+    if not found:
+        raise ValueError(f"--at: expected a position within {NETWORK_REACH:g} m of the network, found {x:g}, {y:g}")
+    return min(found, key=lambda spot: abs(spot.left))
+
+
+def describe(network: Network) -> list[str]:
+    """Return the network in lines: what is in it, its edges, its places, what a car should be warned of."""
+    total = sum(edge.length for edge in network.edges.values())
+    lines = [
+        f"{len(network.nodes)} nodes, {len(network.edges)} edges, {total:.1f} m, map {network.map_id or 'unknown'}"
+    ]
+    lines.append("edge   from     to  length  width  drives  speed  deviation  driven")
+    lines += [_edge_line(edge) for edge in network.edges.values()]
+    lines += [f"place {name}: node {node}" for name, node in sorted(network.places.items())]
+    sharpest = VehicleParams().max_curvature
+    for edge in network.edges.values():
+        bend = float(np.abs(edge.curve.bend).max())
+        if bend > sharpest:
+            lines.append(
+                f"edge {edge.id}: bends to {1 / bend:.1f} m radius; a Cycab cannot turn tighter than {1 / sharpest:.1f}"
+            )
+    return lines
+
+
+def _edge_line(edge: RouteEdge) -> str:
+    known = edge.curve.speed[np.isfinite(edge.curve.speed)]
+    speed = f"{known.max():.2f}" if len(known) else "-"
+    deviation = f"{edge.deviation:.3f}" if math.isfinite(edge.deviation) else "-"
+    way = "both ways" if edge.is_forward and edge.is_reverse else "forward" if edge.is_forward else "backwards"
+    numbers = f"{edge.id:>4} {edge.start:>6} {edge.end:>6} {edge.length:>7.1f} {edge.width:>6.2f} {edge.num_drives:>7}"
+    return f"{numbers} {speed:>6} {deviation:>10}  {way}"
+
+
+def describe_route(network: Network, route: Route) -> list[str]:
+    """Return a way in lines: its legs, and what they add up to."""
+    lines = []
+    for leg in route.legs:
+        edge = network.edges[leg.edge]
+        name = network.name_of(edge.end if leg.direction > 0 else edge.start)
+        lines.append(
+            f"edge {leg.name:>4}  {leg.length:>7.1f} m  {'backwards  ' if leg.direction < 0 else ''}{name}".rstrip()
+        )
+    return [*lines, f"{route.length:.1f} m, {route.seconds:.0f} s"]
+
+
+def draw_network(path: Path, network: Network, route: Route | None = None) -> None:
+    """Draw edges with their numbers and directions, branches, places, and a way."""
+    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = Figure(figsize=(10, 8), layout="constrained")
+        axes = figure.add_subplot()
+        for edge in network.edges.values():
+            _draw_edge(axes, edge)
+        for leg in route.legs if route is not None else ():
+            part = network.edges[leg.edge].curve.part(min(leg.first, leg.last), max(leg.first, leg.last))
+            axes.plot(part.x, part.y, color=WAY, lw=5, alpha=0.35, solid_capstyle="round", zorder=1)
+        poses = np.array([node.pose[:2] for node in network.nodes.values()])
+        axes.plot(*poses.T, "o", color="black", ms=4, zorder=3)
+        for name, node in network.places.items():
+            pose = network.nodes[node].pose
+            box = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "black", "alpha": 0.9}
+            axes.annotate(name, pose[:2], (6, 6), textcoords="offset points", weight="bold", bbox=box, zorder=4)
+        for color, label in ((ONE_WAY, "forward"), (BOTH, "both ways"), (REVERSE, "backwards only")):
+            if any(_color(edge) == color for edge in network.edges.values()):
+                axes.plot([], [], color=color, label=label)
+        if route is not None:
+            axes.plot([], [], color=WAY, lw=5, alpha=0.35, label=f"{route.length:.0f} m, {route.seconds:.0f} s")
+        axes.legend(loc="best")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel("x [m]")
+        axes.set_ylabel("y [m]")
+        figure.savefig(path, dpi=120)
+
+
+def _color(edge: RouteEdge) -> str:
+    return BOTH if edge.is_forward and edge.is_reverse else ONE_WAY if edge.is_forward else REVERSE
+
+
+def _draw_edge(axes: Axes, edge: RouteEdge) -> None:
+    color, curve = _color(edge), edge.curve
+    axes.plot(curve.x, curve.y, color=color, lw=1.5, zorder=2)
+    middle = curve.pose(edge.length / 2)
+    ahead = curve.pose(min(edge.length / 2 + 0.1, edge.length))
+    arrow = {"arrowstyle": "-|>", "color": color, "mutation_scale": 14}
+    axes.annotate("", (ahead.x, ahead.y), (middle.x, middle.y), arrowprops=arrow)
+    left = (-9 * math.sin(middle.yaw), 9 * math.cos(middle.yaw))
+    axes.annotate(str(edge.id), middle[:2], left, textcoords="offset points", color=color, ha="center", va="center")

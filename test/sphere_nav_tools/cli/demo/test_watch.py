@@ -1,0 +1,85 @@
+"""The watch over a drive."""
+
+import io
+import time
+from contextlib import nullcontext
+
+import pytest
+from nav_msgs.msg import Odometry
+from tqdm import tqdm
+
+from sphere_nav_tools.cli.demo import processes as processes_module
+from sphere_nav_tools.cli.demo import watch as module
+from sphere_nav_tools.cli.demo.processes import Processes
+from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
+
+DOMAIN = 48
+
+
+def truth(seconds: int, x: float) -> Odometry:
+    message = Odometry()
+    message.header.stamp.sec, message.pose.pose.position.x = seconds, x
+    return message
+
+
+def test_a_drive_in_which_nothing_happens_fails_and_says_who_is_silent(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "SILENCE", 0.5)
+    monkeypatch.setattr(processes_module, "LOOK", 0.5)
+    silent = "drive: nothing for 0 s, and no process works; localiser silent, follower silent"
+    with (
+        Processes(tmp_path, DOMAIN) as processes,
+        DriveMonitor(processes, DOMAIN) as watch,
+        pytest.raises(DriveFailed, match=silent),
+    ):
+        watch.wait("drive", lambda: False, is_moving=True)
+
+
+def test_however_long_nothing_happens_it_is_not_over_while_a_process_works(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "SILENCE", 0.1)
+    monkeypatch.setattr(processes_module, "LOOK", 0.5)
+    begun = time.monotonic()
+    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
+        processes.run("compiler", "sum(1 for _ in iter(int, 1))")
+        time.sleep(1.0)  # it starts
+        watch.wait("drive", lambda: time.monotonic() > begun + 3.0, is_moving=True)
+        processes._running["compiler"].kill()
+        with pytest.raises(RuntimeError, match="compiler ended with status -9"):
+            watch.wait("drive", lambda: False, is_moving=True)
+
+
+@pytest.mark.parametrize(("speed", "ends"), [(0.0, "the car stands for 30 s"), (1.0, "")])
+def test_a_car_may_stand_for_a_while_of_simulated_time(tmp_path, speed, ends):
+    seconds, bar, shown = iter(range(1, 100)), tqdm(total=20, file=io.StringIO()), []
+
+    def drive() -> bool:
+        now = next(seconds)
+        shown.append(bar.n)
+        watch._on_truth(truth(now, speed * now))
+        return now == 60
+
+    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
+        verdict = pytest.raises(DriveFailed, match=ends) if ends else nullcontext()
+        with verdict:
+            watch.wait("drive", drive, is_moving=True, bar=bar)
+    assert (shown[:4], shown[-1]) == (([0, 0, 1, 2], 20) if speed else ([0, 0, 0, 0], 0))
+
+
+def test_a_service_that_refuses_is_asked_again_a_moment_later(tmp_path, monkeypatch):
+    pauses = []
+    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
+        monkeypatch.setattr(watch.executor, "spin_once", lambda timeout_sec: pauses.append(timeout_sec))
+        answers = iter(["not yet", "not yet", ""])
+        monkeypatch.setattr(watch, "ask", lambda name: next(answers))
+        watch.insist("start")
+        monkeypatch.setattr(watch, "ask", lambda name: "no path")
+        with pytest.raises(DriveFailed, match="start refused: no path; localiser silent"):
+            watch.insist("start")
+    assert 0.01 <= min(pauses) == max(pauses) <= 1.0  # it hears what is said, and does not hang
+    assert len(pauses) == 2 + module.MAX_CALLS
+
+
+def test_waiting_ends_when_it_holds(tmp_path):
+    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
+        answers = iter([False, False, True])
+        watch.wait("three looks", lambda: next(answers), is_moving=False)
+        assert list(answers) == []

@@ -1,0 +1,79 @@
+"""Recording and mapping by buttons: names, one job at a time, how it ended. The programs have tests of their own."""
+
+import sys
+import time
+
+import pytest
+
+from sphere_nav_tools.cli.operate import teaching
+from sphere_nav_tools.cli.operate.teaching import Teaching
+
+RECORDER = """
+import pathlib, signal, sys, time
+bag = pathlib.Path(sys.argv[1]); partial = bag.with_name(bag.name + '.partial')
+partial.mkdir(); (partial / 'a.mcap').write_bytes(b'0' * 2000000)
+
+def end(*_):
+    partial.rename(bag)
+    sys.exit(print('[INFO] [1.5] [bag_recorder]: 82 messages'))
+
+signal.signal(signal.SIGINT, end)
+print('ready', flush=True)
+time.sleep(60)
+"""
+
+
+def wait_for(holds):
+    end = time.monotonic() + 10.0
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch):
+    def recorder(node, *words):
+        assert node == "bag_recorder"
+        assert words[-2:] == ("-p", "topic_set:=raw")
+        return [sys.executable, "-c", RECORDER, words[2].removeprefix("output:=")]
+
+    def mapper(code, *words):
+        return [sys.executable, "-c", f"import sys; print({' '.join(words)!r}); sys.exit(3)"]
+
+    monkeypatch.setattr(teaching, "node_command", recorder)
+    monkeypatch.setattr(teaching, "python_command", mapper)
+    desk = Teaching(tmp_path, ["-p", "topic_set:=raw"], ["--rig", "r.yaml"])
+    yield desk
+    desk.close()
+
+
+def test_a_drive_is_recorded_and_mapped_by_its_name(desk):
+    assert desk.describe() == ""
+    assert desk.finish() == "nothing is being recorded"
+    assert desk.record("yard") == "recording yard"
+    wait_for(lambda: "2.0 MB ready" in desk.describe())
+    assert desk.record("other") == "recording yard is not over"
+    assert desk.drives == []  # a map is made of a drive that is complete
+    assert "being completed" in desk.finish()
+    wait_for(lambda: not desk.busy)
+    assert desk.describe() == "recording yard: done 82 messages"
+    assert desk.drives == ["yard"]
+    assert "found yard in" in desk.record("yard")
+    assert desk.map("yard") == "mapping yard"
+    wait_for(lambda: not desk.busy)
+    words = f"map {desk.folder / 'yard'} -o {desk.folder / 'yard_map'} --taught {desk.folder / 'yard.tum'} --rig r.yaml"
+    assert desk.describe() == f"mapping yard: FAILED (3) {words}"[: len(desk.describe())]
+    assert "FAILED (3) map" in desk.describe()
+
+
+@pytest.mark.parametrize("name", ["", "../yard", "a b", "-x", "y" * 65, "ä"])
+def test_a_name_is_no_path(desk, name):
+    assert "name: expected letters, digits" in desk.record(name)
+    assert "found none" in desk.map(name)
+    assert not list(desk.folder.iterdir())
+
+
+def test_paths_are_the_files_that_a_follower_reads(desk):
+    for name in ("b.tum", "a.csv", "c.geojson", "d.txt"):
+        (desk.folder / name).write_text("")
+    assert desk.paths == ["a.csv", "b.tum", "c.geojson"]

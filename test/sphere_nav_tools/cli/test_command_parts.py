@@ -1,0 +1,276 @@
+"""What commands do with their words and figures, without bags and maps."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip("rclpy")
+
+from rig_calibration.drive.drive_lens import Lens
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.localization.status import Reason, State, Status
+from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.spheres.experiences import Service, with_experience, with_service
+from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav_tools.cli import refine_camera as command
+from sphere_nav_tools.cli import register, rig_convert
+from sphere_nav_tools.cli.bags import inspect_, play
+from sphere_nav_tools.cli.maps import map_export, map_info
+from sphere_nav_tools.offline import forgetting, plot_figure, refine_camera, registering
+
+SECOND = 10**9
+CAMERA = Pinhole(64, 48, 50.0, 51.0, 31.0, 23.0, (0.1, 0.2, 0.3, 0.4))
+
+
+def test_topics_stand_in_columns():
+    streams = [
+        Stream("/a", "sensor_msgs/msg/Image", 5, 2.0), Stream("/longer/name", "std_msgs/msg/String", 123456, 0.5),
+        Stream("/one", "std_msgs/msg/Bool", 1, 9.0),
+    ]  # fmt: skip
+    head, *rows = inspect_.topic_table(streams)
+    assert head.split() == ["topic", "type", "messages", "rate", "frame", "content"]
+    columns = {"type": ("Image", "String", "Bool"), "messages": ("5", "123456", "1"), "rate": ("2.0 Hz", "0.5 Hz", "")}
+    for word, cells in columns.items():
+        at = head.index(word)
+        for row, cell in zip(rows, cells, strict=True):
+            assert row[at:].startswith(cell)
+            assert row[at - 2 : at].strip() == ""  # two spaces between columns
+    assert rows[2].split() == ["/one", "Bool", "1"]  # a single message has no rate
+
+
+def test_a_player_is_told_what_the_words_say_and_shows_how_far_it_is(monkeypatch):
+    given, bars = {}, []
+
+    class Bar:
+        def __init__(self, **_):
+            self.n, self.total = 0, None
+            bars.append(self)
+
+        def update(self, step):
+            self.n += step
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    def run_node(kind, words, values, prepare):
+        node = SimpleNamespace()
+        prepare(node)
+        for done in (3, 4, 9):
+            node.progress(done, 9)
+        given.update(values)
+        return 5
+
+    monkeypatch.setattr(play, "tqdm", Bar)
+    monkeypatch.setattr(play, "run_node", run_node)
+    words = {
+        "bag": "b", "topics": ["/x", "/y"], "rate": 0.5, "start": 12.0, "clock": True, "paused": False, "loop": True,
+        "wait_for": ["/z"], "answer": "/s", "answered": "/i",
+    }  # fmt: skip
+    assert play.run(SimpleNamespace(**words)) == 5
+    assert (bars[0].n, bars[0].total) == (9, 9)
+    assert given == {
+        "bag": "b", "topics": "/x /y", "rate": 0.5, "start": 12.0, "clock": True, "paused": False, "loop": True,
+        "wait_for": "/z", "answer_topic": "/s", "answered_topic": "/i",
+    }  # fmt: skip
+
+
+def sphere_map(tmp_path, length=0.0, num_nodes=3):
+    """A map whose key spheres are not in the order of their stamps."""
+    poses = [SE3.from_planar(x, 0.5 * x, 0.0) for x in (0.0, 1.0, 4.0)][:num_nodes]
+    radii = (0.0, 2.0, 6.0)
+    nodes = [KeySphere(k, (10 - k) * SECOND, T, region_radius_m=radii[k]) for k, T in enumerate(poses)]
+    edges = [Edge(0, 1, SE3.from_planar(1.0, 0.5, 0.0), np.eye(6)), Edge(1, 2, SE3.identity(), np.eye(6), is_loop=True)]
+    graph = SphereGraph(nodes, edges[: max(num_nodes - 1, 0)])
+    range_m = np.full((64, 128), 2.0, np.float32)
+    range_m[:16] = np.nan
+    sphere = Sphere(np.full((64, 128), 9, np.uint8), range_m, Spherical(128, 64))
+    (tmp_path / "map").mkdir()
+    (tmp_path / "map" / "a").write_bytes(bytes(3_000_000))
+    texts = {"map_id": "id", "software": "s", "source": "drive", "rig": "r", "format_version": 2}
+    info = SimpleNamespace(header=SimpleNamespace(frame_id="map"), length=length, **texts)
+    return SimpleNamespace(
+        graph=graph, info=info, origin="", path=tmp_path / "map", load_sphere=lambda sphere_id: sphere
+    )
+
+
+def test_the_facts_about_a_map(tmp_path):
+    found = map_info.map_facts(sphere_map(tmp_path, length=12.0))
+    assert found["megabytes_per_metre"] == 0.25
+    assert (found["megabytes"], found["megabytes_per_sphere"]) == (3.0, 1.0)
+    assert (found["key_spheres"], found["edges"], found["loops"], found["rig"]) == (3, 2, 1, True)
+    assert found["extent_m"] == [4.0, 2.0, 0.0]
+    assert found["spacing_m"] == pytest.approx([1.118, 2.236, 3.354], abs=1e-3)
+    assert found["region_radius_m"] == [2.0, 4.0, 6.0]  # 0 is none
+    assert (found["first_stamp_s"], found["last_stamp_s"]) == (10.0, 8.0)
+    assert found["pixels_per_degree"] == pytest.approx(128 / 360, abs=0.005)
+    assert (found["measured_share"], found["sphere_size"], found["whole_sphere"]) == (0.75, [128, 64], True)
+
+
+def test_the_facts_about_experiences(tmp_path):
+    reader = sphere_map(tmp_path)
+    night = Experience("night", "rgbd 64 x 48", "drive_2", 7_500_000_000)
+    wide = reader.graph.with_nodes({2: {"region_radius_m": 7.0}})
+    served = {0: Service(8, 20 * SECOND + SECOND // 4), 1: Service(3, 12 * SECOND)}
+    reader.graph = with_service(with_experience(wide, night, [0, 1]), served)
+    found = map_info.map_facts(reader)
+    assert found["places_by_experiences"] == {"1": 2, "2": 1}  # a night's is 3.4 m, of 3.5 m, from the last
+    second, first = found["experiences"]  # in the order of the key spheres
+    assert first["last_served_s"] is None
+    assert (first["name"], first["drive"], first["key_spheres"], first["images_served"]) == ("", "", 1, 0.0)
+    assert second == {
+        "name": "night", "drive": "drive_2", "camera": "rgbd 64 x 48", "first_stamp_s": 7.5, "key_spheres": 2,
+        "images_served": 11.0, "last_served_s": 20.25,
+    }  # fmt: skip
+
+
+def test_a_map_of_one_sphere_has_no_way_and_no_spacing(tmp_path):
+    found = map_info.map_facts(sphere_map(tmp_path, num_nodes=1))
+    assert (found["megabytes_per_metre"], found["spacing_m"], found["region_radius_m"]) == (None, [], [])
+
+
+def test_trajectories_are_exported_by_stamp(tmp_path):
+    reader = sphere_map(tmp_path)
+    assert map_export.write_trajectory(reader, tmp_path / "a.tum", None) == "3 poses"
+    found = read_tum(tmp_path / "a.tum")
+    np.testing.assert_array_equal(found.stamps_ns, np.array([8, 9, 10]) * SECOND)
+    np.testing.assert_allclose(found.positions[:, 0], [4.0, 1.0, 0.0])
+    assert map_export.write_kitti(reader, tmp_path / "a.kitti", None) == "3 poses"
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.kitti")[:, 3], [4.0, 1.0, 0.0])
+    assert map_export.write_graph(reader, tmp_path / "a.g2o", None) == "3 vertices, 2 edges"
+    lines = (tmp_path / "a.g2o").read_text().splitlines()
+    assert [line.split()[:2] for line in lines[:3]] == [["VERTEX_SE3:QUAT", str(k)] for k in range(3)]
+    assert lines[3].split()[:6] == ["EDGE_SE3:QUAT", "0", "1", "1", "0.5", "0"]
+    with pytest.raises(ValueError, match=r"\.geojson: expected --datum"):
+        map_export.write_geojson(reader, tmp_path / "a.geojson", SimpleNamespace(datum=""))
+
+
+def test_rejections_of_drives_add_up_and_forget_range_deviation_and_filling():
+    drives = [{0: np.array([1, 2]), 1: np.array([3, 0])}, {1: np.array([4, 5])}]
+    found = forgetting.together([SimpleNamespace(counts=counts) for counts in drives])
+    assert {key: value.tolist() for key, value in found.counts.items()} == {0: [1, 2], 1: [7, 5]}
+    camera, plane = Spherical(16, 8), np.full((8, 16), 2.0, np.float32)
+    is_filled = np.zeros((8, 16), np.bool_)
+    is_filled[:, :4] = True
+    whole = Sphere(np.full((8, 16), 9, np.uint8), plane, camera, 5, plane / 10, is_filled)
+    unused = np.zeros((8, 16), np.bool_)
+    unused[2:4] = True
+    reader = SimpleNamespace(load_sphere=lambda sphere_id: whole)
+    found = forgetting._load(reader, SimpleNamespace(mask=lambda sphere_id, camera: unused), 0)
+    for values in (found.range_m, found.range_std_m):
+        np.testing.assert_array_equal(np.isnan(values), unused)
+    np.testing.assert_array_equal(found.is_filled, is_filled & ~unused)
+    assert forgetting._load(reader, SimpleNamespace(mask=lambda sphere_id, camera: None), 0) is whole
+
+
+def test_the_velocity_of_an_image_is_that_of_its_neighbours():
+    poses = tuple(SE3.from_planar(x, 0.0, -0.1 * x) for x in (0.0, 0.2, 0.5, 0.9, 1.0))
+    stamps = np.array([0, 100, 300, 699, 910]) * 10**6
+    located = refine_camera.Located(stamps, poses)
+    assert located.velocity(0) is None
+    assert located.velocity(4) is None
+    moved = (poses[0].inverse() @ poses[2]).log()
+    np.testing.assert_allclose(located.velocity(1), moved / 0.3)
+    assert located.velocity(1)[5] == pytest.approx(-0.05 / 0.3)
+    assert located.velocity(2) is not None  # 0.599 s: two pauses of 0.3 s at most
+    assert located.velocity(3) is None  # 0.61 s
+    np.testing.assert_allclose(located.trajectory().T_map_body.matrix[2], poses[2].matrix)
+
+
+def lens(fx, fy):
+    return Lens.of(Pinhole(64, 48, fx, fy, 31.0, 23.0, CAMERA.distortion), 0.0125)
+
+
+def proven(fx, fy, unobserved=()):
+    found = lens(fx, fy)
+    deviations = {name: (k + 1) / 8 for k, name in enumerate(found.names)}
+    refined = SimpleNamespace(lens=found, deviations=deviations, states=[0] * 7, num_pixels=99, residual=2.25)
+    figures = {"evidence": 9.5, "limit": 4.25, "moved_px": 2.5, "apart_px": 0.5}
+    return SimpleNamespace(found=refined, unobserved=unobserved, **figures)
+
+
+@pytest.mark.parametrize(
+    ("lengths", "num_rounds"),
+    [([(51.0, 51.0)], 1), ([(60.0, 61.0), (60.5, 61.0)], 2), ([(60.0, 61.0), (80.0, 61.0), (100.0, 61.0)], 3)],
+)
+def test_it_localizes_and_refines_until_the_lens_stays_or_for_three_rounds(monkeypatch, lengths, num_rounds):
+    asked, judged = [], []
+
+    class Drive(refine_camera.RecordedDrive):
+        def __init__(self):
+            self._arguments, self.camera = SimpleNamespace(readout=0.0125), CAMERA
+            self.located = refine_camera.Located(np.array([0, 40, 70], np.int64) * 10**6, ())
+
+        def _locate(self, sphere_map, given):
+            asked.append(given.values[:2].tolist())
+            return [len(asked)]
+
+    monkeypatch.setattr(
+        refine_camera, "refine_camera", lambda images, given: SimpleNamespace(lens=lens(*lengths[images[0] - 1]))
+    )
+    monkeypatch.setattr(refine_camera, "prove", lambda *words: judged.append(words))
+    Drive().refine("map")
+    assert asked == [[50.0, 51.0], *map(list, lengths[: num_rounds - 1])]
+    ((images, given, period),) = judged
+    assert (images, given.values[:2].tolist(), given.readout) == ([num_rounds], [50.0, 51.0], 0.0125)
+    assert period == pytest.approx(0.03)  # the shortest time between two images
+
+
+def test_a_calibration_is_not_overwritten(tmp_path):
+    (tmp_path / "a.yaml").write_text("mine")
+    with pytest.raises(ValueError, match="expected no such file, found one"):
+        command.run(SimpleNamespace(output=tmp_path / "a.yaml", overwrite=False))
+
+
+def test_the_calibration_file_is_that_of_ros():
+    found = yaml.safe_load(refine_camera.text_of(proven(50.0, 51.0), "front", None))
+    assert (found["image_width"], found["image_height"], found["camera_name"]) == (64, 48, "front")
+    assert found["camera_matrix"] == {"rows": 3, "cols": 3, "data": [50.0, 0, 31.0, 0, 51.0, 23.0, 0, 0, 1.0]}
+    assert found["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": [0.1, 0.2, 0.3, 0.4, 0.0]}
+    assert (found["projection_matrix"]["rows"], found["projection_matrix"]["cols"]) == (3, 4)
+    assert (found["readout"], found["standard_deviations"]["fy"]) == (0.0125, 0.25)
+    assert found["held_out"] == {"evidence": 9.5, "limit": 4.25, "moved_px": 2.5, "apart_px": 0.5}
+    lines = list(command.report_camera(proven(50.0, 51.0, ("cx",))))
+    assert lines[0] == "7 images, 99 pixels, residual 2.2 grey levels"
+    assert lines[3].split() == ["cx", "31.00000", "+-", "0.37500", "NOT", "OBSERVED", "by", "this", "drive"]
+    assert lines[-2].startswith("held-out halves of the drive: t 9.5 for it, more than 4.2 is proof")
+    assert lines[-1].startswith("record surfaces near and far")
+    *_, last = command.report_camera(proven(50.0, 51.0, ("readout",)))
+    assert last.startswith("the readout shows in motion")
+
+
+def test_numbers_with_commas_are_read_and_infinity_is_null():
+    assert register.numbers_argument(3)("1,-2,3.5") == (1.0, -2.0, 3.5)
+    for text in ("1,2", "1,2,3,4", "1,2,x", "1,2,nan"):
+        with pytest.raises(Exception, match="expected 3 numbers"):
+            register.numbers_argument(3)(text)
+    assert registering.finite(np.array([[1.0, np.inf], [np.nan, -2.0]])) == [[1.0, None], [None, -2.0]]
+
+
+def test_words_of_a_camera_name_one_of_the_rig():
+    rig = Rig(tuple(RigCamera(name, CAMERA, T_BODY_OPTICAL) for name in ("a", "b")))
+    assert rig_convert._by_camera(rig, "--mask", ["a=x.png", "b=y=z"]) == {"a": "x.png", "b": "y=z"}
+    for word in ("c=x", "a=", "a", "=x"):
+        with pytest.raises(ValueError, match="--mask: expected CAMERA=VALUE with one of a, b"):
+            rig_convert._by_camera(rig, "--mask", [word])
+    assert [rig_convert._size(text) for text in (None, "640x480", "64×48")] == [None, (640, 480), (64, 48)]
+    for text in ("640", "0x480", "640x0", "640x480x3"):
+        with pytest.raises(ValueError, match="--size: expected WIDTHxHEIGHT"):
+            rig_convert._size(text)
+
+
+def test_states_are_counted_with_their_remedies_and_times_without_silences():
+    statuses = [Status(State.TRACKING, milliseconds=ms) for ms in (10.0, 20.0, 30.0)]
+    statuses += [Status(State.LOST, Reason.TIMEOUT, remedy="look", milliseconds=999.0)] * 2
+    statuses += [Status(State.LOST, "GAP")]
+    lines = plot_figure.describe_states(statuses)
+    assert lines[0].split() == ["3", "TRACKING"]
+    assert lines[1].split() == ["2", "LOST", "TIMEOUT", "look"]
+    assert lines[-1] == "time for an image: median 20.0 ms, p99 29.8 ms"
+    assert plot_figure.describe_states([]) == []

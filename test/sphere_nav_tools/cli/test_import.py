@@ -1,0 +1,222 @@
+"""`sphere_nav import`: what is in the bags, and one line for what is missing."""
+
+import shutil
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import CameraInfo, Image
+from tf2_msgs.msg import TFMessage
+
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags import BagReader
+from sphere_nav.ros.conversions import (
+    camera_from_info,
+    depth_to_meters,
+    image_to_array,
+    pose_to_se3,
+    stamp_ns,
+    stereo_baseline,
+)
+from sphere_nav.ros.tf import TransformTree
+from sphere_nav_tools.cli import import_
+from sphere_nav_tools.cli.main import main
+
+
+@pytest.fixture
+def imported(tmp_path):
+    """Run the command; return the messages by topic."""
+    bags = []
+
+    def run(*words):
+        out = tmp_path / f"bag{len(bags)}"
+        assert main(["import", *map(str, words), "-o", str(out)]) == 0
+        bags.append(out)
+        with BagReader(out) as bag:
+            topics = {name: [item.message for item in bag.messages([name])] for name in bag.topics}
+            assert all(item.stamp_ns == stamp_ns(item.message) for item in bag.messages() if item.topic != "/tf_static")
+        return topics
+
+    return run
+
+
+def frames_of(topics):
+    tree = TransformTree()
+    for transform in topics["/tf_static"][0].transforms:
+        tree.add(transform, is_static=True)
+    return tree
+
+
+def test_seven_scenes(imported, seven_scenes, box_and_wall):
+    topics = imported("seven_scenes", seven_scenes)
+    assert {name: len(messages) for name, messages in topics.items()} == {
+        "/tf_static": 1,
+        "/ground_truth/pose": 3,
+        "/camera_info": 3,
+        "/depth/camera_info": 3,
+        "/depth/image_raw": 3,
+        "/image_raw": 3,
+    }
+    camera = camera_from_info(topics["/camera_info"][0])
+    assert camera == Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)
+    assert [stamp_ns(message) for message in topics["/image_raw"]] == [1_000_000_000, 1_033_333_333, 1_066_666_667]
+    assert topics["/image_raw"][0].encoding == "bgr8"
+    # where the colour camera sees the faces: 25 mm to the right of the depth camera
+    T_world_color = SE3.exp([0.025, 0, 0, 0, 0, 0])
+    depth = depth_to_meters(topics["/depth/image_raw"][0])
+    expected = box_and_wall(camera, T_world_color)
+    found = np.isfinite(depth)
+    assert found[60:-60, 60:-60].mean() > 0.98  # all but what the depth camera cannot see beside the box
+    assert np.mean(np.abs(depth - expected)[found] < 0.01) > 0.999
+    pose = pose_to_se3(topics["/ground_truth/pose"][2].pose)
+    # the body of the colour camera: optical x (right) is body -y, 0.2 m and 25 mm from the first depth camera
+    np.testing.assert_allclose(pose.translation, [0.0, -0.225, 0.0], atol=1e-9)
+    np.testing.assert_allclose(pose.rotation, np.eye(3), atol=1e-9)
+    T_base_optical = frames_of(topics).lookup("base_link", "camera_optical")
+    np.testing.assert_allclose(T_base_optical.apply([[0.0, 0.0, 1.0]]), [[1.0, 0.0, 0.0]], atol=1e-12)
+
+
+def test_seven_scenes_taken_as_registered(imported, seven_scenes):
+    topics = imported("seven_scenes", seven_scenes, "--registered")
+    assert camera_from_info(topics["/camera_info"][0]).fx == 585.0
+    depth = depth_to_meters(topics["/depth/image_raw"][0])
+    assert np.isnan(depth[:20]).all()  # 0 and 65535
+    assert np.isfinite(depth[20:]).all()
+    np.testing.assert_allclose(pose_to_se3(topics["/ground_truth/pose"][2].pose).translation, [0, -0.2, 0], atol=1e-9)
+
+
+def test_other_poses_than_those_beside_the_images(imported, seven_scenes, tmp_path):
+    (tmp_path / "better").mkdir()
+    for path in seven_scenes.glob("*.pose.txt"):
+        pose = np.loadtxt(path)
+        pose[0, 3] += 7.0
+        np.savetxt(tmp_path / "better" / path.name, pose)
+    topics = imported("seven_scenes", seven_scenes, "--truth-camera", "colour", "--poses", tmp_path / "better")
+    found = pose_to_se3(topics["/ground_truth/pose"][2].pose).translation
+    np.testing.assert_allclose(found, [0, -7.2, 0], atol=1e-9)  # optical x is body -y
+
+
+def test_poses_of_the_color_camera_are_taken_as_they_are(imported, seven_scenes):
+    topics = imported("seven_scenes", seven_scenes, "--truth-camera", "colour")
+    np.testing.assert_allclose(pose_to_se3(topics["/ground_truth/pose"][2].pose).translation, [0, -0.2, 0], atol=1e-9)
+
+
+def test_tum(imported, tum):
+    topics = imported("tum", tum, "--camera", "500,501,320,240")
+    assert len(topics["/image_raw"]) == 3  # the third has no depth within 20 ms
+    assert [image_to_array(message)[0, 0, 0] for message in topics["/image_raw"]] == [5, 15, 35]
+    depths = [depth_to_meters(message)[5, 5] for message in topics["/depth/image_raw"]]
+    np.testing.assert_allclose(depths, [1.0, 2.0, 4.0])
+    assert camera_from_info(topics["/camera_info"][0]).fy == 501.0
+    poses = {stamp_ns(message): pose_to_se3(message.pose) for message in topics["/ground_truth/pose"]}
+    assert sorted(poses) == [100_000_000_000, 100_100_000_000]  # the last has no truth near
+    np.testing.assert_allclose(poses[100_100_000_000].translation, [1.0, 0.0, 1.0], atol=1e-6)  # interpolated
+
+
+def test_kitti(imported, kitti):
+    topics = imported("kitti", kitti)
+    assert {name: len(messages) for name, messages in topics.items()} == {
+        "/tf_static": 1,
+        "/ground_truth/pose": 3,
+        "/left/camera_info": 3,
+        "/left/image_raw": 3,
+        "/right/camera_info": 3,
+        "/right/image_raw": 3,
+    }
+    assert stereo_baseline(topics["/right/camera_info"][0]) == pytest.approx(0.54)
+    assert camera_from_info(topics["/left/camera_info"][0]) == Pinhole(120, 40, 700.0, 700.0, 60.0, 20.0)
+    pose = pose_to_se3(topics["/ground_truth/pose"][2].pose)
+    np.testing.assert_allclose(pose.translation, [2.4, -0.2, 0.0], atol=1e-12)  # forward is x, right is -y
+    T_left_right = frames_of(topics).lookup("left_optical", "right_optical")
+    np.testing.assert_allclose(T_left_right.translation, [0.54, 0.0, 0.0], atol=1e-12)
+
+
+def test_some_frames(imported, kitti):
+    topics = imported("kitti", kitti, "--frames", "1:3")
+    assert [stamp_ns(message) for message in topics["/left/image_raw"]] == [1_100_000_000, 1_200_000_000]
+    topics = imported("kitti", kitti, "--frames", "::2")
+    assert [stamp_ns(message) for message in topics["/left/image_raw"]] == [1_000_000_000, 1_200_000_000]
+
+
+def test_topics_offer_what_their_readers_need(kitti, tmp_path):
+    main(["import", "kitti", str(kitti), "-o", str(tmp_path / "bag")])
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.require("left/image_raw", Image).profiles[0].reliability == qos.RELIABLE
+        assert bag.require("tf_static", TFMessage).profiles[0].durability == qos.TRANSIENT_LOCAL
+        bag.require("left/camera_info", CameraInfo)
+        bag.require("ground_truth/pose", PoseStamped)
+
+
+def fails(capsys, tmp_path, *words):
+    assert main(["import", *map(str, words), "-o", str(tmp_path / "bad")]) == 2
+    assert not (tmp_path / "bad").exists()
+    assert not (tmp_path / "bad.partial").exists()
+    err = capsys.readouterr().err
+    assert err.rstrip().count("\n") == 0
+    return err
+
+
+@pytest.mark.parametrize("name", import_.FORMATS)
+def test_a_folder_that_is_not_there(name, capsys, tmp_path):
+    assert "nowhere: expected a folder, found none" in fails(capsys, tmp_path, name, tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("name", import_.FORMATS)
+def test_an_empty_folder(name, capsys, tmp_path):
+    (tmp_path / "empty").mkdir()
+    assert "empty" in fails(capsys, tmp_path, name, tmp_path / "empty")
+
+
+@pytest.mark.parametrize("name", ["frame-000001.color.png", "frame-000001.pose.txt"])
+def test_a_missing_file_is_named(name, seven_scenes, capsys, tmp_path):
+    (seven_scenes / name).unlink()
+    assert f"{name}: expected a" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
+
+
+def test_damaged_files_are_named(seven_scenes, kitti, capsys, tmp_path):
+    (seven_scenes / "frame-000001.depth.png").write_bytes(b"\x89PNG")
+    assert "001.depth.png: expected an image" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
+    (seven_scenes / "frame-000001.pose.txt").write_text("1 0 0\n")
+    assert "pose.txt:1: expected 4 numbers, found 3" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
+    (kitti / "poses.txt").write_text("1 2 3\n")
+    assert "poses.txt:1: expected 12 numbers, found 3" in fails(capsys, tmp_path, "kitti", kitti)
+    (kitti / "poses.txt").unlink()
+    (kitti / "times.txt").write_text("0.0\n")
+    assert "times.txt: expected at least 3 rows (image 000002), found 1" in fails(capsys, tmp_path, "kitti", kitti)
+    (kitti / "calib.txt").write_text("P0: 1 2 3\n")
+    assert "calib.txt: P0: expected 12 numbers, found 3" in fails(capsys, tmp_path, "kitti", kitti)
+    shutil.rmtree(kitti / "image_1")
+    assert "image_1: expected a folder, found none" in fails(capsys, tmp_path, "kitti", kitti)
+
+
+def test_images_of_another_size(seven_scenes, capsys, tmp_path):
+    import cv2
+
+    cv2.imwrite(str(seven_scenes / "frame-000002.color.png"), np.zeros((240, 320, 3), np.uint8))
+    expected = "frame-000002.color.png: expected 640 x 480 pixels, found 320 x 240"
+    assert expected in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
+
+
+def test_no_frames(kitti, capsys, tmp_path):
+    assert "--frames: expected frames within 0:3, found none" in fails(
+        capsys, tmp_path, "kitti", kitti, "--frames", "5:9"
+    )
+
+
+def test_a_bag_is_not_overwritten(kitti, tmp_path, capsys):
+    out = tmp_path / "bag"
+    assert main(["import", "kitti", str(kitti), "-o", str(out)]) == 0
+    assert main(["import", "kitti", str(kitti), "-o", str(out)]) == 2
+    assert "nothing is overwritten" in capsys.readouterr().err
+    assert BagReader(out).num_messages == 16
+
+
+@pytest.mark.parametrize(
+    "words", [["--frames", "1-5"], ["--frames", "1:5:0"], ["--offset", "1,2"], ["--camera", "a,b,c,d"]]
+)
+def test_options_that_make_no_sense(words, kitti, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["import", "kitti", str(kitti), "-o", "x", *words])
+    assert end.value.code == 2
+    assert "found" in capsys.readouterr().err

@@ -1,0 +1,128 @@
+"""`sphere_nav localize`: a bag against a map, offline."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from sensor_msgs.msg import CameraInfo, Image
+from tf2_msgs.msg import TFMessage
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.writer import BagWriter
+from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
+from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.localizing import Summary
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
+from worlds.room import wide_room
+
+START_NS = 1_000_000_000
+NUM_IMAGES = 8
+TUNED = [word for name, value in SMALL_IMAGES.items() for word in ("--set", f"{name}={value}")]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A map of the room and a bag of a drive through it."""
+    folder, room = tmp_path_factory.mktemp("localize"), wide_room()
+    sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)])
+    save_map(folder / "map", sphere_map.graph)
+    with BagWriter(folder / "bag") as bag:
+        bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)
+        bag.add_topic("/camera_info", CameraInfo, qos.STATE)
+        bag.add_topic("/image_raw", Image, qos.STATE)
+        transform = se3_to_transform(T_BODY_OPTICAL, START_NS, "base_link", "optical")
+        bag.write("/tf_static", TFMessage(transforms=[transform]), START_NS)
+        for k, pose in enumerate(drive(NUM_IMAGES)):
+            stamp = START_NS + k * STEP_NS
+            bag.write("/camera_info", camera_to_info(PINHOLE, stamp, "optical"), stamp)
+            image = room.photograph(PINHOLE, pose, k)
+            bag.write("/image_raw", array_to_image(image, stamp, "optical", "mono8"), stamp)
+    return folder
+
+
+def localize(recorded, output, *words) -> int:
+    return main(["localize", str(recorded / "map"), str(recorded / "bag"), "-o", str(output), *TUNED, *map(str, words)])
+
+
+def test_what_images_contradict_is_counted_into_a_new_file(recorded, tmp_path):
+    path = tmp_path / "rejections.json"
+    assert localize(recorded, tmp_path / "poses.tum", "--rejections", path) == 0
+    content = json.loads(path.read_text())
+    assert len(content["spheres"]) >= 1
+    assert localize(recorded, tmp_path / "again.tum", "--rejections", path) == 2
+
+
+def test_trusted_poses_of_the_base_are_written_with_a_summary(recorded, tmp_path, capsys):
+    assert localize(recorded, tmp_path / "poses.tum", "--json", tmp_path / "s.json", "--bag", tmp_path / "out") == 0
+    found = read_tum(tmp_path / "poses.tum")
+    assert list(found.stamps_ns) == [START_NS + k * STEP_NS for k in range(3, NUM_IMAGES)]  # four images of probation
+    assert found.covariances is not None
+    for k, pose in enumerate(drive(NUM_IMAGES)[3:]):
+        assert found.T_map_body[k].distance(pose @ T_BODY_OPTICAL.inverse())[0] < 0.015  # as in tracking
+    summary = json.loads((tmp_path / "s.json").read_text())
+    assert (summary["images"], summary["poses"]) == (NUM_IMAGES, NUM_IMAGES - 3)
+    assert summary["states"] == {"PROBATION": 3, "TRACKING": NUM_IMAGES - 3}
+    assert summary["milliseconds"]["p99"] >= summary["milliseconds"]["median"] > 0
+    assert "8 images, 5 poses" in capsys.readouterr().out
+    with BagReader(tmp_path / "out") as bag:
+        counts = {topic: found.count for topic, found in bag.topics.items()}
+        assert counts == {"/pose": 5, "/odometry": 5, "/status": NUM_IMAGES, "/tf": 5}
+        first = next(bag.messages(["/pose"])).message
+        assert isinstance(first, PoseWithCovarianceStamped)
+
+
+def test_two_runs_write_the_same_bytes(recorded, tmp_path):
+    for name in ("a", "b"):
+        assert localize(recorded, tmp_path / name) == 0
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_an_initial_pose_takes_the_place_of_the_search(recorded, tmp_path):
+    T_map_base = drive(1)[0] @ T_BODY_OPTICAL.inverse()
+    numbers = ",".join(f"{number:.4f}" for number in (*T_map_base.translation, *T_map_base.quaternion))
+    given = ("--set", "automatic=false", f"--initial-pose={numbers}")
+    assert localize(recorded, tmp_path / "poses.tum", *given) == 0
+
+
+def test_no_pose_at_all_is_a_failure(recorded, tmp_path):
+    assert localize(recorded, tmp_path / "poses.tum", "--set", "automatic=false") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--initial-pose=1,2,3"], "--initial-pose: expected x,y,z,qx,qy,qz,qw, found '1,2,3'"),
+        (["--initial-pose=90,0,0,0,0,0,1"], "initial pose: expected at most 10 m from a key sphere, found 90.0 m"),
+        (["--set", "automatic"], "--set: expected NAME=VALUE, found 'automatic'"),
+        (["--set", "start.speed=3"], "start.speed: unknown parameter"),
+        (["--image", "/front/image_raw"], "expected topic /front/image_raw"),
+    ],
+)
+def test_misuse_is_one_line_and_status_2(recorded, tmp_path, capsys, words, expected):
+    assert localize(recorded, tmp_path / "poses.tum", *words) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert expected in error
+    assert not (tmp_path / "poses.tum").exists()
+
+
+def test_a_file_that_is_there_is_kept_unless_told_otherwise(recorded, tmp_path, capsys):
+    (tmp_path / "poses.tum").write_text("precious")
+    assert localize(recorded, tmp_path / "poses.tum") == 2
+    assert "poses.tum: expected no such file" in capsys.readouterr().err
+    assert (tmp_path / "poses.tum").read_text() == "precious"
+    assert localize(recorded, tmp_path / "poses.tum", "--overwrite") == 0
+
+
+def test_a_summary_of_nothing_is_possible():
+    result = Summary().result()
+    assert result["images"] == 0
+    assert np.isfinite(result["milliseconds"]["median"])

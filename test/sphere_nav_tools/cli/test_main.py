@@ -1,0 +1,105 @@
+"""The command: its table, its exit status, one line for every error."""
+
+import types
+
+import pytest
+
+from sphere_nav_tools.cli import main as command
+from sphere_nav_tools.cli.main import COMMANDS, main
+
+
+@pytest.fixture
+def stand_in(monkeypatch):
+    """Put a module in the place of every subcommand; `stand_in.run` is what it does."""
+    module = types.SimpleNamespace(HELP="Do something.\n\nexamples:\n  sphere_nav play x", run=lambda arguments: 0)
+    module.add_arguments = lambda parser: parser.add_argument("bag", nargs="?")
+    monkeypatch.setattr(command.importlib, "import_module", lambda name: module)
+    return module
+
+
+def raising(error):
+    def run(arguments):
+        raise error
+
+    return run
+
+
+def test_the_overview_lists_them(capsys):
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    for entry in COMMANDS:
+        assert f"  {entry.name} " in out
+        assert entry.summary in out
+    assert main([]) == 2
+
+
+def test_the_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("sphere_nav ")
+
+
+@pytest.mark.parametrize("name", [entry.name for entry in COMMANDS])
+def test_every_command_has_help_with_examples(name, capsys):
+    with pytest.raises(SystemExit) as end:
+        main([name, "--help"])
+    assert end.value.code == 0
+    out = capsys.readouterr().out
+    assert f"usage: sphere_nav {name}" in out
+    assert f"  sphere_nav {name} " in out  # an example
+
+
+def test_an_unknown_command(capsys):
+    assert main(["dance"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("sphere_nav: expected a command (import, ")
+    assert err.endswith("found 'dance'\n")
+
+
+def test_a_wrong_option(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["import", "film", "x"])
+    assert end.value.code == 2
+    assert "invalid choice: 'film'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("status", [0, 1])
+def test_the_status_of_the_command_is_passed_on(stand_in, status):
+    stand_in.run = lambda arguments: status
+    assert main(["play", "x"]) == status
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (ValueError("drive: expected a bag,\n  found none"), "sphere_nav play: drive: expected a bag, found none\n"),
+        (
+            FileNotFoundError(2, "No such file or directory", "a.yaml"),
+            "sphere_nav play: a.yaml: No such file or directory\n",
+        ),
+        (OSError("disk gone"), "sphere_nav play: disk gone\n"),
+        (ValueError(), "sphere_nav play: ValueError\n"),
+    ],
+)
+def test_an_error_is_one_line(stand_in, capsys, error, line):
+    stand_in.run = raising(error)
+    assert main(["play", "x"]) == 2
+    assert capsys.readouterr().err == line
+
+
+def test_where_an_error_comes_from_can_be_seen(stand_in, monkeypatch):
+    stand_in.run = raising(ValueError("bad"))
+    monkeypatch.setenv("SPHERE_NAV_DEBUG", "1")
+    with pytest.raises(ValueError, match="bad"):
+        main(["play", "x"])
+
+
+def test_a_mistake_of_ours_is_not_hidden(stand_in):
+    stand_in.run = raising(TypeError("mistake"))
+    with pytest.raises(TypeError, match="mistake"):
+        main(["play", "x"])
+
+
+def test_an_interrupt_is_130(stand_in, capsys):
+    stand_in.run = raising(KeyboardInterrupt())
+    assert main(["play", "x"]) == 130
+    assert capsys.readouterr().err == ""

@@ -1,0 +1,167 @@
+"""`sphere_nav map --rig`: a bag with the images of six cameras becomes a map; what does not fit is one line."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip("rclpy")
+
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image
+from tf2_msgs.msg import TFMessage
+
+from cycab_sim.params import SimParams
+from cycab_sim.sensors.rigs import rig_place
+from cycab_sim.simulator import Simulator
+from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav.params import build
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.conversions import array_to_image, se3_to_odometry, se3_to_transform
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav_tools.cli.main import main
+from worlds.rig import seen, vertical_rig
+
+START, STEP = 1_000_000_000, 100_000_000
+SETTINGS = ("--set-stitcher", "stitch.width=256")
+NUM_INSTANTS = 3
+WAY = 0.3  # m between them
+
+
+def call(*words):
+    return main([str(word) for word in words])
+
+
+def write_images(bag, images, stamp):
+    for name, image in images.items():
+        bag.add_topic(f"cameras/{name}/image_raw", Image, qos.LARGE)
+        encoding = "rgb8" if image.ndim == 3 else "mono8"
+        bag.write(f"cameras/{name}/image_raw", array_to_image(image, stamp, f"{name}_optical", encoding), stamp)
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A short way straight on through the simulator's town, seen by the vertical rig."""
+    folder = tmp_path_factory.mktemp("drive")
+    values = {"seed": 5, "rig.kind": "vertical", "rig.size": "192,192", "render.shadow_texel": 0.5}
+    simulator = Simulator(build(SimParams, values))
+    write_rig(folder / "rig.yaml", simulator.rig)
+    T_base_rig = rig_place(simulator.params.rig)
+    x, y, _ = simulator.vehicle.state.T_world_base.translation
+    yaw = float(simulator.vehicle.state.T_world_base.yaw)
+    with BagWriter(folder / "bag") as bag:
+        bag.add_topic("/tf_static", TFMessage, qos.LATCHED)
+        bag.add_topic("ground_truth/odometry", Odometry, qos.STATE)
+        mount = se3_to_transform(T_base_rig, START, "base_link", "rig_link")
+        bag.write("/tf_static", TFMessage(transforms=[mount]), START)
+        for number in range(NUM_INSTANTS):
+            stamp = START + number * STEP
+            simulator.teleport(float(x + number * WAY * np.cos(yaw)), float(y + number * WAY * np.sin(yaw)), yaw)
+            T_world_base = simulator.vehicle.state.T_world_base
+            message = se3_to_odometry(T_world_base, np.zeros((6, 6)), stamp, ("world", "base_link"))
+            bag.write("ground_truth/odometry", message, stamp)
+            write_images(bag, {name: frame.image for name, frame in simulator.capture_rig().items()}, stamp)
+    return folder
+
+
+def test_a_drive_of_six_cameras_is_mapped(drive, tmp_path, capsys):
+    words = ("map", drive / "bag", "-o", tmp_path / "m", "--rig", drive / "rig.yaml", "--anchor", "truth", *SETTINGS)
+    assert call(*words) == 0
+    said = capsys.readouterr().out
+    assert f"{NUM_INSTANTS} spheres placed, 0 lost" in said
+    drift = float(said.split("drift at the end: ")[1].split(" mm")[0])
+    assert drift < 60  # a pixel is 1.4 degrees, of walls about 5 m away 120 mm; a tenth of that each step would be good
+    with open_map(tmp_path / "m") as reader:
+        sphere = reader.load_sphere(0)
+        assert sphere.image.shape == (128, 256, 3)
+        assert 0.15 < sphere.measured.mean() < 1.0
+        assert 1.0 < np.median(sphere.range_m[sphere.measured]) < 30.0
+
+
+def test_stitching_in_processes_gives_the_same_map_bit_for_bit(drive, tmp_path):
+    words = (
+        *SETTINGS,
+        "--set-stitcher",
+        "stitch.blend.has_gains=false",
+    )  # nothing to learn: all but the first go there
+    for jobs in (1, 2):
+        output = ("-o", tmp_path / f"{jobs}", "--jobs", jobs)
+        assert call("map", drive / "bag", *output, "--rig", drive / "rig.yaml", *words) == 0
+    one, two = ((tmp_path / f"{jobs}" / "map.mcap").read_bytes() for jobs in (1, 2))
+    assert one == two
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """One instant of another rig, and its file."""
+    rig = vertical_rig()
+    write_rig(tmp_path / "rig.yaml", rig)
+    with BagWriter(tmp_path / "bag") as bag:
+        write_images(bag, {part.name: seen(part) for part in rig.cameras}, START)
+    return tmp_path
+
+
+def changed(values, camera, field, value):
+    values["cameras"][camera][field] = value
+
+
+def without(values, camera):
+    del values["cameras"][camera]
+
+
+STRETCHED = np.diag([1.0, 1.1, 1.0, 1.0]).tolist()
+DEFECTS = {
+    "missing camera": (lambda v: without(v, "top_left"), "cameras: expected 6 (num_cameras), found 5"),
+    "no rotation": (
+        lambda v: changed(v, "top_left", "T_rig_camera", STRETCHED),
+        "cameras.top_left.T_rig_camera: rigid motion: expected a rotation",
+    ),
+    "another size": (
+        lambda v: changed(v, "top_left", "width", 170),
+        "expected 170 x 160 uint8, grey or RGB, found 160 x 160 uint8",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_rig_file_that_does_not_fit_is_one_line(name, scene, capsys):
+    change, expected = DEFECTS[name]
+    values = yaml.safe_load((scene / "rig.yaml").read_text())
+    change(values)
+    (scene / "rig.yaml").write_text(yaml.safe_dump(values, sort_keys=False))
+    words = ["map", scene / "bag", "-o", scene / "m", "--rig", scene / "rig.yaml", *SETTINGS]
+    status = call(*words, "--set-stitcher", "sync.policy=fail")
+    said = capsys.readouterr().err.strip()
+    assert status == 2
+    assert expected in said
+    assert len([line for line in said.splitlines() if line.startswith("sphere_nav")]) <= 1
+    assert not (scene / "m").exists()
+
+
+def test_a_bag_of_other_cameras_is_one_line(scene, capsys):
+    rig = vertical_rig()
+    parts = tuple(dataclasses.replace(part, name=f"roof_{part.name}") for part in rig.cameras)
+    write_rig(scene / "other.yaml", dataclasses.replace(rig, cameras=parts))
+    assert call("map", scene / "bag", "-o", scene / "m", "--rig", scene / "other.yaml") == 2
+    assert "topics: expected images of roof_top_front" in capsys.readouterr().err
+
+
+def test_without_a_rig_file_it_says_so(scene, capsys):
+    assert call("map", scene / "bag", "-o", scene / "m") == 2
+    assert "expected --rig with the rig file of its cameras, found none" in capsys.readouterr().err
+
+
+def test_stamps_apart_beyond_the_limit_are_one_line(tmp_path, capsys):
+    rig = vertical_rig()
+    write_rig(tmp_path / "rig.yaml", rig)
+    with BagWriter(tmp_path / "bag") as bag:
+        for number, part in enumerate(rig.cameras):
+            write_images(bag, {part.name: seen(part)}, START + number * STEP // 5)
+    words = ["map", tmp_path / "bag", "-o", tmp_path / "m", "--rig", tmp_path / "rig.yaml", *SETTINGS]
+    assert call(*words, "--set-stitcher", "sync.policy=fail") == 2
+    said = capsys.readouterr().err
+    assert "no image within 0.005 s of the instant" in said
+    assert "top_left" in said
+    assert not (tmp_path / "m").exists()

@@ -1,0 +1,113 @@
+"""A picture of a drive: from a bag with poses and statuses, with and without truth."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from sphere_nav_msgs.msg import LocalizationStatus
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory, read_tum, write_tum
+from sphere_nav.localization.status import Reason, State, Status
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline import plot_figure
+
+SECOND = 10**9
+STATES = [State.SEARCHING, State.PROBATION, State.TRACKING, State.TRACKING, State.DEGRADED, State.LOST]
+REASONS = ["", "", "", "", Reason.LOW_OVERLAP, Reason.TIMEOUT]
+
+
+def status(number):
+    stamp = (number + 1) * SECOND
+    return Status(STATES[number], REASONS[number], remedy="turn back", milliseconds=5.0 + number, stamp_ns=stamp)
+
+
+def place(number):
+    return SE3.from_planar(0.5 * number, 0.1 * number, 0.2)
+
+
+@pytest.fixture
+def drive(tmp_path):
+    with BagWriter(tmp_path / "drive") as bag:
+        for number in range(len(STATES)):
+            stamp = (number + 1) * SECOND
+            pose = se3_to_pose_with_covariance(place(number), np.eye(6), stamp, "map")
+            for name, message in (
+                ("/car/pose", pose),
+                ("/car/status", status_to_message(status(number), stamp, "map")),
+            ):
+                bag.add_topic(name, type(message))
+                bag.write(name, message, stamp)
+    stamps = np.arange(1, 7) * SECOND
+    truth = Trajectory(stamps, SE3(np.stack([place(number).matrix for number in range(6)])))
+    write_tum(tmp_path / "truth.tum", truth)
+    return tmp_path
+
+
+def call(*words):
+    return main([str(word) for word in words])
+
+
+def test_topics_are_found_by_type_and_name_and_the_table_says_the_remedy(drive, capsys):
+    assert call("plot", drive / "drive", "-o", drive / "a.png") == 0
+    said = capsys.readouterr().out
+    assert "2  TRACKING" in said
+    assert "DEGRADED       LOW_OVERLAP    turn back" in said
+    assert "median 7.0 ms" in said  # without the silence
+    assert (drive / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_truth_changes_the_picture_and_pdf_is_pdf(drive):
+    assert call("plot", drive / "drive", "-o", drive / "a.png") == 0
+    assert call("plot", drive / "drive", "-o", drive / "b.png", "--truth", drive / "truth.tum") == 0
+    assert (drive / "a.png").read_bytes() != (drive / "b.png").read_bytes()
+    assert call("plot", drive / "drive", "-o", drive / "a.pdf", "--truth", drive / "truth.tum") == 0
+    assert (drive / "a.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_a_truth_of_another_frame_is_moved_to_the_map(drive, monkeypatch):
+    elsewhere = SE3.from_planar(30.0, -4.0, 1.0)
+    monkeypatch.chdir(drive)
+    truth = read_tum(drive / "truth.tum")
+    write_tum(drive / "truth.tum", truth.moved(elsewhere))
+    drawn = []
+    monkeypatch.setattr(plot_figure, "draw_localization", lambda path, poses, errors, *more: drawn.append(errors))
+    for alignment in ("none", "poses"):
+        assert call("plot", drive / "drive", "-o", drive / "a.png", "--truth", "truth.tum", "--align", alignment) == 0
+    far, near = drawn
+    assert far[1].translation_m.min() > 10.0
+    assert near[1].translation_m.max() < 1e-6
+    np.testing.assert_allclose(near[0].positions, truth.positions, atol=1e-6)  # where the map has it
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("-o", "a.gif"), "expected a file .png, .pdf, .svg"),
+        (
+            ("-o", "truth.tum.png", "--status", "/car/pose"),
+            f"expected sphere_nav_msgs/msg/{LocalizationStatus.__name__}",
+        ),
+        (("-o", "a.png", "--pose", "/none"), "expected topic /none"),
+        (("-o", "a.png", "--truth", "none.tum"), "none.tum"),
+    ],
+)
+def test_misuse_is_one_line(drive, monkeypatch, capsys, words, said):
+    monkeypatch.chdir(drive)
+    assert call("plot", "drive", *words) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_nothing_is_overwritten_and_a_bag_without_both_is_refused(drive, capsys):
+    (drive / "a.png").write_text("precious")
+    assert call("plot", drive / "drive", "-o", drive / "a.png") == 2
+    assert (drive / "a.png").read_text() == "precious"
+    with BagWriter(drive / "other") as bag:
+        bag.add_topic("/truth/pose", PoseWithCovarianceStamped)
+        bag.write("/truth/pose", se3_to_pose_with_covariance(place(0), np.eye(6), SECOND, "map"), SECOND)
+    assert call("plot", drive / "other", "-o", drive / "b.png") == 2
+    assert "--pose, --status" in capsys.readouterr().err

@@ -1,0 +1,101 @@
+"""The command `route`: from files of drives to a network, a place, a way and its picture."""
+
+import json
+
+import numpy as np
+import pytest
+
+from path_follower.routes.network_file import read_network
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.routes import REVERSE, describe, draw_network, read_network_of
+
+
+@pytest.fixture
+def drives(tmp_path, monkeypatch):
+    """A road of 60 m, and a drive that turns off it after 30 m."""
+    monkeypatch.chdir(tmp_path)
+    arc = np.linspace(0, np.pi / 2, 95)
+    along = np.stack([np.arange(0, 30, 0.1), 0 * np.arange(0, 30, 0.1)], axis=-1)
+    off = np.concatenate([along, np.stack([30 + 6 * np.sin(arc), 6 - 6 * np.cos(arc)], axis=-1)[1:]])
+    for name, points in (("a", np.stack([np.arange(0, 60, 0.1), np.zeros(600)], axis=-1)), ("b", off)):
+        rows = "\n".join(f"{x:.4f},{y:.4f}" for x, y in points)
+        (tmp_path / f"{name}.csv").write_text(f"# map_id: campus\nx,y\n{rows}\n")
+    return tmp_path
+
+
+def run(capsys, *words):
+    status = main(["route", *words])
+    return status, capsys.readouterr()
+
+
+def test_from_drives_to_a_way(drives, capsys):
+    status, said = run(capsys, "build", "net.geojson", "a.csv", "b.csv", "--dry-run", "--plot", "net.png")
+    assert status == 0
+    assert "4 nodes, 3 edges" in said.out
+    assert "net.geojson: not written (--dry-run)" in said.out
+    assert sorted(path.name for path in drives.iterdir()) == ["a.csv", "b.csv", "net.png"]
+    assert run(capsys, "build", "net.geojson", "a.csv", "b.csv")[0] == 0
+    status, said = run(capsys, "name", "gate", "net.geojson", "--at", "50,0.5")
+    assert (status, "gate is node" in said.out) == (0, True)
+    assert run(capsys, "name", "yard", "net.geojson", "--at", "36,4,90")[0] == 0
+    network = read_network("net.geojson", "campus")
+    assert sorted(network.places) == ["gate", "home", "yard"]
+    assert network.nodes[network.places["yard"]].pose.y == pytest.approx(4.0, abs=0.2)
+    status, said = run(capsys, "show", "net.geojson", "--plot", "net.png")
+    assert (status, f"place gate: node {network.places['gate']}" in said.out) == (0, True)
+    status, said = run(capsys, "plan", "net.geojson", "home", "gate", "--plot", "way.png")
+    assert (status, "50.0 m" in said.out) == (0, True)
+    status, said = run(capsys, "plan", "net.geojson", "gate", "home")
+    assert (status, said.out.strip()) == (1, "no way: no edges lead there from here")
+    assert run(capsys, "export", "net.geojson", "-o", "way.csv", "--from", "home", "--to", "yard")[0] == 0
+    assert len((drives / "way.csv").read_text().splitlines()) == pytest.approx(378, abs=10)
+    assert run(capsys, "export", "net.geojson", "-o", "lean.geojson")[0] == 0
+    assert all("curve" not in f["properties"] for f in json.loads((drives / "lean.geojson").read_text())["features"])
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("build", "net", "a.csv"), "net: expected a map, or a .geojson file to write"),
+        (("build", "net.geojson", "c.csv"), "c.csv: expected a file of points, found no such file"),
+        (("build", "net.geojson", "a.csv", "d.csv"), "d.csv: map_id: expected campus, found hall"),
+        (("build", "old.geojson", "a.csv"), "old.geojson: expected no network, found one: --overwrite"),
+        (("show", "old.geojson"), "old.geojson: expected JSON"),
+        (("show", "net.geojson", "--plot", "x.txt"), "--plot: expected a file .png, .pdf, .svg"),
+        (("name", "gate", "good.geojson", "--at", "5"), "--at: expected X,Y or X,Y,YAW, found '5'"),
+        (("name", "gate", "good.geojson", "--at", "500,0"), "--at: expected a position within 2 m"),
+        (("plan", "good.geojson", "home", "moon"), "place: expected one of home, found 'moon'"),
+        (
+            ("plan", "good.geojson", "home", "home", "--closed", "99"),
+            "--closed: expected edges of the network, found 99",
+        ),
+        (("export", "good.geojson", "-o", "x.csv"), "x.csv: expected .geojson, or .csv with --from and --to"),
+    ],
+)
+def test_what_cannot_be_is_one_line(drives, capsys, words, text):
+    (drives / "old.geojson").write_text("no network")
+    (drives / "d.csv").write_text((drives / "a.csv").read_text().replace("campus", "hall"))
+    assert run(capsys, "build", "good.geojson", "a.csv")[0] == 0
+    status, said = run(capsys, *words)
+    assert status == 2
+    assert said.err.startswith(f"sphere_nav route: {text}")
+    assert said.err.count("\n") == 1
+
+
+def test_what_only_leads_backwards_is_drawn_and_told_so(drives):
+    """A drive of 10 m into a yard and out of it again, backwards, to the other side."""
+    back = "\n".join(f"{10 - 0.1 * i:.2f},{-0.0005 * i * i:.4f},0" for i in range(60))
+    way = "\n".join(f"{0.1 * i:.1f},0,0" for i in range(101))
+    (drives / "c.csv").write_text(f"x,y,yaw\n{way}\n{back}\n")
+    network = read_network_of([drives / "c.csv"], "", 1.2)
+    assert {(edge.is_forward, edge.is_reverse) for edge in network.edges.values()} >= {(True, False), (False, True)}
+    assert any(line.endswith("backwards") for line in describe(network))
+    draw_network(drives / "c.svg", network)
+    assert REVERSE in (drives / "c.svg").read_text()
+
+
+def test_reversible_drives_lead_back(drives, capsys):
+    assert run(capsys, "build", "net.geojson", "a.csv", "--reversible")[0] == 0
+    assert run(capsys, "name", "gate", "net.geojson", "--at", "50,0")[0] == 0
+    status, said = run(capsys, "plan", "net.geojson", "gate", "home")
+    assert (status, "backwards" in said.out) == (0, True)

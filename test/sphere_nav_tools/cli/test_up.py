@@ -1,0 +1,135 @@
+"""`sphere_nav up`: two vehicles in one domain over real DDS, seen by who comes late; misuse; an orderly end."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from sphere_nav_msgs.msg import ReferenceTrajectory
+
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.ros import qos
+from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
+from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.cli.up import Running, _end, _watch, ros_arguments
+from worlds.localizer import make_map
+from worlds.room import wide_room
+
+PATIENCE = 60.0  # s of a loaded machine
+NODES = ("dense_localizer", "path_follower")
+
+
+def test_arguments_are_shown(capsys):
+    assert main(["up", "navigation", "-s"]) == 0
+    shown = capsys.readouterr().out
+    for name in COMPOSITIONS["navigation"].arguments:
+        assert f"  {name} " in shown
+    assert "map to localise in (must be given)" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["localisation"], "map: expected a value"),
+        (["localisation", "campus"], "expected NAME:=VALUE, found 'campus'"),
+        (["mapping", "speed:=2"], "speed: expected one of input, rig"),
+        (["navigation", "map:=/", "gaurd:=true"], "gaurd (is guard meant?): expected one of map, image"),
+        (["navigation", "map:=/", "site:=/nope.yaml"], "site: expected a file or folder that exists"),
+    ],
+)
+def test_misuse_is_one_line(capsys, words, expected):
+    assert main(["up", *words]) == 2
+    told = capsys.readouterr().err
+    assert expected in told
+    assert told.count("\n") == 1
+
+
+def test_a_node_gets_its_words(tmp_path):
+    start = NodeStart("mcl_depth", {"cloud": "a.ply"}, {"odom": "wheels"}, "car2", "site.yaml")
+    words = ros_arguments(start, tmp_path / "0.yaml")
+    assert words[:3] == ["--ros-args", "-r", "__ns:=/car2"]
+    assert words[3:5] == ["-r", "odom:=wheels"]
+    assert words[5:] == ["--params-file", "site.yaml", "--params-file", str(tmp_path / "0.yaml")]
+    assert "cloud: a.ply" in (tmp_path / "0.yaml").read_text()
+
+
+def up(*words):
+    code = "import sys; from sphere_nav_tools.cli.main import main; sys.exit(main())"
+    return subprocess.Popen([sys.executable, "-c", code, "up", *words])
+
+
+def test_a_node_that_cannot_start_ends_all(tmp_path):
+    process = up("navigation", f"map:={tmp_path}")  # a folder, and no map
+    try:
+        assert process.wait(PATIENCE) == 1
+    finally:
+        process.kill()
+
+
+def test_a_node_that_dies_starts_again(tmp_path, capfd):
+    """The first time it fails, the second time it ends as if it were told to; the other one ends with it."""
+    mark = f"import pathlib, sys; mark = pathlib.Path({str(tmp_path / 'mark')!r}); found = mark.exists(); mark.touch()"
+    guard = Running("command_guard", [sys.executable, "-S", "-c", f"{mark}; sys.exit(0 if found else 3)"])
+    other = Running("path_follower", [sys.executable, "-S", "-c", "import time; time.sleep(60)"])
+    assert _watch([guard, other]) == 1
+    assert not _end([guard, other])
+    assert (guard.num_restarts, other.process.returncode) == (1, -signal.SIGINT)
+    told = capfd.readouterr().err
+    assert "up: command_guard ended with status 3; it starts again" in told
+    assert "up: command_guard ended with status 0; the others end, too" in told
+
+
+@pytest.fixture
+def vehicles(tmp_path):
+    """Two navigations by the same map, each in its namespace."""
+    made = make_map(wide_room(), [SE3.identity(), SE3.from_planar(1.0, 0.0, 0.0)], Spherical(128, 64))
+    save_map(tmp_path / "map", SphereGraph(made.graph))
+    (tmp_path / "path.csv").write_text("0,0\n1,0\n2,0\n")
+    (tmp_path / "site.yaml").write_text("/**/path_follower:\n  ros__parameters:\n    speed:\n      cruise: 0.7\n")
+    words = [f"map:={tmp_path / 'map'}", f"trajectory:={tmp_path / 'path.csv'}", f"site:={tmp_path / 'site.yaml'}"]
+    found = [up("navigation", *words, "stamped_cmd_vel:=true", f"namespace:={name}") for name in ("a", "b")]
+    rclpy.init()
+    try:
+        yield found
+    finally:
+        rclpy.try_shutdown()
+        for process in found:
+            process.kill()
+            process.wait(5.0)
+
+
+def test_two_vehicles_share_a_domain(vehicles):
+    node, got = rclpy.create_node("late"), {}
+
+    def names():
+        return {f"{space}/{name}" for name, space in node.get_node_names_and_namespaces()}
+
+    def wait(is_done):
+        end = time.monotonic() + PATIENCE
+        while not is_done() and time.monotonic() < end:
+            rclpy.spin_once(node, timeout_sec=0.1)
+        return is_done()
+
+    wanted = {f"/{car}/{name}" for car in "ab" for name in NODES}
+    assert wait(lambda: wanted <= names()), names()
+    for car in "ab":
+        topic = f"/{car}/path_follower/trajectory"
+        assert wait(lambda topic=topic: node.count_publishers(topic))
+        node.create_subscription(ReferenceTrajectory, topic, lambda m, car=car: got.update({car: m}), qos.LATCHED)
+    assert wait(lambda: len(got) == 2)  # latched: whoever comes late gets it
+    assert max(point.speed for point in got["a"].points) == pytest.approx(0.7)  # of the site
+    topics = dict(node.get_topic_names_and_types())
+    assert topics["/a/cmd_vel"] == topics["/b/cmd_vel"] == ["geometry_msgs/msg/TwistStamped"]
+    assert {"/cmd_vel", "/pose", "/tf", "/tf_static"}.isdisjoint(topics)
+    for process in vehicles:
+        process.send_signal(signal.SIGINT)
+    assert [process.wait(PATIENCE) for process in vehicles] == [0, 0]
+    assert wait(lambda: not wanted & names())
+    node.destroy_node()

@@ -1,0 +1,255 @@
+"""Names of image files, which images are of one instant, and where cameras of a recording sit."""
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
+from sphere_nav.ros.conversions import message_to_sphere, transform_to_se3
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.offline.importing.frames import DEFAULT_HZ, Folder, instants_of, open_frames, stamp_of
+from sphere_nav_tools.offline.importing.images import CameraRecording, RectifiedRecording, open_images
+from sphere_nav_tools.offline.importing.kitti import KittiRecording
+from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, read_numbers, read_pose
+from sphere_nav_tools.offline.importing.rgbd import open_seven_scenes, open_tum
+from sphere_nav_tools.offline.importing.spherical import EquirectangularRecording, open_spherical
+
+LENS = Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
+SECOND = 10**9
+
+
+def write(path, level=50, shape=(12, 16), kind=np.uint8):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), np.full(shape, level, kind))
+
+
+@pytest.mark.parametrize(
+    ("stem", "expected"),
+    [
+        ("1403636579763555584", 1403636579763555584), ("99999999999999999", None),
+        ("1403636579.5", 1403636579 * SECOND + 500_000_000), ("100000000.25", 100000000 * SECOND + 250_000_000),
+        ("099999999.25", None), ("1403636579.1234567891", 1403636579 * SECOND + 123456789), ("0" * 18, None),
+        ("140363657976355558400000", None), ("12345678.5", None), ("12345678901", None),
+    ],
+)  # fmt: skip
+def test_a_stamp_is_told_by_its_digits(stem, expected):
+    if stem == "99999999999999999":  # 17 digits: microseconds
+        expected = 99999999999999999 * 1000
+    assert stamp_of(stem) == expected
+
+
+def test_files_come_by_their_last_number_and_not_by_their_letters(tmp_path):
+    for name in ("b2_10.png", "a3_9.PNG", "c1_100.jpg", "x.png"):
+        write(tmp_path / name)
+    (tmp_path / "notes.txt").write_text("no image")
+    folder = Folder(tmp_path)
+    assert [file.name for file in folder.files] == ["x.png", "a3_9.PNG", "b2_10.png", "c1_100.jpg"]
+    assert (folder.number, folder.stamps) == (4, None)
+
+
+def test_names_are_stamps_only_where_all_are_and_none_twice(tmp_path):
+    for name in ("1403636579000000000", "1403636579500000000"):
+        write(tmp_path / f"{name}.png")
+    assert Folder(tmp_path).stamps == [1403636579000000000, 1403636579500000000]
+    write(tmp_path / "1403636579500000000.jpg")
+    with pytest.raises(ValueError, match="expected names that are rising times, found some that are equal"):
+        Folder(tmp_path)
+    write(tmp_path / "7.png")
+    assert Folder(tmp_path).stamps is None
+
+
+def test_a_folder_a_video_or_one_of_that_name_is_found(tmp_path):
+    write(tmp_path / "front" / "1.png")
+    assert open_frames(tmp_path, "front").number == 1
+    with pytest.raises(ValueError, match=r"expected a folder rear of images or a video rear\.mp4, found front"):
+        open_frames(tmp_path, "rear")
+    (tmp_path / "bad.mp4").write_bytes(b"none")
+    with pytest.raises(ValueError, match="expected a video, found a file that cannot be read as one"):
+        open_frames(tmp_path, "bad")
+    (tmp_path / "worse.mp4").write_bytes(b"none")
+    with pytest.raises(ValueError, match=r"expected images, or one video, found bad\.mp4, front, worse\.mp4"):
+        open_frames(tmp_path, "")
+
+
+def frames(number=3, stamps=None, hz=float("nan")):
+    return SimpleNamespace(number=number, stamps=stamps, hz=hz, path="p", read=lambda index: None)
+
+
+@pytest.mark.parametrize(
+    ("hz", "own", "step_ns"), [(None, float("nan"), 100_000_000), (None, 25.0, 40_000_000), (50.0, 25.0, 20_000_000)]
+)
+def test_without_stamps_a_rate_counts(hz, own, step_ns):
+    found = instants_of({"a": frames(hz=own), "b": frames()}, hz)
+    assert [part["a"] for part in found] == [(k, FIRST_STAMP_NS + k * step_ns) for k in range(3)]
+    assert all(part["a"] == part["b"] for part in found)
+    assert DEFAULT_HZ == 10.0
+    with pytest.raises(ValueError, match="p: expected 3 images as of a, found 4 of b"):
+        instants_of({"a": frames(), "b": frames(4)}, hz)
+
+
+def test_with_stamps_an_image_belongs_to_the_nearest_within_half_a_period():
+    first = [0, 100, 200, 300]
+    second = [49, 51, 149, 152, 230, 349, 351]
+    found = instants_of({"a": frames(4, first), "b": frames(7, second)}, 999.0)
+    assert [part["a"] for part in found] == list(enumerate(first))
+    assert [part.get("b") for part in found] == [(0, 49), (1, 51), (4, 230), (5, 349)]
+    alone = instants_of({"a": frames(1, [5 * SECOND]), "b": frames(2, [5 * SECOND + 49_000_000, 9 * SECOND])}, None)
+    assert alone == [{"a": (0, 5 * SECOND), "b": (0, 5 * SECOND + 49_000_000)}]
+
+
+def transforms(recording):
+    return {
+        (item.header.frame_id, item.child_frame_id): transform_to_se3(item.transform)
+        for item in recording.static_transforms(5)
+    }
+
+
+def test_cameras_sit_where_their_rig_says():
+    poses = {
+        name: SE3.from_parts(T_BODY_OPTICAL.rotation, [0.1, y, 0.2]) for name, y in (("left", 0.1), ("right", -0.2))
+    }
+    pair = Rig(tuple(RigCamera(name, LENS, T) for name, T in poses.items()))
+    both = {"left": frames(), "right": frames()}
+    found = transforms(CameraRecording(both, pair, None))
+    assert set(found) == {
+        ("base_link", "camera_link"), ("camera_link", "left_optical"), ("camera_link", "right_optical"),
+    }  # fmt: skip
+    np.testing.assert_allclose(found["camera_link", "right_optical"].matrix, poses["right"].matrix, atol=1e-12)
+    alone = CameraRecording({"left": frames()}, Rig(pair.cameras[:1]), None)
+    assert set(transforms(alone)) == {("base_link", "camera_link"), ("camera_link", "camera_optical")}
+    ring = Rig(tuple(RigCamera(name, LENS, T_BODY_OPTICAL) for name in ("front", "rear")))
+    found = transforms(CameraRecording({"front": frames(), "rear": frames()}, ring, None))
+    assert set(found) == {("base_link", "rig_link")}
+    np.testing.assert_array_equal(found["base_link", "rig_link"].matrix, np.eye(4))
+
+
+def test_topics_tell_what_a_recording_is(tmp_path):
+    for side in ("left", "right"):
+        write(tmp_path / side / "0.png", 40 if side == "left" else 60)
+    found = open_images(tmp_path, None, (20.0, 21.0, 7.5, 5.5, 0.1), 0.25, None)
+    assert isinstance(found, RectifiedRecording)
+    messages = dict(found.frame(0))
+    assert list(messages) == ["left/camera_info", "left/image_raw", "right/camera_info", "right/image_raw"]
+    assert (messages["left/camera_info"].p[3], messages["right/camera_info"].p[3]) == (0.0, -20.0 * 0.25)
+    right = found.rig.camera("right")
+    np.testing.assert_allclose(right.T_rig_camera.translation, [0.0, -0.25, 0.0])
+    assert right.camera == Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5, (0.1,))
+    alone = open_images(tmp_path / "left", None, (20.0, 21.0, 7.5, 5.5), None, 4.0)
+    assert [topic for topic, _ in alone.frame(0)] == ["camera_info", "image_raw"]
+    assert alone.stamp_ns(0) == FIRST_STAMP_NS
+    for words, said in (
+        ((None, None, 0.0, None), "--baseline: expected a positive"),
+        ((None, None, 0.1, 0.0), "--fps: expected a positive"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            open_images(tmp_path, *words)
+
+
+def kitti(folder, names=("image_0", "image_1"), calibration="named"):
+    for number in (0, 3):
+        for name in names:
+            write(folder / name / f"{number:06d}.png")
+    rows = {k: [20.0, 0, 7.5, -5.0 * k, 0, 21.0, 5.5, 0, 0, 0, 1, 0] for k in range(4)}
+    text = [(f"P{k}: " if calibration == "named" else "") + " ".join(map(str, row)) for k, row in rows.items()]
+    (folder / "calib.txt").write_text("\n".join(text) + "\n")
+    return folder
+
+
+@pytest.mark.parametrize("names", [("image_0", "image_1"), ("image_l", "image_r"), ("image_2", "image_3")])
+@pytest.mark.parametrize("calibration", ["named", "bare"])
+def test_a_pair_of_kitti_has_the_baseline_between_its_two_cameras(tmp_path, names, calibration):
+    found = KittiRecording(kitti(tmp_path, names, calibration))
+    assert found.baseline == pytest.approx(0.25)
+    assert found.camera == Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
+    assert [found.stamp_ns(k) for k in range(2)] == [SECOND, SECOND + 300_000_000]  # 10 Hz by the number of the file
+    T = transforms(found)
+    np.testing.assert_allclose(T["camera_link", "right_optical"].translation, [0.0, -0.25, 0.0], atol=1e-12)
+
+
+def test_what_lacks_of_kitti_is_named(tmp_path):
+    with pytest.raises(ValueError, match="image_0: expected a folder of images, found none"):
+        KittiRecording(tmp_path)
+    folder = kitti(tmp_path)
+    (folder / "times.txt").write_text("0\n1\n2\n")
+    with pytest.raises(ValueError, match=r"times\.txt: expected at least 4 rows \(image 000003\), found 3"):
+        KittiRecording(folder)
+    (folder / "times.txt").write_text("0\n1\n2\n2.5\n")
+    assert KittiRecording(folder).stamp_ns(1) == SECOND + 2_500_000_000
+    text = (folder / "calib.txt").read_text()
+    (folder / "calib.txt").write_text(text.replace("P1:", "P9:"))
+    with pytest.raises(ValueError, match="P1: expected 12 numbers, found 0"):
+        KittiRecording(folder)
+    (folder / "calib.txt").write_text(text.replace("-5.0", "5.0"))
+    with pytest.raises(ValueError, match=r"P1: expected a camera to the right, found -0\.25 m"):
+        KittiRecording(folder)
+
+
+def test_frames_of_seven_scenes_come_at_the_rate_of_a_kinect(tmp_path):
+    """30 Hz: the data set has no stamps; depth in mm, 0 and 65535 invalid."""
+    for number, depth in ((0, 1500), (3, 65535), (4, 0)):
+        write(tmp_path / f"frame-{number:06d}.color.png")
+        write(tmp_path / f"frame-{number:06d}.depth.png", depth, kind=np.uint16)
+        np.savetxt(tmp_path / f"frame-{number:06d}.pose.txt", np.eye(4))
+    found = open_seven_scenes(tmp_path, LENS, None, is_truth_of_depth=False)
+    assert [found.stamp_ns(k) for k in range(3)] == [SECOND, SECOND + 100_000_000, SECOND + 133_333_333]
+    depths = [found._depth(item.depth)[0, 0] for item in found.frames]
+    assert depths[0] == pytest.approx(1.5)
+    assert np.isnan(depths[1:]).all()
+    (tmp_path / "frame-000003.color.png").unlink()
+    with pytest.raises(ValueError, match=r"frame-000003\.color\.png: expected a file"):
+        open_seven_scenes(tmp_path, LENS, None, is_truth_of_depth=False)
+
+
+@pytest.mark.parametrize(("late_ms", "num_frames"), [(20, 2), (21, 1)])
+def test_depth_of_tum_is_of_an_image_within_twenty_milliseconds(tmp_path, late_ms, num_frames):
+    for name in ("a", "b"):
+        write(tmp_path / f"{name}.png")
+    (tmp_path / "rgb.txt").write_text("# images\n100.0 a.png\n101.0 b.png\n")
+    (tmp_path / "depth.txt").write_text(f"100.0 a.png\n{101.0 - 1e-3 * late_ms:.3f} b.png\n")
+    (tmp_path / "groundtruth.txt").write_text(
+        "99.99 0 0 0 0 0 0 1\n100.01 2 0 0 0 0 0 1\n100.98 5 0 0 0 0 0 1\n101.03 5 0 0 0 0 0 1\n"
+    )
+    found = open_tum(tmp_path, LENS, 5000.0)
+    assert found.num_frames == num_frames
+    assert found.frames[0].T_world_optical.translation[0] == pytest.approx(1.0)
+    if num_frames == 2:
+        assert found.frames[1].T_world_optical is None  # rows 50 ms apart are too far
+
+
+def test_ranges_of_equirectangular_images_are_millimeters(tmp_path):
+    write(tmp_path / "image_1.png", 70, (8, 16))
+    range_mm = np.full((8, 16), 2500, np.uint16)
+    range_mm[0], range_mm[1] = 0, 65535
+    assert cv2.imwrite(str(tmp_path / "range_1.png"), range_mm)
+    (tmp_path / "poses.tum").write_text("1.0 1 2 3 0 0 0 1\n")
+    found = open_spherical(tmp_path)
+    assert isinstance(found, EquirectangularRecording)
+    messages = dict(found.frame(0))
+    sphere = message_to_sphere(messages["sphere"])
+    assert np.isnan(sphere.range_m[0]).all()
+    assert np.isposinf(sphere.range_m[1]).all()
+    np.testing.assert_allclose(sphere.range_m[2:], 2.5, rtol=2e-4)
+    assert messages["ground_truth/pose"].pose.position.y == 2.0
+    (tmp_path / "poses.tum").write_text("1.0 1 2 3 0 0 0 1\n" * 2)
+    with pytest.raises(ValueError, match="expected 1 rows, one an image, found 2"):
+        open_spherical(tmp_path)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match="expected folders sphere_"):
+        open_spherical(tmp_path / "empty")
+
+
+def test_tables_have_comments_and_a_number_of_columns(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("# head\n1, 2 3 # three\n\n4 5 6\n")
+    np.testing.assert_array_equal(read_numbers(path, 3), [[1, 2, 3], [4, 5, 6]])
+    path.write_text("1 2 3\n4 5\n")
+    with pytest.raises(ValueError, match=r"a\.txt:2: expected 3 numbers, found 2"):
+        read_numbers(path, 3)
+    np.savetxt(path, np.eye(4)[:3])
+    with pytest.raises(ValueError, match="expected 4 x 4 numbers, found 3 x 4"):
+        read_pose(path)
+    np.savetxt(path, 1.01 * np.eye(4))
+    with pytest.raises(ValueError, match=r"a\.txt: "):
+        read_pose(path)

@@ -1,0 +1,161 @@
+"""Folders of images and videos become bags that the other commands read."""
+
+import dataclasses
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav.ros.bags import BagReader
+from sphere_nav.ros.conversions import message_to_sphere
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.importing.frames import stamp_of
+from worlds.rig import WAVES, seen, vertical_rig
+
+LENS = Pinhole(320, 240, 300.0, 300.0, 159.5, 119.5)
+
+
+def call(*words):
+    return main([str(word) for word in words])
+
+
+def headers(path):
+    """Return by topic the stamps of all images."""
+    found = {}
+    with BagReader(path) as bag:
+        for item in bag.messages([topic for topic in bag.topics if topic.endswith("image_raw")]):
+            stamp = item.message.header.stamp
+            found.setdefault(item.topic.lstrip("/"), []).append(stamp.sec * 1_000_000_000 + stamp.nanosec)
+    return found
+
+
+def wall(shift, lens=LENS):
+    """A textured wall 4 m ahead of a camera so far (m) to the right."""
+    rays = lens.unproject(pixel_grid(lens))
+    points = rays / rays[..., 2:] * 4.0 + [shift, 0.0, 0.0]
+    levels = 128 + 14 * np.sum(np.sin(points @ WAVES.T * 3.0 + np.arange(24)), axis=-1)
+    return np.clip(levels, 1, 255).astype(np.uint8)
+
+
+def write(path, image):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), image)
+
+
+@pytest.mark.parametrize(
+    ("stem", "expected"),
+    [
+        ("1403636579763555584", 1403636579763555584),
+        ("1403636579763555", 1403636579763555000),
+        ("1403636579763", 1403636579763000000),
+        ("1403636579.763555", 1403636579763555000),
+        ("000042", None),
+        ("frame-000042", None),
+        ("0.5", None),
+    ],
+)
+def test_names_that_are_times_are_stamps(stem, expected):
+    assert stamp_of(stem) == expected
+
+
+def test_the_folders_of_a_rig_become_its_topics_and_a_map(tmp_path):
+    rig = vertical_rig()
+    write_rig(tmp_path / "rig.yaml", rig)
+    for part in rig.cameras:
+        for number in range(2):
+            write(tmp_path / "in" / part.name / f"{number:04d}.png", seen(part))
+    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--rig", tmp_path / "rig.yaml") == 0
+    stamps = headers(tmp_path / "bag")
+    assert set(stamps) == {f"cameras/{name}/image_raw" for name in rig.names}
+    assert all(np.diff(found) == [100_000_000] for found in stamps.values())  # 10 Hz, where nothing tells
+    words = ("--rig", tmp_path / "rig.yaml", "--set-stitcher", "stitch.width=256", "--no-loops")
+    assert call("map", tmp_path / "bag", "-o", tmp_path / "map", *words) == 0
+
+
+def test_a_camera_may_lack_an_image_where_names_are_stamps(tmp_path):
+    parts = tuple(RigCamera(name, LENS, T_BODY_OPTICAL) for name in ("front", "rear"))
+    write_rig(tmp_path / "rig.yaml", Rig(parts))
+    for number in range(3):
+        write(tmp_path / "in" / "front" / f"{1403636579000000000 + number * 50_000_000}.png", wall(0.0))
+        if number != 1:
+            write(tmp_path / "in" / "rear" / f"{1403636579000900000 + number * 50_000_000}.png", wall(0.0))
+    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--rig", tmp_path / "rig.yaml") == 0
+    stamps = headers(tmp_path / "bag")
+    assert stamps["cameras/front/image_raw"] == [1403636579000000000 + k * 50_000_000 for k in range(3)]
+    assert stamps["cameras/rear/image_raw"] == [1403636579000900000, 1403636579100900000]
+
+
+@pytest.mark.parametrize("has_rig", [False, True])
+def test_a_stereo_pair_is_registered(capsys, tmp_path, has_rig):
+    for number in range(2):
+        write(tmp_path / "in" / "left" / f"{number}.png", wall(0.05 * number))
+        write(tmp_path / "in" / "right" / f"{number}.png", wall(0.05 * number + 0.3))
+    words = ("--camera", "300,300,159.5,119.5", "--baseline", 0.3)
+    if has_rig:
+        poses = [SE3.from_parts(T_BODY_OPTICAL.rotation, [0.0, y, 0.0]) for y in (0.0, -0.3)]
+        write_rig(tmp_path / "rig.yaml", Rig(tuple(map(RigCamera, ("left", "right"), (LENS, LENS), poses))))
+        words = ("--rig", tmp_path / "rig.yaml")
+    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", *words) == 0
+    capsys.readouterr()
+    assert call("register", f"{tmp_path / 'bag'}:0", f"{tmp_path / 'bag'}:1") == 0
+    found = json.loads(capsys.readouterr().out)["T_a_b"]["translation_m"]
+    np.testing.assert_allclose(found, [0.0, -0.05, 0.0], atol=0.005)
+
+
+def test_a_video_of_one_camera_keeps_its_rate(tmp_path):
+    video = cv2.VideoWriter(str(tmp_path / "drive.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (320, 240))
+    for number in range(5):
+        video.write(cv2.cvtColor(wall(0.1 * number), cv2.COLOR_GRAY2BGR))
+    video.release()
+    words = ("--camera", "300,300,159.5,119.5", "--frames", "1:4")
+    assert call("import", "images", tmp_path / "drive.avi", "-o", tmp_path / "bag", *words) == 0
+    assert np.diff(headers(tmp_path / "bag")["image_raw"]).tolist() == [40_000_000] * 2
+
+
+def test_pairs_of_panoramas_become_spheres_with_range(tmp_path):
+    """The inside of a ball of texture, radius 3 m, seen from 0.15 m above and below its centre."""
+    window = Spherical(256, 128)
+    part = vertical_rig().cameras[0]
+    for level, z in (("top", 0.15), ("bottom", -0.15)):
+        pose = SE3.from_parts(np.eye(3), [0.0, 0.0, z])
+        write(tmp_path / "in" / level / "0.png", seen(dataclasses.replace(part, camera=window, T_rig_camera=pose)))
+    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--baseline", 0.3) == 0
+    with BagReader(tmp_path / "bag") as bag:
+        sphere = message_to_sphere(next(iter(bag.messages(["sphere"]))).message)
+    level = np.abs(np.arange(128) - 63.5) < 24
+    assert np.nanmedian(sphere.range_m[level]) == pytest.approx(3.0, rel=0.05)
+    assert np.isfinite(sphere.range_m[level]).mean() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ((), "images: expected --rig, --camera (one camera, with --baseline a rectified pair) or --baseline"),
+        (("--baseline", "-1"), "--baseline: expected a positive length in m"),
+        (("--baseline", "0.3"), "expected a folder top of images or a video top.mp4, found left, right"),
+        (
+            ("--camera", "300,300,159.5,119.5", "--baseline", "0.3"),
+            "right: expected 1 images as of left, found 2 of right",
+        ),
+        (("--camera", "300,300,159.5,119.5"), "expected images, or one video, found left, right"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(capsys, tmp_path, words, expected):
+    for side, number in (("left", 0), ("right", 0), ("right", 1)):
+        write(tmp_path / "in" / side / f"{number}.png", wall(0.0))
+    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", *words) == 2
+    error = capsys.readouterr().err.strip().splitlines()
+    assert len(error) == 1
+    assert expected in error[0]
+
+
+def test_images_of_another_size_are_refused_by_name(capsys, tmp_path):
+    write_rig(tmp_path / "rig.yaml", Rig((RigCamera("front", LENS, T_BODY_OPTICAL),)))
+    write(tmp_path / "in" / "0.png", np.zeros((10, 20), np.uint8))
+    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--rig", tmp_path / "rig.yaml") == 2
+    assert "image 0: expected 320 x 240 pixels, found 20 x 10" in capsys.readouterr().err

@@ -1,0 +1,127 @@
+"""A session of NCLT in small, made as its documentation says."""
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sphere_nav.geometry import SE3, so3
+from sphere_nav.geometry.files.rig_file import read_rig
+from sphere_nav.ros.bags import BagReader
+from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_cloud, pose_to_se3, stamp_ns
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.importing.nclt import open_nclt
+
+WIDTH, HEIGHT = 96, 72
+STAMPS_US = [1_326_030_975_726_043 + 200_000 * i for i in range(3)]
+K = np.array([[24.0, 0.0, 50.0], [0.0, 24.0, 36.0], [0.0, 0.0, 1.0]])
+POSES = {  # of the cameras in the Ladybug, as the set's files have them: m, deg
+    5: (0.041862, -0.001905, -0.000212, 160.868615, 89.914152, 160.619894),
+    0: (0.0, 0.0, 0.06, 0.0, 0.0, 0.0),
+}
+
+
+def table(path, rows, separator=","):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savetxt(path, np.atleast_2d(rows), delimiter=separator, fmt="%.9f")
+
+
+def session(folder):
+    """Make a session: two cameras, a lens that shifts by two columns and one row, a cloud, and a true drive ahead."""
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    for number, pose in POSES.items():
+        images = folder / "lb3" / f"Cam{number}"
+        images.mkdir(parents=True)
+        for i, stamp in enumerate(STAMPS_US):
+            cv2.imwrite(
+                str(images / f"{stamp}.tiff"), np.dstack([columns + i, rows, 0 * rows + number]).astype(np.uint8)
+            )
+        table(folder.parent / "cam_params" / f"K_cam{number}.csv", K)
+        table(folder.parent / "cam_params" / f"x_lb3_c{number}.csv", pose)
+        lines = np.stack([rows, columns, rows + 1.0, columns + 2.0], axis=-1).reshape(-1, 4)
+        name = folder.parent / "U2D" / f"U2D_Cam{number}_1616X1232.txt"
+        table(name, lines, " ")
+        name.write_text(f"width/cols = {WIDTH} , height/rows = {HEIGHT}\n" + name.read_text())
+    cloud = np.zeros(2, [("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])
+    cloud["place"] = np.round((np.array([[5.0, 1.0, -0.5], [10.0, -2.0, 0.0]]) + 100.0) / 0.005)
+    (folder / "velodyne_sync").mkdir()
+    (folder / "velodyne_sync" / f"{STAMPS_US[0]}.bin").write_bytes(cloud.tobytes())
+    truth = [
+        [s - 50_000 + 100_000 * j, 3.0 + i, 4.0, -0.5, 0.0, 0.0, np.pi / 2]
+        for i, s in enumerate(STAMPS_US)
+        for j in (0, 1)
+    ]
+    truth = [[STAMPS_US[0] - 90_000, *[np.nan] * 6], *truth]  # the first rows of the set's files have no pose
+    path = folder / f"groundtruth_{folder.name}.csv"
+    path.write_text("\n".join(",".join([str(row[0]), *map(str, row[1:])]) for row in truth) + "\n")
+    return folder
+
+
+def test_a_session(tmp_path):
+    folder = session(tmp_path / "2012-01-08")
+    assert main(["import", "nclt", str(folder), "-o", str(tmp_path / "bag")]) == 0
+    with BagReader(tmp_path / "bag") as bag:
+        topics = {name: [item.message for item in bag.messages([name])] for name in bag.topics}
+    images = topics["/cameras/cam5/image_raw"]
+    assert [stamp_ns(message) for message in images] == [1000 * stamp for stamp in STAMPS_US]
+    assert camera_from_info(topics["/cameras/cam5/camera_info"][0]).fx == 24.0
+    assert topics["/cameras/cam5/camera_info"][0].header.frame_id == images[0].header.frame_id == "cam5_optical"
+    assert image_to_array(images[1])[10, 20].tolist() == [20 + 2 + 1, 10 + 1, 5]  # column + 2, row + 1 of image 1
+    assert not image_to_array(images[1])[:, WIDTH - 1].any()  # what the lens does not see
+    np.testing.assert_allclose(message_to_cloud(topics["/points"][0]), [[5.0, -1.0, 0.5], [10.0, 2.0, 0.0]], atol=1e-4)
+    assert len(topics["/points"]) == 1
+    # north, east, down and a heading of 90 deg: looks east, which is -y of a world of x north, y west, z up
+    T_map_base = pose_to_se3(topics["/ground_truth/odometry"][1].pose.pose)
+    expected = SE3.from_parts(so3.exp([0.0, 0.0, -np.pi / 2]), [4.0, -4.0, 0.5])
+    np.testing.assert_allclose(T_map_base.matrix, expected.matrix, atol=1e-6)
+
+
+def test_the_rig_looks_ahead_and_up(tmp_path):
+    main(["import", "nclt", str(session(tmp_path / "2012-01-08")), "-o", str(tmp_path / "bag")])
+    rig = read_rig(tmp_path / "bag" / "rig.yaml")
+    assert rig.names == ("cam5", "cam0")
+    ahead = rig.camera("cam5").T_rig_camera
+    np.testing.assert_allclose(ahead.rotation[:, 2], [1.0, 0.0, 0.0], atol=0.02)
+    np.testing.assert_allclose(ahead.rotation[:, 0], [0.0, 0.0, -1.0], atol=0.02)  # on its side: columns go down
+    np.testing.assert_allclose(ahead.translation, [0.077, 0.0, 1.23], atol=0.01)
+    np.testing.assert_allclose(rig.camera("cam0").T_rig_camera.rotation[:, 2], [0.0, 0.0, 1.0], atol=0.02)
+    mask = cv2.imread(rig.camera("cam5").mask, cv2.IMREAD_GRAYSCALE)
+    assert mask.shape == (HEIGHT, WIDTH)
+    assert mask[HEIGHT // 2, WIDTH // 2] == 255
+    assert not mask[:, WIDTH - 3 :].any()
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("cam_params/K_cam5.csv", lambda text: text.replace("24", "f", 1), "K_cam5.csv: expected numbers"),
+        ("cam_params/x_lb3_c0.csv", lambda text: "1,2,3\n", "x_lb3_c0.csv: expected 1 x 6 numbers, found 1 x 3"),
+        ("cam_params/x_lb3_c0.csv", None, "expected x_lb3_c0.csv of the calibration"),
+        ("U2D/U2D_Cam5_1616X1232.txt", lambda text: text[:-90].rsplit("\n", 1)[0] + "\n", "expected a line for each"),
+        ("2012-01-08/groundtruth_2012-01-08.csv", lambda text: text.splitlines()[0], "expected true poses, found none"),
+        ("2012-01-08/velodyne_sync/1326030975726043.bin", lambda text: text[:-1], "expected points of 8 bytes"),
+        ("2012-01-08/lb3/Cam5/1326030975726043.tiff", "first.tiff", "named by their stamps"),
+    ],
+)  # fmt: skip
+def test_other_files_are_refused_in_one_line(tmp_path, capsys, name, change, message):
+    folder, path = session(tmp_path / "2012-01-08"), tmp_path / name
+    if callable(change):
+        path.write_text(change(path.read_text(errors="surrogateescape")), errors="surrogateescape")
+    else:
+        path.rename(path.with_name(change or "other"))
+    assert main(["import", "nclt", str(folder), "-o", str(tmp_path / "bag")]) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert len([line for line in said if "expected" in line]) == 1
+    assert message in " ".join(said)
+
+
+def test_without_truth_or_clouds(tmp_path):
+    folder = session(tmp_path / "2012-01-08")
+    (folder / "groundtruth_2012-01-08.csv").unlink()
+    (folder / "velodyne_sync").rename(folder / "elsewhere")
+    recording = open_nclt(folder)
+    assert recording.truth_name == ""
+    assert {topic for topic, _ in recording.frame(0)} == {
+        f"cameras/cam{n}/{kind}" for n in (0, 5) for kind in ("image_raw", "camera_info")
+    }

@@ -1,0 +1,101 @@
+"""The recorded data sets themselves, where they are there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.ros.bags import BagReader
+from sphere_nav.ros.conversions import depth_to_meters, image_to_gray, message_to_sphere, pose_to_se3
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.importing.kitti import KittiRecording
+from sphere_nav_tools.offline.importing.recording import body_from_optical
+from sphere_nav_tools.offline.importing.rgbd import DepthCamera, open_seven_scenes, open_tum
+
+COLOR = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)
+
+
+def residual(first, second, camera, is_moved=True):
+    """Mean grey difference of two frames (pose of the body, image, depth), the first warped into the second."""
+    T_body_first, image_first, depth = first
+    T_body_second, image_second, _ = second
+    if not is_moved:
+        T_body_second = T_body_first
+    rays = camera.unproject(pixel_grid(camera))
+    points = (rays / rays[..., 2:] * depth[..., None])[::4, ::4].reshape(-1, 3)
+    gray = image_first[::4, ::4].ravel()[np.isfinite(points[:, 2])]
+    points = points[np.isfinite(points[:, 2])]
+    T_second_first = T_BODY_OPTICAL.inverse() @ T_body_second.inverse() @ T_body_first @ T_BODY_OPTICAL
+    pixels, visible = camera.project(T_second_first.apply(points))
+    u, v = np.rint(pixels[visible]).astype(int).T
+    return np.mean(np.abs(image_second[np.clip(v, 0, 479), np.clip(u, 0, 639)].astype(float) - gray[visible]))
+
+
+def frame(recording, index):
+    messages = dict(recording.frame(index))
+    pose = pose_to_se3(messages["ground_truth/pose"].pose)
+    return pose, image_to_gray(messages["image_raw"]), depth_to_meters(messages["depth/image_raw"])
+
+
+def test_the_kitchen_fits_its_poses(shared_data):
+    """The true motion explains the images, with depth moved into the colour camera better than without."""
+    folder = shared_data / "rgbd" / "redkitchen"
+    kinect = DepthCamera(replace(COLOR, fx=585.0, fy=585.0), SE3.exp([-0.025, 0, 0, 0, 0, 0]))
+    moved = open_seven_scenes(folder, COLOR, kinect, is_truth_of_depth=True)
+    one = Pinhole(640, 480, 585.0, 585.0, 320.0, 240.0)
+    unmoved = open_seven_scenes(folder, one, None, is_truth_of_depth=True)
+    first, second = frame(moved, 0), frame(moved, 20)
+    with_motion = residual(first, second, COLOR)
+    assert with_motion < 0.6 * residual(first, second, COLOR, is_moved=False)
+    assert with_motion < residual(frame(unmoved, 0), frame(unmoved, 20), one)
+    assert np.isfinite(first[2]).mean() > 0.6
+
+
+@pytest.mark.parametrize("case", ["case_1", "case_2"])
+def test_the_pairs_fit_their_poses(shared_data, case):
+    camera = Pinhole(640, 480, 525.0, 525.0, 319.5, 239.5)
+    recording = open_tum(shared_data / "rgbd" / "tum_fr1_xyz_pairs" / case, camera, 5000.0)
+    first, second = frame(recording, 0), frame(recording, 1)
+    assert residual(first, second, camera) < 0.7 * residual(first, second, camera, is_moved=False)
+    assert abs(first[0].rotation[2, 2]) > 0.3  # the world of this recording has z up, so has the map
+    distance = float(np.linalg.norm(first[0].translation - second[0].translation))
+    assert distance == pytest.approx({"case_1": 0.0216, "case_2": 0.0521}[case], abs=2e-3)
+
+
+def test_the_car_drives_forward(shared_data):
+    recording = KittiRecording(shared_data / "driving" / "kitti_06")
+    assert recording.num_frames == 51
+    assert recording.baseline == pytest.approx(0.5371, abs=1e-4)
+    poses = [pose_to_se3(dict(recording.frame(index))["ground_truth/pose"].pose) for index in (0, 50)]
+    np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-6)
+    x, y, z = poses[1].translation
+    assert x == pytest.approx(59.9, abs=0.5)  # README of the data: 59.9 m straight
+    assert abs(y) < 5.0
+    assert abs(z) < 2.0
+
+
+def test_the_hall_is_stitched(shared_data, tmp_path):
+    assert main(["import", "spherical", str(shared_data / "rgbd_spheres"), "-o", str(tmp_path / "bag")]) == 0
+    with BagReader(tmp_path / "bag") as bag:
+        spheres = [message_to_sphere(item.message) for item in bag.messages(["sphere"])]
+        poses = [pose_to_se3(item.message.pose) for item in bag.messages(["ground_truth/pose"])]
+    assert float(poses[0].distance(poses[1])[0]) == pytest.approx(0.28, abs=0.01)
+    for sphere in spheres:
+        equator = np.isfinite(sphere.range_m[sphere.camera.height // 2])
+        assert equator.mean() > 0.8  # all around, but for windows and what is too far
+    points, _ = spheres[0].points(4)
+    floor = points[points[:, 2] < -0.5]
+    assert len(floor) > 1000
+    height = np.median(floor[:, 2])
+    near_floor = np.abs(floor[:, 2] - height) < 0.1
+    assert near_floor.mean() > 0.4  # the floor is level in body axes: z is up
+
+
+def test_a_world_with_optical_axes_is_turned():
+    T_map_body = body_from_optical(SE3.exp([0, 0, 2.0, 0, 0, 0]), is_world_optical=True)
+    np.testing.assert_allclose(T_map_body.matrix, SE3.exp([2.0, 0, 0, 0, 0, 0]).matrix, atol=1e-12)
+    T_map_body = body_from_optical(T_BODY_OPTICAL, is_world_optical=False)
+    np.testing.assert_allclose(T_map_body.matrix, np.eye(4), atol=1e-12)

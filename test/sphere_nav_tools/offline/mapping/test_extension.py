@@ -1,0 +1,212 @@
+"""`sphere_nav map --extend`: a second drive is joined to a map where both saw the same places, or refused."""
+
+import json
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
+from dataclasses import replace
+from io import StringIO
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sphere_mapping.experiences.budget import Budget
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.conversions import se3_to_pose_stamped, sphere_to_message
+from sphere_nav.ros.maps.check import verify_map
+from sphere_nav.ros.maps.condensing import count_bytes
+from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.mapping.thinning import Thinner
+from worlds.maps import load_all
+from worlds.room import sharp_room
+
+START, PERIOD = 1_000_000_000, 200_000_000
+SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.1")
+ALL_KEPT = ("--set", "mapper.key.merge=false")
+EAST = [SE3.from_planar(-2.0 + 0.35 * k, 0.2, 0.0) for k in range(5)]
+WEST = [SE3.from_planar(0.3 - 0.35 * k, -0.2, np.pi) for k in range(5)]  # the other way, half of it the same
+
+
+def call(*words):
+    return main([str(word) for word in words])
+
+
+def write_drive(path, room, poses, start):
+    """Write what a camera that gives spheres sees, and where it truly is in the room."""
+    with BagWriter(path) as bag:
+        for number, pose in enumerate(poses):
+            stamp = start + number * PERIOD
+            sphere = replace(room.sphere(pose, Spherical(256, 128), number), stamp_ns=stamp)
+            bag.write("sphere", sphere_to_message(sphere, "sphere_link"), stamp)
+            bag.write("ground_truth/pose", se3_to_pose_stamped(pose, stamp, "map"), stamp)
+    return path
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drives")
+    write_drive(folder / "east", sharp_room(), EAST, START)
+    write_drive(folder / "west", sharp_room(), WEST, START + 100 * PERIOD)
+    write_drive(folder / "elsewhere", sharp_room(seed=1), WEST, START + 100 * PERIOD)
+    assert call("map", folder / "east", "-o", folder / "taught", "--anchor", "truth", *SETTINGS) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def joint(drives, tmp_path_factory):
+    """The second drive joined to the map of the first one, all key spheres kept."""
+    folder, taught = tmp_path_factory.mktemp("joint"), drives / "taught" / "map.mcap"
+    before = taught.read_bytes()
+    words = ("--extend", drives / "taught", "--trajectory", folder / "west.tum", *SETTINGS, *ALL_KEPT)
+    with redirect_stdout(StringIO()) as said:
+        assert call("map", drives / "west", "-o", folder / "both", *words) == 0
+    assert f"joined to {drives / 'taught'}" in said.getvalue()
+    assert taught.read_bytes() == before
+    return folder
+
+
+def test_two_drives_are_one_map_and_the_first_one_stays_as_it_is(drives, joint):
+    assert sorted(path.name for path in joint.iterdir()) == ["both", "west.tum"]
+    assert verify_map(joint / "both") == []
+    with open_map(joint / "both") as both, open_map(drives / "taught") as taught:
+        assert set(taught.graph.nodes) < set(both.graph.nodes)
+        assert both.info.source == "east + west"
+        truth = {START + k * PERIOD: pose for k, pose in enumerate(EAST)}
+        truth |= {START + (100 + k) * PERIOD: pose for k, pose in enumerate(WEST)}
+        errors = [float(node.T_map_sphere.distance(truth[node.stamp_ns])[0]) for node in both.graph]
+        assert np.sqrt(np.mean(np.square(errors))) < 0.01  # m, of all key spheres: the map's frame is the truth's
+        assert any(edge.is_loop for edge in both.graph.edges)
+        assert min(both.graph[sphere_id].served for sphere_id in taught.graph.nodes) > 0.0  # in their own drive
+    driven = read_tum(joint / "west.tum")
+    assert max(float(a.distance(b)[0]) for a, b in zip(driven.T_map_body, WEST, strict=True)) < 0.02
+
+
+def test_processes_and_a_cluster_make_the_same_map_bit_for_bit(drives, joint, tmp_path, monkeypatch):
+    class Client:
+        def __init__(self, address, timeout):
+            assert address == "tcp://here:8786"
+
+        def scheduler_info(self):
+            return {"workers": {"one": {}, "two": {}}}
+
+        def get_executor(self, pure):
+            return ThreadPoolExecutor(2)
+
+        def close(self):
+            pass
+
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Client))
+    words = ("--extend", drives / "taught", *SETTINGS, *ALL_KEPT)
+    for name, options in {"two": ("--jobs", 2), "cluster": ("--scheduler", "tcp://here:8786")}.items():
+        assert call("map", drives / "west", "-o", tmp_path / name, *words, *options) == 0
+        assert (tmp_path / name / "map.mcap").read_bytes() == (joint / "both" / "map.mcap").read_bytes()
+
+
+def refused(capsys, *words):
+    assert call("map", *words) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said
+    return said
+
+
+def test_a_drive_elsewhere_is_refused_with_what_was_tried(drives, tmp_path, capsys):
+    words = (drives / "elsewhere", "-o", tmp_path / "both", *SETTINGS)
+    assert call("map", *words, "--extend", drives / "taught") == 1
+    said = capsys.readouterr().err
+    assert "expected a drive by places of the map, found none that hold" in said
+    assert "key spheres looked up" in said
+    assert [file.name for file in tmp_path.iterdir()] == ["both.partial"]  # it is mapped, and can be a map of its own
+    assert call("map", *words, "--resume") == 0
+    assert [file.name for file in tmp_path.iterdir()] == ["both"]
+
+
+def test_a_drive_in_another_light_becomes_an_experience_from_a_given_start(drives, tmp_path, capsys):
+    """Other patterns on the same walls, which features do not know: ranges place it."""
+    output, taught = tmp_path / "both", drives / "taught"
+    words = ("--start", 0.4, -0.1, 3.0, "--experience", "night", *SETTINGS)
+    assert call("map", drives / "elsewhere", "-o", output, "--extend", taught, *words) == 0
+    assert "a start was given; ranges fit at" in capsys.readouterr().out
+    assert verify_map(output) == []
+    with open_map(output) as both, open_map(taught) as before:
+        assert all(node.experience.drive == "east" for node in before.graph)
+        night = [node for node in both.graph if node.id not in before.graph.nodes]
+        assert {(node.experience.name, node.experience.drive) for node in night} == {("night", "elsewhere")}
+        assert len(night) >= 3
+        for node in night:
+            assert node.T_map_sphere.distance(WEST[(node.stamp_ns - START) // PERIOD - 100])[0] < 0.03
+        for node in before.graph:
+            assert both.graph[node.id].T_map_sphere.distance(node.T_map_sphere)[0] < 1e-9
+        thinned, condensed, told = thinned_to(both, Budget.parse("1"))
+    assert not condensed
+    assert sum(node.served for node in night) == len(WEST)  # what no other key sphere placed
+    assert {node.experience.name for node in thinned} == {"night"}  # the day's explained nothing of the last drive
+    assert told == [f"{len(before.graph)} key spheres left for the budget"]
+    assert call("map-info", output, "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert [(one["name"], one["drive"]) for one in facts["experiences"]] == [("", "east"), ("night", "elsewhere")]
+    assert facts["places_by_experiences"] == {"2": len(before.graph) + len(night)}
+
+
+def thinned_to(reader, budget):
+    """Return the graph of a map within a budget, what is condensed of it, and what is told."""
+    key = SimpleNamespace(merge=False)
+    tracks = [SimpleNamespace(key_id=min(reader.graph.nodes))]
+    mapper = SimpleNamespace(params=SimpleNamespace(key=key), tracks=tracks, load_sphere=reader.load_sphere)
+    return Thinner(mapper, None, reader, budget).thin(reader.graph, np.zeros((0, 3)), ())
+
+
+def test_a_budget_is_kept_by_condensing_first(joint):
+    with open_map(joint / "both") as both:
+        number = len(both.graph)
+        sizes = [[count_bytes(both, one, is_condensed) for one in both.graph.nodes] for is_condensed in (False, True)]
+        least = sum(min(two) for two in zip(*sizes, strict=True))
+        for num_bytes, is_left in ((0.5 * (both.num_bytes + least), False), (0.2 * least, True)):
+            graph, condensed, told = thinned_to(both, Budget(num_bytes=num_bytes))
+            assert bool(condensed)
+            assert (len(graph) < number) == is_left
+            assert told[0] == f"{len(condensed)} key spheres are condensed for the budget"
+            assert told[1:] == ([f"{number - len(graph)} key spheres left for the budget"] if is_left else [])
+
+
+def test_a_drive_that_the_map_explains_adds_nothing(drives, tmp_path, capsys):
+    with open_map(drives / "taught") as taught:
+        before = taught.graph.nodes.keys()
+    assert call("map", drives / "east", "-o", tmp_path / "both", "--extend", drives / "taught", *SETTINGS) == 0
+    assert "0 of" in capsys.readouterr().out
+    with open_map(tmp_path / "both") as both:
+        assert both.graph.nodes.keys() == before
+        assert sum(node.served for node in both.graph) > 0.0
+
+
+def test_a_drive_counts_for_what_the_map_did_not_place(drives, tmp_path):
+    """Of the same drive again the last images are in TRACKING, after a probation."""
+    taught = drives / "taught"
+    assert call("map", drives / "east", "-o", tmp_path / "both", "--extend", taught, *SETTINGS, *ALL_KEPT) == 0
+    with open_map(tmp_path / "both") as both, open_map(taught) as before:
+        own = [node.served for node in both.graph if node.id not in before.graph.nodes]
+    assert len(own) == len(before.graph)
+    assert 0 < sum(own) < len(EAST)
+
+
+def test_what_cannot_be_joined_is_one_line_before_anything_is_mapped(drives, tmp_path, capsys):
+    west, taught = drives / "west", drives / "taught"
+    words = (west, "-o", tmp_path / "both", "--extend")
+    said = refused(capsys, west, "-o", taught, "--overwrite", "--extend", taught)
+    assert "expected another folder than that of --extend" in said
+    assert "--anchor: expected first" in refused(capsys, *words, taught, "--anchor", "truth")
+    assert "expected a map" in refused(capsys, *words, drives)
+    with open_map(taught) as reader:
+        graph = load_all(reader)
+    save_map(tmp_path / "rig", graph, MapDetails(rig="name: another"))
+    assert "--rig: expected that of the map, found none" in refused(capsys, *words, tmp_path / "rig")
+    save_map(tmp_path / "old", graph, MapDetails(software="sphere_nav 0.0.1"))
+    said = refused(capsys, *words, tmp_path / "old")
+    assert "software: expected sphere_nav" in said
+    assert "found sphere_nav 0.0.1" in said
+    assert not (tmp_path / "both").exists()

@@ -1,0 +1,188 @@
+"""Whatever ends `sphere_nav map`, what is mapped stays, and goes on to the very map of a run that nothing ended."""
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.ros.bags import BagError, BagReader, BagWriter
+from sphere_nav.ros.conversions import sphere_to_message
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.maps.writer import MapWriter
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.mapping import remains, segments
+from worlds.room import wide_room
+
+CAMERA = Spherical(128, 64)
+NUM_SPHERES, SEGMENT = 6, 3
+SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.05", "--experience", "dusk")  # all become key spheres
+# A process that has imported everything forks one for each run, which ends as it is told: (end, number of the call of
+# MapWriter.add, or of finish, at which it does).
+FORKS = """
+import json, os, resource, signal, sys
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.mapping import segments
+from sphere_nav.ros.maps.writer import MapWriter
+
+segments.SEGMENT = int(sys.argv[1])
+calls = {"add": 0, "finish": 0}
+
+def counted(name, limit, act):
+    method = getattr(MapWriter, name)
+    def call(self, *words):
+        done = method(self, *words)
+        calls[name] += 1
+        if calls[name] == limit:
+            act()
+        return done
+    setattr(MapWriter, name, call)
+
+for line in sys.stdin:
+    name, limit, how, words = json.loads(line)
+    pid = os.fork()
+    if pid == 0:
+        try:
+            if how == "kill":
+                counted(name, limit, lambda: os.kill(os.getpid(), signal.SIGKILL))
+            elif how == "full":
+                resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+            status = main(words)
+        finally:
+            os._exit(status)
+    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+"""
+
+
+@pytest.fixture(autouse=True, scope="module")
+def short_segments():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(segments, "SEGMENT", SEGMENT)
+        yield
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    room, path = wide_room(), tmp_path_factory.mktemp("remains") / "bag"
+    with BagWriter(path, chunk_size=1) as writer:  # a chunk for each message
+        for number in range(NUM_SPHERES):
+            stamp_ns = 1_000_000_000 * (number + 1)
+            sphere = room.sphere(SE3.from_planar(-0.8 + 0.3 * number, 0.1, 0.05 * number), CAMERA, 1)
+            message = sphere_to_message(replace(sphere, stamp_ns=stamp_ns), "base_link")
+            writer.write("sphere", message, stamp_ns)
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(bag, tmp_path_factory):
+    """The map of a run that nothing ended."""
+    path = tmp_path_factory.mktemp("whole") / "map"
+    assert call("map", bag, "-o", path) == 0
+    return path
+
+
+def call(command, *words):
+    return main([command, *map(str, words), *(SETTINGS if command == "map" else ())])
+
+
+def same(path, whole):
+    return (path / "map.mcap").read_bytes() == (whole / "map.mcap").read_bytes()
+
+
+def test_killed_or_out_of_disk_it_leaves_a_map_and_resumes(bag, whole, tmp_path):
+    """In a segment; when the map of a segment is whole, but not its record; with a limit of the size of files."""
+    ends = [("add", 5, "kill", -9, 4), ("finish", 1, "kill", -9, 3), ("", 70_000, "full", 1, 1)]
+    outputs = [tmp_path / f"map_{number}" for number in range(len(ends))]
+    lines = [
+        json.dumps([*end[:3], ["map", str(bag), "-o", str(path), *SETTINGS]]) + "\n"
+        for end, path in zip(ends, outputs, strict=True)
+    ]
+    forks = [sys.executable, "-c", FORKS, str(SEGMENT)]
+    done = subprocess.run(forks, input="".join(lines), capture_output=True, text=True, timeout=240, check=True)
+    assert done.stdout.split() == [str(end[3]) for end in ends], done.stderr
+    told = next(line for line in done.stderr.splitlines() if "key spheres stay" in line)
+    assert "File too large" in told
+    assert f"stay in {outputs[-1]}.partial: sphere_nav map {bag}" in told
+    assert told.endswith("--resume")
+    for end, path in zip(ends, outputs, strict=True):
+        assert call("map-verify", f"{path}.partial", "--salvage", tmp_path / "mended") == 0
+        with open_map(tmp_path / "mended") as reader:
+            assert len(reader.graph) >= end[4]
+            assert {(node.experience.name, node.experience.drive) for node in reader.graph} == {("dusk", bag.name)}
+        shutil.rmtree(tmp_path / "mended")
+        assert call("map", bag, "-o", path, "--resume") == 0
+        assert same(path, whole)
+    assert sorted(tmp_path.iterdir()) == outputs
+
+
+def test_interrupted_it_says_how_it_goes_on_by_the_same_words(bag, whole, tmp_path, monkeypatch, capsys):
+    add, added = MapWriter.add, []
+
+    def interrupted(self, *words):
+        add(self, *words)
+        added.append(words)
+        if len(added) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(MapWriter, "add", interrupted)
+    assert call("map", bag, "-o", tmp_path / "map") == 130
+    assert "sphere_nav map: interrupted; 2 key spheres stay in" in capsys.readouterr().err
+    monkeypatch.undo()
+    assert call("map", bag, "-o", tmp_path / "map") == 2
+    assert "map.partial: the remains of an interrupted run: --resume goes on from them" in capsys.readouterr().err
+    assert call("map", bag, "-o", tmp_path / "map", "--resume", "--no-loops") == 2
+    assert "plan.json: --set: expected as the interrupted run had it" in capsys.readouterr().err
+    assert call("map", bag, "-o", tmp_path / "map", "--resume") == 0
+    assert same(tmp_path / "map", whole)
+    assert [file.name for file in tmp_path.iterdir()] == ["map"]
+
+
+def test_a_run_begun_before_drives_were_named_goes_on_as_one_without_a_name(tmp_path):
+    (tmp_path / "plan.json").write_text('{"--set": "a=1"}')
+    remains.check_options(tmp_path / "plan.json", {"--set": "a=1", "--experience": ""})
+    with pytest.raises(
+        BagError, match=r"plan.json: --experience: expected as the interrupted run had it \(\), found dusk"
+    ):
+        remains.check_options(tmp_path / "plan.json", {"--set": "a=1", "--experience": "dusk"})
+
+
+def test_where_nothing_can_be_written_nothing_is_left(bag, tmp_path, monkeypatch, capsys):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(remains, "write_json", full)
+    assert call("map", bag, "-o", tmp_path / "map") == 2
+    assert "No space left on device" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_read_of_the_bag_is_left_out_and_told(bag, tmp_path, capsys):
+    torn = tmp_path / "bag"
+    torn.mkdir()
+    for file in bag.iterdir():
+        (torn / file.name).write_bytes(file.read_bytes())
+    with BagReader(torn) as reader:
+        index = sorted(reader.files[0].summary.chunk_indexes, key=lambda one: one.chunk_start_offset)[4]
+    file = next(torn.glob("*.mcap"))
+    data = bytearray(file.read_bytes())
+    data[index.chunk_start_offset + index.chunk_length // 2] ^= 0xFF
+    file.write_bytes(data)
+    assert call("map", torn, "-o", tmp_path / "map") == 0
+    said = capsys.readouterr().out
+    assert f"{NUM_SPHERES - 1} spheres placed, 0 lost" in said
+    assert said.count(f"chunk at byte {index.chunk_start_offset}") == 1
+    assert "not readable, left out" in said
+
+
+def test_a_dask_cluster_makes_the_same_map(bag, whole, tmp_path, capsys):
+    distributed = pytest.importorskip("distributed")
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster:
+        assert call("map", bag, "-o", tmp_path / "map", "--scheduler", cluster.scheduler_address) == 0
+    assert f"{NUM_SPHERES} spheres placed, 0 lost" in capsys.readouterr().out
+    assert same(tmp_path / "map", whole)

@@ -1,0 +1,92 @@
+"""Normals of a cloud."""
+
+import laspy
+import numpy as np
+import pytest
+
+from sphere_mapping.params import CloudParams
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.spheres.graph import KeySphere
+from sphere_nav.spheres.sphere import Sphere
+from sphere_nav_tools.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
+from worlds.room import Room
+
+
+def test_normals_point_from_the_walls_into_the_room():
+    room, T = Room(), SE3.from_planar(0.5, -0.3, 0.7)
+    sphere = room.sphere(T, Spherical(256, 128))
+    cloud = cloud_of(KeySphere(0, 0, T, sphere), sphere, CloudParams(step=3))
+    np.testing.assert_allclose(np.max(np.abs(cloud.points) / room.half, axis=1), 1.0, atol=1e-4)
+    wall = np.argmax(np.abs(cloud.points) / room.half, axis=1)
+    inward = -np.take_along_axis(cloud.normals * np.sign(cloud.points), wall[:, None], axis=1)[:, 0]
+    assert np.mean(inward > 0.99) > 0.9  # all but the pixels along the edges of the room
+    assert cloud.rgb.shape == cloud.points.shape
+
+
+def test_an_edge_of_range_gives_no_normal_across_it():
+    range_m = np.full((32, 64), 5.0, np.float32)
+    range_m[:, 20:] = 1.0
+    range_m[10, 10] = np.nan
+
+    sphere = Sphere(np.full((32, 64), 9, np.uint8), range_m, Spherical(64, 32))
+    cloud = cloud_of(KeySphere(0, 0, SE3.identity(), sphere), sphere, CloudParams(step=1))
+    assert len(cloud.points) == 32 * 64 - 1
+    rays = cloud.points / np.linalg.norm(cloud.points, axis=1, keepdims=True)
+    along = -np.sum(cloud.normals * rays, axis=1)
+    lengths = np.linalg.norm(cloud.normals, axis=1)
+    assert np.all((lengths < 1e-6) | (np.abs(lengths - 1) < 1e-5))
+    assert along[lengths > 0.5].min() > 0.9  # a sheet across the edge would stand along the ray
+
+
+def cloud():
+    rng = np.random.default_rng(0)
+    points = np.round(rng.uniform(-20, 20, (50, 3)), 3).astype(np.float32)
+    normals = rng.normal(size=(50, 3)).astype(np.float32)
+    return MapPoints(points, normals, rng.integers(0, 256, (50, 3), dtype=np.uint8))
+
+
+def test_a_ply_has_every_number_under_its_name(tmp_path):
+    one = cloud()
+    assert write_ply(tmp_path / "a.ply", [one, one]) == 100
+    data = (tmp_path / "a.ply").read_bytes()
+    head, body = data.split(b"end_header\n", 1)
+    assert b"element vertex 100" in head
+    names = [line.split()[2].decode() for line in head.splitlines() if line.startswith(b"property")]
+    assert names == ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue"]
+    table = np.frombuffer(body, [(name, "<f4" if len(name) < 3 else "u1") for name in names])
+    for columns, values in ((("x", "y", "z"), one.points), (("nx", "ny", "nz"), one.normals), (names[6:], one.rgb)):
+        np.testing.assert_array_equal(np.stack([table[name][50:] for name in columns], axis=1), values)
+
+
+def test_a_laz_has_millimeters_and_colors_of_16_bits(tmp_path):
+    one = cloud()
+    assert write_laz(tmp_path / "a.laz", [one]) == 50
+    las = laspy.read(tmp_path / "a.laz")
+    np.testing.assert_allclose(las.header.scales, 1e-3)
+    np.testing.assert_allclose(np.stack([las.x, las.y, las.z], axis=1), one.points, atol=5.1e-4)
+    np.testing.assert_array_equal(np.stack([las.red, las.green, las.blue], axis=1), one.rgb * np.uint16(257))
+    np.testing.assert_allclose(np.stack([las.NormalX, las.NormalY, las.NormalZ], axis=1), one.normals)
+
+
+@pytest.mark.parametrize(("max_range_m", "count"), [(4.99, 0), (5.0, 8 * 16)])
+def test_points_are_of_every_so_many_rows_up_to_a_range(max_range_m, count):
+    sphere = Sphere(np.full((32, 64), 9, np.uint8), np.full((32, 64), 5.0, np.float32), Spherical(64, 32))
+    T = SE3.from_planar(1.0, 2.0, 0.5)
+    found = cloud_of(KeySphere(0, 0, T, sphere), sphere, CloudParams(step=4, max_range_m=max_range_m))
+    assert len(found.points) == count
+    np.testing.assert_allclose(np.linalg.norm(found.points - T.translation, axis=1), 5.0, rtol=1e-5)
+    if count:
+        inward = (T.translation - found.points) / 5.0
+        assert np.median(np.sum(found.normals * inward, axis=1)) > 0.98  # to where it was seen from
+
+
+@pytest.mark.parametrize(("step", "is_one_surface"), [(1.09, True), (1.11, False)])
+def test_a_surface_goes_on_where_ranges_differ_by_less_than_a_tenth(step, is_one_surface):
+    range_m = np.full((32, 64), 5.0, np.float32)
+    range_m[:, 32:] *= step
+    sphere = Sphere(np.full((32, 64), 9, np.uint8), range_m, Spherical(64, 32))
+    normals = cloud_of(KeySphere(0, 0, SE3.identity(), sphere), sphere, CloudParams(step=1)).normals.reshape(32, 64, 3)
+    rays = sphere.camera.unproject(pixel_grid(sphere.camera))
+    facing = -np.sum(normals[16, 31] * rays[16, 31])
+    assert (facing < 0.95) == is_one_surface  # a sheet to the farther pixel leans

@@ -1,0 +1,147 @@
+"""The options that name topics."""
+
+import argparse
+import importlib
+
+import pytest
+
+from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.samples import SPHERE_INFO
+from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, RGBD, STEREO, Stream
+from sphere_nav.ros.camera.drivers import driver_names, read_driver
+from sphere_nav_tools.cli.main import COMMANDS
+from sphere_nav_tools.offline.topics import (
+    OPTIONS,
+    add_options,
+    chosen_topics,
+    find_drivers,
+    find_lens_topics,
+    find_wanted,
+    names_of_cameras,
+    options_of,
+)
+
+
+def parse(*words):
+    parser = argparse.ArgumentParser()
+    add_options(parser)
+    return parser.parse_args(words)
+
+
+def test_options_name_our_topics():
+    words = ("--image", "/a", "--depth-info", "/b", "--camera", "front=/c", "--remap", "/imu/data:=/d")
+    assert chosen_topics(parse(*words)) == {
+        "image_raw": "/a",
+        "depth/camera_info": "/b",
+        "cameras/front/image_raw": "/c",
+        "imu/data": "/d",
+    }
+
+
+@pytest.mark.parametrize("words", [("--camera", "front"), ("--remap", "a=b"), ("--camera", "=/a")])
+def test_a_word_that_is_no_pair_is_refused(words):
+    with pytest.raises(ValueError, match="expected A"):
+        chosen_topics(parse(*words))
+
+
+def test_what_is_told_is_what_is_understood():
+    topics = {"image_raw": "/a", "camera_info": "/camera_info", "cameras/x/image_raw": "/y"}
+    words = options_of(topics)
+    assert "/camera_info" not in words
+    assert chosen_topics(parse(*words)) == {"image_raw": "/a", "cameras/x/image_raw": "/y"}
+
+
+READERS = {"inspect", "map", "localize", "mcl", "register", "refine-camera"}  # they use topics by their meaning
+
+
+def options_of_command(name):
+    module = next(command.module for command in COMMANDS if command.name == name)
+    parser = argparse.ArgumentParser()
+    importlib.import_module(f"sphere_nav_tools.cli.{module}").add_arguments(parser)
+    return {word for action in parser._actions for word in action.option_strings}
+
+
+@pytest.mark.parametrize("name", sorted(READERS))
+def test_every_command_that_reads_a_bag_takes_the_same_options(name):
+    words = {f"--{option.replace('_', '-')}" for option in OPTIONS} | {"--remap", "--camera", "--driver", "--mounting"}
+    assert words <= options_of_command(name)
+
+
+def streams_of(driver, root=None, skip=()):
+    """Return what a driver publishes, depth of its own camera in a frame of its own."""
+    found = []
+    for ours, topic in driver.names(root).items():
+        frame = "depth" if ours.startswith("depth") and "depth/camera_info" in driver.topics else ours.split("/")[0]
+        frame = frame if "/" in ours and frame != "depth" else "depth_optical" if frame == "depth" else "optical"
+        registered = ours == "depth/image_raw" and "depth/camera_info" not in driver.topics
+        frame = "optical" if registered else frame
+        kind = CAMERA_INFO if ours.endswith("camera_info") else IMAGE if ours.endswith("image_raw") else "other"
+        encoding = driver.encodings.get(ours, ("",))[0]
+        if ours not in skip:
+            found.append(Stream("/" + topic, kind, 10, 30.0, frame, 640, 480, encoding))
+    return found
+
+
+@pytest.mark.parametrize("name", driver_names())
+def test_what_a_driver_publishes_is_found_as_its_preset_says(name):
+    driver = read_driver(name)
+    kinds = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info"), "panorama": ("image_raw",)}
+    wanted = kinds[driver.input]
+    streams = streams_of(driver)
+    found = find_wanted(streams, wanted, {})
+    assert found == {ours: f"/{topic}" for ours, topic in driver.names().items() if ours in found}
+    assert set(wanted) <= set(found)
+    if driver.root:
+        assert driver.name in [known.name for known in find_drivers(streams)]
+
+
+def test_registered_depth_goes_before_depth_as_it_is_measured():
+    streams = {s.topic: s for name in ("realsense_depth", "realsense") for s in streams_of(read_driver(name))}
+    assert [driver.name for driver in find_drivers(list(streams.values()))] == ["realsense", "realsense_depth"]
+    found = find_wanted(list(streams.values()), RGBD, {})
+    assert found["depth/image_raw"] == "/camera/camera/aligned_depth_to_color/image_raw"
+
+
+def test_several_sizes_of_one_camera_are_told_apart_by_the_driver_alone():
+    kinect = read_driver("kinect2")
+    small = [
+        Stream(s.topic.replace("qhd", "sd"), s.type, 10, 30.0, "ir", 320, 240, s.encoding) for s in streams_of(kinect)
+    ]
+    found = find_wanted([*streams_of(kinect), *small], RGBD, {})
+    assert found["image_raw"] == "/kinect2/qhd/image_color_rect"
+    other = [
+        Stream(s.topic.replace("kinect2", "k"), *list(vars(s).values())[1:]) for s in [*streams_of(kinect), *small]
+    ]
+    with pytest.raises(BagError, match="choose by --image, --depth"):
+        find_wanted(other, RGBD, {})
+
+
+def view(topic):
+    return Stream(topic, IMAGE, 10, 30.0, topic, 64, 48, "mono8")
+
+
+@pytest.mark.parametrize(
+    ("topics", "names"),
+    [
+        (("/front/image_raw", "/rear/image_raw"), ["front", "rear"]),
+        (("/car/cam_front/raw", "/car/cam_rear/raw"), ["cam_front", "cam_rear"]),
+        (("/a/left/image", "/a/right/image", "/b/left/image"), ["a_left", "a_right", "b_left"]),
+    ],
+)
+def test_cameras_are_called_by_what_their_topics_differ_in(topics, names):
+    assert names_of_cameras([view(topic) for topic in topics]) == names
+
+
+def test_a_topic_that_is_no_image_is_not_taken_for_one():
+    with pytest.raises(BagError, match=r"image_raw: /odom: expected images, found nav_msgs/msg/Odometry"):
+        find_wanted([Stream("/odom", "nav_msgs/msg/Odometry", 5, 9.0)], ("image_raw",), {"image_raw": "/odom"})
+
+
+def test_a_panorama_is_found_with_what_tells_its_lens():
+    streams = [
+        Stream("/theta/image_raw", IMAGE, 9, 30.0, "theta", 256, 128, "rgb8"),
+        Stream("/theta/sphere_info", SPHERE_INFO, 9, 30.0, "theta"),
+        Stream("/other/sphere_info", SPHERE_INFO, 9, 30.0, "other"),
+    ]
+    found = find_lens_topics(streams, lambda wanted: find_wanted(streams, wanted, {}))
+    assert options_of(found) == ["--image", "/theta/image_raw", "--remap", "sphere_info:=/theta/sphere_info"]
