@@ -1,25 +1,25 @@
-"""What the operator may ask of a follower, and what it holds: every answer is one line, empty where it was done.
-
-Whether a stop ends by itself: the rule `safety.resume`.
-"""
+"""What may be asked of a follower, and what it holds: every answer is one line, empty where it was done."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from path_follower.consistency import MotionConsistency
 from path_follower.constants import STEADY_NS
-from path_follower.modes import FollowerState, Mode
+from path_follower.modes import WITHDRAWN, Event, Mode, Phase
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
-from path_follower.reasons import FINE, StopReason, StopVerdict
+from path_follower.reasons import FINE, Severity, StopReason, StopVerdict
 from path_follower.safety import SafetyMonitor
 from path_follower.vehicle import Limiter, Motion, Predictor
 from sphere_nav.geometry.arrays import Array
 
+OPERATOR, EMERGENCY = StopVerdict(StopReason.OPERATOR), StopVerdict(StopReason.EMERGENCY_STOP)
+
 
 class Resumption:
-    """Only what was missing may end a stop by its return; what was wrong waits for the call `start`."""
+    """The rule `safety.resume`: only what was missing may end a stop by its return; all else waits for a request."""
 
     def __init__(self, rule: str) -> None:
         """`rule`: never, moving (before standstill) or standing (also after it)."""
@@ -28,10 +28,10 @@ class Resumption:
 
     def is_due(self, mode: Mode, now_ns: int, *, is_fine: bool, is_tracking: bool) -> bool:
         """Return whether to go on; `is_fine`: nothing speaks against motion, `is_tracking`: localised without doubt."""
-        may_pass = is_fine and mode.verdict.may_pass and self._rule != "never"
-        if may_pass and mode.state is FollowerState.STOPPING:
+        may_pass = is_fine and mode.verdict.severity is Severity.MISSING and self._rule != "never"
+        if may_pass and mode.phase is Phase.YIELDING:
             return True
-        if not (may_pass and is_tracking and mode.state is FollowerState.STOPPED and self._rule == "standing"):
+        if not (may_pass and is_tracking and mode.phase is Phase.WAITING and self._rule == "standing"):
             self._steady_ns = None
             return False
         if self._steady_ns is None:
@@ -70,14 +70,13 @@ class Arming:
         """Whether zero is commanded and the actuators are thought to have obeyed."""
         return self.limiter.last.speed == 0.0 and self.predictor.is_standing
 
-    def load(self, path: ReferencePath) -> None:
-        """Take a path, in standstill and disarmed; ValueError otherwise."""
-        if self.mode.is_armed or self.mode.state is FollowerState.STOPPING:
-            raise ValueError(
-                f"path: expected a follower that stands, disarmed, found {self.mode.state}: call stop first"
-            )
+    def load(self, path: ReferencePath | None) -> None:
+        """Take a path, or none, in standstill and disarmed; ValueError otherwise."""
+        if refusal := self.mode.take(Event.CLEAR if path is None else Event.LOAD):
+            raise ValueError(f"path: {refusal}")
         self.path, self.location = path, None
-        self.mode.load()
+        if self.watch.is_emergency:
+            self.mode.take(Event.PRESS, EMERGENCY)
 
     def tune(self, params: FollowerParams) -> None:
         """Go on with other values of the live parameters, also while driving."""
@@ -89,49 +88,46 @@ class Arming:
         """Accept a pose; `covariance` (3, 3) of (x, y, yaw) in the vehicle's axes, None: not stated."""
         if self.watch.see_pose(pose, time_ns):
             self.measured_speed = speed
-            is_driven = not self.mode.is_at_rest and self.mode.state is not FollowerState.PAUSED
+            is_driven = not self.mode.is_at_rest and self.mode.phase is not Phase.PAUSED
             self.watch.doubt = self.consistency.see_pose(pose, covariance, time_ns, is_driving=is_driven)
 
+    # --- requests
+    def under(self, permission: int, request: Callable[[], str | None], *, is_stop: bool = False) -> str:
+        """Do what was decided under a permission, by its number, if that has not ended since; a stop in any case."""
+        is_valid = permission == self.mode.permission
+        try:
+            refusal = request() if is_valid or is_stop else None
+        except ValueError as error:
+            return str(error)
+        return refusal or ("" if is_valid else WITHDRAWN)
+
     def start(self, now_ns: int) -> str:
-        """Arm, where the vehicle stands on the path: after a stop at the place reached, else at the closest."""
-        if self.path is None or self.mode.state is FollowerState.STOPPING:
-            return "no path is loaded" if self.path is None else "the vehicle is still braking"
-        if self.mode.is_driving:
-            return ""
-        verdict, place = self.watch.judge_inputs(now_ns), None
-        if verdict is FINE:
-            verdict, place = self.watch.find_start(self.path, None if self.mode.has_ended else self.location)
-        if verdict is not FINE or place is None:
-            return str(verdict)
-        self.location = place
-        self.mode.arm()
-        return ""
-
-    def stop(self) -> str:
-        """Brake and disarm; never refused."""
-        self.mode.halt(StopVerdict(StopReason.OPERATOR))
-        return ""
-
-    def pause(self) -> str:
-        """Brake and stand until `resume`."""
-        self.mode.pause()
-        return "" if self.mode.state is FollowerState.PAUSED else f"nothing to pause: {self.mode.state}"
+        """Drive, where the vehicle stands on the path: after a stop at the place reached, else at the closest."""
+        return self._go(Event.START, now_ns)
 
     def resume(self, now_ns: int) -> str:
-        """Go on after a pause."""
-        if self.mode.state is not FollowerState.PAUSED:
-            return f"nothing to resume: {self.mode.state}"
-        return self.start(now_ns)
+        """Go on after a pause, or a stop that waits."""
+        return self._go(Event.RESUME, now_ns)
+
+    def stop(self) -> str:
+        """Brake, and stand until `start`; never refused."""
+        return self.mode.take(Event.STOP, OPERATOR)
+
+    def pause(self) -> str:
+        """Brake, and stand until `resume`."""
+        return self.mode.take(Event.PAUSE, OPERATOR)
 
     def emergency(self, *, is_pressed: bool) -> None:
         """Brake hard and disarm; a release alone moves nothing."""
+        if is_pressed and not self.watch.is_emergency:
+            self.mode.take(Event.PRESS, EMERGENCY)
         self.watch.is_emergency = is_pressed
 
     def stand(self, verdict: StopVerdict) -> None:
         """Be disarmed, at zero command: the vehicle is left alone, or what it did meanwhile is not known."""
         self.limiter.stand()
         self.predictor.reset()
-        self.mode.stand(verdict)
+        self.mode.take(Event.LEAVE, verdict)
 
     def reset(self) -> None:
         """Forget everything with a stamp, as after a jump of the clock; brake if in motion."""
@@ -139,4 +135,22 @@ class Arming:
         self.predictor.reset()
         self.consistency.reset()
         self.limiter.last_ns = None
-        self.mode.halt(StopVerdict(StopReason.CLOCK_STOPPED, detail="the clock went backwards"))
+        self.mode.take(Event.RESET, StopVerdict(StopReason.CLOCK_STOPPED, detail="the clock went backwards"))
+
+    def _go(self, event: Event, now_ns: int) -> str:
+        """Drive, for one of the events that lead there, if table, inputs and place allow it."""
+        refusal = self.mode.refusal(event)
+        if refusal or self.mode.is_driving:
+            return refusal
+        verdict, place = self._find_start(now_ns)
+        if verdict is not FINE:
+            return str(verdict)
+        self.location = place
+        return self.mode.take(event)
+
+    def _find_start(self, now_ns: int) -> tuple[StopVerdict, Location | None]:
+        """Return why a drive cannot begin now, or FINE and where."""
+        verdict = self.watch.judge_inputs(now_ns)
+        if verdict is not FINE or self.path is None:
+            return verdict, None
+        return self.watch.find_start(self.path, None if self.mode.has_ended else self.location)

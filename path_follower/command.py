@@ -29,6 +29,7 @@ class FollowerReport:
     progress: float
     distance_to_end: float
     is_armed: bool
+    permission: int  # the number of the one in force, or of the last
 
 
 @dataclass(frozen=True)
@@ -48,4 +49,4 @@ def report_of(mode: Mode, path: ReferencePath | None, location: Location | None)
     progress, left = location.arc_length if location else 0.0, 0.0
     if path is not None:
         left = path.length - (progress % path.length if path.is_closed else progress)
-    return FollowerReport(mode.state, mode.verdict, progress, left, mode.is_armed)
+    return FollowerReport(mode.state, mode.verdict, progress, left, mode.is_armed, mode.permission)

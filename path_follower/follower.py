@@ -7,7 +7,7 @@ from dataclasses import replace
 from path_follower.arming import Arming
 from path_follower.command import Command, FollowerReport, TrackingError, report_of
 from path_follower.constants import GOAL_TOLERANCE, SEARCH_WINDOW
-from path_follower.modes import FollowerState
+from path_follower.modes import SLOWLY, Event, FollowerState
 from path_follower.path import Pose2
 from path_follower.reasons import FINE, StopReason, StopVerdict
 from path_follower.speed import bounded_speed, eased_speed, speed_law
@@ -39,8 +39,8 @@ class Follower(Arming):
         speed, curvature = self._law(tracking if inputs is FINE else None)
         motion = self.limiter.limit(speed, curvature, now_ns, is_hard=self.mode.is_stopping_hard)
         self.predictor.remember(now_ns, motion)
-        self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.is_slow, doubt=self.watch.doubt.slow)
-        return self._command(now_ns, motion, tracking, self._status())
+        self.mode.settle(is_standing=motion.speed == 0.0, slow=self._why_slow())
+        return self._command(now_ns, motion, tracking, self.report)
 
     def hold(self, now_ns: int, seconds: float) -> Command:
         """Return the command of a stop that began `seconds` ago because the clock stands; nothing is remembered.
@@ -50,14 +50,21 @@ class Follower(Arming):
         motion = braked(self.limiter.last, self.params.vehicle.stop_deceleration * seconds)
         verdict = StopVerdict(StopReason.CLOCK_STOPPED, detail="/clock stands", advice="drives on when the clock does")
         state = FollowerState.STOPPING if motion.speed else FollowerState.STOPPED
-        status = self._status() if self.mode.is_at_rest else replace(self._status(), state=state, verdict=verdict)
+        status = self.report if self.mode.is_at_rest else replace(self.report, state=state, verdict=verdict)
         return self._command(now_ns, motion, None, status)
 
     def _command(self, now_ns: int, motion: Motion, tracking: TrackingError | None, status: FollowerReport) -> Command:
         yaw_rate = motion.yaw_rate(self.params.vehicle.virtual_wheelbase)
         return Command(now_ns, motion.speed, yaw_rate, motion.steering_angle, tracking, status)
 
-    def _status(self) -> FollowerReport:
+    def _why_slow(self) -> StopVerdict:
+        """Return why it drives slowly, where it does for the localisation."""
+        doubt = self.watch.doubt.slow
+        return FINE if not self.watch.is_slow else SLOWLY if doubt is FINE else doubt
+
+    @property
+    def report(self) -> FollowerReport:
+        """What it does and why."""
         return report_of(self.mode, self.path, self.location)
 
     def _track(self, now_ns: int) -> TrackingError | None:
@@ -88,9 +95,7 @@ class Follower(Arming):
         self.mode.halt(verdict)
         is_tracking = self.watch.state == State.TRACKING
         if self.resumption.is_due(self.mode, now_ns, is_fine=verdict is FINE, is_tracking=is_tracking):
-            if self.mode.state is FollowerState.STOPPED:
-                self.start(now_ns)
-            self.mode.go_on()
+            self._go(Event.BACK, now_ns)
 
     def _finish_segment(self, tracking: TrackingError | None) -> None:
         """Standing at the end of a segment: go on behind the cusp, or be finished."""
@@ -101,7 +106,7 @@ class Follower(Arming):
             if following < len(self.path.segments):
                 self.location = self.path.begin_of(following)
             else:
-                self.mode.finish()
+                self.mode.take(Event.END, StopVerdict(StopReason.END_OF_PATH))
 
     def _law(self, tracking: TrackingError | None) -> tuple[float, float | None]:
         """Return speed and curvature by eq. 25; no curvature: the wheels stay."""

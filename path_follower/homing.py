@@ -11,9 +11,10 @@ import math
 from path_follower.command import Command, FollowerReport
 from path_follower.constants import MAX_ANGLE, MAX_POSE_AGE, MIN_POINTS
 from path_follower.follower import Follower
+from path_follower.modes import SLOWLY, Event
 from path_follower.obstacles import points_on_arc, stopping_distance
 from path_follower.params import FollowerParams
-from path_follower.path import Pose2, ReferencePath
+from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.reasons import FINE, StopReason, StopVerdict
 from sphere_nav.localization.status import State
 
@@ -26,7 +27,7 @@ class HomingFollower(Follower):
         super().__init__(params)
         self.progress = self.distance_to_end = 0.0
         self.is_there = False
-        self.mode.load()
+        self.mode.take(Event.LOAD)
 
     @property
     def direction(self) -> float | None:
@@ -53,32 +54,30 @@ class HomingFollower(Follower):
         inputs = self.watch.judge_inputs(now_ns)
         self._follow_verdict(self._judge_way() if inputs is FINE else inputs, now_ns)
         if self.is_there and self.limiter.last.speed == 0.0:
-            self.mode.finish()
+            self.mode.take(Event.END, StopVerdict(StopReason.END_OF_PATH))
         speed, curvature = self._steer(now_ns)
         motion = self.limiter.limit(speed, curvature, now_ns, is_hard=self.mode.is_stopping_hard)
-        self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.state == State.DEGRADED)
-        return self._command(now_ns, motion, None, self._status())
+        slow = SLOWLY if self.watch.state == State.DEGRADED else FINE
+        self.mode.settle(is_standing=motion.speed == 0.0, slow=slow)
+        return self._command(now_ns, motion, None, self.report)
 
-    def _status(self) -> FollowerReport:
-        return FollowerReport(
-            self.mode.state, self.mode.verdict, self.progress, self.distance_to_end, self.mode.is_armed
-        )
+    @property
+    def report(self) -> FollowerReport:
+        """What it does and why."""
+        mode = self.mode
+        way = self.progress, self.distance_to_end
+        return FollowerReport(mode.state, mode.verdict, *way, mode.is_armed, mode.permission)
 
-    def load(self, path: ReferencePath) -> None:
+    def load(self, path: ReferencePath | None) -> None:
         """Refuse: the path is that of who gives the directions."""
         raise ValueError("path: expected none while driving by direction, found one: give it to mcl_depth")
 
-    def start(self, now_ns: int) -> str:
-        """Arm, if there is a direction that can be driven."""
-        if self.mode.is_driving:
-            return ""
+    def _find_start(self, now_ns: int) -> tuple[StopVerdict, Location | None]:
+        """Return why a drive cannot begin now, or FINE: there is a direction that can be driven."""
         verdict = self.watch.judge_inputs(now_ns)
         verdict = self._judge_way() if verdict is FINE else verdict
-        if verdict is FINE and self.is_there:
-            verdict = StopVerdict(StopReason.END_OF_PATH)
-        if verdict is FINE:
-            self.mode.arm()
-        return str(verdict)
+        is_over = verdict is FINE and self.is_there
+        return (StopVerdict(StopReason.END_OF_PATH) if is_over else verdict), None
 
     def _judge_way(self) -> StopVerdict:
         """Return whether the direction is too far aside, or something stands in the way."""

@@ -57,8 +57,30 @@ REMEDIES = {
     StopReason.EMERGENCY_STOP: "release the emergency stop, then call start",
     StopReason.END_OF_PATH: "load a path or bring the vehicle to its beginning, then call start",
 }
+
+
+class Severity(enum.IntEnum):
+    """How bad a reason is: of several the worst is kept, and only an operator ends what is above BLOCKED."""
+
+    NONE = 0
+    MISSING = 1  # may end by its return
+    BLOCKED = 2  # ends by a new start, also that of a mission whose permission lasts
+    WRONG = 3
+    OPERATOR = 4
+    EMERGENCY = 5
+
+
 GENTLE = (StopReason.NONE, StopReason.OPERATOR, StopReason.END_OF_PATH)
 MISSING = (StopReason.POSE_TIMEOUT, StopReason.STATUS_TIMEOUT, StopReason.SCAN_TIMEOUT, StopReason.NOT_LOCALISED)
+SEVERITY = {
+    **dict.fromkeys((StopReason.NONE, StopReason.END_OF_PATH), Severity.NONE),
+    **dict.fromkeys(MISSING, Severity.MISSING),
+    **dict.fromkeys(
+        (StopReason.OBSTACLE, StopReason.LOCALISATION_DEGRADED, StopReason.POSE_UNCERTAIN), Severity.BLOCKED
+    ),
+    StopReason.OPERATOR: Severity.OPERATOR,
+    StopReason.EMERGENCY_STOP: Severity.EMERGENCY,
+}  # else WRONG
 
 
 @dataclass(frozen=True)
@@ -89,9 +111,9 @@ class StopVerdict:
         return self.reason in GENTLE
 
     @property
-    def may_pass(self) -> bool:
-        """Whether something was only missing, so that its return may end the stop."""
-        return self.reason in MISSING
+    def severity(self) -> Severity:
+        """How bad it is."""
+        return SEVERITY.get(self.reason, Severity.WRONG)
 
 
 FINE = StopVerdict(StopReason.NONE)

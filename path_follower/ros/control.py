@@ -67,6 +67,7 @@ class ControlLoop:
         else:
             self.follower = Follower(p)
             self.intake = PoseIntake(endpoints, p, self.follower, self.answered)
+        self.follower.mode.permission = endpoints.own_ns() // 1_000_000  # of a loop begun anew no older one holds
         self.scans = ScanIntake(endpoints, p, self.follower, self.times, transforms)
         self.peers = Peers(endpoints, self.intake.topic, lambda pressed: self.follower.emergency(is_pressed=pressed))
         endpoints.add_timer(TICK, self.on_tick, is_wall=True)
@@ -74,20 +75,43 @@ class ControlLoop:
 
     # --- requests of the front; a text says why not, and is empty where it was done
     def ask(self, name: str, *values: Any) -> Any:
-        """Carry out a request by name."""
-        requests: dict[str, Callable[..., Any]] = {
-            "start": lambda: self.begin(self.follower.start),
-            "resume": lambda: self.begin(self.follower.resume),
-            "stop": self.follower.stop,
-            "pause": self.follower.pause,
-            "load": self.load,
-            "is_at_rest": lambda: self.follower.mode.is_at_rest,
+        """Carry out a request by name; before it is answered, all hear what it led to."""
+        follower = self.follower
+        motions: dict[str, Callable[..., Any]] = {
+            "start": lambda: self.begin(follower.start),
+            "resume": lambda: self.begin(follower.resume),
+            "stop": follower.stop,
+            "pause": follower.pause,
+            "load": follower.load,
+            "drive": self.drive,
+        }
+        if name in motions:
+            answer = motions[name](*values)
+            self.say(follower.report, self.stamp_at(self.endpoints.now_ns()))
+            return answer
+        others: dict[str, Callable[..., Any]] = {
+            "is_at_rest": lambda: follower.mode.is_at_rest,
             "scan_frame": lambda: self.scans.frame,
             "tune": self.tune,
             "stand": self.stand,
             "clock_jumped": self.clock_jumped,
         }
-        return requests[name](*values)
+        return others[name](*values)
+
+    def drive(self, name: str, permission: int, path: ReferencePath | None = None) -> tuple[str, int]:
+        """Do what was decided under a permission; return why not, and the number of the one now in force."""
+        requests: dict[str, Callable[[], str | None]] = {
+            "start": lambda: self.begin(self.follower.start),
+            "resume": lambda: self.begin(self.follower.resume),
+            "stop": self.follower.stop,
+            "pause": self.follower.pause,
+            "load": lambda: self.follower.load(path),
+            "clear": lambda: self.follower.load(None),
+        }
+        if name not in requests:
+            raise ValueError(f"request: expected one of {', '.join(requests)}, found {name!r}")
+        refusal = self.follower.under(permission, requests[name], is_stop=name in ("stop", "pause"))
+        return refusal, self.follower.mode.permission
 
     def begin(self, start: Callable[[int], str]) -> str:
         """Drive, beginning with a zero command: what a guard behind this waits for."""
@@ -98,10 +122,6 @@ class ControlLoop:
                 return str(verdict)
             self.send(self.twist(0.0, 0.0, self.stamp_at(self.endpoints.now_ns()) - 1))
         return start(self.times.now())
-
-    def load(self, path: ReferencePath) -> None:
-        """Take a path, in standstill and disarmed; ValueError otherwise."""
-        self.follower.load(path)
 
     def tune(self, params: PathFollowerParams) -> None:
         """Drive on with another cruise speed and other limits."""
@@ -183,8 +203,12 @@ class ControlLoop:
                 self.ackermann.publish(driving.motion_to_ackermann(*motion, stamp, self.params.base_frame))
         if command.tracking is not None:
             self.tracking.publish(driving.tracking_to_message(command.tracking, stamp, frame))
-        self.status.publish(driving.follower_status_to_message(command.status, stamp, frame, self.cycle.worst))
-        self.tell(command.status)
+        self.say(command.status, stamp)
+
+    def say(self, status: FollowerReport, stamp: int) -> None:
+        """Tell all what the follower does, and why."""
+        self.status.publish(driving.follower_status_to_message(status, stamp, self.params.map_frame, self.cycle.worst))
+        self.tell(status)
 
     def send(self, twist: Twist | TwistStamped) -> None:
         """Publish a command."""

@@ -9,7 +9,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from sphere_nav_msgs.action import Navigate
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus, NavigatorStatus
-from sphere_nav_msgs.srv import CloseEdge, LoadTrajectory, PlanRoute
+from sphere_nav_msgs.srv import CloseEdge, Drive, PlanRoute
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -66,11 +66,7 @@ class RouteNavigator(ManagedNode):
         self.add_subscription("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE)
         self.add_subscription("status", LocalizationStatus, self.on_localizer, qos.STATE)
         self.add_subscription(f"{FOLLOWER}/status", FollowerStatus, self.on_follower, qos.STATE)
-        self.calls = {
-            name: self.endpoints.add_client(f"{FOLLOWER}/{name}", Trigger)
-            for name in ("start", "stop", "pause", "resume")
-        }
-        self.load = self.endpoints.add_client(f"{FOLLOWER}/load_trajectory", LoadTrajectory)
+        self.follower = self.endpoints.add_client(f"{FOLLOWER}/drive", Drive)
         self.add_service("~/pause", Trigger, self.on_pause)
         self.add_service("~/resume", Trigger, self.on_resume)
         self.add_service("~/close_edge", CloseEdge, self.on_close)
@@ -113,13 +109,15 @@ class RouteNavigator(ManagedNode):
     def on_follower(self, message: FollowerStatus) -> None:
         """Take what the follower says."""
         _, (progress, left) = driving.message_to_progress(message)
-        view = FollowerView(message.state, message.reason, message.remedy, progress, left, self.now())
+        text = message.state, message.permission, message.reason, message.remedy
+        view = FollowerView(*text, progress, left, self.now())
         self.mission.see_follower(view)
 
     def on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Pause."""
         response.message = self.mission.pause(self.now())
         response.success = not response.message
+        self.go_on()
         return response
 
     def on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -152,8 +150,8 @@ class RouteNavigator(ManagedNode):
 
     # --- goals
     def check_goal(self, read: Any, request: Any) -> None:
-        """Raise ValueError for a goal that is not on the network."""
-        self.mission.spots_of(read(request))
+        """Raise ValueError for a goal that is not on the network, or that nobody could stop."""
+        self.mission.check(read(request), self.now())
 
     def begin_goal(self, read: Any, result: Any, goal: ActionGoal) -> None:
         """Drive to a goal; the one under way is aborted: this one replaces it."""
@@ -166,6 +164,7 @@ class RouteNavigator(ManagedNode):
         """Stop, then end."""
         if any(goal is own for own, _ in self.goals):
             self.mission.cancel("canceled", self.now())
+            self.go_on()
 
     def _goal(self, request: Navigate.Goal) -> Goal:
         wait = number(request.wait_s, "wait_s")
@@ -203,10 +202,8 @@ class RouteNavigator(ManagedNode):
     # --- what goes out
     def on_tick(self) -> None:
         """Ask the mission what to do, and tell how it goes."""
-        mission, now = self.mission, self.now()
-        request = mission.tick(now)
-        if request is not None:
-            self.ask(request)
+        mission = self.mission
+        self.go_on()
         outcome, mission.outcome = mission.outcome, None
         if outcome is not None:
             self.result = outcome.reason
@@ -217,23 +214,29 @@ class RouteNavigator(ManagedNode):
                 goal.publish(self.feedback())
         self.tell()
 
+    def go_on(self) -> None:
+        """Ask the follower for what is due."""
+        request = self.mission.tick(self.now())
+        if request is not None:
+            self.ask(request)
+
     def ask(self, request: Request) -> None:
         """Ask the follower; its answer comes when it comes."""
 
         def answer(response: Any, failure: str) -> None:
             refusal = failure or ("" if response.success else response.message or "refused")
-            self.mission.answer(request, refusal, self.now())
+            self.mission.answer(request, refusal, 0 if failure else response.permission, self.now())
 
-        if request.course is None:
-            self.calls[request.name].call(Trigger.Request(), answer)
-            return
-        file = self.folder / "course.csv"
-        try:
-            write_course(file, request.course, self.network.map_id)
-        except OSError as error:
-            self.mission.answer(request, one_line(error), self.now())
-            return
-        self.load.call(LoadTrajectory.Request(path=str(file)), answer)
+        path = ""
+        if request.course is not None:
+            file = self.folder / "course.csv"
+            try:
+                write_course(file, request.course, self.network.map_id)
+            except OSError as error:
+                answer(None, one_line(error))
+                return
+            path = str(file)
+        self.follower.call(Drive.Request(request=request.name, permission=request.permission, path=path), answer)
 
     def feedback(self) -> Navigate.Feedback:
         """Return how the mission goes."""

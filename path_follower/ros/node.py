@@ -8,9 +8,11 @@ from __future__ import annotations
 from contextlib import suppress
 from functools import partial
 
+from sphere_nav_msgs.srv import Drive
 from std_srvs.srv import Trigger
 
 from path_follower.params import PathFollowerParams
+from path_follower.path_files import read_path
 from path_follower.ros.control import ControlLoop
 from path_follower.ros.front import FrontNode, LoopEnded
 from path_follower.ros.loop_process import run_with_loop
@@ -38,13 +40,14 @@ class PathFollowerNode(FrontNode):
             self.trajectories = TrajectoryIntake(self.endpoints, self.params, self.loop)
         for name in CALLS:
             self.endpoints.add_service(f"~/{name}", Trigger, partial(self.on_call, name))
+        self.endpoints.add_service("~/drive", Drive, self.on_drive)
         self.add_timer(PLACE_PERIOD, self.on_place, is_wall=True)
 
     def activate(self) -> None:
         """Show the trajectory that was loaded at the start."""
         super().activate()
         if self.trajectories is not None:
-            self.trajectories.show()
+            self.trajectories.show(self.trajectories.path)
 
     def tune(self, params: PathFollowerParams) -> None:
         """Drive on with another cruise speed and other limits."""
@@ -57,6 +60,15 @@ class PathFollowerNode(FrontNode):
         """Do what an operator asks for; the answer says why not."""
         response.message = self.loop.ask(name)
         response.success = not response.message
+        return response
+
+    def on_drive(self, request: Drive.Request, response: Drive.Response) -> Drive.Response:
+        """Do what a mission asks for, under the permission that it knows of."""
+        path = read_path(request.path, self.params) if request.request == "load" else None
+        response.message, response.permission = self.loop.ask("drive", request.request, request.permission, path)
+        response.success = not response.message
+        if response.success and path is not None and self.trajectories is not None:
+            self.trajectories.show(path)
         return response
 
     def on_place(self) -> None:

@@ -41,7 +41,8 @@ class TrajectoryIntake:
             endpoints.add_subscription(topic, kind, read, qos.LATCHED, is_required=False, raw=True)
         endpoints.add_service("~/load_trajectory", LoadTrajectory, self.on_load)
         if self.params.trajectory:
-            self.take(read_path(self.params.trajectory, self.params))
+            self.path = read_path(self.params.trajectory, self.params)
+            self.loop.ask("load", self.path)
 
     def standing(self, topic: str, kind: type[Any], use: Callable[[Any], None]) -> Callable[[bytes], None]:
         """Return what converts a message and uses it where the vehicle stands; else it is not even read."""
@@ -59,7 +60,7 @@ class TrajectoryIntake:
         self.params = params
         if self.path is not None:
             self.path = self.path.at_cruise(max(params.speed.cruise, params.speed.creep))
-        self.show()
+        self.show(self.path)
 
     def on_path(self, message: Path) -> None:
         """Use a nav_msgs/Path; the same path again changes nothing. Increasing stamps give the taught speed."""
@@ -95,18 +96,13 @@ class TrajectoryIntake:
         return response
 
     def use(self, path: ReferencePath) -> None:
-        """Hand a trajectory to the follower, and show it."""
-        self.take(path)
-        self.show()
-
-    def take(self, path: ReferencePath) -> None:
-        """Hand a trajectory to the follower; ValueError where it does not stand."""
+        """Hand a trajectory to the follower, and show it; ValueError where it does not stand."""
         self.loop.ask("load", path)
-        self.path = path
+        self.show(path)
 
-    def show(self) -> None:
-        """Publish the trajectory in force; say where the car cannot follow it."""
-        path = self.path
+    def show(self, path: ReferencePath | None) -> None:
+        """Publish the trajectory that is in force now; say where the car cannot follow it."""
+        self.path = path
         if path is None:
             return
         self.shown.publish(driving.trajectory_to_message(path, self._now_ns(), self.params.map_frame))

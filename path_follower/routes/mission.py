@@ -4,8 +4,9 @@ Nothing here knows ROS or time: poses, states and answers are handed in, `tick` 
 time. The whole remaining way goes to the follower as one path, so that nothing stops at joints; another way means a
 stop, a new path, a start. Stops, limits and obstacles are the follower's business.
 
-A vehicle moves by itself again only where what was missing is back, where an obstacle has gone, or on another way than
-one that is blocked; whatever else stops the follower holds the mission until `resume`.
+A mission has no permission of its own: it asks the follower under that of its goal, or of the last `resume`. What was
+missing and is back, an obstacle that has gone, another way than one that is blocked: on that it goes on. Where the
+permission has ended, because anybody has stopped or paused the vehicle or loaded a path, the mission is HELD.
 """
 
 from __future__ import annotations
@@ -15,11 +16,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from path_follower.modes import FollowerState
+from path_follower.modes import BRAKING, WITHDRAWN, FollowerState
 from path_follower.params import TurningParams
 from path_follower.path import Pose2
-from path_follower.reasons import MISSING, StopReason
-from path_follower.routes.constants import ADVANCED, BEHIND_FRONT, CALL_PATIENCE, RETRY, SMOOTHED, STEADY
+from path_follower.reasons import SEVERITY, Severity, StopReason
+from path_follower.routes.constants import (
+    ADVANCED,
+    BEHIND_FRONT,
+    CALL_PATIENCE,
+    LATE,
+    PAUSE_RETRY,
+    RETRY,
+    SMOOTHED,
+    STEADY,
+)
 from path_follower.routes.course import Course, make_course
 from path_follower.routes.network import Network, Spot
 from path_follower.routes.params import MissionParams
@@ -27,8 +37,10 @@ from path_follower.routes.planning import Leg, Route, plan, with_laps
 from sphere_nav.localization.status import State
 
 UNDER_WAY = (FollowerState.DRIVING, FollowerState.SLOW, FollowerState.PAUSED, FollowerState.STOPPING)
-WAITED_FOR = (*MISSING, StopReason.LOCALISATION_DEGRADED)
-RETRIED = (*WAITED_FOR, StopReason.OBSTACLE, StopReason.POSE_UNCERTAIN, "the vehicle is still braking")
+ON_THE_MOVE = (FollowerState.DRIVING, FollowerState.SLOW)
+WAITED_FOR = tuple(reason for reason, severity in SEVERITY.items() if 0 < severity <= Severity.BLOCKED)
+RETRIED = (*WAITED_FOR, BRAKING)
+SILENT = "no status of path_follower: see that it runs"
 
 
 class MissionState(enum.StrEnum):
@@ -56,9 +68,10 @@ class Goal:
 
 @dataclass(frozen=True)
 class Request:
-    """What the follower is asked for: load, start, stop, pause or resume; a course to load."""
+    """What the follower is asked for: load, clear, start, stop, pause or resume; under which permission; a course."""
 
     name: str
+    permission: int
     course: Course | None = None
 
 
@@ -67,6 +80,7 @@ class FollowerView:
     """What the follower says of itself, m and s."""
 
     state: str
+    permission: int
     reason: str = ""
     remedy: str = ""
     progress: float = 0.0
@@ -99,11 +113,14 @@ class Mission:
         self.pose: tuple[Pose2, float] | None = None
         self.localizer: tuple[str, float] | None = None
         self.laps_left, self.driven, self.progress = 0, 0.0, 0.0
+        self.permission = 0  # under which it asks
+        self._heard: tuple[int, float] | None = None  # the newest permission that the follower has told, and when
         self._route: Route | None = None
         self._lap_legs = (0, 0)  # legs to the goal, legs of a round
         self._pending: tuple[Request, float] | None = None
         self._ending: str | None = None  # why the mission ends once the vehicle stands
-        self._is_restored = self._is_stopped = False
+        self._loaded: Course | None = None  # the last that the follower was given
+        self._is_restored = self._is_paused = False
         self._since = self._retry_at = self._asked_at = 0.0
         self._steady_since: float | None = None
         self._obstacle: tuple[float, float] | None = None  # since when, at which progress
@@ -118,43 +135,73 @@ class Mission:
         self.localizer = (state, now)
 
     def see_follower(self, view: FollowerView) -> None:
-        """Take what the follower says."""
-        self.view = view
+        """Take what the follower says; what was on its way while a request was answered is no news."""
+        if self._heard is not None and view.permission < self._heard[0] and view.at - self._heard[1] < LATE:
+            return
+        self.view, self._heard = view, (view.permission, view.at)
         if self.state is not MissionState.STARTING and (way := self._way_of(view)) is not None:
             self.progress = max(self.progress, way)
 
-    def _way_of(self, view: FollowerView) -> float | None:
-        """Return how far the follower is on the course in m, which it has smoothed; None: it drives another path."""
+    def _has_heard(self, now: float) -> bool:
+        return self._heard is not None and now - self._heard[1] <= self.params.max_silence
+
+    def _way_of(self, view: FollowerView, course: Course | None = None) -> float | None:
+        """Return how far the follower is on a course in m, which it has smoothed; None: it has another path.
+
+        The course is that of the mission, if no other is named.
+        """
+        course = self.course if course is None else course
         total = view.progress + view.distance_to_end
-        length, lead = (self.course.length, self.course.lead) if self.course is not None else (0.0, 0.0)
+        length, lead = (course.length, course.lead) if course is not None else (0.0, 0.0)
         whole = length + lead
         is_ours = length > 0.0 and abs(total - whole) < 1.0 + SMOOTHED * whole
         return max(view.progress * whole / total - lead, 0.0) if is_ours and total > 0.0 else None
 
-    def answer(self, request: Request, failure: str, now: float) -> None:
-        """Take the answer to a request, empty: it was done; one that was given up counts no more."""
+    def answer(self, request: Request, failure: str, permission: int, now: float) -> None:
+        """Take the answer to a request, empty: it was done, and its permission is `permission` now.
+
+        One that was given up counts no more.
+        """
         if self._pending is None or self._pending[0] is not request:
             return
         self._pending = None
         if failure:
             self._refused(request, failure, now)
-        elif request.name in ("start", "resume", "stop"):
-            self.view = None  # what it said before
-            if request.name == "stop":
-                self._is_stopped = True
-            elif self.state in (MissionState.STARTING, MissionState.WAITING):
-                self._go(MissionState.DRIVING, now)
+            return
+        self.view = None  # what it said before
+        self._heard = (max(permission, self._heard[0] if self._heard else 0), now)
+        if self.permission == request.permission:
+            self.permission = permission
+        if request.name == "clear":
+            self._conclude(False, self._ending or "", now)
+        elif request.name == "load":
+            self._loaded = request.course
+        elif request.name == "pause":
+            self._is_paused = True
+        elif request.name in ("start", "resume") and self.state in (MissionState.STARTING, MissionState.WAITING):
+            self._go(MissionState.DRIVING, now)
 
     # --- what an operator asks for; every answer is one line, empty where it is done
-    def begin(self, goal: Goal, now: float) -> None:
-        """Drive to a goal, in place of the one there was; ValueError for one that does not exist."""
+    def check(self, goal: Goal, now: float) -> None:
+        """Raise ValueError for a goal that does not exist, or whose permission cannot be known."""
         self.spots_of(goal)
+        if not self._has_heard(now):
+            raise ValueError(SILENT)
+
+    def begin(self, goal: Goal, now: float) -> None:
+        """Drive to a goal, in place of the one there was; ValueError for one that cannot be."""
+        self.check(goal, now)
         is_under_way = self.goal is not None and self.state is not MissionState.IDLE
+        self._permit()
         self.goal, self.laps_left, self.driven, self.outcome = goal, goal.laps, 0.0, None
         self._retry_at = 0.0
         self.course, self.progress, self._lap_legs = None, 0.0, (0, 0)
         self._obstacle, self._ending, self._is_restored = None, None, False
         self._go(MissionState.STOPPING if is_under_way else MissionState.WAITING, now)
+
+    def _permit(self) -> None:
+        """Take over the permission in force: an operator has just asked for motion."""
+        self.permission = self._heard[0] if self._heard is not None else 0
 
     def cancel(self, why: str, now: float) -> None:
         """End the mission once the vehicle stands."""
@@ -166,6 +213,10 @@ class Mission:
         """Stand until `resume`."""
         if self.state not in (MissionState.DRIVING, MissionState.WAITING, MissionState.STARTING):
             return f"nothing to pause: {self.state}"
+        if self._pending is not None and self._pending[0].name in ("start", "resume"):
+            return "path_follower is just being started: pause once more"
+        if not self._has_heard(now):
+            return SILENT
         self._go(MissionState.PAUSED, now, "call resume")
         return ""
 
@@ -173,8 +224,11 @@ class Mission:
         """Go on after a pause, or after a stop that was looked at."""
         if self.state not in (MissionState.PAUSED, MissionState.HELD):
             return f"nothing to resume: {self.state}"
+        if not self._has_heard(now):
+            return SILENT
         is_paused = self.view is not None and self.view.state == FollowerState.PAUSED
         self._is_restored = False
+        self._permit()
         self._go(MissionState.STARTING if is_paused else MissionState.STOPPING, now)
         return ""
 
@@ -195,11 +249,11 @@ class Mission:
         """Return what the follower is to be asked for now; None: nothing, or it has yet to answer."""
         if self._pending is not None:
             if now - self._pending[1] > CALL_PATIENCE:
-                self._pending = None
-                self._go(MissionState.HELD, now, "path_follower does not answer: see that it runs, then call resume")
+                self._unanswered(now)
             return None
         if self.goal is None:
             return None
+        self._watch_permission(now)
         steps: dict[MissionState, Callable[[float], Request | None]] = {
             MissionState.WAITING: self._wait,
             MissionState.STARTING: self._start,
@@ -207,10 +261,40 @@ class Mission:
             MissionState.STOPPING: self._stop,
             MissionState.PAUSED: self._stand,
             MissionState.STAYING: self._stay,
+            MissionState.HELD: self._hold,
         }
         request = steps[self.state](now) if self.state in steps else None
         self._pending = (request, now) if request is not None else None
         return request
+
+    def _unanswered(self, now: float) -> None:
+        """Give a request up: to stop or to pause is asked for again, all else waits for somebody."""
+        self._pending = None
+        text = "path_follower does not answer: see that it runs"
+        if self.state in (MissionState.STOPPING, MissionState.PAUSED):
+            self.reason = text
+        else:
+            self._go(MissionState.HELD, now, f"{text}, then call resume")
+
+    def _watch_permission(self, now: float) -> None:
+        """Hold the mission where its permission has ended; how, the follower says."""
+        view = self.view
+        if view is None or view.permission <= self.permission or self._ending is not None or self._is_restored:
+            return
+        if view.state == FollowerState.PAUSED and self.state is not MissionState.PAUSED:
+            self._go(MissionState.PAUSED, now, "path_follower was paused: call resume")
+        elif self.state not in (MissionState.PAUSED, MissionState.HELD, MissionState.STAYING):
+            why = f"{view.reason}: {view.remedy}" if view.reason else WITHDRAWN
+            self._go(MissionState.HELD, now, f"{why.replace(': call start', '')}: call resume")
+
+    def _hold(self, now: float) -> Request | None:
+        """Stand; where somebody has started the follower on this way since, the mission goes on with that."""
+        view = self.view
+        is_started = view is not None and view.permission >= self.permission and view.state in ON_THE_MOVE
+        if is_started and view is not None and self._way_of(view) is not None:
+            self._permit()
+            self._go(MissionState.DRIVING, now)
+        return None
 
     def _wait(self, now: float) -> Request | None:
         """Wait until nothing is lacking, or until what is in the way has gone; then plan."""
@@ -234,7 +318,7 @@ class Mission:
             self._arrive(now)
             return None
         self._go(MissionState.STARTING, now)
-        return Request("load", self.course)
+        return self._ask("load", self.course)
 
     def _lacks(self, now: float) -> str:
         """Return what keeps a mission from starting, in one line."""
@@ -245,12 +329,15 @@ class Mission:
         if self.pose is None or now - self.pose[1] > self.params.max_silence:
             return "no pose: see the localiser and the topic of the pose"
         if self.view is None or now - self.view.at > self.params.max_silence:
-            return "no status of path_follower: see that it runs"
+            return SILENT
         return "path_follower is under way" if self.view.state in UNDER_WAY else ""
 
     def _start(self, now: float) -> Request | None:
         is_paused = self.view is not None and self.view.state == FollowerState.PAUSED
-        return Request("resume" if is_paused else "start")
+        return self._ask("resume" if is_paused else "start")
+
+    def _ask(self, name: str, course: Course | None = None) -> Request:
+        return Request(name, self.permission, course)
 
     def _drive(self, now: float) -> Request | None:
         view = self.view
@@ -261,11 +348,9 @@ class Mission:
             view.state == FollowerState.FINISHED and self.progress > (self.course.length if self.course else 0.0) - 1.0
         ):
             self._arrive(now)
-        elif view.state == FollowerState.PAUSED:
-            self._go(MissionState.PAUSED, now, "path_follower was paused: call resume")
         elif view.state == FollowerState.STOPPED:
             self._stopped(view, now)
-        elif view.state in (FollowerState.DRIVING, FollowerState.SLOW, FollowerState.STOPPING):
+        elif view.state in (*ON_THE_MOVE, FollowerState.STOPPING):
             self.reason = f"{view.reason}: {view.remedy}" if view.reason else ""
         elif now - self._since > self.params.max_silence:
             self._go(MissionState.HELD, now, f"path_follower is {view.state}, it began anew: call resume")
@@ -301,21 +386,29 @@ class Mission:
         if now < self._retry_at:
             return None
         self._retry_at = now + RETRY
-        return Request("start")
+        return self._ask("start")
 
     def _stop(self, now: float) -> Request | None:
         """Bring the vehicle to a stand, then go on with what comes after."""
-        if not self._is_stopped:
-            return Request("stop")
-        if self.view is None or self.view.state in UNDER_WAY:
-            if now - self._since > self.params.max_silence and self.view is None:
-                self._refused(Request("stop"), "no status of path_follower: see that it runs", now)
+        if now < self._asked_at + RETRY:
+            return self._stand_still(now)
+        self._asked_at = now
+        return self._ask("stop")
+
+    def _stand_still(self, now: float) -> Request | None:
+        """Once the vehicle stands: end, and leave the follower without this way; or look for another one."""
+        view = self.view
+        if view is None or view.state in UNDER_WAY:
             return None
+        is_loaded = self._loaded is not None and self._way_of(view, self._loaded) is not None
         self._leave_course()
-        if self._ending is not None:
-            self._conclude(False, self._ending, now)
-        else:
+        if self._ending is None:
             self._go(MissionState.WAITING, now)
+        elif is_loaded:
+            self._permit()
+            return self._ask("clear")
+        else:
+            self._conclude(False, self._ending, now)
         return None
 
     def _leave_course(self) -> None:
@@ -324,11 +417,14 @@ class Mission:
         self.driven, self.course, self.progress = self.driven + self.progress, None, 0.0
 
     def _stand(self, now: float) -> Request | None:
-        is_driving = self.view is not None and self.view.state in (FollowerState.DRIVING, FollowerState.SLOW)
-        if is_driving and now >= self._asked_at + 1.0:
-            self._asked_at = now
-            return Request("pause")
-        return None
+        """Have the follower paused; who starts it after that has asked for the mission to go on."""
+        if self._is_paused or (self.view is not None and self.view.state == FollowerState.PAUSED):
+            self._is_paused = True
+            return self._hold(now)
+        if now < self._asked_at + PAUSE_RETRY:
+            return None
+        self._asked_at = now
+        return self._ask("pause")
 
     def _stay(self, now: float) -> Request | None:
         if self.goal is not None and now - self._since >= self.goal.wait:
@@ -346,19 +442,20 @@ class Mission:
 
         A vehicle must not drive off because an emergency stop was released.
         """
-        if request.name == "stop" and self._ending is not None:
+        if request.name == "clear":
             self._conclude(False, f"{self._ending}; {failure}", now)
-        elif self.state is MissionState.STOPPING:
-            self._go(MissionState.HELD, now, f"{failure}: then call resume")
+        elif self.state is MissionState.PAUSED:
+            self._is_paused = request.name == "pause" and (failure == WITHDRAWN or failure.startswith("nothing"))
+        elif request.name == "resume":
+            self._go(MissionState.PAUSED, now, failure)
+        elif self.state is MissionState.STOPPING and self._ending is not None:
+            self.reason = failure
         elif request.name == "start" and (failure.partition(":")[0] in RETRIED or "no such service" in failure):
             self._go(MissionState.WAITING, now, failure)
             self._retry_at = now + RETRY
-        elif request.name == "start":
-            self._go(MissionState.HELD, now, failure.replace("call start", "call resume"))
-        elif request.name == "resume":
-            self._go(MissionState.PAUSED, now, failure)
-        elif request.name == "load":
-            self._go(MissionState.HELD, now, f"{failure}: then call resume")
+        else:
+            failure = failure.replace("call start", "call resume")
+            self._go(MissionState.HELD, now, failure if "call resume" in failure else f"{failure}: then call resume")
 
     def _conclude(self, success: bool, reason: str, now: float) -> None:
         self.outcome = Outcome(success, reason, self.driven + self.progress)
@@ -367,7 +464,7 @@ class Mission:
 
     def _go(self, state: MissionState, now: float, reason: str = "") -> None:
         self.state, self.reason, self._since = state, reason, now
-        self._steady_since, self._asked_at, self._is_stopped = None, -1e9, False
+        self._steady_since, self._asked_at, self._is_paused = None, -1e9, False
 
     # --- the way
     def spots_of(self, goal: Goal) -> list[Spot]:
@@ -453,6 +550,7 @@ class Mission:
         return {
             "map_id": self.network.map_id,
             "closed": sorted(self.closed),
+            "permission": self.permission,
             "goal": None
             if goal is None
             else {"place": goal.place, "pose": goal.pose and list(goal.pose), "laps": goal.laps, "wait": goal.wait},
@@ -472,10 +570,12 @@ class Mission:
             return
         self.spots_of(goal)
         self.goal, self.laps_left, self.driven = goal, values["laps_left"], values["driven"]
+        self.permission = values["permission"]
         self._lap_legs = (values["lap_legs"][0], values["lap_legs"][1])
         if legs and all(leg.edge in self.network.edges for leg in legs):
             none = self.network.edges[legs[0].edge].curve.x[:0]
             self.course = Course(none, none, none, none, tuple(legs), tuple(values["ends"]), values["lead"])
+            self._loaded = self.course
             self._route = Route(tuple(legs), values["seconds"])
         self._is_restored = True
         self._go(MissionState.WAITING, now, "the navigator began anew")
@@ -485,10 +585,15 @@ class Mission:
         self._is_restored = False
         view = self.view
         way = self._way_of(view) if view is not None else None
-        if way is not None and view is not None and view.state in UNDER_WAY:
+        is_permitted = view is not None and view.permission == self.permission and view.state in UNDER_WAY
+        if way is not None and view is not None and is_permitted:
             self.progress = way
             self._go(MissionState.PAUSED if view.state == FollowerState.PAUSED else MissionState.DRIVING, now)
         else:
             self.course = None
-            self._go(MissionState.HELD, now, "the navigator began anew and the vehicle stands: call resume to go on")
+            self._go(
+                MissionState.HELD,
+                now,
+                "the navigator began anew, and the vehicle stands or was stopped since: call resume",
+            )
         return None

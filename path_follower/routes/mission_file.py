@@ -20,7 +20,10 @@ from sphere_nav.geometry.files.whole_file import write_whole
 from sphere_nav.geometry.trajectory import MAP_ID
 
 FORMAT, VERSION = "sphere_nav mission", 1
-FIELDS = ("format", "version", "map_id", "closed", "goal", "laps_left", "driven", "lap_legs", "seconds", "legs", "ends")
+FIELDS = (
+    *("format", "version", "map_id", "closed", "permission", "goal", "laps_left", "driven"),
+    *("lap_legs", "seconds", "legs", "ends"),
+)
 MAX_LAPS = 65_535
 
 
@@ -52,6 +55,7 @@ def read_mission(path: Path, mission: Mission, now: float) -> None:
         raise ValueError(f"{where}: legs: expected {len(ends)}, as many as ends, found {short(legs)}")
     plain = {
         "closed": [int(value) for value in numbers(values["closed"], f"{where}: closed")],
+        "permission": int(number(values["permission"], f"{where}: permission")),
         "laps_left": _count(values["laps_left"], f"{where}: laps_left"),
         "driven": number(values["driven"], f"{where}: driven"),
         "lap_legs": [int(value) for value in numbers(values["lap_legs"], f"{where}: lap_legs", 2)],

@@ -255,7 +255,7 @@ def test_a_trajectory_message_is_taken_back(bench):
     other = Bench()
     shown = bench.call("load_trajectory", LoadTrajectory.Request(path="nowhere.csv"))
     assert not shown.success
-    bench.node.trajectories.show()
+    bench.node.trajectories.show(bench.node.trajectories.path)
     message = bench.last(list(bench.bus.settle()), "/path_follower/trajectory")
     other.send(("/reference_trajectory", message))
     assert other.node.loop.follower.path.length == pytest.approx(bench.node.loop.follower.path.length, abs=1e-3)

@@ -1,81 +1,188 @@
-"""States and the only ways between them."""
+"""The table of states and events, whole: after a stop nothing moves the vehicle but a start that was asked for."""
+
+import itertools
 
 import pytest
 
-from path_follower.modes import FollowerState, Mode
-from path_follower.reasons import FINE, StopReason, StopVerdict
+from path_follower.arming import EMERGENCY, OPERATOR
+from path_follower.modes import TABLE, Event, FollowerState, Mode, Phase
+from path_follower.reasons import FINE, Severity, StopReason, StopVerdict
 
-LOST = StopVerdict(StopReason.NOT_LOCALISED)
+# Each cell as the page shows it, written out: imported, a cell that was turned would go unseen.
+NO_PATH, IDLE, DRIVING, PAUSED, YIELDING, WAITING, STOPPING, STOPPED, FINISHED = Phase
+REFUSED, SAME = "refused", "unchanged"
+CELLS = {
+    #                NO_PATH  IDLE     DRIVING   PAUSED    YIELDING  WAITING  STOPPING  STOPPED  FINISHED
+    Event.START: (REFUSED, DRIVING, SAME, DRIVING, REFUSED, DRIVING, REFUSED, DRIVING, DRIVING),
+    Event.RESUME: (REFUSED, REFUSED, REFUSED, DRIVING, REFUSED, DRIVING, REFUSED, REFUSED, REFUSED),
+    Event.PAUSE: (REFUSED, REFUSED, PAUSED, SAME, PAUSED, PAUSED, REFUSED, REFUSED, REFUSED),
+    Event.STOP: (SAME, SAME, STOPPING, STOPPING, STOPPING, STOPPED, SAME, SAME, SAME),
+    Event.PRESS: (SAME, SAME, STOPPING, STOPPING, STOPPING, STOPPED, SAME, SAME, SAME),
+    Event.RELEASE: (SAME, SAME, SAME, SAME, SAME, SAME, SAME, SAME, SAME),
+    Event.LOAD: (IDLE, SAME, REFUSED, REFUSED, REFUSED, IDLE, REFUSED, IDLE, IDLE),
+    Event.CLEAR: (SAME, NO_PATH, REFUSED, REFUSED, REFUSED, NO_PATH, REFUSED, NO_PATH, NO_PATH),
+    Event.RESET: (SAME, SAME, STOPPING, STOPPING, STOPPING, STOPPED, SAME, SAME, SAME),
+    Event.LEAVE: (SAME, SAME, STOPPED, STOPPED, STOPPED, STOPPED, STOPPED, SAME, SAME),
+    Event.MISSING: (SAME, SAME, YIELDING, SAME, SAME, SAME, SAME, SAME, SAME),
+    Event.BLOCKED: (SAME, SAME, YIELDING, SAME, SAME, SAME, SAME, SAME, SAME),
+    Event.WRONG: (SAME, SAME, STOPPING, SAME, STOPPING, STOPPED, SAME, SAME, SAME),
+    Event.BACK: (SAME, SAME, SAME, SAME, DRIVING, DRIVING, SAME, SAME, SAME),
+    Event.STANDS: (SAME, SAME, SAME, SAME, WAITING, SAME, STOPPED, SAME, SAME),
+    Event.END: (SAME, SAME, FINISHED, SAME, SAME, SAME, SAME, SAME, SAME),
+}
+MISSING, BLOCKED = StopVerdict(StopReason.POSE_TIMEOUT), StopVerdict(StopReason.OBSTACLE)
+WRONG, END = StopVerdict(StopReason.OFF_PATH), StopVerdict(StopReason.END_OF_PATH)
+WHY = {
+    Event.STOP: OPERATOR,
+    Event.PAUSE: OPERATOR,
+    Event.PRESS: EMERGENCY,
+    Event.RESET: StopVerdict(StopReason.CLOCK_STOPPED),
+    Event.LEAVE: OPERATOR,
+    Event.END: END,
+}
+FOUND = {Event.MISSING: MISSING, Event.BLOCKED: BLOCKED, Event.WRONG: WRONG}
+ENDING = (Event.PAUSE, Event.STOP, Event.PRESS, Event.LOAD, Event.CLEAR, Event.RESET, Event.LEAVE)
+ASKED = (Event.START, Event.RESUME)
 
 
-def mode_in(state):
+WAYS = {
+    NO_PATH: (),
+    IDLE: (Event.LOAD,),
+    DRIVING: (Event.LOAD, Event.START),
+    PAUSED: (Event.LOAD, Event.START, Event.PAUSE),
+    YIELDING: (Event.LOAD, Event.START, Event.MISSING),
+    WAITING: (Event.LOAD, Event.START, Event.MISSING, Event.STANDS),
+    STOPPING: (Event.LOAD, Event.START, Event.WRONG),
+    STOPPED: (Event.LOAD, Event.START, Event.WRONG, Event.STANDS),
+    FINISHED: (Event.LOAD, Event.START, Event.END),
+}
+
+
+def mode_in(phase):
+    """Return a mode that got into a phase by events."""
     mode = Mode()
-    mode.load()
-    if state is not FollowerState.IDLE:
-        mode.arm()
-    if state is FollowerState.PAUSED:
-        mode.pause()
-    if state is FollowerState.SLOW:
-        mode.settle(is_standing=False, is_slow=True)
-    if state is FollowerState.FINISHED:
-        mode.finish()
-    if state in (FollowerState.STOPPING, FollowerState.STOPPED):
-        mode.halt(LOST)
-    if state is FollowerState.STOPPED:
-        mode.settle(is_standing=True, is_slow=False)
-    assert mode.state is state
+    for event in WAYS[phase]:
+        happen(mode, event)
+    assert mode.phase is phase
     return mode
 
 
-def test_a_new_follower_has_no_path():
-    assert Mode().state is FollowerState.NO_PATH
-    assert not Mode().is_armed
+def happen(mode, event):
+    """Let an event happen as the follower does."""
+    if event in FOUND:
+        mode.halt(FOUND[event])
+        return ""
+    if event is Event.BACK:  # by `safety.resume`, which lets nothing but what was missing end by itself
+        return mode.take(event) if mode.verdict.severity is Severity.MISSING else ""
+    return mode.take(event, WHY.get(event, FINE))
 
 
-@pytest.mark.parametrize("state", [FollowerState.DRIVING, FollowerState.SLOW, FollowerState.PAUSED])
-def test_every_stop_disarms_and_keeps_its_reason(state):
-    mode = mode_in(state)
-    mode.halt(LOST)
-    assert (mode.state, mode.verdict, mode.is_armed) == (FollowerState.STOPPING, LOST, False)
-    mode.halt(StopVerdict(StopReason.OFF_PATH))
-    assert mode.verdict is LOST
-    mode.settle(is_standing=True, is_slow=False)
-    assert (mode.state, mode.verdict) == (FollowerState.STOPPED, LOST)
+@pytest.mark.parametrize("event", Event)
+def test_each_state_answers_each_event_as_the_table_says(event):
+    for phase, expected in zip(Phase, CELLS[event], strict=True):
+        mode = mode_in(phase)
+        answer = mode.take(event, FOUND.get(event) or WHY.get(event, FINE))
+        assert bool(answer) == (expected == REFUSED), (phase, answer)
+        assert mode.phase is (expected if isinstance(expected, Phase) else phase)
 
 
-@pytest.mark.parametrize("state", [FollowerState.STOPPED, FollowerState.FINISHED, FollowerState.IDLE])
-def test_nothing_but_arm_leaves_a_rest(state):
-    mode = mode_in(state)
-    mode.pause()
-    mode.halt(LOST)
-    mode.finish()
-    for is_slow in (False, True):
-        mode.settle(is_standing=True, is_slow=is_slow)
-    assert mode.state is state
-    mode.arm()
-    assert mode.is_driving
+@pytest.mark.parametrize("event", Event)
+def test_a_permission_ends_with_every_stop_pause_press_path_and_reset_in_every_state(event):
+    for phase, expected in zip(Phase, CELLS[event], strict=True):
+        mode = mode_in(phase)
+        before = mode.permission
+        happen(mode, event)
+        is_found_wrong = event is Event.WRONG and isinstance(expected, Phase)
+        assert (mode.permission > before) == ((event in ENDING and expected != REFUSED) or is_found_wrong), phase
 
 
-def test_all_fine_is_no_stop():
-    mode = mode_in(FollowerState.DRIVING)
-    mode.halt(FINE)
-    assert mode.is_driving
+class Watched:
+    """A mode, whether a stop was acknowledged since the last request for motion, and whether the stop is pressed."""
+
+    def __init__(self, events=()):
+        self.mode, self.is_stopped, self.is_pressed = Mode(), True, False
+        for event in events:
+            self.happen(event)
+
+    def happen(self, event):
+        if event in ASKED and self.is_pressed:
+            return  # the inputs do not allow it
+        mode, phase, permission = self.mode, self.mode.phase, self.mode.permission
+        answer = happen(mode, event)
+        self.is_pressed = event is Event.PRESS or (self.is_pressed and event is not Event.RELEASE)
+        if not answer and event in (Event.STOP, Event.PAUSE, Event.PRESS, Event.LEAVE, Event.RESET):
+            self.is_stopped = True
+            assert mode.permission > permission
+        if not answer and event in ASKED and phase is not DRIVING:
+            self.is_stopped = False
+
+    @property
+    def key(self):
+        """All that what follows depends on."""
+        return self.mode.phase, self.mode.verdict, self.mode.is_stopping_hard, self.is_stopped, self.is_pressed
 
 
-def test_a_gentle_stop_becomes_hard_when_a_reason_comes_up():
-    mode = mode_in(FollowerState.DRIVING)
-    mode.halt(StopVerdict(StopReason.OPERATOR))
-    assert not mode.is_stopping_hard
-    mode.halt(LOST)
-    assert mode.is_stopping_hard
-    assert mode.verdict is LOST
+def test_no_sequence_of_six_events_moves_a_vehicle_that_was_stopped():
+    """All 16^6 from each of the 9 states: sequences that have led to the same are gone on with once."""
+    reached = {(watched := Watched(events)).key: events for events in WAYS.values()}
+    seen = set(reached)
+    for _ in range(6):
+        following = {}
+        for events, event in itertools.product(reached.values(), Event):
+            watched = Watched((*events, event))
+            assert not (watched.is_stopped and watched.mode.is_driving), (*events, event)
+            if watched.is_pressed and watched.mode.phase not in (NO_PATH, IDLE, FINISHED):
+                assert watched.mode.verdict is EMERGENCY, (*events, event)
+            if watched.key not in seen:
+                following[watched.key] = (*events, event)
+        seen |= set(following)
+        reached = following
+    assert len(seen) > 40
+
+
+def test_the_worst_that_was_found_is_kept_until_the_next_start():
+    order = (MISSING, BLOCKED, WRONG, OPERATOR, EMERGENCY)
+    for first, second in itertools.permutations(order, 2):
+        mode = mode_in(DRIVING)
+        for verdict in (first, second):
+            mode.take(Event.STOP, verdict) if verdict is OPERATOR else mode.halt(verdict)
+        assert mode.verdict is max(first, second, key=order.index)
+    mode.settle(is_standing=True)
+    assert mode.take(Event.START) == ""
+    assert mode.verdict is FINE
+
+
+def test_what_is_found_while_nothing_drives_is_no_news():
+    for phase in (NO_PATH, IDLE, FINISHED):
+        mode = mode_in(phase)
+        before = mode.verdict
+        mode.halt(MISSING)
+        mode.halt(WRONG)
+        assert (mode.phase, mode.verdict) == (phase, before)
+
+
+def test_a_gentle_stop_becomes_hard_when_a_reason_comes_up_and_a_start_forgets_that():
+    for gentle in (Event.STOP, Event.PAUSE):
+        mode = mode_in(DRIVING)
+        mode.take(gentle, OPERATOR)
+        assert not mode.is_stopping_hard
+        mode.halt(MISSING)
+        assert mode.is_stopping_hard
+        assert mode.verdict is OPERATOR
+        mode.settle(is_standing=True)
+        mode.take(Event.START)
+        assert not mode.is_stopping_hard
 
 
 def test_slow_follows_the_localisation():
-    mode = mode_in(FollowerState.SLOW)
-    assert mode.verdict.reason is StopReason.LOCALISATION_DEGRADED
-    mode.settle(is_standing=False, is_slow=False)
+    mode = mode_in(DRIVING)
+    mode.settle(is_standing=False, slow=BLOCKED)
+    assert (mode.state, mode.verdict) == (FollowerState.SLOW, BLOCKED)
+    mode.settle(is_standing=False)
     assert (mode.state, mode.verdict) == (FollowerState.DRIVING, FINE)
+    mode.settle(is_standing=False, slow=BLOCKED)
+    mode.halt(MISSING)
+    assert (mode.state, mode.verdict) == (FollowerState.STOPPING, MISSING)
 
 
 def test_the_words_are_those_of_the_message():
@@ -85,3 +192,7 @@ def test_the_words_are_those_of_the_message():
         assert isinstance(getattr(messages.FollowerStatus, f"CODE_{state.value}"), int)
     for reason in StopReason:
         assert not reason or getattr(messages.FollowerStatus, reason.value) == reason.value
+
+
+def test_every_event_stands_in_the_table():
+    assert set(TABLE) == set(Event) == set(CELLS)

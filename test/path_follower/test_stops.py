@@ -233,14 +233,17 @@ def test_pause_stands_and_resume_goes_on(kit, straight):
     assert drive.worst < 0.01
 
 
-def test_a_loss_while_paused_disarms(kit, straight):
+def test_a_loss_while_paused_changes_nothing_and_its_end_moves_nothing(kit, straight):
+    """A pause is an operator's: it does not become a stop that ends by itself."""
+
     def operator(now, follower, car):
         if now == pytest.approx(5.0):
             follower.pause()
-        return "LOST" if now > 9.0 else "TRACKING"
+        return "LOST" if 9.0 < now < 12.0 else "TRACKING"
 
-    drive = kit.follow(straight, each=operator)
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.NOT_LOCALISED)
+    params = FollowerParams(safety=SafetyParams(resume="standing"))
+    drive = kit.follow(straight, params=params, each=operator, seconds=20.0)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.PAUSED, StopReason.OPERATOR)
 
 
 def test_the_operator_stops_gently(kit, straight):

@@ -103,6 +103,7 @@ def follower_status_to_message(status: Any, stamp: int, frame_id: str, worst_cyc
         progress=float(status.progress),
         distance_to_end=float(status.distance_to_end),
         is_armed=bool(status.is_armed),
+        permission=int(status.permission),
         worst_cycle=float(worst_cycle),
     )
 

@@ -2,8 +2,11 @@
 
 import pytest
 
+from path_follower.arming import OPERATOR, Arming
+from path_follower.modes import WITHDRAWN, Event, Mode
 from path_follower.params import VehicleParams
 from path_follower.path import Pose2
+from path_follower.reasons import StopReason, StopVerdict
 from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState
 from path_follower.routes.network import Spot
 from path_follower.routes.params import MissionParams
@@ -13,31 +16,38 @@ CALL_PATIENCE, RETRY, STEADY, TICK = 5.0, 3.0, 1.0, 0.2
 
 PARAMS = MissionParams(patience=5.0)
 GOAL = Goal("end")
+EVENTS = {name: Event[name.upper()] for name in ("load", "clear", "start", "resume", "pause", "stop")}
 
 
 class Trip:
-    """A mission, and a follower that does at once what it is asked for."""
+    """A mission, and a follower's own table of states that does at once what it is asked for, and brakes at once."""
 
     def __init__(self, network):
         self.mission = Mission(network, PARAMS, VehicleParams())
+        self.mode = Mode()
         self.now, self.asked = 0.0, []
-        self.state, self.reason, self.progress, self.length = "NO_PATH", "", 0.0, 0.0
+        self.progress, self.length = 0.0, 0.0
         self.lead = 0.0  # m that the path begins behind the vehicle
         self.localizer, self.pose, self.is_answering, self.refusal = "TRACKING", Pose2(1.0, 0.1, 0.0), True, ""
         self.silent = ""  # who says nothing
+        self.follow()
+
+    @property
+    def state(self):
+        return self.mode.state
 
     def follow(self):
-        self.mission.see_follower(
-            FollowerView(
-                self.state, self.reason, "call start", self.progress + self.lead, self.length - self.progress, self.now
-            )
-        )
+        mode = self.mode
+        words = mode.state, mode.permission, mode.verdict.reason, "call start"
+        way = self.progress + self.lead, self.length - self.progress
+        self.mission.see_follower(FollowerView(*words, *way, self.now))
 
     def live(self, seconds=TICK):
         """Let time pass; return the requests of it."""
         before = len(self.asked)
         for _ in range(round(seconds / TICK)):
             self.now += TICK
+            self.mode.settle(is_standing=not self.mode.is_driving)
             if self.silent != "pose":
                 self.mission.see_pose(self.pose, self.now)
             if self.silent != "localizer":
@@ -52,13 +62,15 @@ class Trip:
         return self.asked[before:]
 
     def answer(self, request):
-        if not self.refusal:
-            states = {"load": "IDLE", "start": "DRIVING", "resume": "DRIVING", "pause": "PAUSED", "stop": "STOPPED"}
-            if request.name != "stop" or self.state not in ("NO_PATH", "IDLE", "FINISHED"):
-                self.state, self.reason = states[request.name], "OPERATOR" if request.name == "stop" else ""
-            if request.course is not None:
-                self.length, self.progress, self.lead = request.course.length, 0.0, request.course.lead
-        self.mission.answer(request, self.refusal, self.now)
+        def do():
+            return self.refusal or self.mode.take(EVENTS[request.name], OPERATOR)
+
+        refusal = Arming.under(self, request.permission, do, is_stop=request.name in ("pause", "stop"))
+        if request.course is not None and not refusal:
+            self.length, self.progress, self.lead = request.course.length, 0.0, request.course.lead
+        if request.name == "clear" and not refusal:
+            self.length = self.progress = self.lead = 0.0
+        self.mission.answer(request, refusal, self.mode.permission, self.now)
 
     def drive_off(self, goal=GOAL):
         self.mission.begin(goal, self.now)
@@ -68,7 +80,13 @@ class Trip:
         return self
 
     def stop(self, reason):
-        self.state, self.reason = "STOPPED", reason
+        """Stop by what the follower has found."""
+        self.mode.halt(StopVerdict(StopReason(reason)))
+        return self.live(1.0)
+
+    def do(self, name):
+        """Let an operator ask the follower itself."""
+        assert self.mode.take(EVENTS[name], OPERATOR) == ""
         return self.live(1.0)
 
 
@@ -85,7 +103,8 @@ def test_a_mission_loads_starts_and_arrives(trip):
     trip.live()
     assert trip.mission.distance_remaining == pytest.approx(trip.length / 2, abs=0.1)
     assert trip.mission.time_remaining == pytest.approx(trip.length / 2 / 1.4, rel=0.05)
-    trip.progress, trip.state = trip.length, "FINISHED"
+    trip.progress = trip.length
+    trip.mode.take(Event.END)
     assert trip.live(1.0) == []
     outcome = trip.mission.outcome
     assert (outcome.success, outcome.reason, outcome.distance) == (True, "", pytest.approx(trip.length, abs=0.1))
@@ -103,7 +122,8 @@ def test_the_way_counts_from_the_vehicle_though_the_path_begins_behind_it(trip):
 
 def test_a_place_is_stayed_at_for_the_time_asked_for(trip):
     trip.drive_off(Goal("end", wait=2.0))
-    trip.progress, trip.state = trip.length, "FINISHED"
+    trip.progress = trip.length
+    trip.mode.take(Event.END)
     trip.live(1.0)
     assert (trip.mission.state, trip.mission.outcome) == (MissionState.STAYING, None)
     trip.live(2.0)
@@ -120,18 +140,14 @@ def test_it_waits_for_what_is_lacking_and_says_so(trip):
     assert trip.live(STEADY) == ["load", "start"]
 
 
-@pytest.mark.parametrize("has_spoken", [False, True])
 @pytest.mark.parametrize(
     ("silent", "told"),
     [
         ("localizer", "no status of the localiser: see that it runs"),
         ("pose", "no pose: see the localiser and the topic of the pose"),
-        ("follower", "no status of path_follower: see that it runs"),
     ],
 )
-def test_it_waits_for_who_is_silent(trip, silent, told, has_spoken):
-    if has_spoken:
-        trip.live(2.0)
+def test_it_waits_for_who_is_silent(trip, silent, told):
     trip.silent = silent
     trip.live(PARAMS.max_silence + TICK)
     trip.mission.begin(GOAL, trip.now)
@@ -141,8 +157,19 @@ def test_it_waits_for_who_is_silent(trip, silent, told, has_spoken):
     assert trip.live(2 * STEADY) == ["load", "start"]
 
 
+def test_a_goal_that_nobody_could_stop_is_refused(trip):
+    """The permission of a follower that says nothing is not known, so a stop of it would not be seen."""
+    trip.live(1.0)
+    trip.silent = "follower"
+    trip.live(PARAMS.max_silence + TICK)
+    with pytest.raises(ValueError, match="no status of path_follower: see that it runs"):
+        trip.mission.begin(GOAL, trip.now)
+
+
 def test_it_waits_for_a_follower_that_is_under_way(trip):
-    trip.state = "DRIVING"
+    trip.mode.take(Event.LOAD)
+    trip.mode.take(Event.START)
+    trip.live(TICK)
     trip.mission.begin(GOAL, 0.0)
     trip.live(TICK)
     assert trip.mission.reason == "path_follower is under way"
@@ -158,9 +185,7 @@ def test_what_was_missing_ends_a_stop_by_its_return(trip, reason):
     assert trip.live(2 * STEADY) == ["load", "start"]
 
 
-@pytest.mark.parametrize(
-    "reason", ["EMERGENCY_STOP", "POSE_JUMP", "OPERATOR", "OFF_PATH", "WRONG_MAP", "COMMAND_GUARD"]
-)
+@pytest.mark.parametrize("reason", ["EMERGENCY_STOP", "POSE_JUMP", "OFF_PATH", "WRONG_MAP", "COMMAND_GUARD"])
 def test_what_was_wrong_waits_for_resume(trip, reason):
     trip.drive_off()
     assert trip.stop(reason) == []
@@ -175,6 +200,7 @@ def test_an_obstacle_that_goes_is_waited_for(trip):
     trip.drive_off()
     trip.stop("OBSTACLE")
     assert trip.live(RETRY) == ["start"]
+    trip.live()
     trip.progress = 5.0
     trip.live(1.0)
     assert trip.mission.state is MissionState.DRIVING
@@ -218,17 +244,13 @@ def test_the_follower_has_smoothed_the_course_and_may_drive_another(trip):
     assert trip.mission.progress == pytest.approx((12.0 + lead) * whole / told - lead)
 
 
-def test_a_follower_that_drives_on_is_told_again_to_pause(trip):
+def test_a_follower_that_does_not_answer_is_told_again_to_pause(trip):
     trip.drive_off()
     trip.is_answering = False
-    trip.mission.pause(trip.now)
-    asked = []
-    for _ in range(10):
-        asked += trip.live(0.4)
-        if trip.mission._pending:
-            trip.mission.answer(trip.mission._pending[0], "", trip.now)
-    assert 3 <= asked.count("pause") <= 4  # of 4 s
+    assert trip.mission.pause(trip.now) == ""
+    asked = trip.live(3 * (CALL_PATIENCE + 1.5))
     assert set(asked) == {"pause"}
+    assert len(asked) >= 2
 
 
 def test_a_vehicle_that_is_there_need_not_drive(trip):
@@ -304,8 +326,8 @@ def test_a_cancel_while_the_start_is_not_answered_still_stops(trip):
     assert trip.live(1.0) == []
     trip.is_answering = True
     trip.answer(late)
-    assert trip.live(2.0) == ["stop"]
-    assert (trip.mission.outcome.reason, trip.state) == ("canceled", "STOPPED")
+    assert trip.live(2.0) == ["stop", "clear"]
+    assert (trip.mission.outcome.reason, trip.state) == ("canceled", "NO_PATH")
 
 
 def test_a_follower_that_does_not_answer_holds_the_mission(trip):
@@ -333,15 +355,10 @@ def test_a_start_that_is_refused_for_what_is_missing_is_tried_again(trip, refusa
 def test_an_emergency_stop_that_is_released_starts_nothing(trip):
     trip.drive_off()
     trip.stop("EMERGENCY_STOP")
-    trip.refusal = "EMERGENCY_STOP: release the emergency stop, then call start"
     trip.mission.resume(trip.now)
-    trip.is_answering = False
-    trip.live()
-    trip.mission.answer(trip.mission._pending[0], "", trip.now)  # stop is never refused
-    trip.is_answering, trip.state = True, "STOPPED"
     while trip.asked[-1:] != ["load"]:
         trip.live()
-        trip.refusal = "" if trip.asked[-1:] == ["stop"] else "EMERGENCY_STOP: release it, then call start"
+    trip.refusal = "EMERGENCY_STOP: release it, then call start"
     trip.live(1.0)
     assert (trip.mission.state, trip.mission.reason) == (
         MissionState.HELD,
@@ -351,6 +368,112 @@ def test_an_emergency_stop_that_is_released_starts_nothing(trip):
     assert trip.live(60.0) == []
     trip.mission.resume(trip.now)
     assert trip.live(2 * STEADY) == ["stop", "load", "start"]
+
+
+@pytest.mark.parametrize("request_", ["stop", "pause", "load"])
+@pytest.mark.parametrize("seconds", [0.0, 0.4, 1.2, 1.4, 3.0])
+def test_a_mission_whose_vehicle_somebody_else_has_stopped_is_held_whatever_it_was_doing(trip, request_, seconds):
+    """Before the way is planned, before and after it is loaded, and while it is driven."""
+    trip.mode.take(Event.LOAD)
+    trip.live(1.0)
+    trip.mission.begin(GOAL, trip.now)
+    trip.live(seconds)
+    if request_ == "load" and trip.mode.is_driving:
+        trip.do("stop")
+    refusal = trip.mode.take(EVENTS[request_], OPERATOR)
+    trip.live(30.0)
+    if refusal:  # nothing to pause
+        assert "nothing to pause" in refusal
+        return
+    assert not trip.mode.is_driving
+    assert trip.mission.state in (MissionState.HELD, MissionState.PAUSED)
+    assert trip.mission.resume(trip.now) == ""
+    trip.live(3 * STEADY)
+    assert trip.mode.is_driving
+
+
+@pytest.mark.parametrize("reason", ["OBSTACLE", "POSE_TIMEOUT", "NOT_LOCALISED"])
+def test_a_stop_while_a_mission_waits_ends_its_waiting(trip, reason):
+    trip.drive_off()
+    trip.stop(reason)
+    assert trip.mission.state is MissionState.WAITING
+    trip.do("stop")
+    assert trip.live(60.0) == []
+    assert trip.mission.state is MissionState.HELD
+
+
+def test_a_request_that_was_decided_before_a_stop_is_refused(trip):
+    """It is under way while the vehicle is stopped."""
+    trip.mission.begin(GOAL, trip.now)
+    while trip.asked[-1:] != ["load"]:
+        trip.live()
+    trip.is_answering = False
+    assert trip.live() == ["start"]
+    late = trip.mission._pending[0]
+    trip.do("stop")
+    trip.is_answering = True
+    trip.answer(late)
+    assert not trip.mode.is_driving
+    assert (trip.mission.state, trip.mission.reason) == (MissionState.HELD, f"{WITHDRAWN}: then call resume")
+    assert trip.live(60.0) == []
+
+
+def test_a_new_goal_after_a_stop_drives_and_a_stop_between_two_goals_holds(trip):
+    trip.drive_off()
+    trip.do("stop")
+    trip.mission.begin(Goal("home"), trip.now)
+    trip.mission.begin(GOAL, trip.now)
+    assert trip.live(3 * STEADY) == ["stop", "load", "start"]
+    trip.mission.begin(GOAL, trip.now)
+    trip.mode.take(Event.STOP, OPERATOR)
+    trip.live(30.0)
+    assert (trip.mission.state, trip.state) == (MissionState.HELD, "STOPPED")
+
+
+def test_a_mission_that_ends_early_leaves_nothing_that_a_start_would_drive(trip):
+    trip.drive_off()
+    trip.do("stop")
+    trip.mission.cancel("canceled", trip.now)
+    trip.live(1.0)
+    assert (trip.mission.outcome.reason, trip.state) == ("canceled", "NO_PATH")
+    trip.drive_off()
+    trip.do("stop")
+    trip.do("load")
+    trip.length = 12.0
+    trip.mission.cancel("canceled", trip.now)
+    trip.live(1.0)
+    assert trip.state == "IDLE"  # the path that somebody has loaded since is theirs
+
+
+@pytest.mark.parametrize("hold", ["stop", "pause"])
+def test_who_starts_the_follower_again_goes_on_with_the_mission(trip, hold):
+    trip.drive_off()
+    trip.do(hold)
+    assert trip.mission.state in (MissionState.HELD, MissionState.PAUSED)
+    trip.do("start" if hold == "stop" else "resume")
+    assert trip.mission.state is MissionState.DRIVING
+    trip.mission.pause(trip.now)
+    trip.live(1.0)
+    trip.do("resume")
+    assert trip.mission.state is MissionState.DRIVING
+
+
+def test_a_pause_is_refused_while_a_start_is_under_way(trip):
+    trip.mission.begin(GOAL, trip.now)
+    while trip.asked[-1:] != ["load"]:
+        trip.live()
+    trip.is_answering = False
+    trip.live()
+    assert trip.mission.pause(trip.now) == "path_follower is just being started: pause once more"
+
+
+def test_a_pause_holds_a_vehicle_that_waits(trip):
+    """Whose follower would go on by itself when the pose is back."""
+    trip.drive_off()
+    trip.stop("POSE_TIMEOUT")
+    assert trip.mission.pause(trip.now) == ""
+    assert trip.live(1.0) == ["pause"]
+    assert trip.state == "PAUSED"
 
 
 def test_pause_and_resume(trip):
@@ -377,7 +500,7 @@ def test_rounds_that_are_left_after_a_stop(ring):
     trip.pose = trip.mission.network.edges[max(ring.edges)].curve.pose(5.0)
     trip.mission.pause(trip.now)
     trip.live()
-    trip.stop("OPERATOR")
+    trip.do("stop")
     trip.mission.resume(trip.now)
     trip.live(3 * STEADY)
     assert trip.mission.laps_left == 1
@@ -404,9 +527,13 @@ def test_a_restart_goes_on_where_the_follower_does_and_else_waits_for_resume(tri
     trip.drive_off()
     trip.progress = 20.0
     trip.live()
-    old, trip.mission = trip.mission, Mission(trip.mission.network, PARAMS, VehicleParams())
+    old = trip.mission
+    if state != "DRIVING":
+        old.pause(trip.now) if state == "PAUSED" else trip.mode.take(Event.STOP, OPERATOR)
+        while state == "PAUSED" and trip.state != "PAUSED":
+            trip.answer(old.tick(trip.now))
+    trip.mission = Mission(old.network, PARAMS, VehicleParams())
     trip.mission.restore(old.goal, list(old.course.legs), old.snapshot(), trip.now)
-    trip.state, trip.reason = state, "OPERATOR" if state == "STOPPED" else ""
     assert trip.live(1.0) == []
     assert trip.mission.state == expected
     assert trip.mission.goal == GOAL

@@ -9,7 +9,7 @@ from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.path_files import read_path
 from path_follower.routes.course import make_course
-from path_follower.routes.mission import Goal, Mission
+from path_follower.routes.mission import FollowerView, Goal, Mission
 from path_follower.routes.mission_file import read_mission, state_folder, write_course, write_mission
 from path_follower.routes.network import Spot
 from path_follower.routes.params import MissionParams
@@ -18,7 +18,9 @@ from sphere_nav.geometry.trajectory import read_map_id
 
 
 def mission_of(network):
-    return Mission(network, MissionParams(), VehicleParams())
+    mission = Mission(network, MissionParams(), VehicleParams())
+    mission.see_follower(FollowerView("NO_PATH", 7))
+    return mission
 
 
 @pytest.fixture
@@ -38,7 +40,7 @@ def test_a_mission_comes_back_as_it_was(file, fork):
     mission = mission_of(fork)
     read_mission(file, mission, 5.0)
     assert mission.goal == Goal("", Pose2(30.0, 0.0, 0.0), laps=0, wait=2.0)
-    assert (mission.closed, mission.driven) == ({max(fork.edges)}, 12.5)
+    assert (mission.closed, mission.driven, mission.permission) == ({max(fork.edges)}, 12.5, 7)
     assert mission.course.legs[0].edge == min(fork.edges)
     assert mission.course.length == pytest.approx(mission.course.ends[-1])
     assert [path.name for path in file.parent.iterdir()] == ["mission.json"]
