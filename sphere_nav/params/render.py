@@ -24,11 +24,8 @@ def to_yaml(*classes: type, node: str = "/**") -> str:
 
 def to_markdown(cls: type) -> str:
     """Return a table with one row a parameter."""
-    rows = ["| parameter | default | unit | allowed | meaning |", "| --- | --- | --- | --- | --- |"]
-    for leaf in leaves(cls):
-        default = _literal(leaf)
-        doc = f"{leaf.doc} (live)" if leaf.is_live else leaf.doc
-        rows.append(f"| `{leaf.name}` | {default} | {leaf.unit} | {leaf.range_text()} | {doc} |")
+    rows = ["| parameter | default | meaning |", "| --- | --- | --- |"]
+    rows += [f"| `{leaf.name}` | {_literal(leaf)} | {leaf.meaning()} |" for leaf in leaves(cls)]
     return "\n".join(rows) + "\n"
 
 

@@ -51,5 +51,5 @@ def test_every_value_has_its_meaning_above_it() -> None:
 def test_the_table_has_one_row_a_parameter() -> None:
     rows = to_markdown(Whole).splitlines()
     assert len(rows) == 2 + len(list(leaves(Whole)))
-    assert rows[2] == "| `whole` | 2.0 | m | at least 0.0 | declared as an integer |"
+    assert rows[2] == "| `whole` | 2.0 | declared as an integer [m; at least 0.0] |"
     assert len({row.count("|") for row in rows}) == 1
