@@ -11,7 +11,7 @@ from pathlib import Path
 import dense_localizer.reasons
 import mcl_depth.status
 import path_follower.reasons
-from sphere_nav.localization.status import Reason, State
+from sphere_nav.localization.status import Reason
 from sphere_nav.params.render import to_markdown, to_yaml
 from sphere_nav.ros.live import ShellParams
 from sphere_nav.ros.node import ManagedNode
@@ -66,8 +66,8 @@ sphere_nav plot result -o result.png
 
 ## The localiser
 
-The vehicle may move in `TRACKING`, and slowly, for a while, in `DEGRADED`. With `use_sim_time`, `TIMEOUT` may also mean
-that `/clock` has stood still for a second and has no publisher; the pose goes on when the clock does.
+The vehicle may move in TRACKING, and slowly, for a while, in DEGRADED ([states](dense_localizer.md#states)). With
+`use_sim_time`, `TIMEOUT` may also mean that `/clock` has stood still for a second and has no publisher.
 """
 FOLLOWER = """\
 ## The follower
@@ -106,9 +106,9 @@ def parameters_page(nodes: list[type[ManagedNode]]) -> str:
     return "\n".join(parts)
 
 
-def meanings(message: str) -> dict[str, str]:
-    """Return what a message definition says of each of its words."""
-    text = (ROOT / "msg_defs" / "msg" / f"{message}.msg").read_text(encoding="utf-8")
+def meanings() -> dict[str, str]:
+    """Return what the message of the follower says of each of its words."""
+    text = (ROOT / "msg_defs" / "msg" / "FollowerStatus.msg").read_text(encoding="utf-8")
     return {
         name: meaning.strip()
         for name, meaning in re.findall(r'^string (\w+) = "\w+" *(?:# *(.*))?$', text, re.MULTILINE)
@@ -117,20 +117,17 @@ def meanings(message: str) -> dict[str, str]:
 
 def trouble_page() -> str:
     """Return docs/something_is_wrong.md: state, reason and remedy in the words of the nodes."""
-    said, driven = meanings("LocalizationStatus"), meanings("FollowerStatus")
+    driven = meanings()
     images, geometry, follower = (
         dense_localizer.reasons.REMEDIES,
         mcl_depth.status.REMEDIES,
         path_follower.reasons.REMEDIES,
     )
-    lines = [TROUBLE, "| state | meaning |", "| --- | --- |"]
-    lines += [f"| `{state}` | {said[state]} |" for state in State]
-    lines += ["", "| reason | meaning | in a map of images | in bare geometry |", "| --- | --- | --- | --- |"]
+    lines = [TROUBLE, "| reason | in a map of images | in bare geometry |", "| --- | --- | --- |"]
     for reason in Reason:
         if reason:
             image, bare = images.get(reason, "–"), geometry.get(reason, "–")
-            cells = (said[reason], image, "the same" if bare == image else bare)
-            lines.append(f"| `{reason}` | {' | '.join(cells)} |")
+            lines.append(f"| `{reason}` | {image} | {'the same' if bare == image else bare} |")
     lines += ["", FOLLOWER, "| reason | meaning | what to do |", "| --- | --- | --- |"]
     lines += [f"| `{r}` | {driven[r] or '–'} | {remedy} |" for r, remedy in follower.items() if r]
     return "\n".join([*lines, ""])
