@@ -29,8 +29,8 @@ TROUBLE = """\
 
 <!-- Written by `make docs`: change the text in docs/generate.py, the remedies in the reasons of each node. -->
 
-Every node says in one line what is wrong and what to do. The line is in its log and on `/diagnostics`; localisers also
-publish it in `status` (state, reason, measured value, limit, remedy). Look there first, then find the word in the
+Every node reports in one line what is wrong and what to do. The line is in its log and on `/diagnostics`; localisers
+also publish it in `status` (state, reason, measured value, limit, remedy). Look there first, then find the word in the
 tables below.
 
 ```
@@ -53,7 +53,7 @@ sphere_nav plot result -o result.png
 | --- | --- | --- |
 | `waiting for image_raw (...): no publisher` | the camera's topic has another name | set `driver`, or remap the topic |
 | `... is incompatible: reliability` | the publisher is best effort, or volatile | `qos_overrides`, as the line says |
-| `taking F as base_link` | nobody says where the camera sits | publish `/tf_static`, or set `mounting` |
+| `taking F as base_link` | the place of the camera is not known | publish `/tf_static`, or set `mounting` |
 | `messages lost in the last second` | queue or network dropped them | `transport:=compressed`; larger socket buffer |
 | `waiting for /clock` | `use_sim_time`, but nobody publishes the clock | play with `--clock`, or set it false |
 | `callbacks` is ERROR on `/diagnostics` | a part of the node fails; the rest goes on | report it, with the log |
@@ -72,8 +72,7 @@ The vehicle may move in TRACKING, and slowly, for a while, in DEGRADED ([states]
 FOLLOWER = """\
 ## The follower
 
-`path_follower/status` says why the vehicle stands. After a stop it drives again when you call `~/start`, or as the
-parameter `safety.resume` says.
+`path_follower/status` gives the reason why the vehicle stands. What [ends a stop](path_follower.md#when-it-stops).
 """
 
 
