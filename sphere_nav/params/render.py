@@ -1,4 +1,4 @@
-"""A parameters class as a ROS parameter file with comments, or as a Markdown table."""
+"""A parameters class as a ROS parameter file with comments, or as a Markdown list."""
 
 from __future__ import annotations
 
@@ -23,10 +23,8 @@ def to_yaml(*classes: type, node: str = "/**") -> str:
 
 
 def to_markdown(cls: type) -> str:
-    """Return a table with one row a parameter."""
-    rows = ["| parameter | default | meaning |", "| --- | --- | --- |"]
-    rows += [f"| `{leaf.name}` | {_literal(leaf)} | {leaf.meaning()} |" for leaf in leaves(cls)]
-    return "\n".join(rows) + "\n"
+    """Return a list with one line a parameter."""
+    return "".join(f"- `{leaf.name}: {_literal(leaf)}`: {leaf.meaning()}\n" for leaf in leaves(cls))
 
 
 def _literal(leaf: Leaf) -> str:

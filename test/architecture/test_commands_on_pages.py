@@ -133,7 +133,7 @@ def parameters() -> dict[str, dict[str, str]]:
     """Return the default of each parameter, by node, as parameters.md tells."""
     tables: dict[str, dict[str, str]] = {}
     for part in re.split(r"^## ", (ROOT / "docs/parameters.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]:
-        rows = re.findall(r"^\| `([\w.]+)` \| ([^|]*) \|", part, re.MULTILINE)
+        rows = re.findall(r"^- `([\w.]+): (.*?)`: ", part, re.MULTILINE)
         tables[part.split("\n", 1)[0]] = {name: default.strip('"') for name, default in rows}
     shared = tables.pop("Every node")
     return {node: shared | table for node, table in tables.items()}
