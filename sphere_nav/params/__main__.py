@@ -1,4 +1,4 @@
-"""`python -m sphere_nav.params module:Class [--node NAME] [--markdown]`: commented YAML, or a table, of parameters."""
+"""`python -m sphere_nav.params module:Class [--node NAME] [--markdown]`: commented YAML, or a list, of parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A parameters class as a ROS parameter file with comments, or as a Markdown table."""
+"""A parameters class as a ROS parameter file with comments, or as a Markdown list."""
 
 from __future__ import annotations
 
@@ -23,13 +23,8 @@ def to_yaml(*classes: type, node: str = "/**") -> str:
 
 
 def to_markdown(cls: type) -> str:
-    """Return a table with one row a parameter."""
-    rows = ["| parameter | default | unit | allowed | meaning |", "| --- | --- | --- | --- | --- |"]
-    for leaf in leaves(cls):
-        default = _literal(leaf)
-        doc = f"{leaf.doc} (live)" if leaf.is_live else leaf.doc
-        rows.append(f"| `{leaf.name}` | {default} | {leaf.unit} | {leaf.range_text()} | {doc} |")
-    return "\n".join(rows) + "\n"
+    """Return a list with one line a parameter."""
+    return "".join(f"- `{leaf.name}: {_literal(leaf)}`: {leaf.meaning()}\n" for leaf in leaves(cls))
 
 
 def _literal(leaf: Leaf) -> str:

@@ -22,9 +22,9 @@ PAGES = [ROOT / "README.md", *(page for page in sorted((ROOT / "docs").glob("*.m
 NOTES = sorted((ROOT / "docs" / "notes").glob("*.md"))
 MODULES = {command.name: f"sphere_nav_tools.cli.{command.module}" for command in COMMANDS}
 NODES_OF_TOPICS = ("cycab_sim", "dense_localizer", "mcl_depth", "path_follower", "route_navigator")
-NODES_OF_TOPICS += ("sphere_mapper", "sphere_stitcher")
-FOLDERS = {"route_navigator": "path_follower/ros", "sphere_mapper": "sphere_mapping/ros"}
-FOLDERS |= {"sphere_stitcher": "sphere_mapping/acquisition/ros"}
+NODES_OF_TOPICS += ("sphere_mapper",)  # and the stitcher, on the same page
+FOLDERS = {"route_navigator": ("path_follower/ros",)}
+FOLDERS |= {"sphere_mapper": ("sphere_mapping/ros", "sphere_mapping/acquisition/ros")}
 BY_RCLPY = {"/tf", "/tf_static", "/clock"}
 
 
@@ -133,7 +133,7 @@ def parameters() -> dict[str, dict[str, str]]:
     """Return the default of each parameter, by node, as parameters.md tells."""
     tables: dict[str, dict[str, str]] = {}
     for part in re.split(r"^## ", (ROOT / "docs/parameters.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]:
-        rows = re.findall(r"^\| `([\w.]+)` \| ([^|]*) \|", part, re.MULTILINE)
+        rows = re.findall(r"^- `([\w.]+): (.*?)`: ", part, re.MULTILINE)
         tables[part.split("\n", 1)[0]] = {name: default.strip('"') for name, default in rows}
     shared = tables.pop("Every node")
     return {node: shared | table for node, table in tables.items()}
@@ -214,7 +214,7 @@ def _plain(value: str) -> str:
 @pytest.mark.parametrize("node", NODES_OF_TOPICS)
 def test_topics_in_tables_stand_in_the_shell_of_the_node(node):
     """Each name in the table of topics and services is a text in the `ros/` folders that make the node."""
-    folders = [ROOT / FOLDERS.get(node, f"{node}/ros"), ROOT / "sphere_nav" / "ros"]
+    folders = [ROOT / folder for folder in (*FOLDERS.get(node, (f"{node}/ros",)), "sphere_nav/ros")]
     code = "\n".join(path.read_text(encoding="utf-8") for at in folders for path in at.rglob("*.py"))
     texts = set(re.findall(r"[\"'](?:{prefix})?([^\"'\n]+)[\"']", code))
     text = (ROOT / "docs" / f"{node}.md").read_text(encoding="utf-8")

@@ -28,7 +28,7 @@ from worlds.rig import seen, vertical_rig
 
 BY_NAME = {node.NAME: node for node in NODES}
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGES = ("your_recording", "your_camera", "your_rig", "on_a_vehicle", "something_is_wrong")
+PAGES = ("your_recording", "your_camera", "calibration", "on_a_vehicle", "something_is_wrong")
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = STORE.types
 NUM_INSTANTS = 6

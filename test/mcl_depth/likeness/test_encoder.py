@@ -20,7 +20,7 @@ from mcl_depth.likeness.encoder import (
 )
 from mcl_depth.params import SynthesisParams
 
-# of the weights in the package: docs/notes/learned_likeness.md says how they were trained
+# of the weights in the package: docs/notes/homes.md says how they were trained
 DIGEST = "ab399f9fd92620ee11e145cb1af9fe563ef6bced51af2edf0ea9507c9cc84381"
 WINDOW = panorama_window(SynthesisParams())
 LAYERS = ((4, 5, 5, 2, 2), (6, 3, 3, 1, 1), (3, 1, 1, 2, 1))
