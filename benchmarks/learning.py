@@ -68,7 +68,7 @@ def follow(
     room.base()
     shutil.rmtree(folder / "map_learned", ignore_errors=True)
     shutil.copytree(folder / "map_day", folder / "map_learned")
-    for left in ("map_learned.drives", "map_learned.versions", "moment"):
+    for left in ("map_learned.drives", "map_learned.previous", "moment"):
         shutil.rmtree(folder / left, ignore_errors=True)
     room.localize("map_learned", "day_2", "--set", "learn=true")  # by which later versions are judged
     day, rows, moment = room.localize("map_learned", "day_2"), list[tuple[str, ...]](), None

@@ -20,8 +20,9 @@ from benchmarks.other_light import STREET, Gray, Light
 from benchmarks.relight import COLUMNS, TITLE, Drives, Placed, Relit, call, name_of
 from benchmarks.report import Report, Table
 from benchmarks.rgbd_data import Frame
-from sphere_nav.geometry import SE3
-from sphere_nav_tools.offline.importing.kitti import KittiRecording
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.offline.importing.kitti import open_kitti
 
 HELP = "a recorded street in other light: images placed before and after one extension of the map"
 LIGHTS: tuple[tuple[str, float, int], ...] = (  # what, share of the other light, seed of its directions and patches
@@ -65,8 +66,11 @@ class Street(Relit):
     def __init__(self, data: Path, folder: Path) -> None:
         super().__init__(folder)
         self._data = data
-        self.recording = KittiRecording(data)
-        if self.recording.poses is None:
+        self.recording = open_kitti(data)
+        right = self.recording.views["right"]
+        assert isinstance(right.camera, Pinhole)
+        self.camera, self.baseline_m = right.camera, right.baseline_m
+        if not self.recording.truth_name:
             raise ValueError(f"{data / 'poses.txt'}: expected the true poses, found none")
 
     def base(self) -> Placed:
@@ -85,15 +89,15 @@ class Street(Relit):
 
     def frame(self, index: int, *, is_left: bool) -> Frame:
         """Return an image with its depth by the pair, and its pose."""
-        recording = self.recording
-        left, right = (_gray(folder / recording.images[index].name) for folder in (recording.left, recording.right))
-        assert recording.poses is not None
-        T_world_left = SE3.from_matrix(np.vstack([recording.poses[index].reshape(3, 4), (0, 0, 0, 1)]))
-        focal_m = recording.camera.fx * recording.baseline
+        instant = self.recording.instants[index]
+        left, right = (_gray(Path(shot.where)) for shot in instant.images.values())
+        assert instant.T_map_link is not None
+        T_world_left = T_BODY_OPTICAL.inverse() @ instant.T_map_link @ T_BODY_OPTICAL
+        focal_m = self.camera.fx * self.baseline_m
         if is_left:
             return Frame(f"{index}", left, depth(left, right, focal_m), T_world_left)
         mirrored = depth(right[:, ::-1].copy(), left[:, ::-1].copy(), focal_m)[:, ::-1]
-        T_left_right = SE3.from_parts(np.eye(3), [recording.baseline, 0.0, 0.0])
+        T_left_right = SE3.from_parts(np.eye(3), [self.baseline_m, 0.0, 0.0])
         return Frame(f"{index}", right, mirrored, T_world_left @ T_left_right)
 
     def _drives(self, name: str, kind: str, share: float, seed: int) -> None:
@@ -102,15 +106,16 @@ class Street(Relit):
         if (self.folder / f"{name}_others").exists():
             return
         shutil.rmtree(folder, ignore_errors=True)
-        count, recording = self.recording.num_frames, self.recording
+        count = self.recording.num_frames
         seen = [self.frame(index, is_left=True) for index in range(0, count, 5)]
-        light = Light(kind, share, seed, seen, recording.camera, STREET)
-        for camera in (recording.left, recording.right):
-            (folder / camera.name).mkdir(parents=True)
-            for index in range(count):
-                one = self.frame(index, is_left=camera is recording.left)
+        light = Light(kind, share, seed, seen, self.camera, STREET)
+        for side in self.recording.views:
+            for index, instant in enumerate(self.recording.instants):
+                one = self.frame(index, is_left=side == "left")
                 gray: Gray = light.shine(one.gray.astype(np.float32), one.depth_m, one.T_world_camera)
-                path = folder / camera.name / recording.images[index].name
+                source = Path(instant.images[side].where)
+                path = folder / source.parent.name / source.name
+                path.parent.mkdir(parents=True, exist_ok=True)
                 cv2.imwrite(str(path), np.clip(np.rint(gray), 1, 255).astype(np.uint8))
         for file in ("calib.txt", "times.txt", "poses.txt"):
             shutil.copy(self._data / file, folder / file)

@@ -1,9 +1,9 @@
 """`learn`: the key images of a drive, in a bag beside the map; `sphere_nav map-learn` makes a new map of it.
 
 `<map>.drives/<day and time of the first image>` holds for each key image the image, its camera, where that was in the
-map, the status, and how much the map looked like it; beside the bag what the images contradicted. A drive that ends has
-its name; what a killed one has left is `<name>.partial`, which `map-learn` mends. Another thread writes: no image waits
-for the disk. A drive takes MAX_DRIVE_MB at most, all drives together MAX_DRIVES_MB: the oldest ones go.
+map, whether the map explained it, and the status. A drive that ends has its name; what a killed one has left is
+`<name>.partial`, and is not used. Another thread writes: no image waits for the disk. A drive takes
+MAX_DRIVE_MB at most, all drives together MAX_DRIVES_MB: the oldest ones go.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from std_msgs.msg import Float32
+from std_msgs.msg import Bool
 
 from dense_localizer.inputs import CameraImage
 from dense_localizer.judge.estimate import CameraEstimate
 from dense_localizer.key_images import Explanation, KeyImages, is_explained
-from dense_localizer.references.rejections import Rejections
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.ros import conversions
@@ -35,7 +34,7 @@ from sphere_nav.ros.service import one_line
 DRIVES = ".drives"  # ends the name of the folder beside a map
 MAX_DRIVE_MB, MAX_DRIVES_MB = 500.0, 5000.0
 MAX_PENDING = 8  # key images that wait for the disk
-STATUS, LIKENESS, REJECTIONS = "/status", "/likeness", "rejections.json"
+STATUS, EXPLAINED = "/status", "/explained"
 IMAGE, INFO, SPHERE_INFO, POSE = "image_raw", "camera_info", "sphere_info", "camera_pose"
 FRAME = "camera"
 
@@ -49,11 +48,11 @@ def drives_of(map_path: Path) -> Path:
 class DriveRecorder:
     """One drive in one map."""
 
-    def __init__(self, reader: MapReader, rejections: Rejections, log: Callable[[str], object], *, is_live: bool):
+    def __init__(self, reader: MapReader, log: Callable[[str], object], *, is_live: bool):
         """`log` takes a line for the user. A drive that is not live, of a bag, waits for the disk."""
         self._folder, self._map_id = drives_of(reader.path), str(reader.info.map_id)
         self._frame = str(reader.info.header.frame_id)
-        self._rejections, self._log, self._is_live = rejections, log, is_live
+        self._log, self._is_live = log, is_live
         self._chosen, self._explained = KeyImages(), list[bool]()
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="drive")
         self._pending: list[Future[None]] = []
@@ -78,14 +77,14 @@ class DriveRecorder:
         self._pool.shutdown()
 
     def _write(self, images: list[CameraImage], estimate: CameraEstimate) -> None:
-        stamp, candidate, covariance = estimate.status.stamp_ns, estimate.candidate, estimate.covariance
-        if self._is_over or estimate.T_map_camera is None or candidate is None or covariance is None:
+        stamp, covariance = estimate.status.stamp_ns, estimate.covariance
+        if self._is_over or estimate.T_map_camera is None or covariance is None:
             return
         try:
             bag = self._bag = self._bag or self._begin(stamp)
             for one in images:
                 self._write_image(bag, one, estimate.T_map_camera, covariance, stamp)
-            bag.write(LIKENESS, Float32(data=float(candidate.ncc)), stamp)
+            bag.write(EXPLAINED, Bool(data=is_explained(estimate)), stamp)
             status = replace(estimate.status, map_id=self._map_id)
             bag.write(STATUS, conversions.status_to_message(status, stamp, self._frame), stamp)
             if bag.position > MAX_DRIVE_MB * 1e6:
@@ -123,7 +122,6 @@ class DriveRecorder:
                 bag.discard()
                 return
             path = bag.close()
-            self._rejections.write(path / REJECTIONS, self._map_id)
             prune(self._folder)
         except (BagError, OSError) as error:
             bag.leave()

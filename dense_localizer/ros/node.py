@@ -76,7 +76,7 @@ class DenseLocalizerNode(LocalizerNode):
         self.localizer = Localizer(self.params, reader, is_live=is_live)
         self.end_drive()
         if self.params.learn:
-            self.drive = DriveRecorder(reader, self.localizer.references.rejections, self.log.info, is_live=is_live)
+            self.drive = DriveRecorder(reader, self.log.info, is_live=is_live)
         if before is not None:
             before.references.close()
         return_free_memory()  # that of reading

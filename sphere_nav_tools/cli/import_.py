@@ -16,10 +16,10 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav_tools.offline.importing.frames import describe_folder, guess_format
 from sphere_nav_tools.offline.importing.images import open_images
-from sphere_nav_tools.offline.importing.kitti import KittiRecording
-from sphere_nav_tools.offline.importing.nclt import NcltRecording, open_nclt
+from sphere_nav_tools.offline.importing.kitti import open_kitti
+from sphere_nav_tools.offline.importing.nclt import open_nclt
 from sphere_nav_tools.offline.importing.recording import Recording
-from sphere_nav_tools.offline.importing.rgbd import DepthCamera, open_openloris, open_rover, open_seven_scenes, open_tum
+from sphere_nav_tools.offline.importing.rgbd import open_openloris, open_rover, open_seven_scenes, open_tum
 from sphere_nav_tools.offline.importing.spherical import open_spherical
 from sphere_nav_tools.offline.importing.stereo import open_euroc, open_four_seasons
 
@@ -55,7 +55,6 @@ examples:
   sphere_nav import images pair -o drive --camera 707.1,707.1,601.9,183.1 --baseline 0.537
   sphere_nav import images panoramas -o spheres --baseline 0.2
 """
-FORMATS = ("seven_scenes", "tum", "openloris", "rover", "kitti", "euroc", "four_seasons", "nclt", "spherical", "images")
 KINECT_SIZE = (640, 480)
 LENSES = {  # fx, fy, cx, cy in px, as the data sets' pages tell them
     "seven_scenes": (525.0, 525.0, 320.0, 240.0),
@@ -68,7 +67,7 @@ LENS = "FX,FY,CX,CY[,K1,K2,P1,P2,K3,K4,K5,K6]"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("format", choices=FORMATS, help="what kind of data set it is")
+    parser.add_argument("format", choices=READERS, help="what kind of data set it is")
     parser.add_argument("folder", type=Path, metavar="DIR", help="its folder")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="BAG", help="bag to make (a folder)")
     parser.add_argument(
@@ -132,7 +131,7 @@ def _add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the bag."""
     try:
-        recording = open_recording(arguments)
+        recording = READERS[arguments.format](arguments)
     except ValueError as error:
         known = guess_format(arguments.folder) == arguments.format
         raise ValueError(
@@ -145,45 +144,36 @@ def run(arguments: argparse.Namespace) -> int:
         write_frames(bag, recording, tqdm(indices, unit="frame", desc="import", disable=None))
         bag.annotate("source", f"{arguments.format} {arguments.folder.name}")
         bag.annotate("truth", recording.truth_name or "none")
-    if isinstance(recording, NcltRecording):
-        recording.write_rig(arguments.output)
+    if recording.write_beside is not None:
+        recording.write_beside(arguments.output)
     print(f"{arguments.output}: {len(indices)} frames, truth: {recording.truth_name or 'none'}")
     return 0
 
 
-def open_recording(arguments: argparse.Namespace) -> Recording:
-    """Open the data set that the arguments name."""
-    readers: dict[str, Callable[[Path], Recording]] = {
-        "kitti": KittiRecording,
-        "euroc": open_euroc,
-        "four_seasons": open_four_seasons,
-        "nclt": open_nclt,
-        "openloris": open_openloris,
-        "spherical": open_spherical,
-    }
-    if arguments.format in readers:
-        return readers[arguments.format](arguments.folder)
-    if arguments.format == "rover":
-        return open_rover(arguments.folder, kinect_camera(arguments.camera or LENSES["rover"]))
-    if arguments.format == "images":
-        return open_images(arguments.folder, arguments.rig, arguments.camera, arguments.baseline, arguments.fps)
-    if arguments.format == "tum":
-        return open_tum(arguments.folder, kinect_camera(arguments.camera or LENSES["tum"]), arguments.depth_units)
+def _seven_scenes(arguments: argparse.Namespace) -> Recording:
+    depth_camera = kinect_camera(arguments.depth_camera)
     rotation = SE3.exp((0.0, 0.0, 0.0, *np.radians(arguments.rotation))).rotation
-    depth_camera = DepthCamera(
-        kinect_camera(arguments.depth_camera), SE3.from_parts(rotation, np.array(arguments.offset))
-    )
-    camera = kinect_camera(arguments.camera or LENSES["seven_scenes"])
-    if arguments.registered:
-        camera = depth_camera.camera
-    is_truth_of_depth = arguments.truth_camera == "depth"
     return open_seven_scenes(
         arguments.folder,
-        camera,
-        None if arguments.registered else depth_camera,
-        is_truth_of_depth=is_truth_of_depth,
+        depth_camera if arguments.registered else kinect_camera(arguments.camera or LENSES["seven_scenes"]),
+        None if arguments.registered else (depth_camera, SE3.from_parts(rotation, np.array(arguments.offset))),
+        is_truth_of_depth=arguments.truth_camera == "depth",
         poses=arguments.poses,
     )
+
+
+READERS: dict[str, Callable[[argparse.Namespace], Recording]] = {
+    "seven_scenes": _seven_scenes,
+    "tum": lambda given: open_tum(given.folder, kinect_camera(given.camera or LENSES["tum"]), given.depth_units),
+    "openloris": lambda given: open_openloris(given.folder),
+    "rover": lambda given: open_rover(given.folder, kinect_camera(given.camera or LENSES["rover"])),
+    "kitti": lambda given: open_kitti(given.folder),
+    "euroc": lambda given: open_euroc(given.folder),
+    "four_seasons": lambda given: open_four_seasons(given.folder),
+    "nclt": lambda given: open_nclt(given.folder),
+    "spherical": lambda given: open_spherical(given.folder),
+    "images": lambda given: open_images(given.folder, given.rig, given.camera, given.baseline, given.fps),
+}
 
 
 def kinect_camera(lens: tuple[float, ...]) -> Pinhole:

@@ -53,13 +53,11 @@ MIN_EXPLAINED_SHARE = 0.8  # of the images of a key sphere, above which it adds 
 PATIENCE_S = 10.0  # between spheres: the drive's own motion bridges that
 IMU_NS = 1_000_000_000  # of the bag's beginning: its first image may come before the IMU
 
-# Lessons of a drive (lessons/test_learning)
+# Lessons of a drive (test_lessons)
 NUM_DRAWN = 6  # key spheres whose range is drawn: those that placed the image, and the nearest ones beside them
 TEACH_REACH, TEACH_TURN = 0.35, 0.35  # between key spheres of a lesson: share of the radius of a region; rad
 MIN_MEASURED = 0.2  # of the pixels, for a key sphere
 KEY_FLOOR = np.repeat([0.005, 0.002], 3) ** 2  # (6,) m^2, rad^2: added to the covariance of a key image
-MAX_WORSE = 1.05  # of the median standard deviation of places
-FALSE_REFUSAL = 1e-3  # of a version that places a drive as well as the one before
 MAX_OFF = 6.0  # standard deviations of both places from which an image is not where it was, and at least MIN_OFF_M
 MIN_OFF_M = 0.1  # the same, however sure
 MAX_EXAMINED, MAX_JUDGES = 40, 5  # key images of a drive, spread over it; latest other drives

@@ -1,7 +1,7 @@
 """Files from outside: only regular ones, up to a size; YAML without surprises; fields checked, and told in one line.
 
-A FIFO or a device would block for ever. In YAML no key stands twice, size and depth are bounded and aliases are written
-out before anything is built. A wrong field is told with its place, what was expected and what was found.
+A FIFO or a device would block for ever. In YAML no key stands twice; size, depth and aliases are bounded before
+anything is built. A wrong field is told with its place, what was expected and what was found.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def _check(found: os.stat_result, path: str | os.PathLike[str], what: str, max_b
 
 MAX_TEXT = 1 << 20  # characters
 MAX_DEPTH = 32
-MAX_REPEATED = 1 << 14  # values that aliases stand for, all together
+MAX_ALIASES = 64  # each stands for a part of the text, as none stands for another
 MAX_WORD = 4096  # characters without quotes; the sexagesimal numbers of YAML 1.1 take time by the square of theirs
 
 MERGE = "tag:yaml.org,2002:merge"
@@ -149,40 +149,25 @@ def load_yaml(where: Path | str, text: str, loader: type[StrictLoader] = StrictL
 
 
 def _check_events(text: str) -> None:
-    sizes: dict[str, tuple[int, int]] = {}  # values and levels of what has an anchor
-    opened: list[tuple[str | None, list[int]]] = [(None, [0, 0])]  # anchor; values and levels so far
-    repeated = 0
+    """Refuse what the loader would take memory, time or the stack for."""
+    opened: list[str | None] = []  # the anchors of the collections that are open
+    num_aliases = 0
     for event in yaml.parse(text, Loader=Base):
-        line, size = event.start_mark.line + 1, (1, 0)
+        line = event.start_mark.line + 1
         if isinstance(event, yaml.CollectionStartEvent):
-            opened.append((event.anchor, [1, 0]))
-            _check_depth(len(opened) - 1, line)
-            continue
-        if isinstance(event, yaml.AliasEvent):
-            if event.anchor not in sizes:
-                raise ValueError(f"line {line}: an alias (*{event.anchor}) of nothing that is whole before it")
-            size = sizes[event.anchor]
-            _check_depth(len(opened) - 1 + size[1], line)
-            repeated += size[0]
-            if repeated > MAX_REPEATED:
-                raise ValueError(f"line {line}: aliases that stand for more than {MAX_REPEATED} values")
+            opened.append(event.anchor)
+            if len(opened) > MAX_DEPTH:
+                raise ValueError(f"line {line}: more than {MAX_DEPTH} levels")
         elif isinstance(event, yaml.CollectionEndEvent):
-            anchor, (values, levels) = opened.pop()
-            size = values, levels + 1
-            sizes |= {anchor: size} if anchor else {}
-        elif isinstance(event, yaml.ScalarEvent):
-            if not event.style and len(event.value) > MAX_WORD:
-                raise ValueError(f"line {line}: a word of {len(event.value)} characters")
-            sizes |= {event.anchor: size} if event.anchor else {}
-        else:
-            continue
-        inside = opened[-1][1]
-        inside[0], inside[1] = inside[0] + size[0], max(inside[1], size[1])
-
-
-def _check_depth(depth: int, line: int) -> None:
-    if depth > MAX_DEPTH:
-        raise ValueError(f"line {line}: more than {MAX_DEPTH} levels")
+            opened.pop()
+        elif isinstance(event, yaml.AliasEvent):
+            num_aliases += 1
+            if any(opened):
+                raise ValueError(f"line {line}: an alias (*{event.anchor}) in what has an anchor")
+            if num_aliases > MAX_ALIASES:
+                raise ValueError(f"line {line}: more than {MAX_ALIASES} aliases")
+        elif isinstance(event, yaml.ScalarEvent) and not event.style and len(event.value) > MAX_WORD:
+            raise ValueError(f"line {line}: a word of {len(event.value)} characters")
 
 
 ROTATION_TOLERANCE = 1e-4  # files are written with full precision; a hand's four digits still pass

@@ -6,15 +6,15 @@ of the set, as its lenses are told by nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
-from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2
 
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, so3
 from sphere_nav.geometry.arrays import Array
@@ -22,11 +22,10 @@ from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.geometry.files.untrusted import read_bytes, read_text
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.ros.conversions import camera_to_info, se3_to_odometry, se3_to_transform
 from sphere_nav.ros.conversions.clouds import cloud_to_message
 from sphere_nav_tools.offline.importing.frames import Folder, stamp_of
-from sphere_nav_tools.offline.importing.images import RIG_FRAME, CameraRecording
-from sphere_nav_tools.offline.importing.recording import BASE_FRAME, MAP_FRAME, require_folder
+from sphere_nav_tools.offline.importing.images import RIG_FRAME, camera_recording, rig_views
+from sphere_nav_tools.offline.importing.recording import Recording, poses_at, require_folder, trajectory
 
 CAMERAS = ("Cam5", "Cam4", "Cam3", "Cam2", "Cam1", "Cam0")  # that which looks ahead first, that which looks up last
 # What the set's own projection of its clouds into its images has: x, y, z in m; roll, pitch, heading in deg
@@ -37,50 +36,6 @@ POINT = np.dtype([("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])  #
 MAX_TRUTH_GAP_NS = 200_000_000  # between two true poses with an image between them; they come at 100 Hz
 BORDER_PX = 15  # of the mask: what the table reaches, less the blur of the edge
 MAX_TABLE_BYTES = LIMITS["pose graph"]  # 2 million lines of a table of undistortion
-
-
-class NcltRecording(CameraRecording):
-    """Images undistorted, `cameras/<name>/image_raw` with camera_info; `points`; the true pose of base_link."""
-
-    def __init__(self, cameras: dict[str, Undistorted], rig: Rig, clouds: Path, truth: Trajectory | None) -> None:
-        super().__init__(dict(cameras), rig, None)
-        self.has_infos, self.undistorted, self.clouds, self.truth = False, cameras, clouds, truth
-        self.truth_name = "" if truth is None else "groundtruth_*.csv"
-
-    def static_transforms(self, stamp: int) -> list[TransformStamped]:
-        """Return base_link -> rig_link (identity) -> the optical frames."""
-        optical = [
-            se3_to_transform(part.T_rig_camera, stamp, RIG_FRAME, f"{part.name}_optical") for part in self.rig.cameras
-        ]
-        return [*super().static_transforms(stamp), *optical]
-
-    def frame(self, index: int) -> Iterator[tuple[str, Any]]:
-        """Yield the true pose, the LiDAR's cloud and the images, each with its camera_info."""
-        stamp = self.stamp_ns(index)
-        poses = None if self.truth is None else self.truth.at([stamp], max_gap_ns=MAX_TRUTH_GAP_NS)[0]
-        if poses is not None and len(poses):
-            yield (
-                "ground_truth/odometry",
-                se3_to_odometry(poses.T_map_body[0], np.zeros((6, 6)), stamp, (MAP_FRAME, BASE_FRAME)),
-            )
-        cloud = self.clouds / f"{stamp // 1000}.bin"
-        if cloud.is_file():
-            yield "points", cloud_to_message(T_BASE_BODY.apply(read_velodyne(cloud)), stamp, RIG_FRAME)
-        for topic, message in super().frame(index):
-            name = topic.split("/")[1]
-            message.header.frame_id = f"{name}_optical"
-            time = self.instants[index][name][1]
-            yield f"cameras/{name}/camera_info", camera_to_info(self.rig.camera(name).camera, time, f"{name}_optical")
-            yield topic, message
-
-    def write_rig(self, folder: Path) -> None:
-        """Write rig.yaml, and beside it masks of what the undistorted images show."""
-        parts = []
-        for part in self.rig.cameras:
-            mask = folder / f"mask_{part.name}.png"
-            cv2.imwrite(str(mask), self.undistorted[part.name].mask())
-            parts.append(RigCamera(part.name, part.camera, part.T_rig_camera, str(mask), "ladybug"))
-        write_rig(folder / "rig.yaml", Rig(tuple(parts), "nclt"))
 
 
 class Undistorted(Folder):
@@ -101,7 +56,7 @@ class Undistorted(Folder):
         return np.asarray(cv2.erode(seen, kernel), np.uint8)
 
 
-def open_nclt(folder: Path) -> NcltRecording:
+def open_nclt(folder: Path) -> Recording:
     """Open a session: lb3/CamN/<stamp in us>.tiff, velodyne_sync, groundtruth_*.csv; calibration in it or beside it."""
     images, cameras, parts = require_folder(require_folder(folder) / "lb3"), dict[str, Undistorted](), []
     for name in CAMERAS:
@@ -119,9 +74,32 @@ def open_nclt(folder: Path) -> NcltRecording:
         parts.append(RigCamera(name.lower(), lens, T_base_camera))
     if not parts:
         raise ValueError(f"{images}: expected folders Cam0 to Cam5, found none")
-    truth = _find(folder, f"groundtruth_{folder.resolve().name}.csv")
-    poses = None if truth is None else read_ground_truth(truth)
-    return NcltRecording(cameras, Rig(tuple(parts)), folder / "velodyne_sync", poses)
+    path, rig = _find(folder, f"groundtruth_{folder.resolve().name}.csv"), Rig(tuple(parts))
+    seen = camera_recording(dict(cameras), rig_views(rig, is_told=True), None, RIG_FRAME)
+    poses = poses_at(
+        None if path is None else read_ground_truth(path), [i.stamp_ns for i in seen.instants], MAX_TRUTH_GAP_NS
+    )
+    instants = []
+    for instant, T_map_base in zip(seen.instants, poses, strict=True):
+        cloud = folder / "velodyne_sync" / f"{instant.stamp_ns // 1000}.bin"
+        others = {"points": partial(_read_points, cloud, instant.stamp_ns)} if cloud.is_file() else {}
+        instants.append(replace(instant, T_map_link=T_map_base, others=others))
+    write = partial(_write_rig, rig, cameras)
+    return replace(seen, instants=instants, truth="groundtruth_*.csv", is_truth_of_base=True, write_beside=write)
+
+
+def _read_points(path: Path, stamp: int) -> PointCloud2:
+    return cloud_to_message(T_BASE_BODY.apply(read_velodyne(path)), stamp, RIG_FRAME)
+
+
+def _write_rig(rig: Rig, cameras: dict[str, Undistorted], folder: Path) -> None:
+    """Write rig.yaml, and beside it masks of what the undistorted images show."""
+    parts = []
+    for part in rig.cameras:
+        mask = folder / f"mask_{part.name}.png"
+        cv2.imwrite(str(mask), cameras[part.name].mask())
+        parts.append(RigCamera(part.name, part.camera, part.T_rig_camera, str(mask), "ladybug"))
+    write_rig(folder / "rig.yaml", Rig(tuple(parts), "nclt"))
 
 
 def pose_of(rows: Array) -> SE3:
@@ -162,12 +140,7 @@ def read_ground_truth(path: Path) -> Trajectory:
     """Return where base_link was, in a world with z up; rows without a pose (NaN) are left out."""
     table = _table(path, None, 7)
     table = table[np.isfinite(table).all(axis=1)]
-    if not len(table):
-        raise ValueError(f"{path}: expected true poses, found none")
-    try:
-        return Trajectory(table[:, 0].astype(np.int64) * 1000, T_BASE_BODY @ pose_of(table[:, 1:]) @ T_BASE_BODY)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    return trajectory(table[:, 0].astype(np.int64) * 1000, T_BASE_BODY @ pose_of(table[:, 1:]) @ T_BASE_BODY, path)
 
 
 def _table(path: Path, count: int | None, width: int, *, skip: int = 0, separator: str | None = ",") -> Array:

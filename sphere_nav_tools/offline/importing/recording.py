@@ -1,45 +1,150 @@
-"""What every data set offers to the importer, and the files that most of them are made of."""
+"""What every data set is read into, and the files that most of them are made of."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
 from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.untrusted import number, read_text
-from sphere_nav.geometry.trajectory import NORM_TOLERANCE
-from sphere_nav.ros.conversions import se3_to_transform
+from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory
+from sphere_nav.ros.conversions import (
+    array_to_image,
+    camera_to_info,
+    se3_to_odometry,
+    se3_to_pose_stamped,
+    se3_to_transform,
+)
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 FIRST_STAMP_NS = SECOND  # of recordings that start at zero: stamp 0 means 'no stamp'
 MAP_FRAME, BASE_FRAME, CAMERA_FRAME, OPTICAL_FRAME = "map", "base_link", "camera_link", "camera_optical"
+SIDES = ("left", "right")
 
 
-class Recording(Protocol):
-    """A data set, frame by frame."""
+@dataclass(frozen=True)
+class View:
+    """A camera: how its topics begin, its frame, its lens and pose, which the bag tells, or else a rig file.
 
-    num_frames: int
-    truth_name: str  # where the truth comes from; empty where there is none
+    `baseline_m` is that of the right camera of a rectified pair.
+    """
+
+    prefix: str
+    frame_id: str
+    camera: Camera
+    T_link_camera: SE3 = T_BODY_OPTICAL
+    baseline_m: float = 0.0
+    is_told: bool = True
+
+
+@dataclass(frozen=True)
+class Shot:
+    """An image that is read when it is needed; `where` names it in errors."""
+
+    where: Path | str
+    read: Callable[[], NDArray[Any]]
+    stamp_ns: int
+
+
+@dataclass(frozen=True)
+class Instant:
+    """What was recorded at one time: images by camera, the true pose where it is known, other messages by topic."""
+
+    stamp_ns: int
+    images: Mapping[str, Shot] = field(default_factory=dict)
+    T_map_link: SE3 | None = None
+    others: Mapping[str, Callable[[], Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A data set: its cameras on a link of the base, its instants, and where its truth comes from.
+
+    The true poses are those of the link, or, `is_truth_of_base`, of base_link on `ground_truth/odometry`.
+    `write_beside` writes files that belong into the bag's folder.
+    """
+
+    views: Mapping[str, View]
+    instants: Sequence[Instant]
+    truth: str = ""
+    link: str = CAMERA_FRAME
+    T_base_link: SE3 = field(default_factory=SE3.identity)
+    is_truth_of_base: bool = False
+    write_beside: Callable[[Path], None] | None = None
+
+    @property
+    def num_frames(self) -> int:
+        """Number of instants."""
+        return len(self.instants)
+
+    @property
+    def truth_name(self) -> str:
+        """Where the truth comes from; empty where there is none."""
+        return self.truth if any(instant.T_map_link is not None for instant in self.instants) else ""
 
     def static_transforms(self, stamp: int) -> list[TransformStamped]:
-        """Return what `/tf_static` says."""
-        ...
+        """Return base_link -> the link -> the frames of the cameras."""
+        frames = {view.frame_id: view.T_link_camera for view in self.views.values() if view.is_told}
+        return camera_transforms(stamp, frames, self.T_base_link, self.link)
 
     def stamp_ns(self, index: int) -> int:
-        """Return the stamp of a frame."""
-        ...
+        """Return the stamp of an instant."""
+        return self.instants[index].stamp_ns
 
     def frame(self, index: int) -> Iterator[tuple[str, Any]]:
-        """Yield topic and message of everything that was recorded at one instant."""
-        ...
+        """Yield topic and message of everything that was recorded at one instant: the truth, the lenses, the images."""
+        instant = self.instants[index]
+        if instant.T_map_link is not None:
+            yield self._true_pose(instant.T_map_link, instant.stamp_ns)
+        for topic, make in instant.others.items():
+            yield topic, make()
+        shots = [(self.views[name], shot) for name, shot in instant.images.items()]
+        for view, shot in shots:
+            if view.is_told:
+                info = camera_to_info(view.camera, shot.stamp_ns, view.frame_id, baseline=view.baseline_m)
+                yield f"{view.prefix}camera_info", info
+        for view, shot in shots:
+            pixels = shot.read()
+            require_size(shot.where, pixels, view.camera)
+            encoding = "32FC1" if pixels.dtype == np.float32 else "bgr8" if pixels.ndim == 3 else "mono8"
+            yield f"{view.prefix}image_raw", array_to_image(pixels, shot.stamp_ns, view.frame_id, encoding)
+
+    def _true_pose(self, pose: SE3, stamp: int) -> tuple[str, Any]:
+        if self.is_truth_of_base:
+            return "ground_truth/odometry", se3_to_odometry(pose, np.zeros((6, 6)), stamp, (MAP_FRAME, BASE_FRAME))
+        return "ground_truth/pose", se3_to_pose_stamped(pose, stamp, MAP_FRAME)
+
+
+def pair_views(left: Camera, right: Camera, T_left_right: SE3, baseline_m: float = 0.0) -> dict[str, View]:
+    """Return a stereo pair whose left camera looks along x of its link; T_left_right between optical axes."""
+    poses, baselines = (T_BODY_OPTICAL, T_BODY_OPTICAL @ T_left_right), (0.0, baseline_m)
+    return {
+        side: View(f"{side}/", f"{side}_optical", camera, pose, baseline)
+        for side, camera, pose, baseline in zip(SIDES, (left, right), poses, baselines, strict=True)
+    }
+
+
+def image_shot(path: Path, stamp: int) -> Shot:
+    """Return an image of a file."""
+    return Shot(path, partial(read_image, path), stamp)
+
+
+def poses_at(truth: Trajectory | None, stamps: Sequence[int], max_gap_ns: int) -> list[SE3 | None]:
+    """Return the poses between the rows around each stamp; None where there is no truth, or none so near."""
+    if truth is None:
+        return [None] * len(stamps)
+    found = [truth.at([stamp], max_gap_ns=max_gap_ns)[0] for stamp in stamps]
+    return [one.T_map_body[0] if len(one) else None for one in found]
 
 
 def body_from_optical(T_world_optical: SE3, *, is_world_optical: bool) -> SE3:
@@ -48,10 +153,19 @@ def body_from_optical(T_world_optical: SE3, *, is_world_optical: bool) -> SE3:
     return T_map_optical @ T_BODY_OPTICAL.inverse()
 
 
-def camera_transforms(stamp: int, cameras: dict[str, SE3], T_base_camera: SE3 | None = None) -> list[TransformStamped]:
-    """Return base_link -> camera_link (identity) -> the optical frames, whose poses T_camera_optical are given."""
-    frames = [se3_to_transform(T_base_camera or SE3.identity(), stamp, BASE_FRAME, CAMERA_FRAME)]
-    return frames + [se3_to_transform(T, stamp, CAMERA_FRAME, name) for name, T in cameras.items()]
+def camera_transforms(
+    stamp: int, cameras: dict[str, SE3], T_base_link: SE3 | None = None, link: str = CAMERA_FRAME
+) -> list[TransformStamped]:
+    """Return base_link -> a link (identity) -> the frames of cameras, whose poses on it are given."""
+    frames = [se3_to_transform(T_base_link or SE3.identity(), stamp, BASE_FRAME, link)]
+    return frames + [se3_to_transform(T, stamp, link, name) for name, T in cameras.items()]
+
+
+def require_size(where: Path | str, pixels: NDArray[Any], camera: Camera) -> None:
+    """Raise ValueError where an image is not of the size of its camera."""
+    if pixels.shape[1::-1] != (camera.width, camera.height):
+        found = f"found {pixels.shape[1]} x {pixels.shape[0]}"
+        raise ValueError(f"{where}: expected {camera.width} x {camera.height} pixels, {found}")
 
 
 def read_image(path: Path) -> NDArray[Any]:
@@ -65,6 +179,12 @@ def read_depth_file(path: Path) -> NDArray[np.uint16]:
     if pixels.ndim != 2:
         raise ValueError(f"{path}: expected one channel, found {pixels.shape[2]}")
     return pixels
+
+
+def read_rows(path: Path, what: str = "table") -> list[str]:
+    """Return the lines of a text file that are neither empty nor a remark."""
+    lines = (line.strip() for line in read_text(path, what).split("\n"))
+    return [line for line in lines if line and not line.startswith("#")]
 
 
 def read_numbers(path: Path, columns: int) -> NDArray[np.float64]:
@@ -84,10 +204,15 @@ def read_pose(path: Path) -> SE3:
     table = read_numbers(path, 4)
     if table.shape != (4, 4):
         raise ValueError(f"{path}: expected 4 x 4 numbers, found {table.shape[0]} x {table.shape[1]}")
+    return pose_of_matrix(table, path)
+
+
+def pose_of_matrix(values: Any, where: Path) -> SE3:
+    """Return the pose of 16 numbers, row by row."""
     try:
-        return SE3.from_matrix(table, tolerance=2e-3)
+        return SE3.from_matrix(np.reshape(values, (4, 4)), tolerance=2e-3)
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise ValueError(f"{where}: {error}") from None
 
 
 def pose_of_row(row: NDArray[np.float64], where: Path) -> SE3:
@@ -95,6 +220,17 @@ def pose_of_row(row: NDArray[np.float64], where: Path) -> SE3:
     if abs(np.linalg.norm(row[3:]) - 1.0) > NORM_TOLERANCE:
         raise ValueError(f"{where}: expected unit quaternions, found {row[3:].tolist()}")
     return SE3.from_quaternion(row[3:], row[:3])
+
+
+def trajectory(stamps: Any, poses: SE3 | Sequence[SE3], path: Path) -> Trajectory:
+    """Return true poses by their stamps in ns; ValueError in one line where there are none or they do not rise."""
+    if not len(stamps):
+        raise ValueError(f"{path}: expected true poses, found none")
+    matrices = poses if isinstance(poses, SE3) else SE3(np.stack([pose.matrix for pose in poses]))
+    try:
+        return Trajectory(np.array(stamps, dtype=np.int64), matrices)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def require_folder(path: Path) -> Path:

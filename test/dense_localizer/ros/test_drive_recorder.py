@@ -13,7 +13,6 @@ pytest.importorskip("rclpy")
 
 from dense_localizer.inputs import CameraImage
 from dense_localizer.judge.estimate import CameraEstimate
-from dense_localizer.references.rejections import Rejections
 from dense_localizer.ros import drive_recorder
 from dense_localizer.ros.drive_recorder import DriveRecorder, drives_of, prune
 from sphere_nav.geometry import SE3, Pinhole
@@ -46,7 +45,7 @@ def follow(recorder, number, *, ncc=0.5, camera=CAMERA):
 
 def record(reader, number, **values):
     said = []
-    recorder = DriveRecorder(reader, Rejections(), said.append, is_live=False)
+    recorder = DriveRecorder(reader, said.append, is_live=False)
     follow(recorder, number, **values)
     recorder.close()
     return said
@@ -58,19 +57,18 @@ def test_a_drive_is_a_bag_beside_the_map(reader):
     assert drive == reader.path.parent / "campus.drives" / "19700101_000001"
     told = f"{drive}: the map explained 0 of {MIN_KEY_IMAGES} key images"
     assert line == f"{told}: sphere_nav map-learn {reader.path} learns from it"
-    assert (drive / "rejections.json").is_file()
     with BagReader(drive) as bag:
         counts = {name: info.count for name, info in bag.topics.items()}
         images = [item.message.data[0] for item in bag.messages(["/image_raw"])]
         status = next(iter(bag.messages(["/status"]))).message
-    names = ("/camera_info", "/camera_pose", "/image_raw", "/likeness", "/status")
+    names = ("/camera_info", "/camera_pose", "/explained", "/image_raw", "/status")
     assert counts == dict.fromkeys(names, MIN_KEY_IMAGES)
     assert images == list(range(1, MIN_KEY_IMAGES + 1))
     assert (status.map_id, list(status.references)) == ("abc", [3])
 
 
 def test_the_cameras_of_a_rig_are_kept_where_each_was(reader):
-    recorder = DriveRecorder(reader, Rejections(), lambda line: None, is_live=False)
+    recorder = DriveRecorder(reader, lambda line: None, is_live=False)
     on_body = SE3.from_planar(0.5, 0.0, np.pi / 2)
     recorder.see = lambda images, estimate: DriveRecorder.see(
         recorder, [replace(images[0], T_body_camera=on_body, name="left")], estimate

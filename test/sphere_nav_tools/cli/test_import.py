@@ -157,12 +157,12 @@ def fails(capsys, tmp_path, *words):
     return err
 
 
-@pytest.mark.parametrize("name", import_.FORMATS)
+@pytest.mark.parametrize("name", import_.READERS)
 def test_a_folder_that_is_not_there(name, capsys, tmp_path):
     assert "nowhere: expected a folder, found none" in fails(capsys, tmp_path, name, tmp_path / "nowhere")
 
 
-@pytest.mark.parametrize("name", import_.FORMATS)
+@pytest.mark.parametrize("name", import_.READERS)
 def test_an_empty_folder(name, capsys, tmp_path):
     (tmp_path / "empty").mkdir()
     assert "empty" in fails(capsys, tmp_path, name, tmp_path / "empty")

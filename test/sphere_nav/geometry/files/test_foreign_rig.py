@@ -27,7 +27,7 @@ CAM0 = {"camera_model": "pinhole", "intrinsics": [500.0, 500.0, 320.0, 240.0], "
         ("<opencv_storage/>", "expected YAML or JSON, found XML"),
         ("cam0: 1\ncam0: 2", "'cam0' twice"),
         ("[" * 5000, "expected YAML"),
-        (BOMB, "aliases that stand for more than"),
+        (BOMB, "an alias (*x0) in what has an anchor"),
         ("cam0:\n  camera_model: [ds]\n  intrinsics: 1\n  resolution: 2", "cam0.camera_model: expected pinhole"),
     ],
     ids=range(11),

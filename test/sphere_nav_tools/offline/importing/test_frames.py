@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
+from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.conversions import message_to_sphere, transform_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.importing.frames import DEFAULT_HZ, Folder, instants_of, open_frames, stamp_of
-from sphere_nav_tools.offline.importing.images import CameraRecording, RectifiedRecording, open_images
-from sphere_nav_tools.offline.importing.kitti import KittiRecording
-from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, read_numbers, read_pose
+from sphere_nav_tools.offline.importing.images import open_images
+from sphere_nav_tools.offline.importing.kitti import open_kitti
+from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, SIDES, read_numbers, read_pose
 from sphere_nav_tools.offline.importing.rgbd import open_seven_scenes, open_tum
-from sphere_nav_tools.offline.importing.spherical import EquirectangularRecording, open_spherical
+from sphere_nav_tools.offline.importing.spherical import open_spherical
 
 LENS = Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
 SECOND = 10**9
@@ -106,35 +107,38 @@ def transforms(recording):
     }
 
 
-def test_cameras_sit_where_their_rig_says():
+def test_cameras_sit_where_their_rig_says(tmp_path):
     poses = {
-        name: SE3.from_parts(T_BODY_OPTICAL.rotation, [0.1, y, 0.2]) for name, y in (("left", 0.1), ("right", -0.2))
+        side: SE3.from_parts(T_BODY_OPTICAL.rotation, [0.1, y, 0.2]) for side, y in zip(SIDES, (0.1, -0.2), strict=True)
     }
-    pair = Rig(tuple(RigCamera(name, LENS, T) for name, T in poses.items()))
-    both = {"left": frames(), "right": frames()}
-    found = transforms(CameraRecording(both, pair, None))
-    assert set(found) == {
+    parts = tuple(RigCamera(name, LENS, T) for name, T in poses.items())
+    for name in (*SIDES, "front", "rear"):
+        write(tmp_path / name / "0.png")
+
+    def found(folder, *parts):
+        write_rig(tmp_path / "rig.yaml", Rig(parts), is_overwriting=True)
+        return transforms(open_images(tmp_path / folder, tmp_path / "rig.yaml", None, None, None))
+
+    pair = found("", *parts)
+    assert set(pair) == {
         ("base_link", "camera_link"), ("camera_link", "left_optical"), ("camera_link", "right_optical"),
     }  # fmt: skip
-    np.testing.assert_allclose(found["camera_link", "right_optical"].matrix, poses["right"].matrix, atol=1e-12)
-    alone = CameraRecording({"left": frames()}, Rig(pair.cameras[:1]), None)
-    assert set(transforms(alone)) == {("base_link", "camera_link"), ("camera_link", "camera_optical")}
-    ring = Rig(tuple(RigCamera(name, LENS, T_BODY_OPTICAL) for name in ("front", "rear")))
-    found = transforms(CameraRecording({"front": frames(), "rear": frames()}, ring, None))
-    assert set(found) == {("base_link", "rig_link")}
-    np.testing.assert_array_equal(found["base_link", "rig_link"].matrix, np.eye(4))
+    np.testing.assert_allclose(pair["camera_link", "right_optical"].matrix, poses["right"].matrix, atol=1e-12)
+    assert set(found("left", parts[0])) == {("base_link", "camera_link"), ("camera_link", "camera_optical")}
+    ring = found("", *(RigCamera(name, LENS, T_BODY_OPTICAL) for name in ("front", "rear")))
+    assert set(ring) == {("base_link", "rig_link")}
+    np.testing.assert_array_equal(ring["base_link", "rig_link"].matrix, np.eye(4))
 
 
 def test_topics_tell_what_a_recording_is(tmp_path):
     for side in ("left", "right"):
         write(tmp_path / side / "0.png", 40 if side == "left" else 60)
     found = open_images(tmp_path, None, (20.0, 21.0, 7.5, 5.5, 0.1), 0.25, None)
-    assert isinstance(found, RectifiedRecording)
     messages = dict(found.frame(0))
-    assert list(messages) == ["left/camera_info", "left/image_raw", "right/camera_info", "right/image_raw"]
+    assert list(messages) == [f"{side}/{kind}" for kind in ("camera_info", "image_raw") for side in SIDES]
     assert (messages["left/camera_info"].p[3], messages["right/camera_info"].p[3]) == (0.0, -20.0 * 0.25)
-    right = found.rig.camera("right")
-    np.testing.assert_allclose(right.T_rig_camera.translation, [0.0, -0.25, 0.0])
+    right = found.views["right"]
+    np.testing.assert_allclose(right.T_link_camera.translation, [0.0, -0.25, 0.0])
     assert right.camera == Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5, (0.1,))
     alone = open_images(tmp_path / "left", None, (20.0, 21.0, 7.5, 5.5), None, 4.0)
     assert [topic for topic, _ in alone.frame(0)] == ["camera_info", "image_raw"]
@@ -160,9 +164,9 @@ def kitti(folder, names=("image_0", "image_1"), calibration="named"):
 @pytest.mark.parametrize("names", [("image_0", "image_1"), ("image_l", "image_r"), ("image_2", "image_3")])
 @pytest.mark.parametrize("calibration", ["named", "bare"])
 def test_a_pair_of_kitti_has_the_baseline_between_its_two_cameras(tmp_path, names, calibration):
-    found = KittiRecording(kitti(tmp_path, names, calibration))
-    assert found.baseline == pytest.approx(0.25)
-    assert found.camera == Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
+    found = open_kitti(kitti(tmp_path, names, calibration))
+    assert found.views["right"].baseline_m == pytest.approx(0.25)
+    assert found.views["left"].camera == Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
     assert [found.stamp_ns(k) for k in range(2)] == [SECOND, SECOND + 300_000_000]  # 10 Hz by the number of the file
     T = transforms(found)
     np.testing.assert_allclose(T["camera_link", "right_optical"].translation, [0.0, -0.25, 0.0], atol=1e-12)
@@ -170,20 +174,20 @@ def test_a_pair_of_kitti_has_the_baseline_between_its_two_cameras(tmp_path, name
 
 def test_what_lacks_of_kitti_is_named(tmp_path):
     with pytest.raises(ValueError, match="image_0: expected a folder of images, found none"):
-        KittiRecording(tmp_path)
+        open_kitti(tmp_path)
     folder = kitti(tmp_path)
     (folder / "times.txt").write_text("0\n1\n2\n")
     with pytest.raises(ValueError, match=r"times\.txt: expected at least 4 rows \(image 000003\), found 3"):
-        KittiRecording(folder)
+        open_kitti(folder)
     (folder / "times.txt").write_text("0\n1\n2\n2.5\n")
-    assert KittiRecording(folder).stamp_ns(1) == SECOND + 2_500_000_000
+    assert open_kitti(folder).stamp_ns(1) == SECOND + 2_500_000_000
     text = (folder / "calib.txt").read_text()
     (folder / "calib.txt").write_text(text.replace("P1:", "P9:"))
     with pytest.raises(ValueError, match="P1: expected 12 numbers, found 0"):
-        KittiRecording(folder)
+        open_kitti(folder)
     (folder / "calib.txt").write_text(text.replace("-5.0", "5.0"))
     with pytest.raises(ValueError, match=r"P1: expected a camera to the right, found -0\.25 m"):
-        KittiRecording(folder)
+        open_kitti(folder)
 
 
 def test_frames_of_seven_scenes_come_at_the_rate_of_a_kinect(tmp_path):
@@ -194,7 +198,7 @@ def test_frames_of_seven_scenes_come_at_the_rate_of_a_kinect(tmp_path):
         np.savetxt(tmp_path / f"frame-{number:06d}.pose.txt", np.eye(4))
     found = open_seven_scenes(tmp_path, LENS, None, is_truth_of_depth=False)
     assert [found.stamp_ns(k) for k in range(3)] == [SECOND, SECOND + 100_000_000, SECOND + 133_333_333]
-    depths = [found._depth(item.depth)[0, 0] for item in found.frames]
+    depths = [item.images["depth"].read()[0, 0] for item in found.instants]
     assert depths[0] == pytest.approx(1.5)
     assert np.isnan(depths[1:]).all()
     (tmp_path / "frame-000003.color.png").unlink()
@@ -213,9 +217,9 @@ def test_depth_of_tum_is_of_an_image_within_twenty_milliseconds(tmp_path, late_m
     )
     found = open_tum(tmp_path, LENS, 5000.0)
     assert found.num_frames == num_frames
-    assert found.frames[0].T_world_optical.translation[0] == pytest.approx(1.0)
+    assert found.instants[0].T_map_link.translation[0] == pytest.approx(1.0)
     if num_frames == 2:
-        assert found.frames[1].T_world_optical is None  # rows 50 ms apart are too far
+        assert found.instants[1].T_map_link is None  # rows 50 ms apart are too far
 
 
 def test_ranges_of_equirectangular_images_are_millimeters(tmp_path):
@@ -225,7 +229,6 @@ def test_ranges_of_equirectangular_images_are_millimeters(tmp_path):
     assert cv2.imwrite(str(tmp_path / "range_1.png"), range_mm)
     (tmp_path / "poses.tum").write_text("1.0 1 2 3 0 0 0 1\n")
     found = open_spherical(tmp_path)
-    assert isinstance(found, EquirectangularRecording)
     messages = dict(found.frame(0))
     sphere = message_to_sphere(messages["sphere"])
     assert np.isnan(sphere.range_m[0]).all()

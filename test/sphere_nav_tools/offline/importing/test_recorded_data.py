@@ -11,9 +11,9 @@ from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import depth_to_meters, image_to_gray, message_to_sphere, pose_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.importing.kitti import KittiRecording
+from sphere_nav_tools.offline.importing.kitti import open_kitti
 from sphere_nav_tools.offline.importing.recording import body_from_optical
-from sphere_nav_tools.offline.importing.rgbd import DepthCamera, open_seven_scenes, open_tum
+from sphere_nav_tools.offline.importing.rgbd import open_seven_scenes, open_tum
 
 COLOR = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)
 
@@ -43,7 +43,7 @@ def frame(recording, index):
 def test_the_kitchen_fits_its_poses(shared_data):
     """The true motion explains the images, with depth moved into the colour camera better than without."""
     folder = shared_data / "rgbd" / "redkitchen"
-    kinect = DepthCamera(replace(COLOR, fx=585.0, fy=585.0), SE3.exp([-0.025, 0, 0, 0, 0, 0]))
+    kinect = replace(COLOR, fx=585.0, fy=585.0), SE3.exp([-0.025, 0, 0, 0, 0, 0])
     moved = open_seven_scenes(folder, COLOR, kinect, is_truth_of_depth=True)
     one = Pinhole(640, 480, 585.0, 585.0, 320.0, 240.0)
     unmoved = open_seven_scenes(folder, one, None, is_truth_of_depth=True)
@@ -66,9 +66,9 @@ def test_the_pairs_fit_their_poses(shared_data, case):
 
 
 def test_the_car_drives_forward(shared_data):
-    recording = KittiRecording(shared_data / "driving" / "kitti_06")
+    recording = open_kitti(shared_data / "driving" / "kitti_06")
     assert recording.num_frames == 51
-    assert recording.baseline == pytest.approx(0.5371, abs=1e-4)
+    assert recording.views["right"].baseline_m == pytest.approx(0.5371, abs=1e-4)
     poses = [pose_to_se3(dict(recording.frame(index))["ground_truth/pose"].pose) for index in (0, 50)]
     np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-6)
     x, y, z = poses[1].translation

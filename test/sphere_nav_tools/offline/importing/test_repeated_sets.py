@@ -98,9 +98,11 @@ def test_an_asl_folder_of_fisheyes_and_a_truth_with_gaps(tmp_path):
     words = rows[2].split(",")
     write_lines(mav / "mocap0" / "data.csv", [rows[0], rows[1], ",".join([*words[:4], "0", "0", "0", "0"]), rows[3]])
     recording = open_euroc(mav)
-    assert isinstance(recording.cameras[0], Fisheye)
+    assert isinstance(recording.views["left"].camera, Fisheye)
     assert recording.truth_name == "mocap0"
-    between = recording.pairs[1].T_world_left  # the target was out of sight: between the rows before and after
+    between = (
+        recording.instants[1].T_map_link @ T_BODY_OPTICAL
+    )  # the target was out of sight: between the rows before and after
     np.testing.assert_allclose(between.translation, (pose(1) @ T_BODY_LEFT).translation, atol=1e-3)
 
 

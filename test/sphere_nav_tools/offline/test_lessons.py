@@ -1,8 +1,8 @@
-"""A vehicle that learns by itself: drives that are kept, the new version that is judged, and the way back."""
+"""A vehicle that learns by itself: drives that are kept, the copy that is examined, and the way back."""
 
 import shutil
-from collections import Counter
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,26 +13,31 @@ from tf2_msgs.msg import TFMessage
 
 import dense_localizer.key_images as key_images
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.rejections import Rejections
 from dense_localizer.ros.drive_recorder import drives_of
 from dense_localizer.ros.node import DenseLocalizerNode
-from sphere_mapping.experiences.budget import Budget
 from sphere_nav.geometry import SE3
 from sphere_nav.params import build
-from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav.ros.maps.check import verify_map
-from sphere_nav.ros.maps.condensing import count_bytes
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
-from sphere_nav.spheres.condensed import condensed_sphere
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.lessons import learning, versions
-from sphere_nav_tools.offline.lessons.examination import Marks, Placement, localize_key_images
-from sphere_nav_tools.offline.lessons.kept_drives import find_drives
-from sphere_nav_tools.offline.lessons.learning import find_lessons, learn_map, list_drives, take_back
-from sphere_nav_tools.offline.lessons.teaching import Lesson, draw_range, make_sphere, teach
+from sphere_nav_tools.offline import lessons
+from sphere_nav_tools.offline.lessons import (
+    PREVIOUS,
+    KeyImage,
+    beside,
+    count_explained,
+    draw_range,
+    explains,
+    find_lessons,
+    learn_map,
+    list_drives,
+    make_sphere,
+    split_lesson,
+    take_back,
+)
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
 
@@ -136,42 +141,47 @@ def test_the_range_of_an_image_is_that_of_the_map(taught, room):
 def test_a_map_learns_a_light_and_forgets_it_again(campus, capsys):
     before = {file.name: file.read_bytes() for file in campus.iterdir()}
     with open_map(campus) as base:
-        lesson = Lesson.of(list_drives(campus)[1], base.graph)
-    assert len(lesson.taught) < len(lesson.withheld)
+        taught, withheld = split_lesson(list_drives(campus)[1], base.graph)
+    assert len(taught) < len(withheld)
     assert main(["map-learn", str(campus), "--experience", "evening", *SETTINGS]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == f"{campus}: 1 of 1 drives learned"
     assert verify_map(campus) == []
-    (version,) = versions.Versions(campus).earlier
-    assert {file.name: file.read_bytes() for file in version.iterdir()} == before
-    with open_map(version) as old, open_map(campus) as new:
+    previous = beside(campus, PREVIOUS)
+    assert {file.name: file.read_bytes() for file in previous.iterdir()} == before
+    with open_map(previous) as old, open_map(campus) as new:
         assert new.info.map_id == old.info.map_id == "abc"
         for node in old.graph:
             np.testing.assert_array_equal(node.T_map_sphere.matrix, new.graph[node.id].T_map_sphere.matrix)
+            np.testing.assert_array_equal(old.load_sphere(node.id).range_m, new.load_sphere(node.id).range_m)
         added = [node for node in new.graph if node.id not in old.graph.nodes]
-        assert len(added) == len(lesson.taught)
+        assert len(added) == len(taught)
         assert {node.experience.name for node in added} == {"evening"}
         assert {edge.b for edge in new.graph.edges} >= {node.id for node in added}
-        marks = [localize_key_images(reader, lesson.withheld, PARAMS) for reader in (old, new)]
-    assert [one.num_explained for one in marks] == [0, len(lesson.withheld)]
+    assert count_explained((previous, campus), withheld, PARAMS) == [0, len(withheld)]
     assert main(["map-learn", str(campus), *SETTINGS]) == 1  # there is nothing left to learn
     assert main(["map-learn", str(campus), "--back"]) == 0
     assert {file.name: file.read_bytes() for file in campus.iterdir()} == before
     assert main(["map-learn", str(campus), *SETTINGS]) == 1  # what was taken back is not learned again
-    with pytest.raises(BagError, match="expected a version before the present one, found none"):
+    with pytest.raises(BagError, match="expected the map before the present one, found none"):
         take_back(campus)
 
 
-def test_a_version_that_makes_another_drive_worse_is_refused(campus, monkeypatch):
+def see_marks(monkeypatch, *marks):
+    """Say how many images maps explain, one after the other: withheld ones, then those of other drives."""
+    counts = iter(marks)
+    monkeypatch.setattr(lessons, "count_explained", lambda *_: next(counts))
+
+
+def test_a_map_that_makes_another_drive_worse_is_refused(campus, monkeypatch):
     before = (campus / "map.mcap").read_bytes()
-    good, lost = Placement(0.01, 1.0, 0.001, 0.9), Marks((None,))
-    marks = iter([lost, Marks((good,)), Marks((good,)), lost])
-    monkeypatch.setattr(learning, "localize_key_images", lambda *_: next(marks))
+    see_marks(monkeypatch, [0, 1], [1, 0])
     earlier = drives_of(campus) / "19700101_000140.refused"  # its name became free
     earlier.mkdir()
     (earlier / "kept").touch()
-    (told,) = learn_map(campus, PARAMS)
-    assert not told.is_taken
-    assert told.told.endswith("19700101_000001: places 0 of 1 key images, before 1")
+    ((drive, is_taken, told),) = learn_map(campus, PARAMS)
+    assert (drive, is_taken) == ("19700101_000140", False)
+    assert "; 19700101_000001: explains 0 of " in told
+    assert told.endswith(", before 1")
     assert (campus / "map.mcap").read_bytes() == before
     assert sorted(one.name for one in drives_of(campus).iterdir()) == [
         "19700101_000001",
@@ -179,73 +189,25 @@ def test_a_version_that_makes_another_drive_worse_is_refused(campus, monkeypatch
         "19700101_000140.refused",
     ]
     assert [one.name for one in earlier.iterdir()] == ["kept"]
-    assert list(versions.Versions(campus).folder.iterdir()) == [versions.Versions(campus).folder / "lock"]
+    assert sorted(one.name for one in campus.parent.iterdir()) == [campus.name, drives_of(campus).name]
 
 
-def test_a_version_that_explains_no_more_is_refused(campus, monkeypatch):
-    same = Marks((Placement(0.01, 1.0, 0.001, 0.7),))
-    monkeypatch.setattr(learning, "localize_key_images", lambda *_: same)
-    (told,) = learn_map(campus, PARAMS)
-    assert (told.is_taken, told.told) == (False, "explains 0 of 1 withheld images, before 0")
+def test_a_map_that_explains_no_more_is_refused(campus, monkeypatch):
+    see_marks(monkeypatch, [1, 1])
+    ((_, is_taken, told),) = learn_map(campus, PARAMS)
+    assert not is_taken
+    assert told.endswith("withheld images, before 1")
 
 
-def test_rejections_and_a_budget_apply_to_the_new_version(taught, tmp_path):
-    counts = np.zeros((2, 32, 64), np.int64)
-    counts[:, 10:22] = 20
-    counts[1, 12:15] = 0
-    lesson = list_drives(taught)[1]
-    with open_map(taught) as base:
-        taught_images = Lesson.of(lesson, base.graph).taught[:1]
-        number = teach(base, lesson, taught_images, tmp_path / "new", Rejections({0: counts}))
-        assert number == 1
-        teach(base, lesson, taught_images, tmp_path / "small", Rejections(), budget=Budget(1))
-        with open_map(tmp_path / "new") as new:
-            assert new.load_sphere(0).measured.mean() < base.load_sphere(0).measured.mean() - 0.05
-            np.testing.assert_array_equal(new.load_sphere(1).range_m, base.load_sphere(1).range_m)
-        with open_map(tmp_path / "new") as new:
-            sizes = [[count_bytes(new, one, is_condensed) for one in new.graph.nodes] for is_condensed in (False, True)]
-        savings = np.maximum(np.subtract(*sizes), 0.0)
-        budget = Budget(num_bytes=new.num_bytes - 0.5 * savings.sum())
-        teach(base, lesson, taught_images, tmp_path / "condensed", Rejections(), budget=budget)
-    with open_map(tmp_path / "small") as small:
-        assert len(small.graph) < 4
-    with open_map(tmp_path / "condensed") as within, open_map(tmp_path / "new") as new:
-        assert within.graph.nodes.keys() == new.graph.nodes.keys()
-        spheres = [within.load_sphere(sphere_id) for sphere_id in within.graph.nodes]
-        assert any(np.array_equal(condensed_sphere(one).range_m, one.range_m, equal_nan=True) for one in spheres)
-        assert within.num_bytes <= budget.num_bytes
-    for name in ("new", "small", "condensed"):
-        assert verify_map(tmp_path / name) == []
-
-
-def test_what_explains_how_much_of_a_lesson(taught, tmp_path):
-    """New key spheres explain what the map did not; those of the map what they placed."""
-    lesson = list_drives(taught)[1]
-    with open_map(taught) as base:
-        images = Lesson.of(lesson, base.graph).taught[:1]
-        teach(base, lesson, images, tmp_path / "new", Rejections())
-        served = Counter(one.references[0] for one in lesson.images() if one.is_explained)
-        num_others = sum(not one.is_explained for one in lesson.images())
-        assert num_others > 1
-        with open_map(tmp_path / "new") as new:
-            (added,) = new.graph.nodes.keys() - base.graph.nodes.keys()
-            assert new.graph[added].served == num_others
-            shares = sum(served.values()) / (sum(served.values()) + num_others)
-            for node in base.graph:
-                before = node.served if node.served or node.last_served_ns else num_others
-                expected = before + 0.5 * (served[node.id] - shares * before)
-                assert new.graph[node.id].served == pytest.approx(expected, rel=1e-6)
-
-
-@pytest.mark.parametrize("moment", range(8))
-def test_a_death_while_the_map_is_replaced_leaves_a_whole_one(tmp_path, monkeypatch, moment):
-    """As if killed before the n-th change of a name; the next run mends what is left."""
-    folders = [tmp_path / "map", tmp_path / "map.versions" / "next"]
-    for folder, word in zip(folders, ("old", "new"), strict=True):
-        folder.mkdir(parents=True)
+@pytest.mark.parametrize("moment", range(5))
+def test_a_death_while_the_map_is_swapped_leaves_a_whole_one(tmp_path, monkeypatch, moment):
+    """As if killed before the n-th change of a name; `.previous` of a run before may be lost, the map never is."""
+    path, new = tmp_path / "map", tmp_path / "map.next"
+    for folder, word in ((path, "old"), (new, "new"), (tmp_path / "map.previous", "older")):
+        folder.mkdir()
         for name in ("map.mcap", "metadata.yaml"):
             (folder / name).write_text(f"{word} {name}")
-    left, one = [moment], versions.Versions(tmp_path / "map")
+    left = [moment]
 
     def dying(call):
         def step(*arguments, **values):
@@ -257,42 +219,40 @@ def test_a_death_while_the_map_is_replaced_leaves_a_whole_one(tmp_path, monkeypa
         return step
 
     with monkeypatch.context() as patch:
-        patch.setattr(versions.os, "link", dying(versions.os.link))
-        for name in ("mkdir", "rename", "replace", "rmdir"):
-            patch.setattr(versions.Path, name, dying(getattr(versions.Path, name)))
-        try:
-            one.put_next()
-            is_done = True
-        except KeyboardInterrupt:
-            is_done = False
-    word = (tmp_path / "map" / "map.mcap").read_text().split()[0]
-    assert word == ("new" if moment >= 5 else "old")
-    assert is_done == (moment >= 7)
-    with one.locked():
-        texts = [(tmp_path / "map" / name).read_text() for name in ("map.mcap", "metadata.yaml")]
-    assert texts == [f"{word} map.mcap", f"{word} metadata.yaml"]
-    assert not one.next.exists()
-    kept = [(version / "map.mcap").read_text() for version in one.earlier]
-    assert kept == (["old map.mcap"] if word == "new" else [])
+        for name in ("rmtree", "copytree"):
+            patch.setattr(lessons.shutil, name, dying(getattr(lessons.shutil, name)))
+        for name in ("replace", "rmdir"):
+            patch.setattr(lessons.Path, name, dying(getattr(lessons.Path, name)))
+        with pytest.raises(KeyboardInterrupt):
+            lessons.swap(path, new)
+    word = (path / "map.mcap").read_text().split()[0]
+    assert word == ("new" if moment >= 3 else "old")
+    if moment >= 2:
+        assert (tmp_path / "map.previous" / "map.mcap").read_text() == "old map.mcap"
 
 
-def test_only_one_process_makes_a_version(campus):
-    with versions.Versions(campus).locked(), pytest.raises(BagError, match="another process makes a new version"):
-        learn_map(campus, PARAMS)
+@pytest.mark.parametrize(
+    ("off_m", "sigma_m", "ncc", "is_explained"),
+    [
+        (0.09, 0.001, 0.9, True), (0.11, 0.001, 0.9, False),  # 0.1 m, however sure
+        (0.23, 0.02, 0.9, True), (0.25, 0.02, 0.9, False),  # six standard deviations of both
+        (0.01, 0.01, 0.79, False), (0.01, 0.01, 0.8, True), (None, 0.01, 0.9, False), (9.0, 0.01, 0.9, False),
+    ],
+)  # fmt: skip
+def test_an_image_is_explained_where_it_was_and_if_it_looks_like_the_map(off_m, sigma_m, ncc, is_explained):
+    covariance = np.diag([sigma_m**2, *[1e-12] * 5])
+    one = KeyImage(5, np.zeros((2, 2), np.uint8), PINHOLE, SE3.identity(), covariance, (), is_explained=True)
+    at = SE3.from_planar(off_m or 0.0, 0.0, 0.0)
+    candidate = SimpleNamespace(is_accepted=off_m is not None, ncc=ncc, T_map_camera=at, covariance=covariance)
 
+    def relocalize(pose):
+        if off_m == 9.0:
+            raise ValueError("no key sphere near")
 
-def test_what_a_killed_drive_has_left_is_mended(campus, monkeypatch):
-    drive_path = drives_of(campus) / "19700101_000140"
-    torn = drive_path.with_name(drive_path.name + ".partial")
-    drive_path.rename(torn)
-    (torn / "metadata.yaml").unlink()
-    with BagWriter(drives_of(campus) / "living") as living:
-        found = find_drives(campus, "map")
-        assert [one.name for one in found] == ["19700101_000001", "19700101_000140"]
-        assert living.partial.exists()
-        living.discard()
-    assert found[1].explanation.is_lesson
-    assert not torn.exists()
+    localizer = SimpleNamespace(
+        reset=lambda: None, relocalize=relocalize, update=lambda *_: SimpleNamespace(candidate=candidate)
+    )
+    assert explains(localizer, one) == is_explained
 
 
 def test_a_damaged_drive_is_left_out(campus):

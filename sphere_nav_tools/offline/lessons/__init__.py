@@ -1,1 +1,0 @@
-"""New versions of a map, made of the drives that a vehicle has kept beside it."""
