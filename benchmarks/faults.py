@@ -63,7 +63,7 @@ HELD = (  # by a test, where a drive could not show it
 )  # fmt: skip
 NOTE = """\
 F25 (foreign messages) is tested no further: the Fast DDS of the Python wheels is built without security
-([SROS2](on_a_vehicle.md#who-may-drive-it-sros2))."""
+([SROS2](security.md#sros2-each-node-has-its-keys))."""
 PAGE = """\
 # Faults
 

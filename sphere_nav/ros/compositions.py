@@ -9,8 +9,9 @@ What is unknown or impossible is refused before anything starts; `after_exit` sa
 from __future__ import annotations
 
 import math
+import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ TRUE, FALSE = ("true", "True", "yes", "1"), ("false", "False", "no", "0")
 FLAG = (*TRUE, *FALSE)
 TOPIC = re.compile(r"~?/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)  # names as ROS 2 allows them
 NAMESPACE = re.compile(r"/?|/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*/?", re.ASCII)
+SECURITY = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce", "ROS_SECURITY_ENCLAVE_OVERRIDE": ""}
 CANNOT_START = 2  # status of a node that refuses its parameters: a restart changes nothing
 RESTART_AFTER: Mapping[str, float | None] = {  # s from the end of a node to its restart; None: its end ends all
     "command_guard": 0.1,  # a base without a time-out waits for its zero; > 0: an end of all comes first
@@ -70,6 +72,7 @@ class NodeStart:
     topics: Mapping[str, str] = field(default_factory=dict)
     namespace: str = ""
     site: str = ""
+    enclave: str = ""  # of SROS2; empty: without security
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,7 @@ class Composition:
                 raise ValueError(f"{name}: expected a file or folder that exists, found {value!r}")
         if given.get("driver"):
             read_driver(given["driver"])
+        check_enclaves(starts)
         if given.get("site"):
             check_site_file(
                 given["site"], tuple(RESTART_AFTER), [f"/{start.namespace}/{start.node}" for start in starts]
@@ -120,6 +124,19 @@ def after_exit(node: str, status: int, num_restarts: int) -> float | None:
     if delay is None or status in (0, CANNOT_START) or num_restarts >= MAX_RESTARTS:
         raise RuntimeError(f"{node} ended with status {status}; the others end, too")
     return delay
+
+
+def check_enclaves(starts: Sequence[NodeStart]) -> None:
+    """Raise ValueError where a node is to start with its keys, and would start without them or with other ones."""
+    enclaves = [start.enclave for start in starts if start.enclave]
+    for name, expected in SECURITY.items() if enclaves else ():
+        if (found := os.environ.get(name, "")) != expected:
+            wanted = f"{name}={expected}" if expected else f"no {name}"
+            raise ValueError(f"security: expected {wanted}, found {found or 'nothing'!r}")
+    for enclave in enclaves:
+        path = Path(os.environ.get("ROS_SECURITY_KEYSTORE", "")) / f"enclaves{enclave}/permissions.p7s"
+        if not path.is_file():
+            raise ValueError(f"security: expected {path} (sphere_nav keystore makes it), found no such file")
 
 
 def _is(values: Values, name: str) -> bool:
@@ -147,7 +164,8 @@ def _node(
     own = {topic: topic.removeprefix("/") for topic in ABSOLUTE} if namespace else {}
     renamed = {topic: target for topic, target in (topics or {}).items() if target != topic}
     clock = {"use_sim_time": _is(values, "use_sim_time")} if "use_sim_time" in values else {}
-    return NodeStart(name, {**parameters, **clock}, {**own, **renamed}, namespace, values["site"])
+    enclave = f"/{namespace}/{name}".replace("//", "/") if _is(values, "security") else ""
+    return NodeStart(name, {**parameters, **clock}, {**own, **renamed}, namespace, values["site"], enclave)
 
 
 def _camera_topics(values: Values) -> dict[str, str]:
@@ -246,6 +264,7 @@ def _simulation(values: Values) -> list[NodeStart]:
 COMMON = {
     "namespace": Argument("", "of all nodes and topics, where several vehicles share a domain", form=NAMESPACE),
     "site": Argument("", "parameter file for all nodes", is_file=True),
+    "security": Argument("false", "start each node with its keys, which sphere_nav keystore makes (SROS2)", FLAG),
 }
 TIMED = {"use_sim_time": Argument("false", "take the time from /clock", FLAG), **COMMON}
 ODOM = {"odom": Argument("odom", "topic of the odometry", form=TOPIC)}

@@ -82,6 +82,7 @@ def _node(item: NodeStart, prefix: str | None) -> Any:
         namespace=item.namespace,
         parameters=[*([item.site] if item.site else []), dict(item.parameters)],
         remappings=list(item.topics.items()),
+        ros_arguments=["--enclave", item.enclave] if item.enclave else None,
         prefix=prefix,
         sigterm_timeout=LaunchConfiguration("sigterm_timeout", default=str(END_PATIENCE_S)),
         respawn=RESTART_AFTER[item.node] is not None,

@@ -55,6 +55,7 @@ COMMANDS = (
     Subcommand("record", "bags.record", "record topics into a bag"),
     Subcommand("play", "bags.play", "publish the messages of a bag"),
     Subcommand("up", "up", "start nodes that belong together, as ros2 launch does"),
+    Subcommand("keystore", "keystore", "make the keys of nodes that belong together (SROS2)"),
     Subcommand("operate", "operate.operate", "an operator's page: teach, drive, pause, stop, see why it stands"),
     Subcommand("demo", "demo.demo", "teach, map and drive a loop in the simulator"),
     Subcommand("experiment", "experiment.experiment", "repeat a drive or a figure of the papers in the simulator"),

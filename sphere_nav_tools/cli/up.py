@@ -111,6 +111,7 @@ def ros_arguments(start: NodeStart, file: Path) -> list[str]:
     values = {"/**": {"ros__parameters": dict(start.parameters)}}
     file.write_text(yaml.safe_dump(values), encoding="utf-8")
     words = ["--ros-args", *(["-r", f"__ns:=/{start.namespace}"] if start.namespace else [])]
+    words += ["--enclave", start.enclave] if start.enclave else []
     for topic, target in start.topics.items():
         words += ["-r", f"{topic}:={target}"]
     for parameters in (start.site, str(file)):

@@ -120,6 +120,40 @@ def test_what_follows_when_a_node_ends() -> None:
             after_exit(node, status, restarts)
 
 
+def keys(folder: Path, starts: list[NodeStart], monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Make the files of a keystore that are looked for, and set the variables that name it."""
+    files = [folder / f"enclaves{start.enclave}/permissions.p7s" for start in starts]
+    for file in files:
+        file.parent.mkdir(parents=True)
+        file.touch()
+    for name, value in {"KEYSTORE": str(folder), "ENABLE": "true", "STRATEGY": "Enforce"}.items():
+        monkeypatch.setenv(f"ROS_SECURITY_{name}", value)
+    return files
+
+
+def test_no_node_starts_without_its_keys_where_security_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    navigation, given = COMPOSITIONS["navigation"], {"map": "campus", "security": "true", "namespace": "car2"}
+    starts = navigation.starts(given)
+    assert [start.enclave for start in starts] == ["/car2/dense_localizer", "/car2/path_follower"]
+    with pytest.raises(ValueError, match="security: expected ROS_SECURITY_ENABLE=true, found 'nothing'"):
+        navigation.ready(given)
+    files = keys(tmp_path, starts, monkeypatch)
+    assert navigation.ready(given) == starts
+    files[1].unlink()
+    with pytest.raises(ValueError, match=r"expected .*/car2/path_follower/permissions.p7s .*keystore makes it"):
+        navigation.ready(given)
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Permissive")
+    with pytest.raises(ValueError, match="expected ROS_SECURITY_STRATEGY=Enforce, found 'Permissive'"):
+        navigation.ready(given)
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    monkeypatch.setenv("ROS_SECURITY_ENCLAVE_OVERRIDE", "/operator")
+    with pytest.raises(ValueError, match="expected no ROS_SECURITY_ENCLAVE_OVERRIDE, found '/operator'"):
+        navigation.ready(given)
+    assert {start.enclave for start in navigation.starts({"map": "campus"})} == {""}
+
+
 def test_commands_reach_the_base_through_the_guard_alone() -> None:
     topics = {start.node: dict(start.topics) for start in starts("navigation", cmd_vel="base/cmd_vel")}
     assert topics["path_follower"]["cmd_vel"] == "cmd_vel_in"
@@ -128,7 +162,7 @@ def test_commands_reach_the_base_through_the_guard_alone() -> None:
 
 
 @pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
-def test_a_launch_file_starts_what_up_starts(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_launch_file_starts_what_up_starts(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a stand-in for `launch`, which is not in the wheels: what is declared, and the nodes with their values."""
     stand_in: dict[str, Any] = {}
 
@@ -163,12 +197,14 @@ def test_a_launch_file_starts_what_up_starts(path: Path, monkeypatch: pytest.Mon
     values = {item.words[0]: item.default_value for item in declared}
     assert set(values) == set(COMPOSITIONS[name_of(path)].arguments)
     assert all(item.description for item in declared)
-    values |= {key: GIVEN[key] for key in values if values[key] is None}
+    values |= {key: GIVEN[key] for key in values if values[key] is None} | {"security": "true"}
+    keys(tmp_path, COMPOSITIONS[name_of(path)].starts(values), monkeypatch)
     expected = COMPOSITIONS[name_of(path)].starts(values)
     nodes = opaque.function(types.SimpleNamespace(launch_configurations=values))
     assert [(n.executable, n.namespace, n.remappings) for n in nodes] == [
         (start.node, start.namespace, list(start.topics.items())) for start in expected
     ]
+    assert [n.ros_arguments for n in nodes] == [["--enclave", f"/{start.node}"] for start in expected]
     assert [n.parameters[-1] for n in nodes] == [dict(start.parameters) for start in expected]
     assert [n.respawn_delay for n in nodes if n.respawn] == [
         RESTART_AFTER[start.node] for start in expected if RESTART_AFTER[start.node]

@@ -52,11 +52,12 @@ def test_misuse_is_one_line(capsys, words, expected):
 
 
 def test_a_node_gets_its_words(tmp_path):
-    start = NodeStart("mcl_depth", {"cloud": "a.ply"}, {"odom": "wheels"}, "car2", "site.yaml")
+    start = NodeStart("mcl_depth", {"cloud": "a.ply"}, {"odom": "wheels"}, "car2", "site.yaml", "/car2/mcl_depth")
     words = ros_arguments(start, tmp_path / "0.yaml")
     assert words[:3] == ["--ros-args", "-r", "__ns:=/car2"]
-    assert words[3:5] == ["-r", "odom:=wheels"]
-    assert words[5:] == ["--params-file", "site.yaml", "--params-file", str(tmp_path / "0.yaml")]
+    assert words[3:5] == ["--enclave", "/car2/mcl_depth"]
+    assert words[5:7] == ["-r", "odom:=wheels"]
+    assert words[7:] == ["--params-file", "site.yaml", "--params-file", str(tmp_path / "0.yaml")]
     assert "cloud: a.ply" in (tmp_path / "0.yaml").read_text()
 
 
