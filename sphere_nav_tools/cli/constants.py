@@ -9,8 +9,14 @@ ANSWER_S, CONFIRMED_S = 5.0, 2.0  # to wait for the answer to a call; for the st
 STOP_ANSWER_S = 1.0  # the same for an emergency stop
 WITHDRAW_S = 0.5  # from a release of the emergency stop until nobody publishes it any more
 PERIOD_S, PICTURE_S = 0.2, 0.5  # between two looks at what was heard; between two pictures
-ALIVE_S = 1.0  # within which a browser has to answer where the dead-man switch is on
-SILENT_S = 1.5  # s after which what a node said holds no more
+ALIVE_S, ASK_S = 0.4, 0.2  # within which a browser has to answer where the dead-man switch is on; between two questions
+SILENT_S, MISSION_S = 1.5, 3.0  # s after which what a node said holds no more; of a navigator, which says it less often
+
+# Who is let in to a page (test_gate)
+MIN_TOKEN = 8  # characters
+MAX_GUESSES, GUESS_S = 10, 1.0  # wrong tokens of one visitor at once; s until one more is looked at
+MAX_VISITORS = 1000  # whose guesses are remembered
+MAX_HEAD, MAX_OUTSIDE = 32 << 10, 64  # bytes of a request; connections that are not admitted
 
 # A demonstration, and whether it goes on (demo/test_demo, demo/test_watch)
 MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within it)

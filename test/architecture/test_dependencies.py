@@ -29,7 +29,7 @@ THIRD_PARTY = {
     "zstandard": ("zstandard", "python3-zstandard"),
 }
 # imported where it is used, which says what to install; no part of the ROS package
-OPTIONAL = {"distributed", "pye57", "pyproj", "viser"}
+OPTIONAL = {"distributed", "pye57", "pyproj", "viser", "websockets"}
 KNOWN_TO_ROS = ROS | {"ament_index_python", "launch", "launch_ros"}
 
 

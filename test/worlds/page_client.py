@@ -7,20 +7,21 @@ WAIT_S = 10.0
 
 
 class PageClient:
-    """One connection; `storage` outlives it, as that of a browser does."""
+    """One connection, by the link that was printed."""
 
-    def __init__(self, port, storage=None):
+    def __init__(self, link):
         import msgspec
         import viser
         import zstandard
         from websockets.sync.client import connect
 
         self._codec, self._zstd = msgspec.msgpack, zstandard.ZstdDecompressor()
-        self.storage = {} if storage is None else storage
         self.parts, self.is_silent = {}, False  # shown, by uuid; silent: it answers nothing any more
+        self.error = None  # what a browser says that keeps nothing
         self.camera = ()  # where the map is looked at from
-        url, protocols = f"ws://127.0.0.1:{port}", [f"viser-v{viser.__version__}"]
-        self._socket = connect(url, subprotocols=protocols, max_size=None, open_timeout=WAIT_S)
+        url, protocols = link.replace("http:", "ws:"), [f"viser-v{viser.__version__}"]
+        origin = link.rpartition("/")[0]
+        self._socket = connect(url, subprotocols=protocols, origin=origin, max_size=None, open_timeout=WAIT_S)
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
         lens = {"fov": 1.0, "near": 0.01, "far": 1000.0, "image_height": 600, "image_width": 800}
@@ -40,11 +41,9 @@ class PageClient:
 
     def _take(self, message):
         kind = message["type"]
-        if kind == "LocalStorageSetItemMessage":
-            self.storage[message["key"]] = message["value"]
-        elif kind == "LocalStorageGetItemRequestMessage" and not self.is_silent:
-            value, uuid = self.storage.get(message["key"]), message["request_uuid"]
-            self._send("LocalStorageGetItemResponseMessage", request_uuid=uuid, value=value, error=None)
+        if kind == "LocalStorageGetItemRequestMessage" and not self.is_silent:
+            uuid = message["request_uuid"]
+            self._send("LocalStorageGetItemResponseMessage", request_uuid=uuid, value=None, error=self.error)
         elif kind == "SetCameraPositionMessage":
             self.camera = tuple(message["position"])
         elif kind == "GuiRemoveMessage":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import rclpy
@@ -13,12 +13,17 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionClient
-from rclpy.action.graph import get_action_names_and_types
 from rclpy.context import Context
 from rclpy.task import Future
 from sensor_msgs.msg import CompressedImage, Image
 from sphere_nav_msgs.action import Navigate
-from sphere_nav_msgs.msg import FollowerStatus, KeySphereGraph, LocalizationStatus, ReferenceTrajectory
+from sphere_nav_msgs.msg import (
+    FollowerStatus,
+    KeySphereGraph,
+    LocalizationStatus,
+    NavigatorStatus,
+    ReferenceTrajectory,
+)
 from sphere_nav_msgs.srv import LoadMap, LoadTrajectory
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
@@ -27,7 +32,7 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import read_gray
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.node import ThrottledLog
-from sphere_nav_tools.cli.constants import ANSWER_S, CONFIRMED_S, STOP_ANSWER_S, WITHDRAW_S
+from sphere_nav_tools.cli.constants import ANSWER_S, CONFIRMED_S, MISSION_S, STOP_ANSWER_S, WITHDRAW_S
 from sphere_nav_tools.cli.operate.words import Heard, Place, places_of
 
 AT_REST = ("NO_PATH", "IDLE", "STOPPED", "FINISHED")
@@ -37,9 +42,12 @@ EXPECTED = {  # states that confirm a command
     "pause": ("PAUSED",),
     "stop": ("STOPPING", *AT_REST),
 }
-NAVIGATE = "sphere_nav_msgs/action/Navigate"
+GOES_ON = ("WAITING", "STARTING", "DRIVING")  # states in which a mission drives, or will by itself
+CancelGoal = Navigate.Impl.CancelGoalService
+ACTIONS = ("navigate", "navigate_to_pose")  # what a mission is begun by: ours, and that of Nav2
 LOOK_S = 0.02
 TRAIL_STEP_M, MAX_TRAIL = 0.1, 20_000
+Found = TypeVar("Found")
 
 
 class Link:
@@ -53,13 +61,13 @@ class Link:
         self._image_topic, self._num_watching = image_topic, 0
         self._pictures: list[Any] = []
         self._emergency: Any = None
-        self._goal: Any = None
         self._lock = threading.Lock()
         calls = {f"path_follower/{name}": Trigger for name in EXPECTED}
         calls |= {"path_follower/load_trajectory": LoadTrajectory, "dense_localizer/load_map": LoadMap}
         calls |= {"route_navigator/pause": Trigger, "route_navigator/resume": Trigger}
         self._clients = {name: self.node.create_client(kind, name) for name, kind in calls.items()}
-        self._navigators: dict[str, ActionClient] = {}
+        self._cancels = [self.node.create_client(CancelGoal, f"{name}/_action/cancel_goal") for name in ACTIONS]
+        self._navigator = ActionClient(self.node, Navigate, ACTIONS[0])
         self._subscribe()
         failures = CallbackFailures(ThrottledLog(self.node.get_logger()))
         self._executor, self._stopped = GuardedExecutor(failures, context=self._context), Future()
@@ -85,6 +93,7 @@ class Link:
         subscribe(Odometry, "odom", self._on_odometry, qos.SENSOR)
         subscribe(KeySphereGraph, "graph", self._on_graph, qos.LATCHED)
         subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.STATE)
+        subscribe(NavigatorStatus, "route_navigator/status", lambda m: seen.hear("mission", m), qos.LATCHED)
         subscribe(String, "route_navigator/network", self._on_network, qos.LATCHED)
 
     def watch_pictures(self, is_watching: bool) -> None:
@@ -145,16 +154,29 @@ class Link:
 
     # --- what is asked; every answer is one line that a person understands
     def command(self, name: str) -> str:
-        """Ask the follower to start, stop, pause or resume, and wait until its status shows that it did."""
-        mission = self._goal is not None
-        if mission and name == "stop":
-            self._goal.cancel_goal_async()
-        node = "route_navigator" if mission and name in ("pause", "resume") else "path_follower"
-        patience = STOP_ANSWER_S if name == "stop" else ANSWER_S
-        refusal = self.call(f"{node}/{name}", Trigger.Request(), patience)
-        if refusal:
-            return f"{name}: {refusal}"
-        return f"{name}: {self._confirmed(lambda status: status.state in EXPECTED[name])}"
+        """Ask to start, stop, pause or resume, and wait until a status shows that it was done."""
+        if name == "stop":
+            return f"stop: {self._stop()}"
+        is_mission = name in ("pause", "resume") and self._mission_state() != "IDLE"
+        node = "route_navigator" if is_mission else "path_follower"
+        return f"{name}: {self._ask(f'{node}/{name}', EXPECTED[name])}"
+
+    def _stop(self) -> str:
+        """Stop the follower and end every mission, whoever began it; it is done only where both are confirmed."""
+        cancels = self._cancel_missions()
+        told = self._ask("path_follower/stop", EXPECTED["stop"], STOP_ANSWER_S)
+        is_answered = all(self._wait(cancel, STOP_ANSWER_S) is not None for cancel in cancels)
+        if is_answered and self._until(lambda: self._mission_state() not in GOES_ON):
+            return told
+        return f"NOT CONFIRMED by the navigator, the mission may go on: use the button on the vehicle ({told})"
+
+    def _mission_state(self) -> str:
+        mission, age = self.seen.told("mission")
+        return mission.state if age < MISSION_S else "IDLE"
+
+    def _cancel_missions(self) -> list[Future]:
+        """Ask whoever offers missions to cancel every goal (no id, no stamp); return the answers to come."""
+        return [client.call_async(CancelGoal.Request()) for client in self._cancels if client.service_is_ready()]
 
     def load_path(self, path: str) -> str:
         """Ask the follower to take a file."""
@@ -190,8 +212,7 @@ class Link:
         stop = self._clients["path_follower/stop"]
         if stop.service_is_ready():
             stop.call_async(Trigger.Request())
-        if self._goal is not None:
-            self._goal.cancel_goal_async()
+        self._cancel_missions()
         confirmed = self._confirmed(
             lambda status: status.reason == "EMERGENCY_STOP" or (is_standing and status.state in AT_REST)
         )
@@ -221,33 +242,17 @@ class Link:
         """Whether this page holds the emergency stop."""
         return self._emergency is not None
 
-    @property
-    def navigator(self) -> str:
-        """Name of the action that drives to places; empty while nobody offers it."""
-        found = get_action_names_and_types(self.node)
-        return next((name for name, kinds in found if NAVIGATE in kinds), "")
-
     def go(self, place: Place) -> str:
         """Send the vehicle to a place; the answer is that of the navigator."""
-        name = self.navigator
-        if not name:
+        if not self._navigator.server_is_ready():
             return "nobody offers the action navigate: start route_navigator, or load a path"
-        if name not in self._navigators:
-            self._navigators[name] = ActionClient(self.node, Navigate, name)
-        client = self._navigators[name]
-        if not client.wait_for_server(timeout_sec=ANSWER_S):
-            return f"{name} does not answer"
-        goal = Navigate.Goal(place=place.name)
-        handle = self._wait(client.send_goal_async(goal, lambda m: self.seen.hear("mission", m.feedback)), ANSWER_S)
+        handle = self._wait(self._navigator.send_goal_async(Navigate.Goal(place=place.name)), ANSWER_S)
         if handle is None or not handle.accepted:
-            return f"{place.name}: {name} refused" if handle is not None else f"{name} did not answer: NOT KNOWN"
-        self._goal = handle
-        handle.get_result_async().add_done_callback(lambda future: self._on_arrival(place, future))
+            return f"{place.name}: {'refused' if handle is not None else 'no answer: NOT KNOWN whether it was taken'}"
+        handle.get_result_async().add_done_callback(lambda future: self._on_arrival(place, future.result().result))
         return f"{place.name}: on the way"
 
-    def _on_arrival(self, place: Place, future: Any) -> None:
-        self._goal, result = None, future.result().result
-        self.seen.hear("mission", None)
+    def _on_arrival(self, place: Place, result: Navigate.Result) -> None:
         self.seen.say(f"{place.name}: {'arrived' if result.success else result.reason}, {result.distance:.0f} m")
 
     def _wait(self, future: Any, seconds: float) -> Any:
@@ -256,12 +261,24 @@ class Link:
         future.add_done_callback(lambda _: done.set())
         return future.result() if done.wait(seconds) else None
 
+    def _ask(self, name: str, states: tuple[str, ...], patience: float = ANSWER_S) -> str:
+        """Call a service, and return the state of the follower that shows that it was done, or why it was not."""
+        return self.call(name, Trigger.Request(), patience) or self._confirmed(lambda status: status.state in states)
+
     def _confirmed(self, holds: Callable[[Any], bool]) -> str:
         """Wait until the follower says so, after now; return its state and reason, or that it is not confirmed."""
         begin = time.monotonic()
-        while time.monotonic() - begin < CONFIRMED_S:
+
+        def find() -> str:
             status, age = self.seen.told("follower")
-            if status is not None and time.monotonic() - age > begin and holds(status):
-                return f"{status.state} {status.reason}".strip()
+            is_so = status is not None and time.monotonic() - age > begin and holds(status)
+            return f"{status.state} {status.reason}".strip() if is_so else ""
+
+        return self._until(find) or "NOT CONFIRMED by the follower: use the button on the vehicle"
+
+    def _until(self, find: Callable[[], Found]) -> Found:
+        """Wait until something is found, and return it; nothing when the time is over."""
+        begin = time.monotonic()
+        while not (found := find()) and time.monotonic() - begin < CONFIRMED_S:
             time.sleep(LOOK_S)
-        return "NOT CONFIRMED by the follower: use the button on the vehicle"
+        return found

@@ -1,28 +1,27 @@
-"""The page itself: what one browser shows and may press. Without the token it shows a field for the token, and no more.
+"""The page itself: what one browser shows and may press, once the gate has let it in.
 
-Everything is made for each browser by itself (viser's client scope): what a browser without the token sends reaches no
-button, because it has none. viser is imported when the page is made: a vehicle needs none.
+Everything is made for each browser by itself (viser's client scope). What a browser says that it chose is looked up
+among what it was offered, and is never a path.
 """
 
 from __future__ import annotations
 
-import hmac
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any
 
 import cv2
 import numpy as np
 
-from sphere_nav_tools.cli.constants import ALIVE_S, PERIOD_S, PICTURE_S
+from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, PERIOD_S, PICTURE_S
+from sphere_nav_tools.cli.gate import make_server
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.teaching import Teaching
 from sphere_nav_tools.cli.operate.words import Place, banner, ellipse, health, log_of, pieces, way_driven
-from sphere_nav_tools.cli.view.server import colored, make_server
+from sphere_nav_tools.cli.view.server import colored
 
-TOKEN_KEY = "sphere_nav_token"
+ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
 COLORS = {
     "car": (200, 30, 30),
     "old": (140, 140, 140),
@@ -39,13 +38,13 @@ class OperatorPage:
     """Serves any number of browsers until `close`; what one of them presses, all of them see."""
 
     def __init__(self, link: Link, teaching: Teaching, *, host: str, port: int, token: str) -> None:
-        """An empty `token`: none is asked for."""
-        self.link, self.teaching, self._token = link, teaching, token
+        """`token`: of the link to it."""
+        self.link, self.teaching = link, teaching
         self._closed = threading.Event()
-        self.server = make_server("operate", host, port)
+        self.server = make_server("operate", host, port, token)
         self.server.scene.set_up_direction("+z")
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
-        self.server.on_client_connect(self._welcome)
+        self.server.on_client_connect(lambda client: Desk(self, client))
 
     @property
     def port(self) -> int:
@@ -66,38 +65,9 @@ class OperatorPage:
         """Whether a browser is still there."""
         return not self._closed.is_set() and client.client_id in self.server.get_clients()
 
-    def _welcome(self, client: Any) -> None:
-        threading.Thread(target=self._admit, args=(client,), daemon=True).start()
-
-    def _admit(self, client: Any) -> None:
-        """Show the desk where the token is right, or was in this browser before; else ask for it."""
-        if not self._token:
-            Desk(self, client)
-            return
-        with suppress(RuntimeError, TimeoutError):  # a browser that has left, or that keeps nothing
-            if self._is_right(client.local_storage.get_item(TOKEN_KEY, timeout=ALIVE_S)):
-                Desk(self, client)
-                return
-        text = client.gui.add_markdown("This page needs the token that `sphere_nav operate` has printed.")
-        field = client.gui.add_text("token", "")
-        enter = client.gui.add_button("enter")
-
-        @enter.on_click
-        def _(_: Any) -> None:
-            if not self._is_right(field.value):
-                text.content = "That is not the token."
-                return
-            client.local_storage.set_item(TOKEN_KEY, field.value)
-            for part in (text, field, enter):
-                part.remove()
-            Desk(self, client)
-
-    def _is_right(self, found: str | None) -> bool:
-        return hmac.compare_digest((found or "").strip().encode(), self._token.encode())
-
 
 class Desk:
-    """What one browser with the token shows, and the thread that keeps it up to date until the browser leaves."""
+    """What one browser shows, and the thread that keeps it up to date until the browser leaves."""
 
     def __init__(self, page: OperatorPage, client: Any) -> None:
         self.page, self.client, self.link, self.teaching = page, client, page.link, page.teaching
@@ -115,7 +85,8 @@ class Desk:
             self._add_camera()
         with tabs.add_tab("health"):
             self._health = client.gui.add_html(health(self.link.seen))
-        threading.Thread(target=self._live, daemon=True).start()
+        for work in (self._live, self._watch):
+            threading.Thread(target=work, daemon=True).start()
 
     # --- what stands on it
     def _add_stops(self) -> None:
@@ -173,9 +144,8 @@ class Desk:
             self.link.seen.say(str(error))
 
     def _load_path(self) -> str:
-        if self._path.value == NO_PATH:
-            return f"path: expected a file in {self.teaching.folder}, found none: teach one, or put one there"
-        return self.link.load_path(str(self.teaching.folder / self._path.value))
+        path = self.teaching.path_of(self._path.value)
+        return self.link.load_path(str(path)) if path else f"path: expected one in {self.teaching.folder}, found none"
 
     def _go(self) -> str:
         chosen = next((place for place in self._places if place.name == self._place.value), None)
@@ -183,41 +153,52 @@ class Desk:
 
     def _use(self) -> str:
         name = self._recorded.value
-        made = self.teaching.folder / f"{name}_map"
-        if not made.is_dir():
-            return f"{name}: expected its map, found none: make it first"
+        made, path = self.teaching.map_of(name), self.teaching.path_of(f"{name}.tum")
+        if made is None:
+            return f"map: expected one in {self.teaching.folder}, found none: make it first"
         told = self.link.load_map(str(made))
-        path = self.teaching.folder / f"{name}.tum"
-        return f"{told}; {self.link.load_path(str(path))}" if path.exists() else told
+        return f"{told}; {self.link.load_path(str(path))}" if path else told
 
     # --- what changes by itself
     def _live(self) -> None:
-        """Show what is new until the browser leaves; a dead-man switch then stops the vehicle, nothing else does."""
-        picture_s = alive_s = 0.0
+        """Show what is new until the browser leaves."""
+        picture_s = 0.0
         try:
             while self.page.has(self.client):
                 self._show()
                 if self._shows_pictures.value and time.monotonic() - picture_s > PICTURE_S:
                     picture_s = time.monotonic()
                     self._show_pictures()
-                if self._is_watched.value and time.monotonic() - alive_s > 0.5 * ALIVE_S:
-                    alive_s = time.monotonic()
-                    self._ask_for_life()
                 time.sleep(PERIOD_S)
         except RuntimeError:
             pass  # it has left
         finally:
             if self._shows_pictures.value:
                 self.link.watch_pictures(False)
-            if self._is_watched.value and not self.page.is_closed:
-                self._do(lambda: f"dead-man switch: the page is lost: {self.link.command('stop')}")
 
-    def _ask_for_life(self) -> None:
-        """Ask the browser something that only a page that lives can answer; stop where it does not."""
+    def _watch(self) -> None:
+        """Press the emergency stop when the page is lost while its dead-man switch is on: once, until it lives again.
+
+        An ordinary stop would brake too gently.
+        """
+        was_lost = has_left = False
+        while not (has_left or self.page.is_closed):
+            has_left = not self.page.has(self.client)
+            is_lost = self._is_watched.value and (has_left or not self._lives())
+            if is_lost and not was_lost:
+                self._do(lambda: f"dead-man switch: the page is lost: {self.link.press_emergency()}")
+            was_lost = is_lost
+            time.sleep(ASK_S)
+
+    def _lives(self) -> bool:
+        """Whether the browser answers what only a page that lives can answer."""
         try:
-            self.client.local_storage.get_item(TOKEN_KEY, timeout=ALIVE_S)
+            self.client.local_storage.get_item(ALIVE_KEY, timeout=ALIVE_S)
         except TimeoutError:
-            self._do(lambda: f"dead-man switch: the page is silent for {ALIVE_S:g} s: {self.link.command('stop')}")
+            return False
+        except RuntimeError:  # it has left, or keeps nothing and says so
+            return self.page.has(self.client)
+        return True
 
     def _show(self) -> None:
         seen = self.link.seen

@@ -1,7 +1,11 @@
-"""Record a drive and make a map of it, by the programs that a user types, as processes that end with this one."""
+"""Record a drive and make a map of it, by the programs that a user types, as processes that end with this one.
+
+The folder is a wall: only what lies in it, links followed, is offered or found; nothing is told of anything else.
+"""
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import subprocess
@@ -25,7 +29,7 @@ class Teaching:
 
     def __init__(self, folder: Path, record: Sequence[str], mapping: Sequence[str]) -> None:
         """`record`: words for bag_recorder after its output; `mapping`: more words for `sphere_nav map`."""
-        self.folder, self._record, self._mapping = folder, tuple(record), tuple(mapping)
+        self.folder, self._record, self._mapping = folder.resolve(), tuple(record), tuple(mapping)
         self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
         self._process: subprocess.Popen[bytes] | None = None
         self._job, self.name, self._begun = "", "", 0.0
@@ -34,7 +38,7 @@ class Teaching:
         """Return why a drive cannot have this name; empty where it can."""
         if not NAME.fullmatch(name):
             return f"name: expected letters, digits, _ and -, found {name[:64]!r}"
-        taken = [path.name for path in self._made(name) if path.exists()]
+        taken = [path.name for path in self._made(name) if os.path.lexists(path)]
         return f"name: expected a new one, found {taken[0]} in {self.folder}" if taken else ""
 
     def record(self, name: str) -> str:
@@ -54,9 +58,9 @@ class Teaching:
 
     def map(self, name: str) -> str:
         """Make a map of a recorded drive."""
-        bag, made, taught = self._made(name) if NAME.fullmatch(name) else (Path(), Path(), Path())
-        if self.busy or not (bag.is_dir() and NAME.fullmatch(name)):
-            return self.busy or f"{name[:64]}: expected a recorded drive in {self.folder}, found none"
+        if self.busy or name not in self.drives:
+            return self.busy or f"drive: expected a recorded one in {self.folder}, found none"
+        bag, made, taught = self._made(name)
         words = ["map", str(bag), "-o", str(made), "--taught", str(taught), *self._mapping]
         return self._start("mapping", name, python_command(MAPPING, *words))
 
@@ -69,13 +73,28 @@ class Teaching:
     @property
     def drives(self) -> list[str]:
         """Names of what was recorded here, and is complete."""
-        bags = (path.parent.name for path in self.folder.glob("*/*.mcap") if path.name != "map.mcap")
-        return sorted(name for name in set(bags) if not name.endswith(PARTIAL))
+        bags = {path.parent for path in self.folder.glob("*/*.mcap") if path.name != "map.mcap"}
+        return sorted(path.name for path in bags if NAME.fullmatch(path.name) and self._holds(path))
 
     @property
     def paths(self) -> list[str]:
         """Names of the files here that a path can be in."""
-        return sorted(path.name for path in self.folder.iterdir() if path.suffix in PATHS and path.is_file())
+        found = (path for path in self.folder.iterdir() if path.suffix in PATHS and path.is_file())
+        return sorted(path.name for path in found if self._holds(path))
+
+    def path_of(self, name: str) -> Path | None:
+        """Return the file of a path; None for a name that is not offered."""
+        return self.folder / name if name in self.paths else None
+
+    def map_of(self, drive: str) -> Path | None:
+        """Return the map of a drive; None where there is none."""
+        made = self._made(drive)[1]
+        return made if drive in self.drives and made.is_dir() and self._holds(made) else None
+
+    def _holds(self, path: Path) -> bool:
+        """Whether a file, or a folder with all that is in it, lies here, links followed."""
+        is_here = Path(os.path.realpath(path)).is_relative_to(self.folder)
+        return is_here and all(self._holds(part) for part in path.glob("*"))
 
     def describe(self) -> str:
         """Return in one line what is going on, or how it ended."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry.files.untrusted import load_json, number
-from sphere_nav_tools.cli.constants import SILENT_S
+from sphere_nav_tools.cli.constants import MISSION_S, SILENT_S
 
 MAX_TOLD = 8  # lines of the log that are shown
 MAX_DRAWN = 2000  # points of a line on the map
@@ -82,8 +82,8 @@ def banner(seen: Heard) -> str:
     status, age = seen.told("follower")
     if status is not None and age <= SILENT_S:
         rows.append(f"<div>{status.progress:.1f} m driven, {status.distance_to_end:.1f} m to the end</div>")
-    mission, _ = seen.told("mission")
-    if mission is not None:
+    mission, age = seen.told("mission")
+    if age < MISSION_S and mission.state != "IDLE":
         left = f"{mission.distance_remaining:.0f} m, {mission.time_remaining:.0f} s to {mission.next_place}"
         rows.append(f"<div>mission: {escape(mission.state)} on {escape(mission.edge)}, {escape(left)}</div>")
     return f'<div style="padding:0 1em;font-size:0.9em">{"".join(rows)}</div>'

@@ -20,6 +20,7 @@ from sphere_nav.spheres.graph import Experience, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
+from sphere_nav_tools.cli.gate import make_server
 from sphere_nav_tools.cli.view.drive import Shot
 
 SIDE, BORDER = 300, 20  # px
@@ -67,32 +68,10 @@ class Minimap:
         return picture
 
 
-INSTALL = "pip install 'viser>=1.1,<2'"
 MAX_SIDE = 800  # px, of a view; the browser enlarges it
 FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
 IDLE_S = 0.5
 ANY_LOOK = "the nearest key spheres"
-
-
-def import_viser(command: str = "view") -> Any:
-    """Return the module; ValueError with what to type where it is missing."""
-    try:
-        import viser
-    except ImportError:
-        raise ValueError(f"{command}: expected the package viser, found none: {INSTALL}") from None
-    return viser
-
-
-def make_server(command: str, host: str, port: int) -> Any:
-    """Return a server of pages that stays on this machine, or in its network."""
-    viser = import_viser(command)
-
-    class Server(viser.ViserServer):  # type: ignore[name-defined]
-        def request_share_url(self, verbose: bool = True) -> str | None:
-            """Refuse: no page goes through a tunnel of others because a browser asks for it."""
-            return None
-
-    return Server(host=host, port=port, label=f"sphere_nav {command}", verbose=False)
 
 
 class Page:
@@ -107,12 +86,13 @@ class Page:
         *,
         host: str,
         port: int,
+        token: str,
     ) -> None:
         """`experience`: the look of the map that browsers are shown first; None: the nearest key spheres of any."""
         self._first = experience
         self._graph, self._scene, self._minimap = graph, scene, Minimap(graph)
         self._closed = threading.Event()
-        self.server = make_server("view", host, port)
+        self.server = make_server("view", host, port, token)
         self.server.scene.set_up_direction("+z")
         initial = self.server.initial_camera
         initial.position, initial.look_at, initial.up = start.translation, look_at(start), (0.0, 0.0, 1.0)

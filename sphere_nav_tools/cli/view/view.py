@@ -15,8 +15,9 @@ from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.graph import Experience
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
+from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.view.drive import Drive
-from sphere_nav_tools.cli.view.server import Page, encoded, import_viser, shown
+from sphere_nav_tools.cli.view.server import Page, encoded, shown
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.settings import add_settings
 
@@ -41,8 +42,7 @@ ENDINGS = (".png", ".jpg")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("map", type=Path, metavar="MAP", help="map made by `sphere_nav map`")
-    parser.add_argument("--host", default="127.0.0.1", help="address to serve at (%(default)s: this machine only)")
-    parser.add_argument("--port", type=int, default=8080, help="port, or the next free one (%(default)s)")
+    gate.add_options(parser, port=8080)
     parser.add_argument("--memory", type=float, default=500.0, metavar="MB", help="of key spheres kept (%(default)g)")
     parser.add_argument("--pose", metavar="x,y,z,yaw[,pitch,roll]", help="where to begin, m and degrees")
     parser.add_argument("--sphere", type=int, metavar="ID", help="begin at a key sphere (the first one)")
@@ -129,11 +129,12 @@ def write_view(scene: Scene, T_map_camera: SE3, arguments: argparse.Namespace) -
 
 def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Namespace) -> int:
     """Show the page until interrupted; with a drive, localise and show it."""
-    import_viser()
+    gate.import_viser("view")
+    token = gate.token_for(arguments.token)
     drive = Drive(arguments, reader) if arguments.bag else None
     shown_first = find_experience(scene, arguments.experience)
-    page = Page(reader.graph, scene, start, shown_first, host=arguments.host, port=arguments.port)
-    print(f"http://{arguments.host}:{page.port}  (Ctrl-C ends it)", flush=True)
+    page = Page(reader.graph, scene, start, shown_first, host=arguments.host, port=arguments.port, token=token)
+    print(f"{gate.link_to(arguments.host, page.port, token)}  (Ctrl-C ends it)", flush=True)
     try:
         if drive is not None:
             replay_drive(drive, page)

@@ -1,4 +1,4 @@
-"""`sphere_nav operate`: when a token is asked for, and misuse in one line."""
+"""`sphere_nav operate`: misuse in one line."""
 
 import sys
 
@@ -7,21 +7,6 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.cli.operate.operate import token_for
-
-
-@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1"])
-def test_this_machine_needs_no_token_unless_one_is_given(host):
-    assert token_for(host, "") == ""
-    assert token_for(host, "a long one") == "a long one"
-
-
-@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.5", "::", "vehicle"])
-def test_others_need_one_that_nobody_guesses(host):
-    first, second = token_for(host, ""), token_for(host, "")
-    assert min(len(first), len(second)) >= 20
-    assert first != second
-    assert token_for(host, "a long one") == "a long one"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The page over DDS and websocket: token, commands and who confirms them, reload, two pages, dead-man switch."""
+"""The page over DDS and websocket: commands and who confirms them, missions, two pages, dead-man switch, the folder."""
 
 import threading
 import time
@@ -10,12 +10,15 @@ pytest.importorskip("viser", reason="optional: pip install viser")
 pytest.importorskip("rclpy")
 
 import rclpy
+from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rclpy.action import ActionServer
+from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future as RclpyFuture
 from sphere_nav_msgs.action import Navigate
-from sphere_nav_msgs.msg import FollowerStatus
+from sphere_nav_msgs.msg import FollowerStatus, NavigatorStatus
 from sphere_nav_msgs.srv import LoadTrajectory
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
@@ -24,6 +27,7 @@ from path_follower.routes.building import TaughtDrive, build_network, even_curve
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import to_geojson
 from sphere_nav.ros import qos
+from sphere_nav_tools.cli.gate import link_to
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.page import OperatorPage
 from sphere_nav_tools.cli.operate.teaching import Teaching
@@ -33,6 +37,7 @@ from worlds.page_client import WAIT_S, PageClient
 
 TOKEN = "a token of the yard"
 SWITCH = "stop the vehicle when this page is lost (dead-man switch)"
+SERVICES = ("start", "stop", "pause", "resume", "load_trajectory")
 STATES = {"start": "DRIVING", "resume": "DRIVING", "pause": "PAUSED", "stop": "STOPPED"}
 
 
@@ -93,6 +98,7 @@ def yard(tmp_path_factory):
     (folder / "loop.csv").write_text("0,0\n9,0\n")
     follower, link = FakeFollower(), Link()
     page = OperatorPage(link, Teaching(folder, [], []), host="127.0.0.1", port=8960, token=TOKEN)
+    wait_until(lambda: all(link._clients[f"path_follower/{name}"].service_is_ready() for name in SERVICES))
     yield follower, link, page
     page.close()
     link.close()
@@ -111,11 +117,11 @@ def follower(yard):
 
 @pytest.fixture
 def enter(yard):
-    """Return how a browser comes in, with the token in its storage."""
+    """Return how a browser comes in."""
     clients = []
 
-    def come(storage=None):
-        clients.append(PageClient(yard[2].port, {"sphere_nav_token": TOKEN} if storage is None else storage))
+    def come():
+        clients.append(PageClient(link_to("127.0.0.1", yard[2].port, TOKEN)))
         return clients[-1]
 
     yield come
@@ -130,24 +136,11 @@ def wait_until(holds):
         time.sleep(0.02)
 
 
-def test_without_the_token_there_is_nothing_to_press(follower, enter):
-    stranger = enter({})
-    stranger.set("token", "a token of the yarn")
-    stranger.click("enter")
-    stranger.wait_for("That is not the token.")
-    operator = enter()
-    operator.wait_for("EMERGENCY STOP")
-    stranger.forge(operator.find("start"), True)
-    stranger.forge(operator.find("EMERGENCY STOP"), True)
-    time.sleep(0.5)
-    assert (follower.state, follower.emergency) == ("IDLE", [])
-    for words in ("EMERGENCY", "IDLE", "loop.csv"):
-        assert words not in stranger.text()
-    stranger.set("token", TOKEN)
-    stranger.click("enter")
-    stranger.wait_for("EMERGENCY STOP")
-    assert stranger.storage == {"sphere_nav_token": TOKEN}
-    assert stranger.find("enter") is None
+def test_without_the_token_nobody_is_heard(yard, follower):
+    from websockets.exceptions import InvalidStatus
+
+    with pytest.raises(InvalidStatus, match="403"):
+        PageClient(link_to("127.0.0.1", yard[2].port, "a token of the yarn"))
 
 
 def test_commands_are_confirmed_by_the_node(follower, enter):
@@ -192,27 +185,34 @@ def test_a_page_that_is_closed_or_reloaded_changes_nothing_and_two_pages_see_the
     first.close()
     time.sleep(0.5)
     assert follower.state == "DRIVING"
-    again = enter(first.storage)
+    again = enter()
     again.wait_for("start: DRIVING")
     again.click("pause")
     second.wait_for("pause: PAUSED")
 
 
-@pytest.mark.parametrize("is_silent", [False, True], ids=["closed", "frozen"])
-def test_with_the_dead_mans_switch_a_lost_page_stops_the_vehicle(follower, enter, is_silent):
+@pytest.mark.parametrize("is_silent", [False, True], ids=["closed", "hung"])
+def test_with_the_dead_mans_switch_a_lost_page_presses_the_emergency_stop_within_seven_tenths(
+    yard, follower, enter, is_silent
+):
     page = enter()
     page.click("start")
     page.wait_for("start: DRIVING")
     page.set(SWITCH, True)
+    page.error = "this browser keeps nothing"  # an answer, too
     time.sleep(1.5)
     assert follower.state == "DRIVING"  # a page that lives may go on
+    begin = time.monotonic()
     page.is_silent = is_silent
     if not is_silent:
         page.close()
-    wait_until(lambda: follower.state == "STOPPED")
-    if is_silent:
-        page.set(SWITCH, False)
-        time.sleep(1.2)  # what it was asked last
+    wait_until(lambda: follower.reason == "EMERGENCY_STOP")
+    assert time.monotonic() - begin < 0.75  # 1.2 s, less what the brakes take
+    assert "released" in yard[1].release_emergency()
+    follower.state = "DRIVING"  # by another page
+    time.sleep(1.2)
+    assert follower.state == "DRIVING"  # it is pressed once
+    page.is_silent = False
 
 
 def test_the_emergency_stop_is_published_while_it_is_pressed_and_stays_so_when_pressed_twice(yard, follower, enter):
@@ -254,30 +254,140 @@ def test_a_follower_that_says_nothing_confirms_nothing(yard, follower, monkeypat
     assert "nobody offers dense_localizer/load_map" in yard[1].load_map("campus")
 
 
+class FakeNavigator:
+    """Offers missions, as route_navigator does; they last until they are cancelled or `end`."""
+
+    def __init__(self, follower):
+        self.node, self.asked, self.goal = follower.node, [], None
+        self.does_cancel, self.state = True, "IDLE"
+        options = {"cancel_callback": self.cancel, "callback_group": ReentrantCallbackGroup()}
+        self.server = ActionServer(self.node, Navigate, "navigate", self.drive, **options)
+        self.status = self.node.create_publisher(NavigatorStatus, "route_navigator/status", qos.LATCHED)
+        self.tell("IDLE")
+
+    def tell(self, state):
+        self.state = state
+        self.status.publish(NavigatorStatus(state=state, edge="4", next_place="gate", distance_remaining=3.0))
+
+    async def drive(self, handle):
+        self.asked.append(handle.request.place)
+        self.goal = RclpyFuture()
+        self.tell("DRIVING")
+        success = await self.goal
+        handle.succeed() if success else handle.canceled()
+        self.tell("IDLE")
+        return Navigate.Result(success=success, reason="" if success else "canceled", distance=12.0)
+
+    def cancel(self, _):
+        if not self.does_cancel:
+            return CancelResponse.REJECT
+        self.goal.set_result(False)
+        return CancelResponse.ACCEPT
+
+    def close(self):
+        self.server.destroy()
+        self.node.destroy_publisher(self.status)
+
+
+@pytest.fixture
+def navigator(yard, follower):
+    link = yard[1]
+    navigator = FakeNavigator(follower)
+    wait_until(lambda: link._navigator.server_is_ready() and link._cancels[0].service_is_ready())
+    wait_until(lambda: link._mission_state() == "IDLE" and link.seen.told("mission")[0] is not None)
+    yield navigator
+    navigator.close()
+    wait_until(lambda: not link._cancels[0].service_is_ready())
+    link.seen.hear("mission", NavigatorStatus(state="IDLE"))
+
+
+@pytest.fixture
+def command_line():
+    """Another client of the navigator."""
+    context = Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("command_line", context=context)
+    client, executor = ActionClient(node, Navigate, "navigate"), SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    yield client
+    executor.shutdown()
+    thread.join(WAIT_S)
+    client.destroy()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
 def test_a_place_of_the_network_is_driven_to_by_the_navigator(yard, follower):
-    link, asked = yard[1], []
+    link = yard[1]
     line = np.column_stack([np.linspace(0.0, 20.0, 201), np.zeros(201)])
     network = build_network([TaughtDrive(even_curve(*line.T, np.zeros(201), np.ones(201)))], "yard")
     network = network.with_place("gate", Spot(next(iter(network.edges)), 12.0))
     assert "nobody offers the action navigate" in link.go(Place("gate", 12.0, 0.0))
-
-    def drive(handle):
-        asked.append(handle.request.place)
-        handle.publish_feedback(Navigate.Feedback(next_place="gate", distance_remaining=3.0))
-        handle.succeed()
-        return Navigate.Result(success=True, distance=12.0)
-
-    server = ActionServer(follower.node, Navigate, "navigate", drive)
+    navigator = FakeNavigator(follower)
     shown = follower.node.create_publisher(String, "route_navigator/network", qos.LATCHED)
     shown.publish(String(data=to_geojson(network, is_dense=False)))
-    wait_until(lambda: link.navigator and link.seen.told("places")[0])
+    wait_until(lambda: link._navigator.server_is_ready() and link.seen.told("places")[0])
     place = next(place for place in link.seen.told("places")[0] if place.name == "gate")
     assert place[1:] == pytest.approx((12.0, 0.0), abs=0.1)
     assert link.go(place) == "gate: on the way"
+    wait_until(lambda: link._mission_state() == "DRIVING")
+    assert "nobody offers route_navigator/pause" in link.command("pause")  # the mission's, not the follower's
+    navigator.goal.set_result(True)
     wait_until(lambda: any("gate: arrived, 12 m" in line for line in link.seen.lines))
-    assert asked == ["gate"]
-    server.destroy()
+    assert navigator.asked == ["gate"]
+    navigator.close()
     follower.node.destroy_publisher(shown)
+    wait_until(lambda: not link._cancels[0].service_is_ready())
+
+
+def test_stop_ends_a_mission_that_the_command_line_has_begun(yard, follower, navigator, command_line):
+    command_line.wait_for_server(WAIT_S)
+    sent = command_line.send_goal_async(Navigate.Goal(place="gate"))
+    wait_until(lambda: navigator.asked == ["gate"] and sent.done())
+    ended = sent.result().get_result_async()
+    follower.state = "DRIVING"
+    assert yard[1].command("stop") == "stop: STOPPED"
+    wait_until(ended.done)
+    assert (ended.result().status, ended.result().result.reason) == (GoalStatus.STATUS_CANCELED, "canceled")
+
+
+def test_stop_is_confirmed_only_where_follower_and_navigator_both_have_stopped(
+    yard, follower, navigator, command_line, monkeypatch
+):
+    monkeypatch.setattr("sphere_nav_tools.cli.operate.link.CONFIRMED_S", 0.3)
+    command_line.wait_for_server(WAIT_S)
+    command_line.send_goal_async(Navigate.Goal(place="gate"))
+    wait_until(lambda: yard[1]._mission_state() == "DRIVING")
+    navigator.does_cancel = False
+    told = yard[1].command("stop")
+    assert told.startswith("stop: NOT CONFIRMED by the navigator")
+    assert told.endswith("(STOPPED)")
+    navigator.does_cancel = True
+    follower.refusal = "the vehicle is deaf"
+    assert yard[1].command("stop") == "stop: the vehicle is deaf"
+    wait_until(lambda: navigator.state == "IDLE")  # what can be stopped is stopped
+
+
+def test_nothing_out_of_the_folder_is_loaded_and_nothing_is_told_of_it(yard, follower, enter, tmp_path):
+    folder, page = yard[2].teaching.folder, enter()
+    (tmp_path / "secret.csv").write_text("0,0\n9,0\n")
+    (folder / "link.csv").symlink_to(tmp_path / "secret.csv")
+    (folder / "up").symlink_to(tmp_path)
+    page.wait_for("load path")
+    asked, told = len(follower.loaded), set()
+    there = [str(tmp_path / "secret.csv"), "link.csv", "up/secret.csv", f"../{folder.name}/loop.csv", "/etc/passwd"]
+    for name in (*there, "no.csv", "/no.csv", "up/no.csv", "../no.csv", "", ".", "a\0b", "x" * 5000):
+        yard[1].seen.lines.clear()
+        page.forge(page.find("path"), name)
+        page.click("load path")
+        wait_until(lambda: yard[1].seen.lines)
+        told.add(yard[1].seen.lines[0].partition(" ")[2])
+    assert told == {f"path: expected one in {folder}, found none"}
+    assert len(follower.loaded) == asked
+    (folder / "link.csv").unlink()
+    (folder / "up").unlink()
 
 
 def test_in_a_browser_it_is_driven_by_the_mouse_and_the_emergency_stop_stays_in_sight(yard, follower):
@@ -287,9 +397,8 @@ def test_in_a_browser_it_is_driven_by_the_mouse_and_the_emergency_stop_stays_in_
     browser = Browser(program)
     try:
         browser.call("Page.navigate", url=f"http://127.0.0.1:{yard[2].port}")
-        wait_until(lambda: "needs the token" in browser.text())
-        wait_until(lambda: browser.fill(TOKEN))
-        wait_until(lambda: browser.click("enter") or "EMERGENCY" in browser.text())
+        wait_until(lambda: "needs its token" in browser.text())
+        browser.call("Page.navigate", url=link_to("127.0.0.1", yard[2].port, TOKEN))
         wait_until(lambda: browser.text().count("EMERGENCY STOP") == 2)
         assert browser.click("teach", "[role=tab]")  # scrolls the panel down
         wait_until(lambda: browser.click("localise in its map"))

@@ -21,7 +21,7 @@ from sphere_nav.ros import qos
 from sphere_nav_tools.cli.demo.processes import node_command
 from worlds.browser import Browser, find_browser
 
-PORT = "8971"
+PORT, TOKEN = "8971", "of_the_yard"
 COMMAND = (sys.executable, "-c", "import sys; from sphere_nav_tools.cli.main import main; sys.exit(main(sys.argv[1:]))")
 STRAIGHT = {"mode": "teach", "path": "straight", "seed": 5, "camera.period": 0.0, "clock.max_wait": 0.0}
 
@@ -95,10 +95,21 @@ def is_taught():
 def test_a_drive_is_taught_and_driven_again_by_clicks_alone(operator, tmp_path, is_taught):
     maps = tmp_path / "maps"
     maps.mkdir()
-    operator.run(*COMMAND, "operate", "--folder", str(maps), "--port", PORT, "--record", "sphere odom /tf_static")
+    operator.run(
+        *COMMAND,
+        "operate",
+        "--folder",
+        str(maps),
+        "--port",
+        PORT,
+        "--token",
+        TOKEN,
+        "--record",
+        "sphere odom /tf_static",
+    )
     time.sleep(5.0)
     operator.browser = Browser(find_browser())
-    operator.browser.call("Page.navigate", url=f"http://127.0.0.1:{PORT}")
+    operator.browser.call("Page.navigate", url=f"http://127.0.0.1:{PORT}/{TOKEN}")
     operator.wait_for("EMERGENCY STOP", 120.0)
     operator.click("teach", "[role=tab]")
     time.sleep(1.0)

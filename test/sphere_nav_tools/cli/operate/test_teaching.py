@@ -77,3 +77,32 @@ def test_paths_are_the_files_that_a_follower_reads(desk):
     for name in ("b.tum", "a.csv", "c.geojson", "d.txt"):
         (desk.folder / name).write_text("")
     assert desk.paths == ["a.csv", "b.tum", "c.geojson"]
+
+
+def test_what_leads_out_of_the_folder_is_not_there(desk, tmp_path_factory):
+    there = tmp_path_factory.mktemp("there")
+    (there / "drive").mkdir()
+    (there / "drive" / "a.mcap").write_bytes(b"")
+    (there / "way.csv").write_text("0,0\n")
+    for name in ("home", "home_map", "half", "twice"):
+        (desk.folder / name).mkdir()
+    (desk.folder / "home" / "a.mcap").write_bytes(b"")
+    (desk.folder / "home_map" / "map.mcap").write_bytes(b"")
+    (desk.folder / "home.tum").write_text("")
+    (desk.folder / "same.tum").symlink_to(desk.folder / "home.tum")
+    (desk.folder / "away").symlink_to(there / "drive")
+    (desk.folder / "away.csv").symlink_to(there / "way.csv")
+    (desk.folder / "half" / "a.mcap").symlink_to(there / "drive" / "a.mcap")
+    (desk.folder / "twice" / "a.mcap").write_bytes(b"")
+    (desk.folder / "twice_map").symlink_to(there)
+    (desk.folder / "ring").symlink_to("ring")
+    assert (desk.drives, desk.paths) == (["home", "twice"], ["home.tum", "same.tum"])
+    assert desk.path_of("same.tum") == desk.folder / "same.tum"
+    assert (desk.map_of("home"), desk.map_of("twice")) == (desk.folder / "home_map", None)
+    refused = {desk.map(name) for name in ("away", "half", "none", str(there / "drive"), "away/..", "..", "a\0b")}
+    assert refused == {f"drive: expected a recorded one in {desk.folder}, found none"}
+    for name in ("away.csv", str(there / "way.csv"), "../way.csv", "home/../home.tum", "none.csv", "."):
+        assert desk.path_of(name) is None
+        assert desk.map_of(name) is None
+    (desk.folder / "gone_map").symlink_to(there / "nothing")
+    assert "found gone_map in" in desk.record("gone")  # the link is ours, wherever it leads

@@ -37,8 +37,8 @@ def test_state_reason_and_remedy_are_told_and_what_is_old_is_unknown(monkeypatch
     assert "OFF_PATH 1.25, limit 1" in text
     assert "bring it &lt;onto&gt; the path" in text
     assert "3.0 m driven, 7.0 m to the end" in text
-    feedback = {"state": "DRIVING", "edge": "a-b", "next_place": "gate", "distance_remaining": 41.4}
-    seen.hear("mission", SimpleNamespace(**feedback, time_remaining=30.0))
+    mission = {"state": "DRIVING", "edge": "a-b", "next_place": "gate", "distance_remaining": 41.4}
+    seen.hear("mission", SimpleNamespace(**mission, time_remaining=30.0))
     assert "mission: DRIVING on a-b, 41 m, 30 s to gate" in banner(seen)
     now = words.time.monotonic()
     monkeypatch.setattr(words.time, "monotonic", lambda: now + 9.0)

@@ -13,6 +13,7 @@ from sphere_nav.localization.status import State, Status
 from sphere_nav.spheres.graph import Edge, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
+from sphere_nav_tools.cli.gate import link_to
 from sphere_nav_tools.cli.view.drive import Shot
 from sphere_nav_tools.cli.view.server import Page, browser_camera, browser_pose, drawn_lens
 from worlds.browser import Browser, find_browser
@@ -21,6 +22,7 @@ from worlds.room import Room
 
 PLACES = [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)]
 CENTER = slice(200, 500), slice(50, 550)  # rows and columns of the window that no panel covers
+TOKEN = "a token of the room"
 WAIT_S = 120.0
 
 
@@ -39,9 +41,9 @@ class Fixture:
         edges = [Edge(i, i + 1, SE3.from_planar(1.0, 0.0, 0.0), np.eye(6)) for i in range(2)]
         self.graph = SphereGraph(nodes.graph, edges)
         self.scene = Scene(nodes)
-        self.page = Page(self.graph, self.scene, PLACES[0] @ T_BODY_OPTICAL, host="127.0.0.1", port=8950)
+        self.page = Page(self.graph, self.scene, PLACES[0] @ T_BODY_OPTICAL, host="127.0.0.1", port=8950, token=TOKEN)
         self.browser = Browser(program)
-        self.browser.call("Page.navigate", url=f"http://127.0.0.1:{self.page.port}")
+        self.browser.call("Page.navigate", url=link_to("127.0.0.1", self.page.port, TOKEN))
         wait_for(lambda: self.page.server.get_clients())
         self.client = next(iter(self.page.server.get_clients().values()))
 

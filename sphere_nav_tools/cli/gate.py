@@ -1,0 +1,242 @@
+"""Who is let in to a page: the one gate before all that `operate` and `view` serve to browsers.
+
+The token is the first part of the path, in the link that is printed. A browser sends it to this page alone; a cookie it
+would send to every port of this machine. Whoever is refused is refused before the handshake: no socket, no file, no
+byte of theirs is kept. viser and websockets are imported when a page is made: a vehicle needs none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hmac
+import ipaddress
+import logging
+import os
+import re
+import secrets
+import socket
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+from http import HTTPStatus
+from io import StringIO
+from typing import Any, Protocol
+from urllib.parse import quote, unquote_to_bytes
+
+from sphere_nav_tools.cli.constants import GUESS_S, MAX_GUESSES, MAX_HEAD, MAX_OUTSIDE, MAX_VISITORS, MIN_TOKEN
+
+INSTALL = "pip install 'viser>=1.1,<2'"
+TOKEN_VARIABLE = "SPHERE_NAV_TOKEN"
+LOCAL_NAMES = frozenset(("localhost", "127.0.0.1", "[::1]"))
+ANYWHERE = ("0.0.0.0", "::")
+HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^\[\]:@/\s]+)(:\d{1,5})?")
+FOREIGN_SITES = ("cross-site", "same-site")  # another port is another page, too
+Refusal = tuple[HTTPStatus, str]
+
+
+class Headers(Protocol):
+    """Those of a request."""
+
+    def get_all(self, key: str) -> list[str]:
+        """Return every value of a header."""
+
+
+class Guesses:
+    """The wrong tokens of one visitor. One that comes again, as of an old page that reconnects, is no new guess."""
+
+    def __init__(self) -> None:
+        self.left, self.at = float(MAX_GUESSES), time.monotonic()
+        self.known: deque[int] = deque(maxlen=MAX_GUESSES)
+
+    def may_guess(self) -> bool:
+        """Whether another one is looked at now."""
+        now = time.monotonic()
+        self.left, self.at = min(self.left + (now - self.at) / GUESS_S, float(MAX_GUESSES)), now
+        return self.left >= 1.0
+
+    def count(self, guess: bytes) -> None:
+        """Remember a wrong one."""
+        self.left -= 1.0
+        self.known.append(hash(guess))
+
+
+class Gate:
+    """Judges requests by the host that they name, the page that they come from, and the token."""
+
+    def __init__(self, host: str, token: str) -> None:
+        """`host`: the address that is served at."""
+        self.is_closed = False  # whether the server asks it
+        self._token, self._names = token.encode(), own_names(host)
+        self._guesses: dict[str, Guesses] = {}
+
+    def admit(self, connection: Any, request: Any) -> Any:
+        """Return the answer that refuses a request; None where it goes on, the token taken off its path."""
+        begin, _, rest = request.path.partition("?")[0].removeprefix("/").partition("/")
+        here, visitor = connection.local_address[0], connection.remote_address[0]
+        refusal = self.judge(unquote_to_bytes(begin), request.headers, here, visitor)
+        if refusal is not None:
+            return connection.respond(refusal[0], f"{refusal[1]}\n")
+        connection.is_admitted, request.path = True, f"/{rest}"
+        return None
+
+    def judge(self, guess: bytes, headers: Headers, here: str, visitor: str) -> Refusal | None:
+        """Return why a request is refused; None: it is not. `here`: the address of ours that it has reached."""
+        hosts, sites = headers.get_all("Host"), headers.get_all("Sec-Fetch-Site")
+        if len(hosts) != 1 or not self._is_own(hosts[0].lower(), here):
+            return HTTPStatus.FORBIDDEN, "Host: not a name of this page: use the printed link."
+        own = (f"http://{hosts[0].lower()}", f"https://{hosts[0].lower()}")
+        is_document = headers.get_all("Sec-Fetch-Dest") == ["document"]  # a link that was followed
+        is_foreign = any(site in FOREIGN_SITES for site in sites) and not is_document
+        if is_foreign or any(origin.lower() not in own for origin in headers.get_all("Origin")):
+            return HTTPStatus.FORBIDDEN, "Origin: asked for by another page."
+        return self._judge_token(guess, network_of(visitor))
+
+    def _is_own(self, host: str, here: str) -> bool:
+        """Whether a host is ours, at any port: one end of a tunnel may have another."""
+        found = HOST.fullmatch(host)
+        return found is not None and (found[1] in self._names or found[1] == bracketed(here))
+
+    def _judge_token(self, guess: bytes, visitor: str) -> Refusal | None:
+        is_right, guesses = hmac.compare_digest(guess, self._token), self._guesses.get(visitor)
+        if is_right and guesses is None:
+            return None
+        refusal = HTTPStatus.FORBIDDEN, "This page needs its token: use the printed link."
+        if not guess:
+            return refusal
+        if guesses is None:
+            if len(self._guesses) >= MAX_VISITORS:
+                self._guesses.pop(next(iter(self._guesses)))
+            guesses = self._guesses[visitor] = Guesses()
+        if hash(guess) in guesses.known:
+            return refusal
+        if not guesses.may_guess():
+            return HTTPStatus.TOO_MANY_REQUESTS, f"Too many wrong tokens from here: wait {MAX_GUESSES * GUESS_S:g} s."
+        if is_right:
+            return None
+        guesses.count(guess)
+        return refusal
+
+
+def own_names(host: str) -> frozenset[str]:
+    """Return what a page at an address may be called; the address that a request has reached is one in any case."""
+    if is_loopback(host):
+        return LOCAL_NAMES
+    machine = socket.gethostname().lower()
+    return LOCAL_NAMES.union({machine, f"{machine}.local"}, () if host in ANYWHERE else {bracketed(host.lower())})
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address is of this machine alone."""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def bracketed(host: str) -> str:
+    """Return an address as it stands in a link."""
+    return f"[{host.partition('%')[0]}]" if ":" in host else host
+
+
+def network_of(address: str) -> str:
+    """Return whose guesses are counted together: an IPv4 address, a /64 of IPv6."""
+    return str(ipaddress.ip_network((address.partition("%")[0], 64 if ":" in address else 32), strict=False))
+
+
+def link_to(host: str, port: int, token: str) -> str:
+    """Return the link to a page; served at all addresses, it has the name of this machine."""
+    name = socket.gethostname() if host in ANYWHERE else bracketed(host)
+    return f"http://{name}:{port}/{quote(token, safe='')}"
+
+
+def add_options(parser: argparse.ArgumentParser, port: int) -> None:
+    """Declare where a page is served, and its token."""
+    parser.add_argument("--host", default="127.0.0.1", help="address to serve at (%(default)s: this machine only)")
+    parser.add_argument("--port", type=int, default=port, help="port, or the next free one (%(default)s)")
+    parser.add_argument("--token", default="", help=f"part of the link (a new one each time); also {TOKEN_VARIABLE}")
+
+
+def token_for(given: str) -> str:
+    """Return the token of a page: the one that was given, that of the environment, or a new one."""
+    found = given or os.environ.get(TOKEN_VARIABLE, "")
+    if found and len(found) < MIN_TOKEN:
+        raise ValueError(f"--token: expected {MIN_TOKEN} characters or more, found {len(found)}")
+    return found or secrets.token_urlsafe(16)
+
+
+def import_viser(command: str) -> Any:
+    """Return the module; ValueError with what to type where it is missing."""
+    try:
+        import viser
+    except ImportError:
+        raise ValueError(f"{command}: expected the package viser, found none: {INSTALL}") from None
+    return viser
+
+
+def make_server(command: str, host: str, port: int, token: str) -> Any:
+    """Return a server of pages behind its gate; ValueError where the gate cannot be put before it."""
+    viser = import_viser(command)
+
+    class Server(viser.ViserServer):  # type: ignore[name-defined]
+        def request_share_url(self, verbose: bool = True) -> str | None:
+            """Refuse: no page goes through a tunnel of others because a browser asks for it."""
+            return None
+
+    gate = Gate(host, token)
+    with gated(gate), redirect_stdout(StringIO()):  # where viser tells a link without the token
+        server = Server(host=host, port=port, label=f"sphere_nav {command}", verbose=False)
+    if not gate.is_closed:
+        server.stop()
+        raise ValueError(f"{command}: expected a viser that websockets serves, found {viser.__version__}: {INSTALL}")
+    return server
+
+
+@contextmanager
+def gated(gate: Gate) -> Iterator[None]:
+    """Put a gate before whatever websockets begins to serve meanwhile: viser has no way to hand it one."""
+    from websockets.asyncio import server as module
+
+    serve, connection_class = module.serve, doorway(module.ServerConnection)
+
+    def serve_gated(*words: Any, process_request: Any, **options: Any) -> Any:
+        gate.is_closed = True
+
+        def process(connection: Any, request: Any) -> Any:
+            return gate.admit(connection, request) or process_request(connection, request)
+
+        return serve(*words, process_request=process, create_connection=connection_class, **options)
+
+    logging.getLogger("websockets.server").addFilter(is_of_interest)
+    setattr(module, "serve", serve_gated)  # noqa: B010
+    try:
+        yield
+    finally:
+        setattr(module, "serve", serve)  # noqa: B010
+
+
+def is_of_interest(record: logging.LogRecord) -> bool:
+    """Whether a line of websockets is more than noise that came in place of a request."""
+    return record.msg != "opening handshake failed"
+
+
+def doorway(base: Any) -> Any:
+    """Return a kind of connection that keeps little while it is not admitted; of too many such, the oldest goes."""
+
+    class Doorway(base):
+        is_admitted, heard = False, 0
+
+        def connection_made(self, transport: Any) -> None:
+            super().connection_made(transport)
+            outside = [one for one in self.server.handlers if not (one.is_admitted or one.transport.is_closing())]
+            if len(outside) > MAX_OUTSIDE:
+                outside[0].transport.abort()
+
+        def data_received(self, data: bytes) -> None:
+            self.heard += len(data)
+            if self.is_admitted or self.heard <= MAX_HEAD:
+                super().data_received(data)
+            else:
+                self.transport.abort()
+
+    return Doorway
