@@ -35,7 +35,7 @@ KILOMETER = 1000.0
 FALSE_STOPS = 0.1  # a kilometre
 DOUBTS = (
     StopReason.POSE_UNCERTAIN, StopReason.POSE_JUMP, StopReason.POSE_FROZEN, StopReason.POSE_INCONSISTENT,
-    StopReason.NOT_MOVING,
+    StopReason.NOT_MOVING, StopReason.ODOM_TIMEOUT,
 )  # fmt: skip
 Seen = tuple[Pose2, Array]  # a pose and its covariance
 
@@ -48,7 +48,7 @@ class Fault:
     reason: str
     seen: Callable[[Drive, Seen, float], Seen] = lambda drive, seen, age: seen
     is_blocked: bool = False
-    odometry: str = ""  # frozen, reset
+    odometry: str = ""  # silent; stands: says so, again and again
     has_odometry: tuple[bool, ...] = (False, True)
 
 
@@ -65,7 +65,7 @@ class Drive:
     way: float = 0.0
     stops: list[str] = field(default_factory=list)
     num_slow: int = 0
-    squared: list[float] = field(default_factory=list)  # largest innovation of each pose
+    shares: list[float] = field(default_factory=list)  # of what stops, with each pose
     began: int = -1
 
     def __post_init__(self) -> None:
@@ -84,6 +84,7 @@ class Drive:
         self.command, self.heard = VehicleCommand(), 0
         self.pending: list[tuple[int, Seen]] = []
         self.kept: list[Seen] = []
+        self.told: Pose2 | None = None  # where the wheels stand
         self.last_state = FollowerState.IDLE
 
     def run(self, seconds: float, *, is_restarted: bool = True) -> None:
@@ -104,9 +105,12 @@ class Drive:
 
     def _sense(self) -> None:
         fault = self.fault if self.began >= 0 else None
-        if self.has_odometry and self.now % ODOMETRY_NS == 0 and not (fault and fault.odometry == "frozen"):
-            x, y, yaw = self.wheels.pose
-            self.follower.consistency.see_odometry(Pose2(x, y, yaw), self.wheels.speed, self.wheels.yaw_rate, self.now)
+        if self.has_odometry and self.now % ODOMETRY_NS == 0 and not (fault and fault.odometry == "silent"):
+            motion = (self.wheels.speed, self.wheels.yaw_rate)
+            if fault and fault.odometry == "stands":
+                self.told, motion = self.told or Pose2(*self.wheels.pose), (0.0, 0.0)
+            told = self.told or Pose2(*self.wheels.pose)
+            self.follower.consistency.see_odometry(told, *motion, self.now)
         if self.now % self.period_ns == 0 and self.rng.random() >= self.lost:
             state, noise = self.vehicle.state, Pose2(*self.rng.normal(size=3) * NOISE)
             seen = compose_poses(Pose2(state.x, state.y, state.yaw), noise), TRUTH
@@ -118,7 +122,7 @@ class Drive:
             stamp, (pose, covariance) = self.pending.pop(0)
             follower.watch.see_status("TRACKING", self.now)
             follower.see_pose(pose, stamp, None, covariance)
-            self.squared.append(follower.watch.doubt.squared)
+            self.shares.append(follower.watch.doubt.share)
             self.heard = self.now
         elif self.now - self.heard <= 0.12 * SECOND or self.now % 25_000_000:
             return
@@ -181,8 +185,12 @@ def _yaw_drift(rate: float) -> Callable[[Drive, Seen, float], Seen]:
     return lambda drive, seen, age: (compose_poses(seen[0], Pose2(0.0, 0.0, rate * age * (-1) ** drive.seed)), seen[1])
 
 
-def _side_drift(drive: Drive, seen: Seen, age: float) -> Seen:
-    return compose_poses(seen[0], Pose2(0.0, 0.5 * age * (-1) ** drive.seed, 0.0)), seen[1]
+def _drift(along: float, aside: float) -> Callable[[Drive, Seen, float], Seen]:
+    """Return poses that go wrong by so many m/s."""
+    return lambda drive, seen, age: (
+        compose_poses(seen[0], Pose2(along * age, aside * age * (-1) ** drive.seed, 0.0)),
+        seen[1],
+    )
 
 
 def _covariance(value: Array) -> Callable[[Drive, Seen, float], Seen]:
@@ -208,13 +216,17 @@ FAULTS = (
     Fault("heading 0.9 rad wrong at once", "POSE_JUMP", _heading),
     Fault("heading turns wrong by 0.03 rad/s, to 0.6 rad", "POSE_INCONSISTENT", _heading_slowly),
     Fault("heading drifts by 0.2 rad/s", "POSE_INCONSISTENT", _yaw_drift(0.2)),
-    Fault("pose drifts sideways by 0.5 m/s", "POSE_INCONSISTENT", _side_drift),
+    Fault("pose drifts sideways by 0.5 m/s", "POSE_INCONSISTENT", _drift(0.0, 0.5)),
+    Fault("pose drifts sideways by 0.1 m/s", "POSE_INCONSISTENT", _drift(0.0, 0.1), has_odometry=(True,)),
+    Fault("pose lags by 0.2 m/s", "POSE_INCONSISTENT", _drift(-0.2, 0.0), has_odometry=(True,)),
     Fault("covariance of 1e6", "POSE_UNCERTAIN", _covariance(1e6 * np.eye(3))),
     Fault("covariance not positive semidefinite", "POSE_UNCERTAIN", _covariance(NOT_SEMIDEFINITE)),
+    Fault("covariance of zeros", "POSE_UNCERTAIN", _covariance(np.zeros((3, 3)))),
     Fault("standard deviation of 0.7 m", "", _covariance(np.diag([0.49, 0.49, 1e-4]))),
     Fault("pose corrected by 0.15 m, stated 0.1 m", "", _correction(0.1)),
     Fault("pose corrected by 0.15 m, stated 0.02 m", "", _correction(0.02)),
-    Fault("odometry frozen", "", odometry="frozen", has_odometry=(True,)),
+    Fault("wheels stand", "POSE_INCONSISTENT", odometry="stands", has_odometry=(True,)),
+    Fault("wheels silent", "ODOM_TIMEOUT", odometry="silent", has_odometry=(True,)),
 )
 
 
@@ -280,8 +292,8 @@ def run(options: argparse.Namespace) -> Report:
         slow = sum(drive.num_slow for drive in drives)
         way, num_stops = way + meters, num_stops + len(doubts)
         words = ", ".join(sorted(set(doubts))) or "–"
-        squared = np.concatenate([drive.squared for drive in drives])
-        tail = f"{np.quantile(squared, 0.999):.1f}, {squared.max():.1f}"
+        shares = np.concatenate([drive.shares for drive in drives])
+        tail = f"{np.quantile(shares, 0.999):.2f}, {shares.max():.2f}"
         cells = (f"{meters / KILOMETER:.2f}", str(len(doubts)), words, tail, str(slow), str(others))
         rows.append((f"{1000 // period} Hz, odometry: {'yes' if has_odometry else 'no'}", *cells))
     what = f"false stops a kilometre in {way / KILOMETER:.2f} km, with the doubts on"
@@ -294,7 +306,7 @@ def run(options: argparse.Namespace) -> Report:
     bounds.append(Bound("drives that ended otherwise than they should", 0, sum(o.num_wrong for o in outcomes), ""))
     worst = max((m for o in stopped for m in o.meters), default=math.nan)
     bounds.append(Bound("way from a fault to the stop's begin, largest", 15.0, worst, "m"))
-    columns = ("drives", "km", "false stops", "reasons", "chi^2 99.9 %, max", "times slow", "other stops")
+    columns = ("drives", "km", "false stops", "reasons", "share of what stops 99.9 %, max", "times slow", "other stops")
     faults = ("fault", "odometry", "ends", "noticed after: median (max) [s]", "way [m]")
     tables = [Table("Nominal", columns, rows), Table("Faults", faults, [o.row for o in outcomes])]
     return Report("doubts", tables, bounds)

@@ -164,7 +164,7 @@ class Drive:
             messages = self.see()
             messages = messages if self.images is None else self.images(messages)
             self.pending += [(self.now + self.latency_ns, *item) for item in messages]
-        if self.has_odometry and self.now % ODOM_NS == 0:
+        if self.has_odometry and self.now % ODOM_NS == 0 and not self.odometry.is_silent:
             self.pending.append((self.now, "/odom", self.odometry.message(self.now)))
 
     def see(self) -> Messages:
@@ -192,11 +192,11 @@ class Drive:
 
 
 class Odometer:
-    """Wheel odometry; a fault sets `factor` (of its motion) or `is_frozen` (its last message goes on)."""
+    """Wheel odometry; a fault sets `factor` (of its motion), `is_silent` or `is_frozen` (its last message goes on)."""
 
     def __init__(self) -> None:
         self.T_odom_base, self.speed, self.yaw_rate = SE3.identity(), 0.0, 0.0
-        self.factor, self.is_frozen = 1.0, False
+        self.factor, self.is_frozen, self.is_silent = 1.0, False, False
 
     def step(self, vehicle: Vehicle, seconds: float) -> None:
         """Follow the wheels."""

@@ -6,7 +6,7 @@ import copy
 import math
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -17,6 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 from benchmarks.fault_drives import FRAME, PERIOD_NS, SECOND, Drive, Messages
 from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import State, Status
 from sphere_nav.ros import conversions
 from sphere_nav.ros.maps.reader import FILE_NAME
 
@@ -35,6 +36,7 @@ class Fault:
     end: Callable[[Drive], None] = lambda drive: None
     stops: bool | None = True
     has_odometry: bool = False
+    seconds: float = 2.0  # that it lasts
     is_moved: bool = False  # the car is put elsewhere: its way from the path says nothing
 
 
@@ -135,11 +137,33 @@ def _speak(drive: Drive) -> None:
         drive.localizer.outputs.__dict__.pop(name, None)
 
 
-def _publishers(*names: str) -> Callable[[Drive], None]:
+def _publishers(*names: str, topic: str = "pose") -> Callable[[Drive], None]:
     def set_them(drive: Drive) -> None:
-        drive.follower.shell.publishers_of = lambda topic: list(names) if topic == "pose" else []
+        drive.follower.shell.publishers_of = lambda asked: list(names) if asked == topic else []
 
     return set_them
+
+
+def _masked(drive: Drive, messages: Messages, age: float) -> Messages:
+    """No camera, and somebody else who says TRACKING of images of their own."""
+    return [("/status", conversions.status_to_message(Status(State.TRACKING), drive.now, "map"))]
+
+
+def _posed(error: Callable[[float], tuple[float, float]], covariance: float = 1.0) -> Callable[[Drive], None]:
+    """Let the localiser publish poses that are wrong by so many metres (along, aside) at s since the fault."""
+
+    def begin(drive: Drive) -> None:
+        began, publish = drive.now, drive.localizer.outputs.publish
+
+        def wrong(estimate: Any, **values: Any) -> None:
+            if estimate.T_map_base is not None:
+                T_map_wrong = estimate.T_map_base @ SE3.from_planar(*error((drive.now - began) / SECOND), 0.0)
+                estimate = replace(estimate, T_map_base=T_map_wrong, covariance=covariance * estimate.covariance)
+            publish(estimate, **values)
+
+        drive.localizer.outputs.publish = wrong
+
+    return begin
 
 
 def _late(nanoseconds: int) -> Callable[[Drive], None]:
@@ -248,12 +272,22 @@ FAULTS = (
     Fault("F15", "localiser killed", begin=_mute, end=_speak),
     Fault("F15", "a second publisher of the pose", begin=_publishers("/dense_localizer", "/other"),
           end=_publishers("/dense_localizer")),
+    Fault("F15", "a second publisher of the status", begin=_publishers("/dense_localizer", "/other", topic="status"),
+          end=_publishers("/dense_localizer", topic="status")),
+    Fault("F15", "camera silent, status masked by another's", _masked),
     Fault("F16", "images 0.1 s late", begin=_late(100_000_000), stops=False),
     Fault("F16", "images one second late", begin=_late(SECOND), end=_late(50_000_000)),
     Fault("F18", "the camera's frame with another parent, and no number", begin=_wrong_transforms, stops=False),
-    Fault("F19", "odometry frozen at its last motion", begin=_odometry("is_frozen", True), stops=None,
+    Fault("F19", "odometry frozen at its last motion", begin=_odometry("is_frozen", True), has_odometry=True),
+    Fault("F19", "odometry of the wrong sign", begin=_odometry("factor", -1.0), has_odometry=True),
+    Fault("F19", "odometry says that the wheels stand", begin=_odometry("factor", 0.0), has_odometry=True),
+    Fault("F19", "odometry silent", begin=_odometry("is_silent", True), end=_odometry("is_silent", False),
           has_odometry=True),
-    Fault("F19", "odometry of the wrong sign", begin=_odometry("factor", -1.0), stops=None, has_odometry=True),
+    Fault("F26", "pose with a covariance of zeros", begin=_posed(lambda age: (0.0, 0.0), 0.0), end=_speak),
+    Fault("F26", "pose drifts aside by 0.1 m/s", begin=_posed(lambda age: (0.0, 0.1 * age)), end=_speak,
+          has_odometry=True, seconds=8.0),
+    Fault("F26", "pose lags by 0.2 m/s", begin=_posed(lambda age: (-0.2 * age, 0.0)), end=_speak, has_odometry=True,
+          seconds=8.0),
     Fault("F22", "paths of no point, one, no number, another frame", begin=_wrong_paths, stops=False),
     Fault("F24", "emergency stop", begin=_press(True), end=_press(False)),
 )  # fmt: skip

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import dense_localizer.reasons
 import mcl_depth.status
+import path_follower.modes
 import path_follower.reasons
 from sphere_nav.localization.status import Reason
 from sphere_nav.params.render import to_markdown, to_yaml
@@ -132,11 +133,36 @@ def trouble_page() -> str:
     return "\n".join([*lines, ""])
 
 
+def states_table() -> str:
+    """Return what each event leads to in each state of the follower, as path_follower/modes.py has it."""
+    phases = list(path_follower.modes.Phase)
+    lines = [f"| | {' | '.join(phase.value for phase in phases)} |", f"| --- {'| --- ' * len(phases)}|"]
+    for event, cells in path_follower.modes.TABLE.items():
+        found = [cells.get(phase, phase) for phase in phases]
+        words = [
+            "refused" if isinstance(to, str) else "·" if to is phase else to.value
+            for to, phase in zip(found, phases, strict=True)
+        ]
+        lines.append(f"| {event} | {' | '.join(words)} |")
+    return "\n".join(lines)
+
+
+def follower_page() -> str:
+    """Return docs/path_follower.md with the table of states between its two marks."""
+    text = (ROOT / "docs" / "path_follower.md").read_text(encoding="utf-8")
+    begin, end = "<!-- states and requests: begin -->\n", "<!-- states and requests: end -->"
+    return f"{text.partition(begin)[0]}{begin}{states_table()}\n{end}{text.partition(end)[2]}"
+
+
 def files() -> dict[Path, str]:
     """Return every generated file with its text."""
     nodes = list(node_classes())
     pages = {ROOT / "config" / f"{node.NAME}.yaml": yaml_file(node) for node in nodes}
-    docs = {"parameters.md": parameters_page(nodes), "something_is_wrong.md": trouble_page()}
+    docs = {
+        "parameters.md": parameters_page(nodes),
+        "something_is_wrong.md": trouble_page(),
+        "path_follower.md": follower_page(),
+    }
     return pages | {ROOT / "docs" / name: text for name, text in docs.items()}
 
 

@@ -1,19 +1,16 @@
-"""Does the pose move as the vehicle does? Innovation tests between poses and dead reckoning.
+"""Does the pose move as the vehicle does? A sequential test of the poses against dead reckoning.
 
-The motion of the poses between two images, p = x_i^-1 x_n = (x, y, yaw) seen from the earlier pose, is compared with
-the motion d of the wheels' odometry or, without it, of the commands through the bicycle model with its lags. Where
-nothing is wrong, the innovation e = p - d is normal with
+From one pose to the next, the motion p of the poses, seen from the earlier one (along, across, yaw), is compared with
+the motion d of the wheels or, where there are none, of the commands through the bicycle model with its lags. What their
+difference exceeds an allowance a, which grows with the way, adds up (CUSUM, Page 1954), each sign of each component by
+itself:
 
-    S = J_i C_i J_i' + J_n C_n J_n' + Q,
+    g <- max(0, g + p - d - a)    and    g' <- max(0, g' + d - p - a)
 
-C the covariances of the two poses and Q that of the dead reckoning, so that e' S^-1 e is chi^2 of 3 degrees of freedom.
-It is tested from image to image and over `WINDOWS` metres; a test above the quantile of `STOP_ALARM` stops, one above
-that of `SLOW_ALARM` slows down. Both are false-alarm rates of one test where the noise is as stated; the windows
-overlap and the pose's errors are partly common to both ends, so that the rate of a drive is smaller:
-docs/notes/motion_consistency.md.
-
-Odometry is believed where it agrees with the pose, or is nearer to the commands than the pose is: two of three
-outvote the third.
+The noise of a pose enters with one sign and leaves with the other at the next one, so that g is how far the pose has
+gone wrong since g was 0, and its standard deviation s is that of these two poses. Where g is beyond max(`RELEVANT`,
+`STOP_SIGMAS` s) it stops, beyond max(`RELEVANT` / 2, `SLOW_SIGMAS` s) it drives slowly
+(docs/notes/motion_consistency.md).
 """
 
 from __future__ import annotations
@@ -21,35 +18,29 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammainccinv
 
 from path_follower.constants import (
     COMMAND_ERRORS,
-    EVIDENCE_NS,
     MAX_GAP_NS,
-    MAX_ODOMETRY_GAP_NS,
-    MEMORY_NS,
-    ODOMETRY_ERRORS,
-    POSE_FLOOR,
+    MAX_ODOMETRY_SILENCE,
     RELEVANT,
-    SLOW_ALARM,
+    SLOW_SIGMAS,
     STILL,
     STILL_WAY,
-    STOP_ALARM,
-    WINDOWS,
+    STOP_SIGMAS,
+    WHEEL_ERRORS,
     MotionErrors,
 )
 from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Pose2, between, compose_poses, wrap
 from path_follower.reasons import FINE, StopReason, StopVerdict
-from path_follower.vehicle import ORIGIN, Motion, Predictor
-from sphere_nav.estimation.gates import squared_mahalanobis
+from path_follower.vehicle import ORIGIN, Predictor
 from sphere_nav.geometry.arrays import Array
 
-STOP_GATE, SLOW_GATE = (2.0 * float(gammainccinv(1.5, rate)) for rate in (STOP_ALARM, SLOW_ALARM))  # chi^2, 3 dof
-FLOOR = np.diag(np.square(POSE_FLOOR))
+NO_VARIANCE = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -58,55 +49,77 @@ class Doubt:
 
     stop: StopVerdict = FINE
     slow: StopVerdict = FINE
-    squared: float = 0.0  # the largest innovation of its tests, chi^2 of 3 degrees of freedom where nothing is wrong
+    share: float = 0.0  # of what stops, the largest error that has added up
 
 
-@dataclass(frozen=True)
-class Reckoning:
-    """Dead reckoning up to an instant: pose from where it began, and sums of what its errors grow with."""
+class Reckoning(NamedTuple):
+    """What dead reckoning says of an instant: a pose in a frame of its own, m/s and rad/s."""
 
-    pose: Pose2 = ORIGIN
-    way: float = 0.0  # m
-    turned: float = 0.0  # rad
-    speed_change: float = 0.0  # m/s, of its magnitude
-    bend_change: float = 0.0  # 1/m times m/s: change of the yaw rate by steering, rad/s
-    speed: float = 0.0  # m/s, at the end
+    pose: Pose2
+    speed: float
+    yaw_rate: float
 
-    def moved(self, step: Pose2, before: Motion, after: Motion, wheelbase: float) -> Reckoning:
-        """Return it with another step, `before` and `after` which the vehicle moved as stated."""
-        bend = abs(math.tan(after.steering_angle) - math.tan(before.steering_angle)) / wheelbase
-        return Reckoning(
-            compose_poses(self.pose, step),
-            self.way + math.hypot(step.x, step.y),
-            self.turned + abs(step.yaw),
-            self.speed_change + abs(after.speed - before.speed),
-            self.bend_change + bend * abs(after.speed),
-            after.speed,
+
+class Comparison:
+    """How far a motion has gone another way than the expected one, beyond what is allowed."""
+
+    def __init__(self) -> None:
+        self.reset(NO_VARIANCE)
+
+    def reset(self, variance: Array) -> None:
+        """Begin anew, at a pose with the variances (3,) of x, y and yaw."""
+        self._sums = np.zeros((2, 3))
+        self._begun = np.tile(variance, (2, 1))  # variances of the pose where a sum was last 0
+        self._lately: deque[tuple[Pose2, Pose2]] = deque()  # the last steps, measured and expected
+        self.share = self.slow_share = 0.0  # the largest sum, of what stops and of what slows down
+        self.is_leap = False  # whether the last step went further than expected, by more than what stops
+
+    def add(self, measured: Pose2, then: Reckoning, now: Reckoning, errors: MotionErrors, variance: Array) -> None:
+        """Compare another step with dead reckoning between two instants; `variance` (3,) is that at its end."""
+        expected = between(then.pose, now.pose)
+        self._lately.append((measured, expected))
+        while math.hypot(*self._way(1, 1)) >= STILL_WAY:
+            self._lately.popleft()
+        error = np.array([measured.x - expected.x, measured.y - expected.y, wrap(measured.yaw - expected.yaw)])
+        allowed = allowance(
+            expected, then, now, errors._replace(across=max(errors.across, 2.0 * math.sqrt(variance[2])))
         )
+        deviation = np.sqrt(self._begun + variance)
+        self._sums = np.maximum(0.0, self._sums + np.stack([error, -error]) - allowed)
+        self._begun = np.where(self._sums > 0.0, self._begun, variance)
+        stop = np.maximum(RELEVANT, STOP_SIGMAS * deviation)
+        slow = np.maximum(np.multiply(0.5, RELEVANT), SLOW_SIGMAS * deviation)
+        self.share, self.slow_share = float(np.max(self._sums / stop)), float(np.max(self._sums / slow))
+        further = math.hypot(measured.x, measured.y) - math.hypot(expected.x, expected.y)
+        self.is_leap = bool(further > stop[0, 0] or abs(measured.yaw) - abs(expected.yaw) > stop[0, 2])
 
-    def since(self, then: Reckoning) -> tuple[Pose2, Reckoning]:
-        """Return the motion since then, seen from there, and what its errors grow with."""
-        motion = between(then.pose, self.pose)
-        growth = Reckoning(
-            motion,
-            self.way - then.way,
-            self.turned - then.turned,
-            self.speed_change - then.speed_change,
-            self.bend_change - then.bend_change,
-            max(abs(self.speed), abs(then.speed)),
-        )
-        return motion, growth
+    def _way(self, which: int, first: int = 0) -> tuple[float, float]:
+        steps = [pair[which] for pair in self._lately][first:]
+        return sum(step.x for step in steps), sum(step.y for step in steps)
+
+    @property
+    def is_still(self) -> bool:
+        """Whether what is measured is next to nothing, over the last way that was expected."""
+        return math.hypot(*self._way(0)) < STILL * math.hypot(*self._way(1))
+
+    @property
+    def is_repeated(self) -> bool:
+        """Whether the last step is none to the last digit."""
+        return bool(self._lately) and self._lately[-1][0] == ORIGIN
+
+    @property
+    def found(self) -> str:
+        """What has added up, in words."""
+        x, y, yaw = self._sums.max(axis=0)
+        return f"{math.hypot(x, y):.2f} m and {yaw:.2f} rad"
 
 
-@dataclass(frozen=True)
-class DrivenPose:
-    """A pose, its covariance (3, 3) of (x, y, yaw) in its own axes, and where dead reckoning was at its stamp."""
+class Instant(NamedTuple):
+    """A pose, and what the wheels said of its stamp, as far as known."""
 
     time_ns: int
     pose: Pose2
-    covariance: Array
-    commanded: Reckoning
-    odometry: Reckoning | None
+    wheels: Reckoning | None
 
 
 class MotionConsistency:
@@ -116,23 +129,25 @@ class MotionConsistency:
         self.params = params
         self._predictor = predictor
         share = params.actuation.uncertainty
-        self._errors = MotionErrors(share, *COMMAND_ERRORS[1:3], share, COMMAND_ERRORS.timing)
+        self._errors = COMMAND_ERRORS._replace(along=2.0 * share, turn=share)
+        self._pose, self._wheels = Comparison(), Comparison()  # with wheels or commands; with commands
         self.reset()
 
     def reset(self) -> None:
         """Forget everything with a stamp."""
-        self._samples: deque[DrivenPose] = deque()
-        self._driven: Reckoning | None = None  # by odometry, up to the last pose at which it was known
-        self._odometry: deque[tuple[int, Pose2, float, float]] = deque()  # time, pose, m/s, rad/s
-        self._evidence_ns = self._slow_since_ns = -1
-        self._evidence = FINE
-        self._largest = 0.0
+        self._odometry: deque[tuple[int, Reckoning]] = deque()
+        self._begin(None, NO_VARIANCE)
+
+    def _begin(self, last: Instant | None, variance: Array) -> None:
+        self._last, self._uncertain_ns = last, -1
+        self._pose.reset(variance)
+        self._wheels.reset(NO_VARIANCE)
 
     def see_odometry(self, pose: Pose2, speed: float, yaw_rate: float, time_ns: int) -> None:
         """Accept the wheels' odometry: pose in a frame of its own, and what the wheels do now."""
         if self._odometry and time_ns <= self._odometry[-1][0]:
             return
-        self._odometry.append((time_ns, pose, speed, yaw_rate))
+        self._odometry.append((time_ns, Reckoning(pose, speed, yaw_rate)))
         while time_ns - self._odometry[0][0] > MAX_GAP_NS:
             self._odometry.popleft()
 
@@ -142,166 +157,99 @@ class MotionConsistency:
         `is_driving`: the vehicle moves by our commands. A pose that jumps while it stands is none of our business.
         """
         doubt = judge_covariance(covariance, self.params.safety)
-        if doubt.stop is not FINE or not self.params.safety.is_motion_checked:
-            self._samples.clear()
+        silent = self._judge_wheels(time_ns)
+        if doubt.stop is not FINE or silent is not FINE or not self.params.safety.is_motion_checked:
+            self._begin(None, NO_VARIANCE)
+            return doubt if doubt.stop is not FINE else replace(doubt, stop=silent)
+        variance = NO_VARIANCE if covariance is None else np.diagonal(covariance)
+        last, now = self._last, Instant(time_ns, pose, self._wheels_at(time_ns))
+        if last is None or not is_driving or not 0 < time_ns - last.time_ns <= MAX_GAP_NS:
+            self._begin(now, variance)
             return doubt
-        last = self._samples[-1] if self._samples else None
-        if last is not None and not 0 < time_ns - last.time_ns <= MAX_GAP_NS:
-            self._samples.clear()
-            last = self._driven = None
-        matrix = FLOOR
-        if covariance is not None:
-            matrix = covariance + np.diag(np.maximum(np.diagonal(FLOOR) - np.diagonal(covariance), 0.0))
-        sample = DrivenPose(time_ns, pose, matrix, self._commanded(last, time_ns), self._wheels(time_ns))
-        if not is_driving:
-            self._samples.clear()
-            self._evidence_ns = self._slow_since_ns = -1
-        self._largest = 0.0
-        stop = self._test(sample) if is_driving else FINE
-        self._samples.append(sample)
-        self._forget(sample)
-        if stop is not FINE:
-            return Doubt(stop, stop, self._largest)
-        return replace(self._slow(doubt.slow, time_ns), squared=self._largest)
+        self._compare(last, now, variance)
+        self._last = now
+        stop = self._judge_motion(now)
+        return Doubt(stop, stop, self._pose.share) if stop is not FINE else self._slow(doubt.slow, time_ns)
 
-    def _forget(self, now: DrivenPose) -> None:
-        """Drop what no test goes back to."""
-        while (
-            now.commanded.way - self._samples[0].commanded.way > 2.0 * WINDOWS[-1]
-            or now.time_ns - self._samples[0].time_ns > MEMORY_NS
-        ):
-            self._samples.popleft()
+    def _compare(self, last: Instant, now: Instant, variance: Array) -> None:
+        """Compare the pose with the wheels and these with the commands; with the commands where no wheels are heard."""
+        way, *motions = self._predictor.travel(last.time_ns, now.time_ns)
+        rates = [(motion.speed, motion.yaw_rate(self.params.vehicle.virtual_wheelbase)) for motion in motions]
+        commanded = Reckoning(ORIGIN, *rates[0]), Reckoning(way, *rates[1])
+        moved = between(last.pose, now.pose)
+        if not self._odometry:
+            self._pose.add(moved, *commanded, self._errors, variance)
+        elif last.wheels is not None and now.wheels is not None:
+            self._pose.add(moved, last.wheels, now.wheels, WHEEL_ERRORS, variance)
+            self._wheels.add(between(last.wheels.pose, now.wheels.pose), *commanded, self._errors, NO_VARIANCE)
 
-    def _slow(self, uncertain: StopVerdict, now_ns: int) -> Doubt:
-        """Drive slowly while there is mild evidence, and `EVIDENCE_NS` longer; for a limited time."""
-        is_recent = self._evidence_ns >= 0 and now_ns - self._evidence_ns <= EVIDENCE_NS
-        slow = self._evidence if is_recent else uncertain
-        if slow is FINE:
-            self._slow_since_ns = -1
-            return Doubt()
-        self._slow_since_ns = self._slow_since_ns if self._slow_since_ns >= 0 else now_ns
-        seconds, limit = (now_ns - self._slow_since_ns) / 1e9, self.params.safety.max_degraded_time
-        if seconds > limit:
-            found = f"for {seconds:.3g} s, limit {limit:.3g}: {slow.detail}"
-            return Doubt(StopVerdict(slow.reason, seconds, limit, found), slow)
-        return Doubt(FINE, slow)
-
-    # --- dead reckoning
-    def _commanded(self, last: DrivenPose | None, time_ns: int) -> Reckoning:
-        if last is None:
-            return Reckoning(speed=self._predictor.travel(time_ns, time_ns)[1].speed)
-        step, before, after = self._predictor.travel(last.time_ns, time_ns)
-        return last.commanded.moved(step, before, after, self.params.vehicle.virtual_wheelbase)
-
-    def _wheels(self, time_ns: int) -> Reckoning | None:
-        """Return the odometry at a time; what it has driven since the last pose adds to its errors."""
-        found = self._odometry_at(time_ns)
-        if found is None:
-            return None
-        pose, speed = found
-        if self._driven is None:
-            self._driven = Reckoning(pose, speed=speed)
-        else:
-            step, before = between(self._driven.pose, pose), Motion(self._driven.speed, 0.0)
-            self._driven = self._driven.moved(step, before, Motion(speed, 0.0), 1.0)
-        return self._driven
-
-    def _odometry_at(self, time_ns: int) -> tuple[Pose2, float] | None:
-        """Return pose and speed between two messages, or a little after the last; None where they are not known."""
-        after = None
-        for before in reversed(self._odometry):
-            if before[0] <= time_ns:
-                break
-            after = before
-        else:
-            return None
-        then, pose, speed, yaw_rate = before
-        seconds = (time_ns - then) / 1e9
-        if after is None:
-            if time_ns - then > MAX_ODOMETRY_GAP_NS:
-                return None
-            return compose_poses(pose, _arc(speed * seconds, yaw_rate * seconds)), speed
-        if after[0] - then > 2 * MAX_ODOMETRY_GAP_NS:
-            return None
-        step, share = between(pose, after[1]), (time_ns - then) / (after[0] - then)
-        part = Pose2(share * step.x, share * step.y, share * step.yaw)
-        return compose_poses(pose, part), speed + share * (after[2] - speed)
-
-    # --- tests
-    def _test(self, now: DrivenPose) -> StopVerdict:
-        """Compare with the last pose, and with those some metres before."""
-        if not self._samples:
-            return FINE
-        tested = {id(self._samples[-1]): (self._samples[-1], True)}
-        for window in WINDOWS:
-            if (then := self._before(now, window)) is not None:
-                tested.setdefault(id(then), (then, False))
-        for then, is_last in tested.values():
-            verdict = self._compare(then, now, is_last=is_last)
-            if verdict is not FINE:
-                return verdict
+    def _judge_motion(self, now: Instant) -> StopVerdict:
+        """Name what is wrong; a blocked vehicle looks like a frozen pose where no wheels are heard."""
+        pose, source = self._pose, "wheels" if self._odometry else "commands"
+        if pose.share > 1.0:
+            is_frozen = pose.is_repeated or (bool(self._odometry) and pose.is_still)
+            reason = StopReason.POSE_JUMP if pose.is_leap else StopReason.POSE_INCONSISTENT
+            reason = StopReason.NOT_MOVING if pose.is_still else reason
+            reason = StopReason.POSE_FROZEN if is_frozen else reason
+            return StopVerdict(reason, pose.share, 1.0, f"the pose is {pose.found} beside the motion of the {source}")
+        if self._wheels.share > 1.0 and self._wheels.is_still and pose.slow_share <= 1.0:
+            found = f"wheels and pose are {self._wheels.found} beside the motion of the commands"
+            return StopVerdict(StopReason.NOT_MOVING, self._wheels.share, 1.0, found)
         return FINE
 
-    def _before(self, now: DrivenPose, way: float) -> DrivenPose | None:
-        """Return the last pose from which at least `way` m were commanded up to now."""
-        return next((s for s in reversed(self._samples) if now.commanded.way - s.commanded.way >= way), None)
+    def _slow(self, uncertain: StopVerdict, now_ns: int) -> Doubt:
+        """Drive slowly while the pose is uncertain, for a limited time, or beside the motion by less than stops."""
+        share = self._pose.share
+        if uncertain is FINE:
+            self._uncertain_ns = -1
+            if self._pose.slow_share <= 1.0:
+                return Doubt(share=share)
+            advice = "driving slowly until pose and motion agree again"
+            return Doubt(FINE, StopVerdict(StopReason.POSE_INCONSISTENT, share, 1.0, self._pose.found, advice), share)
+        self._uncertain_ns = self._uncertain_ns if self._uncertain_ns >= 0 else now_ns
+        seconds, limit = (now_ns - self._uncertain_ns) / 1e9, self.params.safety.max_degraded_time
+        if seconds <= limit:
+            return Doubt(FINE, uncertain, share)
+        found = f"for {seconds:.3g} s, limit {limit:.3g}: {uncertain.detail}"
+        return Doubt(StopVerdict(uncertain.reason, seconds, limit, found), uncertain, share)
 
-    def _compare(self, then: DrivenPose, now: DrivenPose, *, is_last: bool) -> StopVerdict:
-        """Test one pair of poses: by odometry where it agrees with pose or commands, else by commands."""
-        pose = between(then.pose, now.pose)
-        noise = pose_noise(pose, then.covariance, now.covariance)
-        commanded, growth = now.commanded.since(then.commanded)
-        Q = process_noise(commanded, growth, self._errors)
-        by_commands = _Innovation(pose, commanded, noise + Q)
-        wheels: _Innovation | None = None
-        found = by_commands
-        if then.odometry is not None and now.odometry is not None:
-            driven, sums = now.odometry.since(then.odometry)
-            Q_wheels = process_noise(driven, sums, ODOMETRY_ERRORS)
-            wheels = _Innovation(pose, driven, noise + Q_wheels)
-            stood = by_commands.is_strong and _is_still(driven, commanded) and _is_still(pose, commanded)
-            if stood:
-                return _not_moving(StopReason.NOT_MOVING, commanded, by_commands)
-            between_both = _Innovation(
-                driven, commanded, FLOOR + Q + Q_wheels
-            )  # who is nearer to the commands is believed
-            if not wheels.is_strong or between_both.squared <= by_commands.squared:
-                found = wheels
-        self._largest = max(self._largest, found.squared)
-        if found.is_mild:
-            self._evidence_ns, self._evidence = now.time_ns, _verdict(StopReason.POSE_INCONSISTENT, found)
-        if not found.is_strong:
-            return FINE
-        since = self._before(now, STILL_WAY) or then  # a window begins before the pose froze
-        is_repeated = self._samples[-1].pose == now.pose
-        if is_repeated or _is_still(between(since.pose, now.pose), between(since.commanded.pose, now.commanded.pose)):
-            is_frozen = found is wheels or is_repeated
-            return _not_moving(StopReason.POSE_FROZEN if is_frozen else StopReason.NOT_MOVING, commanded, found)
-        return _verdict(StopReason.POSE_JUMP if is_last else StopReason.POSE_INCONSISTENT, found)
+    # --- wheels
+    def _judge_wheels(self, now_ns: int) -> StopVerdict:
+        """Return whether wheels that were heard are silent."""
+        silence, limit = (now_ns - self._odometry[-1][0]) / 1e9 if self._odometry else 0.0, MAX_ODOMETRY_SILENCE
+        return StopVerdict(StopReason.ODOM_TIMEOUT, silence, limit) if silence > limit else FINE
+
+    def _wheels_at(self, time_ns: int) -> Reckoning | None:
+        """Return the odometry at a time, between two messages or after the last; None before the first."""
+        after = None
+        for then, reckoning in reversed(self._odometry):
+            if then <= time_ns:
+                break
+            after = then, reckoning
+        else:
+            return None
+        pose, speed, yaw_rate = reckoning
+        if after is None:
+            seconds = (time_ns - then) / 1e9
+            turn = yaw_rate * seconds
+            step = Pose2(speed * seconds * math.cos(turn / 2.0), speed * seconds * math.sin(turn / 2.0), turn)
+            return Reckoning(compose_poses(pose, step), speed, yaw_rate)
+        share, step = (time_ns - then) / (after[0] - then), between(pose, after[1].pose)
+        part = Pose2(share * step.x, share * step.y, share * step.yaw)
+        change = after[1].speed - speed, after[1].yaw_rate - yaw_rate
+        return Reckoning(compose_poses(pose, part), speed + share * change[0], yaw_rate + share * change[1])
 
 
-class _Innovation:
-    """The difference of two motions, in standard deviations."""
-
-    def __init__(self, measured: Pose2, expected: Pose2, covariance: Array) -> None:
-        self.expected = expected
-        yaw = wrap(measured.yaw - expected.yaw)
-        self.way, self.yaw = math.hypot(measured.x - expected.x, measured.y - expected.y), abs(yaw)
-        error = np.array([measured.x - expected.x, measured.y - expected.y, yaw])
-        self.squared = squared_mahalanobis(error, covariance)
-
-    @property
-    def is_strong(self) -> bool:
-        """Whether it is beyond chance, and large enough to matter to a drive."""
-        return self.squared > STOP_GATE and (self.way > RELEVANT[0] or self.yaw > RELEVANT[1])
-
-    @property
-    def is_mild(self) -> bool:
-        return self.squared > SLOW_GATE
+def allowance(step: Pose2, then: Reckoning, now: Reckoning, errors: MotionErrors) -> Array:
+    """Return by how much (along, across, yaw) of a motion by dead reckoning may be wrong."""
+    way = math.hypot(step.x, step.y)
+    along = errors.along * way + errors.timing * abs(now.speed - then.speed)
+    yaw = errors.yaw_per_meter * way + errors.turn * abs(step.yaw) + errors.timing * abs(now.yaw_rate - then.yaw_rate)
+    return np.array([along, errors.across * way, yaw])
 
 
 def judge_covariance(covariance: Array | None, limits: SafetyParams) -> Doubt:
-    """Return whether a pose with this covariance (3, 3) may be driven by; zero or none: not stated.
+    """Return whether a pose with this covariance (3, 3) may be driven by; None: the caller does not ask.
 
     The standard deviation of the position is that of its worst direction. Above a limit: slowly; above twice: not.
     """
@@ -309,6 +257,9 @@ def judge_covariance(covariance: Array | None, limits: SafetyParams) -> Doubt:
         return Doubt()
     if not np.isfinite(covariance).all():
         return Doubt(StopVerdict(StopReason.POSE_UNCERTAIN, detail="covariance: expected finite numbers"))
+    if not np.diagonal(covariance).all():
+        found = "covariance: expected that of x, y and yaw, found zeros: none is stated"
+        return Doubt(StopVerdict(StopReason.POSE_UNCERTAIN, detail=found))
     values = np.linalg.eigvalsh(covariance)
     if values[0] < -1e-6 * max(values[-1], 1e-6):
         found = f"covariance: expected positive semidefinite, found the eigenvalue {values[0]:.3g}"
@@ -325,56 +276,3 @@ def judge_covariance(covariance: Array | None, limits: SafetyParams) -> Doubt:
         return Doubt(FINE, slow)
     found = f"standard deviation {value:.3g} {unit}, limit {2.0 * limit:.3g}"
     return Doubt(StopVerdict(StopReason.POSE_UNCERTAIN, value, 2.0 * limit, found), slow)
-
-
-def pose_noise(motion: Pose2, then: Array, now: Array) -> Array:
-    """Return the covariance (3, 3) of the motion between two poses, from theirs, each in its own axes.
-
-    An error of the earlier heading turns the motion: d(x, y) = (y, -x) d yaw.
-    """
-    J_then = np.array([[-1.0, 0.0, motion.y], [0.0, -1.0, -motion.x], [0.0, 0.0, -1.0]])
-    cosine, sine = math.cos(motion.yaw), math.sin(motion.yaw)
-    J_now = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    covariance: Array = J_then @ then @ J_then.T + J_now @ now @ J_now.T
-    return covariance
-
-
-def process_noise(motion: Pose2, growth: Reckoning, errors: MotionErrors) -> Array:
-    """Return the covariance (3, 3) of a motion by dead reckoning, seen from where it began.
-
-    An error of the turn, thought to grow evenly with the way, displaces the end by half of it times the motion.
-    """
-    yaw = (errors.yaw_per_meter * growth.way) ** 2 + (errors.turn * growth.turned) ** 2
-    yaw += (errors.timing * growth.bend_change) ** 2
-    along = (errors.along * growth.way) ** 2 + (errors.timing * growth.speed_change) ** 2
-    along += (errors.stamp * growth.speed) ** 2
-    across = (errors.across * growth.way) ** 2
-    yaw += (errors.stamp * growth.speed * growth.turned / max(growth.way, 0.1)) ** 2
-    c, s = math.cos(motion.yaw / 2.0), math.sin(motion.yaw / 2.0)  # of the direction of the way
-    x, y = -motion.y / 2.0, motion.x / 2.0  # what an error of the turn moves the end by
-    xx = along * c * c + across * s * s + yaw * x * x
-    xy = (along - across) * c * s + yaw * x * y
-    yy = along * s * s + across * c * c + yaw * y * y
-    return np.array([[xx, xy, yaw * x], [xy, yy, yaw * y], [yaw * x, yaw * y, yaw]])
-
-
-def _arc(way: float, turn: float) -> Pose2:
-    return Pose2(way * math.cos(turn / 2.0), way * math.sin(turn / 2.0), turn)
-
-
-def _is_still(motion: Pose2, expected: Pose2) -> bool:
-    """Whether a motion is next to nothing where one was expected."""
-    return math.hypot(motion.x, motion.y) < STILL * math.hypot(expected.x, expected.y) and abs(motion.yaw) < RELEVANT[1]
-
-
-def _verdict(reason: StopReason, found: _Innovation) -> StopVerdict:
-    text = f"{found.way:.2f} m and {found.yaw:.2f} rad beside the vehicle's own motion"
-    detail = f"{text} of {math.hypot(found.expected.x, found.expected.y):.2f} m, chi^2 {found.squared:.0f}"
-    advice = "" if found.is_strong else "driving slowly until pose and motion agree again"
-    return StopVerdict(reason, found.squared, STOP_GATE, detail, advice)
-
-
-def _not_moving(reason: StopReason, expected: Pose2, found: _Innovation) -> StopVerdict:
-    way = math.hypot(expected.x, expected.y)
-    source = "the vehicle went" if reason is StopReason.POSE_FROZEN else "the commands were to go"
-    return StopVerdict(reason, found.squared, STOP_GATE, f"{source} {way:.2f} m, the pose stands")

@@ -51,28 +51,23 @@ STEADY_NS = 2_000_000_000  # of TRACKING without a pause, after which a standing
 
 
 class MotionErrors(NamedTuple):
-    """Standard deviations of dead reckoning."""
+    """What dead reckoning may be wrong by without any doubt of the pose."""
 
     along: float  # share of the way: slip, wheel radius, a drive that does not hold its speed
     across: float  # share of the way, rad: the pose's heading is not the direction of the wheels
     yaw_per_meter: float  # rad/m: a wheel that is not straight
     turn: float  # share of the turn: wheelbase, track
-    timing: float  # s: dead time and lag, times the change of the motion
-    stamp: float = 0.02  # s: of the pose against those of the motion, times the speed
+    timing: float  # s: dead time, lag and stamps, times the change of speed and yaw rate
 
 
-COMMAND_ERRORS = MotionErrors(0.1, 0.03, 0.015, 0.1, 0.15)  # both shares of 0.1: actuation.uncertainty
-ODOMETRY_ERRORS = MotionErrors(0.03, 0.03, 0.01, 0.05, 0.03)  # of wheels; the simulated ones: 0.005 and 0.01
-POSE_FLOOR = (0.03, 0.03, 0.015)  # m, m, rad: no pose is thought better than this, whatever its covariance
-STOP_ALARM, SLOW_ALARM = 1e-7, 1e-5  # false-alarm rates of one test: 0.003 and 0.3 a kilometre of 4 tests a pose
-WINDOWS = (0.5, 1.5, 4.0)  # m, over which slow errors are tested, besides from pose to pose
-RELEVANT = (0.25, 0.15)  # m, rad: smaller errors do not stop, however sure: a quarter of the way to leaving the path
-STILL = 0.25  # share of the expected way: less is no motion
-STILL_WAY = 0.3  # m of commanded way, the last of it, by which a pose is called still
+COMMAND_ERRORS = MotionErrors(0.2, 0.06, 0.03, 0.1, 0.15)  # the shares: twice and once actuation.uncertainty
+WHEEL_ERRORS = MotionErrors(0.07, 0.03, 0.02, 0.1, 0.03)  # a lag of 0.14 and a drift aside of 0.07 must show
+RELEVANT = (0.25, 0.25, 0.12)  # m, m, rad: less does not stop: a quarter of the way to leaving the path
+STOP_SIGMAS, SLOW_SIGMAS = 6.0, 4.5  # of two poses as they state it: 1e-9 and 3e-6 of one side
+STILL = 0.3  # share of the expected way: less is no motion
+STILL_WAY = 0.2  # m of expected way, the last of it, by which a motion is called still
 MAX_GAP_NS = 2_500_000_000  # between two poses, else it begins anew: HISTORY_NS is as far as commands are known
-MEMORY_NS = 10_000_000_000  # of poses: 4 m at 0.4 m/s
-MAX_ODOMETRY_GAP_NS = 150_000_000  # that odometry is carried on by its speed
-EVIDENCE_NS = 2_000_000_000  # after mild evidence, driven slowly
+MAX_ODOMETRY_SILENCE = 0.4  # s: as of poses and scans; up to then it is carried on by its speed
 
 # Times of the loop and of who else commands (ros/test_control, test_peers, test_front, test_loop_process)
 TICK = 0.025  # s of steady time between two looks at the clocks
@@ -85,4 +80,5 @@ HEARD_BEFORE_NS = 300_000_000  # a message may come this much earlier than its p
 GUARD_SILENCE_NS = 500_000_000  # five times the period of the guard's status
 GUARD_GRACE_NS = 500_000_000  # from a start until the guard has seen its zero command and has said so
 GUARD_PERIOD = 0.02  # s between two commands to the base
+PAIRED = 16  # stamps of poses and statuses that are kept for the other one, which comes within milliseconds
 BEAM_FORGETTING = 0.99  # of the share of beams that measured, a scan: 7 s at 10 Hz until half of it is usual

@@ -16,6 +16,7 @@ class StopReason(enum.StrEnum):
     POSE_TIMEOUT = "POSE_TIMEOUT"
     POSE_SOURCE = "POSE_SOURCE"
     STATUS_TIMEOUT = "STATUS_TIMEOUT"
+    STATUS_SOURCE = "STATUS_SOURCE"
     BAD_POSE = "BAD_POSE"
     POSE_UNCERTAIN = "POSE_UNCERTAIN"
     POSE_JUMP = "POSE_JUMP"
@@ -26,6 +27,7 @@ class StopReason(enum.StrEnum):
     OFF_PATH = "OFF_PATH"
     OBSTACLE = "OBSTACLE"
     SCAN_TIMEOUT = "SCAN_TIMEOUT"
+    ODOM_TIMEOUT = "ODOM_TIMEOUT"
     CLOCK_STOPPED = "CLOCK_STOPPED"
     COMMAND_SOURCE = "COMMAND_SOURCE"
     COMMAND_GUARD = "COMMAND_GUARD"
@@ -41,6 +43,7 @@ REMEDIES = {
     StopReason.POSE_TIMEOUT: "check the localiser, the topic of the pose and the clocks, then call start",
     StopReason.POSE_SOURCE: "end all publishers of the pose but one, then call start",
     StopReason.STATUS_TIMEOUT: "check the localiser and the topic of its status, then call start",
+    StopReason.STATUS_SOURCE: "end all publishers of the status but one, then call start",
     StopReason.BAD_POSE: "check the frame and the values of the pose, then call start",
     StopReason.POSE_UNCERTAIN: "wait for a pose that is certain, or call relocalize of the localiser, then call start",
     StopReason.POSE_JUMP: "check where the localiser thinks the vehicle is, call relocalize, then call start",
@@ -51,6 +54,7 @@ REMEDIES = {
     StopReason.OFF_PATH: "bring the vehicle onto the path, heading along it, then call start",
     StopReason.OBSTACLE: "clear the way, then call start",
     StopReason.SCAN_TIMEOUT: "check the scanner and its topic, then call start",
+    StopReason.ODOM_TIMEOUT: "check the wheels' odometry and its topic, then call start",
     StopReason.CLOCK_STOPPED: "check who publishes /clock, then call start",
     StopReason.COMMAND_SOURCE: "end all publishers of cmd_vel but one, then call start",
     StopReason.COMMAND_GUARD: "see the log of command_guard, then call start",
@@ -71,7 +75,10 @@ class Severity(enum.IntEnum):
 
 
 GENTLE = (StopReason.NONE, StopReason.OPERATOR, StopReason.END_OF_PATH)
-MISSING = (StopReason.POSE_TIMEOUT, StopReason.STATUS_TIMEOUT, StopReason.SCAN_TIMEOUT, StopReason.NOT_LOCALISED)
+MISSING = (
+    *(StopReason.POSE_TIMEOUT, StopReason.STATUS_TIMEOUT, StopReason.SCAN_TIMEOUT, StopReason.ODOM_TIMEOUT),
+    StopReason.NOT_LOCALISED,
+)
 SEVERITY = {
     **dict.fromkeys((StopReason.NONE, StopReason.END_OF_PATH), Severity.NONE),
     **dict.fromkeys(MISSING, Severity.MISSING),

@@ -48,9 +48,10 @@ class Guard:
             self.reason, self.detail = GuardReason.NONE, ""
 
     def see_heartbeat(self, count: int, now: float) -> None:
-        """Accept a heartbeat; only a new count is one."""
-        if count != self._count:
-            self._count, self._beat_at = count, now
+        """Accept a heartbeat; only a count after another one is: a single one may have been sent long ago."""
+        if self._count not in (-1, count):
+            self._beat_at = now
+        self._count = count
 
     def pass_on(self, now: float) -> tuple[float, float]:
         """Return the speed m/s and yaw rate rad/s for now."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -12,7 +13,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 
-from path_follower.constants import BEAM_FORGETTING, MIN_MEASURED
+from path_follower.constants import BEAM_FORGETTING, MIN_MEASURED, PAIRED
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
@@ -21,7 +22,7 @@ from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import PLANAR, Array
-from sphere_nav.localization.status import TRUSTED
+from sphere_nav.localization.status import TRUSTED, State, Status
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import Times
 from sphere_nav.ros.constants import MAX_AHEAD_NS
@@ -78,7 +79,11 @@ class Answered:
 
 
 class PoseIntake:
-    """Poses of base_link in the map, or an odometry there, and the state of the localiser."""
+    """Poses of base_link in the map, or an odometry there, and the state of the localiser.
+
+    Bad news counts at once; good news counts where it belongs to a pose, which has its stamp: what somebody else says
+    of other images does not hide that the pose is lost.
+    """
 
     def __init__(
         self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower, answered: Answered
@@ -88,6 +93,8 @@ class PoseIntake:
             self.topic = endpoints.add_subscription("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE).topic
         else:
             self.topic = endpoints.add_subscription("odometry", Odometry, self.on_odometry, qos.STATE).topic
+        self._poses: deque[int] = deque(maxlen=PAIRED)  # stamps
+        self._good_news: deque[tuple[int, int, Status]] = deque(maxlen=PAIRED)  # stamp, from when it counts, and what
         needed = params.safety.is_status_required
         endpoints.add_subscription("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
         if params.safety.is_motion_checked:
@@ -130,20 +137,35 @@ class PoseIntake:
                 self._answered.answer_pose(stamp, is_refused=True)
             raise
         self._answered.accept(stamp)
-        planar = covariance[PLANAR]
-        self._follower.see_pose(Pose2.of(T_map_base), time, speed, planar if planar.any() else None)
+        self._follower.see_pose(Pose2.of(T_map_base), time, speed, covariance[PLANAR])
+        self._poses.append(stamp)
+        self._see_paired()
         self._answered.answer_pose(stamp)
 
     def on_status(self, message: LocalizationStatus) -> None:
-        """Hand on the state of the localiser; bad news counts at once, good news by its stamp."""
+        """Hand on the state of the localiser; bad news counts at once, good news by its stamp, and with its pose."""
         stamp, times = stamp_of_news(message), self._answered.times
         status = conversions.message_to_status(message)
         is_good = status.state in TRUSTED
         time = times.of(stamp) if is_good else times.now()
         self._answered.accept(stamp)
-        self._watch.see_status(status.state, time, status.reason, status.age, status.map_id)
+        is_worse = not is_good or (status.state == State.DEGRADED and self._watch.state == State.TRACKING)
+        if is_worse:
+            self._watch.see_status(status.state, time, status.reason, status.age, status.map_id)
+        else:
+            self._good_news.append((stamp, time, status))
+            self._see_paired()
         # what was computed of an image that is trusted has a pose; it may come after its status
         self._answered.answer_status(stamp, is_good=is_good, has_pose=is_good and status.milliseconds > 0.0)
+        if len(self._good_news) == PAIRED:
+            raise ValueError(f"header.stamp: expected that of a pose, found another one {PAIRED} times")
+
+    def _see_paired(self) -> None:
+        """Hand on the good news whose pose is known."""
+        for item in [item for item in self._good_news if item[0] in self._poses]:
+            _, time, status = item
+            self._good_news.remove(item)
+            self._watch.see_status(status.state, time, status.reason, status.age, status.map_id)
 
 
 def stamp_of_news(message: Any) -> int:

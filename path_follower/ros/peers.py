@@ -18,9 +18,10 @@ class EmergencyStop:
     """The topic `emergency_stop`: heard whatever QoS its publisher offers, and whenever it was latched."""
 
     def __init__(self, endpoints: Endpoints, press: Callable[[bool], None]) -> None:
-        """`press` is called with every message: pressed or released."""
+        """`press` is called with every message that counts: pressed or released."""
         self._endpoints, self._press = endpoints, press
         self.names: list[str] = []
+        self._is_pressed = self._is_held = False  # held: one of several pressed, and only a press releases it
         self._since_ns, self._heard_ns = -1, -(10**18)
         self._topics = endpoints.hear_always("emergency_stop", Bool, self._hear)
 
@@ -30,8 +31,16 @@ class EmergencyStop:
             self._endpoints.take_waiting(topic)
 
     def _hear(self, message: Bool) -> None:
+        """Press or release; what another publisher said all the time does not release what one pressed that has gone.
+
+        It does once it has pressed, too.
+        """
         self._heard_ns = self._endpoints.steady_ns()
-        self._press(bool(message.data))
+        are_several = (message.data or self._is_pressed) and len(self._endpoints.publishers_of("emergency_stop")) > 1
+        self._is_held = are_several or (self._is_held and not message.data)
+        if message.data or not self._is_held:
+            self._is_pressed = bool(message.data)
+            self._press(self._is_pressed)
 
     def look(self) -> None:
         """See who publishes it; a change of those has to be heard anew."""
@@ -39,6 +48,7 @@ class EmergencyStop:
         if names != self.names:
             is_first = self._since_ns < 0  # heard, perhaps, long before this look: as the node became active
             self.names, self._since_ns = names, 0 if is_first else self._endpoints.steady_ns()
+        self._is_held = self._is_held or (self._is_pressed and len(names) > 1)
 
     @property
     def doubt(self) -> str:
@@ -55,7 +65,13 @@ class Peers:
 
     def __init__(self, endpoints: Endpoints, topic: str, press: Callable[[bool], None]) -> None:
         """`topic`: what the vehicle is driven by."""
-        self._endpoints, self._topic = endpoints, topic
+        self._endpoints = endpoints
+        status = "homing/status" if topic == "homing/direction" else "status"
+        self._sources = {
+            topic: StopReason.POSE_SOURCE,
+            status: StopReason.STATUS_SOURCE,
+            "cmd_vel": StopReason.COMMAND_SOURCE,
+        }
         self.emergency = EmergencyStop(endpoints, press)
         self._relied_on: list[str] = []  # who published the emergency stop at the start
         self._guard: GuardStatus | None = None
@@ -74,11 +90,11 @@ class Peers:
         return StopVerdict(StopReason.EMERGENCY_STOP, detail=doubt) if doubt else self.judge()
 
     def look(self) -> None:
-        """Look who publishes: more than one pose, or more than one command, cannot be followed."""
+        """Look who publishes: more than one pose, status or command cannot be followed."""
         self.emergency.look()
         self._published = FINE
-        for topic, reason in ((self._topic, StopReason.POSE_SOURCE), ("cmd_vel", StopReason.COMMAND_SOURCE)):
-            names = self._endpoints.publishers_of(topic)
+        for topic, reason in self._sources.items():
+            names = self._endpoints.speakers_of(topic)
             text = f"{topic}: {', '.join(names) or 'no publisher'}"
             self._endpoints.report(f"publishers {topic}", ERROR if len(names) > 1 else OK, text)
             if len(names) > 1 and self._published is FINE:

@@ -74,8 +74,8 @@ class Leaf:
         is_of_kind = isinstance(value, kinds) and (self.type is bool or not isinstance(value, bool))
         if not is_of_kind:
             raise ValueError(f"{self.name}: expected {self.type.__name__}, found {value!r}")
-        if isinstance(value, float) and math.isnan(value):
-            raise ValueError(f"{self.name}: expected a number, found nan")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError(f"{self.name}: expected a finite number, found {value}")
         too_low = self.low is not None and value < self.low
         if too_low or (self.high is not None and value > self.high):
             raise ValueError(f"{self.name}: expected {self.range_text()}, found {value!r}")

@@ -35,6 +35,9 @@ FIRST_IMAGE_S = 2.0  # without any image before it is said
 NUM_COUNTED, MAX_LOST_SHARE = 20, 0.2  # images over which losses are counted; share of them, before it is said
 OFFER_PERIOD_NS = 1_000_000_000  # between two poses of a peer that start a search
 
+# Topics (test_subscription)
+SHARED_S = 3.0  # within which the numbers of a topic turn back twice: two publish it, at 1 Hz or faster
+
 # Failures (test_executor)
 RECENT_S = 10.0  # for which a failure shows in the diagnostics
 MAX_IN_ROW = 3  # failures of one callback in a row, and it does not work

@@ -237,6 +237,15 @@ class Endpoints:
         """Return the full names of the nodes that publish on a topic, each as often as it does; none in a replay."""
         return self._shell.publishers_of(topic)
 
+    def speakers_of(self, topic: str) -> list[str]:
+        """Return who publishes a topic that this node hears; those of one name are one where only one of them speaks.
+
+        A node that was killed stays known for some 20 s, beside the one that was started in its place.
+        """
+        names = self.publishers_of(topic)
+        is_of_one = any(wanted.topic == topic and wanted.is_of_one for wanted in self.inputs)
+        return sorted(set(names)) if is_of_one else names
+
     @property
     def is_time_simulated(self) -> bool:
         """Whether the node's clock is /clock; a replay has but one clock, which is none of these."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.constants import LOG_PERIOD_S
+from sphere_nav.ros.constants import LOG_PERIOD_S, SHARED_S
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
 
@@ -40,6 +41,7 @@ class Subscription:
     handle: Any = None  # the rclpy subscription, where there is one
     kept: list[Any] = field(default_factory=list)  # latched messages of the time before the node was active
     last_number: int = 0
+    turned_back: deque[float] = field(default_factory=lambda: deque(maxlen=2))  # time.monotonic() where numbers did
 
     def deliver(self, message: Any) -> None:
         """Hand a message to the node. ValueError means: refused; the node goes on with the next one."""
@@ -75,7 +77,15 @@ class Subscription:
         if num_publishers == 1 and 0 < self.last_number < number:
             self.num_lost += number - self.last_number - 1
             self.num_lost_lately += number - self.last_number - 1
+        if number <= self.last_number:
+            self.turned_back.append(time.monotonic())
         self.last_number = number
+
+    @property
+    def is_of_one(self) -> bool:
+        """Whether the numbers show that one publisher alone speaks: they turn back once where it began anew."""
+        is_shared = len(self.turned_back) == 2 and time.monotonic() - self.turned_back[0] < SHARED_S
+        return self.last_number > 0 and not is_shared
 
     @property
     def silent_for(self) -> float:

@@ -51,6 +51,17 @@ def test_nothing_passes_before_a_zero_command():
     assert bench.guard.reason == "WAITS_FOR_ZERO"
 
 
+def test_a_guard_that_is_new_takes_no_heartbeat_that_was_sent_before_for_one():
+    bench = Bench()
+    bench.run(0.1, (0.0, 0.0), beats=False)  # one and the same count
+    assert bench.guard.reason == "NO_HEARTBEAT"
+    bench.run(0.5)
+    assert (max(bench.speeds), bench.guard.reason) == (0.0, "WAITS_FOR_ZERO")  # zero was commanded too early
+    bench.run(0.1, (0.0, 0.0))
+    bench.run(0.5)
+    assert max(bench.speeds) > 0.0
+
+
 def test_a_sender_that_falls_silent_stops_within_deadline_and_ramp(driving):
     assert driving.run(1.0, None) <= PARAMS.deadline + 1.0 / PARAMS.max_deceleration + 2 * STEP
     assert (driving.guard.reason, driving.guard.detail) == ("NO_COMMAND", "none for more than 0.25 s")

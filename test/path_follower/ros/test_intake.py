@@ -263,13 +263,51 @@ def test_predictions_that_no_image_confirms_carry_the_vehicle_for_a_while_only()
     assert "no image confirms the pose" in str(node.loop.follower.mode.verdict)
 
 
-def test_two_publishers_of_the_pose_are_named_and_stop():
+@pytest.mark.parametrize(("topic", "reason"), [("pose", "POSE_SOURCE"), ("status", "STATUS_SOURCE")])
+def test_two_publishers_of_what_it_drives_by_are_named_and_stop(topic, reason):
     bus, node = follower_bus()
     drive(bus, node, 30)
-    node.shell.publishers_of = lambda topic: ["/a", "/b"]
+    node.shell.publishers_of = lambda asked: ["/a", "/b"] if asked == topic else []
     assert seconds_to_zero(bus) <= 0.6
-    assert str(node.loop.follower.mode.verdict).startswith("POSE_SOURCE: pose is published by /a, /b: ")
+    assert str(node.loop.follower.mode.verdict).startswith(f"{reason}: {topic} is published by /a, /b: ")
     assert not node.shell.call("start").success
+
+
+@pytest.mark.parametrize("speaking", [1, 2])
+def test_of_one_name_it_counts_who_speaks(speaking):
+    """A localiser that was killed stays in the graph beside the one that was started in its place."""
+    bus, node = follower_bus()
+    x = drive(bus, node, 1)
+    (heard,) = [one for one in node.inputs if one.topic == "pose"]
+    for number in (70, 1, 2, 3) if speaking == 1 else (70, 1, 71, 2, 72):
+        heard.count(number, 2)
+    node.shell.publishers_of = lambda asked: ["/dense", "/dense"] if asked == "pose" else []
+    drive(bus, node, 2, x=x)
+    answer = node.shell.call("start")
+    assert (answer.success, "POSE_SOURCE" in answer.message) == (speaking == 1, speaking == 2)
+
+
+@pytest.mark.parametrize("lost", ["LOST", "DEGRADED", "silent"])
+def test_a_status_of_other_images_does_not_hide_what_the_localiser_says(lost):
+    bus, node = follower_bus()
+    x = drive(bus, node, 30)
+    begun, last, speed = bus.now_ns, 0.0, 1.4
+    for k in range(1, 30):
+        said = list(bus.advance(begun + k * SECOND // 10))
+        x += 0.1 * speed
+        pose(bus, x, bus.now_ns)
+        if lost != "silent":
+            status(bus, lost, bus.now_ns, "LOW_OVERLAP", age=0.1 * k)
+        said += bus.settle()
+        for _ in range(5):  # a second publisher, whatever it is called
+            said += bus.advance(bus.now_ns + SECOND // 100)
+            status(bus, "TRACKING", bus.now_ns)
+            said += bus.settle()
+        speed = speeds(said)[-1]
+        last = (bus.now_ns - begun) / SECOND if speed else last
+    verdict = node.loop.follower.mode.verdict
+    assert verdict.reason == ("STATUS_TIMEOUT" if lost == "silent" else "NOT_LOCALISED")
+    assert last <= (2.0 if lost == "silent" else 1.0)
 
 
 # --- scans
@@ -381,8 +419,8 @@ def test_the_wheels_are_compared_with_the_pose_and_those_of_another_frame_refuse
     message = se3_to_odometry(SE3.from_planar(4, 5, 0.6), np.eye(6), bus.now_ns, ("odom", "base_link"), twist)
     bus.deliver("/odom", message)
     list(bus.settle())
-    time, pose, speed, yaw_rate = node.loop.follower.consistency._odometry[-1]
-    assert (*pose, speed, yaw_rate) == pytest.approx((4, 5, 0.6, 1.0, 0.2))
+    time, (place, speed, yaw_rate) = node.loop.follower.consistency._odometry[-1]
+    assert (*place, speed, yaw_rate) == pytest.approx((4, 5, 0.6, 1.0, 0.2))
     assert time == node.loop.times.now()
     message.child_frame_id = "front_axle"
     bus.deliver("/odom", message)
@@ -410,6 +448,7 @@ def test_the_covariance_of_a_pose_is_judged_in_its_own_axes(source):
 def test_the_status_names_the_map_of_the_pose():
     bus, node = follower_bus()
     bus.deliver("/status", status_to_message(Status(State.TRACKING, map_id="yard"), bus.now_ns, "map"))
+    pose(bus, 0.0, bus.now_ns)
     assert node.loop.follower.watch.map_id == "yard"
 
 

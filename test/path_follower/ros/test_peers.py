@@ -28,6 +28,9 @@ class Endpoints:
     def publishers_of(self, topic):
         return self.publishers.get(topic, [])
 
+    def speakers_of(self, topic):
+        return self.publishers_of(topic)
+
     def hear_always(self, topic, kind, callback):
         self.callbacks[topic] = callback
         return topic, f"{topic} latched"
@@ -57,7 +60,12 @@ def test_nobody_else_is_fine(bench):
 
 
 @pytest.mark.parametrize(
-    ("topic", "reason"), [("pose", StopReason.POSE_SOURCE), ("cmd_vel", StopReason.COMMAND_SOURCE)]
+    ("topic", "reason"),
+    [
+        ("pose", StopReason.POSE_SOURCE),
+        ("status", StopReason.STATUS_SOURCE),
+        ("cmd_vel", StopReason.COMMAND_SOURCE),
+    ],
 )
 def test_two_publishers_are_named(bench, topic, reason):
     bench.publishers[topic] = ["/a"]
@@ -102,6 +110,34 @@ def test_a_button_that_vanishes_or_is_doubled_under_way_stops(bench, names, foun
     verdict = bench.peers.judge()
     assert verdict.reason is StopReason.EMERGENCY_STOP
     assert found in verdict.detail
+
+
+def hear(bench, *pressed):
+    for one in pressed:
+        bench.callbacks["emergency_stop"](Bool(data=one))
+    return bench.pressed[-1]
+
+
+def test_what_one_pressed_that_has_gone_holds_until_who_is_left_presses_and_releases(bench):
+    bench.publishers["emergency_stop"] = ["/button"]
+    assert hear(bench, False) is False
+    bench.publishers["emergency_stop"] = ["/button", "/page"]
+    assert hear(bench, True, False, False) is True  # the button says what it always says
+    bench.publishers["emergency_stop"] = ["/button"]
+    bench.peers.look()
+    assert hear(bench, False) is True
+    assert hear(bench, True, False) is False
+
+
+def test_who_pressed_or_who_comes_later_releases(bench):
+    bench.publishers["emergency_stop"] = ["/page"]
+    assert hear(bench, True, False) is False
+    assert hear(bench, True) is True
+    bench.publishers["emergency_stop"] = []
+    bench.peers.look()
+    assert bench.pressed[-1] is True
+    bench.publishers["emergency_stop"] = ["/other"]
+    assert hear(bench, False) is False
 
 
 def test_two_buttons_refuse_a_start(bench):
