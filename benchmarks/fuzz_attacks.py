@@ -20,7 +20,6 @@ import zstandard
 
 from benchmarks.fuzz_mutations import INTEGERS, mutate_bytes
 from benchmarks.fuzz_samples import Samples
-from dense_localizer.references.rejections import read_rejections
 from mcl_depth.geometry.files import read_geometry
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
@@ -87,7 +86,6 @@ def _readers(samples: Samples) -> Readers:
         "driver": (samples.driver, lambda path: read_driver(str(path))),
         "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
         "boards": (samples.boards, read_boards),
-        "rejections": (samples.rejections, lambda path: read_rejections(path, "yard")),
         "graph": (samples.g2o, read_graph),
         "tum": (samples.tum, read_tum),
         "path": (samples.path_csv, lambda path: read_path(path, params)),

@@ -20,8 +20,6 @@ from sensor_msgs.msg import CompressedImage, LaserScan
 from sphere_nav_msgs.msg import AugmentedSphere, ReferencePoint, ReferenceTrajectory
 from std_msgs.msg import Header, String
 
-from dense_localizer.constants import SQUARE_COLUMNS, SQUARE_ROWS
-from dense_localizer.references.rejections import Rejections
 from path_follower.params import VehicleParams
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.mission import Goal, Mission
@@ -120,9 +118,6 @@ class Samples:
         self.driver = self._text("driver.yaml", DRIVER)
         self.mounting = self._text("mounting.yaml", "{x: 1.0, y: 0.1, z: 1.5, roll: 0.0, pitch: 0.1, yaw: 0.0}\n")
         self.boards = self._text("boards.yaml", BOARDS)
-        self.rejections = folder / "rejections.json"
-        counts = self.rng.integers(0, 9, (2, SQUARE_ROWS, SQUARE_COLUMNS))
-        Rejections({3: counts}).write(self.rejections, "yard")
         self.g2o = self._text("graph.g2o", G2O)
         x = np.linspace(0.0, 6.0, 13)
         self.routes, self.mission = folder / "routes.geojson", folder / "mission.json"

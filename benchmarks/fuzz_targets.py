@@ -17,7 +17,6 @@ from sphere_nav_msgs.srv import LoadCloud, LoadMap, LoadTrajectory
 from benchmarks.fuzz_attacks import make_attacks
 from benchmarks.fuzz_mutations import mutate_bytes, mutate_message
 from benchmarks.fuzz_samples import Samples
-from dense_localizer.references.rejections import read_rejections
 from dense_localizer.ros.node import DenseLocalizerNode
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.ros.node import MclDepthNode
@@ -139,7 +138,6 @@ def _text_targets(samples: Samples) -> list[Target]:
         "driver": (samples.driver, lambda path: read_driver(str(path))),
         "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
         "boards": (samples.boards, read_boards),
-        "rejections": (samples.rejections, lambda path: read_rejections(path, "yard")),
         "graph": (samples.g2o, read_graph),
         "routes": (samples.routes, read_network),
         "mission": (samples.mission, read_state),

@@ -56,15 +56,6 @@ REFUSED_FADING = 0.8  # weight that observations keep with each refused image (r
 EDGE_HOPS, MAX_LOOP_SIGMAS = 2, 4.74  # edges around a key sphere that count; of a loop: chi of 6 at 0.001
 MIN_EDGE_M = 0.1  # shorter edges say nothing of a meter
 
-# Squares that are rejected again and again, M15 section 6.4.5 (references/test_rejections). By chance a square with a
-# twentieth of outliers is rejected once in 70 times, six of eight times in 1e-10 of all.
-SQUARE_ROWS, SQUARE_COLUMNS = 32, 64  # of a whole sphere
-MIN_SQUARE_PIXELS = 4  # seen in a square, for it to count
-REJECTED_SIGMAS, MIN_RESIDUAL_SIGMA = 3.0, 1.0  # of an outlier's residual; grey levels
-REVISIT_M = 0.2  # motion until the camera counts again: a drive that waits sees one thing once
-MIN_SEEN, MIN_REJECTED_SHARE = 8, 0.75  # images; of those
-MAX_FORGOTTEN_SHARE = 0.3  # of the squares seen of a sphere
-
 # Acceptance (judge/test_acceptance): a first value refuses, a second one means care: DEGRADED.
 MIN_OVERLAP, GOOD_OVERLAP = 0.15, 0.25  # share of the chosen pixels that the image sees
 GOOD_NCC_LEAD = 0.1  # of the correlation of a good alignment over the least one
@@ -84,7 +75,7 @@ NOTABLE_DISTANCE = 1.0  # to the nearest reference, by the radius of its region:
 # Integrity checks (judge/test_integrity): each is due once in so many images in TRACKING, no two in the same one
 INTEGRITY_PERIOD = 10
 FIT_PHASE, OCCLUSION_PHASE, LIGHT_PHASE = 0, 3, 6  # which image of INTEGRITY_PERIOD
-REJECTION_PHASE, MAP_PHASE = 2, 5  # counted after the image
+MAP_PHASE = 5  # counted after the image
 FULL_CHECK_NCC = 0.97  # of the usual correlation: all checks are due below it
 CORRELATED_CELLS = 2.0  # factor of a covariance by parts of the view: a lamp shifts neighbours alike
 CONTRAST_COVARIANCE = 3.0  # by how much that of an alignment by local contrast is larger: other light errs alike

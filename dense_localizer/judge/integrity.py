@@ -2,7 +2,7 @@
 
 Not every check is due for each image, but all while the pose is not trusted: does odometry agree
 (`odometry_check.py`), what do the residuals look like (`photometric/checks/structure.py`), do the references agree
-(`map_error.py`)? What is rejected again and again is counted (`rejections.py`).
+(`map_error.py`)?
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from dense_localizer.constants import (
     MAP_PHASE,
     MIN_VISIBLE_SHARE,
     OCCLUSION_PHASE,
-    REJECTION_PHASE,
     REMAINING_BIAS,
 )
 from dense_localizer.inputs import LocalizerInput
@@ -45,7 +44,6 @@ from sphere_nav.photometric.checks.structure import (
     Aspect,
     Structure,
     find_rig_structure,
-    view_residuals,
 )
 from sphere_nav.photometric.checks.support import Support
 from sphere_nav.photometric.constants import GRADIENT_SHARE, MAX_PREDICTED_CHANCE, OCCLUSION_SHARE
@@ -141,10 +139,6 @@ class Integrity:
         self._count, self._is_biased, self._is_refused = self._count + 1, candidate.is_biased, False
         if self._count % INTEGRITY_PERIOD == MAP_PHASE and alignment is not None and not candidate.is_biased:
             self._map_error.observe(candidate.images, alignment, registration, candidate.motion)
-        is_like = candidate.acceptance.is_good and not candidate.choice.by_contrast  # another light moves no walls
-        if self._count % INTEGRITY_PERIOD == REJECTION_PHASE and alignment is not None and is_like:
-            residuals = view_residuals(candidate.images, alignment, registration, candidate.motion)
-            self._references.count_rejections(candidate.T_map_camera.translation, residuals)
         sample = _make_sample(frame, candidate)
         by_odometry = self._odometry.find(sample) if sample else FINE
         findings = candidate.finding, candidate.prediction.finding, by_odometry

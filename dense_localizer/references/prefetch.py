@@ -194,10 +194,6 @@ class SpherePrefetch:
         """Say whether `get` would return, or raise, at once."""
         return sphere_id in self._references and self._references[sphere_id].done()
 
-    def forget(self, sphere_id: int) -> None:
-        """Have a sphere prepared anew when it is needed next."""
-        self._references.pop(sphere_id, None)
-
     def close(self) -> None:
         """End the thread; what is being prepared is the last."""
         self._thread.shutdown(wait=True, cancel_futures=True)

@@ -10,7 +10,7 @@ face elsewhere; it is passed over where it covers clearly less of the image than
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Protocol
@@ -35,7 +35,6 @@ from dense_localizer.references.coarse_reference import CoarseReferences
 from dense_localizer.references.likeness import ExperienceChoice, Sight, Tried
 from dense_localizer.references.map_error import MapError
 from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
-from dense_localizer.references.rejections import Rejections
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Pyramid, Reference, View, build_pyramid, prepare_reference
@@ -46,8 +45,6 @@ from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.experiences import split_by_experience
 from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-
-Residuals = tuple[View, NDArray[np.float64], NDArray[np.float64]]  # view, points (N, 3) in its axes, residuals (N,)
 
 
 class SphereMap(Protocol):
@@ -122,7 +119,6 @@ class References:
         self.appearance = sphere_map.appearance()
         self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
         self.error = MapError(sphere_map.graph, params.covariance)
-        self.rejections = Rejections()
         self._parts = split_by_experience(sphere_map.graph)
         self._experience = ExperienceChoice(self.coarse)
         self.knows_contrast = params.alignment.contrast  # whether images may be aligned by it
@@ -242,16 +238,6 @@ class References:
             self.by_contrast = choice.by_contrast
             self._experience.adopt(self.node(choice.ids[0]).experience)
 
-    def count_rejections(self, place_map: NDArray[np.float64], residuals: Iterable[Residuals]) -> None:
-        """Count which squares of key spheres do not agree with an image; forget those that never do."""
-        for view, points, residual in residuals:
-            sphere_id = self._nearest_in_use(view.T_world_reference.translation, 1)[0].id
-            if self.rejections.is_due(sphere_id, place_map) and self.rejections.add(
-                sphere_id, place_map, points, residual
-            ):
-                for key in (_key(sphere_id, False), _key(sphere_id, True)):
-                    self._spheres.forget(key)
-
     def prefetch(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None, *, is_rig: bool = False) -> None:
         """Have prepared what the camera that chose last, at some velocity (6,), will need; return at once.
 
@@ -343,9 +329,6 @@ class References:
         sphere_id = _sphere_id(key)
         with self._pixels.background.wait_for_turn():
             sphere = self._map.load_sphere(sphere_id)
-        unused = self.rejections.mask(sphere_id, sphere.camera)
-        if unused is not None:
-            sphere = replace(sphere, range_m=np.where(unused, np.float32(np.nan), sphere.range_m))
         levels, range_m, camera = sphere.levels, sphere.range_m, sphere.camera
         del sphere  # colors take more than the grey levels
         with self._pixels.background.wait_for_turn():

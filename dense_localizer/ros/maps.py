@@ -1,16 +1,14 @@
-"""The map in force, the call that loads another one, and the call that writes what images contradict in it."""
+"""The map in force, and the call that loads another one."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-from sphere_nav_msgs.srv import LoadMap, SaveMap
+from sphere_nav_msgs.srv import LoadMap
 
-from dense_localizer.references.rejections import Rejections
 from sphere_nav.geometry.cameras.rig import Rig
 from sphere_nav.geometry.files.rig_file import parse_rig, read_rig
-from sphere_nav.geometry.files.untrusted import path_below
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.maps.reader import MapReader, open_map
 
@@ -20,26 +18,21 @@ IN_MAP = "map"
 class Maps:
     """Holds one open map. What cannot be read leaves the present one in force."""
 
-    def __init__(self, endpoints: Endpoints, use: Callable[[MapReader], Rejections]) -> None:
-        """`use(reader)` is called with every map that was opened, and returns what will count its rejections.
-
-        ValueError refuses the map.
-        """
+    def __init__(self, endpoints: Endpoints, use: Callable[[MapReader], object]) -> None:
+        """`use(reader)` is called with every map that was opened; ValueError refuses the map."""
         self._use = use
         self.reader: MapReader | None = None
-        self._rejections = Rejections()
         endpoints.add_service("~/load_map", LoadMap, self.on_load_map)
-        endpoints.add_service("~/save_rejections", SaveMap, self.on_save_rejections)
 
     def open(self, path: str) -> MapReader:
         """Use another map; ValueError or OSError for one that cannot be read."""
         reader, before = open_map(path, is_gray=True), self.reader
         try:
-            rejections = self._use(reader)
+            self._use(reader)
         except BaseException:
             reader.close()
             raise
-        self.reader, self._rejections = reader, rejections
+        self.reader = reader
         if before is not None:
             before.close()
         return reader
@@ -62,23 +55,6 @@ class Maps:
         response.num_spheres, response.num_edges = len(reader.graph), len(reader.graph.edges)
         response.seconds = time.perf_counter() - started
         response.message = f"{response.num_spheres} key spheres of {request.path}"
-        return response
-
-    def on_save_rejections(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
-        """Write what images have rejected of the map since it was loaded, as `sphere_nav map-forget` reads it."""
-        started = time.perf_counter()
-        try:
-            if self.reader is None:
-                raise ValueError("save_rejections: expected a map, found none: load one first")
-            path = path_below(self.reader.path.resolve().parent, request.path, "a file beside the map,")
-            self._rejections.write(path, str(self.reader.info.map_id), is_overwriting=request.overwrite)
-            response.num_bytes = path.stat().st_size
-        except (ValueError, OSError) as error:
-            response.message = " ".join(str(error).split())
-            return response
-        response.success, response.path, response.num_spheres = True, str(path), len(self._rejections.counts)
-        response.seconds = time.perf_counter() - started
-        response.message = f"counters of {response.num_spheres} key spheres"
         return response
 
 

@@ -9,7 +9,6 @@ from dense_localizer.judge.residual import residual_image
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import DenseLocalizerParams
 from dense_localizer.reasons import REMEDIES
-from dense_localizer.references.rejections import Rejections
 from dense_localizer.ros.drive_recorder import DriveRecorder
 from dense_localizer.ros.maps import Maps, read_calibration
 from sphere_nav.geometry import SE3
@@ -70,8 +69,8 @@ class DenseLocalizerNode(LocalizerNode):
         """Whether several cameras localize together."""
         return bool(self.params.rig.cameras or self.params.rig.calibration)
 
-    def use_map(self, reader: MapReader) -> Rejections:
-        """Localize in a map from now on; return what counts the pixels of it that images reject."""
+    def use_map(self, reader: MapReader) -> None:
+        """Localize in a map from now on."""
         is_live, before = self.shell.is_live and not self.params.every_image, self.localizer
         self.localizer = Localizer(self.params, reader, is_live=is_live)
         self.end_drive()
@@ -80,7 +79,6 @@ class DenseLocalizerNode(LocalizerNode):
         if before is not None:
             before.references.close()
         return_free_memory()  # that of reading
-        return self.localizer.references.rejections
 
     def end_drive(self) -> None:
         """Let what was kept of a drive have its name."""

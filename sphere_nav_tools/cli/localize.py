@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
-from dense_localizer.references.rejections import Rejections
 from dense_localizer.ros.node import DenseLocalizerNode
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav_tools.offline import localizing
@@ -34,14 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("map", metavar="MAP", help="map made by `sphere_nav map`")
     parser.add_argument("source", metavar="BAG", help="bag with images and camera_info")
     localizing.add_arguments(parser, "dense_localizer")
-    parser.add_argument("--rejections", metavar="FILE", help="also write what the images contradict, for map-forget")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
-    path, counted = arguments.rejections and Path(arguments.rejections), list[tuple[Rejections, str]]()
-    if path and path.exists():
-        raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
 
     def add_node(bus: OfflineBus, remap: dict[str, str], given: dict[str, Any]) -> None:
         cameras = camera_names(remap)
@@ -50,12 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
             given | {"map": arguments.map, "rig.cameras": ",".join(cameras)} | arguments.settings,
             remap,
         )
-        if node.localizer is not None and node.maps.reader is not None:
-            counted.append((node.localizer.references.rejections, str(node.maps.reader.info.map_id)))
         if arguments.initial_pose:
             localizing.give_initial_pose(node, arguments.initial_pose)
 
-    status = localizing.write_poses(arguments, localizing.replay_localizer(arguments, TOPICS, add_node))
-    for rejections, map_id in counted if path else ():
-        rejections.write(path, map_id)
-    return status
+    return localizing.write_poses(arguments, localizing.replay_localizer(arguments, TOPICS, add_node))

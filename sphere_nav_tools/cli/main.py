@@ -46,7 +46,6 @@ COMMANDS = (
     Subcommand("map-export", "maps.map_export", "write a map as point cloud, graph or trajectory"),
     Subcommand("map-migrate", "maps.map_migrate", "make a map of an earlier version readable"),
     Subcommand("map-learn", "maps.map_learn", "learn from the drives that were kept beside a map, or take it back"),
-    Subcommand("map-forget", "maps.map_forget", "make a new map without what drives have rejected again and again"),
     Subcommand("route", "route", "make a network of taught paths with named places, plan ways on it"),
     Subcommand("view", "view.view", "look around in a map, in a web browser"),
     Subcommand("evaluate", "evaluate", "compare estimated poses with the truth"),

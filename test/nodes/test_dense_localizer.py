@@ -16,11 +16,10 @@ import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sphere_nav_msgs.msg import LocalizationStatus
-from sphere_nav_msgs.srv import LoadMap, Relocalize, SaveMap
+from sphere_nav_msgs.srv import LoadMap, Relocalize
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from dense_localizer.references.rejections import read_rejections
 from dense_localizer.ros.node import DenseLocalizerNode
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import qos
@@ -301,35 +300,6 @@ def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_pat
     assert not refused.success
     assert "none" in refused.message
     assert bench.see(pictures[5])["/status"].state == "TRACKING"
-
-
-def test_what_images_reject_is_written_beside_the_map_and_never_over_a_file(map_path, pictures, tmp_path):
-    bench = Bench()
-    call = bench.node.shell.call
-    assert "found none: load one first" in call("save_rejections", SaveMap.Request(path="a.json")).message
-    assert call("load_map", LoadMap.Request(path=str(map_path))).success
-    bench.follow(pictures)
-    map_id, path = str(bench.node.maps.reader.info.map_id), tmp_path / "a.json"
-    answer = call("save_rejections", SaveMap.Request(path="a.json"))
-    assert answer.success, answer.message
-    assert answer.path == str(map_path.resolve().parent / "a.json")
-    assert answer.num_spheres >= 1
-    counts = bench.node.localizer.references.rejections.counts
-    found = read_rejections(map_path.parent / "a.json", map_id).counts
-    assert {key: value.tolist() for key, value in found.items()} == {k: v.tolist() for k, v in counts.items()}
-    assert "not overwritten" in call("save_rejections", SaveMap.Request(path="a.json")).message
-    assert call("save_rejections", SaveMap.Request(path=answer.path, overwrite=True)).success
-    path.write_text("mine")
-    (map_path.parent / "link.json").symlink_to(path)
-    (map_path.parent / "other.json").write_text("mine")
-    for wrong in ("", str(path), "../a.json", "link.json", "other.json", "none/a.json", f"{map_path.name}"):
-        refused = call("save_rejections", SaveMap.Request(path=wrong, overwrite=True))
-        assert not refused.success, wrong
-        assert "\n" not in refused.message
-    assert [path.read_text(), (map_path.parent / "other.json").read_text()] == ["mine", "mine"]
-    assert not list(map_path.parent.glob(".*"))
-    for name in ("a.json", "link.json", "other.json"):
-        (map_path.parent / name).unlink()
 
 
 def test_reset_forgets_everything_but_the_map(map_path, pictures):

@@ -17,7 +17,7 @@ import numpy as np
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import SE3, FrameMotion, Spherical
-from sphere_nav.geometry.arrays import TINY, Array
+from sphere_nav.geometry.arrays import TINY
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.bias import NO_BIAS, PoseBias
@@ -26,7 +26,6 @@ from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occl
 from sphere_nav.photometric.checks.support import NO_SUPPORT, Support, exclude_changes, find_support
 from sphere_nav.photometric.constants import LENS_PIECES, MIN_SAMPLES, OCCLUSION_SHARE, SURE_AGREEMENT, SURE_NCC
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.reference import View
 from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler, cosines, sample_views
 
 
@@ -107,17 +106,6 @@ def _find_fit(images: Sequence[RigImage], cameras: CameraSamples, params: Regist
         found.append(Structure(_agreement(usable), *_stretch(usable, params, has_lens=has_lens)))
     surest = max(found, key=lambda one: abs(one.stretch) / one.stretch_sigma)
     return replace(surest, agreement=float(np.mean([one.agreement for one in found])))
-
-
-def view_residuals(
-    images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None = None
-) -> Iterator[tuple[View, Array, Array]]:
-    """Yield each view of an alignment of `register_rig` with points (N, 3) of it, its axes, and residuals (N,)."""
-    for image, samples in _samples_of(images, alignment, params, motion):
-        pose = image.pose(alignment.T_world_camera)
-        for view, sample in zip(image.views, samples, strict=True):
-            if len(sample.residual) >= MIN_SAMPLES:
-                yield view, (view.T_world_reference.inverse() @ pose).apply(sample.points), sample.residual
 
 
 def _samples_of(

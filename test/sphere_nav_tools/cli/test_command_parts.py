@@ -20,7 +20,7 @@ from sphere_nav_tools.cli import refine_camera as command
 from sphere_nav_tools.cli import register, rig_convert
 from sphere_nav_tools.cli.bags import inspect_, play
 from sphere_nav_tools.cli.maps import map_export, map_info
-from sphere_nav_tools.offline import forgetting, plot_figure, refine_camera, registering
+from sphere_nav_tools.offline import plot_figure, refine_camera, registering
 
 SECOND = 10**9
 CAMERA = Pinhole(64, 48, 50.0, 51.0, 31.0, 23.0, (0.1, 0.2, 0.3, 0.4))
@@ -149,24 +149,6 @@ def test_trajectories_are_exported_by_stamp(tmp_path):
     assert lines[3].split()[:6] == ["EDGE_SE3:QUAT", "0", "1", "1", "0.5", "0"]
     with pytest.raises(ValueError, match=r"\.geojson: expected --datum"):
         map_export.write_geojson(reader, tmp_path / "a.geojson", SimpleNamespace(datum=""))
-
-
-def test_rejections_of_drives_add_up_and_forget_range_deviation_and_filling():
-    drives = [{0: np.array([1, 2]), 1: np.array([3, 0])}, {1: np.array([4, 5])}]
-    found = forgetting.together([SimpleNamespace(counts=counts) for counts in drives])
-    assert {key: value.tolist() for key, value in found.counts.items()} == {0: [1, 2], 1: [7, 5]}
-    camera, plane = Spherical(16, 8), np.full((8, 16), 2.0, np.float32)
-    is_filled = np.zeros((8, 16), np.bool_)
-    is_filled[:, :4] = True
-    whole = Sphere(np.full((8, 16), 9, np.uint8), plane, camera, 5, plane / 10, is_filled)
-    unused = np.zeros((8, 16), np.bool_)
-    unused[2:4] = True
-    reader = SimpleNamespace(load_sphere=lambda sphere_id: whole)
-    found = forgetting._load(reader, SimpleNamespace(mask=lambda sphere_id, camera: unused), 0)
-    for values in (found.range_m, found.range_std_m):
-        np.testing.assert_array_equal(np.isnan(values), unused)
-    np.testing.assert_array_equal(found.is_filled, is_filled & ~unused)
-    assert forgetting._load(reader, SimpleNamespace(mask=lambda sphere_id, camera: None), 0) is whole
 
 
 def test_the_velocity_of_an_image_is_that_of_its_neighbours():

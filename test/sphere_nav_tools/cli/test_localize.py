@@ -53,14 +53,6 @@ def localize(recorded, output, *words) -> int:
     return main(["localize", str(recorded / "map"), str(recorded / "bag"), "-o", str(output), *TUNED, *map(str, words)])
 
 
-def test_what_images_contradict_is_counted_into_a_new_file(recorded, tmp_path):
-    path = tmp_path / "rejections.json"
-    assert localize(recorded, tmp_path / "poses.tum", "--rejections", path) == 0
-    content = json.loads(path.read_text())
-    assert len(content["spheres"]) >= 1
-    assert localize(recorded, tmp_path / "again.tum", "--rejections", path) == 2
-
-
 def test_trusted_poses_of_the_base_are_written_with_a_summary(recorded, tmp_path, capsys):
     assert localize(recorded, tmp_path / "poses.tum", "--json", tmp_path / "s.json", "--bag", tmp_path / "out") == 0
     found = read_tum(tmp_path / "poses.tum")
