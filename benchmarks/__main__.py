@@ -73,6 +73,7 @@ BENCHMARKS = {
     "fuzz": "benchmarks.fuzz",
     "zoo": "benchmarks.zoo",
     "endpoints": "benchmarks.endpoints",
+    "abuse": "benchmarks.abuse",
     "map_streaming": "benchmarks.map_streaming",
     "intake_rate": "benchmarks.intake_rate",
     "live_rigs": "benchmarks.live_rigs",

@@ -11,8 +11,10 @@ from sphere_nav.geometry.cameras.rig import Rig
 from sphere_nav.geometry.files.rig_file import parse_rig, read_rig
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.maps.reader import MapReader, open_map
+from sphere_nav.ros.service import one_line
 
 IN_MAP = "map"
+UNREADABLE = "path: expected a map, found none that can be read: the log of dense_localizer says why"
 
 
 class Maps:
@@ -20,13 +22,16 @@ class Maps:
 
     def __init__(self, endpoints: Endpoints, use: Callable[[MapReader], object]) -> None:
         """`use(reader)` is called with every map that was opened; ValueError refuses the map."""
-        self._use = use
+        self._use, self._log = use, endpoints.log
         self.reader: MapReader | None = None
         endpoints.add_service("~/load_map", LoadMap, self.on_load_map)
 
     def open(self, path: str) -> MapReader:
         """Use another map; ValueError or OSError for one that cannot be read."""
-        reader, before = open_map(path, is_gray=True), self.reader
+        return self._take(open_map(path, is_gray=True))
+
+    def _take(self, reader: MapReader) -> MapReader:
+        before = self.reader
         try:
             self._use(reader)
         except BaseException:
@@ -44,12 +49,18 @@ class Maps:
         self.reader = None
 
     def on_load_map(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
-        """Use another map, and say what is in it."""
+        """Use another map, and say what is in it; of a file that is none nothing is told to who asks."""
         started = time.perf_counter()
         try:
-            reader = self.open(request.path)
+            reader = open_map(request.path, is_gray=True)
         except (ValueError, OSError) as error:
-            response.message = " ".join(str(error).split())
+            self._log.warning(f"load_map: {one_line(error)}")
+            response.message = UNREADABLE
+            return response
+        try:
+            self._take(reader)
+        except (ValueError, OSError) as error:
+            response.message = one_line(error)
             return response
         response.success, response.map_id = True, str(reader.info.map_id)
         response.num_spheres, response.num_edges = len(reader.graph), len(reader.graph.edges)

@@ -27,6 +27,7 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions.driving import check_frames
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.service import one_line
 
 MADE_AT_ONCE = 512  # depth images that an image waits for: about a second
 WAIT = "wait; cache.folder keeps it for the next start"
@@ -130,17 +131,17 @@ class GeometryLoader:
         self.use(cloud_from_points(conversions.message_to_cloud(message), "cloud"))
 
     def on_load_cloud(self, request: LoadCloud.Request, response: LoadCloud.Response) -> LoadCloud.Response:
-        """Use another cloud; one that cannot be read leaves the present one in force."""
+        """Use another cloud; one that cannot be read leaves the present one in force, and who asks is told no more."""
         started = time.perf_counter()
         try:
             if not (math.isfinite(request.voxel_size) and request.voxel_size >= 0.0):
                 raise ValueError(f"voxel_size: expected 0 m or more, found {request.voxel_size:g}")
-            geometry = read_map(request.path, self._declared)
+            geometry, map_id = self._read(request.path)
             voxel_m = request.voxel_size or self._declared.synthesis.voxel_m
             num_points = count_points(geometry, voxel_m)  # before it is in force: thinning may refuse it
-            self.use(geometry, request.voxel_size, find_map_id(request.path))
+            self.use(geometry, request.voxel_size, map_id)
         except (ValueError, OSError) as error:
-            response.message = " ".join(str(error).split())
+            response.message = one_line(error)
             return response
         assert self.geometry is not None
         response.num_points = num_points
@@ -151,6 +152,13 @@ class GeometryLoader:
             response.message += f"; {self.geometry.warnings[-1]}"
         response.seconds = time.perf_counter() - started
         return response
+
+    def _read(self, path: str) -> tuple[Cloud | TriangleMesh, str]:
+        try:
+            return read_map(path, self._declared), find_map_id(path)
+        except (ValueError, OSError) as error:
+            self._log.warning(f"load_cloud: {one_line(error)}")
+        raise ValueError("path: expected a cloud or map, found none that can be read: the log of mcl_depth says why")
 
 
 def count_points(geometry: Cloud | TriangleMesh, voxel_m: float) -> int:

@@ -7,16 +7,21 @@ pytest.importorskip("rclpy")
 from sphere_nav_msgs.srv import LoadMap
 from std_srvs.srv import Trigger
 
+from dense_localizer.ros.maps import UNREADABLE
 from dense_localizer.ros.node import DenseLocalizerNode
 from sphere_nav.ros.bags.replay import OfflineBus
 
 
-def test_a_map_that_is_not_there_is_named_in_one_line(tmp_path):
-    node = OfflineBus().add(DenseLocalizerNode)
-    answer = node.shell.call("load_map", LoadMap.Request(path=str(tmp_path / "none")))
-    assert not answer.success
-    assert "none" in answer.message
-    assert "\n" not in answer.message
+def test_of_a_file_that_is_no_map_nothing_is_told_to_who_asks(tmp_path, caplog):
+    node, told = OfflineBus().add(DenseLocalizerNode), set()
+    (tmp_path / "secret.mcap").write_text("the secret")
+    (tmp_path / "metadata.yaml").write_text("the secret")
+    paths = ("secret.mcap", "none", "metadata.yaml", "metadata.yaml/x", ".", "", "a\0b")
+    for path in (*(str(tmp_path / name) for name in paths), "/dev/null", "/proc/self/mem", "/etc/passwd"):
+        answer = node.shell.call("load_map", LoadMap.Request(path=path))
+        told.add((answer.success, answer.message))
+    assert told == {(False, UNREADABLE)}
+    assert "secret.mcap: expected an MCAP file, found one that begins with 74 68 65" in caplog.text
     assert (node.maps.reader, node.localizer) == (None, None)
 
 

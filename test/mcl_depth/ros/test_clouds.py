@@ -41,16 +41,19 @@ def test_a_cloud_is_answered_with_its_size(node, tmp_path):
     np.testing.assert_allclose([low, high], [points.min(axis=0), points.max(axis=0)], rtol=1e-6)
 
 
-def test_a_cloud_that_cannot_be_read_leaves_the_present_one(node, tmp_path):
+def test_a_cloud_that_cannot_be_read_leaves_the_present_one_and_only_the_log_says_why(node, tmp_path, caplog):
     np.save(tmp_path / "room.npy", np.random.default_rng(1).uniform(0, 4, (500, 3)))
     loaded(node, tmp_path / "room.npy")
     before = node.clouds.geometry
     (tmp_path / "bad.ply").write_text("nothing")
-    for name in ("bad.ply", "absent.ply", "room.xyz"):
-        answer = loaded(node, tmp_path / name)
-        assert not answer.success
-        assert name in answer.message
-        assert "\n" not in answer.message
+    (tmp_path / "room.xyz").write_text("nothing")
+    answers = [
+        loaded(node, tmp_path / name) for name in ("bad.ply", "absent.ply", "room.xyz", ".", "a\0b", "bad.ply/x")
+    ]
+    answers += [loaded(node, path) for path in ("/etc/passwd", "/dev/null", "/etc")]
+    (told,) = {(answer.success, answer.message) for answer in answers}
+    assert told == (False, "path: expected a cloud or map, found none that can be read: the log of mcl_depth says why")
+    assert "bad.ply: header: expected 'ply'" in caplog.text
     assert node.clouds.geometry is before
 
 
