@@ -26,6 +26,7 @@ BENCHMARKS = {
     "faults": "benchmarks.faults",
     "busy": "benchmarks.fault_busy",
     "doubts": "benchmarks.doubts",
+    "stops": "benchmarks.stops",
     "lifecycle": "benchmarks.lifecycle",
     "localizer_faults": "benchmarks.localizer_faults",
     "rendering": "benchmarks.rendering",

@@ -300,4 +300,7 @@ def test_whatever_happens_an_answered_stop_holds(tmp_path):
         max_examples=EXAMPLES, stateful_step_count=6, deadline=None, derandomize=True,
         suppress_health_check=list(HealthCheck), database=None,
     )  # fmt: skip
-    AnythingMayHappen.TestCase("runTest").runTest()
+    case = AnythingMayHappen.TestCase("runTest")
+    result = case.defaultTestResult()
+    case.run(result)
+    assert result.wasSuccessful(), result.errors + result.failures

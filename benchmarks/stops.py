@@ -1,0 +1,189 @@
+"""Stops at random moments, over DDS: real follower and navigator, a base that obeys, and a cause that comes and goes.
+
+After each answered stop, pause or press (and release) the base may ramp down, and nothing else until the next start.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.fault_processes import PATIENCE, Base
+from benchmarks.report import Bound, Report, Table
+
+HELP = "stops, pauses and presses at random moments over DDS: how far does the vehicle move after them?"
+TRIALS, QUICK_TRIALS = 200, 12
+RULES, WAYS = ("moving", "standing"), ("path", "mission")
+STOPS, CAUSES = ("stop", "pause", "press"), ("none", "pose", "lost", "obstacle")
+WATCH = 4.0  # s after the answer, in which the cause goes
+RAMP = 2.8  # s, gently from 1.4 m/s
+LENGTH = 400.0  # m of the path: a base is never put back
+
+
+def add_arguments(parser: argparse._ArgumentGroup) -> None:
+    """Declare the options of this benchmark."""
+    parser.add_argument("--stop-seed", type=int, default=46, help="of the random moments (46)")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Run the trials, half of them by missions, and half under each rule of `safety.resume`."""
+    count = QUICK_TRIALS if options.quick else TRIALS
+    draw, rows, moved, worst = random.Random(options.stop_seed), [], 0, 0.0
+    for rule in RULES:
+        found = session(rule, count // len(RULES), draw)
+        for way in WAYS:
+            gained = [gain for kind, gain in found if kind == way]
+            rows.append((way, rule, str(len(gained)), str(sum(gain > 0.0 for gain in gained)), f"{max(gained):.2f}"))
+        moved += sum(gain > 0.0 for _, gain in found)
+        worst = max(worst, *(gain for _, gain in found))
+    columns = ("driven by", "safety.resume", "moments", "moved after the stop", "largest speed gained, m/s")
+    bounds = [
+        Bound(f"{count} random moments, seed {options.stop_seed}: drove off after an answered stop", 0, moved, ""),
+        Bound("largest speed gained after an answered stop", 0, worst, "m/s"),
+    ]
+    return Report("stops", [Table("Stops at random moments", columns, rows)], bounds)
+
+
+def session(rule: str, count: int, draw: random.Random) -> list[tuple[str, float]]:
+    """Return for each trial how it was driven, and by how many m/s the speed grew after the answer."""
+    import rclpy
+
+    os.environ["ROS_DOMAIN_ID"] = "45"
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        prepare(folder)
+        processes = [
+            spawn("node", "-p", f"trajectory:={folder / 'path.csv'}", "-p", f"safety.resume:={rule}"),
+            spawn("navigator_node", "-p", f"network:={folder / 'routes.geojson'}", "-p", f"state:={folder}"),
+        ]
+        rclpy.init()
+        try:
+            vehicle = StoppedBase(folder)
+            return [trial(vehicle, WAYS[i % 2], draw) for i in range(count)]
+        finally:
+            rclpy.try_shutdown()
+            for process in processes:
+                process.send_signal(signal.SIGINT)
+                process.wait(10.0)
+
+
+def spawn(module: str, *words: str) -> subprocess.Popen[bytes]:
+    """Start a node as a process."""
+    code = f"import sys; from path_follower.ros.{module} import main; sys.exit(main())"
+    return subprocess.Popen([sys.executable, "-P", "-c", code, "--ros-args", *words, "--log-level", "fatal"])
+
+
+def prepare(folder: Path) -> None:
+    """Write a straight path, and a network of it with a place at its end."""
+    from path_follower.routes.building import TaughtDrive, build_network, even_curve
+    from path_follower.routes.network import Spot
+    from path_follower.routes.network_file import write_network
+
+    x = np.arange(0.0, LENGTH, 0.1)
+    network = build_network([TaughtDrive(even_curve(x, 0 * x, 0 * x, 0 * x + 1.4))], "", 1.2)
+    write_network(folder / "routes.geojson", network.with_place("end", Spot(max(network.edges), LENGTH - 5.0)))
+    (folder / "path.csv").write_text("\n".join(f"{i},0" for i in range(int(LENGTH))), encoding="utf-8")
+
+
+class StoppedBase(Base):
+    """The base, the scanner, and an operator."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        from geometry_msgs.msg import TransformStamped
+        from rclpy.action import ActionClient
+        from sphere_nav_msgs.action import Navigate
+        from sphere_nav_msgs.srv import LoadTrajectory
+        from std_srvs.srv import Trigger
+        from tf2_msgs.msg import TFMessage
+
+        from sphere_nav.ros import qos
+
+        self.goal: Any = None
+        self.file, self.has_obstacle = str(folder / "path.csv"), False
+        self.calls = {name: self.node.create_client(Trigger, f"path_follower/{name}") for name in ("stop", "pause")}
+        self.load = self.node.create_client(LoadTrajectory, "path_follower/load_trajectory")
+        self.goals = ActionClient(self.node, Navigate, "navigate")
+        self.fixed = self.node.create_publisher(TFMessage, "/tf_static", qos.LATCHED)
+        mounting = TransformStamped(child_frame_id="laser")
+        mounting.header.frame_id = "base_link"
+        self.fixed.publish(TFMessage(transforms=[mounting]))
+
+    def speak(self) -> None:
+        """Say what the base says, and what the scanner sees."""
+        from sensor_msgs.msg import LaserScan
+
+        super().speak()
+        scan = LaserScan(angle_min=-1.57, angle_max=1.57, angle_increment=float(np.pi / 180), range_max=20.0)
+        scan.header.frame_id, scan.header.stamp = "laser", self.node.get_clock().now().to_msg()
+        ranges = np.full(181, np.inf)
+        ranges[85:96] = 2.0 if self.has_obstacle else np.inf
+        scan.ranges = ranges.tolist()
+        self.scans.publish(scan)
+
+    def answer(self, future: Any) -> Any:
+        """Return what was answered."""
+        if not self.live(PATIENCE, future.done):
+            raise RuntimeError("expected an answer, found none")
+        return future.result()
+
+    def begin(self, way: str) -> None:
+        """Ask for motion, again and again, until it was accepted."""
+        from sphere_nav_msgs.action import Navigate
+        from sphere_nav_msgs.srv import LoadTrajectory
+
+        clients = (self.load, self.start, *self.calls.values())
+        self.live(PATIENCE, lambda: all(c.service_is_ready() for c in clients) and self.goals.server_is_ready())
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            self.live(0.3)
+            if way == "mission":
+                self.goal = self.answer(self.goals.send_goal_async(Navigate.Goal(place="end")))
+                accepted = self.goal.accepted
+            else:
+                self.answer(self.load.call_async(LoadTrajectory.Request(path=self.file)))
+                accepted = self.answer(self.start.call_async(self.request)).success
+            if accepted:
+                return
+        raise RuntimeError(f"expected the {way} to begin, found {self.reason}")
+
+
+def trial(vehicle: StoppedBase, way: str, draw: random.Random) -> tuple[str, float]:
+    """Drive, let a cause come, stop at a random moment, let the cause go; return the speed gained after the answer."""
+    vehicle.begin(way)
+    vehicle.live(draw.uniform(0.0, 5.0))
+    cause, stop = draw.choice(CAUSES), draw.choice(STOPS)
+    vehicle.is_silent, vehicle.has_obstacle = cause == "pose", cause == "obstacle"
+    vehicle.state = "LOST" if cause == "lost" else "TRACKING"
+    if cause != "none":
+        vehicle.live(draw.uniform(0.0, 3.0))
+    if stop == "press":
+        vehicle.is_pressed = True
+        vehicle.live(0.3)
+        vehicle.is_pressed = False
+    else:
+        answer = vehicle.answer(vehicle.calls[stop].call_async(vehicle.request))
+        if not answer.success:  # a pause of what stands for good: nothing to hold
+            vehicle.answer(vehicle.calls["stop"].call_async(vehicle.request))
+    answered, first = time.monotonic(), len(vehicle.commands)
+    vehicle.live(draw.uniform(0.0, 0.5 * WATCH))
+    vehicle.is_silent, vehicle.has_obstacle, vehicle.state = False, False, "TRACKING"
+    vehicle.live(WATCH - (time.monotonic() - answered))
+    speeds = [speed for _, speed in vehicle.commands[max(first - 1, 0) :]]
+    gained = max([max(b - a, 0.0) for a, b in pairwise(speeds)], default=0.0)
+    late = [speed for at, speed in vehicle.commands[first:] if at - answered > RAMP]
+    if way == "mission":  # leave no mission behind
+        vehicle.answer(vehicle.goal.cancel_goal_async())
+        vehicle.live(1.0)
+    return way, max([gained, *late])
