@@ -40,7 +40,7 @@ check: env $(STAMPS)/test_wheels
 	$(RUN)/ruff check .
 	$(RUN)/mypy $(PACKAGES) benchmarks
 	$(RUN)/pytest -q test/architecture test/config test/installation
-	scripts/check_colcon.sh
+	PATH="$(CURDIR)/$(RUN):$$PATH" scripts/check_colcon.sh
 
 # config/*.yaml and docs/parameters.md from the parameters classes
 docs: env
@@ -94,3 +94,28 @@ $(STAMPS)/kernels: $(filter %/kernels.py %/warm_up.py,$(SOURCES)) scripts/compil
 	@echo "env: compiling the kernels (a minute where they are not in the cache)"
 	@scripts/compile_kernels.sh $(VENV)
 	@touch $@
+
+# --- what CI and a night prove besides: the real ros2, the oldest libraries, a newer Python
+.PHONY: test-ros2 test-oldest test-newer
+ROS2_SOURCES ?= ../shared/ros2cli
+OLDEST := build/oldest
+NEWER := build/newer
+
+# All tests that need a `ros2`, with one that is made of its sources beside the environment.
+test-ros2: env $(STAMPS)/test_wheels
+	$(ROS2_SOURCES)/install.sh $(VENV) build/ros2
+	ROS2=$(CURDIR)/build/ros2/ros2 $(RUN)/pytest -n0 -ra test/installation/test_ros2_tools.py \
+		test/sphere_nav_tools/cli/test_keystore.py $(ARGS)
+
+# NumPy, SciPy, Numba and OpenCV as in Ubuntu 24.04, in an environment of their own.
+test-oldest:
+	$(MAKE) VENV=$(OLDEST) $(addprefix $(OLDEST)/.stamps/,test_wheels tf2_msgs msg_defs sphere_nav)
+	$(OLDEST)/bin/python scripts/install_wheels.py -r requirements-oldest.txt
+	scripts/compile_kernels.sh $(OLDEST)
+	OPENBLAS_NUM_THREADS=1 $(OLDEST)/bin/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
+
+# With the Python that PYTHON names, or the newest that uv finds or brings.
+test-newer: $(STAMPS)/wheels
+	python=$${PYTHON:-$$($(RUN)/uv python find '>=3.12' 2>/dev/null || \
+		{ $(RUN)/uv python install 3.13 >&2 && $(RUN)/uv python find 3.13; })} && \
+		PYTHON=$$python $(MAKE) VENV=$(NEWER) test

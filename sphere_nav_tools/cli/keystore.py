@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         file = Path(folder) / "policy.xml"
         policy_of(starts).write(file, encoding="utf-8", xml_declaration=True)
         command = [ros2, "security", "generate_artifacts", "-k", arguments.folder, "-p", str(file)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, umask=0o077)  # keys are ours alone
     if done.returncode:
         said = (done.stdout + done.stderr).split("\n")
         raise ValueError(f"{FIND_SROS2}, found: {next((line for line in reversed(said) if line), 'no word of it')}")

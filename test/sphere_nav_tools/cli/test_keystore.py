@@ -32,6 +32,7 @@ from path_follower.routes.network_file import write_network
 from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav.ros.camera.drivers import read_driver
 from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.shared_files import share_file
@@ -195,6 +196,8 @@ def test_permissions_follow_the_arguments() -> None:
     assert ("publish", "rt/front/image_raw") in may["/car2/vehicle"]
     by_driver = granted(policy_of(COMPOSITIONS["mapping"].starts({"driver": "zed", "input": "rgbd"})))
     assert not allowed(by_driver["/sphere_mapper"], ("subscribe", "rt/image_raw"))
+    compressed = f"rt/{read_driver('zed').names()['image_raw']}/compressed"
+    assert ("subscribe", compressed) in by_driver["/sphere_mapper"]
 
 
 def test_the_keystore_is_of_ros2_security(ros2_security: None, tmp_path: Path, capsys: Any) -> None:
@@ -216,6 +219,7 @@ def test_the_keystore_is_of_ros2_security(ros2_security: None, tmp_path: Path, c
                 if topic.text != "ros_discovery_info"
             }
             assert found == expected, path
+            assert (folder / "key.pem").stat().st_mode & 0o077 == 0
             assert {str(number.text) for number in grant.iter("id")} == {os.environ["ROS_DOMAIN_ID"]}
             signer = ["openssl", "smime", "-verify", "-CAfile", str(folder / "permissions_ca.cert.pem"), "-in"]
             done = subprocess.run([*signer, str(folder / "permissions.p7s")], capture_output=True, check=False)
