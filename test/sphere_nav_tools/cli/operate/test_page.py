@@ -400,8 +400,7 @@ def test_in_a_browser_it_is_driven_by_the_mouse_and_the_emergency_stop_stays_in_
         wait_until(lambda: "needs its token" in browser.text())
         browser.call("Page.navigate", url=link_to("127.0.0.1", yard[2].port, TOKEN))
         wait_until(lambda: browser.text().count("EMERGENCY STOP") == 2)
-        assert browser.click("teach", "[role=tab]")  # scrolls the panel down
-        wait_until(lambda: browser.click("localise in its map"))
+        wait_until(lambda: browser.click("teach", "[role=tab]") and browser.click("localise in its map"))  # scrolls
         assert browser.click("start")
         wait_until(lambda: "start: DRIVING" in browser.text())
         assert browser.click("EMERGENCY STOP")
