@@ -136,6 +136,7 @@ def driver(process):
     rclpy.shutdown(context=context)
 
 
+@pytest.mark.dds
 def test_time_passes_with_the_commands_only(driver, process):
     assert driver.spin_until(lambda: len(driver.heard["image_raw"]) >= 15, 60.0)
     before = driver.stand()
@@ -218,12 +219,14 @@ def test_services_answer(driver):
     assert "quaternion" in driver.call("cycab_sim/teleport", Teleport, request).message
 
 
+@pytest.mark.slow
 def test_it_ends_in_order(driver, process):
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=10.0) == 0
     assert "Traceback" not in process.stderr.read()
 
 
+@pytest.mark.slow
 def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activation():
     bus = OfflineBus()
     node = CycabSim(OfflineShell(bus, "cycab_sim", {"camera.period": 0.0, "clock.real_time_factor": 0.0}, {}))

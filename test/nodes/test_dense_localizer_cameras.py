@@ -35,6 +35,8 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import FISHEYE, PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
 
+pytestmark = pytest.mark.dds
+
 START_NS = 1_000_000_000
 CAMERAS = {"front": PINHOLE, "back": FISHEYE}
 MOUNTS = {  # in body axes: ahead and to the left; back

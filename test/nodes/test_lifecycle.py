@@ -32,6 +32,7 @@ def executor():
     rclpy.shutdown()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.node_class.NAME)
 def test_many_lifecycles_leave_nothing_behind(executor, tmp_path, case):
     bench = Bench(executor, case, tmp_path)

@@ -39,6 +39,8 @@ from sphere_nav.ros.conversions import (
 )
 from sphere_nav_tools.cli.demo.processes import Processes
 
+pytestmark = pytest.mark.dds
+
 DOMAIN, SEED, NUM_IMAGES = 46, 5, 24
 LIMIT = 120.0  # s; kernels may have to be compiled first
 SIMULATION = {

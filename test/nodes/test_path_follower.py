@@ -115,6 +115,7 @@ def drive_until(bench, x):
     raise AssertionError(f"expected to pass {x} m, found {bench.x:.2f}")
 
 
+@pytest.mark.slow
 def test_a_drive_to_the_end(bench):
     drive_until(bench, 19.8)
     for _ in range(60):
@@ -371,6 +372,7 @@ class Remote:
         self.x += self.commands[-1].twist.linear.x * STEP / SECOND
 
 
+@pytest.mark.dds
 def test_a_drive_over_dds_in_lock_step_and_a_clean_exit(process):
     rclpy.init()
     node = rclpy.create_node("bench")

@@ -71,6 +71,7 @@ class Bench:
         return "; ".join(wanted.last_refusal for wanted in self.node.inputs if wanted.num_refused)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "source", "tolerance"),
     # ideal range: some millimetres; stereo of so small images in a room of 8 m: some centimetres
@@ -167,6 +168,7 @@ def test_nothing_is_written_outside_the_map_folder(path, tmp_path):
     assert not (tmp_path / "elsewhere").exists()
 
 
+@pytest.mark.slow
 def test_close_loops_answers_with_the_number_found():
     bench = Bench(input="rgbd", **{"mapper.key.max_parallax": 0.01, "mapper.loop.automatic": False})
     assert bench.call("close_loops").message == "0 loops closed"
@@ -289,6 +291,7 @@ def test_a_clock_that_jumps_back_starts_new_pairs():
     assert len(bench.said["/odometry"]) == 2
 
 
+@pytest.mark.dds
 def test_the_node_maps_over_dds(tmp_path):
     """A process of its own: images go in, the latched graph comes out, SIGINT ends it in order."""
     code = "import sys; from sphere_mapping.ros.node import main; sys.exit(main())"

@@ -15,6 +15,8 @@ from architecture.tree import EXECUTABLES
 from benchmarks.fault_processes import DRIVING, Base
 from sphere_nav.ros import qos
 
+pytestmark = pytest.mark.dds
+
 
 def process(executable, *arguments):
     code = f"import sys; from {EXECUTABLES[executable]} import main; sys.exit(main())"

@@ -23,6 +23,8 @@ from sphere_nav_tools.offline.pose_bags import read_poses
 
 from .conftest import PERIOD, SECOND, STREET, Frames, write_bag
 
+pytestmark = pytest.mark.dds
+
 NUM_FRAMES = 16
 START_UP = 90.0  # s: imports and, on a fresh machine, kernels to compile
 REPLAY = 60.0  # s: a dozen small images

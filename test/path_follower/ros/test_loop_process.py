@@ -80,6 +80,7 @@ def is_running(pid):
         return False
 
 
+@pytest.mark.dds
 def test_a_front_that_is_busy_holds_up_neither_commands_nor_the_stop(follower, base, sender):
     """2,000,000 bytes of path cost the front seconds; a signal to it would, too."""
     base.drive_off()
@@ -98,6 +99,7 @@ def test_a_front_that_is_busy_holds_up_neither_commands_nor_the_stop(follower, b
     assert follower.wait(10.0) == 0
 
 
+@pytest.mark.dds
 def test_a_front_that_is_killed_leaves_zero_and_ends_the_process(follower, base):
     base.drive_off()
     os.kill(front_of(follower.pid), signal.SIGKILL)
@@ -118,12 +120,14 @@ def may_be_real_time():
     return True
 
 
+@pytest.mark.dds
 def test_every_thread_of_the_loop_and_none_of_its_front_is_real_time_where_it_may_be(follower, base):
     base.drive_off()
     assert policies(follower.pid) == {os.SCHED_FIFO if may_be_real_time() else os.SCHED_OTHER}
     assert policies(front_of(follower.pid)) == {os.SCHED_OTHER}
 
 
+@pytest.mark.dds
 def test_a_loop_that_is_killed_takes_its_front_along(follower, base):
     base.drive_off()
     front = front_of(follower.pid)
@@ -135,6 +139,7 @@ def test_a_loop_that_is_killed_takes_its_front_along(follower, base):
     assert not is_running(front)
 
 
+@pytest.mark.dds
 @pytest.mark.parametrize(
     ("profile", "is_heard"), [(qos.SENSOR, False), (qos.LATCHED, True), (QoSProfile(depth=1), False)]
 )
@@ -161,6 +166,7 @@ def test_an_emergency_stop_of_any_qos_is_heard_or_named(tmp_path, base, follower
     assert base.live(5.0, lambda: base.speed == 0.0)
 
 
+@pytest.mark.dds
 def test_guard_and_follower_agree_and_start_arms_both(tmp_path):
     """A hiccup latches the guard; the follower says so, and its start lets commands pass again."""
     (tmp_path / "path.csv").write_text("\n".join(f"{x},0" for x in range(400)))

@@ -9,6 +9,8 @@ import pytest
 
 from sphere_nav.ros.shared_files import share_file
 
+pytestmark = pytest.mark.dds
+
 PATIENCE = 30.0  # s until a process has started on a busy machine
 LIMIT = 2.0  # s from the signal to the end of the process
 

@@ -66,6 +66,7 @@ def up(*words):
     return subprocess.Popen([sys.executable, "-c", code, "up", *words])
 
 
+@pytest.mark.dds
 def test_a_node_that_cannot_start_ends_all(tmp_path):
     process = up("navigation", f"map:={tmp_path}")  # a folder, and no map
     try:
@@ -74,6 +75,7 @@ def test_a_node_that_cannot_start_ends_all(tmp_path):
         process.kill()
 
 
+@pytest.mark.dds
 def test_a_node_that_dies_starts_again(tmp_path, capfd):
     """The first time it fails, the second time it ends as if it were told to; the other one ends with it."""
     mark = f"import pathlib, sys; mark = pathlib.Path({str(tmp_path / 'mark')!r}); found = mark.exists(); mark.touch()"
@@ -106,6 +108,7 @@ def vehicles(tmp_path):
             process.wait(5.0)
 
 
+@pytest.mark.dds
 def test_two_vehicles_share_a_domain(vehicles):
     node, got = rclpy.create_node("late"), {}
 

@@ -81,6 +81,7 @@ def drive(tmp_path):
     return tmp_path / "drive"
 
 
+@pytest.mark.dds
 def test_what_is_played_is_recorded(start, drive, tmp_path):
     out = tmp_path / "recorded"
     recorder = start("bag_recorder", output=out, topics="'/image_raw /stamp /latched /never'", compressed="false")
@@ -100,6 +101,7 @@ def test_what_is_played_is_recorded(start, drive, tmp_path):
             assert all(first.message == second.message for first, second in pairs)
 
 
+@pytest.mark.dds
 def test_a_killed_recorder_leaves_what_it_flushed(start, drive, tmp_path):
     recorder = start("bag_recorder", output=tmp_path / "cut", topic_set="all")
     line_with(recorder, "recording into")
@@ -144,6 +146,7 @@ def desk(ros):
     found.close()
 
 
+@pytest.mark.dds
 def test_the_clock_and_the_pace(start, drive, desk):
     clock, arrivals = [], []
     desk.node.create_subscription(Clock, "/clock", lambda message: clock.append(message), 50)
@@ -160,6 +163,7 @@ def test_the_clock_and_the_pace(start, drive, desk):
     assert len(stamps) > 10
 
 
+@pytest.mark.dds
 def test_in_a_namespace_all_that_was_recorded_goes_below_it(start, drive, desk):
     stamps, beside = [], []
     desk.node.create_subscription(Header, "/car2/stamp", lambda m: stamps.append(m.frame_id), 50)
@@ -170,6 +174,7 @@ def test_in_a_namespace_all_that_was_recorded_goes_below_it(start, drive, desk):
     assert beside == []
 
 
+@pytest.mark.dds
 def test_paused_with_an_offset_latched_topics_are_there(start, drive, desk):
     latched, stamps = [], []
     desk.node.create_subscription(String, "/latched", lambda m: latched.append(m.data), qos.LATCHED)
@@ -186,6 +191,7 @@ def test_paused_with_an_offset_latched_topics_are_there(start, drive, desk):
     end_of(player)
 
 
+@pytest.mark.dds
 def test_the_next_image_waits_for_the_answer(start, drive, desk):
     """However slow the listener, it gets every image."""
     answers = desk.node.create_publisher(Header, "/status", 10)
@@ -288,11 +294,13 @@ def record_slowly(tmp_path):
             process.communicate(timeout=10.0)
 
 
+@pytest.mark.dds
 def test_a_slow_disk_is_waited_for(record_slowly, tmp_path):
     status, err = record_slowly(1.2, 8.0)  # two files: longer than other nodes are waited for
     assert (status, (tmp_path / "slow" / "metadata.yaml").is_file()) == (0, True), err
 
 
+@pytest.mark.dds
 def test_what_is_not_complete_in_time_is_told_with_the_command_that_rescues_it(record_slowly, tmp_path):
     status, err = record_slowly(60.0, 0.5)
     (line,) = [line for line in err.splitlines() if "not complete" in line]

@@ -12,6 +12,7 @@ from sphere_nav_tools.cli.demo.processes import Processes
 DOMAIN = 47
 
 
+@pytest.mark.dds
 def test_a_node_that_cannot_start_is_told_by_its_last_words(tmp_path):
     with Processes(tmp_path, DOMAIN) as processes:
         processes.start("bag_recorder", {"output": ""})  # it needs an output
@@ -22,6 +23,7 @@ def test_a_node_that_cannot_start_is_told_by_its_last_words(tmp_path):
                 time.sleep(0.1)
 
 
+@pytest.mark.dds
 def test_a_running_node_is_ended_in_order_and_completes_its_bag(tmp_path):
     bag = tmp_path / "bag"
     with Processes(tmp_path, DOMAIN) as processes:
@@ -43,6 +45,7 @@ with Processes(Path(sys.argv[1]), 47) as processes:
 """
 
 
+@pytest.mark.dds
 def test_children_end_with_a_parent_that_is_killed(tmp_path):
     parent = subprocess.Popen([sys.executable, "-c", PARENT, str(tmp_path)])
     log, limit = tmp_path / "sleeper.log", time.monotonic() + 30.0
@@ -57,6 +60,7 @@ def test_children_end_with_a_parent_that_is_killed(tmp_path):
     assert not child.is_dir()
 
 
+@pytest.mark.dds
 def test_code_that_fails_is_told_and_code_that_ends_well_is_not(tmp_path):
     with Processes(tmp_path, DOMAIN) as processes:
         processes.run("good", "print('done')")

@@ -34,6 +34,7 @@ def test_a_drive_in_which_nothing_happens_fails_and_says_who_is_silent(tmp_path,
         watch.wait("drive", lambda: False, is_moving=True)
 
 
+@pytest.mark.dds
 def test_however_long_nothing_happens_it_is_not_over_while_a_process_works(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "SILENCE", 0.1)
     monkeypatch.setattr(processes_module, "LOOK", 0.5)
