@@ -24,6 +24,7 @@ from sphere_nav.geometry.files.rig_file import read_rig, write_rig
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, cloud_to_message, header, message_to_sphere, se3_to_transform
+from worlds.patience import Patience
 from worlds.rig import RADIUS, depth_of, seen, truth, vertical_rig
 
 MS = 1_000_000
@@ -304,10 +305,10 @@ def test_six_cameras_over_dds(rig_path):
         spheres = []
         node.create_subscription(AugmentedSphere, "sphere", spheres.append, qos.LARGE)
         outputs = {name: node.create_publisher(Image, f"cameras/{name}/image_raw", qos.LARGE) for name in RIG.names}
-        end, number = time.monotonic() + 120, 0  # the first run compiles the kernels
-        while time.monotonic() < end and not all(output.get_subscription_count() for output in outputs.values()):
+        patience, number = Patience(120), 0  # the first run compiles the kernels
+        while patience.is_left() and not all(output.get_subscription_count() for output in outputs.values()):
             time.sleep(0.05)  # the first instant has all cameras
-        while time.monotonic() < end and not spheres:
+        while patience.is_left() and not spheres:
             number += 1
             for name, image in IMAGES[number % 5].items():
                 outputs[name].publish(array_to_image(image, (1000 + 100 * number) * MS, name, "mono8"))
@@ -327,7 +328,7 @@ def test_six_cameras_over_dds(rig_path):
             rclpy.spin_once(node, timeout_sec=0.1)
         assert is_whole - share(spheres[-1]) > 0.05
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=10) == 0
+        assert process.wait(timeout=120.0) == 0
     finally:
         process.kill()
         rclpy.try_shutdown()

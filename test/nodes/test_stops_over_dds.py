@@ -39,7 +39,7 @@ def drive(tmp_path):
         rclpy.try_shutdown()
         for child in (follower, guard):
             child.kill()
-            child.wait(5.0)
+            child.wait(120.0)
 
 
 def zero_within(vehicle, seconds):

@@ -69,7 +69,7 @@ def start(tmp_path):
     for process in processes:
         if process.poll() is None:
             process.kill()
-        process.communicate(timeout=10.0)
+        process.communicate(timeout=120.0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
