@@ -44,7 +44,7 @@ bench-report: $(STAMPS)/wheels
 check: env $(STAMPS)/test_wheels
 	$(RUN)/ruff check .
 	$(RUN)/mypy $(PACKAGES) benchmarks
-	$(RUN)/pytest -q -n 0 -m "not slow and not dds" test/architecture test/config
+	$(RUN)/pytest -q -n 0 test/architecture test/config
 	scripts/check_colcon.sh
 
 # config/*.yaml and docs/parameters.md from the parameters classes
