@@ -1,4 +1,4 @@
-# make env | demo | test | bench | bench-report | check | docs | clean; what they do stands in README.md.
+# make env | demo | test | test-slow | bench | bench-report | check | docs | clean; what they do stands in README.md.
 # Every step leaves a stamp in .venv/.stamps, so nothing is done twice.
 
 VENV := .venv
@@ -12,7 +12,7 @@ SOURCES := $(sort $(shell find $(PACKAGES) -name '*.py' -o -name '*.npz') \
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH VIRTUAL_ENV
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: env ready demo test bench bench-report check docs clean FORCE
+.PHONY: env ready demo test test-slow bench bench-report check docs clean FORCE
 .DELETE_ON_ERROR:
 
 # The interface packages and the kernels at the same time; a plain `make` would do one after the other.
@@ -24,10 +24,15 @@ ready: $(STAMPS)/tf2_msgs $(STAMPS)/msg_defs $(STAMPS)/kernels
 demo: env
 	$(RUN)/sphere_nav demo $(ARGS)
 
-# a worker a core; of many cores four, as tests of nodes start processes of their own. Threads that multiply matrices
-# beside them would wait for each other with both cores busy.
+# The rings of tests are told in test/rings.py. A worker a core; of many cores four, as tests of nodes start processes of
+# their own. Threads that multiply matrices beside them would wait for each other with all cores busy.
+TEST := OPENBLAS_NUM_THREADS=1 $(RUN)/pytest -n auto --maxprocesses 4 --dist worksteal
+
 test: env $(STAMPS)/test_wheels
-	OPENBLAS_NUM_THREADS=1 $(RUN)/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
+	$(TEST) -m "not slow and not dds" $(ARGS)
+
+test-slow: env $(STAMPS)/test_wheels
+	$(TEST) -m "slow or dds" $(ARGS)
 
 bench: env
 	$(RUN)/python -m benchmarks $(ARGS)
@@ -39,7 +44,8 @@ bench-report: $(STAMPS)/wheels
 check: env $(STAMPS)/test_wheels
 	$(RUN)/ruff check .
 	$(RUN)/mypy $(PACKAGES) benchmarks
-	$(RUN)/pytest -q test/architecture test/config test/installation
+	$(RUN)/python scripts/sizes.py
+	$(RUN)/pytest -q -n 0 test/architecture test/config
 	PATH="$(CURDIR)/$(RUN):$$PATH" scripts/check_colcon.sh
 
 # config/*.yaml and docs/parameters.md from the parameters classes

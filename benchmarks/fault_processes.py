@@ -64,7 +64,7 @@ for line in sys.stdin:
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 """
 PERIOD = 0.1  # s between two poses
-PATIENCE = 60.0  # s for a follower to come up and drive, on a busy machine
+PATIENCE = 240.0  # s for a follower to come up and drive, on a busy machine
 SETTLE = 1.0  # s for what keeps the machine busy to find the follower
 CRUISE = 1.4  # m/s
 DRIVING = 0.3  # m/s: fast enough to be ended

@@ -65,7 +65,7 @@ class Environment:
             "OMP_NUM_THREADS": "1",
             "OPENBLAS_NUM_THREADS": "1",
             "ROS_LOG_DIR": str(scratch / "log"),
-            "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+            "ROS_DOMAIN_ID": str(100 + os.getpid() % 2),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
         if not (self.bin / "sphere_nav").is_file():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import importlib.util
 import os
@@ -16,6 +17,8 @@ import pytest
 
 from architecture.tree import ROOT, differences
 
+END_S = 30.0  # s for what is left of a process of tests
+
 
 def import_benchmarks() -> None:
     """Let tests import `benchmarks`, which is not installed, from the checkout, and nothing else of the checkout."""
@@ -28,16 +31,7 @@ def import_benchmarks() -> None:
 # What is tested is what is installed: the checkout leaves the path, here and in every process that a test starts.
 sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != ROOT]
 import_benchmarks()
-
-
-def own_domain() -> int:
-    """Return a ROS domain for this process; workers of pytest-xdist take one each, from their parent's on.
-
-    0 is everybody's; above 101 the ports are not reserved.
-    """
-    first = int(os.environ.setdefault("SPHERE_NAV_TEST_PID", str(os.getpid())))
-    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-    return 1 + (first + worker) % 100
+pytest_plugins = ["rings"]
 
 
 # All of it before rclpy is imported; the processes that tests start inherit it.
@@ -47,12 +41,11 @@ os.environ |= {
     "MPLBACKEND": "Agg",
     "ROS_LOG_DIR": _log_folder.name,
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    "ROS_DOMAIN_ID": str(own_domain()),
 }
 
 
 def pytest_configure() -> None:
-    """Refuse to test an installation that is not the checkout's; have Ctrl-C end what tests start.
+    """Refuse to test an installation that is not the checkout's; claim a ROS domain; have Ctrl-C end what tests start.
 
     A shell has what it starts in the background ignore SIGINT, and so would every process that a test starts.
     """
@@ -63,6 +56,14 @@ def pytest_configure() -> None:
         pytest.exit(
             f"{different[0]}{more}: not as in the checkout; `make test` or `make env` installs it", returncode=2
         )
+    from sphere_nav_tools.cli.demo.domains import FOR_TESTS, claim_domain  # it is what is installed, as was seen
+
+    os.environ["ROS_DOMAIN_ID"] = str(claim_domain(FOR_TESTS))
+
+
+def pytest_unconfigure() -> None:
+    """Say where a thread is that goes on when all is done, and end the process: it would never end by itself."""
+    faulthandler.dump_traceback_later(END_S, exit=True)
 
 
 def pytest_collection() -> None:
@@ -93,6 +94,12 @@ def visible() -> set[str]:
 def rng() -> np.random.Generator:
     """Seeded random numbers."""
     return np.random.default_rng(20150722)
+
+
+@pytest.fixture
+def domain() -> int:
+    """Return the ROS domain of this process of tests, and of what it starts."""
+    return int(os.environ["ROS_DOMAIN_ID"])
 
 
 @pytest.fixture(scope="session")

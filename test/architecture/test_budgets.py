@@ -6,6 +6,8 @@ import ast
 from collections import Counter
 from pathlib import Path
 
+import pytest
+
 from architecture.tree import MODULES, ROOT, parse
 
 MAX_PAGE, MAX_LAUNCH = 150, 80  # a page: what must be read in one go
@@ -39,6 +41,7 @@ def test_folders_are_small() -> None:
     assert {str(folder): n for folder, n in counts.items() if n > MAX_FOLDER} == {}
 
 
+@pytest.mark.slow
 def test_functions_are_short() -> None:
     long = []
     for module in MODULES:

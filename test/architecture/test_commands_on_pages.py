@@ -13,9 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from architecture.tree import EXECUTABLES, ROOT
+from architecture.tree import EXECUTABLES, ROOT, for_all
 from sphere_nav.ros.compositions import COMPOSITIONS
 from sphere_nav_tools.cli.main import COMMANDS
+
+pytestmark = pytest.mark.slow  # loads every command
 
 GENERATED = {"results.md", "parameters.md"}
 PAGES = [ROOT / "README.md", *(page for page in sorted((ROOT / "docs").glob("*.md")) if page.name not in GENERATED)]
@@ -161,7 +163,7 @@ def test_a_wrong_line_is_noticed():
     assert "no parameter clod" in wrong_ros(shlex.split("ros2 run sphere_nav mcl_depth --ros-args -p clod:=a"))
 
 
-@pytest.mark.parametrize("page", [*PAGES, *NOTES], ids=page_id)
+@for_all([*PAGES, *NOTES])
 def test_commands_in_blocks_are_understood(page):
     lines = list(command_lines(page.read_text(encoding="utf-8")))
     wrong = [complaint(words) for words in words_of(iter(lines))]
@@ -169,14 +171,14 @@ def test_commands_in_blocks_are_understood(page):
     assert [line for line in wrong if line] == []
 
 
-@pytest.mark.parametrize("page", [*PAGES, *NOTES, ROOT / "CHANGELOG.md"], ids=page_id)
+@for_all([*PAGES, *NOTES, ROOT / "CHANGELOG.md"])
 def test_commands_in_sentences_exist_with_their_options(page):
     for command, rest in re.findall(r"`sphere_nav\s+([a-z][\w-]*)\b([^`]*)`", page.read_text(encoding="utf-8")):
         assert command in MODULES, command
         assert set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", rest)) - options(parser_of(command)) == set(), command
 
 
-@pytest.mark.parametrize("command", MODULES)
+@for_all(MODULES)
 def test_examples_of_a_help_text_are_understood(command):
     module = importlib.import_module(MODULES[command])
     examples = (module.HELP + (parser_of(command).epilog or "")).split("examples:", 1)[1]
@@ -185,7 +187,7 @@ def test_examples_of_a_help_text_are_understood(command):
     assert [line for words in found if (line := complaint(words))] == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=page_id)
+@for_all(PAGES)
 def test_parameters_in_tables_have_their_defaults(page):
     """A table that begins with `| parameter | default |` is of the node that heads its section, or the page."""
     for part in re.split(r"^## ", page.read_text(encoding="utf-8"), flags=re.MULTILINE):
@@ -211,7 +213,7 @@ def _plain(value: str) -> str:
         return value or "empty"
 
 
-@pytest.mark.parametrize("node", NODES_OF_TOPICS)
+@for_all(NODES_OF_TOPICS)
 def test_topics_in_tables_stand_in_the_shell_of_the_node(node):
     """Each name in the table of topics and services is a text in the `ros/` folders that make the node."""
     folders = [ROOT / folder for folder in (*FOLDERS.get(node, (f"{node}/ros",)), "sphere_nav/ros")]

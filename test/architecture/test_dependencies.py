@@ -8,6 +8,8 @@ import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import pytest
+
 from architecture.test_layering import ROS
 from architecture.tree import EXECUTABLES, MODULES, PACKAGES, ROOT, imports
 
@@ -50,6 +52,7 @@ def manifest_keys(manifest: Path) -> set[str]:
     return {str(item.text) for item in ET.parse(manifest).getroot() if item.tag.endswith("depend")}
 
 
+@pytest.mark.slow
 def test_every_import_is_known() -> None:
     assert imported() - set(THIRD_PARTY) - KNOWN_TO_ROS == OPTIONAL
     at_load = {name.split(".")[0] for module in MODULES for name in imports(module, is_at_load=True)}
@@ -75,6 +78,7 @@ def test_wheels_manifest_and_page_agree() -> None:
         assert f"`{key}`" in page
 
 
+@pytest.mark.slow
 def test_the_manifest_names_every_ros_package_in_use() -> None:
     assert imported() & KNOWN_TO_ROS <= manifest_keys(ROOT / "package.xml")
 

@@ -7,9 +7,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
-
-from architecture.tree import EXECUTABLES, PACKAGES, ROOT
+from architecture.tree import EXECUTABLES, PACKAGES, ROOT, for_all
 from benchmarks.__main__ import BENCHMARKS
 from sphere_nav_tools.cli.main import COMMANDS
 
@@ -58,7 +56,7 @@ def ends() -> set[str]:
     return {"/".join(words[at:]) + path[len(path.rstrip("/")) :] for path, words in parts for at in range(len(words))}
 
 
-@pytest.mark.parametrize("page", PAGES)
+@for_all(PAGES)
 def test_named_files_exist(page):
     """A path starts at the root or at `test/`; on other pages it may be the end of one: they name a folder before."""
     text = re.sub(r"`([^`\n]*)\n([^`\n]*)`", r"`\1\2`", text_of(page))
@@ -67,15 +65,21 @@ def test_named_files_exist(page):
     assert [name for name in sorted(named) if name not in known] == []
 
 
-@pytest.mark.parametrize("page", PAGES)
+@cache
+def names_of_tests() -> set[str]:
+    """Return the names of all modules and functions of tests."""
+    modules = list((ROOT / "test").rglob("test_*.py"))
+    named = (re.findall(r"^ *def (test_\w+)\(", path.read_text(encoding="utf-8"), re.MULTILINE) for path in modules)
+    return {path.stem for path in modules}.union(*named)
+
+
+@for_all(PAGES)
 def test_named_tests_exist(page):
-    code = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "test").rglob("test_*.py"))
     named = set(re.findall(r"`(test_\w+)`", text_of(page)))
-    modules = {path.stem for path in (ROOT / "test").rglob("test_*.py")}
-    assert [name for name in sorted(named) if name not in modules and f"def {name}(" not in code] == []
+    assert sorted(named - names_of_tests()) == []
 
 
-@pytest.mark.parametrize("page", PAGES)
+@for_all(PAGES)
 def test_links_lead_somewhere(page):
     """A link names a file that exists, and behind `#` one of its headings."""
     targets = re.findall(r"\]\(([^)\s]+)\)", text_of(page))
@@ -95,14 +99,14 @@ def headings(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", line.strip().lower()).replace(" ", "-") for line in lines}
 
 
-@pytest.mark.parametrize("page", PAGES)
+@for_all(PAGES)
 def test_pages_for_users_are_short(page):
     limit = MAX_LINES.get(str(Path(page).parent), MAX_LINES.get(page))
     if limit and page not in LONG:
         assert len(text_of(page).splitlines()) <= limit
 
 
-@pytest.mark.parametrize("paper", NUMBERED)
+@for_all(NUMBERED)
 def test_every_numbered_item_of_a_paper_has_a_row(paper):
     m15, n17 = text_of("docs/papers.md").split("\n## N17", 1)
     first = re.findall(r"^\| ([^|]*) \|", {"M15": m15, "N17": n17}[paper], re.MULTILINE)
@@ -152,7 +156,7 @@ def test_all_pages_can_be_read():
     assert sum(words.values()) - words["docs/results.md"] <= MAX_WORDS_OF_ALL
 
 
-@pytest.mark.parametrize("page", PAGES)
+@for_all(PAGES)
 def test_sentences_of_pages_for_users_are_short(page):
     if str(Path(page).parent) not in ("docs", ".") or page in LONG:
         return

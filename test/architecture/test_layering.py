@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import pytest
+
 from architecture.tree import MODULES, PACKAGES, dotted, imports, is_shell, room
 
 L, TOOLS = "sphere_nav.", "sphere_nav_tools."
@@ -76,6 +78,7 @@ def test_the_table_holds_every_room() -> None:
     assert set(MAY_IMPORT) == {room(dotted(module)) for module in MODULES} - {"sphere_nav", "sphere_nav_tools"}
 
 
+@pytest.mark.slow
 def test_modules_import_only_what_lies_below_them() -> None:
     def is_upward(module: Path, name: str) -> bool:
         return name.split(".")[0] in PACKAGES and room(name) not in rooms_below(module)
@@ -83,6 +86,7 @@ def test_modules_import_only_what_lies_below_them() -> None:
     assert found_in(MODULES, is_upward) == []
 
 
+@pytest.mark.slow
 def test_what_a_package_forbids_within_itself() -> None:
     offences = [
         f"{module}: {name}"
@@ -94,6 +98,7 @@ def test_what_a_package_forbids_within_itself() -> None:
     assert offences == []
 
 
+@pytest.mark.slow
 def test_only_the_shell_imports_the_shell() -> None:
     """An algorithm knows nothing of the folder ros/ of its own package."""
 
@@ -109,6 +114,7 @@ def test_ros_stays_in_the_shell() -> None:
     assert found_in(algorithms, lambda _, name: name.split(".")[0] in ROS) == []
 
 
+@pytest.mark.slow
 def test_numba_stays_in_the_kernels() -> None:
     others = [module for module in MODULES if module.name != "kernels.py"]
     assert found_in(others, lambda _, name: name.split(".")[0] == "numba") == []
@@ -129,5 +135,6 @@ def imported_modules(name: str, module: Path, names: dict[str, Path]) -> set[str
     return {found for found in below if found in names and not name.startswith(f"{found}.") and found != name}
 
 
+@pytest.mark.slow
 def test_no_guard_hides_an_import() -> None:
     assert found_in(MODULES, lambda _, name: name == "typing.TYPE_CHECKING") == []

@@ -6,7 +6,11 @@ import ast
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 from architecture.tree import EXECUTABLES, MODULES, ROOT, dotted, room
+
+pytestmark = pytest.mark.slow
 
 TESTED_ELSEWHERE = {
     # declarations only, the same laws for all packages; defaults: test/config/test_yaml_matches_params.py

@@ -6,7 +6,11 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 from architecture.tree import MODULES, dotted, imports, parse, room
+
+pytestmark = pytest.mark.slow
 
 NODE_BASES = {"ManagedNode", "LocalizerNode"}
 

@@ -67,6 +67,7 @@ def opens(call: ast.Call, name: str) -> bool:
     return not any(WRITING & set(mode) for mode in modes)
 
 
+@pytest.mark.slow
 def test_only_the_bounded_readers_read_what_a_user_names() -> None:
     found = {(str(module), name) for module in MODULES if str(module) != READERS for name in reads(parse(module))}
     assert sorted(found - ALLOWED.keys()) == []

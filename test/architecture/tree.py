@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -77,3 +77,21 @@ def differences() -> list[str]:
         if copy is None or not copy.is_file() or copy.read_bytes() != (ROOT / module).read_bytes():
             found.append(str(module))
     return found
+
+
+def for_all(items: Iterable[Any]) -> Callable[[Callable[[Any], None]], Callable[[], None]]:
+    """Make the check of one item a test of all of them, which tells each that is refused."""
+
+    def decorate(check: Callable[[Any], None]) -> Callable[[], None]:
+        def test() -> None:
+            refused = []
+            for item in items:
+                try:
+                    check(item)
+                except AssertionError as error:
+                    refused.append(f"{item}: {error}")
+            assert not refused, "\n".join(refused)
+
+        return test
+
+    return decorate

@@ -44,6 +44,7 @@ def main():
 """
 
 
+@pytest.mark.dds
 def test_a_death_is_seen_and_told_and_the_node_starts_again(tmp_path, monkeypatch):
     (tmp_path / "fragile_node.py").write_text(FRAGILE)
     monkeypatch.syspath_prepend(tmp_path)
@@ -59,6 +60,7 @@ def test_a_death_is_seen_and_told_and_the_node_starts_again(tmp_path, monkeypatc
 GUARD = next(case for case in CASES if case.node_class.NAME == "command_guard")
 
 
+@pytest.mark.dds
 def test_lies_kill_no_node_and_the_end_of_a_front_and_the_silence_of_a_loop_are_seen(monkeypatch):
     monkeypatch.setattr(endpoints, "ANSWER", 3.0)
     monkeypatch.setattr(endpoints, "HEALTH", 1.5)

@@ -22,6 +22,7 @@ def failures(attempt, folder, count=20):
     return outcome
 
 
+@pytest.mark.dds
 def test_what_goes_wrong_is_told_with_its_input(tmp_path, monkeypatch):
     monkeypatch.setattr(fuzz, "SECONDS", 1.0)
 
@@ -61,6 +62,7 @@ def test_mutations_change_something_and_repeat(rng):
     assert str(path) == before
 
 
+@pytest.mark.dds
 def test_a_short_run_over_everything(tmp_path):
     outcomes = fuzz.fuzz(make_targets(tmp_path), tmp_path, seed=11, count=700)
     assert len(outcomes) > 60

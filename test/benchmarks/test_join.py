@@ -35,6 +35,7 @@ def test_a_bend_towards_the_start_costs_more_and_one_away_from_it_less(side):
     assert same == pytest.approx(0.5 + (1.0 - math.cos(0.3)) / (BEND - 1 / 8), rel=0.02)
 
 
+@pytest.mark.slow
 def test_no_drive_does_better_than_the_best_curve_and_none_much_worse():
     network = straight_and_bends()
     for number in (16, 31):

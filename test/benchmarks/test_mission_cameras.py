@@ -56,6 +56,7 @@ def test_a_tour_is_a_network_with_other_ways_between_its_places(corners, length,
         assert plan(network, [here], network.spots_of(network.places[goal]), cruise=2.0).length > 10.0
 
 
+@pytest.mark.slow
 def test_nothing_stands_in_the_way_of_the_tour():
     way, corner = rounded_way(TOUR), np.array([-90.0, -95.0])
     room = _room(build_city(101), corner, np.array([340.0, 260.0]))
@@ -63,6 +64,7 @@ def test_nothing_stands_in_the_way_of_the_tour():
     assert room[row, column].min() > 1.2  # half a car and some air: the lane is 3 m wide
 
 
+@pytest.mark.slow
 def test_parts_of_a_teaching_drive_are_the_whole_drive(tmp_path, monkeypatch):
     monkeypatch.setattr(
         mission_cameras,

@@ -70,6 +70,7 @@ def test_errors_are_relative_to_the_taught_drive(tmp_path):
     np.testing.assert_allclose(found, np.tile([0.0, 0.03, 0.0], (6, 1)), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_drive_is_what_the_node_publishes(tmp_path):
     way = Way(4, 0.1)
     assert (way.path, Way(4, 99.0).path, Way(4, 400.0).path) == ("straight", "two_turns", "tour")

@@ -34,11 +34,13 @@ def test_the_zoo_is_large_and_its_names_are_different():
     assert set(SPREAD) <= set(ZOO)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPREAD)
 def test_every_command_that_inspect_prints_succeeds(name, keeper):
     assert keeper.visit(ZOO[name]).faults == []
 
 
+@pytest.mark.slow
 def test_a_command_that_fails_and_an_offer_that_is_missing_are_seen(keeper, monkeypatch):
     """A calibration that is none, taken for good: the command is offered, and refused when it is carried out."""
     from sphere_nav.ros.bags import streams

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from architecture.tree import for_all
 from sphere_nav.params import build, leaves
 
 pytest.importorskip("rclpy", reason="the nodes need ROS 2")
@@ -18,21 +19,22 @@ assert SPEC is not None
 assert SPEC.loader is not None
 generate = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(generate)
+FILES = generate.files()
 NODES = list(generate.node_classes())
 MEASURED = {"cycab"}  # the car's own file, by hand: test/cycab_sim/test_params.py
 
 
-@pytest.mark.parametrize(("path", "text"), generate.files().items(), ids=lambda item: getattr(item, "name", ""))
-def test_a_generated_file_is_up_to_date(path: Path, text: str) -> None:
+@for_all(FILES)
+def test_a_generated_file_is_up_to_date(path: Path) -> None:
     assert path.is_file(), f"{path}: missing; make docs writes it"
-    assert path.read_text(encoding="utf-8") == text, f"{path}: outdated; make docs writes it"
+    assert path.read_text(encoding="utf-8") == FILES[path], f"{path}: outdated; make docs writes it"
 
 
 def test_no_file_is_left_of_a_node_that_is_gone() -> None:
     assert {path.stem for path in (ROOT / "config").glob("*.yaml")} - MEASURED == {node.NAME for node in NODES}
 
 
-@pytest.mark.parametrize("node", NODES, ids=lambda node: node.NAME)
+@for_all(NODES)
 def test_a_file_loads_into_its_class(node: type) -> None:
     tree = yaml.safe_load((ROOT / "config" / f"{node.NAME}.yaml").read_text(encoding="utf-8"))
     values = flatten(tree["/**"]["ros__parameters"])

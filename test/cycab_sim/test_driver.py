@@ -22,6 +22,7 @@ def drive(name, params):
     return path, states
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["two_turns", "block"])
 def test_the_driver_stays_on_the_path_and_stops_at_its_end(name):
     params = TeachParams()

@@ -9,6 +9,8 @@ from cycab_sim.vehicle import VehicleCommand
 from cycab_sim.world.paths import Path, Piece
 from sphere_nav.geometry import SE3, Pinhole
 
+pytestmark = pytest.mark.slow
+
 STEP = 10_000_000
 
 

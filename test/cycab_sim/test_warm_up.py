@@ -1,5 +1,7 @@
 """After the warm-up no image of the simulator waits for a kernel."""
 
+import pytest
+
 from cycab_sim.params import SimParams
 from cycab_sim.rendering import kernels
 from cycab_sim.simulator import Simulator
@@ -7,6 +9,8 @@ from cycab_sim.warm_up import warm_up
 from cycab_sim.world.noise import kernels as noise
 from cycab_sim.world.texture import kernels as texture
 from sphere_nav.params import build
+
+pytestmark = pytest.mark.slow
 
 
 def test_cameras_of_every_kind_use_what_is_compiled():

@@ -24,6 +24,7 @@ def test_a_meter_errs_as_the_edges_say():
     np.testing.assert_allclose(estimate_drift_rate(graph), 2.0 * SIGMA**2 / 2.0)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_random_maps():
     poses = [SE3.from_planar(1.0 * k, 0.05 * k * k, 0.1 * k) for k in range(9)]
     drift, rng = MapDrift(graph_of(poses)), np.random.default_rng(2)
@@ -54,6 +55,7 @@ def test_standing_still_adds_nothing_and_a_start_forgets():
     assert not drift.covariance.any()
 
 
+@pytest.mark.slow
 def test_odometry_grows_with_the_way_where_the_pose_does_not(room, room_map):
     estimates = Run(room, make_localizer(room_map)).follow(drive(14))[4:]
     extra = [np.trace((one.odometry_covariance - one.covariance)[:3, :3]) for one in estimates]

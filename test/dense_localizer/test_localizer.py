@@ -23,6 +23,7 @@ def assert_near(estimate, truth, factor=1.0):
     assert radians < factor * MAX_RAD
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=lambda camera: camera.model)
 def test_a_drive_is_followed_from_the_first_image_on(room, room_map, camera):
     run, truth = Run(room, make_localizer(room_map), camera), drive(40)
@@ -34,6 +35,7 @@ def test_a_drive_is_followed_from_the_first_image_on(room, room_map, camera):
     assert np.all(errors < (MAX_M, MAX_RAD))
 
 
+@pytest.mark.slow
 def test_the_covariance_is_honest(room, room_map):
     exact = {"covariance__map_sigma_m": 0.0, "covariance__map_sigma_rad": 0.0}
     run, truth = Run(room, make_localizer(room_map, **exact)), drive(63)
@@ -45,6 +47,7 @@ def test_the_covariance_is_honest(room, room_map):
     assert 2.5 < np.mean(nees) < 12.0
 
 
+@pytest.mark.slow
 def test_two_references_do_not_jump_where_one_does(room):
     # Neighbouring spheres are misplaced against each other by 8 mm; one reference alone follows each in turn.
     places = [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0, 2.0)]
@@ -62,6 +65,7 @@ def test_two_references_do_not_jump_where_one_does(room):
     assert jumps[1] < 0.7 * jumps[0]
 
 
+@pytest.mark.slow
 def test_the_same_images_give_the_same_poses_bit_by_bit(room, room_map):
     runs = [Run(room, make_localizer(room_map)).follow(drive(8)) for _ in range(2)]
     for one, other in zip(*runs, strict=True):
@@ -71,6 +75,7 @@ def test_the_same_images_give_the_same_poses_bit_by_bit(room, room_map):
             assert np.array_equal(one.covariance, other.covariance)
 
 
+@pytest.mark.slow
 def test_a_kidnapped_camera_is_lost_then_found_again(room, room_map):
     run = started(room, room_map)
     elsewhere = [at(1.2 + 0.01 * k, 0.1, 2.6) for k in range(60)]
@@ -87,6 +92,7 @@ def test_a_kidnapped_camera_is_lost_then_found_again(room, room_map):
     assert states.count(State.PROBATION) == 7  # 4 good images at first, twice as many after a loss, the last tracks
 
 
+@pytest.mark.slow
 def test_a_blackout_degrades_and_the_covariance_grows_until_the_light_is_back(room, room_map):
     run, truth = Run(room, make_localizer(room_map)), drive(24)
     run.follow(truth[:12])
@@ -101,6 +107,7 @@ def test_a_blackout_degrades_and_the_covariance_grows_until_the_light_is_back(ro
     assert_near(after[-1], truth[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_left", [False, True])
 def test_half_the_view_hidden_does_not_move_the_pose(room, room_map, is_left):
     run, truth = Run(room, make_localizer(room_map)), drive(24)
@@ -118,6 +125,7 @@ def test_half_the_view_hidden_does_not_move_the_pose(room, room_map, is_left):
     assert np.sqrt(np.mean([error(*pair)[0] ** 2 for pair in zip(estimates, truth[12:], strict=True)])) < 3 * MAX_M
 
 
+@pytest.mark.slow
 def test_a_step_of_exposure_is_a_gain_and_a_bias(room, room_map):
     run, truth = Run(room, make_localizer(room_map)), drive(20)
     run.follow(truth[:10])
@@ -127,6 +135,7 @@ def test_a_step_of_exposure_is_a_gain_and_a_bias(room, room_map):
         assert_near(estimate, pose, 1.5)  # less contrast, coarser steps of grey
 
 
+@pytest.mark.slow
 def test_dropped_images_are_survived_and_a_long_gap_is_named(room, room_map):
     run, truth = Run(room, make_localizer(room_map)), drive(40)
     run.follow(truth[:10])
@@ -137,6 +146,7 @@ def test_dropped_images_are_survived_and_a_long_gap_is_named(room, room_map):
     assert_near(after_gap, truth[32])
 
 
+@pytest.mark.slow
 def test_silence_loses_the_pose_and_is_told_without_an_image(room, room_map):
     run = started(room, room_map)
     assert run.localizer.silence(0.05) is None
@@ -147,6 +157,7 @@ def test_silence_loses_the_pose_and_is_told_without_an_image(room, room_map):
     assert found.T_map_camera is None
 
 
+@pytest.mark.slow
 def test_a_bad_stamp_changes_nothing(room, room_map):
     run = started(room, room_map)
     image = room.photograph(PINHOLE, drive(11)[10], 77)
@@ -156,6 +167,7 @@ def test_a_bad_stamp_changes_nothing(room, room_map):
     assert run.see(drive(11)[10]).status.state is State.TRACKING
 
 
+@pytest.mark.slow
 def test_a_clock_that_begins_anew_forgets_the_pose(room, room_map):
     run = started(room, room_map)
     run.stamp_ns -= 400_000_000
@@ -164,6 +176,7 @@ def test_a_clock_that_begins_anew_forgets_the_pose(room, room_map):
     assert states[2] is State.PROBATION  # searched and found again by the third
 
 
+@pytest.mark.slow
 def test_looking_out_of_the_map_is_lost_not_guessed(room, room_map):
     run = started(room, room_map)
     rng = np.random.default_rng(8)
@@ -183,6 +196,7 @@ def test_an_operator_gives_the_pose(room, room_map):
     assert states[-1] is State.TRACKING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("pose", "words"), [(at(30.0), "found 28.0 m"), (SE3(np.full((4, 4), np.nan)), "finite")])
 def test_a_given_pose_off_the_map_is_refused(room, room_map, pose, words):
     run = started(room, room_map)
@@ -191,6 +205,7 @@ def test_a_given_pose_off_the_map_is_refused(room, room_map, pose, words):
     assert run.see(drive(11)[10]).status.state is State.TRACKING
 
 
+@pytest.mark.slow
 def test_odometry_carries_the_pose_through_the_dark(room, room_map):
     localizer = make_localizer(room_map)
     T_odom_map = SE3.exp([3.0, 1.0, 0.0, 0.0, 0.0, 0.7])
@@ -202,6 +217,7 @@ def test_odometry_carries_the_pose_through_the_dark(room, room_map):
     assert estimate.status.state is State.DEGRADED
 
 
+@pytest.mark.slow
 def test_odometry_that_stands_still_is_overruled_and_named(room, room_map):
     localizer = make_localizer(room_map)
     truth, stamp = drive(20, speed=2.0), 1_000_000_000

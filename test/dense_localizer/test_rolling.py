@@ -3,9 +3,12 @@
 from itertools import pairwise
 
 import numpy as np
+import pytest
 
 from sphere_nav.geometry import SE3
 from worlds.localizer import Run, at, drive, error, make_localizer
+
+pytestmark = pytest.mark.slow
 
 READOUT_S = 0.034  # 0.68 of the time between two images
 TURN = np.radians(1.2)  # an image

@@ -14,6 +14,8 @@ from sphere_nav_tools.cli.main import COMMANDS
 
 pytest.importorskip("rclpy", reason="the nodes need ROS 2")
 
+pytestmark = pytest.mark.dds
+
 SCRIPTS = Path(sysconfig.get_path("scripts"))
 LINES = [[name] for name in EXECUTABLES] + [["sphere_nav", command.name] for command in COMMANDS]
 

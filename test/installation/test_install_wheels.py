@@ -14,6 +14,8 @@ from architecture.tree import ROOT
 
 pytest.importorskip("pip", reason="an environment without pip installs nothing")
 
+pytestmark = pytest.mark.dds
+
 SCRIPT = ROOT / "scripts" / "install_wheels.py"
 METADATA = "Metadata-Version: 2.1\nName: nothing-at-all\nVersion: 1.0\n"
 TAGS = "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n"

@@ -39,6 +39,7 @@ from sphere_nav.ros.shared_files import share_file
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import PINHOLE, SMALL_IMAGES, at, make_map
 from worlds.mcl import room_points
+from worlds.patience import Patience
 from worlds.recordings import rgbd, stamp, write_bag
 from worlds.rig import seen, vertical_rig
 from worlds.room import wide_room
@@ -128,7 +129,7 @@ class Launched:
     def __exit__(self, *_: object) -> None:
         if self.process.poll() is None:
             os.killpg(self.process.pid, signal.SIGKILL)
-            self.process.wait(10.0)
+            self.process.wait(120.0)
 
 
 class Vehicle:
@@ -187,8 +188,8 @@ def test_all_launch_files_start_their_nodes_and_end_in_order(ros2: str, files: P
                     left.remove(name)
                     running[name].interrupt()
         assert not left, "".join(running[name].log.read_text() for name in left)
-        until = time.monotonic() + PATIENCE
-        while any(item.process.poll() is None for item in running.values()) and time.monotonic() < until:
+        patience = Patience(PATIENCE)
+        while any(item.process.poll() is None for item in running.values()) and patience.is_left():
             rclpy.spin_once(node, timeout_sec=0.05)
         for item in running.values():
             assert item.process.poll() == 0, item.log.read_text()
@@ -203,16 +204,16 @@ def test_all_launch_files_start_their_nodes_and_end_in_order(ros2: str, files: P
 def test_nodes_end_with_a_launch_that_is_killed(ros2: str, files: Path, tmp_path: Path) -> None:
     """A follower must not drive on without it."""
     with Launched(ros2, "nav2", tmp_path, ["map:=map", "namespace:=killed"], cwd=files) as launched:
-        end = time.monotonic() + PATIENCE
-        while "killed.path_follower_loop]: NO_PATH" not in launched.log.read_text() and time.monotonic() < end:
+        patience = Patience(PATIENCE)
+        while "killed.path_follower_loop]: NO_PATH" not in launched.log.read_text() and patience.is_left():
             time.sleep(0.1)
         assert "killed.path_follower_loop]: NO_PATH" in launched.log.read_text()
         started = re.findall(r"process started with pid \[(\d+)\]", launched.log.read_text())
         found = [int(pid) for pid in started] + [child for pid in started for child in children(int(pid))]
         assert len(found) == len(NODES["nav2"]) + 1  # the loop of the follower has a front
         launched.process.kill()
-        end = time.monotonic() + PATIENCE
-        while any(is_running(pid) for pid in found) and time.monotonic() < end:
+        patience = Patience(PATIENCE)
+        while any(is_running(pid) for pid in found) and patience.is_left():
             time.sleep(0.1)
         assert [pid for pid in found if is_running(pid)] == []
 
@@ -265,8 +266,8 @@ def test_the_tools_beside_a_follower(ros2: str, files: Path, tmp_path: Path) -> 
     with (tmp_path / "log").open("wb") as log:
         process = subprocess.Popen(words, cwd=files, stdout=log, stderr=log, start_new_session=True)
     try:
-        end = time.monotonic() + PATIENCE
-        while "IDLE" not in (tmp_path / "log").read_text() and time.monotonic() < end:
+        patience = Patience(PATIENCE)
+        while "IDLE" not in (tmp_path / "log").read_text() and patience.is_left():
             time.sleep(0.1)
         answers = {
             who: subprocess.Popen([ros2, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
@@ -286,4 +287,4 @@ def test_the_tools_beside_a_follower(ros2: str, files: Path, tmp_path: Path) -> 
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
-            process.wait(10.0)
+            process.wait(120.0)

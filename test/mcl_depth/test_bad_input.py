@@ -151,6 +151,7 @@ def test_a_cloud_in_millimeters_changes_nothing(eye, files, caplog):
     assert bench.node.clouds.geometry is before
 
 
+@pytest.mark.slow
 def test_points_that_are_no_numbers_are_left_out(eye, files, caplog):
     points = room_points()
     points[::50, 1] = np.nan
@@ -188,6 +189,7 @@ def test_images_without_calibration_are_answered_by_the_reason(eye, files):
     assert "focal length 0" in status.remedy
 
 
+@pytest.mark.slow
 def test_odometry_that_stops_degrades_and_is_named(eye, files):
     bench, poses = Bench(eye, files / "room.npy"), drive()
     assert bench.follow_from(poses[:10])[-1]["/status"].state == "TRACKING"
@@ -196,6 +198,7 @@ def test_odometry_that_stops_degrades_and_is_named(eye, files):
         assert (said["/status"].state, said["/status"].reason) == ("DEGRADED", "ODOM_STALE")
 
 
+@pytest.mark.slow
 def test_odometry_that_leaps_is_not_believed(eye, files):
     bench, poses = Bench(eye, files / "room.npy"), drive()
     bench.follow_from(poses[:10])

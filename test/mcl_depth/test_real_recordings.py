@@ -43,6 +43,7 @@ def test_ten_degrees_are_fine_enough_for_the_filter(errors) -> None:
     assert np.mean(errors[36] <= 10.0) >= 0.80
 
 
+@pytest.mark.slow
 def test_six_photographs_find_their_place_in_a_sweep_and_mirrored_ones_do_not(shared_data) -> None:
     report = run(Namespace(surround=shared_data / "surround" / "nuscenes", threads=1))
     assert len(report.bounds) == 3

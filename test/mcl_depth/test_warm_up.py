@@ -19,6 +19,7 @@ KERNELS = (  # that an image, or a panorama that it is compared with, goes throu
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", [1.0, 10.0, 90.0])
 def test_every_step_of_headings_can_be_warmed_up(step):
     warm_up(build(FilterParams, {"heading_step_deg": step}))

@@ -17,6 +17,8 @@ from sphere_nav.ros.maps.reader import save_map
 from worlds.localizer import SMALL_IMAGES, Room, make_map
 from worlds.mcl import SETTINGS, room_points
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Pinhole(160, 120, 120.0, 120.0, 79.5, 59.5)
 OTHER = Pinhole(160, 120, 125.0, 120.0, 79.5, 59.5)
 SECOND = 10**9

@@ -32,6 +32,7 @@ def error(answer, truth):
     return T_map_base.distance(truth)
 
 
+@pytest.mark.slow
 def test_the_base_is_found_in_a_cloud(eye, cloud):
     bench = Bench(eye, cloud)
     poses = drive()
@@ -42,6 +43,7 @@ def test_the_base_is_found_in_a_cloud(eye, cloud):
     assert radians < NEAR_RAD
 
 
+@pytest.mark.slow
 def test_a_room_searched_from_nowhere_withholds_the_pose_until_it_is_proven_and_says_why(eye, cloud):
     bench, poses = Bench(eye, cloud), drive()
     answers = bench.follow(poses)
@@ -53,6 +55,7 @@ def test_a_room_searched_from_nowhere_withholds_the_pose_until_it_is_proven_and_
         assert "/pose" not in answer or error(answer, pose)[0] < NEAR_M
 
 
+@pytest.mark.slow
 def test_viewers_get_places_curve_particles_and_depth(eye, cloud):
     bench = Bench(eye, cloud)
     poses = drive()
@@ -75,6 +78,7 @@ def test_viewers_get_places_curve_particles_and_depth(eye, cloud):
     assert report["depth_images"] > 10
 
 
+@pytest.mark.slow
 def test_an_initial_pose_before_the_first_image_waits_for_it(eye, cloud):
     poses = drive()
     bench = Bench(eye, cloud)
@@ -87,6 +91,7 @@ def test_an_initial_pose_before_the_first_image_waits_for_it(eye, cloud):
     assert bench.node.given is None
 
 
+@pytest.mark.slow
 def test_an_early_initial_pose_off_the_map_is_refused_and_everything_is_searched(eye, cloud):
     bench = Bench(eye, cloud)
     bench.send("/initialpose", se3_to_pose_with_covariance(SE3.from_planar(50, 0, 0), np.eye(6), SECOND, "map"))
@@ -94,6 +99,7 @@ def test_an_early_initial_pose_off_the_map_is_refused_and_everything_is_searched
     assert np.ptp(bench.node.filter.particles.poses[:, 0]) > 5.0  # m, of the eight of the room
 
 
+@pytest.mark.slow
 def test_a_cloud_may_come_by_topic(eye):
     bench = Bench(eye)
     poses = drive()
@@ -121,6 +127,7 @@ def test_the_voxel_size_of_a_call_is_honoured(eye, cloud):
     assert "voxel_size: expected 0 m or more, found -1" in refused.message
 
 
+@pytest.mark.slow
 def test_a_silent_camera_is_told_by_the_clock(eye, cloud):
     bench = Bench(eye, cloud)
     bench.follow_from(drive())
@@ -128,6 +135,7 @@ def test_a_silent_camera_is_told_by_the_clock(eye, cloud):
     assert (said[-1].state, said[-1].reason) == ("LOST", "TIMEOUT")
 
 
+@pytest.mark.slow
 def test_another_localizer_that_contradicts_is_told(eye, cloud):
     bench = Bench(eye, cloud)
     poses = drive()
@@ -145,6 +153,7 @@ def test_another_localizer_that_contradicts_is_told(eye, cloud):
     assert values["metres"] == pytest.approx(3.0, abs=NEAR_M)
 
 
+@pytest.mark.slow
 def test_another_localizer_starts_the_search_where_it_is(eye, cloud):
     bench = Bench(eye, cloud, automatic=False)
     poses = drive()

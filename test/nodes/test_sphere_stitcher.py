@@ -24,6 +24,7 @@ from sphere_nav.geometry.files.rig_file import read_rig, write_rig
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, cloud_to_message, header, message_to_sphere, se3_to_transform
+from worlds.patience import Patience
 from worlds.rig import RADIUS, depth_of, seen, truth, vertical_rig
 
 MS = 1_000_000
@@ -94,6 +95,7 @@ def check_content(node, sphere, phase=0.0):
     assert np.median(np.abs(sphere.range_m / range_m - 1)[known]) < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("transport", "encode"), [("raw", None), ("compressed", ".png"), ("compressed", ".jpg")])
 def test_six_cameras_become_a_sphere_of_what_they_see(rig_path, transport, encode):
     bench = Bench(rig=rig_path, transport=transport)
@@ -108,6 +110,7 @@ def test_six_cameras_become_a_sphere_of_what_they_see(rig_path, transport, encod
     assert bench.problems() == {}
 
 
+@pytest.mark.slow
 def test_the_rig_may_come_as_a_topic(rig_path):
     bench = Bench()
     bench.shoot(500 * MS, IMAGES[0])
@@ -119,6 +122,7 @@ def test_the_rig_may_come_as_a_topic(rig_path):
     assert len(bench.spheres) == 1
 
 
+@pytest.mark.slow
 def test_a_missing_camera_leaves_a_wedge_and_is_named(rig_path):
     bench = Bench(rig=rig_path)
     bench.shoot(1000 * MS, IMAGES[0], without=("top_left", "bottom_left"))
@@ -136,6 +140,7 @@ def test_a_missing_camera_leaves_a_wedge_and_is_named(rig_path):
     assert "no image within" in bench.problems()["camera bottom_left"]
 
 
+@pytest.mark.slow
 def test_an_instant_without_a_camera_above_is_told_and_the_next_one_is_stitched(rig_path):
     bench = Bench(rig=rig_path)
     bench.shoot(1000 * MS, IMAGES[0], without=[name for name in IMAGES[0] if name.startswith("top")])
@@ -147,6 +152,7 @@ def test_an_instant_without_a_camera_above_is_told_and_the_next_one_is_stitched(
     assert "stitching" not in bench.problems()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "num_spheres", "has_hole"), [("hold", 2, False), ("omit", 2, True), ("fail", 1, None)]
 )
@@ -167,6 +173,7 @@ def test_a_late_camera_is_treated_by_the_policy(rig_path, policy, num_spheres, h
     assert len(bench.spheres) == num_spheres + 1
 
 
+@pytest.mark.slow
 def test_a_frozen_camera_is_left_out_by_name(rig_path):
     bench = Bench(rig=rig_path)
     for k in range(5):
@@ -200,6 +207,7 @@ def test_images_of_another_size_or_lens_are_refused_by_name(rig_path):
     assert "top_right: lens: expected fisheye (rig file), found pinhole whose rays differ by" in bench.refusals()
 
 
+@pytest.mark.slow
 def test_depth_of_the_cameras_is_used(rig_path):
     bench = Bench(rig=rig_path, has_depth=True, **{"stitch.range": "none"})
     bench.pass_time(1000 * MS)
@@ -243,6 +251,7 @@ def test_a_lidar_is_placed_by_tf_or_by_its_mount(rig_path, way):
     assert np.median(np.abs(sphere.range_m / range_m - 1)[sphere.measured]) < 0.005
 
 
+@pytest.mark.slow
 def test_a_lidar_without_a_place_is_refused_and_spheres_go_on(rig_path):
     bench = Bench(rig=rig_path, has_cloud=True)
     bench.pass_time(1000 * MS)
@@ -255,6 +264,7 @@ def test_a_lidar_without_a_place_is_refused_and_spheres_go_on(rig_path):
     assert "no cloud within" in bench.problems()["points"]
 
 
+@pytest.mark.slow
 def test_the_first_instants_may_correct_the_rig(rig_path):
     """Texture of 20 px gives few features: nothing is found, and every waiting instant is stitched as it is."""
     bench = Bench(rig=rig_path, **{"rectify.num_instants": 2, "rectify.width": 256})
@@ -267,6 +277,7 @@ def test_the_first_instants_may_correct_the_rig(rig_path):
     assert len(bench.spheres) == 3
 
 
+@pytest.mark.slow
 def test_a_clock_that_jumps_back_starts_anew(rig_path):
     bench = Bench(rig=rig_path)
     bench.shoot(5000 * MS, IMAGES[0])
@@ -281,6 +292,7 @@ def share(message):
     return np.mean(message_to_sphere(message).image > 0)
 
 
+@pytest.mark.dds
 def test_six_cameras_over_dds(rig_path):
     """A process of its own: images go in, a sphere with the right content comes out, SIGINT ends it in order."""
     code = "import sys; from sphere_mapping.acquisition.ros.node import main; sys.exit(main())"
@@ -293,10 +305,10 @@ def test_six_cameras_over_dds(rig_path):
         spheres = []
         node.create_subscription(AugmentedSphere, "sphere", spheres.append, qos.LARGE)
         outputs = {name: node.create_publisher(Image, f"cameras/{name}/image_raw", qos.LARGE) for name in RIG.names}
-        end, number = time.monotonic() + 120, 0  # the first run compiles the kernels
-        while time.monotonic() < end and not all(output.get_subscription_count() for output in outputs.values()):
+        patience, number = Patience(120), 0  # the first run compiles the kernels
+        while patience.is_left() and not all(output.get_subscription_count() for output in outputs.values()):
             time.sleep(0.05)  # the first instant has all cameras
-        while time.monotonic() < end and not spheres:
+        while patience.is_left() and not spheres:
             number += 1
             for name, image in IMAGES[number % 5].items():
                 outputs[name].publish(array_to_image(image, (1000 + 100 * number) * MS, name, "mono8"))
@@ -316,7 +328,7 @@ def test_six_cameras_over_dds(rig_path):
             rclpy.spin_once(node, timeout_sec=0.1)
         assert is_whole - share(spheres[-1]) > 0.05
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=10) == 0
+        assert process.wait(timeout=120.0) == 0
     finally:
         process.kill()
         rclpy.try_shutdown()

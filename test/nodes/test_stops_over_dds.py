@@ -15,6 +15,8 @@ from architecture.tree import EXECUTABLES
 from benchmarks.fault_processes import DRIVING, Base
 from sphere_nav.ros import qos
 
+pytestmark = pytest.mark.dds
+
 
 def process(executable, *arguments):
     code = f"import sys; from {EXECUTABLES[executable]} import main; sys.exit(main())"
@@ -37,7 +39,7 @@ def drive(tmp_path):
         rclpy.try_shutdown()
         for child in (follower, guard):
             child.kill()
-            child.wait(5.0)
+            child.wait(120.0)
 
 
 def zero_within(vehicle, seconds):

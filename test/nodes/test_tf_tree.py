@@ -99,6 +99,7 @@ def map_path(tmp_path_factory):
     return str(save_map(tmp_path_factory.mktemp("maps") / "room", made.graph))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_odometry", [True, False])
 @pytest.mark.parametrize("name", CAMERA_COMPOSITIONS)
 def test_a_camera_in_a_map(map_path, name, has_odometry):
@@ -118,6 +119,7 @@ def test_a_camera_in_a_map(map_path, name, has_odometry):
     check(edges(said), "map", OPTICAL, *(["odom"] if has_odometry else []))
 
 
+@pytest.mark.slow
 def test_a_camera_in_bare_geometry(tmp_path):
     np.save(tmp_path / "room.npy", room_points())
     eye = Eye()

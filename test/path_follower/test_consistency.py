@@ -291,6 +291,7 @@ def test_a_localizer_of_another_map_is_refused_and_one_that_changes_it_stops(kit
 
 
 # --- rates
+@pytest.mark.slow
 @pytest.mark.parametrize("has_odometry", [False, True])
 @pytest.mark.parametrize("deviation", [0.02, 0.05, 0.2])
 def test_the_noise_that_poses_state_raises_no_alarm_and_twice_as_much_does(has_odometry, deviation):

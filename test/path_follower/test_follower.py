@@ -30,6 +30,7 @@ def assert_arrived(drive):
     assert drive.commands[-1].speed == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pieces", "bound"),
     [
@@ -48,6 +49,7 @@ def test_a_course_is_driven_to_its_end(kit, pieces, bound):
     assert drive.worst < bound
 
 
+@pytest.mark.slow
 def test_two_turns_at_walking_speed_without_the_peaks_of_m15(kit, two_turns):
     drive = kit.follow(two_turns)
     assert_arrived(drive)
@@ -56,6 +58,7 @@ def test_two_turns_at_walking_speed_without_the_peaks_of_m15(kit, two_turns):
     assert max(command.speed for command in drive.commands) == pytest.approx(1.4, abs=1e-3)  # e_x of a polygon
 
 
+@pytest.mark.slow
 def test_steered_rear_wheels_drive_the_same_curves_and_narrower_ones(kit):
     car = VehicleParams(rear_steering=0.8)  # as the Cycab: 1.2 m steer as 0.67 m
     assert VehicleParams().max_curvature < 0.5 < car.max_curvature
@@ -87,6 +90,7 @@ def test_a_bend_is_entered_at_the_speed_of_its_lateral_acceleration(kit):
     assert 0.95 < max(sideways) < 1.1  # m/s^2; the wheels correct a little
 
 
+@pytest.mark.slow
 def test_the_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit, two_turns):
     as_printed = FollowerParams(
         steering=SteeringParams(distance=1.0), actuation=ActuationParams(steering_lag=0.0, speed_lag=0.0)
@@ -97,6 +101,7 @@ def test_the_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit,
     assert 0.15 < drive.worst < expected + 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("world", "rmse", "worst"),
     [
@@ -119,6 +124,7 @@ def test_disturbances_leave_a_few_centimeters(kit, two_turns, world, rmse, worst
     assert drive.worst < worst
 
 
+@pytest.mark.slow
 def test_a_lag_that_is_in_the_parameters_costs_nothing(kit, two_turns):
     params = FollowerParams(actuation=ActuationParams(dead_time=0.1, steering_lag=0.3, speed_lag=0.3))
     world = kit.World(dead_time=0.1, latency=0.1, steering_lag=0.3, speed_lag=0.3)
@@ -127,6 +133,7 @@ def test_a_lag_that_is_in_the_parameters_costs_nothing(kit, two_turns):
     assert drive.worst < 0.01
 
 
+@pytest.mark.slow
 def test_a_measured_speed_replaces_a_wrong_model(kit, two_turns):
     world = kit.World(speed_lag=0.8, latency=0.1)
     drive = kit.follow(two_turns, world, is_speed_known=True)
@@ -134,6 +141,7 @@ def test_a_measured_speed_replaces_a_wrong_model(kit, two_turns):
     assert drive.worst < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_taught_drive_with_noise_becomes_a_drivable_path(kit, two_turns, seed):
     noisy = two_turns + np.random.default_rng(seed).normal(size=two_turns.shape) * (0.02, 0.02, 0.01)
@@ -169,6 +177,7 @@ def assert_cusps_are_reached(drive):
     assert max(x[: len(x) // 2]) == pytest.approx(6.0, abs=0.12)  # tolerance, and what rolls on
 
 
+@pytest.mark.slow
 def test_a_closed_path_is_driven_round_and_round(kit):
     ring = kit.course((2 * math.pi * 6, 1 / 6))[:-1]
     drive = kit.follow(ring, is_closed=True, seconds=70)
@@ -177,12 +186,14 @@ def test_a_closed_path_is_driven_round_and_round(kit):
     assert drive.worst < 0.01
 
 
+@pytest.mark.slow
 def test_a_start_in_the_middle_of_the_path(kit, two_turns):
     drive = kit.follow(two_turns, start=(20.0, 0.1, 0.05))
     assert_arrived(drive)
     assert drive.progress[0] == pytest.approx(20.0, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cruise", [0.5, 2.0, 4.0])
 def test_other_speeds_are_stable(kit, cruise):
     params = FollowerParams(speed=SpeedParams(cruise=cruise), vehicle=VehicleParams(max_speed=5.0))
@@ -213,12 +224,14 @@ def test_a_corner_becomes_drivable_with_a_larger_smoothing_length(kit):
     assert drive.worst < 0.15
 
 
+@pytest.mark.slow
 def test_the_same_drive_twice_is_the_same_drive(kit, two_turns):
     world = kit.World(position_noise=0.02, yaw_noise=0.01, latency=0.1)
     first, second = kit.follow(two_turns, world), kit.follow(two_turns, world)
     assert [c.yaw_rate for c in first.commands] == [c.yaw_rate for c in second.commands]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("track", ["Budapest", "Hockenheim", "IMS"])
 def test_race_tracks_at_a_quarter_of_their_size(kit, shared_data, tmp_path, track):
     points = np.loadtxt(shared_data / "tracks" / f"{track}.csv", delimiter=",")[:, :2] / 4.0
@@ -246,6 +259,7 @@ def test_a_recorded_motorway_drive_is_a_path(kit, shared_data):
     assert path.max_curvature < 0.1
 
 
+@pytest.mark.slow
 def test_smoothing_can_be_switched_off(kit):
     drive = kit.follow(
         kit.course((8, 0), (6, 0.2), (6, 0)), params=FollowerParams(path=PathParams(smoothing_length=0.0))

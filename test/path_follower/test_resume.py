@@ -70,6 +70,7 @@ def test_what_was_wrong_waits_for_the_call_under_every_rule(kit, straight):
     assert max(go_on(follower, drive.poses[-1], drive.commands[-1].stamp_ns, 5.0)) == 0.0
 
 
+@pytest.mark.slow
 def test_noise_does_not_add_up_to_progress_while_the_vehicle_stands_paused(kit):
     """Progress only goes forward: of a minute of poses with 2 cm of noise it would take the furthest."""
     path = kit.course((8, 0))

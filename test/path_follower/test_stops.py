@@ -59,6 +59,7 @@ def test_poses_that_cease_stop_within_the_limit_and_the_ramp(kit, straight):
     assert standing_after(drive) <= PARAMS.safety.max_pose_silence + 0.5
 
 
+@pytest.mark.slow
 def test_a_localizer_one_second_late_stops_by_the_age_of_its_poses(kit, straight):
     drive = kit.follow(straight, kit.World(latency=0.3))
     assert drive.final.state is FollowerState.FINISHED
@@ -111,6 +112,7 @@ def test_a_kidnapped_vehicle_stops_although_it_stands_on_the_path(kit, straight)
         assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, reason)
 
 
+@pytest.mark.slow
 def test_degraded_localisation_drives_slowly(kit, straight):
     drive = kit.follow(straight, each=lambda now, *_: "DEGRADED" if 6 <= now < 12 else "TRACKING")
     assert drive.final.state is FollowerState.FINISHED
@@ -219,6 +221,7 @@ def test_calls_that_make_no_sense_say_so(kit, straight):
     assert follower.mode.state is FollowerState.NO_PATH
 
 
+@pytest.mark.slow
 def test_pause_stands_and_resume_goes_on(kit, straight):
     def operator(now, follower, car):
         if now == pytest.approx(5.0):

@@ -44,6 +44,7 @@ def single(seen):
     return calibrate_camera("pinhole", (640, 480), seen, PARAMS)
 
 
+@pytest.mark.slow
 def test_lens_comes_back(single):
     assert single.camera.fx == pytest.approx(CAMERA.fx, rel=0.005)  # 810 corners at 0.1 px
     assert single.camera.cx == pytest.approx(CAMERA.cx, abs=2.0)
@@ -53,6 +54,7 @@ OMNI = Omni(640, 480, 430.0, 431.0, 318.0, 243.0, 1.2, (-0.1, 0.04, 1e-3, -5e-4)
 OCAM = OCam(640, 480, 318.0, 243.0, (200.0, 0.0, -1.6e-3, 1.1e-6, -3e-9), 1.002, 4e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [OMNI, OCAM], ids=lambda camera: camera.model)
 def test_a_wide_lens_comes_back_in_its_own_model(camera):
     views = views_of(camera, 1.0, 0.3)
@@ -65,6 +67,7 @@ def test_a_wide_lens_comes_back_in_its_own_model(camera):
     assert found.rms_px < 0.15
 
 
+@pytest.mark.slow
 def test_a_start_moves_the_focal_length_and_the_boards_before_the_rest_of_the_lens(seen, monkeypatch):
     free, widths = [], []
 
@@ -82,6 +85,7 @@ def test_a_start_moves_the_focal_length_and_the_boards_before_the_rest_of_the_le
     assert found.lenses[0, 0] == pytest.approx(CAMERA.fx, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_disturbed_solution_settles_where_it_was(seen, single):
     problem = camera_problem("pinhole", (640, 480), 5, seen)
     best = single.adjusted.solution
@@ -92,6 +96,7 @@ def test_a_disturbed_solution_settles_where_it_was(seen, single):
     assert camera_rms(problem, again.residuals, np.ones(810))[0] < 0.15  # sqrt(2) times the noise, at most
 
 
+@pytest.mark.slow
 def test_a_false_corner_and_a_false_view_go(seen, single):
     errors = single.adjusted.solution.residuals.copy()
     errors[5] = 1.5  # alone it does not condemn its view
@@ -111,6 +116,7 @@ def test_an_open_axis_is_named_with_the_motion():
     assert "0.0° pitch" in last
 
 
+@pytest.mark.slow
 def test_points_behind_the_camera_are_refused(seen):
     state = camera_state(
         np.array([400.0, 400, 320, 240, *np.zeros(8)]), SE3.exp(np.tile([0, 0, -3.0, 0, 0, 0], (15, 1)))

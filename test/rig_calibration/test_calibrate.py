@@ -45,6 +45,7 @@ def calibrated(world):
     return found, views[3].label, specs, views
 
 
+@pytest.mark.slow
 def test_a_known_rig_comes_back(world, calibrated):
     found = calibrated[0]
     error = (found.rig.cameras[1].T_rig_camera.inverse() @ world.rig.cameras[1].T_rig_camera).log()
@@ -54,11 +55,13 @@ def test_a_known_rig_comes_back(world, calibrated):
     assert found.rig.cameras[0].camera.fx == pytest.approx(world.rig.cameras[0].camera.fx, rel=0.005)
 
 
+@pytest.mark.slow
 def test_a_false_detection_is_named(calibrated):
     found, label, _, _ = calibrated
     assert list(found.dropped) == [label]
 
 
+@pytest.mark.slow
 def test_report_has_every_camera(calibrated):
     report = calibration_as_mapping(calibrated[0])
     assert set(report["cameras"]) == {"cam0", "cam1"}
@@ -66,12 +69,14 @@ def test_report_has_every_camera(calibrated):
     assert np.all(coverage(calibrated[0]) > 10.0)
 
 
+@pytest.mark.slow
 def test_a_camera_without_a_board_is_named(world, calibrated):
     _, _, specs, views = calibrated
     with pytest.raises(ValueError, match="camera cam1: expected a 9x6"):
         calibrate(specs, world.boards, [view for view in views if view.camera == "cam0"], PARAMS)
 
 
+@pytest.mark.slow
 def test_no_board_at_all_is_told(world, calibrated):
     with pytest.raises(ValueError, match="found none in any"):
         calibrate(calibrated[2], world.boards, [], PARAMS)
@@ -97,6 +102,7 @@ def test_lens_agrees_with_the_camera_and_its_derivative_is_right(camera, rng):
     np.testing.assert_allclose(J_lens(camera.model, lens, points), np.moveaxis(numeric, 0, -1) / 2e-6, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_jacobian_of_the_adjustment_is_right(calibrated):
     problem, state = calibrated[0].start.problem, calibrated[0].state
     J, view, h = jacobian(problem, state), problem.seen.view, 1e-6
@@ -151,6 +157,7 @@ def test_boards_that_look_alike_are_refused():
         parse_size("8by6")
 
 
+@pytest.mark.slow
 def test_rendered_corners_are_found_to_a_tenth_of_a_pixel(world):
     rng = np.random.default_rng(0)
     off = []
@@ -165,10 +172,12 @@ def test_rendered_corners_are_found_to_a_tenth_of_a_pixel(world):
     assert max(off) < 0.2  # noise of 2 grey levels and squares of some 15 px
 
 
+@pytest.mark.slow
 def test_a_right_rig_agrees_with_its_single_cameras(calibrated):
     assert not any("not the same camera" in line for line in calibrated[0].warnings)
 
 
+@pytest.mark.slow
 def test_images_that_were_not_taken_at_one_time_are_warned_of(world, calibrated):
     """The second camera's images are of moments at which the rig stood elsewhere, by 3 mm and 0.2 degrees."""
     _, _, specs, _ = calibrated

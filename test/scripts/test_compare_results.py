@@ -107,6 +107,7 @@ def test_a_pattern_leaves_a_digest_out(record, tmp_path):
     assert compare(tmp_path, record, after, "--ignore", "* poses") == 0
 
 
+@pytest.mark.dds
 def test_a_case_without_its_data_is_skipped_and_one_that_fails_says_so(tmp_path):
     env = tmp_path / "env" / "bin"
     env.mkdir(parents=True)

@@ -51,6 +51,7 @@ def errors(updates, truth):
     return np.array([T.distance(update.T_map_sphere) for T, update in zip(truth, updates, strict=True)])
 
 
+@pytest.mark.slow
 def test_a_drive_is_recovered_and_few_spheres_are_kept(drive):
     truth, spheres = drive
     mapper, updates = mapped(spheres, truth[0])
@@ -63,6 +64,7 @@ def test_a_drive_is_recovered_and_few_spheres_are_kept(drive):
     assert len(mapper.graph.edges) == len(mapper.graph) - 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("max_parallax", "is_kept"), [(0.12, True), (0.3, False)])
 def test_the_end_of_a_drive_is_kept_where_the_last_key_sphere_is_far(drive, max_parallax, is_kept):
     truth, spheres = drive  # 0.56 m in a room whose median range is 4.8 m
@@ -80,6 +82,7 @@ def test_nothing_is_kept_of_a_drive_without_spheres():
     assert not Mapper().keep_end()
 
 
+@pytest.mark.slow
 def test_key_spheres_are_kept_as_observed(drive):
     truth, spheres = drive
     mapper, _ = mapped(spheres, truth[0], MapperParams(key=KeySphereParams(max_parallax=0.02)))
@@ -89,6 +92,7 @@ def test_key_spheres_are_kept_as_observed(drive):
         assert node.sphere is by_stamp[node.stamp_ns]
 
 
+@pytest.mark.slow
 def test_the_trajectory_is_that_of_the_updates(drive):
     truth, spheres = drive
     mapper, updates = mapped(spheres, truth[0])
@@ -97,6 +101,7 @@ def test_the_trajectory_is_that_of_the_updates(drive):
         np.testing.assert_allclose(T_map_sphere.matrix, update.T_map_sphere.matrix, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_two_runs_give_the_same_bits(drive):
     truth, spheres = drive
     runs = [mapped(spheres[:5], truth[0])[1] for _ in range(2)]
@@ -104,6 +109,7 @@ def test_two_runs_give_the_same_bits(drive):
         np.testing.assert_array_equal(first.T_map_sphere.matrix, second.T_map_sphere.matrix)
 
 
+@pytest.mark.slow
 def test_odometry_carries_over_a_gap_that_velocity_does_not(drive):
     truth, spheres = drive
     T_odom_map = SE3.exp([3.0, 1.0, 0.0, 0.0, 0.0, -1.0])
@@ -113,6 +119,7 @@ def test_odometry_carries_over_a_gap_that_velocity_does_not(drive):
     assert errors(updates, [truth[k] for k in picked])[:, 0].max() < 0.005
 
 
+@pytest.mark.slow
 def test_a_blank_sphere_is_not_placed_and_does_no_harm(drive):
     truth, spheres = drive
     blank = Sphere(np.full_like(spheres[0].image, 90), spheres[0].range_m, spheres[0].camera, 3 * PERIOD_NS)
@@ -125,6 +132,7 @@ def test_a_blank_sphere_is_not_placed_and_does_no_harm(drive):
     assert len(list(mapper.trajectory())) == 5
 
 
+@pytest.mark.slow
 def test_a_drive_that_was_lost_is_found_again_by_any_key_sphere(drive):
     """Carried away, and put down where the drive began, looking as it did then: the newest key sphere sees nothing."""
     truth, spheres = drive
@@ -139,6 +147,7 @@ def test_a_drive_that_was_lost_is_found_again_by_any_key_sphere(drive):
     assert updates[-1].T_map_sphere.distance(truth[0])[0] < 0.01
 
 
+@pytest.mark.slow
 def test_a_first_sphere_that_nothing_follows_is_given_up(drive):
     """The lens was covered at first; the store never hears of that sphere."""
     truth, spheres = drive
@@ -154,6 +163,7 @@ def test_a_first_sphere_that_nothing_follows_is_given_up(drive):
     assert mapper.graph[0].stamp_ns == spheres[1].stamp_ns
 
 
+@pytest.mark.slow
 def test_a_sphere_without_range_is_placed_but_explains_nothing(drive):
     truth, spheres = drive
     blind = Sphere(spheres[1].image, np.full_like(spheres[1].range_m, np.nan), spheres[1].camera, PERIOD_NS)
@@ -161,6 +171,7 @@ def test_a_sphere_without_range_is_placed_but_explains_nothing(drive):
     assert errors(updates, truth[:3])[:, 0].max() < 0.005
 
 
+@pytest.mark.slow
 def test_closing_a_loop_brings_the_end_back_to_the_beginning(drive):
     truth, _ = drive
     key = KeySphereParams(max_parallax=0.01)  # 5 cm: every sphere is kept
@@ -186,6 +197,7 @@ def test_closing_a_loop_brings_the_end_back_to_the_beginning(drive):
 READOUT_S = 0.068
 
 
+@pytest.mark.slow
 def test_the_spheres_of_a_rolling_shutter_are_straightened_by_the_motion_that_is_found():
     turn = SE3.exp([0.04, 0.0, 0.0, 0.0, 0.01, np.radians(1.2)])
     truth = [SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])]

@@ -135,6 +135,7 @@ def holds(line, *parts):
         assert part in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FOLDER_FAULTS)
 @pytest.mark.parametrize("command", ["map", "localize", "evaluate", "play", "verify-bag"])
 def test_no_readable_bag(refusal, inputs, command, fault):
@@ -149,11 +150,13 @@ def test_no_readable_bag(refusal, inputs, command, fault):
     holds(refusal(command, *words), str(inputs / fault), *FOLDER_FAULTS[fault])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", EXPECTED)
 def test_no_map_of_a_bad_recording(refusal, inputs, fault):
     holds(refusal("map", inputs / fault, "-o", "out"), str(inputs / fault), *EXPECTED[fault])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["no_images", "no_info", "other_size", "no_focal_length"])
 def test_no_poses_from_a_bad_recording(refusal, inputs, fault):
     line = refusal("localize", inputs / "map", inputs / fault, "-o", "out.tum", "--bag", "out", "--json", "out.json")
@@ -169,6 +172,7 @@ MAP_FAULTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", MAP_FAULTS)
 @pytest.mark.parametrize("command", ["localize", "map-info", "map-export"])
 def test_no_readable_map(refusal, inputs, command, fault):
@@ -180,11 +184,13 @@ def test_no_readable_map(refusal, inputs, command, fault):
     holds(refusal(command, *words[command]), str(inputs / fault), *MAP_FAULTS[fault])
 
 
+@pytest.mark.slow
 def test_evaluate_without_truth(refusal, inputs):
     line = refusal("evaluate", inputs / "good", inputs / "no_truth", "--poses-topic", "/ground_truth/pose")
     holds(line, str(inputs / "no_truth"), "expected topic /ground_truth/pose, found /camera_info")
 
 
+@pytest.mark.slow
 def test_evaluate_files(refusal, inputs, tmp_path_factory):
     folder = tmp_path_factory.mktemp("poses")
     (folder / "short.tum").write_text("1.0 0 0 0\n")
@@ -194,6 +200,7 @@ def test_evaluate_files(refusal, inputs, tmp_path_factory):
         holds(refusal("evaluate", folder / name, inputs / "good", "--plot", "out.png"), str(folder / name))
 
 
+@pytest.mark.slow
 def test_import(refusal, tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     holds(
@@ -213,16 +220,19 @@ def test_import(refusal, tmp_path_factory):
     holds(refusal("import", "seven_scenes", folder, "-o", "out", "--registered"), str(folder), "expected", "found")
 
 
+@pytest.mark.slow
 def test_play_without_the_topic(refusal, inputs):
     line = refusal("play", inputs / "good", "--topics", "/left/image_raw")
     holds(line, str(inputs / "good"), "expected topic /left/image_raw, found /camera_info")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["absent", "truncated", "no_depth", "no_focal_length"])
 def test_register_without_a_readable_reference(refusal, inputs, fault):
     holds(refusal("register", inputs / fault, inputs / "good", "--json", "out.json"), str(inputs / fault), "expected")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["import", "map", "localize"])
 def test_nothing_is_overwritten(inputs, command, tmp_path, capsys):
     target = tmp_path / "mine"

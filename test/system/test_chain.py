@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import threading
@@ -22,6 +21,8 @@ from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.pose_bags import read_poses
 
 from .conftest import PERIOD, SECOND, STREET, Frames, write_bag
+
+pytestmark = pytest.mark.dds
 
 NUM_FRAMES = 16
 START_UP = 90.0  # s: imports and, on a fresh machine, kernels to compile
@@ -78,10 +79,8 @@ def test_localising_twice_gives_the_same_bits(chain):
 
 
 @pytest.fixture
-def processes(monkeypatch):
-    """Start commands of this package on a domain of their own; end those still running by their id."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + (int(os.environ["ROS_DOMAIN_ID"]) + 49) % 100))
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+def processes():
+    """Start commands of this package; end those still running by their id."""
     started = []
 
     def start(code: str, *words: object) -> subprocess.Popen:
@@ -93,7 +92,7 @@ def processes(monkeypatch):
     for process in started:
         if process.poll() is None:
             process.kill()
-        process.communicate(timeout=10)
+        process.communicate(timeout=120.0)
 
 
 def wait_until_said(process: subprocess.Popen, texts: list[str]) -> None:
@@ -112,7 +111,7 @@ def wait_until_said(process: subprocess.Popen, texts: list[str]) -> None:
 def stopped(process: subprocess.Popen) -> str:
     """Ask a node to end, and return what it said; it must end well."""
     process.terminate()
-    said, _ = process.communicate(timeout=20)
+    said, _ = process.communicate(timeout=120.0)
     assert process.returncode == 0, said
     return said
 

@@ -141,6 +141,7 @@ def save_images(folder: Path, pictures: dict[str, np.ndarray]) -> None:
             assert cv2.imwrite(str(folder / name / f"{number:06d}.png"), pixels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES[:3])
 def test_the_commands_of_a_page_run_one_after_the_other(page, recordings, tmp_path, monkeypatch, capsys):
     for item in recordings.iterdir():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import resource
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -24,7 +23,7 @@ from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.cli.constants import MAX_LATERAL, MIN_DRIVEN, PAUSE_AT
-from sphere_nav_tools.cli.demo.plots import plot_errors, plot_top_view
+from sphere_nav_tools.cli.demo.domains import claim_domain
 from sphere_nav_tools.cli.demo.processes import Processes
 from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, read_estimate, read_truth
 from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
@@ -97,7 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     told = f"light and season of the second drive: {', '.join(CONDITIONS)} (as in the first, with clouds)"
     told += "; a map of one light may not serve another"
     parser.add_argument("--condition", default="", choices=("", *CONDITIONS), metavar="NAME", help=told)
-    parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
+    parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (a free one of 50 to 99)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -136,7 +135,7 @@ class Demo:
 
         `taught`: output of an earlier run of the same seed and path, whose teaching drive and map are used again.
         """
-        self.domain = 50 + os.getpid() % 50 if domain is None else domain
+        self.domain = claim_domain() if domain is None else domain
         place = TOUR if path == "tour" else {"path": path}
         self.other_day = OTHER_DAY | {"condition": condition}
         self.simulation = SIMULATION | {"seed": seed} | place | dict(more)
@@ -250,14 +249,16 @@ class Demo:
 
     def measure(self) -> DriveErrors:
         """Compare with the path that was to be driven, and draw."""
+        from sphere_nav_tools.cli.demo import plots  # matplotlib takes half a second to import
+
         with self.stage("judge"):
             T_world_map = self.anchor()
             errors = self.errors(T_world_map)
             with open_map(self.taught / "map") as made:
                 keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
             self.num_key_spheres = len(keys)
-            plot_top_view(self.folder / "top_view.png", errors, keys)
-            plot_errors(self.folder / "errors.png", errors, read_estimate(self.folder / "drive"))
+            plots.plot_top_view(self.folder / "top_view.png", errors, keys)
+            plots.plot_errors(self.folder / "errors.png", errors, read_estimate(self.folder / "drive"))
         return errors
 
     def errors(self, T_world_map: SE3) -> DriveErrors:

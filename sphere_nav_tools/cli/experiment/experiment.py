@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, default=None, metavar="DIR", help="(out/experiment/NAME)")
     parser.add_argument("--taught", type=Path, default=None, metavar="DIR", help="output of an experiment of this seed")
     parser.add_argument("--starts", type=int, default=None, metavar="N", help="of kidnapped (20)")
-    parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
+    parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (a free one of 50 to 99)")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -38,6 +38,7 @@ def test_a_scene_keeps_its_triangles():
     assert ranges == pytest.approx([5.0, np.inf], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_packets_and_single_rays_meet_the_same_traffic(rng):
     world = build_world("town", 5)
     traffic = Traffic(world, TrafficParams(density="usual"), 5)

@@ -32,6 +32,7 @@ def radiance(mesh, light=NIGHT, season=None, pose=AHEAD, torch=None, effort=QUIC
     return (image / 255.0) ** 2.2 / light.exposure, range_m
 
 
+@pytest.mark.slow
 def test_a_lamp_falls_off_with_the_square_of_the_distance(box_mesh):
     light = replace(NIGHT, torch=200.0)
     dark, _ = radiance(box_mesh)

@@ -76,6 +76,7 @@ def test_an_open_shutter_means_the_light_and_not_the_levels():
     np.testing.assert_allclose(averaged(draw, 0.01, 4, GAMMA), 255.0 * 0.5 ** (1 / GAMMA), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_moving_camera_blurs_along_its_way(small_params):
     simulator = Simulator(small_params)
     quiet = simulator.mounts["camera"]
@@ -91,6 +92,7 @@ def test_a_moving_camera_blurs_along_its_way(small_params):
     assert blurred < 0.8 * sharp
 
 
+@pytest.mark.slow
 def test_the_rig_and_the_camera_have_one_kind_of_sensor_and_an_exposure_each(small_params):
     rig = CameraRigParams(kind="vertical", size="32,32")
     imaging = ImagingParams(has_automatic_exposure=True, noise=2.0)
@@ -101,6 +103,7 @@ def test_the_rig_and_the_camera_have_one_kind_of_sensor_and_an_exposure_each(sma
     assert simulator.mounts["sphere"].imaging == ImagingParams()  # the sphere is ideal
 
 
+@pytest.mark.slow
 def test_the_noise_of_light_and_read_out_grow_by_one_factor(small_params):
     def noise(factor):
         simulator = Simulator(replace(small_params, imaging=ImagingParams(noise=factor)))

@@ -5,6 +5,8 @@ from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.world.city import BOUNDS, build_city, tour
 
+pytestmark = pytest.mark.slow
+
 # Written out: imported, a change would go unseen.
 HALF, LANE_X, SQUARE, TOUR_LENGTH = 5.5, 120.0, (70.0, -45.0, 170.0, 55.0), 490.0
 

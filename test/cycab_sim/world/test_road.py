@@ -29,6 +29,7 @@ def test_a_place_beside_a_path_is_to_its_left_and_turned():
     np.testing.assert_allclose(placement[:3, 0], [0.0, 1.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_seed_is_a_road_and_a_square(fingerprint):
     road = [-1.37691, -1.36601, 2.26257, -0.40869, -1.5765, 0.70259, 0.11765, -0.42109, -0.25794, 0.0, 1.16721]
     assert fingerprint(build_road(3)) == pytest.approx(road, abs=2e-5)
@@ -36,6 +37,7 @@ def test_a_seed_is_a_road_and_a_square(fingerprint):
     assert fingerprint(build_square(3)) == pytest.approx(square, abs=2e-5)
 
 
+@pytest.mark.slow
 def test_houses_leave_the_road_free_on_both_sides_and_in_its_bends():
     triangles = build_road(3).triangles
     high = triangles[triangles[..., 2].min(axis=1) > 2.5]  # of houses: above cars, boxes and benches
@@ -61,6 +63,7 @@ def test_the_square_is_open_for_60_meters_around_the_way():
     assert square_path().length == pytest.approx(60.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_cars_come_towards_the_car_on_the_road_and_people_walk_on_the_square():
     [loop] = free_loops(road_loops(), road_path(), may_cross=False)
     steps = np.diff(loop.points, axis=0)

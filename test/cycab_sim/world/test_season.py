@@ -15,6 +15,7 @@ def test_nothing_changes_where_nothing_is_asked_for(town):
     assert change_season(town[0], SeasonParams(wet=1.0, snow=1.0), 5) is town[0]
 
 
+@pytest.mark.slow
 def test_other_cars_are_parked_and_nothing_else_moves(town):
     mesh = town[0]
     one, two, again = (change_season(mesh, SeasonParams(parked=n), 5) for n in (1, 2, 1))

@@ -8,6 +8,7 @@ from cycab_sim.world.town import add_skyline, build_town, draw_plan, path_names,
 CLEARANCE = 0.6 + 0.3  # half the width of the car, and what a driver leaves
 
 
+@pytest.mark.slow
 def test_a_seed_is_a_town(town, fingerprint):
     again, plan = build_town.__wrapped__(5)  # the cache left aside
     assert plan == town[1]
@@ -146,5 +147,6 @@ def test_pavement_is_raised_and_marks_lie_on_the_road():
     assert np.abs(marks[..., 1]).max() <= street.HALF_ROAD + 1e-6
 
 
+@pytest.mark.slow
 def test_narrow_blocks_have_no_yard_but_stand():
     assert len(build_town.__wrapped__(7)[0].triangles) > 10_000  # its second block is less than two houses deep

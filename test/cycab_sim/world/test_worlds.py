@@ -29,6 +29,7 @@ def test_the_cloud_lies_on_the_corridor_and_repeats_with_its_bays():
     assert abs(outline(BAY - 0.8) - outline(3.0)) > 0.4  # a niche is not a wall
 
 
+@pytest.mark.slow
 def test_the_cloud_of_the_town_lacks_what_comes_and_goes():
     bare, full = geometry_cloud(5, 0.4), geometry_cloud(5, 0.4, has_clutter=True)
     assert len(full) > len(bare) > 100_000

@@ -29,6 +29,7 @@ from worlds.room import Room
 INTEGRITY_PERIOD, MAP_PHASE = 10, 5
 
 
+@pytest.mark.slow
 def test_every_image_gets_the_full_check_until_the_pose_is_trusted(room_map):
     integrity = Integrity(References(room_map, LocalizerParams()), LocalizerParams())
     assert all(integrity.find_due(state) is EVERYTHING for state in State if state is not State.TRACKING)
@@ -41,6 +42,7 @@ def test_in_ten_images_in_tracking_all_checks_are_due_and_no_two_at_once():
     assert reduce(or_, CHECKS_DUE.values()) is EVERYTHING
 
 
+@pytest.mark.slow
 def test_a_wrong_lens_never_tracks(room, room_map):
     run = Run(room, make_localizer(room_map))
     run.camera = replace(PINHOLE, fx=0.8 * PINHOLE.fx, fy=0.8 * PINHOLE.fy)
@@ -50,6 +52,7 @@ def test_a_wrong_lens_never_tracks(room, room_map):
         assert status.state not in (State.TRACKING, State.DEGRADED)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_jump", [False, True])
 def test_a_jump_that_odometry_does_not_know_is_not_trusted(room, room_map, has_jump):
     localizer = make_localizer(room_map)
@@ -63,6 +66,7 @@ def test_a_jump_that_odometry_does_not_know_is_not_trusted(room, room_map, has_j
     assert np.any([state is State.TRACKING for state in states[12:]]) != has_jump
 
 
+@pytest.mark.slow
 def test_what_covers_a_part_of_the_view_and_moves_with_the_camera_does_not_drag_the_pose():
     room = Room((5.0, 3.0, 1.5), (1.0, 14.0, 30), gain=30.0, seed=42)
     localizer = make_localizer(make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0, 2.0)]))
@@ -81,6 +85,7 @@ def test_what_covers_a_part_of_the_view_and_moves_with_the_camera_does_not_drag_
             assert error(estimate, pose)[0] < 0.1  # 0.46 m off in TRACKING, then lost, without that evidence
 
 
+@pytest.mark.slow
 def test_an_alignment_that_other_parked_boxes_draw_away_is_mended_from_the_prediction():
     day, other = (
         ParkingRoom((8.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0, boxes=boxes_along(*boxes))
@@ -103,6 +108,7 @@ def test_an_alignment_that_other_parked_boxes_draw_away_is_mended_from_the_predi
     references.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reason", ["NO_CONVERGENCE", "OUTLIERS"])
 def test_an_alignment_that_failed_in_another_light_is_done_by_parts(reason):
     day, other = (
@@ -141,6 +147,7 @@ def test_parts_are_believed_at_one_in_ten_million(monkeypatch, chance, is_taken)
         assert (taken["T_world_camera"], taken["reason"]) == (found.T_world_body, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "is_asked"),
     [({}, False), ({"is_near": True}, True), ({"experience": Experience("snow")}, True)],
@@ -164,6 +171,7 @@ def test_parts_are_asked_only_of_likely_guesses(room, room_map, monkeypatch, how
     references.close()
 
 
+@pytest.mark.slow
 def test_no_light_pulls_a_pose_that_parts_have_given(room, room_map, monkeypatch):
     params, checked = build(LocalizerParams, SMALL_IMAGES), []
     references, find = References(room_map, params), integrity.find_rig_structure
@@ -197,6 +205,7 @@ def test_after_a_slip_the_next_image_is_not_held_to_a_motion_that_never_was():
     assert measure_innovation(poses[3], small, prior.predict(4 * period_ns)) > 8.0
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_pushed_for_one_image_is_found_in_the_next_one(room, room_map):
     run = Run(room, make_localizer(room_map))
     poses = [at(-1.2 + 0.05 * k, 0.043 * (k == 14)) for k in range(16)]

@@ -282,6 +282,7 @@ def test_for_a_live_image_is_prepared_what_looks_more_alike(days):
     references.close()
 
 
+@pytest.mark.slow
 def test_a_localizer_takes_the_experience_that_explains_an_image_better(days, monkeypatch):
     localizer = Localizer(PARAMS, days)
     for number in range(6):
@@ -300,6 +301,7 @@ def test_one_experience_is_never_compared(days, monkeypatch):
     assert alone.choose(at(0.25), PINHOLE, sight=sight(DAY, 0.25)).ids == (0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("experience", [DAY, SNOW])
 def test_a_drive_starts_from_nowhere_in_any_experience(days, experience):
     localizer = Localizer(PARAMS, days)

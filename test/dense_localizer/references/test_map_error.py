@@ -65,6 +65,7 @@ def test_one_wrong_image_does_not_make_the_map_wrong():
     assert np.all(np.diagonal(error.covariance(0, SE3.identity())) < 3.0 * before)
 
 
+@pytest.mark.slow
 def test_a_map_once_thought_wrong_is_trusted_again(room, room_map):
     from worlds.localizer import Run, drive, make_localizer
 
@@ -100,6 +101,7 @@ def test_a_drive_that_was_added_uncertain_leaves_the_map_as_certain_as_it_was():
     np.testing.assert_allclose(found, [1e-6, 1e-6, (1e-2 + 9e-6) / 2, 9e-6])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift_m", [0.0, 0.02])
 def test_misplaced_key_spheres_widen_the_covariance(room, shift_m):
     from worlds.localizer import Run, at, make_localizer, make_map

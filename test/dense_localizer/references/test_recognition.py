@@ -15,6 +15,8 @@ from sphere_nav.spheres.graph import KeySphere
 from worlds.localizer import SMALL_IMAGES, MemoryMap, at, locate
 from worlds.room import sharp_room
 
+pytestmark = pytest.mark.slow
+
 # Written out: imported, a change would go unseen.
 NUM_RETRIEVED = 12
 

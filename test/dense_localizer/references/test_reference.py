@@ -64,6 +64,7 @@ def test_only_what_is_chosen_is_read(room):
     assert sphere_map.num_loaded == 2
 
 
+@pytest.mark.slow
 def test_what_lies_ahead_is_prepared_before_it_is_needed(room):
     sphere_map = make_map(room, [SE3.from_planar(0.5 * k, 0.0, 0.0) for k in range(8)])
     references = References(sphere_map, PARAMS)
@@ -82,6 +83,7 @@ def test_what_lies_ahead_is_prepared_before_it_is_needed(room):
     assert sphere_map.num_loaded <= number + 1
 
 
+@pytest.mark.slow
 def test_a_live_camera_never_waits_for_a_sphere(room):
     class SlowMap(type(make_map(room, [SE3.identity()]))):
         is_open = threading.Event()
@@ -169,6 +171,7 @@ def test_who_wants_no_contrast_gets_none(room, room_map):
     references.close()
 
 
+@pytest.mark.slow
 def test_memory_holds_whatever_the_way(room):
     sphere_map = make_map(room, [SE3.from_planar(0.3 * k, 0.0, 0.0) for k in range(12)])
     params = build(LocalizerParams, SMALL_IMAGES | {"reference.memory": 16.0})
@@ -243,6 +246,7 @@ class PaleWall(Room):
         return np.where(is_ahead, 128.0 + 0.15 * (gray - 128.0), gray), range_m
 
 
+@pytest.mark.slow
 def test_pixels_are_the_best_of_what_is_seen_not_of_the_sphere():
     """M15 eq. 16: a pale wall before the camera gets all pixels, though others of the sphere are more salient."""
     room = PaleWall((2.5, 4.0, 3.0))

@@ -19,6 +19,8 @@ from sphere_nav.photometric.align.rig import RigImage
 from worlds.localizer import SMALL_IMAGES, at, locate, make_map
 from worlds.relit import EdgedRoom, relit
 
+pytestmark = pytest.mark.slow
+
 ROOM = EdgedRoom(half=(6.0, 4.0, 2.0), wave_numbers=(1.0, 10.0, 60))
 CAMERA = Pinhole(320, 240, 220.0, 220.0, 159.5, 119.5)
 PARAMS = build(LocalizerParams, SMALL_IMAGES)

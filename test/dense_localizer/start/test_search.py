@@ -75,6 +75,7 @@ def test_a_pose_far_from_all_key_spheres_is_refused(room_map, away_m, is_refused
         search.request(far)
 
 
+@pytest.mark.slow
 def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):
     references = References(room_map, PARAMS)
     search = PoseSearch(references, PARAMS)

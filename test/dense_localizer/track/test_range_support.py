@@ -49,6 +49,7 @@ def night(image):
     return np.random.default_rng(1).permuted(image, axis=1)
 
 
+@pytest.mark.slow
 def test_by_night_it_goes_on(run, room):
     way = drive(24, speed=0.5)
     for pose in way[:8]:
@@ -70,6 +71,7 @@ def test_by_night_it_goes_on(run, room):
     assert run.see(way[-1]).candidate.is_by_range is False  # light again
 
 
+@pytest.mark.slow
 def test_depth_of_a_camera_on_a_body_places_the_body(run):
     T_body_camera = SE3.exp([0.3, -0.1, 0.2, 0.0, 0.2, 0.1])
     way = drive(14, speed=0.5)
@@ -79,6 +81,7 @@ def test_depth_of_a_camera_on_a_body_places_the_body(run):
     assert error(estimate, way[-1] @ T_body_camera.inverse())[0] < 0.015
 
 
+@pytest.mark.slow
 def test_without_depth_a_black_image_is_no_pose(run):
     way = drive(22, speed=0.5)
     nothing = DepthImage(np.full((96, 128), np.nan), DEPTH_CAMERA, T_IMAGE_DEPTH)
@@ -88,6 +91,7 @@ def test_without_depth_a_black_image_is_no_pose(run):
     assert estimate.status.reason == Reason.LOW_TEXTURE
 
 
+@pytest.mark.slow
 def test_frozen_depth_holds_no_pose(run):
     way = drive(30, speed=0.5)
     for pose in way[:8]:
@@ -98,6 +102,7 @@ def test_frozen_depth_holds_no_pose(run):
     assert estimate.T_map_camera is None
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_not_to_trust_takes_its_depth_along(run):
     """A frozen driver repeats both; that depth is new is not known of an image of another size, either."""
     way = drive(12, speed=0.5)
@@ -110,6 +115,7 @@ def test_a_camera_that_is_not_to_trust_takes_its_depth_along(run):
     assert estimate.status.reason == Reason.BAD_INFO
 
 
+@pytest.mark.slow
 def test_a_start_that_is_given_needs_no_light_and_one_from_nowhere_is_not_by_range(room, room_map):
     pose = at(-1.0, 0.1, 0.1)
     for given, state in ((pose @ SE3.exp([0.1, 0.05, 0.1, 0.03, 0.05, 0.0]), State.TRACKING), (None, State.SEARCHING)):
@@ -134,6 +140,7 @@ def candidate_at(pose, sigma=0.02, *, is_accepted=True, is_guess=False):
     return PoseCandidate(pose, sigma**2 * np.eye(6), prediction, None, acceptance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("off_m", "is_joined"), [(0.03, True), (0.3, False)])
 def test_a_pose_with_care_is_joined_or_geometry_holds(run, support, off_m, is_joined):
     pose, off = at(0.2, 0.1, 0.2), SE3.exp([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -145,6 +152,7 @@ def test_a_pose_with_care_is_joined_or_geometry_holds(run, support, off_m, is_jo
     assert np.trace(found.covariance) < np.trace(given.covariance)
 
 
+@pytest.mark.slow
 def test_a_pose_that_is_good_needs_no_depth(run, support):
     pose = at(0.2, 0.1, 0.2)
     frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
@@ -152,6 +160,7 @@ def test_a_pose_that_is_good_needs_no_depth(run, support):
     assert support.support(frame, good) is good
 
 
+@pytest.mark.slow
 def test_a_prediction_that_cannot_be_is_not_followed_there(run, support):
     """The range places it 0.5 m away, where the vehicle cannot be: ten deviations."""
     pose = at(0.2, 0.1, 0.2)
@@ -165,6 +174,7 @@ def test_a_prediction_that_cannot_be_is_not_followed_there(run, support):
     assert not support.support(frame, candidate_at(pose, is_accepted=False, is_guess=True)).is_accepted
 
 
+@pytest.mark.slow
 def test_errors_of_the_map_are_in_the_covariance(run, support, monkeypatch):
     pose = at(0.2, 0.1, 0.2)
     frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
@@ -176,6 +186,7 @@ def test_errors_of_the_map_are_in_the_covariance(run, support, monkeypatch):
     np.testing.assert_allclose(added, 1e-4 * Ad @ Ad.T, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_last_images_do_not_judge_a_pose_by_range(run):
     """By night they know nothing; and its correlation, which is none, is not what is usual."""
     way = drive(8, speed=0.5)

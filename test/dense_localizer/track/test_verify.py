@@ -1,6 +1,7 @@
 """One instant after the other: by the map, or by the last images, and which of the two is believed."""
 
 import numpy as np
+import pytest
 
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.motion_prior import PosePrior
@@ -13,6 +14,8 @@ from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, at, locate, make_map
 from worlds.room import sharp_room
+
+pytestmark = pytest.mark.slow
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
 

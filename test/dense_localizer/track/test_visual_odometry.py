@@ -59,6 +59,7 @@ def test_an_image_that_was_placed_is_a_reference(room):
     assert alignment.T_world_camera.distance(pose @ step) < (0.006, 0.004)
 
 
+@pytest.mark.slow
 def test_the_covariance_of_a_way_is_that_of_its_steps_and_grows(room):
     rng, sigma = np.random.default_rng(3), 1e-3
     poses = [SE3.exp([0.1 * k, 0.0, 0.02 * k, 0.0, 0.05 * k, 0.0]) for k in range(6)]
@@ -85,6 +86,7 @@ def test_the_covariance_of_a_way_is_that_of_its_steps_and_grows(room):
     assert sigmas[0] < sigmas[1] < sigmas[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_half", [True, False], ids=["half", "all"])
 def test_a_lamp_that_is_switched_changes_little_of_local_contrast(room_map, is_half):
     run, other = Run(wide_room(), make_localizer(room_map)), RelitRoom(is_half)
@@ -102,6 +104,7 @@ def test_a_lamp_that_is_switched_changes_little_of_local_contrast(room_map, is_h
     assert np.mean(nees) < 12.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_half", [True, False], ids=["half", "all"])
 def test_a_lamp_that_is_switched_is_driven_through(room_map, is_half):
     run, other = Run(wide_room(), make_localizer(room_map, alignment__contrast=False)), RelitRoom(is_half)
@@ -141,6 +144,7 @@ class SoftRoom(Room):
         return np.clip(super().gray(points) * factor, 1.0, 254.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_contrast", [True, False], ids=["contrast", "grey"])
 def test_a_lamp_that_pulls_the_map_itself_is_told_or_changes_little(has_contrast):
     room = SoftRoom()
@@ -159,6 +163,7 @@ def test_a_lamp_that_pulls_the_map_itself_is_told_or_changes_little(has_contrast
         assert error(one, pose)[0] < 0.05
 
 
+@pytest.mark.slow
 def test_without_the_last_images_and_parts_the_lamp_ends_the_drive(room_map, monkeypatch):
     monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: (alignment, 1.0))
     monkeypatch.setattr(structure, "find_support", lambda *_: NO_SUPPORT)
@@ -170,6 +175,7 @@ def test_without_the_last_images_and_parts_the_lamp_ends_the_drive(room_map, mon
     assert State.LOST in told[12:]
 
 
+@pytest.mark.slow
 def test_the_last_image_is_compared_as_the_map_placed_it(room_map):
     """By local contrast, then the map is hidden: with its grey levels the next images would be compared wrongly."""
     localizer = make_localizer(room_map, prior__max_blind_m=2.0)
@@ -189,6 +195,7 @@ def test_the_last_image_is_compared_as_the_map_placed_it(room_map):
     localizer.references.close()
 
 
+@pytest.mark.slow
 def test_where_images_say_nothing_good_contrast_is_believed_and_grey_levels_are_not(room_map, monkeypatch):
     localizer = make_localizer(room_map)
     run = Run(RelitRoom(False), localizer)
@@ -220,6 +227,7 @@ def test_where_images_say_nothing_good_contrast_is_believed_and_grey_levels_are_
         assert said in refused.finding.detail
 
 
+@pytest.mark.slow
 def test_a_map_that_stays_hidden_is_told_and_lost_after_the_stated_distance(room_map, monkeypatch):
     monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: (alignment, 1.0))
     monkeypatch.setattr(structure, "find_support", lambda *_: NO_SUPPORT)  # no part of it is seen, either

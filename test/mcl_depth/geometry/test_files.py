@@ -65,6 +65,7 @@ ABSURD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILES)
 def test_points_come_back(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(FILES[name])
@@ -123,6 +124,7 @@ def test_millimeters_are_refused_and_a_wide_map_is_not() -> None:
     assert len(cloud_from_points(road)) == 60_000
 
 
+@pytest.mark.dds
 def test_a_packed_tile_is_read_and_one_that_is_cut_short_is_refused(tmp_path: Path) -> None:
     points = np.random.default_rng(1).uniform(-50, 50, (2000, 3))
     header = laspy.LasHeader(point_format=6, version="1.4")

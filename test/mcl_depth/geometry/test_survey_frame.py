@@ -60,6 +60,7 @@ def test_the_unit_is_found_by_the_extent_and_named(tmp_path: Path, unit: str, me
     np.testing.assert_allclose(found.points, STREET, atol=1e-3)
 
 
+@pytest.mark.dds
 @pytest.mark.parametrize("record", ["wkt", "keys"])
 def test_feet_are_those_that_the_file_declares(tmp_path: Path, record: str) -> None:
     header = laspy.LasHeader(point_format=6, version="1.4")
@@ -177,6 +178,7 @@ def test_what_of_a_file_counts_is_in_its_own_unit() -> None:
     assert survey_box(SurveyParams(origin="1000,2000,50", up="y"), limits, "m") is None
 
 
+@pytest.mark.dds
 def test_an_e57_is_read_where_its_reader_is_installed_and_else_says_what_to_install(tmp_path: Path) -> None:
     (tmp_path / "a.e57").write_bytes(b"ASTM-E57")
     with pytest.raises(ValueError, match=r"a\.e57: expected (a whole \.e57|pye57 for)"):

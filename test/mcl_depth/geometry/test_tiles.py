@@ -96,6 +96,7 @@ def test_a_box_bounds_what_counts():
     assert found[:, :2].max() <= 10.0
 
 
+@pytest.mark.dds
 def test_tiles_of_a_folder_are_one_cloud_with_one_origin(tmp_path: Path):
     parts = [walls(0.0), walls(100.0)]
     write_las(tmp_path / "a.laz", parts[0])
@@ -119,6 +120,7 @@ def test_of_large_tiles_as_much_is_kept_as_memory_allows(tmp_path: Path, monkeyp
     assert np.ptp(cloud.points, axis=0) == pytest.approx([100.0, 100.0, 20.0], abs=1.0)
 
 
+@pytest.mark.dds
 def test_only_what_the_area_needs_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     for number in range(3):
         write_las(tmp_path / f"{number}.laz", walls(100.0 * number), 9001)

@@ -56,6 +56,7 @@ def twin(encoder, inputs):
     return image
 
 
+@pytest.mark.slow
 def test_the_kernel_does_what_its_twin_does():
     rng = np.random.default_rng(1)
     encoder, inputs = chain(3, rng), rng.normal(size=(2, 3, 11, 24)).astype(np.float32)

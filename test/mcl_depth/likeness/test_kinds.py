@@ -64,6 +64,7 @@ def observe(site, pose, number):
     return Observation(image, camera, (number + 1) * 10**9, np.eye(3), SE3.from_planar(*pose))
 
 
+@pytest.mark.slow
 def test_a_place_is_recovered_from_nowhere(site):
     filter_ = site.filter()
     for number, pose in enumerate(POSES):
@@ -73,6 +74,7 @@ def test_a_place_is_recovered_from_nowhere(site):
     assert abs(best[2] - POSES[-1][2]) < np.radians(11)  # a step of headings, and a little
 
 
+@pytest.mark.slow
 def test_a_start_that_is_given_is_confirmed_and_a_wrong_one_is_not(site):
     for offset, is_right in (([0.1, -0.1, 0.05], True), ([2.6, 2.0, 2.5], False)):
         filter_ = site.filter()
@@ -87,6 +89,7 @@ def test_a_start_that_is_given_is_confirmed_and_a_wrong_one_is_not(site):
         assert max(errors, default=0.0) < 0.6
 
 
+@pytest.mark.slow
 def test_a_part_of_the_sphere_is_refused_with_what_to_do(site):
     camera = Pinhole(320, 240, 160.0, 160.0, 159.5, 119.5)
     R_level_camera = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -97,6 +100,7 @@ def test_a_part_of_the_sphere_is_refused_with_what_to_do(site):
     assert estimate.T_map_level is None
 
 
+@pytest.mark.slow
 def test_a_panorama_that_lacks_a_little_is_taken(site):
     window = site.depth_map.camera
     cut = Spherical(window.width, window.height - 3, window.full_width, 0.0, window.offset_v)

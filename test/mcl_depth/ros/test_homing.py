@@ -62,6 +62,7 @@ def test_without_a_path_nothing_is_said(eye, cloud):
     assert "/homing/status" not in answer
 
 
+@pytest.mark.slow
 def test_beside_a_waypoint_the_direction_leads_to_the_path_beyond_it(eye, cloud):
     bench = bench_of(eye, cloud)
     bench.send("/reference_path", path_message())
@@ -79,6 +80,7 @@ def test_beside_a_waypoint_the_direction_leads_to_the_path_beyond_it(eye, cloud)
     assert (status.progress, status.distance_to_end > 3.0) == (0.0, True)
 
 
+@pytest.mark.slow
 def test_an_image_that_cannot_be_used_gives_no_direction(eye, cloud):
     bench = bench_of(eye, cloud)
     bench.send("/reference_path", path_message())
@@ -106,6 +108,7 @@ def test_a_path_of_another_frame_is_refused(eye, cloud, frame):
     assert bench.node.guide.homing is None
 
 
+@pytest.mark.slow
 def test_the_path_is_followed_to_its_end_by_directions_alone(eye, cloud):
     bench = bench_of(eye, cloud)
     bench.bus.add(PathFollowerNode, {"source": "homing", "enable_stamped_cmd_vel": True} | FOLLOWER)

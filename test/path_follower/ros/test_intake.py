@@ -195,6 +195,7 @@ def seconds_to_zero(bus, seconds=3.0):
     return last + 0.025  # the command after it
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=25, derandomize=True)
 @given(
     stamps=st.lists(
@@ -222,6 +223,7 @@ def test_no_stamp_however_wrong_delays_a_stop(stamps):
     assert node.loop.follower.mode.state == "STOPPED"
 
 
+@pytest.mark.slow
 @given(lead=st.integers(-5 * SECOND, 5 * SECOND))
 @settings(deadline=None, max_examples=12, derandomize=True)
 def test_a_camera_clock_that_is_wrong_stops_as_fast_as_silence(lead):

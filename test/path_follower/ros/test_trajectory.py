@@ -60,6 +60,7 @@ def test_the_same_path_is_taken_once(intake):
     assert intake.loop.follower.path.length == pytest.approx(11.9)
 
 
+@pytest.mark.slow
 def test_a_message_that_would_be_read_for_minutes_is_refused_unread(intake):
     read = intake.standing("reference_path", Path, intake.on_path)
     with pytest.raises(ValueError, match=f"expected at most {MAX_PATH_BYTES} bytes, found 72000028"):

@@ -59,6 +59,7 @@ def views(world, images):
     ]
 
 
+@pytest.mark.slow
 def test_every_corner_is_where_its_number_says(world, views):
     errors, cut = [], 0
     for view in views:
@@ -72,6 +73,7 @@ def test_every_corner_is_where_its_number_says(world, views):
     assert np.abs(np.concatenate(errors)).max() < 1.0  # none is that of a neighbour
 
 
+@pytest.mark.slow
 def test_cameras_that_share_no_view_are_joined_by_the_motion(world, views):
     parts = world.rig.cameras
     specs = [CameraSpec(part.name, "fisheye", (480, 360)) for part in parts]
@@ -84,6 +86,7 @@ def test_cameras_that_share_no_view_are_joined_by_the_motion(world, views):
     assert np.linalg.norm(error[3:]) < 5.0 * np.linalg.norm(std[3:])
 
 
+@pytest.mark.slow
 def test_two_boards_in_one_image_are_told_apart_by_their_markers(world):
     poses = SE3(np.stack([placed(BOARDS[0], 0.47, 0.8), placed(BOARDS[1], -0.47, 0.8)]))
     before = replace(world, T_world_board=poses, T_world_rig=SE3(np.eye(4)[None]))
@@ -93,6 +96,7 @@ def test_two_boards_in_one_image_are_told_apart_by_their_markers(world):
     assert found["b0"][1][:, 0].mean() < found["b1"][1][:, 0].mean()  # b1 stands to the right
 
 
+@pytest.mark.slow
 def test_a_board_that_is_there_twice_is_not_guessed(images):
     image = next(image for image in images.values() if detect_all(image, BOARDS[:1]))
     assert not detect_all(np.hstack([image, image]), BOARDS[:1])

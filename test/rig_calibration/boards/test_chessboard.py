@@ -10,6 +10,8 @@ from rig_calibration.boards.detect import detect_all
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, so3
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 
+pytestmark = pytest.mark.slow
+
 BOARDS = (Board("wide", 7, 4, 0.06), Board("high", 5, 6, 0.06), Board("absent", 9, 6, 0.06))
 
 

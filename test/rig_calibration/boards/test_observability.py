@@ -8,6 +8,8 @@ from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.cameras.rig import Rig
 
+pytestmark = pytest.mark.slow
+
 
 def calibrated(rig, num_boards, num_instants, seed, *, is_drive_only=False):
     rng = np.random.default_rng(seed)

@@ -15,6 +15,8 @@ from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Pinhole(640, 480, 500.0, 501.0, 322.0, 238.0, (-0.1, 0.02, 0.0, 0.0, 0.0))
 BOARD = Board("board", 7, 5, 0.05)
 

@@ -173,6 +173,7 @@ def crowded(views):
     return [indices[number % len(indices)] for number, indices in enumerate(of_instant.values()) if len(indices) >= 3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", [swapped, mirrored, scattered, shifted])
 def test_a_false_view_is_named_and_does_not_move_the_rig(world, views, fault):
     boards = {board.name: board for board in world.boards if (board.columns + board.rows) % 2}

@@ -85,6 +85,7 @@ def test_coverage_counts_cells_of_a_grid_of_eight_by_six(calibration):
     np.testing.assert_allclose(coverage(calibration), [100 * 2 / 48, 100 * 3 / 48])  # cells of 10, of 20 pixels
 
 
+@pytest.mark.slow
 def test_the_picture_shows_corners_by_residual_and_those_that_do_not_count(calibration, tmp_path, monkeypatch):
     drawn, save = [], Figure.savefig
     monkeypatch.setattr(Figure, "savefig", lambda figure, *to, **how: (drawn.append(figure), save(figure, *to, **how)))

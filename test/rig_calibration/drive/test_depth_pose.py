@@ -43,6 +43,7 @@ def drive(number, seed=0, motion=(0.2, 0.2, 0.2, 0.06, 0.06, 0.06), speed=0.0):
     return pairs
 
 
+@pytest.mark.slow
 def test_a_start_20_mm_and_1_deg_off_is_mended():
     pairs = [without_hidden(pair, CAMERA, START) for pair in drive(12)]
     found = refine_depth_pose(pairs, CAMERA, START)
@@ -55,6 +56,7 @@ def test_a_start_20_mm_and_1_deg_off_is_mended():
     assert not found.contradicts(TRUTH)
 
 
+@pytest.mark.slow
 def test_without_motion_nothing_is_told():
     pairs = drive(8, motion=np.zeros(6))
     assert set(refine_depth_pose(pairs, CAMERA, START, levels=(1,)).unobserved) == {"x", "y", "z", "rx", "ry", "rz"}
@@ -65,6 +67,7 @@ def test_few_pairs_are_refused():
         refine_depth_pose(drive(2), CAMERA, TRUTH)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.0, 0.02])
 def test_residuals_have_the_derivatives_that_are_told(speed):
     (pair,) = drive(1, speed=speed)
@@ -114,6 +117,7 @@ def keep_inner(pair):
     return replace(pair, first=kept[0], second=kept[1])
 
 
+@pytest.mark.slow
 def test_where_it_has_settled_it_stays():
     """Another run at the same level, from where the first one ended, moves it by no more than a step that ends one."""
     pairs = [without_hidden(pair, CAMERA, START) for pair in drive(8)]

@@ -40,6 +40,7 @@ def test_angles_are_those_of_the_pose(seed):
     assert SE3.from_angles(*given, [0, 0, 0]).angles == pytest.approx(given)
 
 
+@pytest.mark.slow
 def test_a_drive_over_bumps_tells_all():
     found = find_mounting(*drive(np.random.default_rng(1), is_flat=False, scales=SCALES))
     assert found.T_base_camera.matrix == pytest.approx(CAMERA.matrix, abs=2e-3)  # pieces that do not bend evenly
@@ -47,6 +48,7 @@ def test_a_drive_over_bumps_tells_all():
     assert found.unobserved == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("yaw", [np.pi, -1.8])
 def test_a_camera_that_looks_anywhere_is_found_without_a_start(yaw):
     camera = SE3.from_angles(0.0, 0.1, yaw, [-0.4, 0.2, 0.8])
@@ -71,6 +73,7 @@ def test_a_straight_drive_does_not_show_the_place():
     assert not {"pitch", "yaw"} & set(found.unobserved)
 
 
+@pytest.mark.slow
 def test_deviations_are_those_of_the_errors():
     off = []
     for seed in range(30):
@@ -84,6 +87,7 @@ def test_deviations_are_those_of_the_errors():
     assert np.all((rms > 0.6) & (rms < 1.7)), dict(zip(NAMES, rms, strict=True))
 
 
+@pytest.mark.slow
 def test_wheels_that_slip_now_and_then_do_not_matter():
     rng = np.random.default_rng(5)
     poses, odometry = drive(rng, is_flat=False, noise_m=1e-3, noise_rad=5e-4)

@@ -14,6 +14,8 @@ from sphere_nav.photometric import View, build_pyramid, prepare_reference
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import Room
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Pinhole(160, 120, 100.0, 101.0, 80.0, 59.0, (-0.1, 0.02, 0.0, 0.0))
 OTHER = replace(CAMERA, fx=106.0, fy=106.0)
 SPHERE = Spherical(1024, 512)

@@ -13,6 +13,8 @@ from sphere_nav.photometric import View, build_pyramid, prepare_reference
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import Room
 
+pytestmark = pytest.mark.slow
+
 READOUT_S = 0.03
 PINHOLE = Pinhole(240, 180, 150.0, 151.0, 121.0, 88.0, (-0.12, 0.03, 0.0, 0.0))
 FISHEYE = Fisheye(240, 180, 95.0, 95.5, 121.0, 88.0, (0.03, -0.01, 0.0, 0.0))

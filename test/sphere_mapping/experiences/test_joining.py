@@ -78,6 +78,7 @@ def night():
     return submap(Cave(), DRIVE, 100, FAR, is_dark=True)
 
 
+@pytest.mark.slow
 def test_a_drive_in_unknown_light_is_placed_by_ranges(base, night):
     joined = join_drive(base, night, images_of(night), MapperParams())
     assert joined.graph is not None, joined.told
@@ -86,6 +87,7 @@ def test_a_drive_in_unknown_light_is_placed_by_ranges(base, night):
     assert "by ranges" in joined.told
 
 
+@pytest.mark.slow
 def test_a_given_start_needs_to_be_about_right(base, night):
     near = DRIVE[0] @ SE3.exp([0.2, -0.15, 0.0, 0.0, 0.0, 0.15])
     joined = join_drive(base, night, images_of(night), MapperParams(), near)
@@ -95,6 +97,7 @@ def test_a_given_start_needs_to_be_about_right(base, night):
     assert join_drive(base, night, images_of(night), MapperParams(), wrong).graph is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("slide", "unlike", "is_joined"),
     [((), (), True), ((3, 4), (), True), ((), (3, 4), False), ((2, 3, 4), (), False), ((), (4,), True)],
@@ -138,6 +141,7 @@ def test_what_was_searched_must_fit_widely_and_what_is_given_more_often_than_by_
     assert replace(first, is_certain=True).is_confirmed(0, 0, counts[2])
 
 
+@pytest.mark.slow
 def test_a_start_that_is_half_a_meter_off_is_mended_step_by_step():
     """Few places fit where the drive is thought to be at first; each pass begins where the last one ended."""
     calls = []
@@ -198,6 +202,7 @@ def test_a_place_is_moved_along_the_axes_of_the_map(base):
     np.testing.assert_allclose(T_map_image.rotation, DRIVE[2].rotation, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_drive_that_fits_better_beside_is_refused_unless_the_localizer_saw_it(base, night, monkeypatch):
     monkeypatch.setattr(joining, "find_rival", lambda *_: 2.0)
     joined = join_drive(base, night, images_of(night), MapperParams(), DRIVE[0])
@@ -207,11 +212,13 @@ def test_a_drive_that_fits_better_beside_is_refused_unless_the_localizer_saw_it(
     assert join_drive(base, night, images_of(night, sure), MapperParams()).graph is not None
 
 
+@pytest.mark.slow
 def test_elsewhere_and_where_all_corners_are_alike_nothing_is_joined(base):
     elsewhere = submap(Cave(seed=9), DRIVE, 100, FAR, is_dark=True)
     assert join_drive(base, elsewhere, images_of(elsewhere), MapperParams()).graph is None
 
 
+@pytest.mark.slow
 def test_what_the_localizer_placed_counts_before_all(base, night):
     """Two of three key spheres, as the localizer saw them: the others by the drive's own motions and by ranges."""
     sure = {100 + k: Localized(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=k != 2) for k in (0, 1, 2)}

@@ -12,6 +12,8 @@ from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from worlds.nightfall import DAY, ELSEWHERE, NIGHT, make_submap
 from worlds.submaps import images_of
 
+pytestmark = pytest.mark.slow
+
 PARAMS = MapperParams()
 REGISTRATION = PARAMS.registration
 BASE = [SE3.from_planar(-2.4 + 0.8 * k, 0.0, 0.0) for k in range(5)]

@@ -96,6 +96,7 @@ def test_features_are_heard_only_where_there_are_enough(num_inliers, is_wrong):
 FAR = SE3.exp([-0.9, 0.7, 0.1, 0.0, 0.05, 1.9])  # a stride and a half turn, of which nothing is known
 
 
+@pytest.mark.slow
 def test_a_motion_of_which_nothing_is_known_is_found_and_proven():
     c = PreparedSphere(ROOM.sphere(HERE @ FAR, Spherical(512, 256), 3), PARAMS)
     a = PreparedSphere(ROOM.sphere(HERE, Spherical(512, 256), 1), PARAMS)
@@ -108,6 +109,7 @@ def test_a_motion_of_which_nothing_is_known_is_found_and_proven():
     assert find_motion(a, PreparedSphere(wrong, PARAMS), PARAMS) is None  # the way back goes elsewhere
 
 
+@pytest.mark.slow
 def test_features_of_another_room_prove_no_motion():
     other = PreparedSphere(sharp_room(seed=5).sphere(HERE @ MOTION, Spherical(512, 256)), PARAMS)
     assert find_motion(PreparedSphere(ROOM.sphere(HERE, Spherical(512, 256)), PARAMS), other, PARAMS) is None

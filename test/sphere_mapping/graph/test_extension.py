@@ -37,6 +37,7 @@ def taught():
     return drive(sharp_room(), EAST, T_map_first=EAST[0])
 
 
+@pytest.mark.slow
 def test_two_drives_become_one_map_at_one_place(taught):
     newer = drive(sharp_room(), WEST, first_id=100)
     assert min(newer.graph.nodes) == 100
@@ -53,6 +54,7 @@ def test_two_drives_become_one_map_at_one_place(taught):
     assert errors[:, 1].max() < np.radians(0.5)
 
 
+@pytest.mark.slow
 def test_a_foreign_place_is_not_joined(taught):
     joins = find_joins(submap(taught), submap(drive(sharp_room(seed=1), WEST, 100)), PARAMS)
     assert joins.edges == []

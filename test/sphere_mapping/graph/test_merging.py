@@ -122,6 +122,7 @@ class Stored:
         return index
 
 
+@pytest.mark.slow
 def test_a_drive_there_and_back_gives_not_twice_the_spheres_and_localizes_as_well():
     there = [SE3.from_planar(-1.2 + 0.35 * k, 0.05, 0.0) for k in range(5)]
     back = [SE3.from_planar(0.2 - 0.35 * k, -0.05, np.pi) for k in range(5)]

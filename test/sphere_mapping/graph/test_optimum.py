@@ -111,6 +111,7 @@ def test_the_optimum_does_not_depend_on_the_start(planar):
     assert a.chi2_after == pytest.approx(b.chi2_after, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_noise_beyond_what_can_be_certified_is_told():
     _, graph = cylinder(12, 12, (0.5, 1.2), seed=1)
     assert "a better optimum may exist" in optimize(graph).doubt

@@ -77,6 +77,7 @@ def test_a_single_loop_that_odometry_can_reach_is_kept_and_one_that_it_cannot_is
         assert optimize_robustly(one).is_outlier[-1] == is_outlier
 
 
+@pytest.mark.slow
 def test_a_loop_without_support_is_not_bent_to_where_nearly_all_others_have_it():
     _, graph = cylinder(28, 12, (0.05, 0.02), planar=True, seed=1)
     last = len(graph.ids) - 12  # behind it there is odometry alone, which would bend

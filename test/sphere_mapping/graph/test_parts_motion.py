@@ -34,6 +34,7 @@ def test_a_motion_is_measured_where_gray_levels_lead_away():
     assert xi @ np.linalg.solve(motion.covariance, xi) < 22.5  # chi^2 of 6 at 0.001
 
 
+@pytest.mark.slow
 def test_both_ways_must_be_proven_and_be_one_motion(monkeypatch):
     a, b = prepared_pair()
     align = parts_motion.align_parts

@@ -56,6 +56,7 @@ def test_without_a_store_they_stay_in_the_graph():
         cache.load(KeySphere(5, 5, SE3.identity()))
 
 
+@pytest.mark.slow
 def test_a_mapper_with_a_store_makes_the_same_map_and_holds_no_pictures():
     room, params = sharp_room(), MapperParams(key=KeySphereParams(max_parallax_whole=0.05))
     steps = [*range(8), *range(6, -1, -1)]  # there and back, so that a loop is loaded from the store

@@ -79,6 +79,7 @@ def test_a_sphere_whose_way_back_disagrees_is_refused_where_nothing_sharp_was_ex
     assert tracker.align(current, None, graph).reason == ONE_WAY
 
 
+@pytest.mark.slow
 def test_an_edge_that_one_way_measured_alone_is_wide():
     tracker, graph = started(1)
     informations = []
@@ -109,6 +110,7 @@ def test_a_key_sphere_is_where_both_ways_put_it_and_goes_on_as_fast():
     np.testing.assert_allclose(tracker.motion.velocity(), velocity, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_rounding_does_not_grow_from_key_sphere_to_key_sphere():
     """An inverse is a transpose: what is not quite a rotation would be twice as far from one with each."""
     tracker, graph = started(1)
@@ -142,6 +144,7 @@ def test_a_known_motion_costs_no_features():
     assert "fine_features" not in current.__dict__
 
 
+@pytest.mark.slow
 def test_what_spheres_in_a_row_contradict_is_not_expected_any_longer():
     tracker, graph = started(2)
     for number in range(CONTRADICTED):
@@ -164,6 +167,7 @@ def at_nightfall(before=AT_DAY, number=1):
     return tracker, graph, PreparedSphere(night, PARAMS.registration)
 
 
+@pytest.mark.slow
 def test_where_light_misleads_parts_of_the_images_place_a_sphere(monkeypatch):
     tracker, graph, current = at_nightfall()
     found = tracker.align(current, None, graph)
@@ -177,6 +181,7 @@ def test_where_light_misleads_parts_of_the_images_place_a_sphere(monkeypatch):
     assert not tracker.align(current, None, graph).is_converged
 
 
+@pytest.mark.slow
 def test_its_edge_is_as_sure_as_the_parts_are(monkeypatch):
     tracker, graph, current = at_nightfall()
     found = tracker.align(current, None, graph)
@@ -187,6 +192,7 @@ def test_its_edge_is_as_sure_as_the_parts_are(monkeypatch):
     assert np.linalg.inv(edge.information)[0, 0] < 0.02**2  # one way alone is wider: 0.03 m and more
 
 
+@pytest.mark.slow
 def test_parts_place_nothing_where_the_vehicle_cannot_be(monkeypatch):
     tracker, graph, current = at_nightfall(number=3)
     for number in (1, 2):  # it stood

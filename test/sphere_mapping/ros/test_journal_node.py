@@ -56,6 +56,7 @@ def told():
     return []
 
 
+@pytest.mark.slow
 def test_pictures_leave_the_memory_and_come_back(tmp_path, told):
     mapper = drive(journal_in(tmp_path, told))
     assert len(mapper.graph) >= 4
@@ -64,6 +65,7 @@ def test_pictures_leave_the_memory_and_come_back(tmp_path, told):
     assert told == [f"key spheres are written to {tmp_path / 'journal.partial'} until save_map"]
 
 
+@pytest.mark.slow
 def test_what_was_saved_leaves_no_journal(tmp_path, told):
     journal = journal_in(tmp_path, told)
     mapper = drive(journal)
@@ -75,6 +77,7 @@ def test_what_was_saved_leaves_no_journal(tmp_path, told):
         assert len(reader.graph) == len(mapper.graph)
 
 
+@pytest.mark.slow
 def test_what_was_not_saved_becomes_a_map(tmp_path, told):
     journal = journal_in(tmp_path, told)
     mapper = drive(journal)
@@ -98,6 +101,7 @@ def full_disk():
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
+@pytest.mark.slow
 def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told):
     whole = drive(journal_in(tmp_path / "first"))
     with full_disk():
@@ -116,6 +120,7 @@ def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told):
         assert len(reader.graph) == len(whole.graph)
 
 
+@pytest.mark.slow
 def test_what_a_disk_never_took_is_told_at_the_end(tmp_path, told):
     with full_disk():
         journal = journal_in(tmp_path, told)
@@ -132,6 +137,7 @@ def test_a_run_without_spheres_leaves_nothing(tmp_path, told):
     assert not (tmp_path / "maps").exists()
 
 
+@pytest.mark.dds
 def test_a_killed_process_leaves_a_map_that_is_mended(tmp_path):
     paths = [os.path.dirname(__file__), *(path for path in sys.path if path)]
     with subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path), *paths], stdout=subprocess.PIPE) as process:

@@ -20,6 +20,7 @@ def solve(rng, J):
     return x, clustered_covariance(inverse, gradients, known)
 
 
+@pytest.mark.slow
 def test_it_is_that_of_repeated_estimates(rng):
     J = rng.normal([1.0, 0.3], 1.0, (NUM_PARTS, SIZE, 2))  # what is common to a part does not average out
     found = [solve(rng, J) for _ in range(3000)]

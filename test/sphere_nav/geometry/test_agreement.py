@@ -12,6 +12,7 @@ SECOND = 10**9
 CERTAIN = np.diag([0.1, 0.1, 0.1, 0.02, 0.02, 0.02]) ** 2
 
 
+@pytest.mark.slow
 def test_the_distance_is_that_of_the_normal_distribution() -> None:
     rng = np.random.default_rng(1)
     truth = SE3.from_planar(3.0, -2.0, 2.5)

@@ -28,6 +28,7 @@ print(anonymous_kb() - before)
 """
 
 
+@pytest.mark.dds
 @pytest.mark.skipif(sys.platform != "linux", reason="of Linux")
 def test_what_is_kept_leaves_the_process_when_it_goes_whatever_lies_behind_it():
     done = subprocess.run([sys.executable, "-c", EXCHANGE], capture_output=True, text=True, check=True)

@@ -27,6 +27,7 @@ def present(package):
     return folder.cache_folder(package)
 
 
+@pytest.mark.slow
 def test_every_package_with_kernels_is_known():
     here = Path(folder.__file__).parents[2]
     ours = [path for path in here.iterdir() if path.name in installed_packages()]
@@ -76,6 +77,7 @@ def test_the_oldest_texts_are_removed(copy):
     assert not any(path.exists() for path in gone)
 
 
+@pytest.mark.dds
 def test_another_process_compiles_nothing_again(tmp_path):
     """Twice the same kernel in a fresh cache: the second process loads it."""
     script = (

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from sphere_nav.kernel_cache import kernels
 from sphere_nav.kernel_cache.folder import cache_folder
@@ -40,6 +41,7 @@ print(*(hashlib.sha256(array.tobytes()).hexdigest() for array in found))
 """
 
 
+@pytest.mark.dds
 def test_a_kernel_gives_the_same_bits_where_it_is_compiled_and_where_it_is_loaded(tmp_path):
     def run(*words):
         variables = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
@@ -52,6 +54,7 @@ def test_a_kernel_gives_the_same_bits_where_it_is_compiled_and_where_it_is_loade
     assert run("after another") == compiled
 
 
+@pytest.mark.slow
 def test_no_copy_of_another_kernel_is_open_to_the_linker(monkeypatch):
     options, written = kernels.OPTIONS | {"cache": False}, {}
     write = kernels.JITCodeLibrary._finalize_final_module

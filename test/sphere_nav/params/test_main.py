@@ -28,6 +28,7 @@ def test_the_command_prints_the_table(monkeypatch: pytest.MonkeyPatch, capsys: p
 PHOTOMETRIC = "sphere_nav.photometric.params"
 
 
+@pytest.mark.dds
 @pytest.mark.parametrize("name", [PHOTOMETRIC, f"{PHOTOMETRIC}:Nothing", "no_such_module:Class"])
 def test_an_unknown_class_is_one_line_and_exit_code_2(name: str) -> None:
     done = subprocess.run(

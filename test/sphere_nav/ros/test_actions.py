@@ -11,6 +11,7 @@ from sphere_nav_msgs.action import Navigate
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
+from worlds.patience import Patience
 
 PATIENCE = 15.0  # s
 IDLE_TURNS = 100  # of the executor in half a second with nothing to do but timers
@@ -67,9 +68,9 @@ class Walk:
         self.until(client.server_is_ready)
 
     def until(self, condition):
-        end = time.monotonic() + PATIENCE
+        patience = Patience(PATIENCE)
         while not condition():
-            assert time.monotonic() < end, "nothing came in time"
+            assert patience.is_left(), "nothing came in time"
             self.executor.spin_once(timeout_sec=0.05)
 
     def done(self, future):

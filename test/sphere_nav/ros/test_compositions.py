@@ -62,6 +62,7 @@ def test_nodes_and_their_parameters_exist(name: str) -> None:
                 known[key].check(value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", COMPOSITIONS)
 def test_topics_that_are_renamed_exist(name: str) -> None:
     """The name stands in some file of the packages, as a text of its own."""

@@ -31,6 +31,7 @@ from sphere_nav.ros.endpoints import ERROR, OK, WARN
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
+from worlds.patience import Patience
 
 # Written out: imported, a change would go unseen.
 MAX_IN_ROW, MAX_WAITS, RECENT_S = 3, 50, 10.0
@@ -94,9 +95,9 @@ def node(executor):
 
 
 def until(executor, condition):
-    end = time.monotonic() + PATIENCE
+    patience = Patience(PATIENCE)
     while not condition():
-        assert time.monotonic() < end, "nothing came in time"
+        assert patience.is_left(), "nothing came in time"
         executor.spin_once(timeout_sec=0.05)
 
 

@@ -9,6 +9,7 @@ from std_msgs.msg import Int32, String
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.rclpy_shell import unserved
+from worlds.patience import Patience
 
 PATIENCE = 15.0  # s
 
@@ -25,9 +26,9 @@ def pair(ros):
 
 
 def wait(condition):
-    end = time.monotonic() + PATIENCE
+    patience = Patience(PATIENCE)
     while not condition():
-        assert time.monotonic() < end, "nothing came in time"
+        assert patience.is_left(), "nothing came in time"
         time.sleep(0.02)
 
 

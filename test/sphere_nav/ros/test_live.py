@@ -18,6 +18,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import ns_to_time
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import WARN, ManagedNode
+from worlds.patience import Patience
 
 PATIENCE = 15.0  # s; discovery takes a fraction of one, on a busy machine several
 
@@ -86,9 +87,9 @@ class Desk:
         self.said += [f"{status.name}: {status.message}" for status in message.status]
 
     def until(self, condition):
-        end = time.monotonic() + PATIENCE
+        patience = Patience(PATIENCE)
         while not condition():
-            assert time.monotonic() < end, "nothing came in time"
+            assert patience.is_left(), "nothing came in time"
             self.executor.spin_once(timeout_sec=0.05)
 
     def send(self, number):

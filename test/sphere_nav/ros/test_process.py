@@ -4,6 +4,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.dds
+
 SCRIPT = """
 import sys
 import numpy as np

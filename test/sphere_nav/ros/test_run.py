@@ -9,6 +9,8 @@ import pytest
 
 from sphere_nav.ros.shared_files import share_file
 
+pytestmark = pytest.mark.dds
+
 PATIENCE = 30.0  # s until a process has started on a busy machine
 LIMIT = 2.0  # s from the signal to the end of the process
 
@@ -67,7 +69,7 @@ def start(tmp_path):
     for process in processes:
         if process.poll() is None:
             process.kill()
-        process.communicate(timeout=10.0)
+        process.communicate(timeout=120.0)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

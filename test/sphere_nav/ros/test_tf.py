@@ -181,6 +181,7 @@ def test_of_a_loop_what_moves_gives_way_before_what_is_static():
     assert [tree.root(frame) for frame in ("mast", "base_link", "camera")] == ["camera"] * 3
 
 
+@pytest.mark.slow
 def test_edges_in_any_order_form_neither_a_loop_nor_a_deep_or_endless_tree(rng, monkeypatch):
     monkeypatch.setattr("sphere_nav.ros.tf.MAX_FRAMES", 150)
     tree, num_refused = TransformTree(), 0
@@ -226,6 +227,7 @@ def test_a_change_of_parent_is_reported_and_a_second_parent_that_moves_is_refuse
     assert [wanted.num_refused for wanted in hearer.inputs] == [1, 0]
 
 
+@pytest.mark.slow
 def test_a_real_recording(shared_data):
     bus = OfflineBus()
     hearer = bus.add(Hearer)

@@ -16,6 +16,7 @@ from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.surface import surface_of
 from sphere_nav.view_synthesis.synthesis import PlacedSurface, synthesize
 from worlds.localizer import MemoryMap, make_map
+from worlds.patience import Patience
 from worlds.room import optical
 
 # Written out: imported, a change would go unseen.
@@ -138,9 +139,9 @@ def test_where_no_more_spheres_are_the_farthest_has_half_its_weight(sphere_map, 
 
 def ready(scene, T):
     """Wait until a view needs nothing that is not prepared."""
-    end = time.monotonic() + 20.0
+    patience = Patience(20.0)
     while not scene.is_ready(T):
-        assert time.monotonic() < end
+        assert patience.is_left()
         time.sleep(1e-3)
 
 

@@ -29,6 +29,7 @@ def psnr(view, gray):
     return 10 * np.log10(255**2 / np.mean(error**2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CAMERAS)
 def test_any_camera_sees_the_room_from_between(room, name):
     T = SE3.from_planar(0.4, 0.3, 0.4)
@@ -52,6 +53,7 @@ def test_from_its_own_place_a_sphere_is_itself(room):
     assert error.max() <= 8
 
 
+@pytest.mark.slow
 def test_no_sheet_is_drawn_between_a_board_and_the_wall_behind(room_with_board):
     first = placed(room_with_board)[:1]
     T = optical(SE3.from_planar(0.0, 0.8, 0.0))
@@ -67,6 +69,7 @@ def test_no_sheet_is_drawn_between_a_board_and_the_wall_behind(room_with_board):
     assert (view.image[view.is_known] > 0).all()
 
 
+@pytest.mark.slow
 def test_a_second_sphere_fills_what_the_first_did_not_see(room_with_board):
     T = optical(SE3.from_planar(0.2, 0.8, 0.0))
     T_other = SE3.from_planar(0.4, 1.2, 0.0)

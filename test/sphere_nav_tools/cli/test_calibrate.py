@@ -35,6 +35,7 @@ def test_an_empty_folder(capsys, folder, tmp_path):
     assert "empty: expected images, found none" in line
 
 
+@pytest.mark.dds
 def test_unreadable_image(capsys, folder, tmp_path):
     (folder / "1.png").write_text("no image")
     status, line = run(capsys, folder, "--board", "8x6", "--square", "0.03", "-o", tmp_path / "rig.yaml")

@@ -13,6 +13,8 @@ from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav_tools.cli.main import main
 
+pytestmark = pytest.mark.slow
+
 NUM_INSTANTS = 12
 BOARD = Board("board", 7, 4, 0.1)
 CAMERA = Pinhole(400, 300, 260.0, 261.0, 198.0, 152.0, (-0.1, 0.02, 0.0, 0.0, 0.0))

@@ -62,6 +62,7 @@ def test_known_errors_come_out_in_json_and_table(files, capsys):
     assert "100 poses paired, coverage 50.0 %" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_plot_is_drawn(files):
     assert call(files / "poses.tum", files / "truth.tum", "--plot", files / "errors.png") == 0
     assert (files / "errors.png").read_bytes().startswith(b"\x89PNG")

@@ -270,7 +270,7 @@ def test_a_stranger_is_not_heard(ros2_security: None, files: Path, monkeypatch: 
         monkeypatch.setenv(f"ROS_SECURITY_{name}", value)
     process = secured("path_follower", files)
     try:
-        _, said = process.communicate(timeout=10.0)
+        _, said = process.communicate(timeout=120.0)
     except subprocess.TimeoutExpired:
         said = ""
     try:

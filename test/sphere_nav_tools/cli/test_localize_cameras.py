@@ -18,6 +18,8 @@ from sphere_nav_tools.cli.main import main
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
 
+pytestmark = pytest.mark.slow
+
 START_NS, NUM = 1_000_000_000, 5
 CAMERAS = {"front": SE3.from_planar(0.3, 0.0, 0.1), "back": SE3.from_planar(-0.3, 0.1, 3.0)}
 BASE = [pose @ T_BODY_OPTICAL.inverse() for pose in drive(NUM)]

@@ -66,6 +66,7 @@ def drive(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_drive_of_six_cameras_is_mapped(drive, tmp_path, capsys):
     words = ("map", drive / "bag", "-o", tmp_path / "m", "--rig", drive / "rig.yaml", "--anchor", "truth", *SETTINGS)
     assert call(*words) == 0
@@ -80,6 +81,7 @@ def test_a_drive_of_six_cameras_is_mapped(drive, tmp_path, capsys):
         assert 1.0 < np.median(sphere.range_m[sphere.measured]) < 30.0
 
 
+@pytest.mark.slow
 def test_stitching_in_processes_gives_the_same_map_bit_for_bit(drive, tmp_path):
     words = (
         *SETTINGS,

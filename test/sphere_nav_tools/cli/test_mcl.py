@@ -91,6 +91,7 @@ def locate(folder, output, *words) -> int:
     return main(["mcl", str(folder / "room.ply"), str(folder / "bag"), "-o", str(output), *words])
 
 
+@pytest.mark.slow
 def test_the_base_is_found(recorded, tmp_path, capsys):
     assert locate(recorded, tmp_path / "poses.tum", "--json", tmp_path / "s.json", "--bag", tmp_path / "out") == 0
     found = read_tum(tmp_path / "poses.tum")
@@ -107,6 +108,7 @@ def test_the_base_is_found(recorded, tmp_path, capsys):
         assert bag.topics["/tf"].count >= bag.topics["/pose"].count == len(found)  # told at a pace of its own
 
 
+@pytest.mark.slow
 def test_images_eight_seconds_apart_are_located_too(tmp_path, capsys):
     assert locate(record(tmp_path, 8), tmp_path / "poses.tum", "--json", tmp_path / "s.json") == 0
     found = read_tum(tmp_path / "poses.tum")

@@ -52,6 +52,7 @@ def call(*words):
     return main([str(word) for word in words])
 
 
+@pytest.mark.slow
 def test_topics_are_found_by_type_and_name_and_the_table_says_the_remedy(drive, capsys):
     assert call("plot", drive / "drive", "-o", drive / "a.png") == 0
     said = capsys.readouterr().out
@@ -61,6 +62,7 @@ def test_topics_are_found_by_type_and_name_and_the_table_says_the_remedy(drive, 
     assert (drive / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_truth_changes_the_picture_and_pdf_is_pdf(drive):
     assert call("plot", drive / "drive", "-o", drive / "a.png") == 0
     assert call("plot", drive / "drive", "-o", drive / "b.png", "--truth", drive / "truth.tum") == 0

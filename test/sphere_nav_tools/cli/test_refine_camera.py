@@ -19,6 +19,8 @@ from sphere_nav_tools.cli.main import main
 from worlds.localizer import STEP_NS, at, make_map
 from worlds.room import wide_room
 
+pytestmark = pytest.mark.slow
+
 START_NS = 1_000_000_000
 CAMERA = Pinhole(200, 150, 140.0, 140.5, 101.0, 73.0, (-0.06, 0.01, 0.0, 0.0))
 GUESS = replace(CAMERA, fx=147.0, fy=147.0, cx=99.5, cy=74.5, distortion=())  # 5 % off

@@ -8,6 +8,7 @@ from sphere_nav.kernel_cache.folder import PACKAGES, cache_folder
 from sphere_nav_tools.cli import warm_up
 
 
+@pytest.mark.slow
 def test_the_command_compiles_kernels_of_every_package(capsys, monkeypatch):
     assert warm_up.main() == 0
     for package in PACKAGES:

@@ -45,6 +45,7 @@ def test_the_time_for_an_image_leaves_silences_out():
     assert lines[-1] == "time for an image: median 7.0 ms, p99 9.0 ms"
 
 
+@pytest.mark.slow
 def test_it_is_told_which_experience_placed_an_image(tmp_path):
     sphere = Sphere(np.full((4, 8), 9, np.uint8), np.full((4, 8), 2.0, np.float32), Spherical(8, 4))
     looks = [Experience("night"), Experience("night", drive="other"), Experience(drive="monday")]

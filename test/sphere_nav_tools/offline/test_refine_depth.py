@@ -14,6 +14,8 @@ from sphere_nav_tools.cli.main import main
 from worlds.recordings import FRAME, stamp, stereo, write_bag
 from worlds.room import optical, sharp_room
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Pinhole(240, 180, 190.0, 190.0, 119.5, 89.5)
 ROOM = sharp_room((2.0, 1.6, 1.2), 0.2)
 T_IMAGE_DEPTH = SE3.exp([-0.016, 0.006, -0.01, 0.010, -0.011, 0.009])  # 20 mm, 1 deg

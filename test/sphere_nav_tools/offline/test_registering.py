@@ -12,6 +12,7 @@ from worlds.localizer import make_map
 from worlds.room import wide_room
 
 
+@pytest.mark.slow
 def test_a_known_motion_is_found():
     T = SE3.from_planar(0.2, -0.1, 0.05)
     a, b = (node.sphere for node in make_map(wide_room(), [SE3.identity(), T]).graph)
@@ -26,6 +27,7 @@ def test_json_has_no_infinity():
     assert finite(np.array([[1.0, np.inf], [np.nan, 2.0]])) == [[1.0, None], [None, 2.0]]
 
 
+@pytest.mark.slow
 def test_a_motion_may_be_large_and_a_wrong_one_is_not_converged():
     T = SE3.from_planar(1.2, -0.7, 1.3)
     a, b = (node.sphere for node in make_map(wide_room(), [SE3.identity(), T]).graph)

@@ -45,6 +45,7 @@ def test_noise_is_continuous_across_cells_and_differs_between_seeds(points):
     assert abs(np.corrcoef(levels)[0, 1]) < 0.3  # 200 points: four standard errors
 
 
+@pytest.mark.slow
 def test_octaves_have_the_same_contrast_and_vanish_below_the_footprint(points):
     def spread(octaves, width):
         return np.std([kernels.fbm2(x, y, foot(width), 4.0, 1.0, octaves, 5) for x, y, _ in points])

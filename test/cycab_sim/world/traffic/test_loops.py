@@ -65,6 +65,7 @@ def test_a_street_without_a_path_in_it_is_free():
     assert len(free) < len(loops)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ways", "number"),
     [

@@ -13,6 +13,8 @@ from cycab_sim.world.traffic.traffic import AWAY, Traffic
 from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3, Pinhole
 
+pytestmark = pytest.mark.slow
+
 PARAMS = TrafficParams(density="usual")
 STEP = 100_000_000
 

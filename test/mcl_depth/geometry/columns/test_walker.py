@@ -48,6 +48,7 @@ def walker(cloud, params=PARAMS, window=CAMERA):
     return Walker(voxel_map(cloud, params.voxel_m, levels), window, params)
 
 
+@pytest.mark.slow
 def test_a_town_is_drawn_as_rays_see_it() -> None:
     mesh = town()
     places = np.array([[0.0, 0.0, 1.6], [-14.0, -3.0, 1.6], [20.0, 12.0, 1.6]])

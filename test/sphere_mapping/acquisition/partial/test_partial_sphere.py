@@ -109,6 +109,7 @@ def test_depth_from_a_camera_beside_the_color_camera_is_moved_to_it():
     assert np.percentile(np.abs(sphere.range_m / range_m - 1)[sphere.measured], 99) < 2e-3
 
 
+@pytest.mark.slow
 def test_a_ring_of_cameras_is_one_sphere_without_a_seam():
     views = []
     for k in range(6):

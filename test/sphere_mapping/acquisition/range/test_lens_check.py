@@ -47,6 +47,7 @@ def images():
     return {lens.model: drawn(ring(lens)) for lens in (FISHEYE, PINHOLE)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("told", "seen"), [(FISHEYE, "pinhole"), (PINHOLE, "fisheye")])
 def test_images_of_another_lens_are_refused_by_name(images, told, seen):
     check_lenses(ring(told), images[told.model])
@@ -54,6 +55,7 @@ def test_images_of_another_lens_are_refused_by_name(images, told, seen):
         check_lenses(ring(told), images[seen])
 
 
+@pytest.mark.slow
 def test_images_that_fit_no_lens_are_of_other_cameras(images):
     names = list(images["fisheye"])
     elsewhere = {name: images["fisheye"][other] for name, other in zip(names, names[1:] + names[:1], strict=True)}
@@ -67,6 +69,7 @@ def test_images_that_fit_no_lens_are_of_other_cameras(images):
         check_lenses(wrong, elsewhere)
 
 
+@pytest.mark.slow
 def test_few_and_bare_images_say_nothing(images):
     rig = ring(PINHOLE)
     check_lenses(rig, {name: np.full((SIZE, SIZE), 90, np.uint8) for name in rig.names})

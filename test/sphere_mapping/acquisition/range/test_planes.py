@@ -68,6 +68,7 @@ def empty_room():
     return fill(box=False)
 
 
+@pytest.mark.slow
 def test_bare_walls_have_the_range_of_their_plane(empty_room):
     range_m, std_m, truth = empty_room
     walls = slice(70, 150)  # rows between the creases
@@ -79,6 +80,7 @@ def test_bare_walls_have_the_range_of_their_plane(empty_room):
     assert np.all(std_m[known] < 0.051 * range_m[known])
 
 
+@pytest.mark.slow
 def test_a_bare_box_before_a_wall_is_not_taken_for_the_wall():
     range_m, std_m, truth = fill(box=True)
     known = np.isfinite(range_m)
@@ -86,6 +88,7 @@ def test_a_bare_box_before_a_wall_is_not_taken_for_the_wall():
     assert np.mean(np.abs(range_m - truth)[known] > 3 * std_m[known]) <= 0.02
 
 
+@pytest.mark.slow
 def test_what_is_measured_stands_unless_it_contradicts_the_plane(empty_room):
     alone, _, truth = empty_room
     rng, params = np.random.default_rng(3), MatchParams()

@@ -12,6 +12,8 @@ from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
 from sphere_nav.params import build
 from worlds.rig import BASELINE, OPTICAL
 
+pytestmark = pytest.mark.slow
+
 LENS = Fisheye(800, 800, 240.0, 240.0, 399.5, 399.5)
 NOISE_PX = 0.3
 
@@ -51,6 +53,7 @@ def disturbed(rig, rng, degrees=0.3):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("num_wrong", [0, 90])
 def test_turned_cameras_are_turned_back(rng, num_wrong):
     rig = make_rig()
@@ -68,6 +71,7 @@ def test_turned_cameras_are_turned_back(rng, num_wrong):
     assert set(found.angle_deg) == {"a", "b", "c", "d"}
 
 
+@pytest.mark.slow
 def test_a_right_rig_stays_as_it_is(rng):
     rig = make_rig()
     found = rectify(rig, matches_in(rig, rng))
@@ -82,6 +86,7 @@ def test_without_matches_nothing_changes():
     assert set(found.angle_deg.values()) == {0.0}
 
 
+@pytest.mark.slow
 def test_features_that_two_cameras_share_are_found(rng):
     """A far textured world: matches lie in the same direction from both."""
     params = build(RectifyParams, {"width": 512})
@@ -103,6 +108,7 @@ def test_features_that_two_cameras_share_are_found(rng):
     assert np.median(angles) < 0.2  # a third of a pixel of the sphere
 
 
+@pytest.mark.slow
 def test_known_ranges_tell_turns_that_epipolar_planes_do_not(rng):
     """Two cameras side by side look the same way: a turn about the axis across both moves all along the lines."""
     poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.25, -0.25)]

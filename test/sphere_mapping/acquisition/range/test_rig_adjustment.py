@@ -35,6 +35,7 @@ def rig_and_matches(lens, rng):
     return rig, [Matches(i, j, pixels[k], pixels[k + 3], r) for k, (i, j, r) in enumerate(pairs)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.model)
 def test_slopes_are_those_of_the_errors(rng, lens):
     rig, matches = rig_and_matches(lens, rng)

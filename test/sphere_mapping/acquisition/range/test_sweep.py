@@ -11,6 +11,8 @@ from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 from worlds.rig import LENS, OPTICAL, WIDTH, seen, truth
 
+pytestmark = pytest.mark.slow
+
 OTHER = DoubleSphere(160, 160, 44.0, 44.0, 79.5, 79.5, 0.3, 0.55)
 BENT = Fisheye(160, 150, 46.0, 47.0, 80.5, 74.5, (-0.02, 0.002, 0.0, 0.0))
 PARAMS = build(StitchParams, {"width": WIDTH, "match.noise": 0.5})

@@ -46,6 +46,7 @@ def test_exchanged_or_stacked_cameras_are_refused():
         geometry_of(left, right, SE3.identity())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_raw", [True, False])
 def test_images_that_are_rectified_already_are_seen_to_be(is_raw):
     lens, room = LENSES["pinhole"][0], sharp_room((6, 4, 3), shortest=0.1)
@@ -141,6 +142,7 @@ def driven(drive, pair):
     return float(T_first_last.translation[0]) / length, float(np.degrees(np.arctan2(R[1, 0], R[0, 0]))) / length
 
 
+@pytest.mark.slow
 def test_a_bent_pair_drives_straight_and_as_far_as_it_did(drive, straight_yaw):
     pair = StereoPair(RECTIFIED)
     rows = [pair.rectify(*images) for images in drive] and pair.fit
@@ -158,6 +160,7 @@ def test_a_bent_pair_drives_straight_and_as_far_as_it_did(drive, straight_yaw):
     assert abs(yaw_deg - straight_yaw) < 0.002
 
 
+@pytest.mark.slow
 def test_a_bent_pair_whose_field_is_known_drives_as_a_straight_one(drive, straight_yaw):
     forward, yaw_deg = driven(drive, StereoPair(RECTIFIED, BENT))
     assert abs(forward - 1) < 0.005

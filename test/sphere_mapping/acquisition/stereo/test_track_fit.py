@@ -33,6 +33,7 @@ def window(rng, columns, num=150, num_wrong=0):
     return Window(left, right)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("num_wrong", [0, 20])
 def test_offset_and_bow_are_recovered_within_their_deviations(seed, num_wrong):
@@ -44,6 +45,7 @@ def test_offset_and_bow_are_recovered_within_their_deviations(seed, num_wrong):
     assert np.abs(off).max() < 0.3
 
 
+@pytest.mark.slow
 def test_what_lenses_leave_is_recovered_within_its_deviations(rng):
     columns = np.array([0.2, 1.0, 0.3, 0.3, -0.5, -4.5, -1.0, 4.0])
     fit = fit_columns(CAMERA, BASELINE, [window(rng, columns) for _ in range(16)])
@@ -62,6 +64,7 @@ def test_a_right_pair_is_left_alone(seed):
     assert fit_columns(CAMERA, BASELINE, []) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_corners_that_are_lost_count_until_then(seed):
     rng, columns = np.random.default_rng(seed), np.array([0.7, 2.5])
@@ -89,6 +92,7 @@ def test_corners_that_are_lost_count_until_then(seed):
     assert bow["all"] < bow["lost"] < bow["to the end"]
 
 
+@pytest.mark.slow
 def test_where_no_corner_lasts_those_that_were_lost_are_asked(rng):
     columns = np.array([0.7, 2.5])
     wholes = [window(rng, columns) for _ in range(8)]

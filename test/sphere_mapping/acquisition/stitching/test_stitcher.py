@@ -27,6 +27,7 @@ def images(stitcher):
     return {part.name: seen(part) for part in stitcher.rig.cameras}
 
 
+@pytest.mark.slow
 def test_image_and_range_are_those_of_the_scene(stitcher, images):
     found = stitcher.stitch(images)
     levels, range_m = truth(stitcher)
@@ -54,6 +55,7 @@ def test_no_seam_where_the_columns_wrap_around(stitcher, images):
     assert across.mean() < 1.5 * inside.mean()
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_threads(stitcher, images):
     a, b = (Stitcher(stitcher.rig, stitcher.params, jobs=jobs).stitch(images).sphere for jobs in (1, 3))
     np.testing.assert_array_equal(a.image, b.image)
@@ -134,6 +136,7 @@ def test_exchanged_levels_are_refused_by_name(stitcher, images):
         Stitcher(stitcher.rig, stitcher.params).stitch(exchanged)
 
 
+@pytest.mark.slow
 def test_a_pair_of_a_longer_baseline_than_the_others_has_no_shorter_range():
     parts = [
         replace(part, T_rig_camera=SE3.from_parts(np.eye(3), [0.0, 0.0, -0.02]) @ part.T_rig_camera)

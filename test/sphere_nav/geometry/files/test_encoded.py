@@ -81,6 +81,7 @@ def test_the_size_may_be_known_before_and_may_be_as_large_as_allowed():
         decode_file(data[:40], 408, cv2.IMREAD_ANYCOLOR)
 
 
+@pytest.mark.dds
 def test_a_file_of_any_kind_is_read_and_what_is_none_is_refused(tmp_path):
     pixels = np.random.default_rng(1).integers(0, 255, (5, 7), np.uint8)
     for name in ("a.png", "a.bmp"):  # the second one by a process of its own

@@ -9,6 +9,8 @@ import pytest
 from sphere_nav.geometry.files.isolated import START_BYTES, read_isolated
 from worlds import isolated_readers
 
+pytestmark = pytest.mark.dds
+
 MEGABYTE = 1 << 20
 
 

@@ -64,6 +64,7 @@ def test_anything_else_is_one_line_at_once(text, expected):
     assert time.process_time() - started < 2.0
 
 
+@pytest.mark.slow
 def test_a_thousand_keys_are_compared_in_one_go():
     started = time.process_time()
     text = "\n".join(f"key{n}: {n}" for n in range(40_000))

@@ -24,12 +24,14 @@ def measured(room, noise) -> float:
     return correlated_pixels(problem.compare(AlignmentState.start(TURNED, 1)), 99.0)
 
 
+@pytest.mark.slow
 def test_independent_noise_is_correlated_by_interpolation_alone(room, rng):
     found = [measured(room, rng.normal(0, 3.0, (240, 320))) for _ in range(8)]
     # Linear interpolation leaves 2/3 of the variance on average, along each axis, and the sum as it was: (3/2)^2.
     assert np.mean(found) == pytest.approx(2.25, rel=0.35)  # 8 directions x 8 images, two standard deviations
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_px", [2.0, 4.0])
 def test_smooth_noise_counts_the_pixels_that_err_together(room, rng, sigma_px):
     smooth = [cv2.GaussianBlur(rng.normal(0, 1.0, (240, 320)), (0, 0), sigma_px) for _ in range(8)]

@@ -61,6 +61,7 @@ def photograph_boards(room, T_room_camera):
     return np.rint(mean).astype(np.uint8), cast(PINHOLE)[1].astype(np.float32)
 
 
+@pytest.mark.slow
 def test_edges_of_near_things_do_not_lengthen_the_way(room):
     """Pixels beside an edge show both sides of it, and what is behind would have it move less than it does."""
     start = SE3.from_planar(0.0, -0.4, 0.1) @ T_BODY_OPTICAL

@@ -53,6 +53,7 @@ def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_t
     assert np.abs(curvature / np.diag(H) - 1.0).max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_descent_reduces_the_residuals_of_both_views(room):
     problem, state = make_problem(room, RegistrationParams())
     off = AlignmentState(state.T_world_camera @ SE3.exp([0.01, -0.01, 0.005, 0.002, 0.001, -0.002]), state.light)
@@ -63,6 +64,7 @@ def test_a_descent_reduces_the_residuals_of_both_views(room):
     assert all(b < 0.7 * a for a, b in zip(before, after, strict=True))
 
 
+@pytest.mark.slow
 def test_a_descent_ends_when_the_image_stands_still(room):
     params = RegistrationParams(min_step=0.05)
     problem, state = make_problem(room, params)
@@ -72,6 +74,7 @@ def test_a_descent_ends_when_the_image_stands_still(room):
     assert descent.motion < params.min_step
 
 
+@pytest.mark.slow
 def test_a_descent_ends_where_its_passes_lead_and_tells_its_last_comparison(room):
     camera, params = Pinhole(480, 360, 330.0, 330.0, 239.5, 179.5), RegistrationParams()
     image, range_m = room.render(SPHERE, A)
@@ -96,6 +99,7 @@ def test_a_descent_ends_where_its_passes_lead_and_tells_its_last_comparison(room
     assert problem.descend(off, 1).found == ()
 
 
+@pytest.mark.slow
 def test_a_descent_does_not_touch_its_start(room):
     problem, state = make_problem(room, RegistrationParams())
     before = state.T_world_camera.matrix.copy(), state.light.copy()
@@ -104,12 +108,14 @@ def test_a_descent_does_not_touch_its_start(room):
     assert np.array_equal(state.light, before[1])
 
 
+@pytest.mark.slow
 def test_rotation_only_leaves_the_place(room):
     problem, state = make_problem(room, RegistrationParams())
     found = problem.descend(state, 3, is_rotation=True).state.T_world_camera
     assert np.allclose(found.translation, state.T_world_camera.translation, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_descent_without_pixels_is_not_determined(room):
     problem, state = make_problem(room, RegistrationParams())
     behind = AlignmentState(state.T_world_camera @ SE3.exp([0, 0, 0, 0, np.pi, 0]), state.light)

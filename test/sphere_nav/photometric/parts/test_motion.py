@@ -61,6 +61,7 @@ def test_the_covariance_is_that_of_the_motion():
     assert 0.7 < np.mean(nees) < 1.1  # a shift errs by 0.29 px here, by 0.3 px at least is assumed
 
 
+@pytest.mark.slow
 def test_the_chance_of_the_best_of_all_motions_is_not_larger_than_told():
     rng, chances = np.random.default_rng(11), []
     for _ in range(400):

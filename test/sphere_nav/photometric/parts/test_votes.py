@@ -40,6 +40,7 @@ def looked(image, view, T_world_body, T_body_camera=None):
     return finest_levels(images, PARAMS), _sampler(images, PARAMS)(T_world_body)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mount", [None, SE3.exp([0.3, -0.2, 0.1, 0.2, -0.3, 0.5])])
 @pytest.mark.parametrize(
     "xi",
@@ -61,6 +62,7 @@ def test_cells_are_shifted_as_the_motion_that_is_missing_shifts_them(image, view
     assert near[np.abs(expected).max(axis=1) < 7.0].mean() > 0.75
 
 
+@pytest.mark.slow
 def test_cells_agree_where_the_pose_is_right_and_only_there(image, view):
     votes = vote(*looked(image, view, TRUTH))
     assert votes.num_agreeing > 0.85 * votes.num_cells > 30
@@ -70,6 +72,7 @@ def test_cells_agree_where_the_pose_is_right_and_only_there(image, view):
     assert wrong.chance > 1e-2
 
 
+@pytest.mark.slow
 def test_pixels_of_agreeing_cells_are_kept_each_with_its_cell(image, view):
     levels, cameras = looked(image, view, TRUTH)
     votes = vote(levels, cameras)
@@ -91,6 +94,7 @@ def test_what_a_fit_brings_alone_says_nothing(number, agreeing):
     assert Votes(number, agreeing, [], np.zeros(0, np.int64)).chance == 1.0
 
 
+@pytest.mark.slow
 def test_no_samples_are_no_cells(image):
     images = [RigImage(image, None, ())]
     levels = finest_levels(images, PARAMS)

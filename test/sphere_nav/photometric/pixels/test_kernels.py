@@ -83,6 +83,7 @@ def test_keys_order_what_the_columns_fix(rng):
         assert np.all(np.maximum.accumulate(ordered) <= np.maximum(ordered * 1.13, 2.0**-12))
 
 
+@pytest.mark.slow
 def test_each_column_gets_its_best_of_what_is_seen(rng):
     pixels = rng.normal(size=(7, 20 * SIDE)).astype(np.float32)
     pixels[4:, : 10 * SIDE] *= 100.0  # what is not seen fixes most, and counts for nothing

@@ -11,6 +11,8 @@ from sphere_nav.photometric.align.iteration.kernels import SIDE
 from sphere_nav.photometric.pixels import squares
 from sphere_nav.photometric.pixels.selection import choose_pixels, holds, select, select_levels
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 SPHERE = Spherical(1024, 512)
 T_CAMERA_BODY = SE3.from_parts([[0, -1, 0], [0, 0, -1], [1, 0, 0]], [0, 0, 0])

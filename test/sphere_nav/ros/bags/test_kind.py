@@ -29,6 +29,7 @@ def test_the_one_database_of_a_folder_is_meant(tmp_path):
     assert lone_file(tmp_path) == tmp_path
 
 
+@pytest.mark.dds
 def test_readers_of_other_bags_and_what_they_need_are_not_loaded_before_there_is_one():
     heavy = "sqlite3", "sphere_nav.ros.bags.foreign", "scipy.special"
     code = f"import sys, dense_localizer.ros.node; print([name for name in {heavy} if name in sys.modules])"

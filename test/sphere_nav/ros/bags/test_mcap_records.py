@@ -43,6 +43,7 @@ def file_with(chunk, num_index=0):
     return body + summary + footer + struct.pack("<I", crc) + magic
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
 def test_a_bomb_is_refused_before_memory_is_asked_for(tmp_path, compression):
     path = tmp_path / "bomb.mcap"
@@ -90,6 +91,7 @@ def test_chunks_that_overlap_in_time_are_held_up_to_a_limit(tmp_path, monkeypatc
             list(bag.raw())
 
 
+@pytest.mark.slow
 def test_records_that_do_not_fit():
     message = struct.pack("<BQ", 5, 22) + bytes(22)
     assert len(list(parsed(message * 3))) == 3

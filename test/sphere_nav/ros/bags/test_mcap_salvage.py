@@ -42,6 +42,7 @@ def chunk_of(place, indexes):
     return None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
 def test_a_flipped_bit_costs_no_more_than_the_chunk_that_it_hit(tmp_path, rng, compression):
     path = write(tmp_path / "whole.mcap", compression)

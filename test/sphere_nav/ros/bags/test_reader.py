@@ -78,6 +78,7 @@ def test_several_files_are_one_bag(make_bag, tmp_path):
     assert stamps == sorted(stamps)
 
 
+@pytest.mark.slow
 def test_a_real_bag_reads(shared_data):
     with BagReader(shared_data / "bags" / "nav2_turtlebot.mcap") as bag:
         counts = {name: info.count for name, info in bag.topics.items()}

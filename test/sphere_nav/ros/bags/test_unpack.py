@@ -33,6 +33,7 @@ def test_of_damage_in_place_nothing_is_made_up():
         unpack_large(b"not that", "zstd", 10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["zstd", "lz4", "bz2", "zstd untold"])
 @pytest.mark.parametrize("function", [unpack, unpack_large])
 def test_a_bomb_is_refused_in_one_line_and_takes_no_memory(method, function):

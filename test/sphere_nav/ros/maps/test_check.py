@@ -60,6 +60,7 @@ def test_a_map_cut_while_it_was_written_keeps_its_whole_spheres(saved, sphere_gr
         assert verify_map(tmp_path / f"saved{number}") == []
 
 
+@pytest.mark.slow
 def test_one_flipped_bit_costs_one_sphere_at_most(saved, sphere_graph, tmp_path, rng):
     data = (saved / "map.mcap").read_bytes()
     chunks = sphere_chunks(saved)

@@ -123,6 +123,7 @@ def test_nothing_but_the_map_is_replaced(saved, sphere_graph):
     assert sorted(path.name for path in saved.iterdir()) == ["map.mcap", "metadata.yaml", "notes.txt"]
 
 
+@pytest.mark.dds
 def test_a_process_killed_while_it_saves_leaves_a_whole_map(saved, sphere_graph, rng):
     small = SphereGraph([node for node in sphere_graph if node.id != 12])
     for number in range(10):

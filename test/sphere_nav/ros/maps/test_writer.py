@@ -168,6 +168,7 @@ def test_a_correction_that_was_told_is_what_is_mended(sphere_graph, tmp_path):
     writer.discard()
 
 
+@pytest.mark.dds
 def test_a_process_killed_while_its_map_grows_leaves_one_that_can_be_mended(sphere_graph, tmp_path, rng):
     for number in range(10):
         child = os.fork()

@@ -125,6 +125,7 @@ def test_features_of_images_taken_nearby_are_finer(camera, factor):
     assert _shrink(camera) > factor
 
 
+@pytest.mark.slow
 def test_the_strongest_features_are_kept_and_none_at_the_poles():
     image = ROOM.sphere(AT, CAMERA).image
     noisy = noise_of(0)

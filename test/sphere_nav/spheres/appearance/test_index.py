@@ -21,6 +21,7 @@ def index():
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", [0.0, 90.0, 180.0, -137.0])
 def test_a_place_is_found_at_any_heading_with_the_turn(index, turn_deg):
     for number in (0, 5, 11):
@@ -31,6 +32,7 @@ def test_a_place_is_found_at_any_heading_with_the_turn(index, turn_deg):
         assert found[0].log_chance < -20 < found[1].log_chance
 
 
+@pytest.mark.slow
 def test_an_ordinary_image_finds_its_sphere(index):
     lens = Pinhole(400, 300, 250.0, 250.0, 199.5, 149.5)
     found = 0
@@ -43,6 +45,7 @@ def test_an_ordinary_image_finds_its_sphere(index):
     assert found >= 11  # of 12 rooms, in the first three: a view holds a sixth of a sphere
 
 
+@pytest.mark.slow
 def test_spheres_can_be_left_out_and_ids_are_unique(index):
     image = features_of_sphere(ROOMS[0].sphere(HERE, CAMERA, 77))
     assert all(one.sphere_id != 100 for one in index.find(image, 5, without=[100]))
@@ -50,12 +53,14 @@ def test_spheres_can_be_left_out_and_ids_are_unique(index):
         index.add(100, image)
 
 
+@pytest.mark.slow
 def test_an_empty_index_and_an_empty_image_find_nothing(index):
     blank = features_of_image(np.full((256, 512), 90, np.uint8), CAMERA)
     assert index.find(blank, 3) == []
     assert AppearanceIndex().find(features_of_sphere(ROOMS[0].sphere(HERE, CAMERA)), 3) == []
 
 
+@pytest.mark.slow
 def test_an_index_restored_from_its_words_finds_the_same(index):
     again = AppearanceIndex()
     for sphere_id, features in index.features.items():

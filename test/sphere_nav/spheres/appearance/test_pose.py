@@ -14,6 +14,7 @@ ROOM = sharp_room()
 HERE = SE3.exp([0.5, -0.4, 0.0, 0.0, 0.0, 0.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 1.6, np.pi, -2.2])
 def test_a_sphere_is_placed_at_any_heading_and_beside(turn):
     motion = SE3.exp([0.4, -0.3, 0.1, 0.0, 0.02, 0.0]) @ SE3.exp([0, 0, 0, 0, 0, turn])
@@ -37,6 +38,7 @@ def test_a_camera_is_placed():
     assert found.T_sphere_camera.distance(T_sphere_camera)[1] < np.radians(2.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_few_features_of_another_room_agree_on_anything(seed):
     known = features_of_sphere(ROOM.sphere(HERE, CAMERA))

@@ -89,6 +89,7 @@ def own(tmp_path_factory):
             "stereo": write_bag(tmp_path_factory.mktemp("own") / "stereo", stereo, numbers=range(3))}  # fmt: skip
 
 
+@pytest.mark.slow
 def test_depth_of_its_own_camera_is_registered_while_mapping(own, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     source = write_bag(tmp_path / "source", unregistered, numbers=range(4))
@@ -134,6 +135,7 @@ def as_millimeters(topic, message):
     return Image(**header, encoding="16UC1", step=2 * message.width, data=pixels.tobytes())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "names", "change", "limit"),
     [
@@ -158,12 +160,14 @@ def test_the_command_that_inspect_tells_makes_the_same_map(
     np.testing.assert_allclose(poses_of("foreign_map"), poses_of("own_map"), atol=limit)
 
 
+@pytest.mark.slow
 def test_a_bag_without_images_is_good_for_nothing_and_says_why(own, tmp_path, capsys):
     copy_bag(own["rgbd"], tmp_path / "bare", {"/tf_static": "/tf_static"})
     assert call("inspect", tmp_path / "bare") == 1
     assert "map: expected images (--image)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_damaged_compressed_image_is_refused_and_the_next_one_used(own, tmp_path, capsys):
     number = iter(range(100))
 
@@ -180,6 +184,7 @@ def test_a_damaged_compressed_image_is_refused_and_the_next_one_used(own, tmp_pa
     assert "refused: 1 of image_raw" in said
 
 
+@pytest.mark.slow
 def test_inspect_tells_driver_mounting_and_encoding_and_takes_what_is_named(own, tmp_path, capsys):
     bag = copy_bag(own["rgbd"], tmp_path / "foreign", REALSENSE, storage=StoragePlugin.SQLITE3)
     assert call("inspect", bag) == 0
@@ -193,6 +198,7 @@ def test_inspect_tells_driver_mounting_and_encoding_and_takes_what_is_named(own,
     assert "driver zed: expected /zed/zed_node/rgb/color/rect/image" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localize(own, tmp_path, capsys):
     """A folder with a database alone, a camera called otherwise, no /tf_static: nothing but the options tells it."""
     names = {
@@ -214,6 +220,7 @@ def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localize(own, tmp_path
     np.testing.assert_allclose(camera.translation, ours.translation, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_register_takes_the_topics_of_a_driver(own, tmp_path, capsys):
     bag = copy_bag(own["rgbd"], tmp_path / "foreign", REALSENSE)
     assert call("register", f"{bag}:0", f"{bag}:1", "--driver", "realsense") == 0

@@ -27,6 +27,7 @@ def verdict(tmp_path, lateral, share, has_finished=True):
     return demo, demo.result(DriveErrors(path, path, np.arange(3.0), np.array(lateral), np.zeros(3), share))
 
 
+@pytest.mark.slow
 def test_a_drive_on_the_path_to_its_end_has_followed(tmp_path):
     demo, result = verdict(tmp_path, [0.02, -0.05, 0.01], 0.99)
     assert result["has_followed"]
@@ -62,6 +63,7 @@ def test_the_last_result_is_kept(tmp_path):
     assert not any((tmp_path / "demo").iterdir())
 
 
+@pytest.mark.slow
 def test_the_tour_is_long_and_meets_another_day(tmp_path):
     demo = Demo(tmp_path / "demo", 1, "tour", 46, BUSY)
     assert round(demo.length) == 490

@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+import pytest
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
@@ -9,6 +10,7 @@ from sphere_nav_tools.cli.demo.plots import exaggerate, plot_errors, plot_top_vi
 from sphere_nav_tools.cli.demo.report import DriveErrors
 
 
+@pytest.mark.slow
 def test_both_pictures_hold_curves(tmp_path):
     s = np.linspace(0, 10, 60)
     path = np.stack([s, np.sin(s)], axis=-1)

@@ -48,6 +48,7 @@ def write_drive(path, offset, with_poses):
                 bag.write("/pose", pose, stamp)
 
 
+@pytest.mark.slow
 def test_a_drive_beside_the_path_is_told_by_its_distance(tmp_path):
     write_drive(tmp_path / "teach", 0.0, with_poses=False)
     write_drive(tmp_path / "drive", 0.07, with_poses=True)

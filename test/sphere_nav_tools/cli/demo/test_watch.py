@@ -13,8 +13,6 @@ from sphere_nav_tools.cli.demo import watch as module
 from sphere_nav_tools.cli.demo.processes import Processes
 from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
 
-DOMAIN = 48
-
 
 def truth(seconds: int, x: float) -> Odometry:
     message = Odometry()
@@ -22,23 +20,24 @@ def truth(seconds: int, x: float) -> Odometry:
     return message
 
 
-def test_a_drive_in_which_nothing_happens_fails_and_says_who_is_silent(tmp_path, monkeypatch):
+def test_a_drive_in_which_nothing_happens_fails_and_says_who_is_silent(tmp_path, monkeypatch, domain):
     monkeypatch.setattr(module, "SILENCE", 0.5)
     monkeypatch.setattr(processes_module, "LOOK", 0.5)
     silent = "drive: nothing for 0 s, and no process works; localiser silent, follower silent"
     with (
-        Processes(tmp_path, DOMAIN) as processes,
-        DriveMonitor(processes, DOMAIN) as watch,
+        Processes(tmp_path, domain) as processes,
+        DriveMonitor(processes, domain) as watch,
         pytest.raises(DriveFailed, match=silent),
     ):
         watch.wait("drive", lambda: False, is_moving=True)
 
 
-def test_however_long_nothing_happens_it_is_not_over_while_a_process_works(tmp_path, monkeypatch):
+@pytest.mark.dds
+def test_however_long_nothing_happens_it_is_not_over_while_a_process_works(tmp_path, monkeypatch, domain):
     monkeypatch.setattr(module, "SILENCE", 0.1)
     monkeypatch.setattr(processes_module, "LOOK", 0.5)
     begun = time.monotonic()
-    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
+    with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
         processes.run("compiler", "sum(1 for _ in iter(int, 1))")
         time.sleep(1.0)  # it starts
         watch.wait("drive", lambda: time.monotonic() > begun + 3.0, is_moving=True)
@@ -48,7 +47,7 @@ def test_however_long_nothing_happens_it_is_not_over_while_a_process_works(tmp_p
 
 
 @pytest.mark.parametrize(("speed", "ends"), [(0.0, "the car stands for 30 s"), (1.0, "")])
-def test_a_car_may_stand_for_a_while_of_simulated_time(tmp_path, speed, ends):
+def test_a_car_may_stand_for_a_while_of_simulated_time(tmp_path, speed, ends, domain):
     seconds, bar, shown = iter(range(1, 100)), tqdm(total=20, file=io.StringIO()), []
 
     def drive() -> bool:
@@ -57,16 +56,16 @@ def test_a_car_may_stand_for_a_while_of_simulated_time(tmp_path, speed, ends):
         watch._on_truth(truth(now, speed * now))
         return now == 60
 
-    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
+    with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
         verdict = pytest.raises(DriveFailed, match=ends) if ends else nullcontext()
         with verdict:
             watch.wait("drive", drive, is_moving=True, bar=bar)
     assert (shown[:4], shown[-1]) == (([0, 0, 1, 2], 20) if speed else ([0, 0, 0, 0], 0))
 
 
-def test_a_service_that_refuses_is_asked_again_a_moment_later(tmp_path, monkeypatch):
+def test_a_service_that_refuses_is_asked_again_a_moment_later(tmp_path, monkeypatch, domain):
     pauses = []
-    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
+    with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
         monkeypatch.setattr(watch.executor, "spin_once", lambda timeout_sec: pauses.append(timeout_sec))
         answers = iter(["not yet", "not yet", ""])
         monkeypatch.setattr(watch, "ask", lambda name: next(answers))
@@ -78,8 +77,8 @@ def test_a_service_that_refuses_is_asked_again_a_moment_later(tmp_path, monkeypa
     assert len(pauses) == 2 + module.MAX_CALLS
 
 
-def test_waiting_ends_when_it_holds(tmp_path):
-    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
+def test_waiting_ends_when_it_holds(tmp_path, domain):
+    with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
         answers = iter([False, False, True])
         watch.wait("three looks", lambda: next(answers), is_moving=False)
         assert list(answers) == []

@@ -72,6 +72,7 @@ def curves(meters):
     return ParticleCurves(np.full((4, 3), meters), np.full((4, 2), 0.5), line + np.array([0.0, meters, 0.0]))
 
 
+@pytest.mark.slow
 def test_what_is_judged_is_the_number_of_runs_and_what_the_adjustment_gains(tmp_path):
     drives = [KidnappedDrive([], curves(0.0).trajectory, np.zeros((4, 3)))] * 2
     found = {name: [curves(0.5), curves(0.5 if "adjusted" in name else 5.0)] for name in SETTINGS}

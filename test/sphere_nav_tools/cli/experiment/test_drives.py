@@ -32,6 +32,7 @@ def test_the_tour_leads_through_the_city_among_twice_the_traffic():
     assert (Tour.rmse_bound, Tour.max_bound) == (0.03, 0.15)
 
 
+@pytest.mark.slow
 def test_a_place_beside_a_path_is_to_its_left(tmp_path):
     path = made(TwoTurns, tmp_path).path
     x, y, yaw, _ = path.at(45.0)

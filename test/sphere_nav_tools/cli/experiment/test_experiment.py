@@ -13,6 +13,7 @@ def test_every_experiment_of_the_table_can_be_run():
     assert all(f"  {name}" in HELP for name in PURPOSES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "told"),
     [

@@ -32,6 +32,7 @@ def images(room):
     return frames
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Localizer, HybridLocalizer])
 def test_a_drive_is_localised_and_compared_with_the_truth(room, images, kind, monkeypatch):
     counts = []

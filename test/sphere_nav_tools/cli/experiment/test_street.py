@@ -45,6 +45,7 @@ def stereo():
     return drive, [dict(drive.frame(index)) for index in (0, 1)]
 
 
+@pytest.mark.slow
 def test_the_pair_drives_at_the_speed_of_traffic_and_shakes(stereo):
     drive, _ = stereo
     assert drive.num_frames == int(30.0 / (SPEED * PERIOD_NS * 1e-9))
@@ -54,6 +55,7 @@ def test_the_pair_drives_at_the_speed_of_traffic_and_shakes(stereo):
     assert np.diff(drive.trajectory.stamps_ns) == PERIOD_NS
 
 
+@pytest.mark.slow
 def test_the_right_image_is_the_left_one_moved_by_the_range(stereo):
     drive, frames = stereo
     left, right = (
@@ -75,6 +77,7 @@ def test_the_right_image_is_the_left_one_moved_by_the_range(stereo):
     assert np.corrcoef(right[below, there].ravel(), still[:, there].ravel())[0, 1] < 0.5
 
 
+@pytest.mark.slow
 def test_the_second_drive_is_beside_the_first_one_by_one_camera():
     drive = MonoDrive(3, {"render.shadow_texel": 0.0, "traffic.density": "none", "render.supersampling": 1}, 30.0)
     message = dict(drive.frame(0))["image_raw"]

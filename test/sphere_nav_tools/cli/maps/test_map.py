@@ -75,6 +75,7 @@ def call(*words):
     return main([str(word) for word in words])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "limit"), [("rgbd", 0.005), ("stereo", 0.05), ("sphere", 0.005)])
 def test_a_drive_is_mapped_from_every_kind_of_input(kind, limit, bags, tmp_path, capsys):
     assert call("map", bags[kind], "-o", tmp_path / "m", "--anchor", "truth", "--trajectory", tmp_path / "t.tum") == 0
@@ -90,6 +91,7 @@ def test_a_drive_is_mapped_from_every_kind_of_input(kind, limit, bags, tmp_path,
     assert first.distance(FIRST)[0] < limit  # fitted to the truth of the camera, also where that of the base is told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rgbd", "sphere"])
 def test_after_a_survey_every_key_sphere_is_where_the_truth_has_it(kind, bags, tmp_path):
     words = ("--anchor", "survey", "--set", "mapper.key.max_parallax=0.02")
@@ -101,6 +103,7 @@ def test_after_a_survey_every_key_sphere_is_where_the_truth_has_it(kind, bags, t
             np.testing.assert_allclose(node.T_map_sphere.matrix, pose(number).matrix, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_without_an_anchor_the_vehicle_at_its_start_is_the_origin(bags, tmp_path, capsys):
     assert call("map", bags["rgbd"], "-o", tmp_path / "m", "--taught", tmp_path / "t.tum") == 0
     with open_map(tmp_path / "m") as reader:
@@ -131,6 +134,7 @@ def test_mounts_and_gravity_that_a_bag_tells_after_its_first_image_fix_the_frame
     np.testing.assert_allclose(first.matrix, SE3.from_parts(R_level_base, np.zeros(3)).matrix, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_drive_that_is_lost_is_no_success(tmp_path, capsys):
     """One image of our room, then a camera that is covered."""
 
@@ -148,6 +152,7 @@ def test_a_drive_that_is_lost_is_no_success(tmp_path, capsys):
     assert f"sphere_nav map: {bag}: expected most of 4 spheres placed, found 3 lost (75%)" in said.err
 
 
+@pytest.mark.slow
 def test_the_same_bag_gives_the_same_map(bags, tmp_path):
     for name, jobs in (("a", 1), ("b", 2)):
         assert call("map", bags["stereo"], "-o", tmp_path / name, "--jobs", jobs) == 0
@@ -158,6 +163,7 @@ def test_the_same_bag_gives_the_same_map(bags, tmp_path):
             np.testing.assert_array_equal(first.load_sphere(node.id).range_m, second.load_sphere(node.id).range_m)
 
 
+@pytest.mark.slow
 def test_a_map_that_is_there_is_not_overwritten_unasked(bags, room_map, tmp_path, capsys):
     before = (room_map / "map.mcap").read_bytes()
     assert call("map", bags["rgbd"], "-o", room_map) == 2
@@ -165,6 +171,7 @@ def test_a_map_that_is_there_is_not_overwritten_unasked(bags, room_map, tmp_path
     assert (room_map / "map.mcap").read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -198,6 +205,7 @@ def test_a_bag_whose_images_are_all_refused_says_why(tmp_path, capsys):
     assert "/camera_info: camera_optical: K[0]: expected a calibrated camera, found focal length 0" in error
 
 
+@pytest.mark.slow
 def test_a_truncated_bag_is_refused(bags, tmp_path, capsys):
     torn = tmp_path / "torn.mcap"
     whole = next(bags["rgbd"].glob("*.mcap")).read_bytes()
@@ -206,6 +214,7 @@ def test_a_truncated_bag_is_refused(bags, tmp_path, capsys):
     assert str(torn) in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_map_info_tells_what_is_there(room_map, capsys):
     assert call("map-info", room_map, "--json", "--parameters") == 0
     found = json.loads(capsys.readouterr().out)
@@ -222,6 +231,7 @@ def test_map_info_tells_what_is_there(room_map, capsys):
     assert "key_spheres" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_map_verify_finds_a_flipped_byte(room_map, tmp_path, capsys):
     assert call("map-verify", room_map) == 0
     assert "0 problems" in capsys.readouterr().out
@@ -236,6 +246,7 @@ def test_map_verify_finds_a_flipped_byte(room_map, tmp_path, capsys):
     assert call("map-verify", tmp_path / "none") == 2
 
 
+@pytest.mark.slow
 def test_map_verify_salvages_a_torn_map(room_map, tmp_path, capsys):
     torn = tmp_path / "torn"
     torn.mkdir()
@@ -247,6 +258,7 @@ def test_map_verify_salvages_a_torn_map(room_map, tmp_path, capsys):
     assert call("map-verify", tmp_path / "mended") == 0
 
 
+@pytest.mark.slow
 def test_exported_points_lie_on_the_walls(room_map, tmp_path):
     assert call("map-export", room_map, "-o", tmp_path / "room.ply", "--step", 8) == 0
     data = (tmp_path / "room.ply").read_bytes()
@@ -264,6 +276,7 @@ def test_exported_points_lie_on_the_walls(room_map, tmp_path):
     np.testing.assert_array_equal(read.astype(np.float32), points["xyz"])
 
 
+@pytest.mark.slow
 def test_exported_laz_is_the_same_cloud(room_map, tmp_path):
     for suffix in ("ply", "laz"):
         assert call("map-export", room_map, "-o", tmp_path / f"room.{suffix}", "--step", 8) == 0
@@ -276,6 +289,7 @@ def test_exported_laz_is_the_same_cloud(room_map, tmp_path):
     assert np.asarray(las.red).max() > 255
 
 
+@pytest.mark.slow
 def test_exported_geojson_lies_where_the_datum_says(room_map, tmp_path, capsys):
     output = tmp_path / "room.geojson"
     assert call("map-export", room_map, "-o", output) == 2
@@ -294,6 +308,7 @@ def test_exported_geojson_lies_where_the_datum_says(room_map, tmp_path, capsys):
     assert height == pytest.approx(z, abs=0.01)
 
 
+@pytest.mark.slow
 def test_exported_trajectory_and_graph(room_map, tmp_path):
     for suffix in ("tum", "g2o", "kitti"):
         assert call("map-export", room_map, "-o", tmp_path / f"room.{suffix}") == 0
@@ -309,6 +324,7 @@ def test_exported_trajectory_and_graph(room_map, tmp_path):
     np.testing.assert_allclose(found.information, exported.information, rtol=1e-9)  # as `optimize` reads it
 
 
+@pytest.mark.slow
 def test_an_unknown_suffix_is_refused(room_map, tmp_path, capsys):
     assert call("map-export", room_map, "-o", tmp_path / "room.xyz") == 2
     assert [*WRITERS] == [".ply", ".laz", ".g2o", ".tum", ".kitti", ".geojson"]
@@ -324,6 +340,7 @@ def motion_of(found):
     return SE3(np.array(found["T_a_b"]["matrix"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "limit"), [("rgbd", 0.005), ("stereo", 0.04), ("sphere", 0.005)])
 def test_two_instants_of_a_bag_are_registered(kind, limit, bags, capsys):
     status, found = registered(capsys, f"{bags[kind]}:0", f"{bags[kind]}:2")
@@ -334,6 +351,7 @@ def test_two_instants_of_a_bag_are_registered(kind, limit, bags, capsys):
     assert np.all(np.linalg.eigvalsh(np.array(found["covariance"])) > 0)
 
 
+@pytest.mark.slow
 def test_two_key_spheres_of_a_map_are_registered(room_map, capsys):
     status, found = registered(capsys, f"{room_map}:0", f"{room_map}:1")
     with open_map(room_map) as reader:
@@ -366,6 +384,7 @@ def test_two_pairs_of_files_are_registered(second, options, limit, tmp_path, cap
     assert json.loads((tmp_path / "out.json").read_text()) == found
 
 
+@pytest.mark.slow
 def test_what_cannot_be_registered_is_one_line(bags, tmp_path, capsys):
     files(tmp_path, 0)
     pair = f"{tmp_path}/i0.png,{tmp_path}/d0.png"
@@ -382,6 +401,7 @@ def test_what_cannot_be_registered_is_one_line(bags, tmp_path, capsys):
         assert "\n" not in error
 
 
+@pytest.mark.slow
 def test_an_alignment_that_is_refused_says_so_and_exits_with_1(bags, tmp_path, capsys):
     files(tmp_path, 0)
     flat = np.full((CAMERA.height, CAMERA.width), 100, np.uint8)
@@ -394,6 +414,7 @@ def test_an_alignment_that_is_refused_says_so_and_exits_with_1(bags, tmp_path, c
     assert not found["is_converged"]
 
 
+@pytest.mark.slow
 def test_one_instant_of_a_bag_is_read(bags):
     found = sphere_of_bag(bags["rgbd"], 3)
     assert found.stamp_ns == 1_300_000_000

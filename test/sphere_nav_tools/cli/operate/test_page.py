@@ -390,6 +390,7 @@ def test_nothing_out_of_the_folder_is_loaded_and_nothing_is_told_of_it(yard, fol
     (folder / "up").unlink()
 
 
+@pytest.mark.dds
 def test_in_a_browser_it_is_driven_by_the_mouse_and_the_emergency_stop_stays_in_sight(yard, follower):
     program = find_browser()
     if program is None:

@@ -47,6 +47,7 @@ def desk(tmp_path, monkeypatch):
     desk.close()
 
 
+@pytest.mark.dds
 def test_a_drive_is_recorded_and_mapped_by_its_name(desk):
     assert desk.describe() == ""
     assert desk.finish() == "nothing is being recorded"

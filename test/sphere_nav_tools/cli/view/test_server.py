@@ -79,6 +79,7 @@ def shown():
     fixture.close()
 
 
+@pytest.mark.dds
 def test_the_page_shows_what_the_renderer_draws(shown):
     # JPEG and enlarging change a pixel by a few grey levels; another place or a turned picture by 20 and more
     wait_for(lambda: shown.difference() < 6.0)
@@ -87,6 +88,7 @@ def test_the_page_shows_what_the_renderer_draws(shown):
     assert np.median(np.abs(other.astype(float) - here)) > 12.0
 
 
+@pytest.mark.slow
 def test_a_key_moves_the_camera_and_the_picture_follows(shown):
     before = shown.position()
     shown.browser.hold_key("w", 0.7)
@@ -95,6 +97,7 @@ def test_a_key_moves_the_camera_and_the_picture_follows(shown):
     wait_for(lambda: shown.difference() < 6.0)
 
 
+@pytest.mark.slow
 def test_one_flies_to_a_key_sphere(shown):
     target = PLACES[2] @ T_BODY_OPTICAL
     shown.page.fly(shown.client, target)
@@ -103,6 +106,7 @@ def test_one_flies_to_a_key_sphere(shown):
     wait_for(lambda: shown.difference() < 6.0)
 
 
+@pytest.mark.slow
 def test_a_drive_is_shown_with_image_residual_and_status(shown):
     image, residual = np.full((48, 64, 3), 90, np.uint8), np.full((48, 64), 128, np.uint8)
     T = PLACES[1] @ T_BODY_OPTICAL

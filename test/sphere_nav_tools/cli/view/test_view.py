@@ -43,6 +43,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
     output = tmp_path / "view.png"
     words = ["view", str(folder / "map"), "--screenshot", str(output), "--size", "160x120", "--fov", "70"]
@@ -57,6 +58,7 @@ def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
     assert "expected no such file" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -79,12 +81,14 @@ def test_misuse_is_one_line(folder, tmp_path, monkeypatch, capsys, words, expect
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_without_viser_it_says_what_to_type(folder, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "viser", None)
     assert main(["view", str(folder / "map")]) == 2
     assert "pip install 'viser" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_drive_is_localized_image_by_image(folder):
     parser = ArgumentParser()
     view.add_arguments(parser)

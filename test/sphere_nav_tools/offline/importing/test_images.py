@@ -63,6 +63,7 @@ def test_names_that_are_times_are_stamps(stem, expected):
     assert stamp_of(stem) == expected
 
 
+@pytest.mark.slow
 def test_the_folders_of_a_rig_become_its_topics_and_a_map(tmp_path):
     rig = vertical_rig()
     write_rig(tmp_path / "rig.yaml", rig)
@@ -90,6 +91,7 @@ def test_a_camera_may_lack_an_image_where_names_are_stamps(tmp_path):
     assert stamps["cameras/rear/image_raw"] == [1403636579000900000, 1403636579100900000]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_rig", [False, True])
 def test_a_stereo_pair_is_registered(capsys, tmp_path, has_rig):
     for number in range(2):

@@ -58,6 +58,7 @@ def session(folder):
     return folder
 
 
+@pytest.mark.dds
 def test_a_session(tmp_path):
     folder = session(tmp_path / "2012-01-08")
     assert main(["import", "nclt", str(folder), "-o", str(tmp_path / "bag")]) == 0
@@ -77,6 +78,7 @@ def test_a_session(tmp_path):
     np.testing.assert_allclose(T_map_base.matrix, expected.matrix, atol=1e-6)
 
 
+@pytest.mark.dds
 def test_the_rig_looks_ahead_and_up(tmp_path):
     main(["import", "nclt", str(session(tmp_path / "2012-01-08")), "-o", str(tmp_path / "bag")])
     rig = read_rig(tmp_path / "bag" / "rig.yaml")
@@ -116,6 +118,7 @@ def test_other_files_are_refused_in_one_line(tmp_path, capsys, name, change, mes
     assert message in " ".join(said)
 
 
+@pytest.mark.dds
 def test_without_truth_or_clouds(tmp_path):
     folder = session(tmp_path / "2012-01-08")
     (folder / "groundtruth_2012-01-08.csv").unlink()

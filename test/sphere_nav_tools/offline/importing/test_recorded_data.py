@@ -40,6 +40,7 @@ def frame(recording, index):
     return pose, image_to_gray(messages["image_raw"]), depth_to_meters(messages["depth/image_raw"])
 
 
+@pytest.mark.slow
 def test_the_kitchen_fits_its_poses(shared_data):
     """The true motion explains the images, with depth moved into the colour camera better than without."""
     folder = shared_data / "rgbd" / "redkitchen"
@@ -77,6 +78,7 @@ def test_the_car_drives_forward(shared_data):
     assert abs(z) < 2.0
 
 
+@pytest.mark.slow
 def test_the_hall_is_stitched(shared_data, tmp_path):
     assert main(["import", "spherical", str(shared_data / "rgbd_spheres"), "-o", str(tmp_path / "bag")]) == 0
     with BagReader(tmp_path / "bag") as bag:

@@ -47,6 +47,7 @@ def spheres_of(path):
         ]
 
 
+@pytest.mark.slow
 def test_a_ring_becomes_a_sphere_with_z_up(ring, tmp_path):
     assert main(["import", "spherical", str(ring), "-o", str(tmp_path / "bag")]) == 0
     spheres, poses = spheres_of(tmp_path / "bag")

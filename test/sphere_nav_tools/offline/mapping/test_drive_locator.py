@@ -14,6 +14,8 @@ from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
 from worlds.room import sharp_room
 
+pytestmark = pytest.mark.slow
+
 PARAMS = MapperParams(key=KeySphereParams(max_parallax_whole=0.1))
 CAMERA = Spherical(256, 128)
 DRIVE = [SE3.from_planar(0.05 + 0.08 * k, 0.05, 0.1) for k in range(8)]

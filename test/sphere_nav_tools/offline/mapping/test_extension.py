@@ -26,6 +26,8 @@ from sphere_nav_tools.offline.mapping.thinning import Thinner
 from worlds.maps import load_all
 from worlds.room import sharp_room
 
+pytestmark = pytest.mark.slow
+
 START, PERIOD = 1_000_000_000, 200_000_000
 SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.1")
 ALL_KEPT = ("--set", "mapper.key.merge=false")

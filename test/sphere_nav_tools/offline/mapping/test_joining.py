@@ -65,6 +65,7 @@ def test_segments_are_joined_by_the_instant_that_they_share(spheres, tmp_path):
     joined.close()
 
 
+@pytest.mark.slow
 def test_an_edge_from_what_is_left_out_begins_at_the_shared_one(spheres, tmp_path):
     parts = [part_of(tmp_path / "a", spheres, [0, 1, 2, 3]), part_of(tmp_path / "b", spheres, [2, 3, 4, 5, 6])]
     graph = SphereGraph(
@@ -100,6 +101,7 @@ def test_a_segment_without_key_spheres_is_passed_over(spheres, tmp_path):
         joined.load(0)
 
 
+@pytest.mark.slow
 def test_the_key_spheres_before_and_after_the_shared_one_are_aligned_too(spheres, tmp_path):
     """The edge from the shared one is off by 5 cm; the one across it takes most of that back."""
     parts = [part_of(tmp_path / "a", spheres, [0, 1, 2, 3]), part_of(tmp_path / "b", spheres, [3, 4, 5, 6])]

@@ -19,6 +19,8 @@ from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.mapping import remains, segments
 from worlds.room import wide_room
 
+pytestmark = pytest.mark.dds
+
 CAMERA = Spherical(128, 64)
 NUM_SPHERES, SEGMENT = 6, 3
 SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.05", "--experience", "dusk")  # all become key spheres

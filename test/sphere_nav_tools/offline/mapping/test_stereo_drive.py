@@ -15,6 +15,7 @@ from worlds.recordings import stereo, write_bag
 NUM_SAMPLES = 5
 
 
+@pytest.mark.slow
 def test_a_right_pair_is_left_alone(tmp_path):
     write_bag(tmp_path / "bag", stereo, numbers=range(5))
     with BagReader(tmp_path / "bag") as bag:
@@ -31,6 +32,7 @@ def test_what_is_corrected_is_told_with_its_deviations():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "expected"), [(3, 3), (99, 5)])
 def test_no_more_pairs_are_expected_than_there_are_or_are_needed(tmp_path, monkeypatch, limit, expected):
     write_bag(tmp_path / "bag", stereo, numbers=range(5))
@@ -44,6 +46,7 @@ def test_no_more_pairs_are_expected_than_there_are_or_are_needed(tmp_path, monke
     assert totals == [expected]
 
 
+@pytest.mark.slow
 def test_a_long_drive_is_not_read_beyond_the_pairs_that_are_needed(tmp_path, monkeypatch):
     write_bag(tmp_path / "bag", stereo, numbers=range(20))
     monkeypatch.setattr(stereo_drive, "MAX_PAIRS", 4)
@@ -73,6 +76,7 @@ def test_the_disparity_is_corrected_where_chance_would_hardly_give_what_is_off(t
     assert tuple(pair.correction.columns) == (tuple(columns) if words == "too small" else StereoField().columns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "number"), [(400, 10), (5, 5), (2, 2)])
 def test_corners_are_followed_in_windows_spread_over_the_drive(tmp_path, monkeypatch, limit, number):
     """Windows of two of ten pairs, `limit` of them at most; a window may begin where the last one ended."""

@@ -14,6 +14,8 @@ from sphere_nav.params import build
 from sphere_nav_tools.offline.mapping.stitcher_ahead import LearnedRig
 from worlds.rig import WIDTH, seen, vertical_rig
 
+pytestmark = pytest.mark.slow
+
 # Written out: imported, a change would go unseen.
 NUM_INSTANTS = 8
 

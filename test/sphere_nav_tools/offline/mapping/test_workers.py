@@ -18,6 +18,7 @@ def test_one_job_is_done_here():
         assert list(workers.run(os.path.realpath, ASKED)) == [HERE] * 6
 
 
+@pytest.mark.slow
 def test_several_jobs_are_done_in_other_processes_but_a_lone_piece_is_not():
     with Workers(2) as workers:
         assert list(workers.run(os.path.realpath, ASKED[:1])) == [HERE]
@@ -29,6 +30,7 @@ def test_several_jobs_are_done_in_other_processes_but_a_lone_piece_is_not():
         assert workers.num_ahead == 4
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_gone_is_one_line():
     with (
         pytest.raises(OSError, match=r"^--jobs: expected workers to the end, found one gone: BrokenProcessPool$"),
@@ -37,6 +39,7 @@ def test_a_worker_that_is_gone_is_one_line():
         list(workers.run(os._exit, [1, 1, 1]))
 
 
+@pytest.mark.slow
 def test_a_worker_of_a_cluster_that_is_gone_is_one_line():
     distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
     options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
