@@ -41,7 +41,6 @@ from sphere_nav.ros.camera.drivers import read_driver
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.maps.check import salvage_map
-from sphere_nav.ros.maps.migration import migrate_map
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.spheres.graph import KeySphere
@@ -218,7 +217,6 @@ def _bag_targets(samples: Samples) -> list[Target]:
         *(_file_target(f"bag, ROS 1 {path.stem}", path, read_foreign_bag, 0.5) for path in ros1),
         _file_target("map", samples.map / "map.mcap", read_map),
         _file_target("map, salvage", samples.map / "map.mcap", partial(read_made, salvage_map), 0.3),
-        _file_target("map, migration", samples.map / "map.mcap", partial(read_made, migrate_map), 0.3),
     ]
 
 

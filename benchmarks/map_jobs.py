@@ -1,13 +1,8 @@
-"""`sphere_nav map --jobs N` on a drive with six cameras: its wall time by that of one process, and the same map.
-
-Beside the wall time, which other work on the machine spoils, the CPU time of each segment and of the rest of a run by
-one process: what N workers would take, each the next segment when it is free, the rest by one.
-"""
+"""`sphere_nav map --jobs N` on a drive with six cameras: its wall time by that of one process, and the same map."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -31,26 +26,8 @@ from sphere_nav.ros.conversions import array_to_image, se3_to_transform
 
 HELP = "map of six cameras by several processes: wall time by that of one, and the same map bit for bit"
 WIDTH, INSTANTS, QUICK_INSTANTS, SPACING_M, STEP_NS = 1024, 410, 12, 1.2, 250_000_000
-COUNTED = (2, 4)  # workers whose time is counted
 PATIENCE_S = 7200.0
 CODE = "import sys; from sphere_nav_tools.cli.main import main; sys.exit(main())"
-TIMED = """
-import json, sys, time
-from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.mapping import remains
-
-map_segment, seconds = remains.map_segment, []
-
-def timed(task):
-    begun = time.process_time()
-    map_segment(task)
-    seconds.append(time.process_time() - begun)
-
-remains.map_segment = timed
-status = main()
-print(json.dumps([seconds, time.process_time()]), file=sys.stderr)
-sys.exit(status)
-"""
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
@@ -66,21 +43,14 @@ def run(options: argparse.Namespace) -> Report:
     number = QUICK_INSTANTS if options.quick else options.jobs_instants
     with tempfile.TemporaryDirectory() as folder:
         _draw(Path(folder), number, options.jobs_width)
-        seconds, maps, said = {}, {}, {}
+        seconds, maps = {}, {}
         for jobs in (1, *options.jobs_tried):
             begun, name = time.perf_counter(), str(jobs)
-            maps[name], said[name] = _map(Path(folder), name, jobs, options.jobs_width)
+            maps[name] = _map(Path(folder), name, jobs, options.jobs_width)
             seconds[name] = time.perf_counter() - begun
     rows = [(jobs, f"{seconds[jobs]:.1f}", f"{seconds['1'] / seconds[jobs]:.2f}") for jobs in seconds]
     title = f"{number} instants, {SPACING_M * number:.0f} m, spheres {options.jobs_width} px wide, {num_cores()} cores"
     report.tables.append(Table(title, ("processes", "wall s", "speed-up"), rows))
-    segments, total = json.loads(said["1"].splitlines()[-1])
-    counted = {workers: total - sum(segments) + makespan(segments, workers) for workers in (1, *COUNTED)}
-    rows = [(str(workers), f"{cpu:.1f}", f"{total / cpu:.2f}") for workers, cpu in counted.items()]
-    title = (
-        f"CPU time, {len(segments)} segments of {np.median(segments):.1f} s, {total - sum(segments):.1f} s beside them"
-    )
-    report.tables.append(Table(title, ("workers", "s", "speed-up"), rows))
     for jobs in map(str, options.jobs_tried):
         same = "map by {} processes: bytes of map.mcap that differ from those by one"
         report.bounds += [
@@ -88,14 +58,6 @@ def run(options: argparse.Namespace) -> Report:
             Bound(same.format(jobs), 0.0, _num_different(maps["1"], maps[jobs]), ""),
         ]
     return report
-
-
-def makespan(seconds: list[float], workers: int) -> float:
-    """Return when all pieces are done by workers that take them in order, each when it is free."""
-    free = [0.0] * workers
-    for piece in seconds:
-        free[free.index(min(free))] += piece
-    return max(free)
 
 
 def _draw(folder: Path, number: int, width: int) -> None:
@@ -118,14 +80,14 @@ def _draw(folder: Path, number: int, width: int) -> None:
                 bag.write(topic, array_to_image(frame.image, stamp_ns, f"{name}_optical", "rgb8"), stamp_ns)
 
 
-def _map(folder: Path, name: str, jobs: int, width: int) -> tuple[bytes, str]:
-    """Map the drive in a process of its own; return the file, and what was said on stderr."""
+def _map(folder: Path, name: str, jobs: int, width: int) -> bytes:
+    """Map the drive in a process of its own; return the file."""
     words = ["map", "bag", "-o", name, "--rig", "rig.yaml", "--jobs", jobs, "--set-stitcher", f"stitch.width={width}"]
-    command = [sys.executable, "-P", "-c", TIMED if jobs == 1 else CODE, *map(str, words)]
+    command = [sys.executable, "-P", "-c", CODE, *map(str, words)]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     if done.returncode:
         raise ValueError(f"map: expected exit code 0, found {done.returncode}: {done.stderr[-500:]}")
-    return (folder / name / "map.mcap").read_bytes(), done.stderr
+    return (folder / name / "map.mcap").read_bytes()
 
 
 def _num_different(one: bytes, other: bytes) -> float:

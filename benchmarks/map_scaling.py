@@ -134,8 +134,7 @@ def write(graph: SphereGraph, index: AppearanceIndex, cost: Cost) -> None:
         for node in graph:
             image = rng.integers(1, 256, (CAMERA.height, CAMERA.width), np.uint8)
             sphere = Sphere(image, np.full(image.shape, 5.0, np.float32), CAMERA, node.stamp_ns)
-            edges = [edge for edge in graph.edges[node.id - 1 : node.id] if node.id == max(edge.a, edge.b)]
-            times.append(timed(partial(writer.add, node, edges, sphere)))
+            times.append(timed(partial(writer.add, node, sphere)))
         cost.seconds["write"] = float(np.mean(times[-TAIL:]))
         path: list[Path] = []
         cost.seconds["complete the map, a sphere"] = timed(

@@ -90,7 +90,7 @@ class City:
                     file.rename(bag / file.name)
         if not (self.folder / "map").is_dir():
             made, rig, taught = (str(self.folder / name) for name in ("map", "rig.yaml", "taught.tum"))
-            words = ["map", str(bag), "-o", made, "--rig", rig, "--taught", taught, "--anchor", "truth", "--resume"]
+            words = ["map", str(bag), "-o", made, "--rig", rig, "--taught", taught, "--anchor", "truth"]
             if main([*words, "--jobs", str(self.jobs)]) != 0:
                 raise ValueError(f"{self.folder}: expected a tour that can be mapped, found one that cannot")
 

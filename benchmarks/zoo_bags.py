@@ -422,10 +422,10 @@ def _damages() -> list[Exhibit]:
     long = replace(D, num=10)
     saved = [
         of("mcap_cut", long, cut(mcap(chunk_size=100_000)), words="truncated MCAP"),
-        of("sqlite_cut", long, cut(ros2("sqlite")), words="can be salvaged"),
-        of("sqlite_alone_cut", long, cut(ros2("sqlite", is_lone=True)), words="can be salvaged"),
     ]
     lost = [
+        of("sqlite_cut", long, cut(ros2("sqlite")), words="sqlite3 BAG.db3 .recover"),
+        of("sqlite_alone_cut", long, cut(ros2("sqlite", is_lone=True)), words="sqlite3 BAG.db3 .recover"),
         of("sqlite_damaged", long, damage(ros2("sqlite"), 0.0, 4096), words="rosbag2 database"),
         of("mcap_damaged", D, damage(mcap(chunk_size=1 << 24), 0.5), words="expected"),
         of("ros1_cut", D, cut(ros1()), words="expected a readable bag", is_ros1=True),

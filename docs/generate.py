@@ -63,7 +63,7 @@ sphere_nav plot result -o result.png
 | `expected parent A, found a second one, B` | two nodes publish one frame | end one; B counts 1 s after A ended |
 | `expected a calibrated camera` | `camera_info` is all zero | [calibrate](calibration.md) |
 | a command prints one line, exit code 2 | bad input | as it says; `SPHERE_NAV_DEBUG=1` shows where |
-| `... key spheres stay in MAP.partial` | `map` was interrupted | `map-verify MAP.partial --salvage MAP` |
+| `... key spheres stay: ...` | `map` was interrupted | `map-verify MAP.drive.partial --salvage MAP` |
 
 ## The localiser
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.incremental import IncrementalOptimum
 from sphere_mapping.graph.keyframes import MapUpdate, Track
-from sphere_mapping.graph.loop_closure import LoopCloser, with_loops
+from sphere_mapping.graph.loop_closure import Kept, LoopCloser, with_loops
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.store import SphereCache, SphereStore
 from sphere_mapping.graph.tracking import SphereTracker, Unroll, is_followed
@@ -32,17 +32,22 @@ class Mapper:
     """Builds `graph` and `tracks` from spheres; the first is at `T_map_first`, with id `first_id`; why: `origin`."""
 
     def __init__(
-        self, params: MapperParams | None = None, T_map_first: SE3 | None = None, store: SphereStore | None = None
+        self,
+        params: MapperParams | None = None,
+        T_map_first: SE3 | None = None,
+        store: SphereStore | None = None,
+        features: Kept | None = None,
     ) -> None:
         self.params, self._spheres = params or MapperParams(), SphereCache(store)
-        self.num_loops, self.first_id = 0, 0
+        self.num_loops, self.first_id, self._features = 0, 0, features if features is not None else {}
         self.T_map_first, self.origin = T_map_first or SE3.identity(), "the first sphere"
         self._begin()
 
     def _begin(self) -> None:
         self.graph, self.tracks = SphereGraph(), list[Track]()
         self._tracker = SphereTracker(self.params)
-        self._loops, self._optimum = LoopCloser(self.params, self.load_sphere), IncrementalOptimum()
+        self._features.clear()
+        self._loops, self._optimum = LoopCloser(self.params, self.load_sphere, self._features), IncrementalOptimum()
         self._unroll_first: Unroll | None = None  # of a rolling shutter, until it is known how the camera moved
         self._lost: Given | None = None
 
@@ -83,10 +88,6 @@ class Mapper:
             self._correct(with_loops(self.graph, loops))
             self._optimum = IncrementalOptimum()
         return len(loops)
-
-    def take_over(self, graph: SphereGraph, tracks: list[Track], index: AppearanceIndex, num_loops: int) -> None:
-        """Hold what was mapped in pieces; only loops may still be closed."""
-        self.graph, self.tracks, self._loops.index, self.num_loops = graph, tracks, index, num_loops
 
     def trajectory(self) -> Iterator[tuple[int, SE3]]:
         """Yield stamp and T_map_sphere of every placed sphere, in order, as the graph now has it."""
@@ -138,7 +139,6 @@ class Mapper:
         self._tracker.follow(self.graph, corrected)
         self.num_loops += len(corrected.edges) - len(self.graph.edges)
         self.graph = corrected
-        self._spheres.update(corrected)
 
     def _replace_first(self, current: PreparedSphere, odometry: SE3 | None, unroll: Unroll) -> None:
         """Unroll the first sphere by its motion to the second: both are rolling alike, so that this shows rightly."""

@@ -7,7 +7,7 @@ the way between the two spheres has drifted by some per cent, not by a house.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, MutableMapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, find_candidates, verify
 from sphere_mapping.params import LoopParams, MapperParams
 from sphere_nav.geometry import SE3
-from sphere_nav.spheres.appearance.features import features_of_sphere
+from sphere_nav.spheres.appearance.features import Features, features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
@@ -37,12 +37,15 @@ from sphere_nav.spheres.sphere import Sphere
 Load = Callable[[int], Sphere]
 
 
+Kept = MutableMapping[int, Features]  # what key spheres look like, by id
+
+
 class LoopCloser:
     """Finds the loops of one growing graph; `load` returns key spheres by id, `index` holds what they look like."""
 
-    def __init__(self, params: MapperParams, load: Load) -> None:
+    def __init__(self, params: MapperParams, load: Load, features: Kept | None = None) -> None:
         self._params, self._load = params, load
-        self.index = AppearanceIndex()
+        self.index = AppearanceIndex(features)
 
     def find(self, graph: SphereGraph, newer: PreparedSphere, newer_id: int) -> Edge | None:
         """Index a new key sphere; return the loop edge to the best older one, if any holds."""

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Protocol
 
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 
 class SphereStore(Protocol):
     """Takes key spheres in order of their ids and gives them back."""
 
-    def add(self, node: KeySphere, edges: Sequence[Edge], sphere: Sphere) -> None:
-        """Keep a key sphere and the edges that it came with."""
+    def add(self, node: KeySphere, sphere: Sphere) -> None:
+        """Keep a key sphere."""
         ...
 
     def tell(self, graph: SphereGraph) -> None:
-        """Take note of a corrected graph."""
+        """Take note of the graph as it is now, whose newest key spheres are added next."""
         ...
 
     def load(self, sphere_id: int) -> Sphere:
@@ -36,17 +35,14 @@ class SphereCache:
         """Hand over what is not stored yet, and forget it."""
         if self._store is None:
             return
-        for node in list(graph)[self._num_stored :]:
-            if node.sphere is not None:
-                edges = [edge for edge in graph.edges if node.id == max(edge.a, edge.b)]
-                self._store.add(node, edges, node.sphere)
-                graph.forget_sphere(node.id)
-        self._num_stored = len(graph)
-
-    def update(self, graph: SphereGraph) -> None:
-        """Hand over a corrected graph."""
-        if self._store is not None:
+        new = [node for node in list(graph)[self._num_stored :] if node.sphere is not None]
+        if new:
             self._store.tell(graph)
+        for node in new:
+            assert node.sphere is not None
+            self._store.add(node, node.sphere)
+            graph.forget_sphere(node.id)
+        self._num_stored = len(graph)
 
     def load(self, node: KeySphere) -> Sphere:
         """Return the sphere of a node; ValueError where nobody has it."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,7 @@ from sphere_nav.geometry.files.untrusted import path_below
 from sphere_nav.params import to_mapping
 from sphere_nav.ros.bags.writer import PARTIAL, free_path
 from sphere_nav.ros.maps.reader import ORIGIN, MapDetails, MapWriter, save_map
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 
@@ -52,19 +52,19 @@ class Journal:
         self._unwritten: dict[int, Sphere] = {}
         self._is_saved = self._has_failed = False
 
-    def add(self, node: KeySphere, edges: Sequence[Edge], sphere: Sphere) -> None:
+    def add(self, node: KeySphere, sphere: Sphere) -> None:
         """Write a key sphere, or keep it in memory where that fails."""
         self._is_saved = False
         if not self._has_failed:
-            self._attempt(lambda: self._begun().add(node, edges, sphere))
+            self._attempt(lambda: self._begun().add(node, sphere))
         if self._has_failed:
             self._unwritten[node.id] = sphere
 
     def tell(self, graph: SphereGraph) -> None:
-        """Write a corrected graph."""
+        """Write the graph as it is now."""
         self._is_saved = False
-        if (writer := self._writer) is not None and not self._has_failed:
-            self._attempt(lambda: writer.tell(graph))
+        if not self._has_failed:
+            self._attempt(lambda: self._begun().tell(graph))
 
     def load(self, sphere_id: int) -> Sphere:
         """Read a key sphere back; ValueError where it was not added."""

@@ -16,11 +16,8 @@ OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as l
 DEFAULT_HZ = 10.0  # of images without stamps; KITTI's scanner turns so fast
 MAX_PAIR_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
 
-# A drive in segments (mapping/test_segments, docs/notes/mapping_in_pieces.md)
-SEGMENT = 100  # instants of one, about: what is mapped again after a crash, and what one worker does at a time
-WARM_UP = 4  # instants before it, from which its motion is known: three do, and one may be lost
-LEAD_NS = 500_000_000  # of recording before these, for odometry, and so that their instants are complete
-MAX_BRIDGED = 3  # key spheres of the next segment that are tried where it has no instant in common
+# A drive of a rig (mapping/test_stitcher_ahead)
+AHEAD = 2  # instants stitched before the mapper has their spheres: always as many; odometry is kept for 2 s
 
 # A rectified pair by its drive (mapping/test_stereo_drive)
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive

@@ -41,7 +41,8 @@ ALLOWED = {
     ("sphere_nav/ros/bags/unpack.py", "source.open"): "in pieces, up to a limit",
     ("sphere_nav/ros/interfaces.py", "json.loads"): "a file of an installed interface package",
     ("sphere_nav/ros/interfaces.py", "path.read_text"): "a file of an installed interface package",
-    ("sphere_nav/ros/maps/writer.py", "(self._bag.partial / FILE_NAME).open"): "a file that it writes",
+    ("sphere_nav/ros/maps/writer.py", "(folder / FILE_NAME).open"): "a file that it writes",
+    ("sphere_nav_tools/offline/mapping/stitcher_ahead.py", "pickle.loads"): "of the process that began this one",
     ("sphere_nav/ros/run.py", "Path('/proc/self/maps').read_text"): "of the kernel",
 }
 

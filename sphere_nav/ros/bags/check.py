@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.kind import SQLITE
+from sphere_nav.ros.bags.kind import SALVAGE, SQLITE
 from sphere_nav.ros.bags.mcap_salvage import Salvage
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, TopicInfo
@@ -18,7 +18,6 @@ from sphere_nav.ros.bags.writer import BagWriter, is_being_written
 from sphere_nav.ros.interfaces import message_class
 
 Progress = Callable[[int], None]
-SALVAGED = (".mcap", SQLITE)
 SALVAGING = ".salvaging"  # not `.partial`: that is often the source
 
 
@@ -65,12 +64,14 @@ def salvage(source: str | Path, target: str | Path, progress: Progress = lambda 
     source = Path(source)
     if is_being_written(source if source.is_dir() else source.parent):
         raise BagError(f"{source}: is being written by another process: nothing to salvage while that runs")
-    files = [source] if source.is_file() else sorted(file for end in SALVAGED for file in source.glob(f"*{end}"))
+    files = [source] if source.is_file() else sorted(source.glob("*.mcap"))
+    if any(file.suffix == SQLITE for file in files or source.glob(f"*{SQLITE}")):
+        raise BagError(f"{source}: expected an .mcap file to salvage, found sqlite3: {SALVAGE}")
     if not files:
-        raise BagError(f"{source}: expected an .mcap or .db3 file or a folder with one, found none")
-    readers = [_reader_of(file) for file in files]
+        raise BagError(f"{source}: expected an .mcap file or a folder with one, found none")
+    readers = [Salvage(file) for file in files]
     if not any(True for reader in readers for _ in islice(reader.messages(), 1)):
-        raise BagError(f"{source}: expected a whole chunk or row to salvage, found none")
+        raise BagError(f"{source}: expected a whole chunk to salvage, found none")
     with BagWriter(target, suffix=SALVAGING) as bag:
         for reader in readers:
             for channel, schema, message in reader.messages():
@@ -86,15 +87,6 @@ def salvage(source: str | Path, target: str | Path, progress: Progress = lambda 
     if reread != count:
         raise BagError(f"{target}: expected {count} salvaged messages, found {reread}")
     return count
-
-
-def _reader_of(file: Path) -> Any:
-    """Return what yields channel, schema and message of all that is whole in a file."""
-    if file.suffix != SQLITE:
-        return Salvage(file)
-    from sphere_nav.ros.bags.sqlite_salvage import SqliteSalvage  # a quarter of a second, for bags of others alone
-
-    return SqliteSalvage(file)
 
 
 def _class_of(info: TopicInfo) -> type[Any] | None:

@@ -29,7 +29,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.kind import ROS1, SQLITE
+from sphere_nav.ros.bags.kind import ROS1, SALVAGE, SQLITE
 from sphere_nav.ros.bags.mcap_records import MAX_CHUNK
 from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 from sphere_nav.ros.bags.unpack import FREE_SHARE, unpack
@@ -37,7 +37,6 @@ from sphere_nav.ros.bags.unpack import FREE_SHARE, unpack
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 SIDE_FILES = ("-wal", "-journal")  # of SQLite: what is not yet, or not to be, in the database
 MAX_TOPICS = 10_000
-SALVAGE = "what is whole of it can be salvaged (sphere_nav verify-bag BAG --salvage NEW)"
 
 
 class ForeignBag:

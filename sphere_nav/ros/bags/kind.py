@@ -62,6 +62,7 @@ class PlainView:
 
 
 SQLITE, ROS1 = ".db3", ".bag"
+SALVAGE = "to read what is whole: sqlite3 BAG.db3 .recover | sqlite3 NEW.db3, then ros2 bag reindex"
 
 
 def is_foreign(path: Path, description: dict[str, Any] | None) -> bool:

@@ -242,19 +242,18 @@ def replay(
     *,
     start_ns: int | None = None,
     end_ns: int | None = None,
-    held: Collection[str] = (),
     progress: Callable[[int], None] = lambda step: None,
 ) -> Iterator[Recorded]:
     """Play a bag to the nodes of a bus and yield what they publish; `progress(1)` after every message delivered.
 
     Only topics that some node listens to are read; one that is required and not there raises BagError. Latched topics
-    such as /tf_static, and those `held`, hold from before `start_ns`. A recorder's clock that was behind the stamps of
+    such as /tf_static hold from before `start_ns`. A recorder's clock that was behind the stamps of
     a sensor is put right: nodes would refuse what is ahead of their clock.
     """
     topics = required_topics(bag, bus)
     lead_ns = find_lead(bag, topics)
     yield from bus.settle()
-    before = _latched_before(bag, topics, held, start_ns)
+    before = _latched_before(bag, topics, start_ns)
     for topic, stamp, data in chain(before, bag.raw(topics, start_ns, end_ns)):
         yield from bus.advance(stamp + lead_ns)
         for wanted in bus.listeners[topic]:
@@ -281,10 +280,8 @@ def find_lead(bag: BagReader, topics: Collection[str]) -> int:
     return lead_ns if lead_ns > MAX_AHEAD_NS else 0
 
 
-def _latched_before(
-    bag: BagReader, topics: list[str], held: Collection[str], start_ns: int | None
-) -> Iterator[Recorded]:
-    latched = [name for name in topics if is_latched(bag.topics[name]) or name in held]
+def _latched_before(bag: BagReader, topics: list[str], start_ns: int | None) -> Iterator[Recorded]:
+    latched = [name for name in topics if is_latched(bag.topics[name])]
     if start_ns is not None and latched:
         yield from bag.raw(latched, end_ns=start_ns - 1)
 

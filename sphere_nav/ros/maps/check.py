@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sphere_nav_msgs.msg import KeySphereGraph, MapExperience, MapInfo
+from sphere_nav_msgs.msg import MapExperience, MapInfo
 
 from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags.mcap_salvage import Salvage
@@ -20,25 +20,24 @@ from sphere_nav.ros.maps.reader import (
     EXPERIENCE,
     FILE_NAME,
     GRAPH,
-    GROWTH,
     INFO,
     KINDS,
     SPHERE,
     MapDetails,
     Progress,
+    made_small,
     open_map,
-    save_map,
 )
+from sphere_nav.ros.maps.writer import write_stored
 from sphere_nav.spheres.experiences import with_experience
 from sphere_nav.spheres.graph import SphereGraph
-from sphere_nav.spheres.sphere import Sphere
 
 
 def verify_map(path: str | Path, progress: Progress = lambda step: None) -> list[str]:
     """Read all that is in a map; return the problems, one a line. BagError if it cannot be opened."""
     problems = []
     with open_map(path) as reader:
-        for read in (reader.coarse_spheres, reader.appearance, reader.read_growth):
+        for read in (reader.coarse_spheres, reader.appearance):
             try:
                 read()
             except BagError as error:
@@ -57,66 +56,54 @@ def verify_map(path: str | Path, progress: Progress = lambda step: None) -> list
 
 
 def salvage_map(source: str | Path, target: str | Path, progress: Progress = lambda step: None) -> int:
-    """Make a map of the spheres that a truncated one still has, with the last graph that it has; return their number.
-
-    A map that was cut before its graph keeps its spheres, but not where they are: that is refused.
-    """
+    """Make a map of the last graph that a damaged one has and of the spheres that are whole; return their number."""
     source = Path(source)
     file = source / FILE_NAME if source.is_dir() else source
-    spheres, graphs, infos, experiences = _readable(file, progress)
-    if not spheres:
+    last: dict[str, Any] = {}
+    experiences: list[MapExperience] = []
+    whole = set[int]()
+    for topic, message in _readable(file):
+        progress(1)
+        if topic == SPHERE:
+            whole.add(int(message.id))
+        elif topic == EXPERIENCE:
+            experiences.append(message)
+        else:
+            last[topic] = message
+    if not whole:
         raise BagError(f"{file}: expected readable parts of a map of format {MapInfo.FORMAT_VERSION}, found none")
-    if not graphs:
-        raise BagError(f"{file}: {len(spheres)} key spheres are readable, but not the graph that says where they are")
-    message, whole = graphs[-1]  # grown since the last whole one
-    nodes = [replace(node, sphere=spheres[node.id]) for node in whole if node.id in spheres]
-    kept = {node.id for node in nodes}
-    edges = [edge for edge in whole.edges if edge.a in kept and edge.b in kept]
-    details = MapDetails(message.map_id, message.software, frame_id=message.header.frame_id)
-    if infos:
-        info = infos[-1]
-        details = replace(details, source=info.source, parameters=_parameters(info), rig=info.rig)
-    graph = SphereGraph(nodes, edges)
+    if GRAPH not in last:
+        raise BagError(f"{file}: {len(whole)} key spheres are readable, but not the graph that says where they are")
+    told, info = last[GRAPH], last.get(INFO) or MapInfo()
+    known = message_to_graph(told)
+    kept = whole & known.nodes.keys()
+    edges = [edge for edge in known.edges if {edge.a, edge.b} <= kept]
+    graph = SphereGraph([node for node in known if node.id in kept], edges)
     for one in experiences:
         graph = with_experience(graph, message_to_experience(one), kept & {int(number) for number in one.ids})
-    save_map(target, graph, details)
-    return len(nodes)
+    names = {"source": info.source, "parameters": _parameters(info), "rig": info.rig}
+    details = MapDetails(told.map_id, told.software, frame_id=told.header.frame_id, **names)
+    spheres = (message for topic, message in _readable(file) if topic == SPHERE)
+    write_stored(Path(target), graph, details, None, ((sphere, made_small(sphere)) for sphere in spheres))
+    return len(kept)
 
 
-Found = tuple[dict[int, Sphere], list[tuple[KeySphereGraph, SphereGraph]], list[MapInfo], list[MapExperience]]
-
-
-def _readable(file: Path, progress: Progress) -> Found:
-    """Return the spheres by id, the graphs as messages and as they are, infos and experiences that are whole."""
-    spheres: dict[int, Sphere] = {}
-    graphs: list[tuple[KeySphereGraph, SphereGraph]] = []
-    infos: list[MapInfo] = []
-    experiences: list[MapExperience] = []
+def _readable(file: Path) -> Iterator[tuple[str, Any]]:
+    """Yield topic and message of all that is whole in a map and of this format."""
     for channel, schema, record in Salvage(file).messages():
-        if channel.topic not in KINDS or schema.name != type_name(KINDS[channel.topic]):
+        kind = KINDS.get(channel.topic)
+        if kind is None or schema.name != type_name(kind):
             continue
         with suppress(BagError, ValueError):  # what is damaged is left out
-            message = deserialize(record.data, KINDS[channel.topic], str(file))
+            message = deserialize(record.data, kind, str(file))
             if channel.topic == SPHERE:
-                spheres[int(message.id)] = message_to_sphere(message)
-            elif channel.topic == GROWTH and message.format_version == MapInfo.FORMAT_VERSION:
-                graphs.append((message, grown(graphs[-1][1] if graphs else SphereGraph(), message_to_graph(message))))
-            elif channel.topic == GRAPH and message.format_version == MapInfo.FORMAT_VERSION:
-                graphs.append((message, message_to_graph(message)))
-            elif channel.topic == INFO and message.format_version == MapInfo.FORMAT_VERSION:
-                infos.append(message)
-            elif channel.topic == EXPERIENCE:
-                experiences.append(message)
-        progress(1)
-    return spheres, graphs, infos, experiences
-
-
-def grown(graph: SphereGraph, growth: SphereGraph) -> SphereGraph:
-    """Return a graph with the key sphere that came last and its edges; the others of `growth` are their older ends."""
-    new = [node for node in [max(growth, key=lambda node: node.id)] if node.id not in graph.nodes]
-    known = graph.nodes.keys() | {node.id for node in new}
-    edges = [edge for edge in growth.edges if edge.a in known and edge.b in known] if new else []
-    return SphereGraph([*graph, *new], [*graph.edges, *edges])
+                message_to_sphere(message)
+            elif channel.topic == GRAPH:
+                message_to_graph(message)
+            if channel.topic in (SPHERE, EXPERIENCE) or (
+                channel.topic in (INFO, GRAPH) and message.format_version == MapInfo.FORMAT_VERSION
+            ):
+                yield channel.topic, message
 
 
 def _parameters(info: MapInfo) -> dict[str, Any]:

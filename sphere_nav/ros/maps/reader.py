@@ -3,8 +3,7 @@
 A map is a folder with `map.mcap` and `metadata.yaml`. Topics: `/map/info` (MapInfo, the last one holds), `/map/sphere`
 (AugmentedSphere, in order of id), `/map/coarse_sphere` and `/map/features` (all of them small, and what they look
 like, PointCloud2 in order of id, in chunks of their own, for a start),
-`/map/graph` (KeySphereGraph, the last one holds), `/map/experience` (MapExperience, one a drive; older maps have none),
-and `/map/growth` of what was written as it grew.
+`/map/graph` (KeySphereGraph, the last one holds), `/map/experience` (MapExperience, one a drive; may be missing).
 Everything is checked before it is believed: format version, sizes, checksums, that every vertex has its sphere.
 """
 
@@ -35,7 +34,6 @@ from sphere_nav.ros.maps.writer import (
     FEATURES,
     FILE_NAME,
     GRAPH,
-    GROWTH,
     INFO,
     KINDS,
     ORIGIN,
@@ -58,7 +56,6 @@ __all__ = [
     "FEATURES",
     "FILE_NAME",
     "GRAPH",
-    "GROWTH",
     "INFO",
     "KINDS",
     "ORIGIN",
@@ -145,9 +142,9 @@ class MapReader:
         """Yield the messages of all key spheres, whole and small, in order of their ids. BagError for damage."""
         has_small = bool(self._bag.topics.get(COARSE))
         small = (item.message for item in self._bag.messages([COARSE])) if has_small else iter(())
-        for sphere_id, index in self._chunks.items():
+        for index in self._chunks.values():
             whole = self._message_of(index)
-            yield whole, next(small, None) or _made_small(whole, sphere_id)
+            yield whole, next(small, None) or made_small(whole)
 
     def appearance(self) -> AppearanceIndex:
         """Read what all key spheres look like, in one read; empty where a map does not say. BagError for damage.
@@ -184,10 +181,6 @@ class MapReader:
         """What fixes the frame of the map, in words; a map that does not say so has that of its first sphere."""
         return str(self.parameters.get(ORIGIN) or "the first sphere")
 
-    def read_growth(self) -> int:
-        """Read what was noted while the map grew, which nothing but its salvage needs; return how much. BagError."""
-        return sum(1 for _ in self._bag.messages([GROWTH])) if self._bag.topics.get(GROWTH) else 0
-
     def close(self) -> None:
         """Close the file."""
         self._bag.close()
@@ -203,9 +196,7 @@ class MapReader:
         info: MapInfo = list(self._bag.messages([INFO]))[-1].message
         if info.format_version != MapInfo.FORMAT_VERSION:
             found = info.format_version
-            is_old = 0 < found < MapInfo.FORMAT_VERSION
-            remedy = f"; sphere_nav map-migrate {self.path} -o NEW" if is_old else ""
-            raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}{remedy}")
+            raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
         if info.num_spheres > (most := LIMITS["map"]):
             raise BagError(f"{self.path}: num_spheres: expected at most {most}, found {info.num_spheres}")
         return info
@@ -273,5 +264,6 @@ class MapReader:
         return memoryview(found[0].data)
 
 
-def _made_small(whole: AugmentedSphere, sphere_id: int) -> AugmentedSphere:
-    return sphere_to_message(coarse_sphere(message_to_sphere(whole)), SPHERE_FRAME, sphere_id)
+def made_small(whole: AugmentedSphere) -> AugmentedSphere:
+    """Return the small copy of a key sphere as it is stored."""
+    return sphere_to_message(coarse_sphere(message_to_sphere(whole)), SPHERE_FRAME, int(whole.id))

@@ -1,7 +1,7 @@
 """Write a map: all at once, or one key sphere after the other as they are kept.
 
-What `reader.py` reads. While a map grows, `/map/growth` says of every sphere where it was when it was kept, so
-that a process killed at any moment leaves a map that `salvage_map` mends, its last whole sphere included.
+What `reader.py` reads. While a map grows, the graph is written again every few key spheres, so that a process killed
+at any moment leaves a map up to its last graph: `salvage_map` gives it an index.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.coarse import coarse_sphere
-from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 FILE_NAME = "map.mcap"
 INFO, SPHERE, GRAPH = "/map/info", "/map/sphere", "/map/graph"
-COARSE, FEATURES, GROWTH = "/map/coarse_sphere", "/map/features", "/map/growth"
+COARSE, FEATURES = "/map/coarse_sphere", "/map/features"
 EXPERIENCE = "/map/experience"
 KINDS: dict[str, type[Any]] = {
     INFO: MapInfo,
@@ -45,13 +45,12 @@ KINDS: dict[str, type[Any]] = {
     GRAPH: KeySphereGraph,
     COARSE: AugmentedSphere,
     FEATURES: PointCloud2,
-    GROWTH: KeySphereGraph,
     EXPERIENCE: MapExperience,
 }
 MAP_FRAME, SPHERE_FRAME = "map", "sphere_link"
 ORIGIN = "origin"  # among the parameters: what fixes the frame of the map, in words
 CHUNK_SIZE = 1 << 24  # bytes of a chunk of small spheres or features; a sphere is one, whatever it takes
-MORE = 1.2  # growth of a graph after which it is written whole again
+GRAPH_EVERY = 4  # key spheres, after which the graph is written again: as many less one are lost in a crash
 
 Progress = Callable[[int], None]
 Stored = tuple[AugmentedSphere, AugmentedSphere]  # a key sphere, whole and small
@@ -86,8 +85,8 @@ class MapWriter:
         self.path, self.details = Path(path), details or MapDetails()
         self._encoding = image_encoding
         self._places: dict[int, int] = {}  # of the chunk of each sphere
-        self._told: set[int] = set()  # vertices of the last whole graph
-        self._experiences: list[MapExperience] = []  # that were told with it
+        self._num_due = 0  # key spheres with which the graph is due
+        self._experiences: list[MapExperience] = []  # that were told with the last one
         check_free(self.path, is_overwriting=is_overwriting)
         target = self.path.with_name(f"{self.path.name}.new") if self.path.exists() else self.path
         if (left := target.with_name(target.name + PARTIAL)).exists():
@@ -97,26 +96,22 @@ class MapWriter:
             self._bag.add_topic(topic, kind, qos.LATCHED)
         self._small = Spool(self._bag.partial)
 
-    def add(self, node: KeySphere, edges: Sequence[Edge], sphere: Sphere) -> None:
-        """Write a key sphere, before it where it is and the edges that it came with: what can be read has a place."""
-        self._begin(SphereGraph([node]))
-        if node.id not in self._told:
-            ends = [KeySphere(end, 0, node.T_map_sphere) for edge in edges for end in (edge.a, edge.b)]
-            growth = SphereGraph(({end.id: end for end in ends} | {node.id: node}).values(), edges)
-            self._bag.write(GROWTH, _graph_message(growth, self.details), node.stamp_ns)
-            self._bag.end_chunk()
-        self._write_sphere(node, sphere)
+    def add(self, node: KeySphere, sphere: Sphere) -> None:
+        """Write a key sphere."""
+        whole = sphere_to_message(sphere, SPHERE_FRAME, node.id, image_encoding=self._encoding)
+        self.copy((whole, sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, node.id)))
 
     def tell(self, graph: SphereGraph) -> None:
-        """Write the graph as it is after a correction; not each time, or the file would be mostly graphs."""
-        if len(graph) >= len(self._told) * MORE:
-            self._begin(graph)
-            self._told = set(graph.nodes)
-            last = max(node.stamp_ns for node in graph)
-            self._bag.write(GRAPH, _graph_message(graph, self.details), last)
-            if any(node.experience != Experience() for node in graph) and not self._experiences:
-                self._tell_experiences(graph, last)  # so that a torn map has them
-            self._bag.end_chunk()
+        """Write the graph as it is now, with every few key spheres."""
+        if len(graph) < self._num_due:
+            return
+        if not self._num_due:
+            self._bag.write(INFO, _info(graph, self.details), min(node.stamp_ns for node in graph))
+        self._num_due = len(graph) + GRAPH_EVERY
+        self._bag.write(GRAPH, _graph_message(graph, self.details), max(node.stamp_ns for node in graph))
+        if any(node.experience != Experience() for node in graph) and not self._experiences:
+            self._tell_experiences(graph)  # so that a torn map has them
+        self._bag.end_chunk()
 
     def load(self, sphere_id: int) -> Sphere:
         """Read a key sphere back; BagError where it was not added."""
@@ -132,6 +127,11 @@ class MapWriter:
         self._bag.write(SPHERE, whole, stamp_ns(whole))
         self._small.add(serialize_to_store(small))
         self._bag.end_chunk()
+
+    @property
+    def num_spheres(self) -> int:
+        """Key spheres that were written."""
+        return len(self._places)
 
     def finish(
         self, graph: SphereGraph, details: MapDetails | None = None, appearance: AppearanceIndex | None = None
@@ -150,7 +150,7 @@ class MapWriter:
         self._small.close()
         last = max(node.stamp_ns for node in nodes)
         if experiences_to_messages(graph, self.details.frame_id) != self._experiences:
-            self._tell_experiences(graph, last)
+            self._tell_experiences(graph)
         self._bag.write(INFO, _info(graph, self.details), last)
         self._bag.write(GRAPH, _graph_message(graph, self.details), last)
         target = self._bag.close()
@@ -166,21 +166,14 @@ class MapWriter:
         self._small.close()
         self._bag.leave()
 
-    def _tell_experiences(self, graph: SphereGraph, stamp: int) -> None:
+    def _tell_experiences(self, graph: SphereGraph) -> None:
         self._experiences = experiences_to_messages(graph, self.details.frame_id)
         for message in self._experiences:
-            self._bag.write(EXPERIENCE, message, stamp)
-
-    def _begin(self, graph: SphereGraph) -> None:
-        if not self._bag.num_messages:
-            self._bag.write(INFO, _info(graph, self.details), min(node.stamp_ns for node in graph))
-
-    def _write_sphere(self, node: KeySphere, sphere: Sphere) -> None:
-        whole = sphere_to_message(sphere, SPHERE_FRAME, node.id, image_encoding=self._encoding)
-        self.copy((whole, sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, node.id)))
+            self._bag.write(EXPERIENCE, message, max(node.stamp_ns for node in graph))
 
     def _message_at(self, place: int) -> AugmentedSphere:
-        with (self._bag.partial / FILE_NAME).open("rb") as file:
+        folder = self._bag.partial if self._bag.partial.exists() else self.path
+        with (folder / FILE_NAME).open("rb") as file:
             size = file.seek(0, 2)
             records = list(records_at(file, place, size))
         data = next(record.data for record in records if isinstance(record, Message))
@@ -221,7 +214,7 @@ def save_map(
             sphere = node.sphere or (load_sphere(node.id) if load_sphere else None)
             if sphere is None:
                 raise BagError(f"{path}: key sphere {node.id}: expected its picture in memory, found none")
-            writer.add(node, [], sphere)
+            writer.add(node, sphere)
             progress(1)
         return writer.finish(graph, appearance=appearance)
     except BaseException:
@@ -230,10 +223,16 @@ def save_map(
 
 
 def write_stored(
-    path: Path, graph: SphereGraph, details: MapDetails, appearance: AppearanceIndex | None, spheres: Iterable[Stored]
+    path: Path,
+    graph: SphereGraph,
+    details: MapDetails,
+    appearance: AppearanceIndex | None,
+    spheres: Iterable[Stored],
+    *,
+    is_overwriting: bool = False,
 ) -> Path:
     """Write a map of those of some key spheres, in order of their ids, that are in the graph; return its path."""
-    writer = MapWriter(path, details)
+    writer = MapWriter(path, details, is_overwriting=is_overwriting)
     try:
         writer.tell(graph)
         for stored in spheres:

@@ -19,10 +19,10 @@ cameras of a rig, whose images go through the node sphere_stitcher. Raw stereo i
 /tf_static; errors that the images show are reported and corrected. Topics of any names are found by type, name, frame
 and size (`sphere_nav inspect BAG` shows how), or named by options.
 
-The map frame is that of base_link at the first sphere, level by an IMU of the bag or by the ground. A drive is mapped
-in segments of about 100 instants; the map is the same for every number of jobs. Until the map is whole, what is mapped
-stays in MAP.partial, also after a crash; --resume goes on from there. Parts of the bag that cannot be read are left out
-and reported. One line says so if an RGB-D drive contradicts the pose of its depth camera (`sphere_nav refine-camera`).
+The map frame is that of base_link at the first sphere, level by an IMU of the bag or by the ground. The map is the same
+for every number of jobs. Until it is whole, what is mapped stays in MAP.drive.partial, also after a crash, of which
+`sphere_nav map-verify` makes a map. Parts of the bag that cannot be read are left out and reported. One line says so
+if an RGB-D drive contradicts the pose of its depth camera (`sphere_nav refine-camera`).
 
 examples:
   sphere_nav map kitchen -o kitchen_map
@@ -33,7 +33,6 @@ examples:
   sphere_nav map drive -o drive_map --anchor survey
   sphere_nav map second_drive -o both_maps --extend drive_map
   sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048 --jobs 2
-  sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048 --jobs 2 --resume
   sphere_nav map night_drive -o day_and_night --extend day_map --experience night --start 0 0 0
   sphere_nav map six_cameras -o drive_map --rig old_rig.yaml --set-stitcher rectify.num_instants=5
   sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.nearest_m=2
@@ -46,9 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MAP", help="map to make (a folder)")
     _add_extension(parser)
     parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
-    parser.add_argument(
-        "--resume", action="store_true", help="go on from what an interrupted run of the same words has left, if any"
-    )
     parser.add_argument(
         "--anchor",
         choices=("first", "truth", "survey"),
@@ -63,11 +59,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     topics.add_options(parser)
     parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
     parser.add_argument(
-        "--jobs", type=_positive, default=1, metavar="N", help="processes that map segments of the drive (%(default)s)"
+        "--jobs",
+        type=_positive,
+        default=1,
+        metavar="N",
+        help="processes that stitch and verify loops (%(default)s)",
     )
-    parser.add_argument(
-        "--scheduler", default="", metavar="ADDRESS", help="do that on a Dask cluster that sees bag and map's folder"
-    )
+    parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="do that on a Dask cluster")
     parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
     parser.add_argument("--taught", type=Path, metavar="F", help="write the vehicle's poses, for path_follower (TUM)")
     add_settings(parser, "sphere_mapper")

@@ -9,7 +9,6 @@ from tqdm import tqdm
 
 from sphere_nav.ros.maps.check import salvage_map, verify_map
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.offline.mapping.remains import Remains, is_run
 
 HELP = """\
 Read every key sphere of a map and check it. Exit status 1 where something is wrong, each problem on a line.
@@ -30,10 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Check, or salvage."""
     if arguments.salvage:
         with tqdm(desc="salvage", unit="message", leave=False, disable=None) as bar:
-            if is_run(arguments.map):
-                kept = Remains(arguments.salvage, arguments.map).salvage()
-            else:
-                kept = salvage_map(arguments.map, arguments.salvage, bar.update)
+            kept = salvage_map(arguments.map, arguments.salvage, bar.update)
         print(f"{arguments.salvage}: {kept} key spheres saved")
         return 0
     with open_map(arguments.map) as reader:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, MutableMapping
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.compact import CompactSpheres
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.ros.maps.writer import SPHERE_FRAME
+from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.experiences import Service, count_image
 from sphere_nav.spheres.sphere import Sphere
@@ -34,10 +35,14 @@ class ObservedMapper(Mapper):
     """Tells of every sphere as it was mapped."""
 
     def __init__(
-        self, observe: Callable[[Mapper, Sphere, MapUpdate], None], params: MapperParams, store: SphereStore | None
+        self,
+        observe: Callable[[Mapper, Sphere, MapUpdate], None],
+        params: MapperParams,
+        store: SphereStore | None,
+        features: MutableMapping[int, Features] | None,
     ) -> None:
         self._observe = observe
-        super().__init__(params, store=store)
+        super().__init__(params, store=store, features=features)
 
     def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
         """Map one sphere, and tell of it, straightened by its motion."""
@@ -69,9 +74,14 @@ class DriveLocator:
         """End the threads of the localiser."""
         self._localizer.references.close()
 
-    def make_mapper(self, params: MapperParams, store: SphereStore | None = None) -> Mapper:
+    def make_mapper(
+        self,
+        params: MapperParams,
+        store: SphereStore | None = None,
+        features: MutableMapping[int, Features] | None = None,
+    ) -> Mapper:
         """Return a mapper that tells of its spheres."""
-        return ObservedMapper(self.observe, params, store)
+        return ObservedMapper(self.observe, params, store, features)
 
     def observe(self, mapper: Mapper, sphere: Sphere, update: MapUpdate) -> None:
         """Localise a sphere of the drive."""

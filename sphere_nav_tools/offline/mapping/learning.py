@@ -1,14 +1,15 @@
 """READ FIRST. The learning phase, offline: a drive through the very callbacks of the nodes -> a map.
 
-Plan what is mapped by what; map each segment of the drive, behind the stitcher where it holds the cameras of a rig;
-join the segments; close loops; join the drive to the map that is extended; anchor it to the truth; merge redundant key
-spheres; complete the map, and report. Whatever ends it before, what is mapped stays, and `--resume` goes on from it.
+Plan what is mapped by what; map the drive, behind the stitcher where it holds the cameras of a rig; close loops; join
+the drive to the map that is extended; anchor it to the truth; merge redundant key spheres; complete the map, and
+report. Whatever ends it before, the key spheres so far stay in a file that `map-verify --salvage` makes a map of.
 """
 
 from __future__ import annotations
 
 import argparse
 import shlex
+import shutil
 import sys
 from collections.abc import Iterable
 from contextlib import ExitStack, closing
@@ -17,26 +18,28 @@ from itertools import chain
 from typing import cast
 
 from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.saving import details_of
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.ros.bags import BagError
+from sphere_nav.ros.bags.writer import PARTIAL
+from sphere_nav.ros.maps.compact import CompactFeatures
 from sphere_nav.ros.maps.condensing import condense
-from sphere_nav.ros.maps.reader import MapReader
-from sphere_nav.ros.maps.writer import MAP_FRAME, Stored, check_free
+from sphere_nav.ros.maps.reader import MapReader, open_map
+from sphere_nav.ros.maps.writer import MAP_FRAME, MapWriter, Stored, check_free, write_stored
 from sphere_nav.ros.service import one_line
 from sphere_nav.spheres.experiences import with_experience
 from sphere_nav.spheres.graph import Experience
 from sphere_nav_tools.offline.mapping.drive import MappedDrive, truth_of
 from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
 from sphere_nav_tools.offline.mapping.extension import extend, open_base, place_start
-from sphere_nav_tools.offline.mapping.joining import Bridge, JoinedSegments
 from sphere_nav_tools.offline.mapping.plan import MappingPlan, make_plan
-from sphere_nav_tools.offline.mapping.remains import Remains
-from sphere_nav_tools.offline.mapping.segment_work import SegmentRecord
+from sphere_nav_tools.offline.mapping.replay_mapper import replay_mapper
 from sphere_nav_tools.offline.mapping.thinning import Thinner
 from sphere_nav_tools.offline.mapping.workers import NUM_THREADS, Workers, limit_threads
 
+DRIVE = ".drive"  # after the name of the map: where a drive is written as it is mapped
 ORIGINS = {"truth": "the true poses of the drive", "survey": "the survey of its key spheres"}
 
 
@@ -51,15 +54,14 @@ def learn(arguments: argparse.Namespace) -> int:
     rig = read_text(arguments.rig, "rig file", MAX_FILE_BYTES) if arguments.rig else ""
     with ExitStack() as stack:
         base = stack.enter_context(open_base(arguments.extend, arguments.output, rig)) if arguments.extend else None
-        plan, remains = make_plan(arguments, rig), Remains(arguments.output)
-        stack.callback(remains.close)
+        plan = make_plan(arguments, rig)
         known = stack.enter_context(closing(Base.of(base))) if base is not None else None
+        writer = MapWriter(arguments.output.with_name(arguments.output.name + DRIVE), plan.recipe.details)
         try:
-            remains.begin(plan, is_resumed=arguments.resume)
             with Workers(arguments.jobs, arguments.scheduler) as workers:
-                return map_plan(arguments, plan, remains, known, workers)
+                return map_plan(arguments, plan, writer, known, workers)
         except (ValueError, OSError, KeyboardInterrupt) as error:
-            return keep(arguments, remains, error)
+            return keep(writer, error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,43 +82,38 @@ class Base:
 
 
 def map_plan(
-    arguments: argparse.Namespace, plan: MappingPlan, remains: Remains, base: Base | None, workers: Workers
+    arguments: argparse.Namespace, plan: MappingPlan, writer: MapWriter, base: Base | None, workers: Workers
 ) -> int:
-    """Map the segments of a drive, join them, complete the map."""
-    records = remains.map(plan, workers) if base is None else remains.map_here(plan, base.locator.make_mapper)
-    params, first_id = plan.params.mapper, max(base.reader.graph.nodes) + 1 if base is not None else 0
-    joined = remains.join(plan, records, first_id, Bridge(params, workers.run))
-    drive = drive_of(plan, records, joined)
+    """Map a drive, complete the map."""
+    make = base.locator.make_mapper if base is not None else Mapper
+    first_id = max(base.reader.graph.nodes) + 1 if base is not None else 0
+
+    def begin(params: MapperParams) -> Mapper:
+        mapper = make(params, store=writer, features=CompactFeatures())
+        mapper.first_id = first_id
+        return mapper
+
+    drive = replay_mapper(plan.recipe, begin, workers.executor if plan.recipe.stitcher else None)
     if not drive.mapper.tracks:
         reason = drive.refusal or "no complete instant"
         raise BagError(f"{arguments.bag}: expected spheres to map, found none: {reason}")
     plan.judge(drive)
-    return finish_map(arguments, drive, remains, base, joined, workers, plan.recipe.details.rig)
-
-
-def drive_of(plan: MappingPlan, records: list[SegmentRecord], joined: JoinedSegments) -> MappedDrive:
-    """Return what was mapped in segments as one drive."""
-    mapper = Mapper(plan.params.mapper, store=joined)
-    mapper.take_over(joined.graph, joined.tracks, joined.index, sum(record.num_loops for record in records))
-    mapper.origin = records[0].origin
-    refused: dict[str, int] = {}
-    for words, number in chain.from_iterable(record.refused.items() for record in records):
-        refused[words] = refused.get(words, 0) + number
-    damages = list(dict.fromkeys(chain.from_iterable(record.damages for record in records)))
-    mount = next((record.mount for record in records if record.tracks), records[0].mount)
-    return MappedDrive(mapper, mount, joined.num_lost, refused, damages)
+    writer.finish(drive.mapper.graph, appearance=drive.mapper.appearance)
+    with open_map(writer.path) as mapped:
+        status = finish_map(arguments, drive, mapped, base, workers, plan.recipe.details.rig)
+    shutil.rmtree(writer.path)
+    return status
 
 
 def finish_map(
     arguments: argparse.Namespace,
     drive: MappedDrive,
-    remains: Remains,
+    mapped: MapReader,
     base: Base | None,
-    joined: JoinedSegments,
     workers: Workers,
     rig: str,
 ) -> int:
-    """Close loops, join the drive to a map, compare with the truth, complete the map."""
+    """Close loops, join the drive to a map, compare with the truth, complete the map; `mapped`: the drive alone."""
     mapper, told = drive.mapper, list[str]()
     source, frame, stored = arguments.bag.name, MAP_FRAME, cast("Iterable[Stored]", ())
     if not arguments.no_loops:
@@ -133,12 +130,12 @@ def finish_map(
     T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, truth, str(arguments.bag))
     origin = base.reader.origin if base is not None else ORIGINS.get(arguments.anchor, mapper.origin)
     ways = [drive.trajectory(is_base=is_base).moved(T_new_map) for is_base in (False, True)]
-    thinner = Thinner(mapper, joined, base.reader if base is not None else None, arguments.budget)
+    thinner = Thinner(mapper, mapped, base.reader if base is not None else None, arguments.budget)
     graph, condensed, left = thinner.thin(graph, ways[0].positions, new)
     told += left
     details = details_of(graph, mapper.params, source, frame, rig, origin)
-    remains.complete(graph, details, index, condense(chain(stored, joined.stored()), condensed))
-    joined.close()
+    whole = condense(chain(stored, mapped.stored()), condensed)
+    write_stored(arguments.output, graph, details, index, whole, is_overwriting=arguments.overwrite)
     for path, way in zip((arguments.trajectory, arguments.taught), ways, strict=True):
         if path:
             write_tum(path, way, details.map_id)
@@ -158,19 +155,20 @@ def describe_drive(arguments: argparse.Namespace, drive: MappedDrive) -> Experie
     return Experience(arguments.experience, kind, arguments.bag.name, min(node.stamp_ns for node in graph))
 
 
-def keep(arguments: argparse.Namespace, remains: Remains, error: BaseException) -> int:
-    """Say in one line what stays of a run that ended before its time, and how it goes on; return the exit status.
+def keep(writer: MapWriter, error: BaseException) -> int:
+    """Say in one line what stays of a run that ended before its time; return the exit status.
 
     Where nothing was mapped nothing stays, and the error is raised again.
     """
-    if not remains.is_ours:
+    if not writer.num_spheres:
+        writer.discard()
         raise error
-    number = remains.num_spheres
-    if not number:
-        remains.remove()
-        raise error
-    words = [word for word in arguments.words if word != "--resume"]
-    command = shlex.join(["sphere_nav", *words, "--resume"])
+    writer.leave()
     why = "interrupted" if isinstance(error, KeyboardInterrupt) else one_line(error)
-    print(f"sphere_nav map: {why}; {number} key spheres stay in {remains.folder}: {command}", file=sys.stderr)
+    if writer.path.exists():
+        kept = f"the drive alone stays as the map {writer.path}"
+    else:
+        command = shlex.join(["sphere_nav", "map-verify", f"{writer.path}{PARTIAL}", "--salvage", "OUT"])
+        kept = f"{writer.num_spheres} key spheres stay: {command}"
+    print(f"sphere_nav map: {why}; {kept}", file=sys.stderr)
     return 130 if isinstance(error, KeyboardInterrupt) else 1

@@ -1,18 +1,19 @@
-"""Stitching beside mapping, for recordings, of the instants of a segment, with what the drive's beginning has told.
+"""Stitching beside mapping, for recordings, in this process or in others.
 
 A stitcher learns its lenses' falloff from its first instants and checks its rig once; from then on an instant depends
-on nothing that was before. So that of a segment begins with what was learned where the drive begins.
+on nothing that was before, and is stitched wherever there is time.
 """
 
 from __future__ import annotations
 
+import pickle
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from numpy.typing import NDArray
-from std_msgs.msg import Header
 
 from sphere_mapping.acquisition.light.light import Learned
 from sphere_mapping.acquisition.params import StitchParams
@@ -20,13 +21,10 @@ from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_mapping.acquisition.ros.rig_intake import RigInstant
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import Rig
-from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.spheres.sphere import Sphere
-from sphere_nav_tools.offline.mapping.segments import DriveSegment
+from sphere_nav_tools.offline.constants import AHEAD
 
 Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted name, topics of the bag by ours
-STITCHED = "/rig_learner/stitched"  # each instant, so that a replay can end
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,23 +50,29 @@ class LearnedRig:
         return stitcher
 
 
-class StitcherAhead(SphereStitcher):
-    """The stitcher, one instant ahead of the mapper: a sphere is published when the next instant is complete.
+def stitch_apart(known: bytes, images: Any, stamp_ns: int, points: Any, depths: Any) -> Sphere:
+    """Return the sphere of an instant by what was learned of its rig, in whatever process."""
+    return _stitcher(known).stitch(images, stamp_ns, points, depths).sphere
 
-    So both work side by side, and the order of all messages is the same on every machine.
+
+@lru_cache(maxsize=1)
+def _stitcher(known: bytes) -> Stitcher:
+    stitcher: Stitcher = pickle.loads(known).stitcher()
+    return stitcher
+
+
+class StitcherAhead(SphereStitcher):
+    """The stitcher, some instants ahead of the mapper: a sphere is published when a later instant is complete.
+
+    So both work side by side, and the order of all messages is the same on every machine and for every `executor`.
     """
 
-    segment = DriveSegment()
+    executor: Executor | None = None  # of other processes, else a thread of this one
 
     def configure(self) -> None:
         """Open the thread that stitches."""
-        self.pool, self.coming = ThreadPoolExecutor(1), deque[Future[Sphere]]()
+        self.pool, self.coming, self._known = ThreadPoolExecutor(1), deque[Future[Sphere]](), b""
         super().configure()
-
-    def know(self, known: LearnedRig) -> None:
-        """Go on with what was learned of the rig elsewhere."""
-        self.stitcher, self.is_rectified = known.stitcher(self.params.jobs), True
-        self.publish_frame()
 
     def cleanup(self) -> None:
         """Close the thread; what it has not begun is not stitched any more."""
@@ -76,47 +80,20 @@ class StitcherAhead(SphereStitcher):
         super().cleanup()
 
     def stitch(self, instant: RigInstant) -> None:
-        """Publish the sphere of the instant before, begin this one if it is of the segment."""
-        stamp_ns = instant.sync.stamp_ns
-        if stamp_ns < self.segment.warm_ns:
-            return
-        self.publish_last()
-        if stamp_ns <= self.segment.last_ns:
-            self.coming.append(self.begin(instant))
+        """Publish the sphere of an earlier instant, begin this one."""
+        if len(self.coming) == AHEAD:
+            self.publish_next()
+        self.coming.append(self.begin(instant))
 
     def begin(self, instant: RigInstant) -> Future[Sphere]:
-        """Begin to stitch an instant."""
+        """Begin to stitch an instant; here while the stitcher learns."""
         values = instant.images, instant.sync.stamp_ns, instant.points, instant.depths
         stitcher = self.stitcher
-        return self.pool.submit(lambda: stitcher.stitch(*values).sphere)
+        if self.executor is None or not stitcher.is_settled:
+            return self.pool.submit(lambda: stitcher.stitch(*values).sphere)
+        self._known = self._known or pickle.dumps(LearnedRig.of(stitcher))
+        return self.executor.submit(stitch_apart, self._known, *values)
 
-    def publish_last(self) -> None:
-        """Wait for what has begun, and publish it."""
-        if self.coming:
-            self.publish(self.coming.popleft().result())
-
-
-class RigLearner(SphereStitcher):
-    """Stitches until it has learned the rig."""
-
-    NAME = "rig_learner"
-
-    def configure(self) -> None:
-        """Tell each instant."""
-        self.stitched = self.add_publisher(STITCHED, Header)
-        super().configure()
-
-    def publish(self, sphere: Sphere) -> None:
-        """Say that there was one; nobody wants the sphere."""
-        self.stitched.publish(Header())
-
-
-def learn_rig(bag: BagReader, stitcher: Node) -> LearnedRig | None:
-    """Return what the beginning of a drive tells of its rig; None where all of it leaves something open."""
-    bus = OfflineBus(captured={STITCHED})
-    node = bus.add(RigLearner, *stitcher)
-    assert isinstance(node, RigLearner)
-    for _ in replay(bag, bus):
-        if node.stitcher.is_settled:
-            return LearnedRig.of(node.stitcher)
-    return None
+    def publish_next(self) -> None:
+        """Wait for the oldest instant that has begun, and publish its sphere."""
+        self.publish(self.coming.popleft().result())

@@ -12,15 +12,14 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.ros.maps.condensing import count_bytes
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.spheres.graph import SphereGraph
-from sphere_nav_tools.offline.mapping.joining import JoinedSegments
 
 
 @dataclass(frozen=True, eq=False)
 class Thinner:
-    """A drive as it was mapped, its stored key spheres, the map that it extends, and what the new one may take."""
+    """A drive as it was mapped, the map of it alone, the map that it extends, and what the new one may take."""
 
     mapper: Mapper
-    joined: JoinedSegments
+    drive: MapReader
     known: MapReader | None
     budget: Budget | None
 
@@ -46,7 +45,5 @@ class Thinner:
         return graph, condensed, told
 
     def _count_bytes(self, sphere_id: int, is_condensed: bool) -> float:
-        if self.known is not None and sphere_id in self.known.graph.nodes:
-            return count_bytes(self.known, sphere_id, is_condensed)
-        path, own_id = self.joined.sources[sphere_id]
-        return count_bytes(self.joined.reader(path), own_id, is_condensed)
+        is_known = self.known is not None and sphere_id in self.known.graph.nodes
+        return count_bytes(self.known if self.known is not None and is_known else self.drive, sphere_id, is_condensed)

@@ -41,11 +41,6 @@ class Workers:
         return AHEAD * max(number, 1)
 
     @property
-    def is_apart(self) -> bool:
-        """Whether pieces of work are done elsewhere."""
-        return self._client is not None or self._jobs > 1
-
-    @property
     def executor(self) -> Executor | None:
         """What does the work."""
         if self._executor is None and self._client is not None:
@@ -56,20 +51,12 @@ class Workers:
         return self._executor
 
     def run(self, function: Callable[[Any], Any], questions: Iterable[Any]) -> Iterator[Any]:
-        """Yield the answers to all questions, in order; a lone one is not worth a process.
-
-        OSError where workers or their cluster are gone: killed for want of memory, or not answering any more.
-        """
+        """Yield the answers to all questions, in order; a lone one is not worth a process."""
         remaining = iter(questions)
         first = list(islice(remaining, 2))
-        if len(first) < 2 or self.executor is None:
-            yield from map(function, chain(first, remaining))
-            return
-        try:
-            yield from run_in(self.executor, self.num_ahead)(function, chain(first, remaining))
-        except self._lost() as error:
-            where = "--jobs" if self._client is None else "--scheduler"
-            raise OSError(f"{where}: expected workers to the end, found one gone: {type(error).__name__}") from error
+        executor = self.executor if len(first) > 1 else None
+        run = map if executor is None else run_in(executor, self.num_ahead)
+        yield from run(function, chain(first, remaining))
 
     def _lost(self) -> tuple[type[Exception], ...]:
         """Return what is raised where a worker is gone and no other could do its work."""
@@ -82,13 +69,19 @@ class Workers:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """OSError where workers or their cluster are gone: killed for want of memory, or not answering any more."""
         if isinstance(self._executor, ProcessPoolExecutor):
             for worker in list((self._executor._processes or {}).values()) if kind is not None else ():
                 worker.terminate()  # what it works on is of no use any more
             self._executor.shutdown(cancel_futures=True)
         if self._client is not None:  # which has no such shutdown; what is not begun is forgotten with it
             self._client.close()
+        if isinstance(error, self._lost()):
+            where = "--jobs" if self._client is None else "--scheduler"
+            raise OSError(f"{where}: expected workers to the end, found one gone: {type(error).__name__}") from error
 
 
 def connect(scheduler: str) -> Any:

@@ -49,8 +49,15 @@ def test_a_truncated_bag_keeps_its_whole_chunks(make_bag, tmp_path, share):
 def test_nothing_to_salvage(make_bag, tmp_path):
     file = make_bag() / "bag_0.mcap"
     file.write_bytes(file.read_bytes()[:100])
-    with pytest.raises(BagError, match="expected a whole chunk or row to salvage, found none"):
+    with pytest.raises(BagError, match="expected a whole chunk to salvage, found none"):
         salvage(file, tmp_path / "saved")
     assert not (tmp_path / "saved").exists()
-    with pytest.raises(BagError, match=r"expected an \.mcap or \.db3 file"):
+    with pytest.raises(BagError, match=r"expected an \.mcap file"):
         salvage(tmp_path / "absent", tmp_path / "saved")
+
+
+def test_of_an_sqlite_bag_other_tools_are_named(tmp_path):
+    for path in (tmp_path, tmp_path / "drive.db3"):
+        (tmp_path / "drive.db3").write_bytes(b"SQLite")
+        with pytest.raises(BagError, match=r"found sqlite3: .*sqlite3 BAG\.db3 \.recover .* ros2 bag reindex"):
+            salvage(path, tmp_path / "saved")

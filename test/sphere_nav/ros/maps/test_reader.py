@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,12 +15,12 @@ from sphere_nav_msgs.msg import MapInfo
 
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter
 from sphere_nav.ros.conversions import graph_to_message, sphere_to_message
+from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import (
     COARSE,
     EXPERIENCE,
     FEATURES,
     GRAPH,
-    GROWTH,
     INFO,
     SPHERE,
     MapDetails,
@@ -62,7 +63,7 @@ def test_a_map_comes_back(saved, sphere_graph):
 
 def test_a_map_is_a_bag_with_one_chunk_a_sphere(saved):
     with BagReader(saved) as bag:
-        counts = {INFO: 2, SPHERE: 3, COARSE: 3, FEATURES: 3, GRAPH: 2, GROWTH: 0, EXPERIENCE: 1}
+        counts = {INFO: 2, SPHERE: 3, COARSE: 3, FEATURES: 3, GRAPH: 2, EXPERIENCE: 1}
         assert {name: info.count for name, info in bag.topics.items()} == counts
         file = bag.files[0]
         channel = next(c.id for c in file.summary.channels.values() if c.topic == SPHERE)
@@ -199,8 +200,8 @@ def with_field(wanted, **fields):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (with_field(INFO, format_version=9), "format_version: expected 2, found 9"),
-        (with_field(GRAPH, format_version=1), "graph format_version: expected 2, found 1"),
+        (with_field(INFO, format_version=9), "format_version: expected 1, found 9"),
+        (with_field(GRAPH, format_version=2), "graph format_version: expected 1, found 2"),
         (with_field(INFO, num_spheres=4_000_000_000), "num_spheres: expected at most 10000000, found 4000000000"),
         (with_field(INFO, num_spheres=4), r"graph: expected 4 vertices \(info\), found 3"),
         (with_field(INFO, parameters="a: ["), "parameters: expected YAML"),
@@ -283,3 +284,25 @@ def test_a_map_without_index_is_refused(sphere_graph, tmp_path):
         writer.finish()
     with pytest.raises(BagError, match="spheres: expected 3"):
         open_map(tmp_path / "plain.mcap")
+
+
+def test_the_format_is_frozen():
+    """A map of format 1, by the program that wrote it first: three spheres of 160 x 80 of the simulated town."""
+    path = Path(__file__).parent / "format_1"
+    assert MapInfo.FORMAT_VERSION == 1
+    assert verify_map(path) == []
+    with open_map(path) as reader:
+        assert (reader.info.map_id, reader.info.source, reader.info.rig) == ("street", "drive", "name: test\n")
+        assert reader.parameters == {"origin": "the first sphere", "seed": 5}
+        assert [node.id for node in reader.graph] == [0, 1, 2]
+        assert len(reader.graph.edges) == 2
+        assert len(reader.appearance().features) == 3
+        assert set(reader.coarse_spheres()) == {0, 1, 2}
+        sphere = reader.load_sphere(1)
+    ratio = sphere.range_std_m / sphere.range_m
+    is_near = np.isfinite(sphere.range_m) & (sphere.range_m > 1.2)
+    np.testing.assert_allclose(ratio[:30][is_near[:30]], 0.01, rtol=0.02)
+    assert np.isnan(ratio[30:34]).all()
+    assert sphere.is_filled is not None
+    assert (sphere.is_filled[36:38] == np.isfinite(sphere.range_m[36:38])).all()
+    assert not sphere.is_filled[:36].any()

@@ -14,7 +14,7 @@ from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.bags.mcap_salvage import Salvage
 from sphere_nav.ros.maps import writer as map_writer
 from sphere_nav.ros.maps.check import salvage_map, verify_map
-from sphere_nav.ros.maps.reader import COARSE, FILE_NAME, SPHERE, MapDetails, MapWriter, open_map, save_map
+from sphere_nav.ros.maps.reader import COARSE, FILE_NAME, GRAPH, MapDetails, MapWriter, open_map, save_map
 from sphere_nav.ros.maps.writer import write_stored
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -29,15 +29,13 @@ def topics_of(file):
 
 
 def grow(writer, graph):
-    """Write key spheres as they are kept, each with the edges to those before."""
-    known = set()
+    """Write key spheres as they are kept, and tell the graph so far with each."""
+    nodes, ids = [], set()
     for node in sorted(graph, key=lambda node: node.id):
-        known.add(node.id)
-        writer.add(
-            node,
-            [edge for edge in graph.edges if node.id in (edge.a, edge.b) and {edge.a, edge.b} <= known],
-            node.sphere,
-        )
+        writer.add(node, node.sphere)
+        nodes.append(node)
+        ids.add(node.id)
+        writer.tell(SphereGraph(nodes, [edge for edge in graph.edges if {edge.a, edge.b} <= ids]))
 
 
 def test_a_grown_map_is_the_map(sphere_graph, tmp_path):
@@ -140,8 +138,14 @@ def test_a_map_is_written_of_some_of_the_spheres_of_others(sphere_graph, tmp_pat
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["base", "both", "newer"]
 
 
+@pytest.fixture
+def every_sphere(monkeypatch):
+    monkeypatch.setattr(map_writer, "GRAPH_EVERY", 1)
+
+
+@pytest.mark.usefixtures("every_sphere")
 @pytest.mark.parametrize("num_kept", [1, 2, 3])
-def test_a_torn_map_is_mended_up_to_its_last_sphere(sphere_graph, tmp_path, num_kept):
+def test_a_torn_map_is_mended_up_to_its_last_graph(sphere_graph, tmp_path, num_kept):
     writer = MapWriter(tmp_path / "map", DETAILS)
     kept = sorted(sphere_graph, key=lambda node: node.id)[:num_kept]
     ids = {node.id for node in kept}
@@ -156,20 +160,23 @@ def test_a_torn_map_is_mended_up_to_its_last_sphere(sphere_graph, tmp_path, num_
     writer.discard()
 
 
-def test_a_correction_that_was_told_is_what_is_mended(sphere_graph, tmp_path):
-    writer = MapWriter(tmp_path / "map")
-    grow(writer, sphere_graph)
-    moved = sphere_graph.with_poses({node.id: SE3.from_planar(1, 2, 3) @ node.T_map_sphere for node in sphere_graph})
-    writer.tell(moved)
-    assert salvage_map(tmp_path / "map.partial", tmp_path / "mended") == 3
-    with open_map(tmp_path / "mended") as found:
-        for node in moved:
-            assert found.graph[node.id].T_map_sphere.distance(node.T_map_sphere)[0] < 1e-9
+def test_the_graph_is_written_again_every_few_key_spheres(sphere_graph, tmp_path):
+    node = next(iter(sphere_graph))
+    writer = MapWriter(tmp_path / "map", DETAILS)
+    told = []
+    for number in range(10):
+        added = replace(node, id=number)
+        writer.add(added, node.sphere)
+        told.append(added)
+        writer.tell(SphereGraph(told))
+        kept = salvage_map(tmp_path / "map.partial", tmp_path / f"mended_{number}")
+        assert kept == number // 4 * 4 + 1
     writer.discard()
 
 
 @pytest.mark.dds
-def test_a_process_killed_while_its_map_grows_leaves_one_that_can_be_mended(sphere_graph, tmp_path, rng):
+@pytest.mark.usefixtures("every_sphere")
+def test_a_process_killed_while_its_map_grows_leaves_a_map(sphere_graph, tmp_path, rng):
     for number in range(10):
         child = os.fork()
         if child == 0:
@@ -186,11 +193,11 @@ def test_a_process_killed_while_its_map_grows_leaves_one_that_can_be_mended(sphe
         os.kill(child, signal.SIGKILL)
         assert os.WIFSIGNALED(os.waitpid(child, 0)[1])
         mended = tmp_path / f"mended_{number}"
-        num_written = sum(topic == SPHERE for topic in topics_of(file))  # each after the place where it is
-        if num_written == 0:
-            with pytest.raises(BagError, match="expected readable parts"):
+        num_told = topics_of(file).count(GRAPH)  # each after its key sphere
+        if num_told == 0:
+            with pytest.raises(BagError, match=r"expected readable parts|but not the graph"):
                 salvage_map(file.parent, mended)
         else:
-            assert salvage_map(file.parent, mended) == num_written
+            assert salvage_map(file.parent, mended) == num_told
             assert verify_map(mended) == []
         shutil.rmtree(tmp_path / "map.partial")

@@ -123,9 +123,9 @@ def test_a_drive_elsewhere_is_refused_with_what_was_tried(drives, tmp_path, caps
     said = capsys.readouterr().err
     assert "expected a drive by places of the map, found none that hold" in said
     assert "key spheres looked up" in said
-    assert [file.name for file in tmp_path.iterdir()] == ["both.partial"]  # it is mapped, and can be a map of its own
-    assert call("map", *words, "--resume") == 0
-    assert [file.name for file in tmp_path.iterdir()] == ["both"]
+    assert "the drive alone stays as the map" in said
+    assert [file.name for file in tmp_path.iterdir()] == ["both.drive"]
+    assert verify_map(tmp_path / "both.drive") == []
 
 
 def test_a_drive_in_another_light_becomes_an_experience_from_a_given_start(drives, tmp_path, capsys):

@@ -67,15 +67,17 @@ class Finished:
         monkeypatch.setattr(learning, "details_of", lambda graph, params, *words: words)
         extended = SimpleNamespace(index=other, told="joined", new={0})
         monkeypatch.setattr(learning, "extend", lambda base, mapper, locator, start, run: extended)
-        self.remains = SimpleNamespace(
-            complete=lambda graph, details, index, stored: self.written.append((details, index, tuple(stored))),
+        monkeypatch.setattr(
+            learning,
+            "write_stored",
+            lambda path, graph, details, index, stored, **_: self.written.append((details, index, tuple(stored))),
         )
 
     def run(self, base=None, **values):
         words = {"no_loops": False, "trajectory": None, "taught": None, "output": self.folder} | values
-        words |= {"experience": "night", "budget": None, "start": None}
-        workers, joined = SimpleNamespace(run=map), SimpleNamespace(stored=lambda: ("own",), close=lambda: None)
-        return learning.finish_map(arguments(**words), self.drive, self.remains, base, joined, workers, "name: ring")
+        words |= {"experience": "night", "budget": None, "start": None, "overwrite": False}
+        workers, mapped = SimpleNamespace(run=map), SimpleNamespace(stored=lambda: ("own",))
+        return learning.finish_map(arguments(**words), self.drive, mapped, base, workers, "name: ring")
 
 
 def test_what_is_finished_is_written_and_told(monkeypatch, tmp_path, capsys):
