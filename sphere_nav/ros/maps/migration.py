@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from mcap.records import Schema
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
@@ -37,26 +36,23 @@ from sphere_nav.ros.maps.writer import (
     MapWriter,
     Progress,
 )
-from sphere_nav.spheres import range_codec
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.sphere import Sphere
 
-MARK = b"224-255 = filled"  # in the definition of a sphere whose deviations mark what was filled
 MAX_DEFINITION = 1 << 16  # bytes of the definition of a message
 MAX_ARRAY = 64  # elements of a fixed array in one; a covariance has 36
 
 
 @dataclass(frozen=True)
 class MapLayout:
-    """What a map is written in: its version, and whether deviations mark what was filled."""
+    """What a map is written in: its version."""
 
     version: int
-    has_mark: bool
 
     @property
     def is_current(self) -> bool:
         """Whether it is read as it is."""
-        return self == MapLayout(int(MapInfo.FORMAT_VERSION), True)
+        return self.version == int(MapInfo.FORMAT_VERSION)
 
 
 def _code_deviation_by_ratio(message: AugmentedSphere) -> None:
@@ -74,18 +70,8 @@ def _code_deviation_by_ratio(message: AugmentedSphere) -> None:
         _recode(message, replace(_without_deviation(message), range_std_m=deviation))
 
 
-def _limit_deviation(message: AugmentedSphere) -> None:
-    """Format 2 at first: ratios above 31 % had the codes that mark what was filled since; now they are 31 %."""
-    sphere = message_to_sphere(message)
-    if sphere.range_std_m is not None and sphere.is_filled is not None:
-        most = np.float32(range_codec.MAX_RATIO) * sphere.range_m
-        deviation = np.where(sphere.is_filled, most, sphere.range_std_m)
-        _recode(message, replace(sphere, range_std_m=deviation, is_filled=None))
-
-
 STEPS: tuple[tuple[Callable[[MapLayout], bool], Callable[[AugmentedSphere], None]], ...] = (
     (lambda layout: layout.version < 2, _code_deviation_by_ratio),
-    (lambda layout: layout.version == 2 and not layout.has_mark, _limit_deviation),
 )
 """Which maps need a step, and what it changes in each of their key spheres; in order of the formats."""
 
@@ -134,7 +120,7 @@ class OldMap:
             raise BagError(f"{path}: expected a map, a bag in MCAP, found another one")
         self._schemas = {schema.name: schema for schema in bag.files[0].summary.schemas.values()}
         info = self._last(INFO, MapInfo)
-        self.layout = MapLayout(int(info.format_version), MARK in self._schema(AugmentedSphere).data)
+        self.layout = MapLayout(int(info.format_version))
         if not 1 <= self.layout.version <= MapInfo.FORMAT_VERSION:
             expected = f"1 to {MapInfo.FORMAT_VERSION}"
             raise BagError(f"{path}: format_version: expected {expected}, found {self.layout.version}")

@@ -14,15 +14,14 @@ from sphere_nav_msgs.msg import KeySphereVertex, MapInfo
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.interfaces import schema_text
 from sphere_nav.ros.maps.check import verify_map
-from sphere_nav.ros.maps.migration import MapLayout, decode_by, migrate_map, read_layout
+from sphere_nav.ros.maps.migration import decode_by, migrate_map, read_layout
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.range_codec import MAX_RATIO
 
 # Three spheres of 160 x 80 of the simulated town, 2 m apart. Deviations are 1 % of the range, but unknown in rows 30 to
-# 33, 60 % in rows 34 and 35; since ranges can be marked as filled, those of rows 36 and 37 are. A new format brings its
+# 33, 60 % in rows 34 and 35. A new format brings its
 # map: `sphere_nav map-migrate format_2 -o format_3`, by the program that writes it.
 FORMATS = Path(__file__).parent / "formats"
-UNMARKED = {"format_1": MapLayout(1, False), "format_2_unmarked": MapLayout(2, False)}
 NAMES = sorted(path.name for path in FORMATS.iterdir())
 NEWEST = f"format_{MapInfo.FORMAT_VERSION}"
 
@@ -36,8 +35,7 @@ def stored_parts(path):
 def test_there_is_a_map_of_each_format_and_each_is_small():
     layouts = {name: read_layout(FORMATS / name) for name in NAMES}
     assert {layout.version for layout in layouts.values()} == set(range(1, MapInfo.FORMAT_VERSION + 1))
-    assert {name: layout for name, layout in layouts.items() if not layout.has_mark} == UNMARKED
-    assert [name for name, layout in layouts.items() if layout.is_current] == [NEWEST]
+    assert [name for name, layout in layouts.items() if layout.is_current] == [NEWEST, "format_2_unmarked"]
     assert max(file.stat().st_size for file in FORMATS.rglob("*.mcap")) < 200_000
 
 
@@ -56,17 +54,16 @@ def test_a_map_of_each_format_becomes_one_of_today(name, tmp_path):
             np.testing.assert_allclose(
                 ours.range_m, theirs.range_m, rtol=3e-4
             )  # one step of the code: rounded otherwise
-            check_deviation(ours, has_filled=name not in UNMARKED)
+            check_deviation(ours)
         assert len(reader.graph.edges) == 2
         assert len(reader.appearance().features) == 3
         assert set(reader.coarse_spheres()) == {0, 1, 2}
 
 
-def check_deviation(sphere, *, has_filled):
+def check_deviation(sphere):
     """The deviation means what it meant, as far as it can be said."""
     ratio = sphere.range_std_m / sphere.range_m
     is_near = np.isfinite(sphere.range_m) & (sphere.range_m > 1.2)  # format 1 forgot deviations below 1 cm
-    assert (sphere.is_filled is not None) == has_filled
     np.testing.assert_allclose(ratio[:30][is_near[:30]], 0.01, rtol=0.02)
     assert np.isnan(ratio[30:34]).all()
     np.testing.assert_allclose(ratio[34:36][is_near[34:36]], MAX_RATIO, rtol=0.02)
