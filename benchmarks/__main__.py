@@ -29,7 +29,6 @@ BENCHMARKS = {
     "stops": "benchmarks.stops",
     "lifecycle": "benchmarks.lifecycle",
     "localizer_faults": "benchmarks.localizer_faults",
-    "rendering": "benchmarks.rendering",
     "following": "benchmarks.following",
     "long_drive": "benchmarks.long_drive",
     "join": "benchmarks.join",
@@ -39,11 +38,8 @@ BENCHMARKS = {
     "calibration_doubts": "benchmarks.calibration_doubts",
     "stitching": "benchmarks.stitching",
     "mapping_times": "benchmarks.mapping_times",
-    "leg_scale": "benchmarks.leg_scale",
     "range_honesty": "benchmarks.range_honesty",
     "range_classes": "benchmarks.range_classes",
-    "lens_drive": "benchmarks.lens_drive",
-    "lens_rigs": "benchmarks.lens_rigs",
     "pose_graphs": "benchmarks.pose_graphs",
     "outlier_loops": "benchmarks.outlier_loops",
     "pair_registration": "benchmarks.pair_registration",
@@ -65,7 +61,6 @@ BENCHMARKS = {
     "mcl_wrong_map": "benchmarks.mcl_wrong_map",
     "mcl_kidnap": "benchmarks.mcl_kidnap",
     "contradictions": "benchmarks.contradictions",
-    "survey_tiles": "benchmarks.survey_tiles",
     "mcl_cameras": "benchmarks.mcl_cameras",
     "mcl_ramp": "benchmarks.mcl_ramp",
     "mcl_corridor": "benchmarks.mcl_corridor",
@@ -89,7 +84,8 @@ BENCHMARKS = {
 
 def main() -> int:
     """Run what the command line names."""
-    modules = {name: importlib.import_module(path) for name, path in BENCHMARKS.items()}
+    named = [word for word in sys.argv[1:] if word in BENCHMARKS] or list(BENCHMARKS)
+    modules = {name: importlib.import_module(BENCHMARKS[name]) for name in named}
     parser = _parser(modules)
     options = parser.parse_args()
     folders = [name for name in options.names if name not in BENCHMARKS and Path(name).is_dir()]

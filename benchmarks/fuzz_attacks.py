@@ -24,7 +24,6 @@ from mcl_depth.geometry.files import read_geometry
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
 from rig_calibration.boards.board import read_boards
-from sphere_mapping.graph.graph_file import read_graph
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.foreign_rig import read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
@@ -86,7 +85,6 @@ def _readers(samples: Samples) -> Readers:
         "driver": (samples.driver, lambda path: read_driver(str(path))),
         "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
         "boards": (samples.boards, read_boards),
-        "graph": (samples.g2o, read_graph),
         "tum": (samples.tum, read_tum),
         "path": (samples.path_csv, lambda path: read_path(path, params)),
         "plan": (next(path for path in samples.geometry if path.suffix == ".csv"), read_geometry),

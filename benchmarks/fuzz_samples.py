@@ -84,10 +84,6 @@ encodings: {image_raw: [rgb8], depth/image_raw: [16UC1]}
 BOARDS = """a: {size: 8x6, square: 0.03}
 b: {kind: charuco, size: 7x5, square: 0.04, marker: 0.02, dictionary: DICT_4X4_250, first_marker: 0, legacy: false}
 """
-G2O = """VERTEX_SE2 0 0 0 0
-VERTEX_SE2 1 1 0 0.1
-EDGE_SE2 0 1 1 0 0.1 100 0 0 100 0 400
-"""
 PLY = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
 PLAN = """kind,complete_room,x0_m,y0_m,x1_m,y1_m,z_bottom_m,z_top_m
 wall,a,0,0,4,0,0,2.5
@@ -118,7 +114,6 @@ class Samples:
         self.driver = self._text("driver.yaml", DRIVER)
         self.mounting = self._text("mounting.yaml", "{x: 1.0, y: 0.1, z: 1.5, roll: 0.0, pitch: 0.1, yaw: 0.0}\n")
         self.boards = self._text("boards.yaml", BOARDS)
-        self.g2o = self._text("graph.g2o", G2O)
         x = np.linspace(0.0, 6.0, 13)
         self.routes, self.mission = folder / "routes.geojson", folder / "mission.json"
         network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))], "yard")

@@ -28,7 +28,6 @@ from path_follower.routes.mission_file import read_mission
 from path_follower.routes.network_file import read_network
 from path_follower.routes.params import MissionParams
 from rig_calibration.boards.board import read_boards
-from sphere_mapping.graph.graph_file import read_graph
 from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
@@ -137,7 +136,6 @@ def _text_targets(samples: Samples) -> list[Target]:
         "driver": (samples.driver, lambda path: read_driver(str(path))),
         "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
         "boards": (samples.boards, read_boards),
-        "graph": (samples.g2o, read_graph),
         "routes": (samples.routes, read_network),
         "mission": (samples.mission, read_state),
         "image bmp": (samples.bmp, recording.read_image),

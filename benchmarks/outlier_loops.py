@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.mapping.graphs.graph_file import read_graph
+from benchmarks.mapping.graphs.optimum import edge_chi2, optimize
+from benchmarks.mapping.graphs.outliers import loops_of, optimize_robustly
 from benchmarks.pose_graph_worlds import sphere, torus
 from benchmarks.report import Bound, Report, Table
-from sphere_mapping.graph.factors import edge_chi2
-from sphere_mapping.graph.graph_file import read_graph
-from sphere_mapping.graph.optimum import optimize
-from sphere_mapping.graph.outliers import loops_of, optimize_robustly
 from sphere_mapping.graph.pose_graph import PoseGraph
 
 HELP = "false loops among those of public or made pose graphs: chi2 of the true edges beside their optimum"
@@ -82,7 +81,6 @@ def with_false_loops(graph: PoseGraph, share: float, kind: str, seed: int) -> Po
         motions=np.concatenate([graph.motions, graph.motions[chosen]]),
         information=np.concatenate([graph.information, graph.information[chosen]]),
         is_robust=np.zeros(len(graph.ends) + count, np.bool_),
-        lines=np.zeros(0, np.int64),
     )
 
 

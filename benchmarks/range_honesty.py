@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.flatness import REGIONS, fit_regions
 from benchmarks.machine import describe
-from benchmarks.range_worlds import BARE, CLASSES, Scene, make_scene
+from benchmarks.range_worlds import CLASSES, Scene, make_scene
 from benchmarks.real_rigs import room
 from benchmarks.report import Bound, Report, Table
 from sphere_mapping.acquisition.params import MatchParams, StitchParams
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> Report:
     seeds = options.seeds[:1] if options.quick else options.seeds
     bounds, tables = [], []
     for kind in KINDS:
-        found, filled = _rooms(kind, seeds, options)
+        found = _rooms(kind, seeds, options)
         tables.append(_table(f"Rooms seen by a {kind} rig: measured", found))
         whole = sum(found[1:], found[0])
         bounds += [
@@ -68,48 +68,30 @@ def run(options: argparse.Namespace) -> Report:
             Bound(f"{kind}: rms of errors by their sigma", 1.3, float(np.sqrt(whole.squares / whole.num_squares)), ""),
             Bound(f"{kind}: textured, measured right", 0.5, found[0].within_10_percent / found[0].there, "", True),
         ]
-        if sum(one.n for one in filled):
-            tables.append(_table(f"Rooms seen by a {kind} rig: filled by planes", filled))
-            bounds += _bounds_of_filled(kind, filled, found[BARE].there)
     bounds += [Bound(f"noise, blurred by {blur} px: measured", 0.01, _noise(blur), "") for blur in (0.0, 0.7, 1.5)]
     planes, table = _planes(options.range_data)
     bounds, tables = bounds + planes, tables + table
     return Report("range_honesty", tables, bounds, [describe(options.threads), f"rooms {seeds}"])
 
 
-def _bounds_of_filled(kind: str, filled: list[Honesty], num_bare: int) -> list[Bound]:
-    whole = sum(filled[1:], filled[0])
-    return [
-        Bound(f"{kind}: pixels filled by planes off by more than 3 sigma", 0.02, whole.beyond_3_sigma / whole.n, ""),
-        Bound(f"{kind}: pixels filled by planes off by more than 10 %", 0.03, whole.beyond_10_percent / whole.n, ""),
-        Bound(f"{kind}: bare, filled right", 0.5, filled[BARE].within_10_percent / num_bare, "", True),
-    ]
-
-
-def _rooms(kind: str, seeds: list[int], options: argparse.Namespace) -> tuple[list[Honesty], list[Honesty]]:
-    """Return the counts by class of surface, over all rooms, of what is measured and of what is filled."""
+def _rooms(kind: str, seeds: list[int], options: argparse.Namespace) -> list[Honesty]:
+    """Return the counts by class of surface, over all rooms, of what is measured."""
     nothing = Honesty(0, 0, 0, 0, 0, 0.0, 0)
-    total = [nothing] * 2 * len(CLASSES)
+    total = [nothing] * len(CLASSES)
     for seed in seeds:
         scene = make_scene(seed, kind, options.range_width)
         total = [a + b for a, b in zip(total, _counts(scene, options), strict=True)]
-    return total[: len(CLASSES)], total[len(CLASSES) :]
+    return total
 
 
 def _counts(scene: Scene, options: argparse.Namespace) -> list[Honesty]:
-    """Return the counts of what is measured by class, then of what is filled."""
+    """Return the counts of what is measured by class."""
     stitcher = Stitcher(scene.rig, build(StitchParams, {"width": options.range_width}), jobs=options.threads)
     sphere = stitcher.stitch(scene.images).sphere
     assert sphere.range_std_m is not None
     truth, kind = scene.truth(stitcher.whole, stitcher.T_rig_sphere)
     is_there = np.isfinite(truth) & (truth < FAR_M) & (sphere.image > 0).any(axis=-1)
-    is_filled = np.zeros(truth.shape, np.bool_) if sphere.is_filled is None else sphere.is_filled
-    ranges = [np.where(own, sphere.range_m, np.float32(np.nan)) for own in (~is_filled, is_filled)]
-    return [
-        honesty(range_m, sphere.range_std_m, truth, is_there & (kind == k))
-        for range_m in ranges
-        for k in range(len(CLASSES))
-    ]
+    return [honesty(sphere.range_m, sphere.range_std_m, truth, is_there & (kind == k)) for k in range(len(CLASSES))]
 
 
 def honesty(range_m: Plane, std_m: Plane, truth: Plane, keep: NDArray[np.bool_]) -> Honesty:

@@ -365,14 +365,6 @@ def calibrate(env: Environment, results: Results, folder: Path) -> None:
     results.add_file("rig", folder / "rig.yaml")
 
 
-def optimize(env: Environment, results: Results, folder: Path) -> None:
-    """Pose graphs in the plane and in space."""
-    for name in ("intel", "tinyGrid3D", "smallGrid3D"):
-        graph = env.recorded("pose_graphs") / f"{name}.g2o"
-        env.call("optimize", graph, "-o", folder / f"{name}.g2o")
-        results.add_file(name, folder / f"{name}.g2o")
-
-
 def simulator(env: Environment, results: Results, folder: Path) -> None:
     """What the simulator draws and measures, from when every topic is recorded for sure."""
     rig = {"rig.kind": "ring", "rig.size": "96,96", "capture.distance": 0.3}
@@ -395,7 +387,6 @@ CASES: dict[str, Callable[[Environment, Results, Path], None]] = {
     "commands": commands,
     "register": register,
     "calibrate": calibrate,
-    "optimize": optimize,
     "simulator": simulator,
 }
 

@@ -59,26 +59,10 @@ ANCHOR_SIGMA = 1e-6  # m and rad: anchors stay where they are
 ROBUST_WIDTH = 2.0  # standard deviations beyond which a robust edge loses weight (Huber)
 LARGE = 300  # key spheres from which on iSAM2 pays
 RELINEARIZE = 0.003  # m and rad by which a pose moves before it is linearized anew
-MAX_STEPS = {"descent": 100, "certificate": 50, "loop": 10, "gnc": 4}  # all end by themselves before
+MAX_STEPS = {"descent": 100, "loop": 10}  # all end by themselves before
 DESCENT_TOLERANCE = 1e-8  # of the error, between two steps; GTSAM's 1e-5 stops before a slow descent is done
-CERTIFICATE_TOLERANCE = 1e-3  # share of the cost by which a better optimum might be missed
 COST_TOLERANCE = 1e-9  # of the cost: of two steps, the last; of two descents, one place
-DAMPING = (1e-6, 1e6)  # first and last one, share of the mean curvature
 TOO_MUCH = 1e-3  # share of right optima whose sum of squares is larger
-
-# False loops (test_outliers; chosen on smallGrid3D, intel and manhattan, see docs/notes/false_loops.md)
-LOOP_WINDOW = 10  # poses between the ends of two loops that may support each other: their odometry is good
-ALIKE_QUANTILE = 0.2  # of the cycles' errors: of a true loop as long as a fifth of all loops is true and supported
-SUPPORT_RATIO = 3.0  # of that error: supported, as 70 to 85 % of true loops and up to 8 % of false ones
-CORE_RATIO = 4.0  # of the median chi2: the core, from which the limit of true loops follows
-BATCH = 200  # loops at a time of which is found whether the kept ones can bend to them
-BENT_QUANTILE = 0.99  # of the support of kept loops (300 and more), beyond which nothing is bent to another one
-BATCH_SOLVED = 50  # of them at once, so that the right sides of 10,000 poses take 24 MB
-FEW_LOOPS = 20  # below which their residuals say nothing about their scale
-RIGHT_REJECTED = 1e-9  # share of true loops beyond the limit if they were Gaussian
-TAIL_DECADES = 2.0  # in which chi2 may grow as from its 90 to its 99 %: to one loop in 10,000; true ones up to 1.5
-GNC_GROWTH, GNC_ROUNDS = 1.8, 100  # of mu in each round (Yang et al.: 1.4, from first poses); rounds at most
-ADMISSION_ROUNDS = 50  # each admits loops or is the last
 
 # Which way is up at the first sphere (../test_level). Gravity by an IMU: a cheap one is off by 0.1 m/s^2, 0.6 deg.
 GRAVITY = 9.80665  # m/s^2

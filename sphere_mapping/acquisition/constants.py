@@ -163,28 +163,9 @@ HYPOTHESIS_PX = (0.7, 1.25)  # least and largest step of hypotheses, px of the c
 
 # Fusion (range/test_fusion)
 PATCH_PX = 1  # half side of the patch that a LiDAR's point covers
-AGREEMENT_SIGMAS = 3.0  # sources, and pieces of a plane, that differ by more do not see the same: 1 in 370 by chance
+AGREEMENT_SIGMAS = 3.0  # sources that differ by more do not see the same: 1 in 370 by chance
 CONTRADICTION = (3.0, 0.05)  # times the least deviation, share of range: so sure a source, so far off: unknown
 MIN_KNOWN = 0.005  # share with range below which it moves nothing: what is known is right, but far from the most
-
-# Bare planes (range/test_outlines)
-OUTLINE_BLUR_PX, OUTLINE_EDGE = 1.5, 0.8  # before slopes are taken; grey levels per px from which on there is an edge
-MIN_REGION_PX, MIN_UNKNOWN = 150, 0.3  # of a bare region; share of it that is not measured
-AROUND_PX = 4  # from a region: its outline is there
-CELL_PX, HALF_PIECE_PX = 8, 5  # sides of the squares by which an outline is cut; half side of what is matched of each
-PIECES_APART_PX = 6  # between the middles of two pieces
-MIN_EDGE_PIXELS, MIN_ACROSS = 4, 0.5  # of a piece; cosine between a column and the normal of an outline
-# (range/test_planes)
-PLANES_WIDTH = 512  # columns of the whole sphere in which outlines are looked for: finer images tell more of noise
-MAX_ELEVATION = np.radians(75.0)  # above and below: nearer to the poles a row tells little of the range
-MIN_CLEAR = 1.5  # of the least cost elsewhere to that of a match
-MIN_PIECE_STD_PX, MAX_PIECE_STD_PX = 0.15, 0.5  # of a piece: that no slope takes away; by its own slopes
-MAX_LEFT = (1.5, 0.05)  # of the noise, and of the squared contrast, in the difference of a match
-MIN_PIECES, MAX_OFF_SHARE = 8, 0.02  # of a plane; pieces that may be off it
-MAX_LEVERAGE = 0.5  # of a piece: a plane that hangs on one or two was not tried by the others
-FALSE_ALARM = 1e-3  # share of true planes that are refused by the sum of squares
-RELATIVE_STD = 0.02  # of inverse range, of what outlines have in common: calibration, centers, surfaces not quite flat
-MAX_RELATIVE_STD, MAX_DENIED = 0.05, 0.3  # above which nothing is said; of what is measured may contradict a plane
 
 # Lenses of the images (range/test_lens_check)
 INFO_TOLERANCE, MAX_RAYS_DEG = 1e-3, 1.0  # of a focal length, relative; median between rays of one lens's calibrations

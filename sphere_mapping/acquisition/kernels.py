@@ -692,56 +692,6 @@ def recenter(range_m, std_m, owner, offsets, columns, rows, per_m, new_range, ne
                 new_std[v, u] = std_m[row, column]
 
 
-@njit(**OPTIONS)
-def match_outline(top, bottom, places, masks, first, costs, found):
-    """Match N pieces of outlines along the columns by all their pixels, whatever their mean levels.
-
-    top, bottom (H, W) f32; places (N, 2) i4: row and column of the corner of a piece; masks (N, S, S) bool: which
-    pixels it has; disparities from `first` on; costs (D,) f64, spare. found (N, 7) f64: disparity (NaN: none), the
-    least cost (sum of squared differences beside their mean), the least elsewhere (beyond two px), number of pixels,
-    squared slopes along the columns beside their mean, contrast, row at which the slopes are.
-    """
-    height, side = top.shape[0], masks.shape[1]
-    for n in range(places.shape[0]):
-        row, column = places[n, 0], places[n, 1]
-        number, slopes, squares, levels, contrast, rows = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(side):
-            for j in range(side):
-                if masks[n, i, j]:
-                    v, u = row + i, column + j
-                    slope = 0.5 * (top[min(v + 1, height - 1), u] - top[max(v - 1, 0), u])
-                    number, slopes, squares = number + 1, slopes + slope, squares + slope * slope
-                    rows += slope * slope * v
-                    levels, contrast = levels + top[v, u], contrast + top[v, u] * top[v, u]
-        best, least = -1, np.inf
-        for k in range(costs.size):
-            d = first + k
-            costs[k] = np.inf
-            if number == 0 or row - d < 0 or row - d + side > height:
-                continue
-            total, square = 0.0, 0.0
-            for i in range(side):
-                for j in range(side):
-                    off = bottom[row + i - d, column + j] - top[row + i, column + j]
-                    off = off if masks[n, i, j] else np.float32(0.0)
-                    total += off
-                    square += off * off
-            costs[k] = square - total * total / number
-            if costs[k] < least:
-                best, least = k, costs[k]
-        elsewhere = np.inf
-        for k in range(costs.size):
-            if abs(k - best) > 2:
-                elsewhere = min(elsewhere, costs[k])
-        found[n] = np.nan
-        if 0 < best < costs.size - 1 and costs[best - 1] < np.inf and costs[best + 1] < np.inf:
-            bend = costs[best - 1] - 2 * least + costs[best + 1]
-            share = 0.5 * (costs[best - 1] - costs[best + 1]) / bend if bend > 0 else 0.0
-            found[n, 0], found[n, 1], found[n, 2], found[n, 3] = first + best + share, least, elsewhere, number
-            found[n, 4], found[n, 5] = squares - slopes * slopes / number, contrast - levels * levels / number
-            found[n, 6] = rows / max(squares, 1e-9)
-
-
 @njit(cache=True, nogil=True, parallel=True)
 def sample_inverse_depth(inverse, u, v, max_step, sampled):
     """Sample inverse (H, W) f32 at pixels u, v (N,) f32 into sampled (N,) f32, never mixing across a depth edge.
@@ -829,8 +779,6 @@ def warm_up() -> None:
     splat_with_std(line, line, line, line, 0, True, plane.copy(), plane.copy())
     sources = np.ones((1, 4, 4), np.float32)
     fuse(sources, sources, np.float32(3.0), np.float32(3.0), np.float32(0.1), out, out.copy())
-    at, pieces = np.zeros((1, 2), np.int32), np.zeros((1, 7))
-    match_outline(plane, plane, at, np.ones((1, 2, 2), np.bool_), 0, np.zeros(4), pieces)
     unit, owner = np.zeros((2, 4), np.float32), np.zeros((4, 4), np.int8)
     recenter(plane, plane, owner, np.zeros((1, 3), np.float32), unit, unit, np.float32(0.1), out, out.copy())
     small, pixel = np.ones((2, 2), np.float32), np.zeros(1, np.float32)

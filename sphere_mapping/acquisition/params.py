@@ -45,9 +45,6 @@ class StitchParams:
     range: str = param(
         "stereo", "stereo: between cameras that have a baseline; none: image only", choices=("stereo", "none")
     )
-    has_planes: bool = param(
-        True, "vertical rigs: range of bare regions whose outline lies on one plane; marked, not measured"
-    )
     blend: BlendParams = group(BlendParams)
     match: MatchParams = group(MatchParams)
     fusion: FusionParams = group(FusionParams)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array
-from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import splu
 
 from sphere_mapping.graph.pose_graph import PoseGraph
@@ -42,29 +41,6 @@ def chordal_poses(graph: PoseGraph) -> Array:
     axes = X[:, is_axis].reshape(d, count, d).swapaxes(0, 1)
     X[:, is_axis] = nearest_rotations(axes).swapaxes(0, 1).reshape(d, -1)
     return as_poses(_complete(M, X, is_axis | is_anchored), d)
-
-
-def spanning_poses(graph: PoseGraph) -> Array:
-    """Return poses (N, d + 1, d + 1) chained from the anchors along as few edges as possible, in the files' order."""
-    count, poses = len(graph.ids), graph.poses.copy()
-    # an edge between neighbors in the file, the odometry, comes first where an end has several
-    edge_of = {}
-    for k in np.argsort(-np.abs(np.diff(graph.ends, axis=1)[:, 0]), kind="stable"):
-        a, b = graph.ends[k]
-        edge_of[a, b], edge_of[b, a] = graph.motions[k], np.linalg.inv(graph.motions[k])
-    a, b = graph.ends.T
-    joined = coo_array((np.ones(len(a)), (a, b)), shape=(count, count)).tocsr()
-    for anchor in graph.anchors:
-        order, before = breadth_first_order(joined, anchor, directed=False)
-        for row in order[1:]:
-            poses[row] = poses[before[row]] @ edge_of[before[row], row]
-    return poses
-
-
-def as_rows(poses: Array) -> Array:
-    """Return X (d, (d + 1) N) of poses (N, d + 1, d + 1)."""
-    d = poses.shape[-1] - 1
-    return poses[:, :d].swapaxes(0, 1).reshape(d, -1)
 
 
 def as_poses(X: Array, d: int) -> Array:

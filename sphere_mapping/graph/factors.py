@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.linalg import splu
 
-from sphere_mapping.constants import ANCHOR_SIGMA, BATCH_SOLVED, DESCENT_TOLERANCE, MAX_STEPS, ROBUST_WIDTH
+from sphere_mapping.constants import ANCHOR_SIGMA, DESCENT_TOLERANCE, MAX_STEPS, ROBUST_WIDTH
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry.arrays import Array
 
@@ -68,59 +65,20 @@ def factors_of(graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
 
 def chi2_of(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array) -> float:
     """Return the weighted sum of squares at some poses; GTSAM's error is half of it."""
-    return float(2.0 * factors.error(_values(graph, poses)))
-
-
-def edge_chi2(graph: PoseGraph, poses: Array) -> Array:
-    """Return the weighted square (M,) of each edge at poses (N, d + 1, d + 1), robust kernels left aside."""
-    factors = factors_of(replace(graph, is_robust=np.zeros(len(graph.ends), np.bool_)))
-    values = _values(graph, poses)
-    return np.array([2.0 * factors.at(k).error(values) for k in range(len(graph.ends))])
-
-
-def innovations(kept: PoseGraph, tried: PoseGraph, poses: Array, limit: float = np.inf) -> Array:
-    """Return by how much (K,) each edge tried would add to chi2 if it alone joined the kept ones at their optimum.
-
-    r' (1 + J P J')^-1 r: r the edge's whitened error, J its derivative, P the joint covariance of its two poses. It is
-    at least (r' r)^2 / (r' r + r' J P J' r) (Cauchy-Schwarz), which takes one solution of the sparse system instead of
-    six; where that is above the limit already, it is returned.
-    """
-    values, size, count = _values(kept, poses), TANGENT_SIZE[kept.dimension], len(tried.ends)
-    system = _anchored(factors_of(kept), kept, poses).linearize(values).sparseJacobian_()
-    rows, columns = (index.astype(np.int64) - 1 for index in system[:2])
-    A = coo_array((system[2], (rows, columns))).tocsc()[:, : size * len(kept.ids)]  # the last column is the error
-    information = splu(
-        csc_array(A.T @ A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
-    edges = factors_of(tried).linearize(values)
-    jacobians, errors = zip(*(edges.at(k).jacobian() for k in range(count)), strict=True) if count else ((), ())
-    J, r = np.array(jacobians).reshape(count, size, 2 * size), np.array(errors).reshape(count, size)
-    places = np.repeat(tried.ends * size, size, axis=1) + np.tile(np.arange(size), 2)  # (K, 2 p) unknowns of the ends
-    square, found = np.sum(r * r, axis=1), np.empty(count)
-    for first in range(0, count, BATCH_SOLVED):
-        own = np.arange(first, min(first + BATCH_SOLVED, count))
-        gradients, right = np.einsum("kij,ki->kj", J[own], r[own]), np.zeros((size * len(kept.ids), len(own)))
-        right[places[own], np.arange(len(own))[:, None]] = gradients
-        spread = np.einsum("kj,kj->k", gradients, information.solve(right)[places[own], np.arange(len(own))[:, None]])
-        found[own] = square[own] ** 2 / np.maximum(square[own] + spread, np.finfo(float).tiny)
-    for k in np.flatnonzero(found <= limit):
-        right = np.zeros((size * len(kept.ids), size))
-        right[places[k]] = J[k].T
-        found[k] = r[k] @ np.linalg.solve(np.eye(size) + J[k] @ information.solve(right)[places[k]], r[k])
-    return found
+    return float(2.0 * factors.error(values_of(graph, poses)))
 
 
 def minimize_poses(
     factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array, max_steps: int = MAX_STEPS["descent"]
 ) -> DescentResult | None:
     """Return where Levenberg-Marquardt ends from these poses, None where it breaks down."""
-    kind, anchored = KINDS[graph.dimension], _anchored(factors, graph, poses)
+    kind, anchored = KINDS[graph.dimension], placed_factors(factors, graph, poses)
     settings = gtsam.LevenbergMarquardtParams()
     settings.setMaxIterations(max_steps)
     settings.setRelativeErrorTol(DESCENT_TOLERANCE)
     settings.setAbsoluteErrorTol(0.0)
     try:
-        optimizer = gtsam.LevenbergMarquardtOptimizer(anchored, _values(graph, poses), settings)
+        optimizer = gtsam.LevenbergMarquardtOptimizer(anchored, values_of(graph, poses), settings)
         values = optimizer.optimize()
     except RuntimeError:  # an indeterminate system: the start was hopeless
         return None
@@ -129,7 +87,8 @@ def minimize_poses(
     return DescentResult(found, chi2, int(optimizer.iterations())) if np.isfinite(chi2) else None
 
 
-def _anchored(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array) -> gtsam.NonlinearFactorGraph:
+def placed_factors(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array) -> gtsam.NonlinearFactorGraph:
+    """Return the factors and those that hold the anchors where they are."""
     kind, size = KINDS[graph.dimension], TANGENT_SIZE[graph.dimension]
     anchored = gtsam.NonlinearFactorGraph(factors)
     noise = gtsam.noiseModel.Isotropic.Sigma(size, ANCHOR_SIGMA)
@@ -138,7 +97,8 @@ def _anchored(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Arra
     return anchored
 
 
-def _values(graph: PoseGraph, poses: Array) -> gtsam.Values:
+def values_of(graph: PoseGraph, poses: Array) -> gtsam.Values:
+    """Return the poses as GTSAM has them."""
     values, kind = gtsam.Values(), KINDS[graph.dimension]
     for row, pose in enumerate(poses):
         values.insert(row, kind.pose(pose))

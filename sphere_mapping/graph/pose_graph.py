@@ -1,8 +1,8 @@
-"""Poses joined by measured motions, as arrays: what is optimized, whether it came from a map or from a file."""
+"""Poses joined by measured motions, as arrays: what is optimized, as a map has them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -27,8 +27,6 @@ class PoseGraph:
     motions: (M, d + 1, d + 1) T_a_b as measured.
     information: (M, p, p) of xi in T_a_b exp(xi), xi = (v, omega); p = 3 in the plane, 6 in space.
     is_robust: (M,) edges that lose weight where they fit badly.
-    fixed: rows of poses that stay where they are, at most one of every connected part.
-    lines: (M,) lines of the file that the edges stand in, from 1; empty where they come from no file.
     """
 
     ids: NDArray[np.int64]
@@ -37,8 +35,6 @@ class PoseGraph:
     motions: Array
     information: Array
     is_robust: NDArray[np.bool_]
-    fixed: tuple[int, ...] = ()
-    lines: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def dimension(self) -> int:
@@ -47,17 +43,11 @@ class PoseGraph:
 
     @cached_property
     def anchors(self) -> NDArray[np.int64]:
-        """Rows (C,) of the poses that stay where they are: the fixed one of every connected part, else its first."""
+        """Rows (C,) of the poses that stay where they are: the first one of every connected part."""
         a, b = self.ends.T
         joined = coo_array((np.ones(len(a)), (a, b)), shape=(len(self.ids), len(self.ids)))
         _, parts = connected_components(joined, directed=False)
-        rows = np.unique(parts, return_index=True)[1].astype(np.int64)
-        for row in self.fixed:
-            if rows[parts[row]] in self.fixed and rows[parts[row]] < row:
-                both = f"{self.ids[rows[parts[row]]]} and {self.ids[row]}"
-                raise ValueError(f"FIX: expected one vertex of a connected part, found {both}: joined by edges")
-            rows[parts[row]] = row
-        return rows
+        return np.unique(parts, return_index=True)[1].astype(np.int64)
 
     @cached_property
     def precisions(self) -> tuple[Array, Array]:

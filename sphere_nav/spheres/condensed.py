@@ -14,10 +14,9 @@ from sphere_nav.spheres.sphere import Sphere, to_gray_bytes
 def condensed_sphere(sphere: Sphere) -> Sphere:
     """Return the sphere in grey, its range and the deviation of it rounded to multiples of their codes."""
     codes = range_codec.coarse_ranges(range_codec.encode_ranges(sphere.range_m), CONDENSED_RANGE)
-    range_m, range_std_m, is_filled = range_codec.decode_ranges(codes), None, None
+    range_m, range_std_m = range_codec.decode_ranges(codes), None
     if sphere.range_std_m is not None:
-        ratios = range_codec.encode_deviation(sphere.range_std_m, range_m, sphere.is_filled)
+        ratios = range_codec.encode_deviation(sphere.range_std_m, range_m)
         ratios = range_codec.coarse_deviation(ratios, CONDENSED_DEVIATION)
         range_std_m = range_codec.decode_deviation(ratios, range_m)
-        is_filled = range_codec.decode_filled(ratios)
-    return Sphere(to_gray_bytes(sphere.image), range_m, sphere.camera, sphere.stamp_ns, range_std_m, is_filled)
+    return Sphere(to_gray_bytes(sphere.image), range_m, sphere.camera, sphere.stamp_ns, range_std_m)

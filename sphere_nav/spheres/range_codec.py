@@ -2,8 +2,7 @@
 
 Code 0 is NaN (not measured), 65535 is +Inf (known to be far), 1...65534 are 0.01 m ... 10 km in equal ratios of
 0.021 %, so that a decoded range is within 0.0108 % of the encoded one. Its standard deviation as 8 bit of the ratio to
-it: code 0 is NaN, 1...223 are 0.01 % ... 31 % in equal ratios of 3.7 %; where the range was not measured but filled,
-224...255 are 0.5 % ... 31 % in equal ratios of 14 %.
+it: code 0 is NaN, 1...223 are 0.01 % ... 31 % in equal ratios of 3.7 %; more is 31 %.
 """
 
 from __future__ import annotations
@@ -22,9 +21,8 @@ NUM_STEPS = CODE_INF - 2
 STEP = np.log(MAX_RANGE / MIN_RANGE) / NUM_STEPS
 BLOCK = 1 << 16  # codes that are decoded at once
 MIN_RATIO, RATIO_STEP = 1e-4, np.log(1e4) / 254  # of a deviation to its range
-FIRST_FILLED = 224  # code of a range that was filled
-MAX_RATIO = MIN_RATIO * np.exp(RATIO_STEP * (FIRST_FILLED - 2))
-MIN_FILLED, FILLED_STEP = 5e-3, np.log(MAX_RATIO / 5e-3) / (255 - FIRST_FILLED)
+LAST_RATIO = 223  # code of the largest ratio
+MAX_RATIO = MIN_RATIO * np.exp(RATIO_STEP * (LAST_RATIO - 1))
 
 
 def encode_ranges(range_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
@@ -56,32 +54,23 @@ def coarse_ranges(codes: NDArray[np.uint16], steps: int) -> NDArray[np.uint16]:
     return np.where((codes == CODE_NAN) | (codes == CODE_INF), codes, multiples).astype(np.uint16)
 
 
-def encode_deviation(
-    range_std_m: NDArray[np.floating[Any]],
-    range_m: NDArray[np.floating[Any]],
-    is_filled: NDArray[np.bool_] | None = None,
-) -> NDArray[np.uint8]:
+def encode_deviation(range_std_m: NDArray[np.floating[Any]], range_m: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
     """Return the codes of standard deviations by their ratio to the range, both in metres and of one shape.
 
-    is_filled: which ranges were not measured, of that shape. Ratios beyond the scale are its ends; where the range is
-    not finite nothing is said.
+    Ratios beyond the scale are its ends; where the range is not finite nothing is said.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.asarray(range_std_m, dtype=np.float32) / np.asarray(range_m, dtype=np.float32)
         steps = np.log(ratio * np.float32(1 / MIN_RATIO)) * np.float32(1 / RATIO_STEP)
     is_known = (ratio > 0) & np.isfinite(ratio)
-    codes = np.where(is_known, np.clip(np.rint(steps) + np.float32(1.0), 1, FIRST_FILLED - 1), CODE_NAN)
-    if is_filled is not None:
-        marked = is_filled & is_known
-        steps = np.log(ratio[marked] / np.float32(MIN_FILLED)) * np.float32(1 / FILLED_STEP)
-        codes[marked] = np.clip(np.rint(steps) + np.float32(FIRST_FILLED), FIRST_FILLED, 255)
+    codes = np.where(is_known, np.clip(np.rint(steps) + np.float32(1.0), 1, LAST_RATIO), CODE_NAN)
     return codes.astype(np.uint8)
 
 
 def coarse_deviation(codes: NDArray[np.uint8], steps: int) -> NDArray[np.uint8]:
-    """Return codes of deviations, one for each run of some steps; those of filled ranges, coarse already, stay."""
-    measured = np.minimum((codes - 1) // steps * steps + 1 + steps // 2, FIRST_FILLED - 1)
-    return np.where((codes == CODE_NAN) | (codes >= FIRST_FILLED), codes, measured).astype(np.uint8)
+    """Return codes of deviations, one for each run of some steps."""
+    measured = np.minimum((codes - 1) // steps * steps + 1 + steps // 2, LAST_RATIO)
+    return np.where(codes == CODE_NAN, codes, measured).astype(np.uint8)
 
 
 def decode_deviation(codes: NDArray[np.uint8], range_m: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -93,18 +82,10 @@ def decode_deviation(codes: NDArray[np.uint8], range_m: NDArray[np.float32]) -> 
     return deviation
 
 
-def decode_filled(codes: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
-    """Return which ranges were not measured but filled, of the shape of the codes; None where all were measured."""
-    is_filled: NDArray[np.bool_] = codes >= FIRST_FILLED
-    return is_filled if is_filled.any() else None
-
-
 @cache
 def _ratios() -> NDArray[np.float32]:
     codes = np.arange(256)
-    measured = MIN_RATIO * np.exp(RATIO_STEP * (codes - 1.0))
-    filled = MIN_FILLED * np.exp(FILLED_STEP * (codes - float(FIRST_FILLED)))
-    table = np.where(codes < FIRST_FILLED, measured, filled).astype(np.float32)
+    table = (MIN_RATIO * np.exp(RATIO_STEP * (np.minimum(codes, LAST_RATIO) - 1.0))).astype(np.float32)
     table[CODE_NAN] = np.nan
     return table
 

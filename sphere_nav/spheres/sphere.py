@@ -30,7 +30,6 @@ class Sphere:
     image: (H, W) grey or (H, W, 3) RGB, uint8; 0 where no camera saw.
     range_m: (H, W) float32, metres along the ray; NaN = not measured, +Inf = known to be far.
     range_std_m: (H, W) float32, standard deviation of the range in metres, where the sensor offers one.
-    is_filled: (H, W) bool, which ranges were not measured but follow from what is around them; None: no such range.
     """
 
     image: Image
@@ -38,15 +37,12 @@ class Sphere:
     camera: Spherical
     stamp_ns: int = 0
     range_std_m: Range | None = None
-    is_filled: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         check_sphere_image(self.image, self.camera, "sphere image")
         _check_plane(self.range_m, self.camera, "sphere range")
         if self.range_std_m is not None:
             _check_plane(self.range_std_m, self.camera, "sphere range std")
-        if self.is_filled is not None and (self.is_filled.shape != self.range_m.shape or self.range_std_m is None):
-            raise ValueError("sphere is_filled: expected the size of the range, and its deviation beside it")
         if not isinstance(self.stamp_ns, int):
             raise ValueError(f"sphere stamp: expected integer nanoseconds, found {self.stamp_ns!r}")
 

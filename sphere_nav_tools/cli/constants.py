@@ -1,7 +1,7 @@
 """Numbers that commands depend on and nobody would set: unit, origin, and the test that pins each group.
 
-Tests are named below test/sphere_nav_tools/cli/. What an experiment does and is judged by stands at its head; sizes of
-what is drawn stand where it is drawn.
+Tests are named below test/sphere_nav_tools/cli/. Sizes of what is drawn stand where it is
+drawn.
 """
 
 # The page of an operator (operate/test_link, operate/test_page, operate/test_words)

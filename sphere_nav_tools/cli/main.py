@@ -35,7 +35,6 @@ COMMANDS = (
     Subcommand("calibrate", "calibrate", "find the parameters of a rig of cameras from images of a board"),
     Subcommand("rig-convert", "rig_convert", "turn a file of Kalibr, basalt, OpenCV or OCamCalib into a rig file"),
     Subcommand("register", "register", "align two spheres, RGB-D images or stereo pairs"),
-    Subcommand("optimize", "optimize", "optimise a pose graph"),
     Subcommand("inspect", "bags.inspect_", "tell what a bag offers, and what to type"),
     Subcommand("map", "maps.map", "make a map of key spheres from a bag"),
     Subcommand("localize", "localize", "find the camera of a bag in a map"),
@@ -56,7 +55,6 @@ COMMANDS = (
     Subcommand("keystore", "keystore", "make the keys of nodes that belong together (SROS2)"),
     Subcommand("operate", "operate.operate", "an operator's page: teach, drive, pause, stop, see why it stands"),
     Subcommand("demo", "demo.demo", "teach, map and drive a loop in the simulator"),
-    Subcommand("experiment", "experiment.experiment", "repeat a drive or a figure of the papers in the simulator"),
 )
 
 

@@ -113,15 +113,15 @@ def test_a_case_without_its_data_is_skipped_and_one_that_fails_says_so(tmp_path)
     env.mkdir(parents=True)
     (env / "sphere_nav").write_text("#!/bin/sh\necho first >&2\necho the last line >&2\nexit 2\n", encoding="utf-8")
     (env / "sphere_nav").chmod(0o755)
-    for name in ("data/pose_graphs", "inputs"):
+    for name in ("data/checkerboard/opencv_stereo", "inputs"):
         (tmp_path / name).mkdir(parents=True)
     words = ["--inputs", str(tmp_path / "inputs"), "--data", str(tmp_path / "data"), "-o", str(tmp_path / "found.json")]
     assert compare_results.main(["record", str(env.parent), *words, "--only", "kitchen"]) == 0
     found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
     assert found["cases"]["kitchen"]["skipped"] == "no folder rgbd/redkitchen in the recorded data"
-    assert compare_results.main(["record", str(env.parent), *words, "--only", "optimize"]) == 1
+    assert compare_results.main(["record", str(env.parent), *words, "--only", "calibrate"]) == 1
     found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
-    assert found["cases"]["optimize"]["failed"].endswith("status 2: the last line")
+    assert found["cases"]["calibrate"]["failed"].endswith("status 2: the last line")
 
 
 def test_times_are_left_out_of_json():

@@ -26,28 +26,20 @@ Ranged = tuple[Plane, Plane]  # range and its standard deviation (H, W) in m; Na
 
 @dataclass(frozen=True, eq=False)
 class StereoRange:
-    """What the images of a rig say about range: measured, of bare planes, and the bottom sphere of a vertical rig."""
+    """What the images of a rig say about range: what is measured, and the bottom sphere of a vertical rig."""
 
     measured: list[Ranged] = field(default_factory=list)
-    planes: Ranged | None = None
     bottom: Image | None = None
 
 
-def join_sources(sources: Sequence[Ranged], planes: Ranged | None, whole: Spherical) -> tuple[Ranged, Flags | None]:
-    """Return range and deviation (H, W) of all sources, bare planes where they know nothing; and where that is."""
-    shape = (whole.height, whole.width)
-    unknown = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
-    ranged = fuse_sources(sources) if sources else unknown
-    return ranged, None if planes is None else fill_unknown(ranged, planes)
+def fuse_sources(sources: Sequence[Ranged], whole: Spherical) -> Ranged:
+    """Return the mean (H, W) by inverse variance of what agrees with the surest source of each pixel.
 
-
-def fuse_sources(sources: Sequence[Ranged]) -> Ranged:
-    """Return the mean by inverse variance of what agrees with the surest source of each pixel.
-
-    Where others, about as sure, contradict it, nothing is known.
+    Where others, about as sure, contradict it, nothing is known; nor without a source.
     """
     if not sources:
-        raise ValueError("range: expected at least one source, found none")
+        shape = (whole.height, whole.width)
+        return np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
     if len(sources) == 1:
         return sources[0]
     ranges, stds = (np.stack([source[k] for source in sources]) for k in range(2))
@@ -55,14 +47,6 @@ def fuse_sources(sources: Sequence[Ranged]) -> Ranged:
     range_m, std_m = np.empty_like(ranges[0]), np.empty_like(stds[0])
     fuse(ranges, stds, *limits, range_m, std_m)
     return range_m, std_m
-
-
-def fill_unknown(ranged: Ranged, planes: Ranged) -> Flags:
-    """Put other ranges and deviations (H, W) where none are known; return where."""
-    is_filled = np.isnan(ranged[0]) & ~np.isnan(planes[0])
-    for values, others in zip(ranged, planes, strict=True):
-        values[is_filled] = others[is_filled]
-    return is_filled
 
 
 def inverse_range(range_m: Plane, is_covered: Flags) -> Plane | None:

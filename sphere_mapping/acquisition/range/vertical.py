@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,6 @@ from sphere_mapping.acquisition.range.epipolar import (
 )
 from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange, inverse_range
 from sphere_mapping.acquisition.range.matching import match_columns
-from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
 from sphere_mapping.acquisition.range.semi_global import check_order, in_threads
 from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.layouts import MAX_LAYOUTS, Layouts
@@ -28,6 +28,14 @@ from sphere_mapping.acquisition.stitching.views import Layout
 
 Image = NDArray[np.uint8]
 LEVELS = ("top", "bottom")
+
+
+class Baseline(NamedTuple):
+    """What `epipolar.correct_baseline` takes: error (H, W) and shrink (H, W) of the baseline, 1/m of the joining."""
+
+    error: NDArray[np.float32]
+    shrink: NDArray[np.float32]
+    per_m: float
 
 
 class VerticalStereo:
@@ -38,7 +46,7 @@ class VerticalStereo:
     def __init__(self, layouts: Layouts, params: StitchParams, jobs: int) -> None:
         self._layouts, self._params, self._jobs = layouts, params, jobs
         self._search = disparities_of_ranges(layouts.whole, layouts.baseline_m, params.match)
-        self._kept: Callable[[tuple[str, ...]], Viewpoints] = lru_cache(MAX_LAYOUTS)(self._find_viewpoints)
+        self._kept: Callable[[tuple[str, ...]], Baseline] = lru_cache(MAX_LAYOUTS)(self._find_baseline)
         self.is_checked = False
 
     def find(self, grays: Mapping[str, Image]) -> StereoRange:
@@ -47,14 +55,13 @@ class VerticalStereo:
             return StereoRange()
         layouts = [self._layouts.of(level, tuple(grays)) for level in LEVELS]
         top, bottom = self.draw(layouts, grays)
-        ranged, viewpoints = self._measure(layouts, top, bottom), self._kept(tuple(grays))
-        correct_baseline(*ranged, viewpoints.baseline_error, viewpoints.shrink, viewpoints.per_m)
-        planes = self._fit_planes(layouts, top, bottom, ranged, viewpoints)
-        ranged, planes = _to_common_center(ranged, planes, layouts[0], viewpoints.per_m)
+        ranged, baseline = self._measure(layouts, top, bottom), self._kept(tuple(grays))
+        correct_baseline(*ranged, *baseline)
+        ranged = to_common_center(*ranged, layouts[0], baseline.per_m)
         for _ in range(self._params.blend.num_passes - 1):
             top, bottom = self.draw(layouts, grays, ranged[0])
             ranged = self._measure(layouts, top, bottom)
-        return StereoRange([ranged], planes, bottom)
+        return StereoRange([ranged], bottom)
 
     def draw(
         self, layouts: Sequence[Layout], grays: Mapping[str, Image], range_m: NDArray[np.float32] | None = None
@@ -78,37 +85,9 @@ class VerticalStereo:
         disparity = match_columns(top, bottom, self._search, match, is_usable, self._jobs)
         return range_from_disparity(disparity, self._layouts.whole, self._layouts.baseline_m, match)
 
-    def _fit_planes(
-        self, layouts: Sequence[Layout], top: Image, bottom: Image, ranged: Ranged, viewpoints: Viewpoints
-    ) -> Ranged | None:
-        """Return the range of bare planes from the cameras' own centres, None where it is not wanted."""
-        if not self._params.has_planes:
-            return None
-        is_usable = layouts[0].is_covered & layouts[1].is_covered
-        return range_of_planes(top, bottom, ranged, is_usable, viewpoints, self._search, self._params.match)
-
-    def _find_viewpoints(self, present: tuple[str, ...]) -> Viewpoints:
-        """Return from where each pixel is seen, and what the cameras present change in its baseline."""
+    def _find_baseline(self, present: tuple[str, ...]) -> Baseline:
+        """Return what the cameras present change in the baseline of each pixel."""
         layouts = [self._layouts.of(level, present) for level in LEVELS]
         baseline_m, distance_m = self._layouts.baseline_m, self._params.blend.distance_m
         error, per_m = baseline_error(layouts, baseline_m), 1.0 / distance_m if distance_m else 0.0
-        shrink = 1.0 / (1.0 + joined_share(layouts[0], per_m))
-        return Viewpoints(baseline_m, layouts[0].owner, layouts[0].centers, error, shrink, per_m)
-
-
-def _to_common_center(
-    ranged: Ranged, planes: Ranged | None, layout: Layout, per_m: float
-) -> tuple[Ranged, Ranged | None]:
-    """Return what is measured, and what planes say elsewhere, as from the sphere's centre."""
-    if planes is None:
-        return to_common_center(*ranged, layout, per_m), None
-    is_filled = np.flatnonzero(~np.isnan(planes[0]))
-    for values, others, sign in zip(ranged, planes, (1.0, -1.0), strict=True):
-        np.put(values, is_filled, np.float32(sign) * others.take(is_filled))  # the minus sign takes the mark along
-    measured = to_common_center(*ranged, layout, per_m)
-    is_filled = np.flatnonzero(measured[1] < 0)
-    filled = np.full_like(measured[0], np.nan), np.full_like(measured[1], np.nan)
-    for values, others, sign in zip(filled, measured, (1.0, -1.0), strict=True):
-        np.put(values, is_filled, np.float32(sign) * others.take(is_filled))
-        np.put(others, is_filled, np.float32(np.nan))
-    return measured, filled
+        return Baseline(error, 1.0 / (1.0 + joined_share(layouts[0], per_m)), per_m)

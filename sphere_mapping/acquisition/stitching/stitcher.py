@@ -20,8 +20,8 @@ from sphere_mapping.acquisition.params import RectifyParams, StitchParams
 from sphere_mapping.acquisition.range.fusion import (
     Ranged,
     StereoRange,
+    fuse_sources,
     inverse_range,
-    join_sources,
     range_from_cloud,
     range_from_depth,
 )
@@ -85,14 +85,13 @@ class Stitcher:
         equal, gains = self.equalize(images)
         stereo = self._find_range(equal)
         sources = [*stereo.measured, *self._project_depths(depths or {}), *self._project_points(points_rig)]
-        (range_m, std_m), is_filled = join_sources(sources, stereo.planes, self.whole)
+        range_m, std_m = fuse_sources(sources, self.whole)
         layout = self.layouts.of("top" if self.rig.is_vertical else "", tuple(equal))
         image = blend(layout, equal, inverse_range(range_m, layout.is_covered))
         range_m[~layout.is_covered] = np.nan
         std_m[~np.isfinite(range_m)] = np.nan
-        is_filled = None if is_filled is None else is_filled & layout.is_covered
         missing = tuple(name for name in self.rig.names if name not in equal)
-        return Stitched(Sphere(image, range_m, self.whole, stamp_ns, std_m, is_filled), stereo.bottom, missing, gains)
+        return Stitched(Sphere(image, range_m, self.whole, stamp_ns, std_m), stereo.bottom, missing, gains)
 
     def equalize(self, images: Mapping[str, Image]) -> tuple[dict[str, Image], dict[str, Array]]:
         """Return the checked images with their exposures made equal, in the order of the rig, and the gains."""

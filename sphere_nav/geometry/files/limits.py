@@ -6,7 +6,6 @@ One table for all readers; `cameras/camera.py` bounds images, `untrusted.py` tex
 from __future__ import annotations
 
 LIMITS = {
-    "pose graph": 1 << 30,  # bytes of a file
     "image file": 1 << 28,  # bytes
     "cloud": 1 << 28,  # bytes of a message
     "sphere": 1 << 25,  # pixels: 8192 x 4096

@@ -69,8 +69,8 @@ def message_to_sphere(message: AugmentedSphere, *, is_gray: bool = False) -> Sph
     range_m = _decode_range(message.range, message.range_encoding, shape)
     if is_gray:
         return Sphere(image, range_m, camera, stamp_ns(message))
-    deviation, is_filled = _decode_deviation(message, range_m) if message.range_deviation_encoding else (None, None)
-    return Sphere(image, range_m, camera, stamp_ns(message), deviation, is_filled)
+    deviation = _decode_deviation(message, range_m) if message.range_deviation_encoding else None
+    return Sphere(image, range_m, camera, stamp_ns(message), deviation)
 
 
 def camera_to_sphere_info(camera: Spherical, frame_id: str) -> SphereInfo:
@@ -149,9 +149,8 @@ def _encode_range(range_m: NDArray[np.float32], encoding: str) -> Any:
 def _encode_deviation(sphere: Sphere, encoding: str) -> Any:
     assert sphere.range_std_m is not None
     if encoding == AugmentedSphere.RANGE_32FC1:
-        sign = 1.0 if sphere.is_filled is None else np.where(sphere.is_filled, -1.0, 1.0)
-        return to_bytes(np.asarray(sign * sphere.range_std_m, dtype="<f4"))
-    return _compress(range_codec.encode_deviation(sphere.range_std_m, sphere.range_m, sphere.is_filled), encoding)
+        return to_bytes(np.asarray(sphere.range_std_m, dtype="<f4"))
+    return _compress(range_codec.encode_deviation(sphere.range_std_m, sphere.range_m), encoding)
 
 
 def _compress(codes: NDArray[Any], encoding: str) -> Any:
@@ -172,18 +171,14 @@ def _decode_range(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[n
     return range_codec.decode_ranges(_decode_codes(data, encoding, shape, "<u2", "range").astype(np.uint16, copy=False))
 
 
-def _decode_deviation(
-    message: AugmentedSphere, range_m: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:
-    """Return the deviation, and which ranges were filled, None where all were measured."""
+def _decode_deviation(message: AugmentedSphere, range_m: NDArray[np.float32]) -> NDArray[np.float32]:
     data, encoding, name = message.range_deviation, message.range_deviation_encoding, "range_deviation"
     if encoding == AugmentedSphere.RANGE_32FC1:
-        values = _floats(data, range_m.shape, name)
-        return _known(np.abs(values)), values < 0 if (values < 0).any() else None
+        return _known(_floats(data, range_m.shape, name))
     if encoding not in DEVIATION_OF_RANGE.values():
         raise ValueError(f"{name}_encoding: expected {', '.join(DEVIATION_OF_RANGE.values())}, found {encoding!r}")
     codes = _decode_codes(data, encoding, (range_m.shape[0], range_m.shape[1]), "u1", name).astype(np.uint8, copy=False)
-    return range_codec.decode_deviation(codes, range_m), range_codec.decode_filled(codes)
+    return range_codec.decode_deviation(codes, range_m)
 
 
 def _known(values: NDArray[np.float32]) -> NDArray[np.float32]:

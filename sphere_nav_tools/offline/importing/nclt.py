@@ -35,7 +35,7 @@ T_BASE_BODY = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # its bod
 POINT = np.dtype([("place", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])  # of a file of velodyne_sync
 MAX_TRUTH_GAP_NS = 200_000_000  # between two true poses with an image between them; they come at 100 Hz
 BORDER_PX = 15  # of the mask: what the table reaches, less the blur of the edge
-MAX_TABLE_BYTES = LIMITS["pose graph"]  # 2 million lines of a table of undistortion
+MAX_TABLE_BYTES = 1 << 30  # 2 million lines of a table of undistortion
 
 
 class Undistorted(Folder):

@@ -10,7 +10,7 @@ from sphere_nav.spheres.sphere import Sphere, to_gray_bytes
 
 
 def sphere():
-    """Return a sphere in colour with measured, filled, far and unknown ranges."""
+    """Return a sphere in colour with measured, far and unknown ranges."""
     rng = np.random.default_rng(5)
     camera = Spherical(64, 32, 64.0)
     image = rng.integers(1, 256, (camera.height, camera.width, 3), np.uint8)
@@ -18,8 +18,7 @@ def sphere():
     range_m[0], range_m[1, :9], range_m[2, 3] = np.nan, np.inf, 0.01
     std_m = (range_m * rng.uniform(0.002, 0.1, range_m.shape)).astype(np.float32)
     std_m[~np.isfinite(range_m)] = np.nan
-    is_filled = np.isfinite(range_m) & (rng.uniform(size=range_m.shape) < 0.2)
-    return Sphere(image, range_m, camera, 7, std_m, is_filled)
+    return Sphere(image, range_m, camera, 7, std_m)
 
 
 def test_what_is_aligned_stays_within_a_rounding():
@@ -31,8 +30,6 @@ def test_what_is_aligned_stays_within_a_rounding():
         np.testing.assert_array_equal(kind(after.range_m), kind(before.range_m))
     known = before.measured & (before.range_m > 0.02)
     assert np.abs(after.range_m[known] / before.range_m[known] - 1.0).max() < 0.0027
-    np.testing.assert_array_equal(after.is_filled, before.is_filled)
-    known &= ~before.is_filled
     ratio = after.range_std_m[known] / before.range_std_m[known]
     assert 0.7 < ratio.min() < 0.8
     assert 1.25 < ratio.max() < 1.45
@@ -51,9 +48,8 @@ def test_codes_become_few():
     ranges = np.unique(range_codec.encode_ranges(condensed_sphere(sphere()).range_m))
     assert set(ranges[1:-1] % CONDENSED_RANGE) == {0}
     assert list(ranges[[0, -1]]) == [range_codec.CODE_NAN, range_codec.CODE_INF]
-    codes, filled = np.arange(256, dtype=np.uint8), range_codec.FIRST_FILLED
+    codes = np.arange(range_codec.LAST_RATIO + 1, dtype=np.uint8)
     coarse = range_codec.coarse_deviation(codes, CONDENSED_DEVIATION)
     assert coarse[0] == range_codec.CODE_NAN
-    assert len(np.unique(coarse[1:filled])) == 224 // CONDENSED_DEVIATION
-    assert np.abs(coarse[1:filled].astype(int) - codes[1:filled]).max() <= CONDENSED_DEVIATION // 2
-    np.testing.assert_array_equal(coarse[filled:], codes[filled:])
+    assert len(np.unique(coarse[1:])) == 224 // CONDENSED_DEVIATION
+    assert np.abs(coarse[1:].astype(int) - codes[1:]).max() <= CONDENSED_DEVIATION // 2

@@ -121,13 +121,9 @@ def test_a_depth_of_another_kind_or_size_is_refused(depth_m, found):
         check_depth(np.ones((8, 16), kind), CAMERA)
 
 
-def test_deviation_and_what_is_filled_fit_the_range():
-    is_filled = np.zeros((8, 16), np.bool_)
-    Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.1), is_filled=is_filled)
+def test_the_deviation_fits_the_range():
+    Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.1))
     with pytest.raises(ValueError, match="sphere range std: expected 16 x 8 float32, found 16 x 4 float32"):
         Sphere(gray(), plane(), CAMERA, range_std_m=plane()[:4])
     with pytest.raises(ValueError, match="sphere range std: expected positive metres"):
         Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.0))
-    for given, std in ((is_filled, None), (is_filled[:4], plane(0.1))):
-        with pytest.raises(ValueError, match="is_filled: expected the size of the range, and its deviation"):
-            Sphere(gray(), plane(), CAMERA, range_std_m=std, is_filled=given)

@@ -5,9 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.epipolar import correct_baseline, joined_share, to_common_center
-from sphere_mapping.acquisition.range.planes import Viewpoints, _extend, _fit
 from sphere_nav.geometry import Spherical
 
 WHOLE = Spherical(256, 128)
@@ -55,37 +53,3 @@ def test_range_from_the_center_is_that_of_the_scene_wherever_the_images_were_joi
 
 def test_images_joined_for_very_far_are_turned_by_nothing():
     np.testing.assert_array_equal(joined_share(LAYOUT, 0.0), np.zeros(OWNER.shape))
-
-
-def test_the_range_of_a_plane_is_that_of_the_plane_from_the_center():
-    normal = np.array([0.3, 0.1, 0.2])  # normal . point = 1: 2.7 m away
-    unknown, zero = np.full(OWNER.shape, np.nan, np.float32), np.zeros(OWNER.shape, np.float32)
-    found, shrink = (unknown.copy(), unknown.copy()), 1.0 / (1.0 + joined_share(LAYOUT, 1.0 / JOINED_M))
-    viewpoints = Viewpoints(BASELINE_M, OWNER, OFFSETS, zero, shrink, 1.0 / JOINED_M)
-    labels, planes = np.ones(OWNER.shape, np.int32), {1: (normal, 1e-10 * np.eye(3))}
-    _extend(planes, labels, 0, viewpoints, (unknown, unknown), MatchParams(), found)
-    range_m, _ = to_common_center(*found, LAYOUT, 1.0 / JOINED_M)
-    truth = 1.0 / np.maximum(RAYS @ normal, 1e-6)
-    is_near = INSIDE & (truth < 6.0) & ~np.isnan(range_m)
-    assert is_near.sum() > 5000
-    error = range_m[is_near] / truth[is_near] - 1.0
-    assert abs(np.median(error)) < 6e-4
-    assert np.percentile(np.abs(error), 90) < 0.01
-
-
-def test_a_plane_is_fitted_to_what_cameras_beside_the_center_measure():
-    rng = np.random.default_rng(3)
-    rays, centers = rng.normal(size=(60, 3)), np.float64(OFFSETS)[rng.integers(0, 2, 60)] * 3
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    per_m, range_m = 1.0 / JOINED_M, rng.uniform(1.0, 9.0, 60)
-    normal = np.array([0.3, 0.1, 0.2])
-    for _ in range(50):  # until the points, as `Viewpoints` has them, are on the plane
-        along = np.sum(rays * centers, axis=1)
-        points = centers * (1.0 - range_m * per_m)[:, None] + (range_m * (1.0 + along * per_m))[:, None] * rays
-        rays += 0.5 * ((1.0 - points @ normal) / (normal @ normal) / range_m)[:, None] * normal
-        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    on_plane = np.abs(points @ normal - 1.0) < 1e-6
-    assert on_plane.sum() > 20
-    found = _fit(rays[on_plane], centers[on_plane], 1.0 / range_m[on_plane], np.full(on_plane.sum(), 1e-3), per_m)
-    assert found is not None
-    np.testing.assert_allclose(found[0], normal, atol=1e-5)

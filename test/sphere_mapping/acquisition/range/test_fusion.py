@@ -1,7 +1,6 @@
 """Ranges of several sources become one."""
 
 import numpy as np
-import pytest
 
 from sphere_mapping.acquisition.params import FusionParams
 from sphere_mapping.acquisition.range.fusion import fill, fuse_sources, range_from_cloud, range_from_depth
@@ -19,25 +18,26 @@ def plane(value):
 
 def test_what_agrees_is_weighed_by_its_variance():
     near, nearly, other = (plane(10.0), plane(0.1)), (plane(10.2), plane(0.1)), (plane(20.0), plane(1.0))
-    range_m, std_m = fuse_sources([other, near, nearly])
+    range_m, std_m = fuse_sources([other, near, nearly], WHOLE)
     np.testing.assert_allclose(range_m, 10.1, atol=1e-5)
     np.testing.assert_allclose(std_m, 0.1 / np.sqrt(2), rtol=1e-5)
 
 
 def test_a_surer_source_counts_more():
-    range_m, _ = fuse_sources([(plane(10.0), plane(0.1)), (plane(10.3), plane(0.2))])
+    range_m, _ = fuse_sources([(plane(10.0), plane(0.1)), (plane(10.3), plane(0.2))], WHOLE)
     np.testing.assert_allclose(range_m, 10.06, atol=1e-5)
 
 
 def test_far_holds_only_where_nothing_is_measured():
     far = (plane(np.inf), plane(np.nan))
-    np.testing.assert_array_equal(fuse_sources([far, (plane(np.nan), plane(np.nan))])[0], np.inf)
-    np.testing.assert_allclose(fuse_sources([far, (plane(5.0), plane(0.1))])[0], 5.0)
+    np.testing.assert_array_equal(fuse_sources([far, (plane(np.nan), plane(np.nan))], WHOLE)[0], np.inf)
+    np.testing.assert_allclose(fuse_sources([far, (plane(5.0), plane(0.1))], WHOLE)[0], 5.0)
 
 
-def test_without_a_source_it_is_refused():
-    with pytest.raises(ValueError, match="range: expected at least one source"):
-        fuse_sources([])
+def test_without_a_source_nothing_is_known():
+    for values in fuse_sources([], WHOLE):
+        assert values.shape == (WHOLE.height, WHOLE.width)
+        assert np.isnan(values).all()
 
 
 def test_the_nearest_point_of_a_cloud_hides_the_others():

@@ -35,4 +35,4 @@ def test_range_is_that_of_the_scene_and_the_order_is_checked_once(stereo, grays)
 
 def test_without_a_bottom_camera_nothing_is_measured(stereo, grays):
     found = stereo.find({name: image for name, image in grays.items() if name.startswith("top")})
-    assert (found.measured, found.planes, found.bottom) == ([], None, None)
+    assert (found.measured, found.bottom) == ([], None)

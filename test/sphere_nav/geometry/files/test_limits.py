@@ -4,14 +4,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_mapping.graph.graph_file import read_graph
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.ros.conversions import camera_to_sphere_info, sphere_info_to_camera
 from sphere_nav_tools.offline.importing.recording import read_image
 
 
-@pytest.mark.parametrize(("kind", "read"), [("pose graph", read_graph), ("image file", read_image)])
+@pytest.mark.parametrize(("kind", "read"), [("image file", read_image)])
 def test_a_file_beyond_its_limit_is_not_read(tmp_path, kind, read):
     path = tmp_path / "sparse.png"
     with path.open("wb") as file:

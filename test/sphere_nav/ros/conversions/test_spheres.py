@@ -72,21 +72,6 @@ def test_a_deviation_comes_along(rng):
     assert message_to_sphere(sphere_to_message(plain, "s")).range_std_m is None
 
 
-@pytest.mark.parametrize("encoding", [AugmentedSphere.RANGE_32FC1, AugmentedSphere.RANGE_LOG16_ZSTD])
-def test_which_ranges_were_filled_comes_along(rng, encoding):
-    plain = make(rng)
-    is_filled = plain.measured & (rng.random(plain.range_m.shape) < 0.3)
-    sphere = Sphere(plain.image, plain.range_m, plain.camera, 1, 0.05 * plain.range_m, is_filled)
-    found = message_to_sphere(sphere_to_message(sphere, "s", range_encoding=encoding))
-    np.testing.assert_array_equal(found.is_filled, is_filled)
-    known = plain.measured
-    np.testing.assert_allclose(found.range_std_m[known], 0.05 * plain.range_m[known], rtol=0.07)  # half of 14 %
-    with pytest.raises(ValueError, match="is_filled: expected the size of the range"):
-        Sphere(plain.image, plain.range_m, plain.camera, 1, None, is_filled)
-    unmarked = Sphere(plain.image, plain.range_m, plain.camera, 1, 0.05 * plain.range_m)
-    assert message_to_sphere(sphere_to_message(unmarked, "s", range_encoding=encoding)).is_filled is None
-
-
 def test_a_sphere_without_range_is_all_unknown(rng):
     message = sphere_to_message(make(rng), "s")
     message.range_encoding, message.range = "", b""

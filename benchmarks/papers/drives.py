@@ -11,6 +11,8 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 from sphere_nav_msgs.msg import SimulationFault
 from sphere_nav_msgs.srv import SetFault, Teleport
 
+from benchmarks.papers.plans import planar, turn_around, write_plan
+from benchmarks.papers.result import JudgedFigure, write_result
 from cycab_sim.params import SimParams
 from cycab_sim.world.paths import Path as WorldPath
 from cycab_sim.world.traffic.loops import standing_place
@@ -24,8 +26,6 @@ from sphere_nav.ros.conversions import stamp_ns
 from sphere_nav_tools.cli.demo.demo import BUSY, Demo, has_ended, rms
 from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, read_truth
 from sphere_nav_tools.cli.demo.watch import DriveMonitor
-from sphere_nav_tools.cli.experiment.plans import planar, turn_around, write_plan
-from sphere_nav_tools.cli.experiment.result import JudgedFigure, write_result
 
 APPROACH = 12.0  # m of the taught path before and after the turn in three moves
 JOINED = 10.0  # m along the path after which the car is on it

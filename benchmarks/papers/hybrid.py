@@ -16,6 +16,8 @@ from matplotlib import pyplot as plt
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from benchmarks.papers.drives import PaperDrive
+from benchmarks.papers.result import JudgedFigure, write_result
 from cycab_sim.params import SimParams
 from cycab_sim.sensors.imaging import RenderedFrame
 from cycab_sim.simulator import Simulator
@@ -35,8 +37,6 @@ from sphere_nav.params import build
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, rms
 from sphere_nav_tools.cli.demo.plots import save_figure
-from sphere_nav_tools.cli.experiment.drives import PaperDrive
-from sphere_nav_tools.cli.experiment.result import JudgedFigure, write_result
 
 STEP, PERIOD_NS = 0.28, 200_000_000  # m and ns from image to image: 1.4 m/s at 5 Hz
 WAY = 60.0  # m of the path, with its first bend

@@ -11,6 +11,7 @@ from geometry_msgs.msg import TransformStamped
 from matplotlib import pyplot as plt
 from tqdm import tqdm
 
+from benchmarks.papers.result import JudgedFigure, write_result
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
@@ -24,7 +25,6 @@ from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_tr
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, new_folder
 from sphere_nav_tools.cli.demo.plots import save_figure
-from sphere_nav_tools.cli.experiment.result import JudgedFigure, write_result
 from sphere_nav_tools.cli.import_ import write_frames
 from sphere_nav_tools.offline.importing.recording import BASE_FRAME, OPTICAL_FRAME, camera_transforms
 

@@ -17,6 +17,8 @@ from nav_msgs.msg import Odometry
 from sphere_nav_msgs.msg import LocalizationStatus
 from sphere_nav_msgs.srv import LoadTrajectory
 
+from benchmarks.papers.drives import ALL_AROUND, ASIDE, NEAR, PaperDrive, beside, teleport
+from benchmarks.papers.result import JudgedFigure
 from cycab_sim.driver import PurePursuitDriver
 from cycab_sim.params import SimParams
 from cycab_sim.vehicle import VehicleState
@@ -31,8 +33,6 @@ from sphere_nav_tools.cli.demo.demo import DRIVE_TOPICS, has_ended
 from sphere_nav_tools.cli.demo.plots import save_figure
 from sphere_nav_tools.cli.demo.report import ESTIMATE, read_truth
 from sphere_nav_tools.cli.demo.watch import DriveMonitor
-from sphere_nav_tools.cli.experiment.drives import ALL_AROUND, ASIDE, NEAR, PaperDrive, beside, teleport
-from sphere_nav_tools.cli.experiment.result import JudgedFigure
 from sphere_nav_tools.offline.pose_bags import read_poses
 
 BY_HAND = 30.0  # m after which a start counts as not found

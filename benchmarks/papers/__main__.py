@@ -1,19 +1,20 @@
-"""`sphere_nav experiment`: the drives and figures of the papers, each with a seed, plots, bags and a result."""
+"""`python -m benchmarks.papers`: the drives and figures of the papers, each with a seed, plots, bags and a result."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from benchmarks.papers.convergence import Convergence
+from benchmarks.papers.drives import DRIVES, PaperDrive
+from benchmarks.papers.homing import HomingDrive
+from benchmarks.papers.hybrid import Hybrid
+from benchmarks.papers.kidnapped import Kidnapped
+from benchmarks.papers.one_sphere import AroundOneSphere, MadOverDistance, OneSphere
+from benchmarks.papers.street import Street
 from sphere_nav_tools.cli.demo.watch import DriveFailed
-from sphere_nav_tools.cli.experiment.convergence import Convergence
-from sphere_nav_tools.cli.experiment.drives import DRIVES, PaperDrive
-from sphere_nav_tools.cli.experiment.homing import HomingDrive
-from sphere_nav_tools.cli.experiment.hybrid import Hybrid
-from sphere_nav_tools.cli.experiment.kidnapped import Kidnapped
-from sphere_nav_tools.cli.experiment.one_sphere import AroundOneSphere, MadOverDistance, OneSphere
-from sphere_nav_tools.cli.experiment.street import Street
 
 ALL_DRIVES: Mapping[str, type[PaperDrive]] = {**DRIVES, "kidnapped": Kidnapped, "homing": HomingDrive, "hybrid": Hybrid}
 OFFLINE: Mapping[str, type[Convergence | OneSphere | Street]] = {  # which nobody is taught for
@@ -33,8 +34,8 @@ result.json, in which each figure stands beside its bound. Exit status 1 if a bo
 The drives teach and map a path first, as `sphere_nav demo` does. --taught uses the map of an earlier one of that seed.
 
 examples:
-  sphere_nav experiment two_turns --seed 7
-  sphere_nav experiment reverse --seed 7 --taught out/experiment/two_turns
+  python -m benchmarks.papers two_turns --seed 7
+  python -m benchmarks.papers reverse --seed 7 --taught out/experiment/two_turns
 """
 
 
@@ -77,3 +78,11 @@ def _run_offline(experiment: Convergence | OneSphere | Street) -> int:
     except RuntimeError as error:
         print(f"{experiment.name}: {error}; what was made is in {experiment.folder}")
         return 1
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.papers", description=HELP, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add_arguments(parser)
+    sys.exit(run(parser.parse_args()))

@@ -16,6 +16,7 @@ from matplotlib import pyplot as plt
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from benchmarks.papers.result import JudgedFigure, write_result
 from cycab_sim.params import SimParams
 from cycab_sim.sensors.imaging import RenderedFrame
 from cycab_sim.simulator import Simulator
@@ -30,7 +31,6 @@ from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.cli.demo.demo import new_folder
 from sphere_nav_tools.cli.demo.plots import save_figure
-from sphere_nav_tools.cli.experiment.result import JudgedFigure, write_result
 
 STEP, NUM_SPHERES = 0.2, 500  # m; M15 fig. 3 has 500 images
 MAX_MAD = KeySphereParams().max_mad_share * MAX_GRAY  # grey levels: eq. 12

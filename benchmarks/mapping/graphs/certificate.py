@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csc_array, eye_array, kron
 from scipy.sparse.linalg import SuperLU, splu
 
-from sphere_mapping.constants import CERTIFICATE_TOLERANCE, COST_TOLERANCE, DAMPING, MAX_STEPS
-from sphere_mapping.graph.chordal import as_rows, of_blocks, quadratic_form
+from sphere_mapping.constants import COST_TOLERANCE
+from sphere_mapping.graph.chordal import of_blocks, quadratic_form
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry import so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.so3 import nearest_rotations
 
+CERTIFICATE_TOLERANCE = 1e-3  # share of the cost by which a better optimum might be missed
+DAMPING, MAX_STEPS = (1e-6, 1e6), 50  # first and last one, share of the mean curvature; of Newton
 GENERATORS = {2: np.array([[[0.0, -1.0], [1.0, 0.0]]]), 3: so3.hat(np.eye(3))}  # of rotations, (G, d, d)
 
 
@@ -37,7 +39,7 @@ def certify(graph: PoseGraph, poses: Array, tolerance: float = CERTIFICATE_TOLER
     K = kron(M, eye_array(graph.dimension), format="csr")
     is_free = np.repeat(~np.isin(np.arange(len(graph.ids)), graph.anchors), TANGENT_SIZE[graph.dimension])
     (damping, last), cost = DAMPING, _cost(M, poses)
-    for _ in range(MAX_STEPS["certificate"]):
+    for _ in range(MAX_STEPS):
         H, g, scale = _expansion(M, K, poses, is_free)
         lower = None
         while lower is None and damping < last:
@@ -49,6 +51,12 @@ def certify(graph: PoseGraph, poses: Array, tolerance: float = CERTIFICATE_TOLER
         if previous - cost <= COST_TOLERANCE * cost:
             break
     return ChordalOptimum(poses, cost, _is_global(M, poses, graph, tolerance))
+
+
+def as_rows(poses: Array) -> Array:
+    """Return X (d, (d + 1) N) of poses (N, d + 1, d + 1)."""
+    d = poses.shape[-1] - 1
+    return poses[:, :d].swapaxes(0, 1).reshape(d, -1)
 
 
 def _cost(M: csc_array, poses: Array) -> float:

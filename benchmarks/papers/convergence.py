@@ -15,6 +15,8 @@ import numpy as np
 from matplotlib import pyplot as plt
 from tqdm import tqdm
 
+from benchmarks.papers.drives import ASIDE, CAMERA_X, HEIGHT, NEAR, PANORAMA, SURVEY_SPACING
+from benchmarks.papers.result import JudgedFigure, write_result
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
@@ -36,8 +38,6 @@ from sphere_nav.params import build
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav_tools.cli.demo.demo import new_folder
 from sphere_nav_tools.cli.demo.plots import save_figure
-from sphere_nav_tools.cli.experiment.drives import ASIDE, CAMERA_X, HEIGHT, NEAR, PANORAMA, SURVEY_SPACING
-from sphere_nav_tools.cli.experiment.result import JudgedFigure, write_result
 
 SIDE = 100.0  # m, of the part of the town in which the camera may be
 STEP = 1.0  # m from image to image, a second each

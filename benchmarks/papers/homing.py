@@ -9,6 +9,9 @@ import numpy as np
 from matplotlib import pyplot as plt
 from nav_msgs.msg import Path as PathMessage
 
+from benchmarks.papers.drives import PANORAMA, PaperDrive
+from benchmarks.papers.plans import planar
+from benchmarks.papers.result import JudgedFigure
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.ros import qos
@@ -17,9 +20,6 @@ from sphere_nav_tools.cli.demo.demo import DRIVE_TOPICS
 from sphere_nav_tools.cli.demo.plots import save_figure
 from sphere_nav_tools.cli.demo.report import distances_from_path, read_truth
 from sphere_nav_tools.cli.demo.watch import DriveMonitor
-from sphere_nav_tools.cli.experiment.drives import PANORAMA, PaperDrive
-from sphere_nav_tools.cli.experiment.plans import planar
-from sphere_nav_tools.cli.experiment.result import JudgedFigure
 from sphere_nav_tools.offline.pose_bags import read_poses
 
 GOOD_DEG = 45.0  # a direction this close to that of the path ahead brings the car nearer

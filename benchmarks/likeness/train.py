@@ -1,7 +1,7 @@
-"""`python scripts/train_likeness.py --pairs FOLDER -o weights.npz`: train the learned likeness of `mcl_depth`.
+"""`python -m benchmarks.likeness.train --pairs FOLDER -o weights.npz`: train the learned likeness of `mcl_depth`.
 
 Needs `pip install torch` beside the environment of the project; the product does not. Pairs of images and depths are
-drawn by `likeness_pairs.py` when they are not in the folder yet. Deterministic for its seed, on one processor thread.
+drawn by `pairs.py` when they are not in the folder yet. Deterministic for its seed, on one processor thread.
 
 Loss: an image must find its own depth panorama and heading among those of other places of the same map, some of them a
 few metres off, their mirror images, and all other headings (InfoNCE, van den Oord 2018). Similarity is what the filter
@@ -21,10 +21,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import torch
-from likeness_pairs import J_ANYWHERE, J_NEAR, Scene, scenes
 from torch import Tensor, nn
 from torch.nn import functional
 
+from benchmarks.likeness.pairs import J_ANYWHERE, J_NEAR, Scene, scenes
 from mcl_depth.constants import NUM_FREQUENCIES
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness.encoder import INPUTS, Encoder, EncoderPair, depth_inputs, image_inputs, load_encoders
@@ -205,7 +205,7 @@ def train(
 def _pair(nets: nn.ModuleDict, words: str) -> EncoderPair:
     """Return the encoders as the product takes them; `words` say where they come from."""
     seeds = ", ".join(f"{kind} {seeds.start} to {seeds.stop - 1}" for kind, seeds in TRAIN.items())
-    text = f"scripts/train_likeness.py {words}; {seeds}; torch {torch.__version__}"
+    text = f"benchmarks/likeness/train.py {words}; {seeds}; torch {torch.__version__}"
     sides = {side: nets[side].encoder() for side in LAYERS}
     elevations = (SynthesisParams().elevation_min_deg, SynthesisParams().elevation_max_deg)
     return EncoderPair(**sides, num_columns=WINDOW.width, elevations_deg=elevations, provenance=text)

@@ -22,26 +22,25 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import chdtri
 
-from sphere_mapping.constants import (
-    ADMISSION_ROUNDS,
-    ALIKE_QUANTILE,
-    BATCH,
-    BENT_QUANTILE,
-    CORE_RATIO,
-    FEW_LOOPS,
-    GNC_GROWTH,
-    GNC_ROUNDS,
-    LOOP_WINDOW,
-    MAX_STEPS,
-    RIGHT_REJECTED,
-    SUPPORT_RATIO,
-    TAIL_DECADES,
-)
+from benchmarks.mapping.graphs.optimum import Certified, edge_chi2, innovations, optimize
+from sphere_mapping.constants import MAX_STEPS
 from sphere_mapping.graph.chordal import chordal_poses
-from sphere_mapping.graph.factors import edge_chi2, factors_of, innovations, minimize_poses
-from sphere_mapping.graph.optimum import Optimum, optimize
+from sphere_mapping.graph.factors import factors_of, minimize_poses
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry.arrays import Array
+
+LOOP_WINDOW = 10  # poses between the ends of two loops that may support each other: their odometry is good
+ALIKE_QUANTILE = 0.2  # of the cycles' errors: of a true loop as long as a fifth of all loops is true and supported
+SUPPORT_RATIO = 3.0  # of that error: supported, as 70 to 85 % of true loops and up to 8 % of false ones
+CORE_RATIO = 4.0  # of the median chi2: the core, from which the limit of true loops follows
+BATCH = 200  # loops at a time of which is found whether the kept ones can bend to them
+BENT_QUANTILE = 0.99  # of the support of kept loops (300 and more), beyond which nothing is bent to another one
+FEW_LOOPS = 20  # below which their residuals say nothing about their scale
+RIGHT_REJECTED = 1e-9  # share of true loops beyond the limit if they were Gaussian
+TAIL_DECADES = 2.0  # in which chi2 may grow as from its 90 to its 99 %: to one loop in 10,000; true ones up to 1.5
+GNC_GROWTH, GNC_ROUNDS = 1.8, 100  # of mu in each round (Yang et al.: 1.4, from first poses); rounds at most
+ADMISSION_ROUNDS = 50  # each admits loops or is the last
+GNC_STEPS = 4  # of a descent in each round
 
 Mask = NDArray[np.bool_]
 
@@ -54,7 +53,7 @@ class RobustOptimum:
     is_outlier: (M,) edges judged false. chi2: (M,) weighted square of every edge at these poses.
     """
 
-    optimum: Optimum
+    optimum: Certified
     is_outlier: Mask
     chi2: Array
 
@@ -87,7 +86,6 @@ def graph_of_edges(graph: PoseGraph, is_kept: Mask | NDArray[np.int64], weights:
         motions=graph.motions[is_kept],
         information=information[is_kept],
         is_robust=graph.is_robust[is_kept],
-        lines=graph.lines[is_kept] if len(graph.lines) else graph.lines,
     )
 
 
@@ -196,7 +194,7 @@ def _graduate(graph: PoseGraph, is_believed: Mask, is_tried: Mask, poses: Array)
     for _ in range(GNC_ROUNDS):
         weights = np.sqrt(bound * mu * (mu + 1) / np.maximum(chi2, np.finfo(float).tiny)) - mu
         weights = np.where(is_believed, 1.0, np.clip(weights, 0.0, 1.0) * is_tried)
-        poses = _solve(graph, weights > 0, weights, poses, max_steps=MAX_STEPS["gnc"])
+        poses = _solve(graph, weights > 0, weights, poses, max_steps=GNC_STEPS)
         chi2, is_kept = edge_chi2(graph, poses), weights >= 0.5
         if np.all((weights == 0) | (weights == 1)):
             break

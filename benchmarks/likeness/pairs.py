@@ -1,4 +1,4 @@
-"""Pairs of panoramas and depth panoramas for `train_likeness.py`, drawn by the simulator and kept on disk.
+"""Pairs of panoramas and depth panoramas for `train.py`, drawn by the simulator and kept on disk.
 
 A scene is one world in one light: images of K places as the filter has them (level, 2 degrees a pixel, heading 0), and
 for each place J depth panoramas of the bare map: J_NEAR of where the cell of a map that holds the place may have its

@@ -1,0 +1,1 @@
+"""The training of the learned likeness of `mcl_depth`."""

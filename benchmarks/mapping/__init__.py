@@ -1,0 +1,1 @@
+"""Maps: what their parts measure."""

@@ -1,1 +1,0 @@
-"""What `sphere_nav experiment` is made of: drives of the papers, curves of the papers, and the form of a result."""
