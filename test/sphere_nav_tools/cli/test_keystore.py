@@ -173,8 +173,8 @@ def test_whom_the_base_obeys_and_who_may_let_it_drive() -> None:
     assert who("publish", "rt/status") == {"dense_localizer", "mcl_depth"}
     assert who("publish", "rt/emergency_stop") == {"vehicle", "operator"}
     assert who("publish", "rt/initialpose") == {"operator"}
-    for service in ("path_follower/start", "path_follower/load_trajectory", "path_follower/set_parameters"):
-        may_ask = {"operator", "route_navigator"} if "set" not in service else {"operator"}
+    for service in ("path_follower/start", "path_follower/drive", "path_follower/set_parameters"):
+        may_ask = {"operator", "route_navigator"} if "drive" in service else {"operator"}
         assert who("publish", f"rq/{service}Request") == may_ask
         assert who("publish", f"rr/{service}Reply") - {"vehicle"} == {"path_follower"}
         denied = granted(ElementTree.parse(share_file("config/security.policy.xml")), "DENY")["/vehicle"]
