@@ -7,8 +7,8 @@ file, and it is read by a process of its own.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-import laspy
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,7 +30,6 @@ HEADER = np.dtype(  # of version 1.4, the longest: what is read of it
 SHORTEST = 227  # bytes of the shortest header
 PACKED = 0x80  # of the format, in a .laz
 MAX_PACKING = 100  # LAZ packs a point into no less than this share of its bytes
-BACKEND = laspy.LazBackend.LazrsParallel  # the other one reads on beyond the last point
 VARIABLE_CHUNKS = 2**32 - 1  # in place of the points of a chunk
 READ_S, BYTES_PER_S = 30.0, 1e6  # a process is given that time, and more by the size of the file
 
@@ -55,10 +54,12 @@ def read_las(path: Path, box: Array | None = None) -> NDArray[np.float64]:
 
 def read_points(path: Path, *box: str) -> NDArray[np.float64]:
     """Return points (N, 3) float64; what lazrs does not expect may end the process."""
+    import laspy  # a quarter of a second, which nodes with other maps need not take
+
     kept = Thinner(np.array([float(word) for word in box]) if box else None)
     num_read = 0
     try:
-        with laspy.open(path, laz_backend=BACKEND) as reader:
+        with laspy.open(path, laz_backend=laspy.LazBackend.LazrsParallel) as reader:  # the other reads beyond
             header = reader.header
             _check_header(path, header)
             if header.are_points_compressed:
@@ -113,7 +114,7 @@ def _check_head(path: Path, head: np.void, size: int) -> tuple[int, int]:
     return count, length
 
 
-def _check_header(path: Path, header: laspy.LasHeader) -> None:
+def _check_header(path: Path, header: Any) -> None:
     """Refuse points beyond the end of the file, and scales that give no coordinates."""
     least = header.point_count * header.point_format.size // (MAX_PACKING if header.are_points_compressed else 1)
     size = path.stat().st_size
@@ -124,7 +125,7 @@ def _check_header(path: Path, header: laspy.LasHeader) -> None:
         raise ValueError(f"{path}: scale and offset: expected finite numbers, found {header.scales}, {header.offsets}")
 
 
-def _check_chunks(path: Path, header: laspy.LasHeader, size: int) -> None:
+def _check_chunks(path: Path, header: Any, size: int) -> None:
     """Refuse a table of chunks that the points do not have; lazrs would make room for whatever it says."""
     record = next(iter(header.vlrs.get("LasZipVlr")), None)
     data = b"" if record is None else record.record_data_bytes()

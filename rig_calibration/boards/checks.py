@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2, f
+from scipy.special import chdtrc, fdtri
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.intrinsics import SingleCamera
@@ -34,7 +34,7 @@ def disagreements(names: Sequence[str], singles: Sequence[SingleCamera], lenses:
     for name, single, lens, rms in zip(names, singles, lenses, rms_px, strict=True):
         found = []
         number = ERRORS_OF_VIEW * max(single.num_views, 1)
-        if rms**2 > single.rms_px**2 * f.isf(FALSE_ALARM, number, number):
+        if rms**2 > single.rms_px**2 * fdtri(number, number, 1.0 - FALSE_ALARM):
             found.append(f"residuals of {rms:.2f} px in place of {single.rms_px:.2f}")
         if (chance := lens_chance(single, lens)) < FALSE_ALARM:
             std = np.sqrt(np.diag(single.lens_covariance))
@@ -55,7 +55,7 @@ def lens_chance(single: SingleCamera, lens: Array) -> float:
     correlation = single.lens_covariance[np.ix_(free, free)] / scale / scale[:, None]
     if not np.all(np.isfinite(correlation)):
         return 1.0
-    return float(chi2.sf(squared_mahalanobis(change, correlation), int(free.sum())))
+    return float(chdtrc(int(free.sum()), squared_mahalanobis(change, correlation)))
 
 
 def check_views(

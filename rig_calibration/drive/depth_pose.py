@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f
+from scipy.special import fdtrc
 
 from rig_calibration.constants import DEPTH_FLOOR, DEPTH_SIGMA, DEPTH_STEPS, FALSE_ALARM, MIN_DEPTH_STEP
 from rig_calibration.drive.depth_pair import DepthPair, differentiate_pair
@@ -37,7 +37,7 @@ class RefinedDepth(Refined):
         """Say whether another pose is refused at FALSE_ALARM (Hotelling's T^2: the pairs tell their own scatter)."""
         off, count, p = (self.T_image_depth @ T_image_depth.inverse()).log(), len(self.states), len(NAMES)
         squared = squared_mahalanobis(off, self.covariance)
-        return bool(f.sf(squared * (count - p) / (p * (count - 1)), p, count - p) < FALSE_ALARM)
+        return bool(fdtrc(p, count - p, squared * (count - p) / (p * (count - 1))) < FALSE_ALARM)
 
 
 def refine_depth_pose(

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.special import ndtr, stdtrit
 
 from rig_calibration.constants import (
     APART,
@@ -130,7 +130,7 @@ def prove(images: Sequence[DriveImage], given: Lens, max_readout: float = np.inf
         _widen(found, halves, len(gains), held),
         (halves[0], halves[1]),
         float(np.mean(gains)) / deviation,
-        float(t.ppf(1.0 - FALSE_ALARM, len(gains) - 1)),
+        float(stdtrit(len(gains) - 1, 1.0 - FALSE_ALARM)),
         float(np.mean(moved)),
         lens_distance(halves[0], halves[1], speed),
         max_readout,
@@ -139,7 +139,7 @@ def prove(images: Sequence[DriveImage], given: Lens, max_readout: float = np.inf
 
 def _widen(found: RefinedCamera, halves: Sequence[Lens], num_runs: int, held: Sequence[str]) -> RefinedCamera:
     """Return what was found with the covariance of few runs, and as wide as the halves differ; `held` as before."""
-    few = float(t.ppf(norm.cdf(SIGMAS), num_runs - 1)) / SIGMAS
+    few = float(stdtrit(num_runs - 1, ndtr(SIGMAS))) / SIGMAS
     off = 0.5 * (halves[0].values - halves[1].values)
     covariance = few**2 * found.covariance + np.outer(off, off)
     is_held = np.array([name in held for name in found.names])

@@ -14,7 +14,7 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from sphere_mapping.constants import (
     ASIDE,
@@ -120,7 +120,7 @@ class First:
         """
         if self.is_certain:
             return True
-        is_by_chance = bool(binom.sf(num_joins - 1, num_tried, FALSE_FIT) > FALSE_JOIN)
+        is_by_chance = bool(bdtrc(num_joins - 1, num_tried, FALSE_FIT) > FALSE_JOIN)
         is_alike = num_joins >= MIN_RANGE_JOINS and num_alike >= MIN_CONFIRMED_SHARE * num_tried
         return is_alike or (self.is_given and not is_by_chance)
 

@@ -7,7 +7,11 @@ import re
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 from architecture.tree import ROOT
+
+pytestmark = pytest.mark.slow  # of the checks: `make check`
 
 TESTS = sorted(path.relative_to(ROOT) for path in (ROOT / "test").rglob("*.py"))
 ASSERTIONS = {"raises", "warns", "fail"}  # of pytest

@@ -10,6 +10,8 @@ import pytest
 
 from architecture.tree import MODULES, ROOT, parse
 
+pytestmark = pytest.mark.slow  # of the checks: `make check`
+
 MAX_PAGE, MAX_LAUNCH = 150, 80  # a page: what must be read in one go
 MAX_FOLDER = 20  # files
 MAX_FUNCTION, MAX_KERNEL = 40, 60

@@ -3,11 +3,15 @@
 import sys
 import tomllib
 
+import pytest
+
 from architecture.tree import ROOT
 
 sys.path.append(str(ROOT / "scripts"))  # not installed
 
 import sizes
+
+pytestmark = pytest.mark.slow  # of the checks: `make check`
 
 
 def test_no_package_is_above_its_ceilings():

@@ -4,7 +4,11 @@ import ast
 import re
 from pathlib import Path
 
+import pytest
+
 from architecture.tree import MODULES, ROOT
+
+pytestmark = pytest.mark.slow  # of the checks: `make check`
 
 FILES = [module for module in MODULES if module.name == "constants.py"]
 TESTS = {path.with_suffix("").as_posix() for path in (ROOT / "test").rglob("test_*.py")}

@@ -13,6 +13,8 @@ import pytest
 from architecture.test_layering import ROS
 from architecture.tree import EXECUTABLES, MODULES, PACKAGES, ROOT, imports
 
+pytestmark = pytest.mark.slow  # of the checks: `make check`
+
 # import name -> wheel, key of rosdep
 THIRD_PARTY = {
     "cv2": ("opencv-python-headless", "python3-opencv"),

@@ -7,9 +7,13 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 from architecture.tree import EXECUTABLES, PACKAGES, ROOT, for_all
 from benchmarks.__main__ import BENCHMARKS
 from sphere_nav_tools.cli.main import COMMANDS
+
+pytestmark = pytest.mark.slow  # of the checks: `make check`
 
 PAGES = sorted(str(page.relative_to(ROOT)) for page in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 EXACT = {"README.md", "docs/conventions.md", "docs/papers.md"}  # paths from the root; elsewhere of what a page is about

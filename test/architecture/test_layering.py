@@ -9,6 +9,8 @@ import pytest
 
 from architecture.tree import MODULES, PACKAGES, dotted, imports, is_shell, room
 
+pytestmark = pytest.mark.slow  # of the checks: `make check`
+
 L, TOOLS = "sphere_nav.", "sphere_nav_tools."
 GEOMETRY = {L + "params", L + "geometry"}
 ESTIMATION = GEOMETRY | {L + "estimation", L + "kernel_cache"}

@@ -8,8 +8,12 @@ import importlib
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from architecture.tree import modules_with, parse
 from sphere_nav.params import Leaf, leaves
+
+pytestmark = pytest.mark.slow  # of the checks: `make check`
 
 UNITS = {
     "": "",

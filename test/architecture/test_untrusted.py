@@ -9,6 +9,8 @@ import pytest
 
 from architecture.tree import MODULES, parse
 
+pytestmark = pytest.mark.slow  # of the checks: `make check`
+
 READERS = "sphere_nav/geometry/files/untrusted.py"
 PARSERS = {"yaml.load", "yaml.load_all", "yaml.safe_load", "yaml.safe_load_all", "yaml.unsafe_load", "json.load"}
 PARSERS |= {"json.loads", "pickle.load", "pickle.loads", "np.load", "np.loadtxt", "np.genfromtxt", "np.fromfile"}

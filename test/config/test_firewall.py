@@ -62,6 +62,7 @@ def start_by(computer: str, seconds: int, *alone: str) -> str:
     return subprocess.run(words, env=environment, capture_output=True, text=True, timeout=3 * PATIENCE).stdout
 
 
+@pytest.mark.slow
 @pytest.mark.dds
 def test_a_stranger_reaches_a_follower_until_the_rule_is_there(computers: tuple[str, str]) -> None:
     vehicle, stranger = computers

@@ -149,6 +149,7 @@ def test_time_passes_with_the_commands_only(driver, process):
     assert set(np.diff(stamps)) == {100_000_000}
 
 
+@pytest.mark.dds
 def test_image_calibration_and_frames_belong_together(driver):
     driver.spin_until(lambda: driver.heard["/tf_static"] and driver.heard["sphere"], 10.0)
     image = driver.heard["image_raw"][0]
@@ -164,6 +165,7 @@ def test_image_calibration_and_frames_belong_together(driver):
     assert not np.isnan(sphere.range_m).any()
 
 
+@pytest.mark.dds
 def test_the_truth_moves_as_commanded_and_the_wheels_nearly_so(driver):
     truth, wheels = driver.heard["ground_truth/odometry"][-1], driver.heard["odom"][-1]
     T_world_base, twist = odometry_to_se3(truth)
@@ -177,6 +179,7 @@ def test_the_truth_moves_as_commanded_and_the_wheels_nearly_so(driver):
     assert (truth.header.frame_id, wheels.header.frame_id, wheels.child_frame_id) == ("world", "odom", "base_link")
 
 
+@pytest.mark.dds
 def test_the_imu_comes_at_100_hz_and_scans_at_10(driver):
     for topic, period in (("imu", 10_000_000), ("scan", 100_000_000)):
         gaps = np.diff([stamp_ns(message) for message in driver.heard[topic]])
@@ -186,6 +189,7 @@ def test_the_imu_comes_at_100_hz_and_scans_at_10(driver):
     assert np.isfinite(driver.heard["scan"][-1].ranges).sum() > 100
 
 
+@pytest.mark.dds
 def test_a_stamp_of_another_clock_and_numbers_that_are_none_are_refused(driver):
     count = driver.stand()
     foreign = Header(stamp=Time(sec=1_700_000_000))
@@ -198,6 +202,7 @@ def test_a_stamp_of_another_clock_and_numbers_that_are_none_are_refused(driver):
     assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > count + 2, 30.0)  # and the drive goes on
 
 
+@pytest.mark.dds
 def test_services_answer(driver):
     fault = SimulationFault(target="sphere", kind="silent")
     answer = driver.call("cycab_sim/set_fault", SetFault, SetFault.Request(fault=fault))
@@ -220,7 +225,7 @@ def test_services_answer(driver):
     assert "quaternion" in driver.call("cycab_sim/teleport", Teleport, request).message
 
 
-@pytest.mark.slow
+@pytest.mark.dds
 def test_it_ends_in_order(driver, process):
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=120.0) == 0

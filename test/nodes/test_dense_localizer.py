@@ -318,6 +318,7 @@ def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_pat
     assert bench.see(pictures[5])["/status"].state == "TRACKING"
 
 
+@pytest.mark.slow
 def test_reset_forgets_everything_but_the_map(map_path, pictures):
     bench = Bench(map_path)
     bench.follow(pictures[:5])

@@ -294,6 +294,7 @@ class AnythingMayHappen(RuleBasedStateMachine):
         self.vehicle.live(after)
 
 
+@pytest.mark.slow
 def test_whatever_happens_an_answered_stop_holds(tmp_path):
     AnythingMayHappen.folder = tmp_path
     AnythingMayHappen.TestCase.settings = settings(

@@ -171,6 +171,7 @@ def test_the_mirror_and_the_importers_run_first_then_the_rest(project):
     assert (near, rest) == (["test/sphere_nav/geometry/test_angles.py"], ["test/sphere_nav/geometry/test_far.py"])
 
 
+@pytest.mark.slow
 def test_mutants_run_in_a_copy_without_the_tests_that_fail_anyway(project, tmp_path_factory, monkeypatch):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # half the time of a run
     subprocess.run(["git", "init", "-q"], cwd=project, check=True)
@@ -186,6 +187,7 @@ def test_mutants_run_in_a_copy_without_the_tests_that_fail_anyway(project, tmp_p
         assert (project / name).read_text() == (stage.folder / "checkout" / name).read_text() == FILES[name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", ["while True: pass", "time.sleep(600)"])
 def test_a_test_that_does_not_end_is_timed_out(tmp_path, monkeypatch, code):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")

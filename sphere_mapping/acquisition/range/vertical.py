@@ -56,7 +56,7 @@ class VerticalStereo:
         layouts = [self._layouts.of(level, tuple(grays)) for level in LEVELS]
         top, bottom = self.draw(layouts, grays)
         ranged, baseline = self._measure(layouts, top, bottom), self._kept(tuple(grays))
-        correct_baseline(*ranged, *baseline)
+        correct_baseline(*ranged, baseline.error, baseline.shrink, baseline.per_m)
         ranged = to_common_center(*ranged, layouts[0], baseline.per_m)
         for _ in range(self._params.blend.num_passes - 1):
             top, bottom = self.draw(layouts, grays, ranged[0])

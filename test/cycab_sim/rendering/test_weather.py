@@ -257,6 +257,7 @@ def test_a_condition_looks_as_it_does(box_mesh, fingerprint, light, season, numb
     assert [np.log(found.mean()), blocks.std(), *fingerprint(blocks)] == pytest.approx(numbers, abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_windows_of_a_town_that_are_lit(town, fingerprint):
     glow = _find_glow(town[0])
     assert [*fingerprint(glow), np.linalg.norm(glow)] == pytest.approx([-1.05393, 40803.76172], rel=1e-5, abs=2e-5)

@@ -49,7 +49,7 @@ def test_stored_bytes_do_not_depend_on_the_memory_before(outputs):
     assert outputs[0][0] == outputs[1][0]
 
 
-@pytest.mark.slow
+@pytest.mark.dds
 def test_they_differ_from_the_serializer_s_in_padding_only(outputs):
     for stored, serialized in outputs:
         pairs = list(zip(bytes.fromhex(stored), bytes.fromhex(serialized), strict=True))

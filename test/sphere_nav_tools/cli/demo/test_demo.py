@@ -35,6 +35,7 @@ def test_a_drive_on_the_path_to_its_end_has_followed(tmp_path):
     assert "the drive followed" in result_table(result, demo.folder)
 
 
+@pytest.mark.slow
 def test_leaving_the_path_or_stopping_early_has_not(tmp_path):
     assert not verdict(tmp_path, [0.0, 0.3, 0.0], 1.0)[1]["has_followed"]
     demo, result = verdict(tmp_path, [0.0, 0.0, 0.0], 0.5)

@@ -92,6 +92,7 @@ def is_taught():
 
 
 @pytest.mark.skipif(find_browser() is None, reason="no chromium here")
+@pytest.mark.dds
 def test_a_drive_is_taught_and_driven_again_by_clicks_alone(operator, tmp_path, is_taught):
     maps = tmp_path / "maps"
     maps.mkdir()
