@@ -22,7 +22,7 @@ from std_msgs.msg import Header, String
 
 from path_follower.params import VehicleParams
 from path_follower.routes.building import TaughtDrive, build_network
-from path_follower.routes.mission import Goal, Mission
+from path_follower.routes.mission import FollowerView, Goal, Mission
 from path_follower.routes.mission_file import write_mission
 from path_follower.routes.network import EdgeCurve
 from path_follower.routes.network_file import write_network
@@ -119,6 +119,7 @@ class Samples:
         network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))], "yard")
         write_network(self.routes, network)
         mission = Mission(network, MissionParams(), VehicleParams())
+        mission.see_follower(FollowerView("NO_PATH", 1))
         mission.begin(Goal("home"), 0.0)
         write_mission(self.mission, mission)
         self.bmp = self._picture("a.bmp", self.picture)
