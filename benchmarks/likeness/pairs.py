@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,11 +71,12 @@ def _kept(folder: Path, kind: str, seed: int, light: int) -> Scene:
     path = folder / name
     names = ("images", "places", "depths", "depth_places")
     if not path.exists():
-        make: dict[str, Callable[[int, int], tuple[Array, ...]]] = {"town": _town, "corridor": _corridor, "home": _home}
+        make: dict[str, Callable[[int, int], tuple[Any, ...]]] = {"town": _town, "corridor": _corridor, "home": _home}
         made = make[kind](seed, light)
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = path.with_suffix(".part.npz")
-        np.savez(draft, **dict(zip(names, made, strict=True)))
+        arrays: dict[str, Any] = dict(zip(names, made, strict=True))
+        np.savez(draft, **arrays)
         draft.replace(path)
     with np.load(path, allow_pickle=False) as file:
         lights = {"town": TOWN_LIGHTS, "corridor": CORRIDOR_LIGHTS}.get(kind)
@@ -84,7 +86,7 @@ def _kept(folder: Path, kind: str, seed: int, light: int) -> Scene:
 # ---- towns and corridors ----------------------------------------------------------------------------------------
 
 
-def _town(seed: int, light: int) -> tuple[Array, ...]:
+def _town(seed: int, light: int) -> tuple[Any, ...]:
     """Return the arrays of one light in the town of a seed: drives of four images, 3 m apart."""
     rng, plan = np.random.default_rng([seed, light, 13]), draw_plan(seed)
     poses = np.concatenate([kidnapped_line(plan, 4, 3.0, rng) for _ in range(TOWN_IMAGES // 4)])
@@ -105,7 +107,7 @@ def _town_synthesizer(seed: int) -> DepthSynthesizer:
     return _synthesizers[seed]
 
 
-def _corridor(seed: int, light: int) -> tuple[Array, ...]:
+def _corridor(seed: int, light: int) -> tuple[Any, ...]:
     """Return the arrays of a corridor of its own measures."""
     rng = np.random.default_rng([seed, 17])
     mesh, length, half = draw_corridor(rng)
@@ -139,7 +141,7 @@ def draw_corridor(rng: np.random.Generator) -> tuple[Mesh, float, float]:
             mesh.box([x, -0.5 * width, 0], [size, width, min(2.2, top)], door)
     is_regular = rng.random() < 0.6
     for side, has in zip((-1.0, 1.0), has_niche, strict=True):
-        edge = 0.0
+        edge: Any = 0.0
         while edge < length:
             step = bay if is_regular else rng.uniform(0.6, 1.4) * bay
             stop, gap = min(edge + step, length), min(niche, 0.5 * step) if has and deep > 0.0 else 0.0
@@ -164,7 +166,7 @@ def _record(
     cell: float,
     light: LightParams,
     rng: np.random.Generator,
-) -> tuple[Array, ...]:
+) -> tuple[Any, ...]:
     """Draw a car's panoramas at planar poses (K, 3) of the camera, and depths around them; `cell` m to its corners."""
     renderer = Renderer(mesh, RenderParams(shadow_texel=0.0 if light == SHADOWLESS else 0.1), light, traffic)
     images = []
@@ -209,7 +211,7 @@ def _depths(
 # ---- homes ------------------------------------------------------------------------------------------------------
 
 
-def _home(seed: int, light: int) -> tuple[Array, ...]:
+def _home(seed: int, light: int) -> tuple[Any, ...]:
     """Return the arrays of a home: pictures with furniture, depths of its plan."""
     del light  # every home has lamps of its own
     rng, here = np.random.default_rng([seed, 19]), home(seed, HOME_IMAGES)
