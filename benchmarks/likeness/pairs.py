@@ -150,9 +150,9 @@ def draw_corridor(rng: np.random.Generator) -> tuple[Mesh, float, float]:
             back = half + deep if side > 0 else -half - deep - 0.1
             mesh.box([stop - gap - 0.01, back, 0], [gap + 0.02, 0.1, top], door if rng.random() < 0.7 else wall)
             if rng.random() < 0.12:  # a cupboard
-                size = np.array([rng.uniform(0.5, 1.5), min(rng.uniform(0.2, 0.6), 0.5 * half), rng.uniform(0.8, top)])
-                at = [edge + 0.3, half - size[1] if side > 0 else -half, 0.0]
-                mesh.box(at, size, finishes.painted_metal(finishes.pick(rng, finishes.CARS)))
+                body = np.array([rng.uniform(0.5, 1.5), min(rng.uniform(0.2, 0.6), 0.5 * half), rng.uniform(0.8, top)])
+                at = [edge + 0.3, half - body[1] if side > 0 else -half, 0.0]
+                mesh.box(at, body, finishes.painted_metal(finishes.pick(rng, finishes.CARS)))
             edge = stop
     return mesh.build(), length, half
 

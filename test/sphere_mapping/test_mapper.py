@@ -221,7 +221,9 @@ def test_the_spheres_of_a_rolling_shutter_are_straightened_by_the_motion_that_is
 @pytest.mark.parametrize("num_spheres", [1, 2])
 def test_the_only_key_sphere_of_a_rolling_shutter_is_stored(num_spheres):
     stored = {}
-    store = SimpleNamespace(add=lambda node, edges, sphere: stored.update({node.id: sphere}), load=stored.get)
+    store = SimpleNamespace(
+        add=lambda node, edges, sphere: stored.update({node.id: sphere}), load=stored.get, tell=lambda graph: None
+    )
     mapper = Mapper(store=store)
     for number in range(num_spheres):
         view = rgbd_view(SE3.exp([0.01 * number, 0.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(6))

@@ -52,6 +52,7 @@ def test_houses_leave_the_road_free_on_both_sides_and_in_its_bends():
         assert near.min() < -WALL or near.max() > WALL
 
 
+@pytest.mark.slow
 def test_the_square_is_open_for_60_meters_around_the_way():
     triangles = build_square(3).triangles
     houses = triangles[np.ptp(triangles[..., 2], axis=1) > 3.0].mean(axis=1)[:, :2]

@@ -11,6 +11,7 @@ def faces(mesh, keep):
     return mesh.triangles[keep[mesh.surface_of]]
 
 
+@pytest.mark.slow
 def test_nothing_changes_where_nothing_is_asked_for(town):
     assert change_season(town[0], SeasonParams(wet=1.0, snow=1.0), 5) is town[0]
 

@@ -452,37 +452,3 @@ def test_ranges_of_a_wall_move_to_the_common_center(per_m):
     assert np.isposinf(found[20, 50:60]).all()
     is_same = is_moved & (owner[at] == owner)  # over the seam it is the other camera's range
     assert np.abs(found[is_same] - 5.0).max() < 0.05  # to first order in 0.33 m / 5 m, and half a pixel
-
-
-def test_a_piece_of_outline_is_matched_as_numpy_matches_it():
-    rng = np.random.default_rng(17)
-    scene = cv2.GaussianBlur(rng.uniform(0, 255, (80, 40)).astype(np.float32), (0, 0), 2.0)
-    top, bottom = scene[8:68].copy(), scene[13:73] + np.float32(20.0)  # five px, and brighter
-    corners, mask = np.int32([[20, 6], [1, 20], [40, 30]]), rng.random((3, 8, 8)) < 0.6
-    mask[2] = False
-    first, number = -2, 16
-    found = np.empty((3, 7))
-    kernels.match_outline(top, bottom, corners, mask, first, np.empty(number), found)
-    slopes = np.gradient(top, axis=0)
-    slopes[[0, -1]] /= 2  # one-sided there: half of the difference
-    row, column = corners[0]
-    own = (slice(row, row + 8), slice(column, column + 8))
-    costs = np.array(
-        [
-            np.var((bottom[row - d : row - d + 8, column : column + 8] - top[own])[mask[0]]) * mask[0].sum()
-            for d in range(first, first + number)
-        ]
-    )
-    best = int(np.argmin(costs))
-    a, b, c = costs[best - 1 : best + 2]
-    elsewhere = np.delete(costs, slice(best - 2, best + 3)).min()
-    s, levels, rows = slopes[own][mask[0]].astype(float), top[own][mask[0]], np.nonzero(mask[0])[0] + row
-    twin = [
-        first + best + 0.5 * (a - c) / (a - 2 * b + c),
-        *(b, elsewhere, mask[0].sum(), s.var() * s.size, levels.var() * s.size),
-        np.sum(s**2 * rows) / np.sum(s**2),
-    ]
-    np.testing.assert_allclose(found[0], twin, rtol=1e-3, atol=1e-3)
-    assert found[0, 0] == pytest.approx(5.0, abs=0.1)  # a parabola through three costs
-    assert np.isnan(found[1, 0])  # five px above it the image ends
-    assert np.isnan(found[2, 0])  # no pixels

@@ -55,7 +55,7 @@ def test_a_whole_number_is_a_number(make_node):
         ({"mode": "idle"}, "mode: expected one of 'slow', 'fast', found 'idle'"),
         ({"rate": "often"}, "rate: expected float, found 'often'"),
         ({"is_on": 1}, "is_on: expected bool, found 1"),
-        ({"rate": float("nan")}, "rate: expected a number, found nan"),
+        ({"rate": float("nan")}, "rate: expected a finite number, found nan"),
     ],
 )
 def test_a_value_out_of_range_names_parameter_expected_and_found(make_node, values, reason):

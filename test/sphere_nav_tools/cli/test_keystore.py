@@ -140,6 +140,7 @@ def shipped() -> dict[str, Names]:
     return granted(ElementTree.parse(share_file("config/security.policy.xml")))
 
 
+@pytest.mark.slow
 def test_each_node_may_open_what_it_opens_and_nothing_else(files: Path) -> None:
     """With all parameters that change it; the loops of follower and guard are a part of their nodes here."""
     may, seen = shipped(), dict[str, Names]()
@@ -243,6 +244,7 @@ def secured(node: str, folder: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(node_command(node, *words), stderr=subprocess.PIPE, text=True)
 
 
+@pytest.mark.slow
 def test_both_processes_of_a_follower_have_its_enclave(files: Path) -> None:
     may = shipped()["/path_follower"]
     process = secured("path_follower", files)

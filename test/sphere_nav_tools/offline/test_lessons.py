@@ -104,6 +104,7 @@ def campus(taught, tmp_path):
     return tmp_path / taught.name
 
 
+@pytest.mark.slow
 def test_nothing_changes_under_a_vehicle_that_keeps_its_drive(taught, campus, pictures):
     before = (campus / "map.mcap").read_bytes()
     shutil.rmtree(drives_of(campus))
@@ -138,6 +139,7 @@ def test_the_range_of_an_image_is_that_of_the_map(taught, room):
     np.testing.assert_allclose(np.trace(covariance), np.trace(image.covariance))
 
 
+@pytest.mark.slow
 def test_a_map_learns_a_light_and_forgets_it_again(campus, capsys):
     before = {file.name: file.read_bytes() for file in campus.iterdir()}
     with open_map(campus) as base:

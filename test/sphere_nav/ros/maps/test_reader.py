@@ -303,6 +303,3 @@ def test_the_format_is_frozen():
     is_near = np.isfinite(sphere.range_m) & (sphere.range_m > 1.2)
     np.testing.assert_allclose(ratio[:30][is_near[:30]], 0.01, rtol=0.02)
     assert np.isnan(ratio[30:34]).all()
-    assert sphere.is_filled is not None
-    assert (sphere.is_filled[36:38] == np.isfinite(sphere.range_m[36:38])).all()
-    assert not sphere.is_filled[:36].any()

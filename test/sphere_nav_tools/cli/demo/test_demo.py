@@ -43,6 +43,7 @@ def test_leaving_the_path_or_stopping_early_has_not(tmp_path):
     assert "LEFT" in result_table(result, demo.folder)
 
 
+@pytest.mark.slow
 def test_a_drive_that_did_not_finish_is_not_good(tmp_path):
     demo, result = verdict(tmp_path, [0.0, 0.01, 0.0], 0.99, has_finished=False)
     assert not result["has_followed"]

@@ -68,6 +68,7 @@ def test_a_ring_becomes_a_sphere_with_z_up(ring, tmp_path):
     np.testing.assert_allclose(poses[1].translation, [0.3, -0.2, 0.1], atol=1e-9)  # the rig's x is up, its z forward
 
 
+@pytest.mark.slow
 def test_a_missing_sensor_is_named(ring, tmp_path, capsys):
     (ring / "sphere_2" / "depth_5.png").unlink()
     assert main(["import", "spherical", str(ring), "-o", str(tmp_path / "bag")]) == 2
