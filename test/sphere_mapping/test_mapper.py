@@ -153,7 +153,7 @@ def test_a_first_sphere_that_nothing_follows_is_given_up(drive):
     truth, spheres = drive
     covered = replace(spheres[0], image=np.full_like(spheres[0].image, 12), stamp_ns=0)
     stored = []
-    store = SimpleNamespace(add=lambda node, edges, sphere: stored.append(node.id), tell=lambda graph: None)
+    store = SimpleNamespace(add=lambda node, sphere: stored.append(node.id), tell=lambda graph: None)
     mapper = Mapper(T_map_first=truth[1], store=store)
     updates = [mapper.add(sphere) for sphere in (covered, *spheres[1:4])]
     assert [update.T_map_sphere is not None for update in updates] == [True, False, True, True]
@@ -222,7 +222,7 @@ def test_the_spheres_of_a_rolling_shutter_are_straightened_by_the_motion_that_is
 def test_the_only_key_sphere_of_a_rolling_shutter_is_stored(num_spheres):
     stored = {}
     store = SimpleNamespace(
-        add=lambda node, edges, sphere: stored.update({node.id: sphere}), load=stored.get, tell=lambda graph: None
+        add=lambda node, sphere: stored.update({node.id: sphere}), load=stored.get, tell=lambda graph: None
     )
     mapper = Mapper(store=store)
     for number in range(num_spheres):

@@ -41,6 +41,8 @@ from sphere_nav_tools.offline.lessons import (
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
 
+pytestmark = pytest.mark.slow
+
 START_NS = 1_000_000_000
 NUM_IMAGES = 16
 # The light of these lessons is one that local contrast would explain.
@@ -104,7 +106,6 @@ def campus(taught, tmp_path):
     return tmp_path / taught.name
 
 
-@pytest.mark.slow
 def test_nothing_changes_under_a_vehicle_that_keeps_its_drive(taught, campus, pictures):
     before = (campus / "map.mcap").read_bytes()
     shutil.rmtree(drives_of(campus))
@@ -139,7 +140,6 @@ def test_the_range_of_an_image_is_that_of_the_map(taught, room):
     np.testing.assert_allclose(np.trace(covariance), np.trace(image.covariance))
 
 
-@pytest.mark.slow
 def test_a_map_learns_a_light_and_forgets_it_again(campus, capsys):
     before = {file.name: file.read_bytes() for file in campus.iterdir()}
     with open_map(campus) as base:
