@@ -153,7 +153,8 @@ class StoppedBase(Base):
                 accepted = self.goal.accepted
             else:
                 self.answer(self.load.call_async(LoadTrajectory.Request(path=self.file)))
-                accepted = self.answer(self.start.call_async(self.request)).success
+                started = self.answer(self.start.call_async(self.request))
+                accepted, self.reason = started.success, started.message
             if accepted:
                 return
         raise RuntimeError(f"expected the {way} to begin, found {self.reason}")
@@ -183,7 +184,8 @@ def trial(vehicle: StoppedBase, way: str, draw: random.Random) -> tuple[str, flo
     speeds = [speed for _, speed in vehicle.commands[max(first - 1, 0) :]]
     gained = max([max(b - a, 0.0) for a, b in pairwise(speeds)], default=0.0)
     late = [speed for at, speed in vehicle.commands[first:] if at - answered > RAMP]
-    if way == "mission":  # leave no mission behind
+    if way == "mission":  # leave no mission behind, and no pause
         vehicle.answer(vehicle.goal.cancel_goal_async())
-        vehicle.live(1.0)
+    vehicle.answer(vehicle.calls["stop"].call_async(vehicle.request))
+    vehicle.live(1.0)
     return way, max([gained, *late])
