@@ -35,8 +35,8 @@ calls = {"add": 0, "finish": 0}
 
 def counted(name, limit, act):
     method = getattr(MapWriter, name)
-    def call(self, *words):
-        done = method(self, *words)
+    def call(self, *words, **named):
+        done = method(self, *words, **named)
         calls[name] += 1
         if calls[name] == limit:
             act()
@@ -47,6 +47,7 @@ for line in sys.stdin:
     name, limit, how, words = json.loads(line)
     pid = os.fork()
     if pid == 0:
+        status = 1
         try:
             if how == "kill":
                 counted(name, limit, lambda: os.kill(os.getpid(), signal.SIGKILL))
