@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -14,7 +15,7 @@ from sphere_nav.ros.shared_files import share_file
 from sphere_nav_tools.cli.demo.processes import node_command
 
 PATIENCE, SILENCE = 60, 10  # s of a loaded machine; s without an answer
-ALONE = ("unshare", "--mount", "sh", "-c", 'mount -t tmpfs none /dev/shm && exec "$@"', "sh")  # without shared memory
+ALONE = ("unshare", "--mount", "sh", "-c", 'mount -t tmpfs none /dev/shm && exec "$@"', "sh")  # with memory of its own
 WITHIN = ("ip", "netns", "exec")
 ANSWER = "no path is loaded"
 ASK = """
@@ -30,8 +31,8 @@ if client.wait_for_service(timeout_sec=float(sys.argv[1])):
 """
 
 
-def ip(*words: str) -> None:
-    subprocess.run(["ip", *words], check=True, capture_output=True, timeout=PATIENCE)
+def ip(*words: str) -> str:
+    return subprocess.run(["ip", *words], check=True, capture_output=True, text=True, timeout=PATIENCE).stdout
 
 
 @pytest.fixture
@@ -49,16 +50,19 @@ def computers() -> Iterator[tuple[str, str]]:
             ip("-n", name, "link", "set", "lo", "up")
             ip("-n", name, "link", "set", "eth0", "up")
     except subprocess.CalledProcessError as error:
-        pytest.skip(f"this machine gives no network namespaces: {error.stderr.decode().strip()}")
+        pytest.skip(f"this machine gives no network namespaces: {error.stderr.strip()}")
+    for name in names:
+        while " UP " not in ip("-n", name, "-br", "link", "show", "eth0"):  # DDS looks once which interfaces there are
+            time.sleep(0.05)
     yield names
     for name in names:
         ip("netns", "delete", name)
 
 
-def start_by(computer: str, seconds: int, *alone: str) -> str:
+def start_by(words: list[str], seconds: int) -> str:
     """Return what the follower answers to somebody who names the vehicle's address; empty: nothing."""
     environment = os.environ | {"ROS_STATIC_PEERS": "10.77.0.1", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
-    words = [*WITHIN, computer, *alone, sys.executable, "-c", ASK, str(seconds)]
+    words = [*words, sys.executable, "-c", ASK, str(seconds)]
     return subprocess.run(words, env=environment, capture_output=True, text=True, timeout=3 * PATIENCE).stdout
 
 
@@ -69,14 +73,15 @@ def test_a_stranger_reaches_a_follower_until_the_rule_is_there(computers: tuple[
     first = 7400 + 250 * int(os.environ["ROS_DOMAIN_ID"])
     rule = share_file("config/firewall.nft").read_text().replace("7400-7649", f"{first}-{first + 249}")
     assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"  # which keeps nobody out
-    follower = subprocess.Popen([*WITHIN, vehicle, *node_command("path_follower")], stderr=subprocess.DEVNULL)
+    follower = subprocess.Popen([*WITHIN, vehicle, *ALONE, *node_command("path_follower")], stderr=subprocess.DEVNULL)
+    outside, inside = [*WITHIN, stranger, *ALONE], ["nsenter", "--mount", "--net", "--target", str(follower.pid)]
     try:
-        assert ANSWER in start_by(stranger, PATIENCE, *ALONE)
+        assert ANSWER in start_by(outside, PATIENCE)
         give(vehicle, rule)
-        assert start_by(stranger, SILENCE, *ALONE) == ""
-        assert ANSWER in start_by(vehicle, PATIENCE)  # it goes on for who is inside
+        assert start_by(outside, SILENCE) == ""
+        assert ANSWER in start_by(inside, PATIENCE)  # it goes on for who is inside
         give(vehicle, rule.replace("{ lo }", "{ lo, eth0 }"))
-        assert ANSWER in start_by(stranger, PATIENCE, *ALONE)  # who is not a stranger now
+        assert ANSWER in start_by(outside, PATIENCE)  # who is not a stranger now
     finally:
         follower.terminate()
         follower.wait(PATIENCE)

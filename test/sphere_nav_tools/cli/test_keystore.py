@@ -42,6 +42,7 @@ from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.up import ros_arguments
 from worlds.rig import vertical_rig
 
+pytestmark = [pytest.mark.slow, pytest.mark.dds]
 PATIENCE = 60.0  # s of a loaded machine
 Names = set[tuple[str, str]]  # publish or subscribe, topic of DDS
 COMPRESSED = {"transport": "compressed"}
