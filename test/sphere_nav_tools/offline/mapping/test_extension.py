@@ -103,7 +103,7 @@ def test_processes_and_a_cluster_make_the_same_map_bit_for_bit(drives, joint, tm
         def close(self):
             pass
 
-    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Client))
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Client, KilledWorker=RuntimeError))
     words = ("--extend", drives / "taught", *SETTINGS, *ALL_KEPT)
     for name, options in {"two": ("--jobs", 2), "cluster": ("--scheduler", "tcp://here:8786")}.items():
         assert call("map", drives / "west", "-o", tmp_path / name, *words, *options) == 0
