@@ -167,7 +167,7 @@ MAP_FAULTS = {
     "absent": ("absent", "expected", "found none"),
     "empty_map": ("map.mcap", "expected a map", "found no such file"),
     "truncated_map": ("map.mcap: truncated MCAP: ", "can be salvaged"),
-    "future_map": ("format_version: expected 2, found 3",),
+    "future_map": ("format_version: expected 1, found 2",),
     "good": ("map.mcap", "expected a map", "found no such file"),  # a bag, but no map
 }
 

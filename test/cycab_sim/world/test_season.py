@@ -31,6 +31,7 @@ def test_other_cars_are_parked_and_nothing_else_moves(town):
     assert near.max() < 2.8  # half a car, and the shift along the kerb
 
 
+@pytest.mark.slow
 def test_bare_trees_have_branches_for_leaves_and_houses_stay(town):
     mesh, bare = town[0], change_season(town[0], SeasonParams(leaves="none"), 5)
     is_leaf = mesh.kinds[:, 0] == materials.FOLIAGE

@@ -75,6 +75,7 @@ def test_the_tour_is_long_and_meets_another_day(tmp_path):
     assert {"traffic.seed", "light.clouds"} <= set(OTHER_DAY)
 
 
+@pytest.mark.slow
 def test_the_second_drive_alone_has_a_condition(tmp_path):
     demo = Demo(tmp_path / "demo", 1, "straight", 46, {}, "night_lamps")
     assert "condition" not in demo.simulation
