@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 FAST_S, SLOW_S = 0.3, 20.0  # CPU time on the computer of `LOOP_S`
+SHARED_S = 1.0  # what several tests of the first ring share: a town
 MARGIN = 4.0  # kernels that a process loads first, garbage that it collects
 LOOP_S = 0.02  # CPU time of `loop` on a quiet core
 HANGS_S = {False: 120.0, True: 600.0}  # wall time after which a test of the first ring, or of another, hangs
@@ -66,19 +67,32 @@ def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object], request: pytest.FixtureRequest) -> Iterator[None]:
+    """Charge what several tests share to none of them: which comes first is chance."""
+    begun = cpu_seconds()
+    result = yield
+    item = request._pyfuncitem
+    if fixturedef.scope != "function":
+        item.stash[STARTED] = item.stash.get(STARTED, begun) + cpu_seconds() - begun
+        if told := excess(cpu_seconds() - begun, SLOW_S if is_outer(item) else SHARED_S):
+            pytest.fail(f"{fixturedef.argname}: {told}", pytrace=False)
+    return result
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Fail a test above the limit of its ring."""
     result = yield
-    if told := excess(cpu_seconds() - item.stash[STARTED], is_outer(item)):
+    if told := excess(cpu_seconds() - item.stash[STARTED], SLOW_S if is_outer(item) else FAST_S):
         pytest.fail(told, pytrace=False)
     return result
 
 
-def excess(seconds: float, is_outer: bool) -> str:
-    """Return what is told of a test that took so much CPU time; empty where that is within the limit of its ring."""
-    limit = MARGIN * (SLOW_S if is_outer else FAST_S)
+def excess(seconds: float, allowed: float) -> str:
+    """Return what is told of a test that took so much CPU time; empty where that is within what its ring allows."""
+    limit = MARGIN * allowed
     if seconds <= limit:
         return ""
     seconds /= max(loop() / LOOP_S, 1.0)
-    advice = "make it smaller" if is_outer else "make it smaller, or mark it `slow`"
+    advice = "make it smaller, or mark it `slow`"
     return f"expected at most {limit:g} s of CPU, found {seconds:.1f} s: {advice}" if seconds > limit else ""
