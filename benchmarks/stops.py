@@ -29,7 +29,8 @@ TRIALS, QUICK_TRIALS = 200, 12
 RULES, WAYS = ("moving", "standing"), ("path", "mission")
 STOPS, CAUSES = ("stop", "pause", "press", "page"), ("none", "pose", "lost", "obstacle")
 WATCH = 4.0  # s after the answer, in which the cause goes
-RAMP = 2.8  # s, gently from 1.4 m/s
+RAMP = 3.3  # s, gently from 1.4 m/s, and until the answer and the last command are heard
+ON_ITS_WAY = 0.1  # s after the answer: a command of before it may be heard
 LENGTH = 400.0  # m of the path: a base is never put back
 
 
@@ -193,13 +194,13 @@ def trial(vehicle: StoppedBase, way: str, draw: random.Random) -> tuple[str, flo
         vehicle.live(draw.uniform(0.0, 3.0))
     if not vehicle.ask(stop):  # a pause of what stands for good: nothing to hold
         vehicle.ask("stop")
-    answered, first = time.monotonic(), len(vehicle.commands)
+    answered = time.monotonic()
     vehicle.live(draw.uniform(0.0, 0.5 * WATCH))
     vehicle.is_silent, vehicle.has_obstacle, vehicle.state = False, False, "TRACKING"
     vehicle.live(WATCH - (time.monotonic() - answered))
-    speeds = [speed for _, speed in vehicle.commands[max(first - 1, 0) :]]
+    speeds = [speed for at, speed in vehicle.commands if at - answered > ON_ITS_WAY]
     gained = max([max(b - a, 0.0) for a, b in pairwise(speeds)], default=0.0)
-    late = [speed for at, speed in vehicle.commands[first:] if at - answered > RAMP]
+    late = [speed for at, speed in vehicle.commands if at - answered > RAMP]
     if way == "mission":  # leave no mission behind, and no pause
         vehicle.answer(vehicle.goal.cancel_goal_async())
     vehicle.answer(vehicle.calls["stop"].call_async(vehicle.request))
