@@ -8,12 +8,9 @@ where the map has drifted, the path has drifted with it.
 
 from __future__ import annotations
 
-import shutil
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, cast
 
@@ -22,8 +19,20 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from scipy.spatial import cKDTree
 from sphere_nav_msgs.msg import LocalizationStatus
 
-from benchmarks.mission_network import CRUISE, NORTH, RIGHT, SOUTH, named, rounded_way
-from benchmarks.mission_town import LATENCY_NS, PERIOD_NS, STEP_NS, Driven, Town
+from benchmarks.commands import call
+from benchmarks.drive.mission_town import (
+    CRUISE,
+    LATENCY_NS,
+    NORTH,
+    PERIOD_NS,
+    RIGHT,
+    SOUTH,
+    STEP_NS,
+    Driven,
+    Town,
+    named,
+    rounded_way,
+)
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
 from cycab_sim.simulator import START_NS, Simulator
@@ -43,7 +52,6 @@ from sphere_nav.ros.conversions import pose_to_se3, stamp_ns
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, SIMULATION, TEACHING
 from sphere_nav_tools.cli.demo.report import read_truth
-from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.routes import map_id_of, read_network_of
 
 EAST, LANE, NORTH_SIDE = 132.5, 120.0, 42.0  # m: x of the other way over the square, x of the lane, y where they meet
@@ -53,7 +61,6 @@ RINGS: Corners = (  # A, F, B, C; A, the square, the lane, B
     *((0.0, SOUTH), (F_NORTH, SOUTH), (F_NORTH, NORTH), (WEST, NORTH), (WEST, SOUTH)),
     *((LANE, SOUTH), (LANE, NORTH)),
 )
-QUICK_TOUR: Corners = (*RINGS, (20.0, NORTH))
 TOUR: Corners = (  # F southwards, the block the other way round, the other way over the square, B westwards
     *(*RINGS, (F_SOUTH, NORTH), (F_SOUTH, -SOUTH)),
     *((-20.0 + RIGHT, -SOUTH), (-20.0 + RIGHT, 110.0 - RIGHT), (F_SOUTH, 110.0 - RIGHT), (F_SOUTH, SOUTH)),
@@ -66,7 +73,7 @@ CITY = SIMULATION | BUSY | {"world": "city", "teach.speed": CRUISE, "capture.dis
 
 @dataclass(frozen=True)
 class City:
-    """Where a city's tour and map are kept, its seed, the corners of the tour, and how many processes make it."""
+    """Where a city's tour and map are kept, its seed, the corners of the tour, and how many processes map it."""
 
     folder: Path
     seed: int
@@ -79,41 +86,27 @@ class City:
 
     def prepare(self) -> None:
         """Drive the tour by the simulator's driver into a bag and map it; what is there already is kept."""
-        bag = self.folder / "teach"
+        bag, made = self.folder / "teach", self.folder / "map"
         if not bag.is_dir():
             self.folder.mkdir(parents=True, exist_ok=True)
-            with ProcessPoolExecutor(self.jobs, get_context("spawn")) as pool:
-                parts = list(pool.map(self.teach, range(self.jobs)))
-            bag.mkdir()
-            for part in parts:
-                for file in part.glob("*.mcap"):
-                    file.rename(bag / file.name)
-        if not (self.folder / "map").is_dir():
-            made, rig, taught = (str(self.folder / name) for name in ("map", "rig.yaml", "taught.tum"))
-            words = ["map", str(bag), "-o", made, "--rig", rig, "--taught", taught, "--anchor", "truth"]
-            if main([*words, "--jobs", str(self.jobs)]) != 0:
-                raise ValueError(f"{self.folder}: expected a tour that can be mapped, found one that cannot")
+            self.teach(bag)
+        if not made.is_dir():
+            rig, taught = self.folder / "rig.yaml", self.folder / "taught.tum"
+            call("map", bag, "-o", made, "--rig", rig, "--taught", taught, "--anchor", "truth", "--jobs", self.jobs)
 
-    def teach(self, part: int) -> Path:
-        """Write the bag of the whole drive with one of `jobs` parts of the images, where it is not; return it."""
-        path = self.folder / f"part_{part}"
-        if path.is_dir():
-            return path
-        shutil.rmtree(path.with_name(f"{path.name}.partial"), ignore_errors=True)
-        rig_file = {"rig.file": str(self.folder / "rig.yaml")} if part == 0 else {}
-        bus, simulator = OfflineBus(start_ns=START_NS), self.simulator(TEACHING | rig_file)
+    def teach(self, path: Path) -> None:
+        """Write the bag of the drive."""
+        bus = OfflineBus(start_ns=START_NS)
+        simulator = self.simulator(TEACHING | {"rig.file": str(self.folder / "rig.yaml")})
         outputs = publish_on(bus, simulator)
         with BagWriter(path) as bag:
             while not simulator.is_taught:
                 bus.now_ns = simulator.time_ns
                 for name in simulator.take_due():
-                    number = simulator.schedule.count["rig"] if name == "rig" else 0
-                    if number % self.jobs == part:
-                        outputs.publish(name)
+                    outputs.publish(name)
                 for _ in record(bus.settle(), bag, bus):
                     pass
                 simulator.step(simulator.teach_command(), STEP_NS // 5)
-        return path
 
 
 def publish_on(bus: OfflineBus, simulator: Simulator) -> Outputs:

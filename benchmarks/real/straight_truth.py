@@ -9,7 +9,6 @@ would change is changed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -32,15 +31,6 @@ MIN_POINTS = 50
 
 def straighten(bag: Path, truth: Trajectory, readout_s: float) -> Trajectory:
     """Return the poses of the middle rows of a bag's images, of those with a true pose by a global shutter."""
-    return _move_to(bag, truth, readout_s, SE3.inverse)
-
-
-def bend(bag: Path, truth: Trajectory, readout_s: float) -> Trajectory:
-    """Return what structure from motion by a global shutter makes of the true poses of the middle rows."""
-    return _move_to(bag, truth, readout_s, lambda T_middle_fit: T_middle_fit)
-
-
-def _move_to(bag: Path, truth: Trajectory, readout_s: float, move: Callable[[SE3], SE3]) -> Trajectory:
     optical = SE3((truth.T_map_body @ T_BODY_OPTICAL).matrix)
     number = {int(stamp): index for index, stamp in enumerate(truth.stamps_ns)}
     straight = truth.T_map_body.matrix.copy()
@@ -55,7 +45,7 @@ def _move_to(bag: Path, truth: Trajectory, readout_s: float, move: Callable[[SE3
             points = (rays / rays[..., 2:] * depth[..., None])[np.isfinite(depth)]
             twist = twist_of(truth.stamps_ns, optical, index, readout_s)
             T_middle_fit = fit_at_once(camera, points, twist)
-            straight[index] = (optical[index] @ move(T_middle_fit) @ T_BODY_OPTICAL.inverse()).matrix
+            straight[index] = (optical[index] @ T_middle_fit.inverse() @ T_BODY_OPTICAL.inverse()).matrix
     return Trajectory(truth.stamps_ns, SE3(straight))
 
 

@@ -16,7 +16,6 @@ from benchmarks.rgbd_data import Frame
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.arrays import Array
 
-INVERTED = 0.35  # share of the surface on which the contrast of patches is inverted
 BLUR_PX = 12.0  # of the mean about which it is inverted, at 640 x 480
 NORMAL_PX = 4.0  # over which normals are smoothed: ranges are rough
 Gray = NDArray[np.float32]
@@ -41,7 +40,7 @@ class Light:
     """Another light of a room: what a camera at a pose would see of its surfaces by it."""
 
     def __init__(
-        self, kind: str, share: float, seed: int, frames: Sequence[Frame], camera: Pinhole, extent: Extent = ROOM
+        self, kind: str, share: float, seed: int, frames: Sequence[Frame], camera: Pinhole, extent: Extent
     ) -> None:
         self._kind, self._share, self._camera, self._extent = kind, share, camera, extent
         random, size = np.random.default_rng(seed), extent.lamp_m
@@ -87,7 +86,9 @@ class Light:
         vectors, phases = self._waves
         noise = np.sin(world @ vectors.T + phases).sum(axis=-1)
         mean = cv2.GaussianBlur(gray, (0, 0), BLUR_PX)
-        return np.where(noise > np.sqrt(6 / 2) * 0.385, 2.0 * mean - gray, gray).astype(np.float32)  # INVERTED above
+        return np.where(noise > np.sqrt(6 / 2) * 0.385, 2.0 * mean - gray, gray).astype(
+            np.float32
+        )  # on 35 % of the surface
 
     def _points(self, depth_m: Gray) -> tuple[Array, Array]:
         """Return the points (H, W, 3) of an image, holes filled by what is nearest, and normals towards the camera."""
