@@ -36,20 +36,14 @@ GROUPS = {
 }
 NAMES = r'^HELP = "(.*)"$'
 UNMOVED = {  # files that are not in the folder of their group yet
-    "kernel_times": "times",
-    "localizer_times": "times",
-    "localizer_start": "times",
-    "localizer_rate": "times",
     "faults": "safety",
     "fault_busy": "safety",
     "doubts": "safety",
     "stops": "safety",
-    "lifecycle": "times",
     "localizer_faults": "safety",
     "calibration": "calibration",
     "calibration_doubts": "calibration",
     "stitching": "mapping",
-    "mapping_times": "times",
     "range_honesty": "mapping",
     "range_classes": "mapping",
     "pose_graphs": "mapping",
@@ -61,7 +55,6 @@ UNMOVED = {  # files that are not in the folder of their group yet
     "region": "mapping",
     "key_spheres": "mapping",
     "pixel_choice": "mapping",
-    "map_jobs": "times",
     "nothing_lost": "abuse",
     "mcl_panoramas": "bare",
     "mcl_surround": "bare",
@@ -82,9 +75,6 @@ UNMOVED = {  # files that are not in the folder of their group yet
     "zoo": "abuse",
     "endpoints": "abuse",
     "abuse": "abuse",
-    "map_streaming": "times",
-    "intake_rate": "times",
-    "live_rigs": "times",
     "soak": "abuse",
     "false_joins": "safety",
 }
