@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import subprocess
 import time
 from collections.abc import Callable
 from importlib import metadata
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-LIBRARIES = ("numpy", "numba", "opencv-python-headless", "open3d", "open3d-cpu")
+LIBRARIES = ("numpy", "numba", "opencv-python-headless")
 
 
 def cpu_name() -> str:
@@ -37,8 +38,15 @@ def describe(num_threads: int) -> str:
     return f"{cpu_name()}, {num_cores()} cores, {threads}; python {platform.python_version()}, {versions}"
 
 
+def commit() -> str:
+    """Return the commit of the checkout, with a plus where files differ from it."""
+    call = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
+    found = subprocess.run(call, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    return found.stdout.strip() or "unknown"
+
+
 def set_threads(num_threads: int) -> None:
-    """Give OpenCV, numba and OpenMP (Open3D; before it is imported) the same number of threads."""
+    """Give OpenCV, numba and OpenMP (before it is imported) the same number of threads."""
     os.environ["OMP_NUM_THREADS"] = str(num_threads)
     import cv2
     import numba
