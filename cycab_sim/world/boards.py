@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.boards.board import Board
-from rig_calibration.boards.views import BoardView
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
@@ -21,6 +20,12 @@ SUBSAMPLES = 32
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 BORDER_SQUARES = 1.0  # white paper around the outer squares
 BLUR_PX, NOISE = 0.7, 2.0
+TILT_DEG, FRONTAL_DEG = (12.0, 35.0), 2.0  # of a board before a camera; of one that only faces it
+EXTENT = (0.28, 0.45)  # of the image's width that it takes
+
+
+Seen = TypeVar("Seen")
+Board = Any  # of `rig_calibration`, which the simulator does not import: a chessboard or a ChArUco board
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +59,11 @@ class BoardWorld:
         image = cv2.GaussianBlur(image * shade, (0, 0), BLUR_PX) + rng.normal(0.0, NOISE, image.shape)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
-    def views(self, noise_px: float, rng: np.random.Generator) -> list[BoardView]:
-        """Return what a perfect detector with noise would see: whole boards, from the front."""
+    def views(self, record: Callable[..., Seen], noise_px: float, rng: np.random.Generator) -> list[Seen]:
+        """Return what a perfect detector with noise would see, whole boards from the front.
+
+        `record` makes a view of the names of camera, instant and board, of numbers (n,) and pixels (n, 2) of corners.
+        """
         found = []
         for camera, part in enumerate(self.rig.cameras):
             for instant in range(len(self.T_world_rig.matrix)):
@@ -64,8 +72,7 @@ class BoardWorld:
                     pixels, is_seen = part.camera.project(T.apply(board.points))
                     if is_seen.all() and T.rotation[:, 2] @ T.apply(board.points).mean(axis=0) > 0:
                         noisy = pixels + rng.normal(0.0, noise_px, pixels.shape)
-                        numbers = np.arange(board.num_corners)
-                        found.append(BoardView(part.name, f"{instant:03d}", board.name, numbers, noisy))
+                        found.append(record(part.name, f"{instant:03d}", board.name, np.arange(len(noisy)), noisy))
         return found
 
 
@@ -201,9 +208,9 @@ def ring_rig(size: tuple[int, int] = (960, 720)) -> Rig:
 
 
 def boards_around(
-    num_boards: int, distance_m: float, rng: np.random.Generator, kind: str = "chessboard"
+    make: Callable[..., Board], num_boards: int, distance_m: float, rng: np.random.Generator, kind: str = "chessboard"
 ) -> tuple[tuple[Board, ...], SE3]:
-    """Return boards on a circle around the origin, facing it, tilted a little.
+    """Return boards on a circle around the origin, facing it, tilted a little; `make` is the class of a board.
 
     Chessboards differ in size, ChArUco boards of 8x6 corners in their markers (up to seven in DICT_4X4_250).
     """
@@ -211,9 +218,9 @@ def boards_around(
     boards, poses = [], []
     for number in range(num_boards):
         if kind == "charuco":
-            board = Board(f"board{number}", 8, 6, 0.12, kind, 0.09, first_marker=32 * number)
+            board = make(f"board{number}", 8, 6, 0.12, kind, 0.09, first_marker=32 * number)
         else:
-            board = Board(f"board{number}", *sizes[number], 0.12)
+            board = make(f"board{number}", *sizes[number], 0.12)
         turn = so3.exp([0.0, 0.0, 2.0 * np.pi * (number + 0.5) / num_boards])
         R = turn @ OPTICAL @ so3.exp(rng.normal(0.0, 0.15, 3))
         center = turn @ [distance_m, 0.0, rng.uniform(-0.15, 0.15)]
@@ -233,4 +240,29 @@ def wandering(num_instants: int, rng: np.random.Generator, *, is_drive_only: boo
         yaw = 2.0 * np.pi * number / num_instants * 3.0 + rng.uniform(-0.2, 0.2)
         R = so3.exp([0.0, 0.0, yaw]) @ so3.exp([*rng.uniform(-0.35, 0.35, 2), 0.0])
         poses.append(SE3.from_parts(R, rng.uniform([-0.5, -0.5, -0.25], [0.5, 0.5, 0.25])).matrix)
+    return SE3(np.stack(poses))
+
+
+def board_poses(camera: Camera, board: Board, count: int, flaw: str, rng: np.random.Generator) -> SE3:
+    """Return T_camera_board (count,) with the whole board in the image, in the part of it that the flaw leaves.
+
+    flaw: "frontal" boards only, on "one side" of the image only, or "" for good ones.
+    """
+    low, high = np.zeros(2), np.array([camera.width, camera.height], float)
+    if flaw == "one side":
+        axis, side = rng.integers(2), rng.integers(2)
+        low[axis], high[axis] = (0.0, 0.55 * high[axis]) if side else (0.45 * high[axis], high[axis])
+    width = (board.columns + 1) * board.square_m
+    poses: list[Array] = []
+    shrink = 1.0 if flaw != "one side" else 0.8
+    while len(poses) < count:
+        target = rng.uniform(low, high)
+        angle = np.radians(FRONTAL_DEG * rng.random() if flaw == "frontal" else rng.uniform(*TILT_DEG))
+        about = rng.uniform(0, 2 * np.pi)
+        turn = so3.exp(angle * np.array([np.cos(about), np.sin(about), 0.0])) @ so3.exp([0, 0, rng.normal(0, 0.1)])
+        distance = camera.pixels_per_radian * width / (shrink * rng.uniform(*EXTENT) * camera.width)
+        T = SE3.from_parts(turn, distance * camera.unproject(target) - turn @ board.points.mean(axis=0))
+        pixels, is_seen = camera.project(T.apply(board.points))
+        if is_seen.all() and np.all((pixels > low + 8) & (pixels < high - 8)):
+            poses.append(T.matrix)
     return SE3(np.stack(poses))
