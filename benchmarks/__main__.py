@@ -1,156 +1,207 @@
-"""Run benchmarks by name, all without a name; print Markdown, write JSON. Exit code: 1 one broke, 2 one refused."""
+"""`python -m benchmarks GROUP [NAME ...]`: measure; print Markdown, write JSON. Exit code: 1 one broke, 2 one refused.
+
+A benchmark is a module `GROUP/NAME.py` with a line `HELP = "..."` and `run(options) -> Report`; `add_arguments(parser)`
+where it has options of its own. It is imported only to run: what `--help` tells of it is read from its text.
+"""
 
 from __future__ import annotations
 
 import argparse
 import importlib
 import json
+import random
+import re
+import subprocess
 import sys
+import time
 import traceback
+from functools import cache
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
-from benchmarks.machine import describe, num_cores, set_threads
+from benchmarks.machine import commit, describe, num_cores, set_threads
 from benchmarks.report import Report
 
-PLACES = ("--json", "--output", "--live-images")  # options that say where something is kept: nothing depends on it
-BENCHMARKS = {
-    "kernel_times": "benchmarks.kernel_times",
-    "localizer_times": "benchmarks.localizer_times",
-    "localizer_start": "benchmarks.localizer_start",
-    "localizer_rate": "benchmarks.localizer_rate",
-    "frame_to_frame": "benchmarks.frame_to_frame",
-    "first_motion": "benchmarks.first_motion",
-    "end_to_end": "benchmarks.end_to_end",
-    "repeats": "benchmarks.repeats",
-    "faults": "benchmarks.faults",
-    "busy": "benchmarks.fault_busy",
-    "doubts": "benchmarks.doubts",
-    "stops": "benchmarks.stops",
-    "lifecycle": "benchmarks.lifecycle",
-    "localizer_faults": "benchmarks.localizer_faults",
-    "following": "benchmarks.following",
-    "long_drive": "benchmarks.long_drive",
-    "join": "benchmarks.join",
-    "missions": "benchmarks.missions",
-    "mounting": "benchmarks.mounting",
-    "calibration": "benchmarks.calibration",
-    "calibration_doubts": "benchmarks.calibration_doubts",
-    "stitching": "benchmarks.stitching",
-    "mapping_times": "benchmarks.mapping_times",
-    "range_honesty": "benchmarks.range_honesty",
-    "range_classes": "benchmarks.range_classes",
-    "pose_graphs": "benchmarks.pose_graphs",
-    "outlier_loops": "benchmarks.outlier_loops",
-    "pair_registration": "benchmarks.pair_registration",
-    "long_map": "benchmarks.long_map",
-    "map_scaling": "benchmarks.map_scaling",
-    "view_synthesis": "benchmarks.view_synthesis",
-    "region": "benchmarks.region",
-    "key_spheres": "benchmarks.key_spheres",
-    "pixel_choice": "benchmarks.pixel_choice",
-    "map_jobs": "benchmarks.map_jobs",
-    "nothing_lost": "benchmarks.nothing_lost",
-    "mcl_panoramas": "benchmarks.mcl_panoramas",
-    "mcl_surround": "benchmarks.mcl_surround",
-    "mcl_street": "benchmarks.mcl_street",
-    "mcl_walks": "benchmarks.mcl_walks",
-    "mcl_homes": "benchmarks.mcl_homes",
-    "mcl_rooms": "benchmarks.mcl_rooms",
-    "mcl_town": "benchmarks.mcl_town",
-    "mcl_wrong_map": "benchmarks.mcl_wrong_map",
-    "mcl_kidnap": "benchmarks.mcl_kidnap",
-    "contradictions": "benchmarks.contradictions",
-    "mcl_cameras": "benchmarks.mcl_cameras",
-    "mcl_ramp": "benchmarks.mcl_ramp",
-    "mcl_corridor": "benchmarks.mcl_corridor",
-    "mcl_homing": "benchmarks.mcl_homing",
-    "mcl_times": "benchmarks.mcl_times",
-    "fuzz": "benchmarks.fuzz",
-    "zoo": "benchmarks.zoo",
-    "endpoints": "benchmarks.endpoints",
-    "abuse": "benchmarks.abuse",
-    "map_streaming": "benchmarks.map_streaming",
-    "intake_rate": "benchmarks.intake_rate",
-    "live_rigs": "benchmarks.live_rigs",
-    "soak": "benchmarks.soak",
-    "relight": "benchmarks.relight",
-    "relight_street": "benchmarks.relight_street",
-    "dark": "benchmarks.dark",
-    "learning": "benchmarks.learning",
-    "false_joins": "benchmarks.false_joins",
+FOLDER = Path(__file__).resolve().parent
+GROUPS = {
+    "real": "poses and maps by recorded images",
+    "drive": "following, missions and drives that teach",
+    "light": "a map by day, images of another hour",
+    "mapping": "spheres, ranges, graphs and maps",
+    "bare": "places by bare geometry",
+    "calibration": "rigs by boards",
+    "safety": "faults, false places, stops",
+    "times": "times, memory, rates",
+    "abuse": "wrong files and messages, long runs",
+}
+NAMES = r'^HELP = "(.*)"$'
+UNMOVED = {  # files that are not in the folder of their group yet
+    "kernel_times": "times",
+    "localizer_times": "times",
+    "localizer_start": "times",
+    "localizer_rate": "times",
+    "frame_to_frame": "real",
+    "first_motion": "drive",
+    "end_to_end": "real",
+    "repeats": "real",
+    "faults": "safety",
+    "fault_busy": "safety",
+    "doubts": "safety",
+    "stops": "safety",
+    "lifecycle": "times",
+    "localizer_faults": "safety",
+    "following": "drive",
+    "long_drive": "drive",
+    "join": "drive",
+    "missions": "drive",
+    "mounting": "drive",
+    "calibration": "calibration",
+    "calibration_doubts": "calibration",
+    "stitching": "mapping",
+    "mapping_times": "times",
+    "range_honesty": "mapping",
+    "range_classes": "mapping",
+    "pose_graphs": "mapping",
+    "outlier_loops": "safety",
+    "pair_registration": "mapping",
+    "long_map": "mapping",
+    "map_scaling": "mapping",
+    "view_synthesis": "mapping",
+    "region": "mapping",
+    "key_spheres": "mapping",
+    "pixel_choice": "mapping",
+    "map_jobs": "times",
+    "nothing_lost": "abuse",
+    "mcl_panoramas": "bare",
+    "mcl_surround": "bare",
+    "mcl_street": "bare",
+    "mcl_walks": "bare",
+    "mcl_homes": "bare",
+    "mcl_rooms": "bare",
+    "mcl_town": "bare",
+    "mcl_wrong_map": "bare",
+    "mcl_kidnap": "bare",
+    "contradictions": "bare",
+    "mcl_cameras": "bare",
+    "mcl_ramp": "bare",
+    "mcl_corridor": "bare",
+    "mcl_homing": "bare",
+    "mcl_times": "times",
+    "fuzz": "abuse",
+    "zoo": "abuse",
+    "endpoints": "abuse",
+    "abuse": "abuse",
+    "map_streaming": "times",
+    "intake_rate": "times",
+    "live_rigs": "times",
+    "soak": "abuse",
+    "relight": "light",
+    "relight_street": "light",
+    "dark": "light",
+    "learning": "light",
+    "false_joins": "safety",
 }
 
 
-def main() -> int:
+@cache
+def names(group: str) -> dict[str, str]:
+    """Return what each benchmark of a group is said to measure, by name, without importing it."""
+    paths = [
+        *sorted((FOLDER / group).glob("*.py")),
+        *(FOLDER / f"{n}.py" for n, one in UNMOVED.items() if one == group),
+    ]
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in paths}
+    found = {name: re.search(NAMES, text, re.MULTILINE) for name, text in texts.items()}
+    return {name: told[1] for name, told in found.items() if told}
+
+
+def main(words: list[str]) -> int:
     """Run what the command line names."""
-    named = [word for word in sys.argv[1:] if word in BENCHMARKS] or list(BENCHMARKS)
-    modules = {name: importlib.import_module(BENCHMARKS[name]) for name in named}
-    parser = _parser(modules)
-    options = parser.parse_args()
-    folders = [name for name in options.names if name not in BENCHMARKS and Path(name).is_dir()]
-    options.folders = [Path(name) for name in folders]
-    options.names = [name for name in options.names if name not in folders] or list(BENCHMARKS)
-    if folders and options.names != ["repeats"]:
-        parser.error(f"DIR: expected with repeats alone, found {folders[0]}")
-    if unknown := [name for name in options.names if name not in BENCHMARKS]:
-        parser.error(f"NAME: expected one of {', '.join(BENCHMARKS)}, found {unknown[0]}")
-    if options.json and len(options.names) != 1:
-        parser.error(f"--json: expected one benchmark, found {len(options.names)}")
-    set_threads(options.threads)
-    return max([_run_one(name, modules[name], options) for name in options.names])
+    group = words[0] if words else ""
+    if group != "all" and group not in GROUPS:
+        return _tell_groups(is_wrong=group not in ("", "-h", "--help"))
+    places = {name: one for one in GROUPS if group in ("all", one) for name in names(one)}
+    parser = _parser(group, places)
+    for name in places:
+        if name in words[1:] and hasattr(_module(places[name], name), "add_arguments"):
+            _module(places[name], name).add_arguments(parser)
+    options = parser.parse_args(words[1:])
+    options.quick, options.starts = options.size == "quick", None  # of those in UNMOVED
+    if unknown := [name for name in options.names if name not in places]:
+        parser.error(f"NAME: expected one of {', '.join(places)}, found {unknown[0]}")
+    chosen = options.names or list(places)
+    if options.json and len(chosen) != 1:
+        parser.error(f"--json: expected one NAME, found {len(chosen)}")
+    options.seed = random.randrange(1, 10_000) if options.seed is None else options.seed
+    own = [word for word in words[1:] if word not in options.names]
+    if len(chosen) == 1:
+        return _run_one(places[chosen[0]], chosen[0], options, own)
+    return _run_each([(places[name], name) for name in chosen], options.seed, own)
 
 
-def _parser(modules: dict[str, ModuleType]) -> argparse.ArgumentParser:
-    listing = "\n".join(f"  {name:16} {module.HELP}" for name, module in modules.items())
+def _module(group: str, name: str) -> Any:
+    return importlib.import_module(f"benchmarks.{name}" if name in UNMOVED else f"benchmarks.{group}.{name}")
+
+
+def _tell_groups(is_wrong: bool) -> int:
+    lines = [f"  {group:12} {told}: {', '.join(names(group))}" for group, told in GROUPS.items()]
+    text = "\n".join(["usage: python -m benchmarks GROUP|all [NAME ...] [--help]", "", *lines])
+    print(text, file=sys.stderr if is_wrong else sys.stdout)
+    return 2 if is_wrong else 0
+
+
+def _parser(group: str, places: dict[str, str]) -> argparse.ArgumentParser:
+    listing = "\n".join(f"  {name:18} {names(one)[name]}" for name, one in places.items())
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks",
-        description=f"Measure on this machine. Benchmarks:\n{listing}",
-        epilog="example: python -m benchmarks frame_to_frame --data ../shared/data/rgbd/redkitchen --gaps 1 10",
+        prog=f"python -m benchmarks {group}",
+        description=f"{GROUPS.get(group, 'all groups')}\n\n{listing}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        conflict_handler="resolve",  # of those in UNMOVED
     )
-    parser.add_argument("names", nargs="*", metavar="NAME", help="benchmarks to run (all); for repeats a folder, too")
-    parser.add_argument("--quick", action="store_true", help="fewer runs, for a first look")
-    parser.add_argument(
-        "--threads",
-        type=int,
-        default=min(num_cores(), 2),
-        help="threads for every library (2, as on the reference machine)",
-    )
-    parser.add_argument("--output", type=Path, default=Path("out/bench"), help="folder of the JSON files (out/bench)")
-    parser.add_argument("--json", type=Path, metavar="F", help="file for the JSON of one benchmark (OUTPUT/NAME.json)")
-    parser.add_argument("--starts", type=int, metavar="N", help="drives from anywhere (each mcl benchmark has its own)")
-    for name, module in modules.items():
-        module.add_arguments(parser.add_argument_group(name))
+    parser.add_argument("names", nargs="*", metavar="NAME", help="benchmarks to run (all of the group)")
+    parser.add_argument("--seed", type=int, metavar="N", help="of all that is drawn (a new one, which is printed)")
+    parser.add_argument("--size", choices=("quick", "full"), default="full", help="quick: fewer and smaller (full)")
+    parser.add_argument("--json", type=Path, metavar="F", help="file of what one NAME measured (out/bench/NAME.json)")
+    threads = min(num_cores(), 2)
+    parser.add_argument("--threads", type=int, default=threads, metavar="N", help="of every library (%(default)s)")
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of recordings (%(default)s)")
+    parser.add_argument("--width", type=int, metavar="PX", help="of images and spheres (each has its own)")
     return parser
 
 
-def _run_one(name: str, module: ModuleType, options: argparse.Namespace) -> int:
+def _run_each(chosen: list[tuple[str, str]], seed: int, own: list[str]) -> int:
+    """Run several, each in a process of its own: none lives on the memory or the caches of another."""
+    codes = []
+    for group, name in chosen:
+        words = ["-m", "benchmarks", group, name, *own, "--seed", str(seed)]
+        codes.append(subprocess.run([sys.executable, *words], check=False).returncode)
+    wrong = [name for (_, name), code in zip(chosen, codes, strict=True) if code]
+    print(f"{len(chosen)} benchmarks, seed {seed}; broken or refused: {', '.join(wrong) or 'none'}")
+    return max(abs(code) for code in codes)
+
+
+def _run_one(group: str, name: str, options: argparse.Namespace, own: list[str]) -> int:
+    print(f"{group} {name}: seed {options.seed}, {options.size}", flush=True)
+    set_threads(options.threads)
+    start = time.monotonic()
     try:
-        report: Report = module.run(options)
+        report: Report = _module(group, name).run(options)
     except (ValueError, OSError) as error:
         print(f"{name}: {error}", file=sys.stderr)
         return 2
-    except Exception:  # one broken benchmark must not hide the others
+    except Exception:
         print(f"{name} broke:", file=sys.stderr)
         traceback.print_exc()
         return 1
     print(report.markdown(), end="\n\n", flush=True)
-    path = options.json or options.output / f"{name}.json"
+    path = options.json or Path("out/bench") / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    found = report.as_mapping(_command(name), describe(options.threads))
-    path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    words = " ".join(["python -m benchmarks", group, name, *own, *(() if "--seed" in own else ("--seed", "N"))])
+    head = {"group": group, "name": name, "command": words, "seed": options.seed, "size": options.size}
+    head |= {"seconds": round(time.monotonic() - start), "machine": describe(options.threads), "commit": commit()}
+    path.write_text(json.dumps(head | report.as_mapping(), indent=1) + "\n", encoding="utf-8")
     return 0
 
 
-def _command(name: str) -> str:
-    """Return the command line that measures one benchmark as it was measured now, wherever the result goes."""
-    others = set(BENCHMARKS) - {name}
-    given = sys.argv[1:]
-    words = [word for word, last in zip(given, ["", *given], strict=False) if word not in others and last not in PLACES]
-    words = [word for word in words if word not in PLACES]
-    return " ".join(["python -m benchmarks", *([] if name in words else [name]), *words])
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

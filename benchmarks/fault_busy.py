@@ -291,7 +291,7 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
 def run(options: argparse.Namespace) -> Report:
     """Suffer each fault alone, busy and loaded; end followers by signals while busy."""
     tables, bounds = suffer(1 if options.quick else options.busy_runs, 2 if options.quick else options.busy_signals)
-    return Report("busy", tables, bounds, [describe(options.threads)])
+    return Report("fault_busy", tables, bounds, [describe(options.threads)])
 
 
 def suffer(runs: int, signals: int) -> tuple[list[Table], list[Bound]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import subprocess
 import time
 from collections.abc import Callable
 from importlib import metadata
@@ -35,6 +36,13 @@ def describe(num_threads: int) -> str:
     versions = ", ".join(f"{name} {version}" for name in LIBRARIES if (version := _version(name)))
     threads = f"{num_threads} thread{'s' if num_threads > 1 else ''}"
     return f"{cpu_name()}, {num_cores()} cores, {threads}; python {platform.python_version()}, {versions}"
+
+
+def commit() -> str:
+    """Return the commit of the checkout, with a plus where files differ from it."""
+    call = ["git", "describe", "--always", "--dirty=+", "--exclude=*"]
+    found = subprocess.run(call, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    return found.stdout.strip() or "unknown"
 
 
 def set_threads(num_threads: int) -> None:

@@ -8,7 +8,18 @@ from dataclasses import asdict, dataclass, field
 from datetime import date
 from typing import Any
 
-ROW = ("what", "bound", "measured", "mark")
+COLUMNS = ("what", "bound", "measured", "mark")
+PAGE_GROUPS = (  # of docs/results.md
+    "pose by image",
+    "frame to frame",
+    "drives and missions",
+    "other light",
+    "map",
+    "bare geometry",
+    "time to zero",
+    "times and memory",
+    "robustness",
+)
 
 
 @dataclass(frozen=True)
@@ -32,6 +43,15 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Headline:
+    """That a bound has a row in docs/results.md: in which group, on which data, and the best figure of others there."""
+
+    group: str  # of PAGE_GROUPS
+    data: str  # recording or worlds; seed and size are added
+    peer: str = ""  # the best peer or paper on the same data
+
+
+@dataclass(frozen=True)
 class Bound:
     """A figure to reach (DESIGN 7): `measured` must be at most `bound`, or at least where `is_minimum`."""
 
@@ -40,6 +60,7 @@ class Bound:
     measured: float
     unit: str
     is_minimum: bool = False
+    headline: Headline | None = None
 
     @property
     def is_met(self) -> bool:
@@ -73,13 +94,12 @@ class Report:
         parts = [table.markdown() for table in self.tables]
         if self.bounds:
             rows: Sequence[tuple[str, ...]] = [bound.cells for bound in self.bounds]
-            parts.append(Table("Bounds", ROW, rows).markdown())
+            parts.append(Table("Bounds", COLUMNS, rows).markdown())
         return "\n\n".join([f"## {self.name}", *self.notes, *parts])
 
-    def as_mapping(self, command: str, machine: str) -> dict[str, Any]:
-        """Return plain values for JSON; a row says what, bound, measured, mark and the command that measured it."""
-        rows = [dict(zip(ROW, bound.cells, strict=True)) | {"command": command} for bound in self.bounds]
-        values = [asdict(bound) for bound in self.bounds]
-        head = {"name": self.name, "machine": machine, "date": date.today().isoformat(), "rows": rows}
+    def as_mapping(self) -> dict[str, Any]:
+        """Return plain values for JSON; a bound with its cells as they are printed."""
+        bounds = [asdict(bound) | {"cells": bound.cells} for bound in self.bounds]
         tables = [asdict(table) for table in self.tables]
-        return head | {"bounds": values, "tables": tables, "notes": self.notes, "skipped": self.skipped}
+        found = {"date": date.today().isoformat(), "bounds": bounds, "tables": tables}
+        return found | {"notes": self.notes, "skipped": self.skipped}

@@ -1,18 +1,73 @@
-"""How a run of benchmarks ends."""
+"""The command line of the benchmarks: groups and names are told without an import; how a run ends."""
 
+import json
+import subprocess
+import sys
+from argparse import Namespace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from benchmarks.__main__ import _run_one
+import benchmarks.__main__ as main
+from benchmarks.report import Bound, Report
+
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(monkeypatch, measure, tmp_path, *words):
+    monkeypatch.setattr(main, "_module", lambda group, name: SimpleNamespace(run=measure))
+    monkeypatch.setattr(main, "set_threads", lambda number: None)
+    return main.main(["drive", "join", "--json", str(tmp_path / "found.json"), *words])
+
+
+def test_every_name_is_of_one_group_and_told():
+    found = [name for group in main.GROUPS for name in main.names(group)]
+    assert len(found) == len(set(found)) > 20
+    assert all(told for group in main.GROUPS for told in main.names(group).values())
+
+
+@pytest.mark.parametrize("words", [[], ["--help"], ["drive", "--help"]])
+def test_help_names_what_there_is_and_imports_no_benchmark(words):
+    code = f"import sys; sys.argv[1:] = {words}; import runpy\ntry: runpy.run_module('benchmarks', run_name='__main__')"
+    code += (
+        "\nexcept SystemExit as end: code = end.code\nfound = [m for m in sys.modules if m.startswith('benchmarks.')]"
+    )
+    code += "\nprint(sorted(found), code)"
+    said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert said.stdout.splitlines()[-1] == "['benchmarks.machine', 'benchmarks.report'] 0"
+    assert "following" in said.stdout
+
+
+def test_a_wrong_group_or_name_is_refused(capsys):
+    assert main.main(["driving"]) == 2
+    with pytest.raises(SystemExit):
+        main.main(["drive", "fly"])
+    assert "found fly" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("error", "code"), [(ValueError("expected two, found one"), 2), (KeyError("x"), 1)])
-def test_what_is_refused_is_told_from_what_broke(error, code, capsys):
-    def run(options):
+def test_what_is_refused_is_told_from_what_broke(error, code, capsys, monkeypatch, tmp_path):
+    def measure(options):
         raise error
 
-    assert _run_one("some", SimpleNamespace(run=run), SimpleNamespace()) == code
+    assert run(monkeypatch, measure, tmp_path) == code
     said = capsys.readouterr().err
     assert ("Traceback" in said) == (code == 1)
-    assert "some" in said
+    assert "join" in said
+
+
+def test_a_fresh_seed_is_drawn_and_kept_with_what_was_measured(capsys, monkeypatch, tmp_path):
+    given: list[Namespace] = []
+
+    def measure(options):
+        given.append(options)
+        return Report("join", bounds=[Bound("way", 1.0, 2.0, "m")])
+
+    assert run(monkeypatch, measure, tmp_path, "--size", "quick") == 0
+    assert run(monkeypatch, measure, tmp_path, "--seed", "7") == 0
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert (found["seed"], found["size"], given[0].size) == (7, "full", "quick")
+    assert f"seed {given[0].seed}, quick" in capsys.readouterr().out
+    assert given[0].data == Path("../shared/data")

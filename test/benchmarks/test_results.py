@@ -1,39 +1,45 @@
-"""docs/results.md: its table is read, rows of a benchmark replace its old ones, every figure has a mark."""
+"""docs/results.md: headlines alone, RED first, few; it is what the suite writes."""
 
 import pytest
 
-from benchmarks.report import Bound, Report
-from benchmarks.results import COLUMNS, PAGE, merge, read_page, rows_of, write_page
-
-OLD = [
-    ("speed", "≤ 1 ms", "2 ms", "RED", "`python -m benchmarks fast`", "a desk", "2026-01-01"),
-    ("size", "≤ 1 MB", "1 MB", "ok", "`python -m benchmarks small --quick`", "a desk", "2026-01-01"),
-    ("drive", "≤ 1 m", "0 m", "ok", "`sphere_nav demo`", "a desk", "2026-01-01"),
-]
+from benchmarks.report import Bound, Headline, Report
+from benchmarks.results import COLUMNS, MAX_ROWS, PAGE, rows_of, write_page
 
 
 def entry(name, *bounds):
-    return Report(name, bounds=list(bounds)).as_mapping(f"python -m benchmarks {name}", "a box, 2 cores; python 3.11")
+    head = {"group": "drive", "name": name, "command": f"python -m benchmarks drive {name} --seed N", "seed": 7}
+    head |= {"size": "quick", "machine": "a box, 2 cores; python 3.11", "commit": "abc"}
+    return head | Report(name, bounds=list(bounds)).as_mapping()
 
 
-def test_the_page_is_one_table_with_a_mark_in_every_row():
-    text = PAGE.read_text(encoding="utf-8")
-    rows = read_page(text)
-    figures = [(row[COLUMNS.index("what")], row[COLUMNS.index("command")]) for row in rows]
-    assert len(set(figures)) == len(figures), "a figure that stands on the page twice"
-    assert {row[COLUMNS.index("mark")] for row in rows} == {"ok", "RED"}
-    assert write_page(rows) == text
+def bound(what, measured, group="map"):
+    return Bound(what, 1.0, measured, "m", headline=Headline(group, "a town"))
 
 
-def test_what_was_measured_now_replaces_what_was_measured_before():
-    fast = entry("fast", Bound("speed", 1.0, 0.5, "ms"), Bound("speed, p99", 1.0, float("nan"), "ms"))
-    rows = merge(OLD, [fast, entry("new", Bound("share", 0.9, 0.95, "", is_minimum=True)), entry("empty")])
-    assert [row[0] for row in rows] == ["speed", "speed, p99", "size", "drive", "share"]
-    assert rows[0][1:6] == ("≤ 1 ms", "0.5 ms", "ok", "`python -m benchmarks fast`", "a box, 2 cores")
-    assert [row[3] for row in rows] == ["ok", "RED", "ok", "ok", "ok"]  # what could not be measured is not met
-    assert rows_of(fast)[0] == rows[0]
+def marks(page):
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines()]
+    return [(row[1], row[COLUMNS.index("mark")]) for row in rows if len(row) == len(COLUMNS)][2:]
 
 
-def test_a_row_that_is_cut_is_refused():
-    with pytest.raises(ValueError, match="expected 7 cells in a row, found 3"):
-        read_page("| " + " | ".join(COLUMNS) + " |\n|---|\n| a | b | c |\n")
+def test_the_page_is_short_and_red_comes_first():
+    found = [mark for _, mark in marks(PAGE.read_text(encoding="utf-8"))]
+    assert len(found) <= MAX_ROWS
+    assert found == sorted(found)
+
+
+def test_a_headline_is_a_row_and_another_bound_is_none():
+    found = entry("map", bound("drift", 2.0), Bound("detail", 1.0, 3.0, "m"))
+    row = ("map", "drift", "2 m", "≤ 1 m", "RED", "—", "a town, quick, 7", "abc", found["date"])
+    assert rows_of(found) == [row]
+
+
+def test_what_is_red_or_unmeasured_comes_first_then_group_by_group():
+    page = write_page([entry("a", bound("late", 0.5, "robustness"), bound("drift", 0.5)), entry("b", bound("x", 2.0))])
+    assert marks(page) == [("x", "RED"), ("drift", "ok"), ("late", "ok")]
+    assert "| map | `drive a --seed N`, `drive b --seed N` |" in page
+    assert marks(write_page([entry("a", bound("lost", float("nan")))])) == [("lost", "RED")]
+
+
+def test_more_rows_than_one_reads_are_refused():
+    with pytest.raises(ValueError, match="at most 45 rows, found 46"):
+        write_page([entry("a", *(bound(str(number), 0.5) for number in range(46)))])
