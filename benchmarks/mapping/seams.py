@@ -42,9 +42,7 @@ class Flow:
         return Flow(float(np.median(lengths)) if lengths.size else float("nan"), lengths.size, num_corners)
 
 
-def seam_flow(
-    stitcher: Stitcher, images: Images, level: str, range_m: NDArray[np.float32], min_range_m: float
-) -> Flow:
+def seam_flow(stitcher: Stitcher, images: Images, level: str, range_m: NDArray[np.float32], min_range_m: float) -> Flow:
     """Follow corners from one camera's view of the sphere to the next one's, both drawn as `stitch` draws them.
 
     Only corners near the seam of the two, that both see, near what is measured, nothing of which is less far away.

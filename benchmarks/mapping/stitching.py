@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.machine import describe
 from benchmarks.mapping.rigs import fisheye_rig, nuscenes, room
 from benchmarks.mapping.seams import column_shift, light_step, seam_flow
 from benchmarks.report import Bound, Report
@@ -37,7 +36,7 @@ Images = Mapping[str, Image]
 
 def run(options: argparse.Namespace) -> Report:
     """Measure everything that there is."""
-    report = Report("stitching", notes=[describe(options.threads)])
+    report = Report("stitching")
     seeds = [options.seed] if options.size == "quick" else [options.seed, options.seed + 18]
     for number, seed in enumerate(seeds):
         for kind in ("vertical", "ring"):
@@ -159,9 +158,7 @@ def _nuscenes(folder: Path, options: argparse.Namespace) -> list[Bound]:
     bounds = []
     for how, one in (("as its file says", stitcher), (f"corrected by {_most(better.angle_deg)}", corrected)):
         flow = seam_flow(one, images, "", one.stitch(images, 0, points_rig).sphere.range_m, 10.0)
-        bounds.append(
-            Bound(f"nuscenes, {how}: seams beyond 10 m, {flow.num_followed} corners", 1.5, flow.median, "px")
-        )
+        bounds.append(Bound(f"nuscenes, {how}: seams beyond 10 m, {flow.num_followed} corners", 1.5, flow.median, "px"))
     return bounds + _light("nuscenes", corrected, images, "", (0.12, 0.10))
 
 

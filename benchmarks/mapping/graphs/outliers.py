@@ -3,14 +3,11 @@
 A loop is an edge between poses that do not follow one another; edges between neighbors are odometry and are believed.
 (1) Loops that close a short cycle with one another and with odometry support each other; a false one finds no such
 neighbor, whatever the drift is. (2) Graduated non-convexity with truncated least squares (Yang et al., RA-L 2020), each
-step solved by GTSAM, finds the core of those that are supported. (3) Loops are admitted that fit the result, and those
-that it can bend to within its own covariance and that are supported as well as nearly all kept ones, until nothing
-changes; of several that are bent to together those go again that do not fit then. How far is too far follows from the
-residuals themselves: information matrices of published graphs are off by factors of up to 20,000, and where one claims
-to be a thousand times surer in one direction, poses that are off by a centimeter refute a true loop. So all this is
-done with the mean variances of each edge; only the last optimum is that of the matrices themselves.
-GTSAM's own GncOptimizer begins each step at the first poses again, and at one limit: here a step begins where the last
-one ended.
+step solved by GTSAM, finds the core of those that are supported. (3) Loops are admitted that fit the result, until
+nothing changes. How far is too far follows from the residuals themselves: information matrices of published graphs are
+off by factors of up to 20,000. So all this is done with the mean variances of each edge; only the last optimum is that
+of the matrices themselves. GTSAM's own GncOptimizer begins each step at the first poses again, and at one limit: here a
+step begins where the last one ended.
 """
 
 from __future__ import annotations
@@ -22,10 +19,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import chdtri
 
-from benchmarks.mapping.graphs.optimum import Certified, edge_chi2, innovations, optimize
+from benchmarks.mapping.graphs.certificate import Certified, optimize
 from sphere_mapping.constants import MAX_STEPS
 from sphere_mapping.graph.chordal import chordal_poses
-from sphere_mapping.graph.factors import factors_of, minimize_poses
+from sphere_mapping.graph.factors import factors_of, minimize_poses, values_of
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry.arrays import Array
 
@@ -33,13 +30,11 @@ LOOP_WINDOW = 10  # poses between the ends of two loops that may support each ot
 ALIKE_QUANTILE = 0.2  # of the cycles' errors: of a true loop as long as a fifth of all loops is true and supported
 SUPPORT_RATIO = 3.0  # of that error: supported, as 70 to 85 % of true loops and up to 8 % of false ones
 CORE_RATIO = 4.0  # of the median chi2: the core, from which the limit of true loops follows
-BATCH = 200  # loops at a time of which is found whether the kept ones can bend to them
-BENT_QUANTILE = 0.99  # of the support of kept loops (300 and more), beyond which nothing is bent to another one
 FEW_LOOPS = 20  # below which their residuals say nothing about their scale
 RIGHT_REJECTED = 1e-9  # share of true loops beyond the limit if they were Gaussian
 TAIL_DECADES = 2.0  # in which chi2 may grow as from its 90 to its 99 %: to one loop in 10,000; true ones up to 1.5
 GNC_GROWTH, GNC_ROUNDS = 1.8, 100  # of mu in each round (Yang et al.: 1.4, from first poses); rounds at most
-ADMISSION_ROUNDS = 50  # each admits loops or is the last
+ADMISSION_ROUNDS = 50
 GNC_STEPS = 4  # of a descent in each round
 
 Mask = NDArray[np.bool_]
@@ -49,13 +44,11 @@ Mask = NDArray[np.bool_]
 class RobustOptimum:
     """The optimum of the edges that were kept, and what became of the others.
 
-    optimum: poses and chi2 of the kept edges alone.
-    is_outlier: (M,) edges judged false. chi2: (M,) weighted square of every edge at these poses.
+    optimum: poses and chi2 of the kept edges alone. is_outlier: (M,) edges judged false.
     """
 
     optimum: Certified
     is_outlier: Mask
-    chi2: Array
 
 
 def optimize_robustly(graph: PoseGraph) -> RobustOptimum:
@@ -66,9 +59,15 @@ def optimize_robustly(graph: PoseGraph) -> RobustOptimum:
     is_tried = _supported(is_loop, support)
     start = chordal_poses(graph_of_edges(searched, ~is_loop | is_tried))
     is_kept, poses = _graduate(searched, ~is_loop, is_tried, start)
-    is_kept = _admit(searched, is_loop, is_kept, support, poses)
-    optimum = optimize(graph_of_edges(graph, is_kept))
-    return RobustOptimum(optimum, ~is_kept, edge_chi2(graph, optimum.poses))
+    is_kept = _admit(searched, is_loop, is_kept, poses)
+    return RobustOptimum(optimize(graph_of_edges(graph, is_kept)), ~is_kept)
+
+
+def edge_chi2(graph: PoseGraph, poses: Array) -> Array:
+    """Return the weighted square (M,) of each edge at poses (N, d + 1, d + 1), robust kernels left aside."""
+    factors = factors_of(replace(graph, is_robust=np.zeros(len(graph.ends), np.bool_)))
+    values = values_of(graph, poses)
+    return np.array([2.0 * factors.at(k).error(values) for k in range(len(graph.ends))])
 
 
 def loops_of(graph: PoseGraph) -> Mask:
@@ -154,30 +153,16 @@ def _isotropic(graph: PoseGraph) -> PoseGraph:
     return replace(graph, information=diagonal[:, :, None] * np.eye(TANGENT_SIZE[size]))
 
 
-def _admit(graph: PoseGraph, is_loop: Mask, is_kept: Mask, support: Array, poses: Array) -> Mask:
-    """Return the kept edges (M,) after all loops were admitted that fit, or that the kept ones can bend to."""
+def _admit(graph: PoseGraph, is_loop: Mask, is_kept: Mask, poses: Array) -> Mask:
+    """Return the kept edges (M,) after all loops were admitted that fit, and those left out that no longer do."""
     seen: set[bytes] = set()
-    has_bent, limit = False, np.inf
     for _ in range(ADMISSION_ROUNDS):
         chi2 = edge_chi2(graph, poses)
-        is_beyond = is_kept & is_loop & (chi2 > limit)
-        if has_bent and is_beyond.any():  # each alone could be bent to, all together cannot
-            is_kept = is_kept & ~is_beyond
-        else:
-            limit = _too_far(graph, chi2[is_kept & is_loop])
-            has_bent, is_kept = False, ~is_loop | (chi2 <= limit)
+        is_kept = ~is_loop | (chi2 <= _too_far(graph, chi2[is_kept & is_loop]))
         if is_kept.tobytes() in seen:
-            usual = np.quantile(np.append(support[is_kept & is_loop], [np.inf] * 3), BENT_QUANTILE, method="lower")
-            others = np.flatnonzero(is_loop & ~is_kept & (support <= usual))
-            others = others[np.argsort(chi2[others])][:BATCH]
-            added = innovations(graph_of_edges(graph, is_kept), graph_of_edges(graph, others), poses, limit)
-            is_tried = is_kept.copy()
-            is_tried[others[added <= limit]] = True
-            if is_tried.tobytes() in seen:
-                break
-            is_kept, has_bent = is_tried, True
+            break
         seen.add(is_kept.tobytes())
-        poses = _settle(graph, is_kept, poses)
+        poses = _solve(graph, is_kept, None, poses, chordal_poses(graph_of_edges(graph, is_kept)))
     return is_kept
 
 
@@ -200,14 +185,6 @@ def _graduate(graph: PoseGraph, is_believed: Mask, is_tried: Mask, poses: Array)
             break
         mu *= GNC_GROWTH
     return is_kept, _solve(graph, is_kept, None, poses)
-
-
-def _settle(graph: PoseGraph, is_kept: Mask, poses: Array) -> Array:
-    """Return the optimum of the kept edges (M,): the lower end of descents from these poses and chordal ones.
-
-    Poses found without the loops that have just come in may be in a valley that keeps others of the same place out.
-    """
-    return _solve(graph, is_kept, None, poses, chordal_poses(graph_of_edges(graph, is_kept)))
 
 
 def _too_far(graph: PoseGraph, chi2: Array) -> float:

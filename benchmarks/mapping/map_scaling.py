@@ -21,8 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.machine import describe
-from benchmarks.report import Bound, Report, Table
+from benchmarks.report import Bound, Headline, Report, Table
 from sphere_mapping.graph.incremental import IncrementalOptimum
 from sphere_mapping.graph.loop_closure import Candidate, choose_candidate
 from sphere_mapping.graph.optimum import optimize_map
@@ -41,46 +40,42 @@ CAMERA = Spherical(64, 32)
 LAP, LOOP_STEP = 29, 10  # spheres until the way is back where it was; between two loops
 INFORMATION = np.diag(np.repeat([1 / 0.01**2, 1 / 0.002**2], 3))
 TAIL, NUM_ASKED = 100, 20
+ALL = "a key sphere, in all"
+LIMITS = {  # ms
+    "add to the index": 60.0,
+    "look up": 100.0,
+    "write": 20.0,
+    "adjust after a loop": 500.0,
+    "adjust at the end": 10_000.0,
+    ALL: 250.0,
+}
 
 
 @dataclass
 class Cost:
-    """Of one size: CPU seconds by step, megabytes of memory and of the file."""
+    """Of one size: CPU milliseconds by step, memory and file in kB a sphere."""
 
-    seconds: dict[str, float] = field(default_factory=dict)
-    memory_mb: float = 0.0
-    file_mb: float = 0.0
-
-
-def add_arguments(parser: argparse._ArgumentGroup) -> None:
-    """Declare the arguments."""
-    parser.add_argument("--map-sizes", type=int, nargs="+", default=list(SIZES), help="key spheres (100 1000 10000)")
+    ms: dict[str, float] = field(default_factory=dict)
+    memory_kb: float = 0.0
+    file_kb: float = 0.0
 
 
 def run(options: argparse.Namespace) -> Report:
     """Build maps of all sizes."""
-    sizes = QUICK_SIZES if options.quick else options.map_sizes
+    sizes = QUICK_SIZES if options.size == "quick" else SIZES
     costs = {size: measure(size) for size in sizes}
-    steps = list(costs[sizes[0]].seconds)
-    rows = [(f"{step}, ms", *(f"{1e3 * costs[size].seconds[step]:.1f}" for size in sizes)) for step in steps]
-    rows.append(("memory, kB a sphere", *(f"{1e3 * costs[size].memory_mb / size:.0f}" for size in sizes)))
-    rows.append(("file, kB a sphere", *(f"{1e3 * costs[size].file_mb / size:.0f}" for size in sizes)))
-    report = Report("map_scaling", notes=[describe(options.threads), __doc__ or ""])
+    rows = [(f"{step}, ms", *(f"{cost.ms[step]:.1f}" for cost in costs.values())) for step in costs[sizes[0]].ms]
+    rows.append(("memory, kB a sphere", *(f"{cost.memory_kb:.0f}" for cost in costs.values())))
+    rows.append(("file, kB a sphere", *(f"{cost.file_kb:.0f}" for cost in costs.values())))
+    report = Report("map_scaling", notes=[__doc__ or ""])
     report.tables.append(Table("Key spheres", ("CPU, one thread", *(f"{size:,}" for size in sizes)), rows))
-    largest = costs[sizes[-1]]
-    report.bounds += [
-        Bound(f"{sizes[-1]:,} key spheres: {step}", limit, 1e3 * largest.seconds[step], "ms")
-        for step, limit in (
-            ("add to the index", 60.0),
-            ("look up", 100.0),
-            ("write", 20.0),
-            ("adjust after a loop", 500.0),
-            ("adjust at the end", 10_000.0),
-            ("a key sphere, in all", 250.0),
-        )
+    largest, told = costs[sizes[-1]], Headline("times and memory", f"{sizes[-1]:,} key spheres")
+    report.bounds = [
+        Bound(f"{sizes[-1]:,} key spheres: {step}", limit, largest.ms[step], "ms", False, told if step == ALL else None)
+        for step, limit in LIMITS.items()
     ]
-    per_sphere = 1e3 * largest.memory_mb / sizes[-1]
-    report.bounds.append(Bound(f"{sizes[-1]:,} key spheres: memory of the index, a sphere", 100.0, per_sphere, "kB"))
+    memory = largest.memory_kb
+    report.bounds.append(Bound(f"{sizes[-1]:,} key spheres: memory of the index, a sphere", 100.0, memory, "kB"))
     return report
 
 
@@ -88,22 +83,22 @@ def measure(size: int) -> Cost:
     """Build a map of so many spheres."""
     rng, cost = np.random.default_rng([size, 9]), Cost()
     kinds = rng.integers(0, 256, (NUM_KINDS, 128), np.uint8)
-    before = resident_mb()
+    before = resident_kb()
     index = AppearanceIndex()
     adding = [timed(partial(index.add, k, features_of(k, kinds, rng))) for k in range(size)]
-    cost.memory_mb = resident_mb() - before
+    cost.memory_kb = (resident_kb() - before) / size
     asked = [features_of(int(k), kinds, rng) for k in rng.integers(0, size, NUM_ASKED)]
-    cost.seconds["add to the index"] = float(np.mean(adding[-TAIL:]))
-    cost.seconds["look up"] = float(np.mean([timed(partial(index.find, one, 4)) for one in asked]))
+    cost.ms["add to the index"] = float(np.mean(adding[-TAIL:]))
+    cost.ms["look up"] = float(np.mean([timed(partial(index.find, one, 4)) for one in asked]))
     graph = graph_of(size, rng)
     found = [Candidate(size - 1 - LAP, SE3.identity(), 60)]
     choose_candidate(graph, size - 1, found)  # lengths of edges are measured once
-    cost.seconds["choose among candidates"] = timed(lambda: choose_candidate(graph, size - 1, found))
+    cost.ms["choose among candidates"] = timed(lambda: choose_candidate(graph, size - 1, found))
     adjust(graph, cost)
     write(graph, index, cost)
     each = ("add to the index", "look up", "choose among candidates", "write", "complete the map, a sphere")
-    at_loops = cost.seconds["adjust after a loop"] / LOOP_STEP
-    cost.seconds["a key sphere, in all"] = sum(cost.seconds[step] for step in each) + at_loops
+    at_loops = cost.ms["adjust after a loop"] / LOOP_STEP
+    cost.ms[ALL] = sum(cost.ms[step] for step in each) + at_loops
     return cost
 
 
@@ -117,13 +112,13 @@ def adjust(graph: SphereGraph, cost: Cost) -> None:
         if newer in loops:
             begun = time.process_time()
             grown = optimum.with_loop(grown, loops[newer])
-            times.append(time.process_time() - begun)
-    cost.seconds["adjust after a loop"] = float(np.mean(times[-NUM_ASKED:]))
-    cost.seconds["adjust after a loop, the slowest so far"] = max(times)
+            times.append(1e3 * (time.process_time() - begun))
+    cost.ms["adjust after a loop"] = float(np.mean(times[-NUM_ASKED:]))
+    cost.ms["adjust after a loop, the slowest so far"] = max(times)
     first, last = graph[0], graph[len(graph) - 1]
     through = Edge(first.id, last.id, first.T_map_sphere.inverse() @ last.T_map_sphere, INFORMATION, is_loop=True)
-    cost.seconds["adjust after a loop that moves all"] = timed(lambda: optimum.with_loop(grown, through))
-    cost.seconds["adjust at the end"] = timed(lambda: optimize_map(graph))
+    cost.ms["adjust after a loop that moves all"] = timed(lambda: optimum.with_loop(grown, through))
+    cost.ms["adjust at the end"] = timed(lambda: optimize_map(graph))
 
 
 def write(graph: SphereGraph, index: AppearanceIndex, cost: Cost) -> None:
@@ -135,13 +130,13 @@ def write(graph: SphereGraph, index: AppearanceIndex, cost: Cost) -> None:
             image = rng.integers(1, 256, (CAMERA.height, CAMERA.width), np.uint8)
             sphere = Sphere(image, np.full(image.shape, 5.0, np.float32), CAMERA, node.stamp_ns)
             times.append(timed(partial(writer.add, node, sphere)))
-        cost.seconds["write"] = float(np.mean(times[-TAIL:]))
+        cost.ms["write"] = float(np.mean(times[-TAIL:]))
         path: list[Path] = []
-        cost.seconds["complete the map, a sphere"] = timed(
+        cost.ms["complete the map, a sphere"] = timed(
             lambda: path.append(writer.finish(graph, appearance=index))
         ) / len(graph)
-        cost.file_mb = sum(file.stat().st_size for file in path[0].iterdir()) * 1e-6
-        cost.seconds["open the map, a sphere"] = timed(lambda: open_map(path[0]).close()) / len(graph)
+        cost.file_kb = sum(file.stat().st_size for file in path[0].iterdir()) * 1e-3 / len(graph)
+        cost.ms["open the map, a sphere"] = timed(lambda: open_map(path[0]).close()) / len(graph)
 
 
 def features_of(place: int, kinds: NDArray[np.uint8], rng: np.random.Generator) -> Features:
@@ -173,13 +168,13 @@ def graph_of(size: int, rng: np.random.Generator) -> SphereGraph:
 
 
 def timed(function: Callable[[], object]) -> float:
-    """Return the CPU seconds of a call."""
+    """Return the CPU milliseconds of a call."""
     begun = time.process_time()
     function()
-    return time.process_time() - begun
+    return 1e3 * (time.process_time() - begun)
 
 
-def resident_mb() -> float:
-    """Return the memory of this process in MB."""
+def resident_kb() -> float:
+    """Return the memory of this process in kB."""
     with open("/proc/self/statm", encoding="ascii") as file:
-        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") * 1e-6
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") * 1e-3

@@ -16,12 +16,12 @@ from cycab_sim.world import finishes
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry import SE3, Rig, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 
 Image = NDArray[np.uint8]
 
-TEXTURED, BARE, UNLIT, REPETITIVE = 0, 1, 2, 3
-CLASSES = ("textured", "bare", "unlit", "repetitive")
+TEXTURED, BARE, UNLIT, REPETITIVE = 0, 1, 2, 3  # classes of surfaces
 PANEL_M = 1.3  # width of a wall's panel
 CLEAR_M = 0.35  # from the middle of the rig to boxes: the ring's cameras stand 0.3 m from it, and in no solid thing
 EFFORT = RenderParams(shadow_texel=0.0)
@@ -29,10 +29,7 @@ EFFORT = RenderParams(shadow_texel=0.0)
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a rig saw of a room, and what is there.
-
-    image, range_m (H, W): of a sphere at T_world_sphere; kind (H, W): number of the class of what is seen.
-    """
+    """What a rig saw of a room, and what is there."""
 
     rig: Rig
     images: dict[str, Image]
@@ -44,9 +41,7 @@ class Scene:
         """Return the range (H, W) m and the class (H, W) of what a sphere on the rig sees."""
         T_world_sphere = self.T_world_rig @ T_rig_sphere
         _, range_m = self.renderer.render(whole, T_world_sphere)
-        rays = whole.unproject(np.stack(np.meshgrid(np.arange(whole.width), np.arange(whole.height)), -1).astype(float))
-        points = T_world_sphere.apply((rays * range_m[..., None]).reshape(-1, 3)).reshape(rays.shape)
-        return range_m, self._kind_at(points)
+        return range_m, self._kind_at(T_world_sphere.apply(pixel_rays(whole) * range_m[..., None]))
 
     def _kind_at(self, points: NDArray[np.float64]) -> NDArray[np.int8]:
         """Return the class of the triangle whose plane and box hold each point (H, W, 3)."""
