@@ -1,24 +1,22 @@
-"""Drives through the simulator's worlds: images of any camera, truth, odometry and tilt; kept on disk between runs."""
+"""Drives through the simulator's worlds: ways, images of any camera, truth, odometry and tilt."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import cycab_sim
 from cycab_sim.params import CarParams, LightParams, RenderParams, TrafficParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.cameras import OPTICAL, panorama
 from cycab_sim.sensors.imaging import expose
 from cycab_sim.simulator import T_BASE_TORCH
+from cycab_sim.world.paths import Path, Piece, turn
+from cycab_sim.world.town import Plan
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import World, build_world
 from mcl_depth.belief.estimate import Observation
@@ -26,6 +24,10 @@ from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
 from sphere_nav.geometry.arrays import Array
 
+RADIUS = 5.0  # of the bends of a way, m
+SIDE = 100.0  # of the part of the town that is considered, m
+MAX_OFFSET = 1.3  # to the right or left of the middle of the street, m; cars are parked further out
+MARGIN = 2.0  # from the edge of that part, m
 HEIGHT = 1.8  # of the camera above the ground, m
 BODY_AXES = SE3.from_parts(np.eye(3), [0.4, 0.0, HEIGHT])  # a panorama's axes are those of the vehicle
 OPTICAL_AXES = SE3.from_parts(OPTICAL, [0.4, 0.0, HEIGHT])
@@ -60,7 +62,7 @@ PINHOLE_100 = Lens(Pinhole(320, 240, _FOCAL, _FOCAL, 159.5, 119.5), OPTICAL_AXES
 _PER_RAD = 150.0 / np.radians(95.0)
 FISHEYE_190 = Lens(Fisheye(300, 300, _PER_RAD, _PER_RAD, 149.5, 149.5), OPTICAL_AXES)
 FISHEYE_UP = Lens(Fisheye(300, 300, _PER_RAD, _PER_RAD, 149.5, 149.5), UP_AXES)
-LENSES: dict[str, Lens] = {  # degrees of view; forward, or to the sky
+LENSES = {  # degrees of view; forward, or to the sky
     "panorama": PANORAMA,
     "pinhole_100": PINHOLE_100,
     "fisheye_190": FISHEYE_190,
@@ -97,11 +99,6 @@ class Drive:
         images = np.ascontiguousarray(self.images[:, :, ::-1])
         return replace(self, images=images, odometry=self.odometry * turned, tilts=mirror @ self.tilts @ mirror)
 
-    def turned(self, degrees: float) -> Drive:
-        """The drive by a panorama that looks to the left, odometry unchanged: a control that fits no place for long."""
-        columns = round(degrees / 360.0 * self.images.shape[2])
-        return replace(self, images=np.roll(self.images, columns, axis=2))
-
     def truth(self, index: int) -> Array:
         """Return x, y, yaw (3,) of the level camera in the map."""
         T_map_base = self.T_map_base[index]
@@ -111,26 +108,20 @@ class Drive:
 
 @dataclass(frozen=True)
 class Studio:
-    """A world of a seed in which drives are recorded; `folder` keeps what was recorded."""
+    """A world of a seed in which drives are recorded."""
 
     world: str
     seed: int
-    folder: Path
 
     def record(self, line: Array, seed: int, lens: Lens = PANORAMA, light: LightParams = LIGHTS[0]) -> Drive:
         """Return a drive along planar poses (K, 3) of the base; `seed` decides every noise."""
         rng = np.random.default_rng([self.seed, seed, 71])
         T_map_base = self._on_ground(line)
-        key = _key(self.world, self.seed, np.asarray(line).tobytes(), seed, lens, light)
-        images = kept(self.folder / f"{key}.npy", lambda: self._images(T_map_base, lens, light, seed))
+        images = self._images(T_map_base, lens, light, seed)
         return Drive(images, lens, T_map_base, _odometry(line, rng), _tilts(T_map_base, rng))
 
-    def built(self) -> World:
-        """Return the world."""
-        return build_world(self.world, self.seed, "block")
-
     def _on_ground(self, line: Array) -> SE3:
-        ground, vehicle = self.built().ground, CarParams()
+        ground, vehicle = _built(self.world, self.seed).ground, CarParams()
         poses = [ground.follow(SE3.from_planar(*map(float, p)), vehicle.wheelbase, vehicle.width) for p in line]
         return SE3.from_matrix(np.stack([pose.matrix for pose in poses]))
 
@@ -161,9 +152,14 @@ def take(
 
 
 @lru_cache(maxsize=2)
+def _built(world: str, seed: int) -> World:
+    return build_world(world, seed, "block")
+
+
+@lru_cache(maxsize=2)
 def _renderer(world: str, seed: int, light: LightParams) -> tuple[Renderer, Traffic | None]:
     """Return what draws a world, and who moves in it: cars, a tram, bicycles, pedestrians in the town's streets."""
-    built = build_world(world, seed, "block")
+    built = _built(world, seed)
     traffic = Traffic(built, TrafficParams(density="usual", may_cross=True), seed) if built.loops else None
     return Renderer(built.mesh, shadows_in(light), light, traffic), traffic
 
@@ -193,28 +189,57 @@ def _tilts(T_map_base: SE3, rng: np.random.Generator) -> Array:
     return np.stack(tilts)
 
 
-def kept(path: Path, make: Callable[[], NDArray[Any]]) -> NDArray[Any]:
-    """Return an array from its file; made and written where there is none."""
-    if path.exists():
-        return np.asarray(np.load(path, allow_pickle=False))
-    made = make()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_suffix(".part.npy")
-    np.save(draft, made, allow_pickle=False)
-    draft.replace(path)
-    return made
+def limits(plan: Plan) -> tuple[float, float, float, float]:
+    """Return x0, y0, x1, y1 of a square of 100 x 100 m around the middle of the town."""
+    x, y, half = plan.east / 2, plan.north / 2, SIDE / 2
+    return x - half, y - half, x + half, y + half
 
 
-def _key(*parts: object) -> str:
-    """Return what all that decides a recording hashes to, the simulator's source included."""
-    key = hashlib.sha256(simulator_source())
-    for part in parts:
-        key.update(part if isinstance(part, bytes) else repr(part).encode())
-    return key.hexdigest()[:24]
+def kidnapped_line(plan: Plan, count: int, step: float, rng: np.random.Generator) -> Array:
+    """Return poses (count, 3) from anywhere in the streets onwards; at a crossing by lot left, right or straight on."""
+    x0, y0, x1, y1 = limits(plan)
+    while True:
+        poses = sampled(_drawn(plan, rng), step, count)
+        inside = (poses[:, 0] > x0 + MARGIN) & (poses[:, 0] < x1 - MARGIN)
+        if np.all(inside & (poses[:, 1] > y0 + MARGIN) & (poses[:, 1] < y1 - MARGIN)):
+            return poses
 
 
-@lru_cache(maxsize=1)
-def simulator_source() -> bytes:
-    """Return all source of the simulator: recordings must not outlive it."""
-    folder = Path(cycab_sim.__file__).parent
-    return b"".join(path.read_bytes() for path in sorted(folder.rglob("*.py")))
+def sampled(path: Path, step: float, count: int) -> Array:
+    """Return poses (count, 3) along a path; round again where more are wanted than it is long."""
+    return path.at(np.arange(count) * step)[:, :3]
+
+
+def kidnapped(
+    studio: Studio,
+    plan: Plan,
+    count: int,
+    num_images: int,
+    lens: Lens,
+    lights: Sequence[LightParams],
+    step: float = 1.0,
+) -> list[Drive]:
+    """Return drives from anywhere, each with one of the lights; images are `step` m apart."""
+    lines = [kidnapped_line(plan, num_images, step, np.random.default_rng([studio.seed, n, 83])) for n in range(count)]
+    order = sorted(range(count), key=lambda number: number % len(lights))  # shadows are cast once for each light
+    made = {n: studio.record(lines[n], n, lens, lights[n % len(lights)]) for n in order}
+    return [made[number] for number in range(count)]
+
+
+def _drawn(plan: Plan, rng: np.random.Generator) -> Path:
+    """Return a way along a street, around the next corner or past it; outside of the town where it was badly drawn."""
+    is_along_x, is_upwards = rng.random() < 0.5, rng.random() < 0.5
+    across = (0.0, plan.north) if is_along_x else (0.0, plan.east)  # the streets of this direction
+    ahead = (0.0, plan.east) if is_along_x else (0.0, plan.north)  # where streets cross them
+    yaw = (0.0 if is_upwards else np.pi) if is_along_x else (np.pi / 2 if is_upwards else -np.pi / 2)
+    street, begin, right = across[int(rng.integers(2))], rng.uniform(-50.0, 90.0), rng.uniform(-MAX_OFFSET, MAX_OFFSET)
+    middle = np.array([begin, street]) if is_along_x else np.array([street, begin])
+    start = middle + right * np.array([np.sin(yaw), -np.cos(yaw)])
+    sign = 1.0 if is_upwards else -1.0
+    ways = [sign * (crossing - begin) for crossing in ahead if sign * (crossing - begin) > RADIUS + MAX_OFFSET]
+    choice = int(rng.integers(3))
+    pieces: tuple[Piece, ...] = (Piece(1.0),)
+    if ways and choice:
+        side = 1.0 if choice == 1 else -1.0  # left, right
+        pieces = (Piece(min(ways) + side * right - RADIUS), turn(RADIUS, side * 90.0), Piece(1.0))
+    return Path((float(start[0]), float(start[1]), float(yaw)), pieces)

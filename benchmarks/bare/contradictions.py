@@ -14,22 +14,18 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
-from benchmarks import mcl_sites
-from benchmarks.machine import describe
-from benchmarks.mcl_drives import LENSES, Drive
-from benchmarks.mcl_routes import kidnapped_line
-from benchmarks.mcl_trials import NEAR_M, Trial, run_filter
-from benchmarks.report import Bound, Report, Table
+from benchmarks.bare import trials
+from benchmarks.bare.drives import Drive, Studio, kidnapped_line
+from benchmarks.bare.trials import NEAR_M, Trial, run_filter
+from benchmarks.report import Bound, Headline, Report, Table
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Reason
 
 HELP = "MCL with odometry that stands or slips, carried off: TRACKING beyond 1 m; and what healthy drives lose"
-SEEDS = (71, 72)  # of the towns; parameters were chosen in 61 and 62
-NUM_DRIVES = 20  # of each kind, all towns together
+COUNTS = {"quick": (3, 1), "full": (10, 2)}  # drives of each kind in a town, towns
 NUM_IMAGES, FAULT = 36, 12  # of a drive; the first image that a fault spoils
 GRACE = 3  # images after that
 STEPS = (0.15, 0.5, 1.0)  # between images, m
@@ -41,63 +37,38 @@ MAX_LOSS, MAX_FALSE = 1.0, 0.1  # of the images of healthy drives: not TRACKING;
 Fault = Callable[[Drive, Drive, float], Drive]  # of a drive, with another one, 0 to 1 by number
 
 
-def add_arguments(parser: argparse._ArgumentGroup) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--towns", type=_seeds, default=SEEDS, help=f"their seeds ({SEEDS[0]},{SEEDS[1]})")
-    parser.add_argument("--lens", choices=LENSES, default="panorama", help="that takes the images (panorama)")
-    parser.add_argument("--faults", help=f"some of {', '.join(FAULTS)}, with commas (all)")
+    trials.add_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> Report:
     """Drive every drive in every way."""
-    count = 4 if options.quick else options.starts or NUM_DRIVES
-    towns = options.towns[:1] if options.quick else options.towns
-    names = options.faults.split(",") if options.faults else list(FAULTS)
-    if unknown := [name for name in names if name not in FAULTS]:
-        raise ValueError(f"--faults: expected some of {', '.join(FAULTS)}, found {unknown[0]}")
-    found: dict[str, list[Trial]] = {name: [] for name in names}
-    for number, seed in enumerate(towns):
-        share = len(range(number, count, len(towns)))
-        for name, trials in _town(argparse.Namespace(**vars(options) | {"world_seed": seed}), share, names).items():
-            found[name] += trials
-    report = Report("contradictions", notes=[describe(options.threads), f"towns {', '.join(map(str, towns))}"])
-    rows = [_row(name, trials) for name, trials in found.items()]
-    head = (
-        "fault",
-        "drives",
-        "TRACKING before",
-        "TRACKING after",
-        "of these wrong",
-        "DEGRADED wrong",
-        "pose right at end",
-    )
-    report.tables.append(
-        Table(f"Images from {FAULT + GRACE} on, poses beyond {NEAR_M:g} m or 10 deg are wrong", head, rows)
-    )
-    report.bounds += [bound for name, trials in found.items() for bound in _bounds(name, trials)]
+    count, num_towns = COUNTS[options.size]
+    found: dict[str, list[Trial]] = {name: [] for name in FAULTS}
+    for seed in range(options.seed, options.seed + num_towns):
+        _drive(seed, count, options.likeness, found)
+    report, rows = Report("contradictions"), [_row(name, these) for name, these in found.items()]
+    head = ("fault", "drives", "TRACKING before", "TRACKING after", "wrong", "DEGRADED wrong", "right at end")
+    title = f"Images from {FAULT + GRACE} on, poses beyond {NEAR_M:g} m or 10 deg are wrong"
+    report.tables.append(Table(title, head, rows))
+    report.bounds += _bounds(found)
     return report
 
 
-def _seeds(text: str) -> tuple[int, ...]:
-    return tuple(int(word) for word in text.split(","))
-
-
-def _town(options: argparse.Namespace, count: int, names: Sequence[str]) -> dict[str, list[Trial]]:
-    """Return what the filter says of the drives of one town, by fault."""
-    site, plan = mcl_sites.town(options)
-    studio, lens = mcl_sites.studio("town", options), LENSES[options.lens]
-    drives = []
+def _drive(town: int, count: int, likeness: str, found: dict[str, list[Trial]]) -> None:
+    """Add what the filter says of the drives of one town, by fault."""
+    site, plan = trials.town(town, likeness)
+    studio, drives = Studio("town", town), []
     for number in range(count):
-        rng = np.random.default_rng([studio.seed, number, 113])
+        rng = np.random.default_rng([town, number, 113])
         line = kidnapped_line(plan, NUM_IMAGES + SKIPPED, STEPS[number % len(STEPS)], rng)
-        drives.append(studio.record(line, 900 + number, lens))
-    found: dict[str, list[Trial]] = {name: [] for name in names}
-    for number, drive in enumerate(tqdm(drives, f"town {options.world_seed}", leave=False, disable=None)):
+        drives.append(studio.record(line, 900 + number))
+    for number, drive in enumerate(drives):
         start = drive.truth(0) + START_SIGMA * np.random.default_rng([number, 127]).standard_normal(3)
-        for name in names:
-            spoiled = FAULTS[name](drive, drives[number - 1], number / max(count - 1, 1))
-            found[name].append(run_filter(site, spoiled, site.params, number, start=(start, START_SIGMA)))
-    return found
+        for name, spoil in FAULTS.items():
+            spoiled = spoil(drive, drives[number - 1], number / max(count - 1, 1))
+            found[name].append(run_filter(site, spoiled, number, start=(start, START_SIGMA)))
 
 
 def healthy(drive: Drive, other: Drive, share: float) -> Drive:
@@ -189,17 +160,17 @@ def _row(name: str, trials: Sequence[Trial]) -> tuple[str, ...]:
     )
 
 
-def _bounds(name: str, trials: Sequence[Trial]) -> list[Bound]:
-    if name != "healthy":
-        wrong = _later(trials, lambda trial: trial.is_tracking & ~trial.is_right)
-        what = f"{name}, {len(trials)} drives: images TRACKING a wrong pose, later than {GRACE} images"
-        return [Bound(what, 0.0, float(wrong), "")]
-    begun = [trial for trial in trials if trial.is_tracking.any()]
-    after = np.concatenate([trial.is_tracking[int(np.argmax(trial.is_tracking)) :] for trial in begun])
-    reasons = [reason for trial in begun for reason in trial.reasons[int(np.argmax(trial.is_tracking)) :]]
-    false = 100.0 * reasons.count(Reason.JUMP_REJECTED) / max(len(reasons), 1)
-    what = f"healthy, {len(trials)} drives, {len(reasons)} images since TRACKING began"
+def _bounds(found: dict[str, list[Trial]]) -> list[Bound]:
+    spoiled = [trial for name in FAULTS if name != "healthy" for trial in found[name]]
+    wrong = _later(spoiled, lambda trial: trial.is_tracking & ~trial.is_right)
+    begun = [(trial, int(np.argmax(trial.is_tracking))) for trial in found["healthy"] if trial.is_tracking.any()]
+    reasons = [reason for trial, begin in begun for reason in trial.reasons[begin:]]
+    lost = sum(int(np.sum(~trial.is_tracking[begin:])) for trial, begin in begun)
+    false, count = reasons.count(Reason.JUMP_REJECTED), max(len(reasons), 1)
+    what, told = f"{len(spoiled)} spoiled drives: images TRACKING a wrong pose", Headline("bare geometry", "towns")
+    healthy = f"healthy, {len(found['healthy'])} drives, {len(reasons)} images since TRACKING began"
     return [
-        Bound(f"{what}: not TRACKING", MAX_LOSS, 100.0 * float(np.mean(~after)), "%"),
-        Bound(f"{what}: said to contradict odometry", MAX_FALSE, false, "%"),
+        Bound(f"{what}, later than {GRACE} images", 0.0, float(wrong), "", headline=told),
+        Bound(f"{healthy}: not TRACKING", MAX_LOSS, 100.0 * lost / count, "%"),
+        Bound(f"{healthy}: said to contradict odometry", MAX_FALSE, 100.0 * false / count, "%"),
     ]

@@ -1,43 +1,43 @@
-"""A filter let loose on a drive, and what it said of each image beside the truth."""
+"""A filter let loose on a drive through a world whose bare geometry it has, and what it said of each image."""
 
 from __future__ import annotations
 
-import copy
-import hashlib
+import argparse
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.mcl_drives import Drive
+from benchmarks.bare.drives import HEIGHT, Drive, limits
+from cycab_sim.world.town import Plan, draw_plan
+from cycab_sim.world.worlds import geometry_cloud
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.resampling import sample_uniform
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area
-from mcl_depth.likeness.depth_cache import Cell
-from mcl_depth.likeness.depth_map import DepthMap
-from mcl_depth.likeness.kinds import Visual
+from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import Reason, State
+from sphere_nav.localization.status import State
+from sphere_nav.params import build
 
+SPACING = 0.2  # of the points of a cloud, m
 NEAR_M, NEAR_DEG = 1.0, 10.0  # a pose this close to the truth is the right place
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What a filter said of K images: state and reason, errors of the likeliest place (K,), particles, time."""
+    """What a filter said of K images: state and reason, errors of the likeliest place (K,), CPU time."""
 
     states: tuple[State, ...]
     reasons: tuple[str, ...]
     meters: Array
     degrees: Array
-    counts: NDArray[np.int64]
     milliseconds: Array
     p_chance: Array
 
@@ -55,11 +55,6 @@ class Trial:
     def is_trusted(self) -> NDArray[np.bool_]:
         """Whether a pose left the filter: TRACKING or DEGRADED, (K,)."""
         return np.array([state in (State.TRACKING, State.DEGRADED) for state in self.states])
-
-    @property
-    def is_ambiguous(self) -> NDArray[np.bool_]:
-        """Whether the reason was AMBIGUOUS, (K,)."""
-        return np.array([reason == Reason.AMBIGUOUS for reason in self.reasons])
 
     @property
     def has_converged(self) -> bool:
@@ -80,53 +75,61 @@ class Trial:
         return number if number <= len(good) else 0
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what all benchmarks of bare geometry share."""
+    kinds = ("gradients", "learned")
+    parser.add_argument("--likeness", choices=kinds, default=kinds[0], help="of image and depth (%(default)s)")
+
+
+def site(world: str, seed: int, likeness: str, settings: Mapping[str, Any]) -> Site:
+    """Return the bare geometry of a world, without what comes and goes, ready for the filter."""
+    cloud = cloud_from_points(geometry_cloud(seed, SPACING, world).astype(np.float32), world)
+    return Site(cloud, HEIGHT, build(FilterParams, {"likeness.kind": likeness, **settings}))
+
+
+def town(seed: int, likeness: str = "gradients", share: float = 1.0, folder: str = "") -> tuple[Site, Plan]:
+    """Return the 100 x 100 m around the middle of a town, or a share of it from the left; all else is the preset's.
+
+    `folder`: where depth features are kept.
+    """
+    plan = draw_plan(seed)
+    x0, y0, x1, y1 = limits(plan)
+    box = f"{x0:.2f},{y0:.2f},{x0 + share * (x1 - x0):.2f},{y1:.2f}"
+    return site("town", seed, likeness, {"area.limits": box, "cache.folder": folder}), plan
+
+
 def run_filter(
     site: Site,
     drive: Drive,
-    params: FilterParams,
     seed: int,
     *,
     has_imu: bool = True,
-    before_image: Callable[[], None] | None = None,
     start_area: Area | None = None,
     start: tuple[Array, Array] | None = None,
 ) -> Trial:
-    """Return what a filter says of the images of a drive; `before_image` is not timed.
+    """Return what a filter says of the images of a drive.
 
     It knows nothing, or that it is somewhere in `start_area`, or a `start`: pose (3,) and standard deviations (3,).
     """
-    filter_ = Filter(replace(params, seed=seed), site.depth_map, site.area)
+    filter_ = Filter(replace(site.params, seed=seed), site.depth_map, site.area)
     if start_area is not None:
-        filter_.particles = sample_uniform(start_area, params.resampling.num_particles, np.random.default_rng(seed))
+        count = site.params.resampling.num_particles
+        filter_.particles = sample_uniform(start_area, count, np.random.default_rng(seed))
     if start is not None:
         (x, y, yaw), (sigma_x, sigma_y, sigma_yaw) = start
         covariance = np.diag(np.square([sigma_x, sigma_y, 0.1, 0.1, 0.1, sigma_yaw]))
         filter_.start(SE3.from_planar(float(x), float(y), float(yaw)), covariance)
     found: list[tuple[Any, ...]] = []
     for index in range(len(drive)):
-        if before_image is not None:
-            before_image()
-        started = time.perf_counter()
-        estimate = filter_.update(drive.observation(index, has_imu=has_imu))
-        elapsed = 1e3 * (time.perf_counter() - started)
-        pose, status = place_of(estimate), estimate.status
-        error = pose - drive.truth(index)
+        observation, started = drive.observation(index, has_imu=has_imu), time.process_time()
+        estimate = filter_.update(observation)
+        elapsed = 1e3 * (time.process_time() - started)
+        error, status = place_of(estimate) - drive.truth(index), estimate.status
         degrees = abs(float(np.degrees(wrap_angle(error[2]))))
-        found.append(
-            (
-                status.state,
-                str(status.reason),
-                np.hypot(*error[:2]),
-                degrees,
-                len(filter_.particles),
-                elapsed,
-                status.p_chance,
-            )
-        )
-    states, reasons, meters, degrees_, counts, times, chances = zip(*found, strict=True)
-    return Trial(
-        states, reasons, np.array(meters), np.array(degrees_), np.array(counts), np.array(times), np.array(chances)
-    )
+        meters = float(np.hypot(*error[:2]))
+        found.append((status.state, str(status.reason), meters, degrees, elapsed, status.p_chance))
+    states, reasons, *numbers = zip(*found, strict=True)
+    return Trial(states, reasons, *map(np.array, numbers))
 
 
 def place_of(estimate: Any) -> Array:
@@ -137,29 +140,3 @@ def place_of(estimate: Any) -> Array:
     if estimate.belief is not None:
         return np.asarray(estimate.belief.best.pose)
     return np.full(3, np.nan)
-
-
-class RememberingMap(DepthMap):
-    """A map that compares a picture with a cell once, however many filters ask: for many runs over the same images."""
-
-    def __init__(self, other: DepthMap) -> None:
-        """Share everything with another map."""
-        self.__dict__.update(other.__dict__)
-        self._known: dict[bytes, dict[Cell, NDArray[np.float32]]] = {}
-
-    def similarities(self, visual: Visual, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
-        """Return the similarity (N, num_headings) of an image with the depth images of cells."""
-        key = hashlib.sha1(visual.identity + bytes([num_headings % 256]), usedforsecurity=False).digest()
-        known = self._known.setdefault(key, {})
-        missing = [cell for cell in dict.fromkeys(cells) if cell not in known]
-        if missing:
-            found = super().similarities(visual, missing, num_headings)
-            known.update(zip(missing, found, strict=True))
-        return np.stack([known[cell] for cell in cells]) if len(cells) else np.zeros((0, num_headings), np.float32)
-
-
-def remembering(site: Site) -> Site:
-    """Return the site with a map that remembers comparisons."""
-    other = copy.copy(site)
-    other.depth_map = RememberingMap(site.depth_map)
-    return other
