@@ -2,8 +2,7 @@
 
 A camera with odometry drives up and down halls that have been mapped; again and again something fails for two seconds.
 Undetected is a failure during which a pose more than 0.3 m or 3 degrees wrong is told as TRACKING. The delay is the
-time of the fault until the first answer that is not TRACKING. Starts from nowhere have one second of images. Halls,
-places and noise follow from `--world-seed`.
+time of the fault until the first answer that is not TRACKING. Starts from nowhere have one second of images.
 """
 
 from __future__ import annotations
@@ -13,11 +12,9 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
-from tqdm import tqdm
 
-from benchmarks.localizer_worlds import CAMERA, FAULTS, KIDNAPPED, Fault, Lamp, World, elsewhere, kidnapped, nothing
-from benchmarks.machine import describe
-from benchmarks.report import Bound, Report, Table
+from benchmarks.report import Bound, Headline, Report, Table
+from benchmarks.safety.halls import CAMERA, FAULTS, KIDNAPPED, Fault, Lamp, World, elsewhere, kidnapped, nothing
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3
@@ -26,7 +23,7 @@ from sphere_nav.params import build
 
 HELP = "failures injected into drives of the dense localiser: undetected, delay, false alarms, NEES, starts"
 SETTINGS = {"acceptance.min_pixels": 200, "alignment.num_levels": 4}  # for images so small
-NUM_HALLS = 6
+SIZES = {"quick": (1, 12, 0.03, 4, 4), "full": (6, 504, 5.0, 200, 50)}  # halls, failures, km, starts, outside
 SECOND = 1_000_000_000
 RATE = 15  # Hz
 SPEED, NOMINAL_SPEED = 1.0, 5.0  # m/s, while things fail and while nothing does
@@ -146,57 +143,24 @@ class Run:
         return any(one.is_trusted for one in told), any(one.is_undetected for one in told)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments; `--world-seed` and `--starts` are shared with other benchmarks."""
-    parser.add_argument("--injections", type=int, default=504, metavar="N", help="failures in all (%(default)s)")
-    parser.add_argument("--nominal-km", type=float, default=5.0, metavar="KM", help="without one (%(default)s)")
-    parser.add_argument("--outside", type=int, default=50, metavar="N", help="starts outside the map (%(default)s)")
-
-
 def run(options: argparse.Namespace) -> Report:
     """Drive, let things fail and start, in one hall after the other."""
-    quick = len(FAULTS), 0.03, 2, 2
-    whole = options.injections, options.nominal_km, options.starts or 200, options.outside
-    injections, km, starts, outside = quick if options.quick else whole
+    halls, injections, km, starts, outside = SIZES[options.size]
     found, names = Found(), list(FAULTS)
-    halls = 1 if options.quick else NUM_HALLS
-    with tqdm(total=injections + starts + outside, disable=None, leave=False, unit="drive") as bar:
-        for hall in range(halls):
-            drive = Run(World(options.world_seed + 100 * hall, hall % 2 == 1), found)
-            for k in range(hall, injections, halls):
-                drive.settle()
-                drive.inject(names[k // halls % len(names)])
-                bar.update()
+    for hall in range(halls):
+        drive = Run(World(options.seed + 100 * hall, hall % 2 == 1), found)
+        for k in range(hall, injections, halls):
             drive.settle()
-            drive.drive(1000.0 * km / halls)
-            for _ in range(hall, starts, halls):
-                is_found, is_wrong = drive.start()
-                found.starts.append(is_found)
-                found.num_wrong += is_wrong
-                bar.update()
-            for _ in range(hall, outside, halls):
-                found.outside.append(drive.start(elsewhere)[0])
-                bar.update()
-            drive.localizer.references.close()
-            bar.write(f"hall {hall + 1} of {halls}, so far: {_so_far(found)}")
-    return _report(found, options)
-
-
-def _so_far(found: Found) -> str:
-    """Return in one line what the halls until now have shown: all of them take hours."""
-    failures = sum(found.injected.values()), sum(found.undetected[name] for name in found.injected)
-    starts = len(found.starts), sum(found.starts), found.num_wrong
-    return (
-        f"{failures[0]} failures, {failures[1]} undetected; without one {found.num_nominal} images, "
-        f"{found.num_trusted} TRACKING, {found.undetected['nothing']} wrong, {found.false_alarms} false DEGRADED; "
-        f"{starts[0]} starts, {starts[1]} TRACKING, {starts[2]} wrong; "
-        f"{len(found.outside)} starts outside, {sum(found.outside)} with a pose"
-    )
-
-
-def _report(found: Found, options: argparse.Namespace) -> Report:
-    report = Report("localizer_faults", notes=[describe(options.threads), __doc__ or ""])
-    rows: list[tuple[str, ...]] = []
+            drive.inject(names[k // halls % len(names)])
+        drive.settle()
+        drive.drive(1000.0 * km / halls)
+        for _ in range(hall, starts, halls):
+            is_found, is_wrong = drive.start()
+            found.starts.append(is_found)
+            found.num_wrong += is_wrong
+        found.outside += [drive.start(elsewhere)[0] for _ in range(hall, outside, halls)]
+        drive.localizer.references.close()
+    report, rows = Report("localizer_faults", notes=[__doc__ or ""], bounds=_bounds(found)), list[tuple[str, ...]]()
     for name, count in found.injected.items():
         delays = found.delays_s[name]
         told = f"{np.median(delays):.2f}, {np.max(delays):.2f}" if delays else "-"
@@ -204,28 +168,23 @@ def _report(found: Found, options: argparse.Namespace) -> Report:
         rows.append((name, *counts, told, f"{found.worst_m[name]:.3f}"))
     columns = ("what fails for 2 s", "times", "undetected", "told", "delay s, median, max", "worst in TRACKING, m")
     report.tables.append(Table("Failures", columns, rows))
-    report.bounds = _bounds(found)
     return report
 
 
 def _bounds(found: Found) -> list[Bound]:
     total, km = sum(found.injected.values()), found.distance_m / 1000
-    wrong = sum(found.undetected[name] for name in found.injected)
-    mean = float(np.mean(found.nees)) if found.nees else float("nan")
-    untroubled = f"in {km:.2f} km without a failure"
+    wrong, told = sum(found.undetected[name] for name in found.injected), Headline("robustness", "halls")
+    mean, untroubled = float(np.mean(found.nees)), f"in {km:.2f} km without a failure"
+    started, placed = 100.0 * float(np.mean(found.starts)), sum(found.outside)
+    tracking = found.num_trusted / max(found.num_nominal, 1)
     return [
-        Bound(f"undetected of {total} failures", 0.0, float(wrong), ""),
-        Bound(f"wrong and TRACKING {untroubled}", 0.0, float(found.undetected["nothing"]), "images"),
+        Bound(f"undetected of {total} failures", 0.0, wrong, "", headline=told),
+        Bound(f"wrong and TRACKING {untroubled}", 0.0, found.undetected["nothing"], "images", headline=told),
         Bound(f"false DEGRADED longer than 1 s {untroubled}", 0.2, found.false_alarms / km, "per km"),
-        Bound("TRACKING without a failure", 0.99, found.num_trusted / max(found.num_nominal, 1), "", is_minimum=True),
+        Bound("TRACKING without a failure", 0.99, tracking, "", is_minimum=True),
         Bound("mean NEES, 6 when honest", 12.0, mean, ""),
         Bound("mean NEES, 6 when honest, at least", 3.0, mean, "", is_minimum=True),
-        Bound(f"{len(found.starts)} starts from nowhere, TRACKING in 1 s", 0.95, _mean(found.starts), "",
-              is_minimum=True),
-        Bound("starts from nowhere that come to a wrong pose", 0.0, float(found.num_wrong), ""),
-        Bound(f"{len(found.outside)} starts outside the map that come to a pose", 0.0, float(sum(found.outside)), ""),
-    ]  # fmt: skip
-
-
-def _mean(values: list[bool]) -> float:
-    return float(np.mean(values)) if values else float("nan")
+        Bound(f"{len(found.starts)} starts from nowhere, TRACKING in 1 s", 95.0, started, "%", is_minimum=True),
+        Bound("starts from nowhere that come to a wrong pose", 0.0, found.num_wrong, ""),
+        Bound(f"{len(found.outside)} starts outside the map that come to a pose", 0.0, placed, ""),
+    ]

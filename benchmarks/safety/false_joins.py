@@ -2,9 +2,9 @@
 
 A map of a few key spheres in a street of the simulator, and a drive of a few spheres in another light, somewhere else
 or along the same street. Both go through what `sphere_nav map --extend` does where the localiser knows nothing:
-features, then ranges. With `--given` as with its `--start` instead: what is somewhere else is said to begin in the map,
+features, then ranges. A second time as with its `--start` instead: what is somewhere else is said to begin in the map,
 and of the drives along the same street every other one is said to begin 1 to 5 m from where it does. Ranges are rough
-by a percent and end as those of a stereo rig do. Towns are others than parameters were chosen in.
+by a percent and end as those of a stereo rig do.
 """
 
 from __future__ import annotations
@@ -16,12 +16,9 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
-from benchmarks.machine import describe
-from benchmarks.mcl_drives import LIGHTS, READ_NOISE, SHOT_NOISE, shadows_in
-from benchmarks.mcl_routes import kidnapped_line
-from benchmarks.report import Bound, Report, Table
+from benchmarks.bare.drives import LIGHTS, READ_NOISE, SHOT_NOISE, kidnapped_line, shadows_in
+from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import CarParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.imaging import expose
@@ -39,9 +36,8 @@ from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 HELP = "places in different light: false joins, and true ones found"
-TOWNS = (91, 92)  # seeds; parameters were chosen in 81
 CAMERAS = {"whole": Spherical(256, 128), "window": Spherical(160, 110, 512.0, 176.0, 60.0)}
-NUM_PAIRS = 1000
+NUM_PAIRS = {"quick": 20, "full": 1000}  # half of them in the next town
 SAME_EVERY = 10  # one of so many pairs is of one place
 NUM_SPHERES, STEP_M = 4, 1.0  # of a map and of a drive
 ASIDE_M, TURNED_RAD = 0.4, 0.15  # of a drive beside a map: standard deviations
@@ -53,39 +49,32 @@ GIVEN_M, GIVEN_RAD = 0.35, 0.3  # off the truth along each axis, at most, where 
 GIVEN_WRONG_M = (1.0, 5.0)  # where it is given wrongly
 
 
-def add_arguments(parser: argparse._ArgumentGroup) -> None:
-    """Declare the arguments."""
-    parser.add_argument("--pair-towns", type=int, nargs="*", default=TOWNS, help="seeds of the towns (91 92)")
-    parser.add_argument("--given", action="store_true", help="the start of each drive is given, most of them wrongly")
-
-
 def run(options: argparse.Namespace) -> Report:
-    """Join pair after pair."""
-    count = 20 if options.quick else options.starts or NUM_PAIRS
-    name = "false_joins_given" if options.given else "false_joins"
-    report = Report(name, notes=[describe(options.threads), f"towns {options.pair_towns}, {count} pairs"])
-    rows, num_false, num_true, num_same = [], 0, 0, 0
-    for number in tqdm(range(count), desc="pairs", leave=False, disable=None):
-        town = options.pair_towns[number * len(options.pair_towns) // count]
-        is_same = number % SAME_EVERY == 0
-        camera = list(CAMERAS)[number % len(CAMERAS)]
-        is_right = is_same and (not options.given or number % (2 * SAME_EVERY) == 0)
-        given = (_off_a_little if is_right else _off_far) if options.given else None
-        error_m, told = _try(town, number, camera, is_same=is_same, given=given)
-        num_same += is_right
-        num_true += is_right and error_m <= WRONG_M
-        if error_m < np.inf and (not is_same or error_m > WRONG_M):
-            num_false += 1
-            rows.append((str(town), str(number), camera, "one place" if is_same else "two", f"{error_m:.2f}", told))
+    """Join pair after pair, with a start that is given and without."""
+    report, rows = Report("false_joins", notes=[__doc__ or ""]), list[tuple[str, ...]]()
+    count = NUM_PAIRS[options.size]
+    for is_given in (False, True):
+        before, num_true, num_same = len(rows), 0, 0
+        for number in range(count):
+            is_same = number % SAME_EVERY == 0
+            is_right = is_same and (not is_given or number % (2 * SAME_EVERY) == 0)
+            given = (_off_a_little if is_right else _off_far) if is_given else None
+            town, camera = options.seed + number * 2 // count, list(CAMERAS)[number % len(CAMERAS)]
+            error_m, told = _try(town, number, camera, is_same=is_same, given=given)
+            num_same += is_right
+            num_true += is_right and error_m <= WRONG_M
+            if error_m < np.inf and (not is_same or error_m > WRONG_M):
+                rows.append((str(town), str(number), camera, "one place" if is_same else "two", f"{error_m:.2f}", told))
+        what = f"{count} pairs{', a start given,' if is_given else ''}"
+        headline = Headline("robustness", "towns, four lights")
+        report.bounds.append(Bound(f"false joins of {what}", 0, len(rows) - before, "", headline=headline))
+        report.notes.append(f"{what}: of {num_same} that were of one place {num_true} were joined")
     report.tables.append(Table("False joins", ("town", "pair", "camera", "of", "off by m", "how"), rows))
-    report.bounds.append(Bound(f"false joins of {count} pairs", 0, num_false, ""))
-    kind = "one place, the start given rightly," if options.given else "one place"
-    report.notes.append(f"of {num_same} pairs that were of {kind} {num_true} were joined")
     return report
 
 
 def _off_a_little(rng: np.random.Generator) -> SE3:
-    """Return how far off a start is that is given rightly, as one says it of a vehicle on a road."""
+    """Return how far off a start is that is given rightly."""
     return SE3.from_planar(*rng.uniform(-1.0, 1.0, 3) * [GIVEN_M, GIVEN_M, GIVEN_RAD])
 
 
