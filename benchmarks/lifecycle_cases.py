@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Twist
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, LocalizationStatus, NavigatorStatus
 from std_msgs.msg import String, UInt64
@@ -36,7 +34,6 @@ from sphere_nav.ros.bags.player_node import BagPlayer
 from sphere_nav.ros.bags.recorder_node import BagRecorder
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, sphere_to_message
-from sphere_nav.ros.live import LiveShell
 from sphere_nav.spheres.sphere import Sphere
 
 CAMERA = Pinhole(16, 12, 10.0, 10.0, 7.5, 5.5)
@@ -44,7 +41,6 @@ NOISE = np.random.default_rng(0)
 PIXELS = NOISE.integers(20, 230, (12, 16)).astype(np.uint8)
 LEVELS = NOISE.integers(20, 230, (64, 128, 3)).astype(np.uint8)
 RANGES = np.full((64, 128), 5.0, np.float32)
-PATIENCE = 20.0  # s for an answer; discovery takes a fraction of one, on a busy machine several
 
 
 class Case(NamedTuple):
@@ -137,49 +133,3 @@ CASES = (
     Case(SphereStitcher, "sphere", AugmentedSphere, qos.LARGE, rig_in, pictures),
     Case(CycabSim, "/clock", Clock, values=lambda folder: {"world": "corridor", "camera.period": 0.0}),
 )
-
-
-class Bench:
-    """A node beside one that sends what it takes and hears what it gives."""
-
-    def __init__(self, executor: Any, case: Case, folder: Path) -> None:
-        self.executor, self.case, self.folder, self.num_heard = executor, case, folder, 0
-        self.shell = LiveShell(case.node_class, parameter_overrides=self._values())
-        self.peer = Node("peer")
-        for node in (self.shell, self.peer):
-            executor.add_node(node)
-        if case.topic:
-            self.peer.create_subscription(case.kind, case.topic, self.hear, case.profile)
-        self.publishers: dict[str, Any] = {}
-
-    def _values(self) -> list[Parameter]:
-        return [Parameter(name, value=value) for name, value in self.case.values(self.folder).items()]
-
-    def renew(self) -> None:
-        """Set the parameters of the next lifecycle."""
-        if not all(result.successful for result in self.shell.set_parameters(self._values())):
-            raise ValueError("parameters: refused while the node is unconfigured")
-
-    def hear(self, message: Any) -> None:
-        """Count what the node gives."""
-        self.num_heard += 1
-
-    def works(self) -> bool:
-        """Whether the node gives anything in time."""
-        self.num_heard, end = 0, time.monotonic() + PATIENCE
-        while not self.num_heard and time.monotonic() < end:
-            for topic, message in self.case.sends().items():
-                if topic not in self.publishers:
-                    self.publishers[topic] = self.peer.create_publisher(type(message), topic, qos.LARGE)
-                self.publishers[topic].publish(message)
-            for _ in range(5):
-                self.executor.spin_once(timeout_sec=0.01)
-            if not self.case.topic:
-                recorder: Any = self.shell.node
-                self.num_heard = recorder.bag.num_messages
-        return self.num_heard > 0
-
-    def close(self) -> None:
-        """Give both nodes back."""
-        self.shell.destroy_node()
-        self.peer.destroy_node()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.spheres.appearance.features import features_of_sphere
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 HALF_SIDES_M = (6.0, 4.0, 2.5)
 NUM_WAVES = 24
@@ -65,6 +70,30 @@ class Room:
             waves[:, index] = frequency * direction / np.linalg.norm(direction)
             phases[index] = rng.uniform(0.0, 2 * np.pi)
         return waves, phases, (30.0 / np.sqrt(frequencies)).astype(np.float32)
+
+
+@dataclass
+class RoomMap:
+    """A map in memory, as the localiser reads one."""
+
+    graph: SphereGraph
+
+    def load_sphere(self, sphere_id: int) -> Sphere:
+        """Return a copy of a sphere, so that nothing of it is computed before."""
+        sphere = self.graph[sphere_id].sphere
+        assert sphere is not None
+        return Sphere(sphere.image, sphere.range_m, sphere.camera, sphere.stamp_ns)
+
+    def appearance(self) -> AppearanceIndex:
+        """Return what they look like."""
+        index = AppearanceIndex()
+        for node in self.graph:
+            index.add(node.id, features_of_sphere(self.load_sphere(node.id)))
+        return index
+
+    def coarse_spheres(self) -> Mapping[int, Sphere]:
+        """Return all spheres small."""
+        return {node.id: coarse_sphere(self.load_sphere(node.id)) for node in self.graph}
 
 
 def render(

@@ -12,8 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.localizer_times import RoomMap
-from benchmarks.room import FINEST, Factor, Room
+from benchmarks.room import FINEST, Factor, Room, RoomMap
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere

@@ -12,7 +12,6 @@ import pytest
 import benchmarks.__main__ as main
 from benchmarks.report import Bound, Report
 
-
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -30,11 +29,13 @@ def test_every_name_is_of_one_group_and_told():
 
 @pytest.mark.parametrize("words", [[], ["--help"], ["drive", "--help"]])
 def test_help_names_what_there_is_and_imports_no_benchmark(words):
-    code = f"import sys; sys.argv[1:] = {words}; import runpy\ntry: runpy.run_module('benchmarks', run_name='__main__')"
-    code += (
-        "\nexcept SystemExit as end: code = end.code\nfound = [m for m in sys.modules if m.startswith('benchmarks.')]"
-    )
-    code += "\nprint(sorted(found), code)"
+    lines = [
+        f"import runpy, sys; sys.argv[1:] = {words}; sys.path.append('.')",
+        "try: runpy.run_module('benchmarks', run_name='__main__')",
+        "except SystemExit as end: code = end.code",
+        "print(sorted(name for name in sys.modules if name.startswith('benchmarks.')), code)",
+    ]
+    code = "\n".join(lines)
     said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert said.stdout.splitlines()[-1] == "['benchmarks.machine', 'benchmarks.report'] 0"
     assert "following" in said.stdout

@@ -7,9 +7,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks import mission_cameras
-from benchmarks.mission_cameras import QUICK_TOUR, TOUR, City, Taught
-from benchmarks.mission_network import PLACES, named, rounded_way
+from benchmarks.drive.mission_cameras import TOUR, Taught
+from benchmarks.drive.mission_town import PLACES, named, rounded_way
 from cycab_sim.world.city import build_city
 from cycab_sim.world.traffic.loops import _room
 from path_follower.routes.building import TaughtDrive, build_network, even_curve
@@ -17,7 +16,6 @@ from path_follower.routes.network import Spot
 from path_follower.routes.planning import plan
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.ros.bags import BagReader
 
 
 def trajectory(poses):
@@ -42,15 +40,13 @@ def test_the_drift_of_the_map_does_not_count():
         )
 
 
-@pytest.mark.parametrize(("corners", "length", "num_places"), [(QUICK_TOUR, 600.0, 5), (TOUR, 1000.0, 6)])
-def test_a_tour_is_a_network_with_other_ways_between_its_places(corners, length, num_places):
-    """The shorter one has no lane southwards, so no school; from each place a way leads to each other one."""
-    x, y, yaw, _ = rounded_way(corners).at(np.arange(0.0, rounded_way(corners).length, 0.1)).T
+def test_the_tour_is_a_network_with_a_way_from_each_place_to_each_other_one():
+    x, y, yaw, _ = rounded_way(TOUR).at(np.arange(0.0, rounded_way(TOUR).length, 0.1)).T
     network = named(build_network([TaughtDrive(even_curve(x, y, yaw, np.full(len(x), 2.0)))], "city", 1.2))
-    assert sum(edge.length for edge in network.edges.values()) > length
+    assert sum(edge.length for edge in network.edges.values()) > 1000.0
     assert max(np.abs(edge.curve.bend).max() for edge in network.edges.values()) < 0.25  # 1/m, of 6 m with branches
     places = network.places.keys() & PLACES.keys()
-    assert len(places) == num_places
+    assert len(places) == 6
     for start, goal in permutations(places, 2):
         here = Spot(network.departures(network.places[start])[0].id, 0.0)
         assert plan(network, [here], network.spots_of(network.places[goal]), cruise=2.0).length > 10.0
@@ -62,33 +58,3 @@ def test_nothing_stands_in_the_way_of_the_tour():
     room = _room(build_city(101), corner, np.array([340.0, 260.0]))
     column, row = np.floor((way.at(np.arange(0.0, way.length, 0.25))[:, :2] - corner) / 0.1).astype(int).T
     assert room[row, column].min() > 1.2  # half a car and some air: the lane is 3 m wide
-
-
-@pytest.mark.slow
-def test_parts_of_a_teaching_drive_are_the_whole_drive(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        mission_cameras,
-        "CITY",
-        mission_cameras.CITY | {"world": "town", "rig.size": "32,32", "render.shadow_texel": 0.0},
-    )
-    corners = ((0.0, -1.75), (5.0, -1.75))
-    for name, jobs in (("whole", 1), ("parts", 2)):
-        (tmp_path / name).mkdir()
-        for part in range(jobs):
-            City(tmp_path / name, 1, corners, jobs).teach(part)
-    bags = [
-        read(tmp_path / "whole" / "part_0"),
-        read(tmp_path / "parts" / "part_0"),
-        read(tmp_path / "parts" / "part_1"),
-    ]
-    images = [{key: data for key, data in bag.items() if "image_raw" in key[0]} for bag in bags]
-    assert len(images[0]) == 6 * 3  # of six cameras, every 2 m
-    assert images[0] == images[1] | images[2]
-    assert not images[1].keys() & images[2].keys()
-    assert {key for key in bags[1] if key[0] == "/odom"} == {key for key in bags[0] if key[0] == "/odom"}
-    assert not any(key[0] == "/odom" for key in bags[2])
-
-
-def read(path):
-    with BagReader(path) as bag:
-        return {(item.topic, item.stamp_ns): bytes(item.message) for item in bag.raw()}

@@ -4,8 +4,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks.mission_town import Driven
-from benchmarks.missions import drive_all
+from benchmarks.drive.mission_town import Driven
+from benchmarks.drive.missions import drive_all
 
 
 class Stopped:

@@ -1,62 +1,70 @@
-"""What the benchmark of repeats computes by itself; its rows are the commands."""
+"""What the simulated repeats draw and judge by themselves; their rows are the commands."""
 
-import argparse
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks import repeats
-from cycab_sim.params import SimParams
-from cycab_sim.simulator import Simulator
+from benchmarks.drive.repeats import KINDS, Drive, Found, Taught, Way, draw_drives, judge
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.params import build
+from sphere_nav.geometry.trajectory import Trajectory, write_tum
+from sphere_nav.ros.bags import BagReader, BagWriter
+from sphere_nav.ros.conversions import se3_to_odometry
+
+SECOND = 10**9
+GOOD = Found(100, 1.0, 1.0, 0, 0.01)
 
 
-def way(offset=0.0, count=6):
-    poses = SE3.exp(np.array([[i + (offset if i > 2 else 0.0), 0, 0, 0, 0, 0] for i in range(count)], dtype=float))
-    return Trajectory(np.arange(count, dtype=np.int64) * 10**9, poses)
+def test_every_kind_comes_once_in_a_round():
+    drives = draw_drives(2 * len(KINDS) + 1, 3)
+    assert sorted(drive.kind for drive in drives[: len(KINDS)]) == sorted(KINDS)
+    assert [drive.visit for drive in drives[: len(KINDS)]] == [1] * len(KINDS)
+    assert {drive.visit for drive in drives[len(KINDS) : -1]} == {2}
+    assert drives[-1].visit == 3
+    assert draw_drives(5, 3) == drives[:5] != draw_drives(5, 4)
+    assert len({drive.parameters["season.parked"] for drive in drives}) == len(drives)
 
 
-def test_what_is_far_from_the_truth_is_wrong():
-    found = repeats.judge(way(0.5), way(), 0.3)
-    assert (found.num_tracked, found.num_wrong) == (6, 3)
-    assert found.cells(12) == ("50.0%", "3", "250.0 mm")
-    assert repeats.judge(way(0.2), way(), 0.3).num_wrong == 0
-    assert repeats.judge(way(), None, 0.3).cells(6) == ("100.0%", "no truth", "-")
-    assert repeats.Found(0, 0.0, float("nan")).cells(6) == ("0.0%", "0", "-")
+def test_what_is_judged_begins_with_the_second_visit_but_for_what_is_wrong():
+    drives = [Drive(1, "snow", 1, 0.0), Drive(2, "snow", 2, 0.0), Drive(3, "", 2, 0.0)]
+    found = [replace(GOOD, share=0.1, num_wrong=2), GOOD, replace(GOOD, share=0.9, lateral_rmse_m=0.04, num_images=50)]
+    measured = [bound.measured for bound in judge(list(zip(drives, found, strict=True)), 1.5, "")]
+    np.testing.assert_allclose(measured, [145 / 150, 0.9, 2, 1.5, 0.04])
 
 
-def test_a_simulated_recording_tells_where_base_link_is(tmp_path):
-    simulator = Simulator(build(SimParams, repeats.SIMULATION | {"camera.size": "64,240", "world": "corridor"}))
-    start = simulator.T_world_base
-    repeats.record(simulator, tmp_path / "bag", 0.3)
-    truth = repeats.true_poses(tmp_path / "bag")
-    assert len(truth) == 2
-    np.testing.assert_allclose(truth.T_map_body[0].matrix, start.matrix, atol=1e-9)
-    assert repeats.find_recordings(_two(tmp_path), tmp_path / "work") == [tmp_path / "bag", tmp_path / "other"]
+def drive_of(poses):
+    return Trajectory(np.arange(len(poses), dtype=np.int64) * SECOND, SE3(np.stack([T.matrix for T in poses])))
 
 
-def _two(folder):
-    (folder / "bag").rename(folder / "other")
-    (folder / "bag").mkdir()
-    for file in (folder / "other").iterdir():
-        (folder / "bag" / file.name).write_bytes(file.read_bytes())
-    return folder
+def test_errors_are_relative_to_the_taught_drive(tmp_path):
+    """A map that bends by a degree a meter says nothing of the drive: what both are off by alike is no error."""
+    step, bent = SE3.exp([1.0, 0, 0, 0, 0, 0]), SE3.exp([1.0, 0, 0, 0, 0, 0.02])
+    true, mapped = [SE3.identity()], [SE3.exp([5.0, 5.0, 0, 0, 0, 1.0])]
+    for _ in range(5):
+        true, mapped = [*true, true[-1] @ step], [*mapped, mapped[-1] @ bent]
+    with BagWriter(tmp_path / "teach") as bag:
+        for i, T in enumerate(true):
+            message = se3_to_odometry(T, np.zeros((6, 6)), (i + 1) * SECOND, ("world", "base_link"))
+            bag.add_topic("/ground_truth/odometry", type(message))
+            bag.write("/ground_truth/odometry", message, (i + 1) * SECOND)
+    stamps = (np.arange(len(mapped)) + 1) * SECOND
+    write_tum(tmp_path / "taught.tum", Trajectory(stamps, drive_of(mapped).T_map_body))
+    taught = Taught(tmp_path / "teach", tmp_path / "taught.tum")
+    off = SE3.exp([0.0, 0.1, 0, 0, 0, 0])  # the drive was beside the taught one, and the map says a little more
+    more = SE3.exp([0.0, 0.13, 0, 0, 0, 0])
+    found = taught.errors(drive_of([T @ more for T in mapped]), drive_of([T @ off for T in true]))
+    np.testing.assert_allclose(found, np.tile([0.0, 0.03, 0.0], (6, 1)), atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("simulated", "budget", "told"),
-    [
-        (None, "", "expected at least two bags or recordings of a known kind, found 0"),
-        (30, "3x", "expected experiences a place, as 3, or megabytes, as 200MB, found '3x'"),
-    ],
-)
-def test_what_cannot_be_measured_is_refused_before_anything_is_driven(tmp_path, simulated, budget, told):
-    options = argparse.Namespace(
-        folders=[tmp_path], wrong=0.3, quick=True, threads=1, simulated=simulated, repeats_folder=None, budget=budget
-    )
-    with pytest.raises(ValueError, match=told):
-        repeats.run(options)
+@pytest.mark.slow
+def test_a_drive_is_what_the_node_publishes(tmp_path):
+    way = Way(4, 0.1)
+    assert (way.path, Way(4, 99.0).path, Way(4, 400.0).path) == ("straight", "two_turns", "tour")
+    more = {"world": "corridor", "camera.size": "64,48", "traffic.density": "none", "teach.speed": 3.0}
+    way.record(tmp_path / "bag", more, by_rig=False)
+    with BagReader(tmp_path / "bag") as bag:
+        assert {"/image_raw", "/camera_info", "/odom", "/ground_truth/odometry", "/tf_static"} <= set(bag.topics)
+        assert not [name for name in bag.topics if name.startswith("/cameras")]
+        assert bag.topics["/image_raw"].count >= 5

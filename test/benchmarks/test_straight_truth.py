@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks.straight_truth import fit_at_once, twist_of
+from benchmarks.real.straight_truth import fit_at_once, twist_of
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 

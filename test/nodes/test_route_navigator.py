@@ -17,7 +17,7 @@ from sphere_nav_msgs.action import Navigate
 from sphere_nav_msgs.msg import LocalizationStatus
 from sphere_nav_msgs.srv import CloseEdge, PlanRoute
 
-from benchmarks.mission_town import Offered
+from benchmarks.drive.mission_town import Offered
 from path_follower.path import Pose2
 from path_follower.ros import navigator_node
 from path_follower.ros.navigator_node import RouteNavigator

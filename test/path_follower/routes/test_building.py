@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.mission_network import taught_drives
+from benchmarks.drive.mission_town import taught_drives
 from path_follower.path import wrap
 from path_follower.routes.building import HERE, OWN, TaughtDrive, _Anchor, _resolve, _Run, build_network, fade
 from path_follower.routes.network import EdgeCurve

@@ -1,0 +1,53 @@
+"""The commands as a user types them, and what they left behind, for benchmarks that measure through them."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.ros.bags import BagReader
+from sphere_nav.ros.conversions import message_to_status, stamp_ns
+from sphere_nav_tools.cli.main import main as sphere_nav
+from sphere_nav_tools.offline.evaluation import evaluate_poses
+
+TRUTH = ("ground_truth/pose",)  # of recordings and their bags
+
+
+def call(*words: object) -> str:
+    """Run a command and return what it said; ValueError with its last line where it fails."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        try:
+            status: object = sphere_nav([str(word) for word in words])
+        except SystemExit as misuse:  # of argparse, which has written why
+            status = misuse.code or 0
+    if status != 0:
+        lines = said.getvalue().strip().splitlines() or [""]
+        raise ValueError(f"sphere_nav {words[0]}: expected status 0, found {status}: {lines[-1]}")
+    return said.getvalue()
+
+
+def errors(estimate: Trajectory, truth: Trajectory) -> NDArray[np.float64]:
+    """Return the distance in m of every pose from the truth at its stamp, of those that have one."""
+    return evaluate_poses(estimate, truth).errors.translation_m if len(estimate) else np.full(1, np.nan)
+
+
+def tracked(said: Path, estimate: Trajectory) -> Trajectory:
+    """Return the poses whose status is TRACKING in the bag of what was said."""
+    with BagReader(said) as bag:
+        messages = [item.message for item in bag.messages(["/status"])]
+    stamps = [stamp_ns(message) for message in messages if message_to_status(message).state == "TRACKING"]
+    return estimate[np.isin(estimate.stamps_ns, stamps)]
+
+
+def drift(travelled: Trajectory, truth: Trajectory, first: int = 0) -> float:
+    """Return the error at the end in per cent of the way since a frame, whose pose is taken from the truth."""
+    at, _ = truth.at(travelled.stamps_ns, max_gap_ns=10**9)
+    T_start = at.T_map_body[first] @ travelled.T_map_body[first].inverse()
+    off = at.T_map_body[-1].distance(T_start @ travelled.T_map_body[-1])[0]
+    return 100 * float(off / (truth.distances[-1] - truth.distances[first]))

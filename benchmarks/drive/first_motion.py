@@ -1,0 +1,222 @@
+"""Drives whose first image is already in motion, mapped from images alone; and how often a first motion is a false one.
+
+A stereo pair in a street that bends all the way (`bend.py`), by the mapper, from the first pair, after a gap, a cover
+and a jump; the recorded straight drive from every tenth image, by the commands.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.commands import TRUTH, call, drift
+from benchmarks.drive.bend import PERIOD_NS, STEP_M, TURN_DEG, Bend
+from benchmarks.report import Bound, Headline, Report, Table
+from sphere_mapping.graph.both_ways import find_motion
+from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.spheres.sphere import Sphere
+from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.registering import register_spheres
+
+HELP = "drives from images alone whose first image is in motion, gaps and covers; false first motions"
+NUM_IMAGES, QUICK_IMAGES = 51, 12  # of a drive
+NUM_STREETS, QUICK_STREETS = 3, 2
+MIN_PLACED, MAX_DRIFT = 95.0, 0.8  # %
+GAP, COVERED = 4, 3  # images that are missing in the middle of a drive; that show nothing
+DISTURBED = (f"{GAP} images missing", f"{COVERED} images covered", "a jump of 3 m between two images")
+MAX_LOST = 2  # images after such a disturbance
+STARTS, QUICK_STARTS, NUM_KITTI = (0, 10, 20, 30, 40), (40,), 51  # images of the recorded drive
+APART_M = 40.0  # along a bend of 22 m radius: by then it has turned by 104 degrees, and shares nothing
+NUM_PLACES, QUICK_PLACES = 40, 6  # of each false pair, all with all
+WRONG_SHARE = 0.1  # of the motion, or of a metre: an accepted pair of a street that is farther off is a false one
+PARAMS = MapperParams()
+
+
+@dataclass(frozen=True, eq=False)
+class Street:
+    """A bend, the spheres of a drive through it, and where they truly were."""
+
+    spheres: list[Sphere]
+    poses: list[SE3]
+
+    @staticmethod
+    def render(seed: int, side: int, number: int) -> Street:
+        """Return the drive of so many images through the bend of a seed, to the left (1) or to the right (-1)."""
+        bend = Bend(seed, side * TURN_DEG)
+        poses = bend.poses(number)
+        return Street(list(bend.spheres(poses)), poses)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What the mapper made of a drive: share placed and error at the end over the way, both in %; spheres lost."""
+
+    placed: float
+    drift: float
+    num_lost: int
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Measure what is there."""
+    report, is_quick = Report("first_motion", notes=[__doc__ or ""]), options.size == "quick"
+    number, count = (QUICK_IMAGES, QUICK_STREETS) if is_quick else (NUM_IMAGES, NUM_STREETS)
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        streets = [Street.render(options.seed + index, (-1) ** index, number) for index in range(count)]
+        measure_bends(streets, report)
+        measure_pairs(streets, options.seed, report, QUICK_PLACES if is_quick else NUM_PLACES)
+        if (options.data / "driving" / "kitti_06").is_dir():
+            measure_starts(options.data / "driving" / "kitti_06", QUICK_STARTS if is_quick else STARTS, report)
+    finally:
+        cv2.setNumThreads(before)
+    return report
+
+
+def map_drive(spheres: Sequence[Sphere], poses: Sequence[SE3]) -> Drive:
+    """Map spheres; those that show nothing are not expected to be placed."""
+    mapper = Mapper(PARAMS)
+    found = [mapper.add(sphere).T_map_sphere for sphere in spheres]
+    seen = [bool(sphere.measured.any()) for sphere in spheres]
+    last = max(index for index, pose in enumerate(found) if pose is not None)
+    way = sum(float(a.distance(b)[0]) for a, b in pairwise(poses[: last + 1]))
+    end = found[last]
+    off = float((poses[0].inverse() @ poses[last]).distance(end)[0]) if end is not None and last else np.nan
+    placed = sum(pose is not None for pose, is_seen in zip(found, seen, strict=True) if is_seen)
+    return Drive(100.0 * placed / sum(seen), 100.0 * off / way if last else np.nan, sum(seen) - placed)
+
+
+def variants(street: Street) -> Iterator[tuple[str, list[Sphere], list[SE3]]]:
+    """Yield what is driven: as it is, twice as fast, and with a gap, a cover and a jump in the middle."""
+    spheres, poses, middle = street.spheres, street.poses, len(street.spheres) // 2
+    yield f"{STEP_M:g} m, {TURN_DEG:g} deg an image", spheres, poses
+    half = [stamped(sphere, number) for number, sphere in enumerate(spheres[::2])]
+    yield f"{2 * STEP_M:g} m, {2 * TURN_DEG:g} deg an image", half, poses[::2]
+    after = middle + GAP
+    yield DISTURBED[0], spheres[:middle] + spheres[after:], poses[:middle] + poses[after:]
+    dark = [blank(sphere) for sphere in spheres[middle : middle + COVERED]]
+    yield DISTURBED[1], [*spheres[:middle], *dark, *spheres[middle + len(dark) :]], poses
+    cut = [stamped(sphere, middle + number) for number, sphere in enumerate(spheres[middle + 2 :])]
+    yield DISTURBED[2], spheres[:middle] + cut, poses[:middle] + poses[middle + 2 :]
+
+
+def stamped(sphere: Sphere, number: int) -> Sphere:
+    """Return a sphere as the image of that number."""
+    return Sphere(sphere.image, sphere.range_m, sphere.camera, (number + 1) * PERIOD_NS, sphere.range_std_m)
+
+
+def blank(sphere: Sphere) -> Sphere:
+    """Return what a covered pair gives: grey, no range."""
+    nothing: NDArray[np.float32] = np.full_like(sphere.range_m, np.nan)
+    return Sphere(np.full_like(sphere.image, 20), nothing, sphere.camera, sphere.stamp_ns, nothing.copy())
+
+
+def measure_bends(streets: Sequence[Street], report: Report) -> None:
+    """Map every street in every way."""
+    rows, found = list[tuple[str, ...]](), dict[str, list[Drive]]()
+    for number, street in enumerate(streets):
+        for what, spheres, poses in variants(street):
+            drive = map_drive(spheres, poses)
+            found.setdefault(what, []).append(drive)
+            rows.append((str(number), what, f"{drive.placed:.0f}", f"{drive.drift:.2f}"))
+    columns = ("street", "drive", "placed %", "drift %")
+    report.tables.append(Table("A stereo pair in a bend, images alone", columns, rows))
+    of = Headline("map", f"stereo pair in {len(streets)} streets that bend, images alone")
+    for what, drives in found.items():
+        placed, worst = min(drive.placed for drive in drives), max(drive.drift for drive in drives)
+        if what in DISTURBED:
+            lost = max(drive.num_lost for drive in drives)
+            report.bounds.append(Bound(f"bend, {what}: images lost, worst street", MAX_LOST, lost, ""))
+        else:
+            report.bounds.append(Bound(f"bend, {what}: images placed, worst street", MIN_PLACED, placed, "%", True))
+        is_plain = what == next(iter(found))
+        what = f"bend, {what}: error at the end over the way, worst street"
+        report.bounds.append(Bound(what, MAX_DRIFT, worst, "%", headline=of if is_plain else None))
+
+
+def measure_pairs(streets: Sequence[Street], seed: int, report: Report, number: int) -> None:
+    """Count first motions that are proven between images that share nothing, and wrong ones among those that do."""
+    prepared = [[PreparedSphere(sphere, PARAMS.registration) for sphere in street.spheres] for street in streets]
+    rng = np.random.default_rng(seed)
+    false, num_strangers = count_strangers(prepared, number**2, rng)
+    counts = count_neighbors(streets, prepared, number, rng)
+    pairs = counts.pop("pairs")
+    rows = [(name, str(count)) for name, count in counts.items()]
+    title = f"First motions of {num_strangers} pairs that share nothing, and {pairs} that are 1 to 5 m apart"
+    report.tables.append(Table(title, ("what", "pairs"), rows))
+    of = Headline("robustness", f"{num_strangers + pairs} pairs of streets that bend")
+    wrong = false + counts["proven, wrong"]
+    report.bounds += [
+        Bound("first motions proven, wrong or between strangers", 0, wrong, "", headline=of),
+        Bound("register: pairs said to be converged, wrong", 0, counts["register, wrong"], ""),
+        Bound("pairs 1 to 5 m apart that are proven", 90.0, 100.0 * counts["proven"] / pairs, "%", True),
+    ]
+
+
+def count_strangers(
+    prepared: Sequence[Sequence[PreparedSphere]], number: int, rng: np.random.Generator
+) -> tuple[int, int]:
+    """Return how many of so many pairs of images that share nothing are proven to, and how many pairs there are."""
+    strangers = [
+        (one, other)
+        for a, spheres in enumerate(prepared)
+        for b, others in enumerate(prepared)
+        for i, one in enumerate(spheres)
+        for j, other in enumerate(others)
+        if a != b or j - i > APART_M / STEP_M
+    ]
+    chosen = [strangers[index] for index in rng.permutation(len(strangers))[:number].tolist()]
+    return sum(find_motion(one, other, PARAMS.registration) is not None for one, other in chosen), len(chosen)
+
+
+def count_neighbors(
+    streets: Sequence[Street], prepared: Sequence[Sequence[PreparedSphere]], number: int, rng: np.random.Generator
+) -> dict[str, int]:
+    """Return how many of so many pairs of each street are proven, and converged by `register`, and how many wrongly."""
+    counts = dict.fromkeys(("pairs", "proven", "proven, wrong", "register", "register, wrong"), 0)
+    for street, spheres in zip(streets, prepared, strict=True):
+        for _ in range(number):
+            i, step = int(rng.integers(len(spheres) - 6)), int(rng.integers(1, 6))
+            truth = street.poses[i].inverse() @ street.poses[i + step]
+            proven = find_motion(spheres[i], spheres[i + step], PARAMS.registration)
+            told = register_spheres(street.spheres[i], street.spheres[i + step], SE3.identity(), PARAMS)
+            answers = {"proven": proven.T_a_b} if proven is not None else {}
+            if told["is_converged"]:
+                answers["register"] = SE3(np.array(told["T_a_b"]["matrix"]))
+            counts["pairs"] += 1
+            for name, T_a_b in answers.items():
+                counts[name] += 1
+                counts[f"{name}, wrong"] += bool(truth.distance(T_a_b)[0] > WRONG_SHARE * max(1.0, step * STEP_M))
+    return counts
+
+
+def measure_starts(data: Path, starts: Sequence[int], report: Report) -> None:
+    """Map the recorded drive from several of its images on, by the commands."""
+    rows, placed, off = list[tuple[str, ...]](), list[float](), list[float]()
+    for start in starts:
+        with tempfile.TemporaryDirectory() as name:
+            folder, number = Path(name), NUM_KITTI - start
+            call("import", "kitti", data, "-o", folder / "bag", "--frames", f"{start}:{NUM_KITTI}")
+            call("map", folder / "bag", "-o", folder / "map", "--trajectory", folder / "way.tum")
+            travelled, truth = read_tum(folder / "way.tum"), read_poses(folder / "bag", TRUTH)
+            placed.append(100.0 * len(travelled) / number)
+            off.append(drift(travelled, truth))
+            rows.append((str(start), str(number), f"{placed[-1]:.0f}", f"{off[-1]:.2f}"))
+    columns = ("first image", "images", "placed %", "drift %")
+    report.tables.append(Table("The recorded straight drive, images alone", columns, rows))
+    report.bounds += [
+        Bound("kitti_06 from images alone: placed, worst start", MIN_PLACED, min(placed), "%", True),
+        Bound("kitti_06 from images alone: error at the end over the way, worst start", MAX_DRIFT, max(off), "%"),
+    ]

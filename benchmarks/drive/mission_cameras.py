@@ -1,0 +1,213 @@
+"""Missions by a camera: one tour of the city is taught by six cameras and mapped, one ordinary camera drives in it.
+
+All is what a vehicle has: the bag of the tour goes through `sphere_nav map`, its taught path becomes the network, and
+`dense_localizer` begins from nowhere on another day, with other people about, and tells `route_navigator` and
+`path_follower` where the car is. Images come five times a second, 50 ms late. Errors are against what was truly taught:
+where the map has drifted, the path has drifted with it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from scipy.spatial import cKDTree
+from sphere_nav_msgs.msg import LocalizationStatus
+
+from benchmarks.commands import call
+from benchmarks.drive.mission_town import (
+    CRUISE,
+    LATENCY_NS,
+    NORTH,
+    PERIOD_NS,
+    RIGHT,
+    SOUTH,
+    STEP_NS,
+    Driven,
+    Town,
+    named,
+    rounded_way,
+)
+from cycab_sim.params import SimParams
+from cycab_sim.ros.outputs import Outputs
+from cycab_sim.simulator import START_NS, Simulator
+from cycab_sim.vehicle import VehicleCommand
+from dense_localizer.ros.node import DenseLocalizerNode
+from path_follower.path import Pose2
+from path_follower.routes.network import Network
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.trajectory import Trajectory, read_tum
+from sphere_nav.localization.status import State
+from sphere_nav.params import build
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.bags.recorded import Recorded
+from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell, record
+from sphere_nav.ros.conversions import pose_to_se3, stamp_ns
+from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, SIMULATION, TEACHING
+from sphere_nav_tools.cli.demo.report import read_truth
+from sphere_nav_tools.offline.routes import map_id_of, read_network_of
+
+EAST, LANE, NORTH_SIDE = 132.5, 120.0, 42.0  # m: x of the other way over the square, x of the lane, y where they meet
+WEST, F_NORTH, F_SOUTH = -20.0 - RIGHT, 40.0 + RIGHT, 40.0 - RIGHT
+Corners = tuple[tuple[float, float], ...]
+RINGS: Corners = (  # A, F, B, C; A, the square, the lane, B
+    *((0.0, SOUTH), (F_NORTH, SOUTH), (F_NORTH, NORTH), (WEST, NORTH), (WEST, SOUTH)),
+    *((LANE, SOUTH), (LANE, NORTH)),
+)
+TOUR: Corners = (  # F southwards, the block the other way round, the other way over the square, B westwards
+    *(*RINGS, (F_SOUTH, NORTH), (F_SOUTH, -SOUTH)),
+    *((-20.0 + RIGHT, -SOUTH), (-20.0 + RIGHT, 110.0 - RIGHT), (F_SOUTH, 110.0 - RIGHT), (F_SOUTH, SOUTH)),
+    *((EAST, SOUTH), (EAST, NORTH_SIDE), (LANE, NORTH_SIDE), (LANE, NORTH)),
+    (20.0, NORTH),
+)
+WAIT_NS = 30_000_000_000  # of simulated time until the car must know where it is
+CITY = SIMULATION | BUSY | {"world": "city", "teach.speed": CRUISE, "capture.distance": 2.0}
+
+
+@dataclass(frozen=True)
+class City:
+    """Where a city's tour and map are kept, its seed, the corners of the tour, and how many processes map it."""
+
+    folder: Path
+    seed: int
+    corners: Corners = TOUR
+    jobs: int = 1
+
+    def simulator(self, more: Mapping[str, Any]) -> Simulator:
+        """Return the city, its traffic busy where the tour does not lead."""
+        return Simulator(build(SimParams, {**CITY, "seed": self.seed, **more}), rounded_way(self.corners))
+
+    def prepare(self) -> None:
+        """Drive the tour by the simulator's driver into a bag and map it; what is there already is kept."""
+        bag, made = self.folder / "teach", self.folder / "map"
+        if not bag.is_dir():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self.teach(bag)
+        if not made.is_dir():
+            rig, taught = self.folder / "rig.yaml", self.folder / "taught.tum"
+            call("map", bag, "-o", made, "--rig", rig, "--taught", taught, "--anchor", "truth", "--jobs", self.jobs)
+
+    def teach(self, path: Path) -> None:
+        """Write the bag of the drive."""
+        bus = OfflineBus(start_ns=START_NS)
+        simulator = self.simulator(TEACHING | {"rig.file": str(self.folder / "rig.yaml")})
+        outputs = publish_on(bus, simulator)
+        with BagWriter(path) as bag:
+            while not simulator.is_taught:
+                bus.now_ns = simulator.time_ns
+                for name in simulator.take_due():
+                    outputs.publish(name)
+                for _ in record(bus.settle(), bag, bus):
+                    pass
+                simulator.step(simulator.teach_command(), STEP_NS // 5)
+
+
+def publish_on(bus: OfflineBus, simulator: Simulator) -> Outputs:
+    """Return the simulator's outputs on a bus; its cameras' places are told."""
+    outputs = Outputs(Endpoints(OfflineShell(bus, "cycab_sim", {}, {})), simulator)
+    outputs.publish_statics()
+    return outputs
+
+
+class Taught:
+    """The tour as it was mapped and as it truly was: what is near it in the map, and where that is in the world."""
+
+    def __init__(self, mapped: Trajectory, truth: Trajectory) -> None:
+        at, known = truth.at(mapped.stamps_ns)
+        self.T_world, self.T_map = at.T_map_body[known], mapped[known].T_map_body
+        x, y, _ = self.T_map.translation.T
+        self.tree = cKDTree(features(x, y, np.asarray(self.T_map.yaw)))
+
+    def to_world(self, T_map: SE3) -> SE3:
+        """Return where a pose of the map truly is, by the nearest taught pose that heads alike."""
+        x, y, _ = T_map.translation
+        near = int(self.tree.query(features(x, y, T_map.yaw))[1])
+        return self.T_world[near] @ self.T_map[near].inverse() @ T_map
+
+
+def features(x: Array, y: Array, yaw: Array) -> Array:
+    """Return (..., 4) in which poses are near that are near and head alike."""
+    return np.stack([x, y, 2.0 * np.cos(yaw), 2.0 * np.sin(yaw)], axis=-1)
+
+
+class CameraTown(Town):
+    """The car in the simulated city: its camera, the localizer, and the nodes of every mission."""
+
+    def __init__(self, folder: Path, city: City, seed: int) -> None:
+        city.prepare()
+        self.city = city
+        self.taught = Taught(read_tum(city.folder / "taught.tum"), read_truth(city.folder / "teach"))
+        self.states: Counter[str] = Counter()  # of images under way
+        self.errors: list[float] = []  # of poses, m
+        self.truth: dict[int, SE3] = {}  # T_world_base by the stamp of an image
+        super().__init__(folder, seed)
+        self.points = np.array([self.placed(Pose2(*pose)) for pose in self.points])
+        self.tree = cKDTree(features(*self.points.T))
+        self.simulator = city.simulator(OTHER_DAY | {"mode": "drive", "noise_seed": seed})
+        self.simulator.faults.add("camera", "delayed", LATENCY_NS / 1e9, 0.0, 0.0, self.simulator.time_ns)
+        self.simulator.step(VehicleCommand(), STEP_NS)
+        self.localizer = self.bus.add(DenseLocalizerNode, {"map": str(city.folder / "map"), "every_image": True})
+        self.outputs = publish_on(self.bus, self.simulator)
+        self.put(self._spot(self.here)[1])
+
+    def _network(self) -> Network:
+        folder = self.city.folder
+        return named(read_network_of([folder / "taught.tum"], map_id_of(folder / "map"), 1.2))
+
+    def placed(self, pose: Pose2) -> Pose2:
+        """Return where a pose of the network truly is."""
+        return Pose2.of(self.taught.to_world(SE3.from_planar(*pose)))
+
+    def put(self, pose: Pose2) -> None:
+        """Put the car down, and wait until it has found the place by itself."""
+        self.simulator.teleport(*self.placed(pose))
+        self.car = self.simulator.vehicle
+        cast("OfflineShell", self.localizer.shell).call("reset")
+        self.state, end = "", self.bus.now_ns + WAIT_NS
+        while self.state != State.TRACKING and self.bus.now_ns < end:
+            self.step(Driven("", "", ""), may_walk=False)
+
+    @property
+    def told(self) -> str:  # type: ignore[override]
+        """How well the localizer did."""
+        errors = np.array(self.errors)
+        return (
+            f"images under way: {dict(self.states)}; error of {len(errors)} poses:"
+            f" rms {np.sqrt(np.mean(errors**2)):.4f} m, largest {errors.max():.3f} m"
+        )
+
+    def sense(self, now: int) -> Iterator[Recorded]:
+        """Publish what the sensors measure now, and what of it comes late; yield what is said."""
+        yield from self.bus.advance(now)
+        for name in self.simulator.take_due():
+            if name == "camera":
+                self.truth[now] = self.simulator.T_world_base
+            self.outputs.publish(name)
+        self.outputs.publish_late()
+        if now % PERIOD_NS == 0:
+            self.bus.publish("/scan", self.scan(now))
+        for said in self.bus.settle():
+            self.judge(said.topic, said.message)
+            yield said
+
+    def judge(self, topic: str, message: object) -> None:
+        """Count states, and compare poses with the truth."""
+        if isinstance(message, LocalizationStatus) and topic == "/status":
+            self.state = message.state
+            self.states[message.state] += self.navigator.mission.course is not None
+        elif isinstance(message, PoseWithCovarianceStamped) and topic == "/pose":
+            T_world_base = self.taught.to_world(pose_to_se3(message.pose.pose))
+            off = T_world_base.translation - self.truth.pop(stamp_ns(message)).translation
+            self.errors.append(float(np.linalg.norm(off)))
+
+    def move(self) -> None:
+        """Let the car obey for a step."""
+        for _ in range(5):
+            self.simulator.step(self.command, STEP_NS // 5)

@@ -1,0 +1,364 @@
+"""A network of taught paths in a simulated city, with the nodes that drive over it, a car, and who walks before it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from scipy.spatial import cKDTree
+from sensor_msgs.msg import LaserScan
+from sphere_nav_msgs.action import Navigate
+from sphere_nav_msgs.srv import CloseEdge
+from tf2_msgs.msg import TFMessage
+
+from cycab_sim.params import ActuatorParams, CarParams
+from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
+from cycab_sim.world.paths import Path as Way
+from cycab_sim.world.paths import Piece, turn
+from path_follower.path import Pose2
+from path_follower.ros.navigator_node import RouteNavigator
+from path_follower.ros.node import PathFollowerNode
+from path_follower.routes.building import TaughtDrive, build_network, even_curve
+from path_follower.routes.network import Network, Spot
+from path_follower.routes.network_file import write_network
+from path_follower.routes.planning import Leg, plan
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.localization.status import State, Status
+from sphere_nav.ros.bags.recorded import Recorded
+from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell
+from sphere_nav.ros.conversions import header, se3_to_pose_with_covariance, se3_to_transform, status_to_message
+
+CRUISE = 2.0  # m/s
+RIGHT = 1.75  # m to the right of the middle of a street
+SOUTH, NORTH = -RIGHT, 110.0 + RIGHT  # y of the streets A eastwards and B westwards
+CORNERS = (  # of the drives, driven in this order; the first is where one begins
+    ((0.0, SOUTH), (120.0, SOUTH), (120.0, NORTH), (-20.0 - RIGHT, NORTH), (-20.0 - RIGHT, SOUTH), (30.0, SOUTH)),
+    ((0.0, SOUTH), (40.0 + RIGHT, SOUTH), (40.0 + RIGHT, NORTH), (0.0, NORTH)),
+    ((90.0, NORTH), (40.0 - RIGHT, NORTH), (40.0 - RIGHT, SOUTH), (80.0, SOUTH)),
+    ((60.0, SOUTH), (95.0, SOUTH), (95.0, NORTH), (55.0, NORTH)),
+    ((-20.0 + RIGHT, -50.0), (-20.0 + RIGHT, 110.0 - RIGHT), (40.0 - RIGHT, 110.0 - RIGHT), (40.0 - RIGHT, 30.0)),
+)
+PLACES = {"square": (100.0, SOUTH), "lane": (120.0, 60.0), "market": (80.0, NORTH)}
+PLACES |= {"church": (-20.0 - RIGHT, 60.0), "gate": (40.0 + RIGHT, 60.0), "school": (40.0 - RIGHT, 60.0)}
+NOISE = (0.01, 0.01, 0.003)  # m, m, rad of a pose
+PERIOD_NS, LATENCY_NS, STEP_NS = 100_000_000, 50_000_000, 50_000_000
+ROOM = 12.0  # m of an edge that is closed
+BRANCH = 8.0  # m around a node where ways part or meet
+PATIENCE = 900.0  # s of simulated time for a mission
+WALKER, STAYING = 0.3, 4.0  # m radius; s before the car
+BEAMS, SCAN_RANGE = 121, 20.0
+COVARIANCE = 1e-4 * np.eye(6)
+
+
+@dataclass
+class Driven:
+    """What became of a mission."""
+
+    start: str
+    goal: str
+    closed: str  # edge, and by what; empty: none
+    is_arrived: bool = False
+    reason: str = ""
+    distance: float = 0.0
+    contacts: int = 0
+    stops: int = 0  # at joints, for no reason
+    lateral: list[float] = field(default_factory=list)
+    at_branches: list[float] = field(default_factory=list)
+
+
+class Town:
+    """The network, the nodes, the car, and who walks before it."""
+
+    told = ""  # of the localizer
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.network = self._network()
+        self.length = sum(edge.length for edge in self.network.edges.values())
+        write_network(folder / "city.geojson", self.network)
+        self.bus = OfflineBus(start_ns=1_000_000_000)
+        cruise = {"speed.cruise": CRUISE, "enable_stamped_cmd_vel": True}
+        self.follower = self.bus.add(PathFollowerNode, cruise)
+        values = {"network": str(folder / "city.geojson"), "state": str(folder), "mission.cruise": CRUISE}
+        values |= {"mission.memory": 60.0}
+        self.navigator = self.bus.add(RouteNavigator, values)
+        self.shell = cast("OfflineShell", self.navigator.shell)
+        mounted = se3_to_transform(SE3.identity(), self.bus.now_ns, "base_link", "scan")
+        self.bus.publish("/tf_static", TFMessage(transforms=[mounted]))
+        edge, pose = self._spot("square")
+        self.here, self.edge = "square", edge
+        self.car = Vehicle(VehicleState(*pose), CarParams(), ActuatorParams())
+        self.command = VehicleCommand()
+        self.pending: list[tuple[int, Pose2]] = []
+        self.walkers: list[tuple[Array, int]] = []  # where, and until when
+        self.next_walker = 0.0
+        self.branches = np.array([
+            node.pose[:2] for node in self.network.nodes.values()
+            if len(self.network.arrivals(node.id)) + len(self.network.departures(node.id)) > 2
+        ])  # fmt: skip
+        points = [np.stack([e.curve.x, e.curve.y, e.curve.yaw], -1) for e in self.network.edges.values()]
+        self.points = np.concatenate(points)
+        yaw = self.points[:, 2]
+        self.tree = cKDTree(np.column_stack([self.points[:, :2], 2.0 * np.cos(yaw), 2.0 * np.sin(yaw)]))
+
+    def _network(self) -> Network:
+        return named(build_network(taught_drives(self.rng), "city", 1.2))
+
+    def _spot(self, place: str) -> tuple[int, Pose2]:
+        node = self.network.nodes[self.network.places[place]]
+        return self.network.departures(node.id)[0].id, node.pose
+
+    # --- a mission
+    def drive(self, closing: str) -> Driven:
+        """Drive to another place."""
+        goals = [name for name in PLACES if name in self.network.places and name != self.here]
+        if closing:
+            here = Spot(self.network.departures(self.network.places[self.here])[0].id, 0.0)
+            goals = [goal for goal in goals if self.passable(here, goal)] or goals
+        goal = str(self.rng.choice(goals))
+        driven = Driven(self.here, goal, "")
+        check, begin, _ = self.shell.actions["navigate"]
+        asked = Offered(Navigate.Goal(place=goal))
+        check(asked.request)
+        begin(asked)
+        end, shut_at = self.bus.now_ns + round(PATIENCE * 1e9), float(self.rng.uniform(0.1, 0.5))
+        while asked.result is None and self.bus.now_ns < end:
+            self.step(driven, may_walk=not closing)
+            course = self.navigator.mission.course
+            if (
+                closing
+                and not driven.closed
+                and course is not None
+                and self.navigator.mission.progress > shut_at * course.length
+            ):
+                driven.closed = self.shut(closing)
+        if asked.result is None:
+            driven.reason = f"still {self.navigator.mission.state}: {self.navigator.mission.reason}"
+        else:
+            driven.is_arrived, driven.reason, driven.distance = (
+                asked.result.success,
+                asked.result.reason,
+                asked.result.distance,
+            )
+        self.reopen()
+        if driven.is_arrived:
+            self.here = goal
+        else:
+            self.restart()
+        return driven
+
+    def shut(self, closing: str) -> str:
+        """Close an edge ahead that is not the one under way, by the call or by something that stays on it."""
+        mission = self.navigator.mission
+        assert mission.course is not None
+        legs = mission.course.legs[mission.course.leg_at(mission.progress) + 1 :]
+        assert mission.leg is not None
+        now, far = Spot(mission.leg.edge, mission.leg.first), [leg for leg in legs if leg.length > ROOM]
+        ahead = self.passable(now, mission.goal.place if mission.goal else "") or far
+        if not ahead:
+            return "none ahead"
+        leg = ahead[int(self.rng.integers(len(ahead)))]
+        if closing == "call":
+            request = CloseEdge.Request(edge=str(leg.edge), closed=True)
+            answer = self.shell.call("close_edge", request)
+            assert answer.success, answer.message
+        else:
+            way = leg.first + (0.6 * leg.length if self.is_near else 2.0)
+            pose = self.placed(self.network.edges[leg.edge].curve.pose(way))
+            if math.hypot(pose.x - self.car.state.x, pose.y - self.car.state.y) < ROOM:
+                return ""  # nothing falls from the sky before the car: the next edge, later
+            self.is_near = not self.is_near
+            self.walkers.append((np.array(pose[:2]), 1 << 62))
+        return f"{leg.edge} by {closing}"
+
+    def passable(self, start: Spot, goal: str) -> list[Leg]:
+        """Return the legs of the way to a place, behind the first, without which there is another way."""
+        goals, found = self.network.spots_of(self.network.places[goal]), []
+        for leg in plan(self.network, [start], goals, cruise=CRUISE).legs[1:]:
+            with suppress(ValueError):
+                plan(self.network, [start], goals, cruise=CRUISE, closed={leg.edge})
+                found += [leg] if leg.length > ROOM else []
+        return found
+
+    def reopen(self) -> None:
+        """Let all edges be open again, and nobody in the way."""
+        self.walkers = []
+        self.navigator.mission.blocked.clear()
+        for edge in list(self.navigator.mission.closed):
+            self.shell.call("close_edge", CloseEdge.Request(edge=str(edge), closed=False))
+
+    def restart(self) -> None:
+        """Bring the car to a place by hand."""
+        for _ in range(200):
+            self.step(Driven("", "", ""), may_walk=False)
+        self.follower.loop.ask("stop")
+        self.here = "church"
+        self.put(self._spot(self.here)[1])
+
+    def placed(self, pose: Pose2) -> Pose2:
+        """Return where a pose of the network truly is."""
+        return pose
+
+    def put(self, pose: Pose2) -> None:
+        """Put the car down, and let the nodes see it there."""
+        self.car.state = VehicleState(*pose)
+        for _ in range(40):
+            self.step(Driven("", "", ""), may_walk=False)
+
+    # --- time
+    def step(self, driven: Driven, *, may_walk: bool) -> None:
+        """Let 50 ms pass: the nodes hear what is measured now, the car obeys the last command."""
+        now = self.bus.now_ns + STEP_NS
+        for record in self.sense(now):
+            if record.topic == "/cmd_vel":
+                self.command = VehicleCommand(record.message.twist.linear.x, record.message.twist.angular.z)
+        self.move()
+        if may_walk:
+            self._walk(now)
+        self.walkers = [walker for walker in self.walkers if walker[1] > now]
+        self._measure(driven)
+
+    def sense(self, now: int) -> Iterator[Recorded]:
+        """Let time pass; publish a pose every second time, with a scan; yield what is said."""
+        yield from self.bus.advance(now)
+        if now % PERIOD_NS == 0:
+            state = self.car.state
+            noisy = Pose2(*(np.array((state.x, state.y, state.yaw)) + self.rng.normal(size=3) * NOISE))
+            self.pending.append((now, noisy))
+        while self.pending and self.pending[0][0] <= now - LATENCY_NS:
+            stamp, pose = self.pending.pop(0)
+            self.bus.publish("/status", status_to_message(Status(State.TRACKING), stamp, "map"))
+            self.bus.publish("/pose", se3_to_pose_with_covariance(SE3.from_planar(*pose), COVARIANCE, stamp, "map"))
+            self.bus.publish("/scan", self.scan(stamp))
+            yield from self.bus.settle()
+
+    def move(self) -> None:
+        """Let the car obey for a step."""
+        for _ in range(5):
+            self.car.step(self.command, STEP_NS / 5e9)
+
+    def _walk(self, now: int) -> None:
+        """Let somebody step before the car every 150 m of a mission, and off again."""
+        mission = self.navigator.mission
+        if mission.course is None or mission.progress < 5.0:
+            self.next_walker = float(self.rng.uniform(50.0, 150.0))
+        elif mission.state == "DRIVING" and mission.progress > self.next_walker and mission.distance_remaining > 15.0:
+            state = self.car.state
+            ahead = 6.0 + 0.5 * self.rng.uniform()
+            at = np.array([state.x + ahead * math.cos(state.yaw), state.y + ahead * math.sin(state.yaw)])
+            self.walkers.append((at, now + round(STAYING * 1e9)))
+            self.next_walker = mission.progress + 150.0
+
+    def scan(self, stamp: int) -> LaserScan:
+        """Return what a scanner at the rear axle sees of who stands around."""
+        angles = np.linspace(-np.pi / 2, np.pi / 2, BEAMS)
+        ranges = np.full(BEAMS, np.inf)
+        state = self.car.state
+        for at, _ in self.walkers:
+            dx, dy = at - (state.x, state.y)
+            distance, bearing = math.hypot(dx, dy), math.atan2(dy, dx) - state.yaw
+            off = np.abs((angles - bearing + np.pi) % (2 * np.pi) - np.pi)
+            hit = (distance * np.sin(np.minimum(off, 1.5)) < WALKER) & (off < 1.5) & (distance < SCAN_RANGE)
+            ranges[hit] = np.minimum(ranges[hit], max(distance - WALKER, 0.05))
+        return LaserScan(
+            header=header(stamp, "scan"), angle_min=-np.pi / 2, angle_max=np.pi / 2,
+            angle_increment=np.pi / (BEAMS - 1), range_min=0.01, range_max=SCAN_RANGE, ranges=ranges.tolist(),
+        )  # fmt: skip
+
+    def _measure(self, driven: Driven) -> None:
+        state, mission = self.car.state, self.navigator.mission
+        for at, _ in self.walkers:
+            dx, dy = at - (state.x, state.y)
+            along = math.cos(state.yaw) * dx + math.sin(state.yaw) * dy
+            across = math.cos(state.yaw) * dy - math.sin(state.yaw) * dx
+            is_touched = -0.35 - WALKER < along < 1.55 + WALKER and abs(across) < 0.6 + WALKER
+            driven.contacts += int(is_touched and abs(state.speed) > 0.02)
+        if mission.course is None or abs(state.speed) < 0.05 or mission.progress < 10.0:
+            self._count_stop(driven)
+            return
+        turned = (2.0 * math.cos(state.yaw), 2.0 * math.sin(state.yaw))
+        x, y, yaw = self.points[self.tree.query((state.x, state.y, *turned))[1]]
+        error = math.cos(yaw) * (state.y - y) - math.sin(yaw) * (state.x - x)
+        driven.lateral.append(error)
+        if np.hypot(*(self.branches - (state.x, state.y)).T).min() < BRANCH:
+            driven.at_branches.append(error)
+        self.is_standing = False
+
+    is_standing = True
+    is_near = False  # whether the last thing that stayed was just behind a branch
+
+    def _count_stop(self, driven: Driven) -> None:
+        """Count a stand under way that no walker explains."""
+        mission = self.navigator.mission
+        is_new = mission.course is not None and mission.progress >= 10.0 and not self.is_standing
+        if is_new and mission.state == "DRIVING" and not mission.reason and mission.distance_remaining > 1.0:
+            driven.stops += 1
+        self.is_standing = True
+
+
+class Offered:
+    """A goal as a client of the action sees it."""
+
+    def __init__(self, request: Navigate.Goal) -> None:
+        self.request = request
+        self.feedback: list[Navigate.Feedback] = []
+        self.result: Navigate.Result | None = None
+
+    def publish(self, feedback: Navigate.Feedback) -> None:
+        """Take feedback."""
+        self.feedback.append(feedback)
+
+    def finish(self, result: Navigate.Result, *, success: bool) -> None:
+        """Take the result."""
+        self.result = result
+
+
+# --- the network
+def taught_drives(rng: np.random.Generator) -> list[TaughtDrive]:
+    """Return the drives as they were recorded: a few centimetres beside what was meant, slowly varying."""
+    drives = []
+    for corners in CORNERS:
+        way = rounded_way(corners)
+        x, y, yaw, _ = way.at(np.arange(0.0, way.length, 0.1)).T
+        s = 0.1 * np.arange(len(x))
+        off = sum(
+            0.03 * np.sin(2 * np.pi * s / wave + phase)
+            for wave, phase in zip((23.0, 41.0), rng.uniform(0, 6.28, 2), strict=True)
+        )
+        drives.append(
+            TaughtDrive(even_curve(x - off * np.sin(yaw), y + off * np.cos(yaw), yaw, np.full(len(x), CRUISE)))
+        )
+    return drives
+
+
+def rounded_way(corners: tuple[tuple[float, float], ...]) -> Way:
+    """Return the way along an open polygon whose inner corners are arcs of 6 m radius."""
+    points = np.array(corners)
+    legs = np.diff(points, axis=0)
+    lengths, heads = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
+    turns = (np.diff(heads) + np.pi) % (2 * np.pi) - np.pi
+    cuts = np.concatenate([[0.0], 6.0 * np.tan(np.abs(turns) / 2), [0.0]])
+    pieces: list[Piece] = []
+    for number, length in enumerate(lengths):
+        pieces.append(Piece(float(length - cuts[number] - cuts[number + 1])))
+        if number < len(turns):
+            pieces.append(turn(6.0, float(np.degrees(turns[number]))))
+    return Way((*corners[0], float(heads[0])), tuple(pieces))
+
+
+def named(network: Network) -> Network:
+    """Return a network with those of the places that are on it."""
+    for name, at in PLACES.items():
+        spots = []
+        for edge in network.edges.values():
+            off = np.hypot(edge.curve.x - at[0], edge.curve.y - at[1])
+            spots.append(Spot(edge.id, float(edge.curve.arc[int(np.argmin(off))]), float(off.min())))
+        nearest = min(spots, key=lambda spot: spot.left)
+        network = network.with_place(name, nearest) if nearest.left < RIGHT else network
+    return network

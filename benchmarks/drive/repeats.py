@@ -1,0 +1,305 @@
+"""A taught way of the simulator, repeated by day and night, in four seasons, among other cars.
+
+A rig is driven along the way once, its images are stitched and mapped. Then a camera drives there N times, in an order
+of lights and seasons drawn by a seed, each time with other cars parked, other traffic, clouds and noise. Each drive is
+localised from nowhere in the newest map. One that was not tracked well is driven again by the rig, and extends the map,
+as `sphere_nav map --extend` does it. All by the commands and the simulator's own driver.
+
+An error is that of the vehicle relative to the taught drive: what the map says of both against the truth of both.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.commands import call
+from benchmarks.report import Bound, Headline, Report, Table
+from cycab_sim.params import SimParams
+from cycab_sim.ros.outputs import Outputs
+from cycab_sim.sensors.rigs import rig_file_text
+from cycab_sim.simulator import Simulator
+from sphere_nav.geometry.trajectory import Trajectory, read_tum
+from sphere_nav.params import build
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags import BagReader, BagWriter
+from sphere_nav.ros.conversions import message_to_status, stamp_ns
+from sphere_nav.ros.maps.reader import FILE_NAME, open_map
+from sphere_nav_tools.cli.demo.demo import OTHER_DAY, SIMULATION, TOUR
+from sphere_nav_tools.offline.pose_bags import read_poses
+
+HELP = "a way of the simulator repeated in nine lights and seasons; the map grows where it was not tracked"
+KINDS = ("", "overcast", "autumn", "winter", "snow", "wet", "low_sun", "dusk", "night_lamps")  # "": the taught day
+WAYS = (("straight", 30.0), ("two_turns", 100.0), ("tour", 490.0))  # paths of the simulator and how long they are, m
+STEP_NS = 10_000_000
+WELL_TRACKED = 0.99  # share of a drive's images; what is below it is driven by the rig and extends the map
+MAX_CLOUDS = 0.7  # share of the sun that passing clouds take, at most
+MOVING_M_S = 0.05  # slower is standing: a drive begins when the vehicle does
+WRONG_M = 0.3  # off the truth
+FULL, QUICK, QUICK_KINDS = (30, 100.0), (2, 4.0), ("", "low_sun")  # drives and metres
+MAX_SIZE, MAX_RMSE_M = 2.0, 0.03  # of the last map by the first one
+COLUMNS = ("drive", "kind", "visit", "images", "TRACKING", "start", "wrong", "lateral RMSE", "map", "then")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Teach, repeat, and judge."""
+    is_quick = options.size == "quick"
+    count, length_m = QUICK if is_quick else FULL
+    drives = draw_drives(count, options.seed, QUICK_KINDS if is_quick else KINDS)
+    with tempfile.TemporaryDirectory() as folder:
+        repeats = Repeats(Way(options.seed, length_m), Path(folder))
+        repeats.teach()
+        for drive in drives:
+            repeats.repeat(drive)
+            print(" | ".join(repeats.rows[-1]), file=sys.stderr, flush=True)
+        sizes = [(one / FILE_NAME).stat().st_size for one in (repeats.maps[0], repeats.maps[-1])]
+    title = f"{count} repeats of {length_m:g} m"
+    report = Report("repeats", [Table(title, COLUMNS, repeats.rows)], notes=[__doc__ or "", *repeats.notes])
+    report.bounds += judge(repeats.found, sizes[1] / sizes[0], f"{title} in {len({d.kind for d in drives})} lights")
+    return report
+
+
+def judge(found: list[tuple[Drive, Found]], size: float, data: str) -> list[Bound]:
+    """Return the bounds: of visits from the second of a kind on, of all where there is none; `size` of the map."""
+    known = [one for drive, one in found if drive.visit > 1] or [one for _, one in found]
+    share = sum(one.share * one.num_images for one in known) / sum(one.num_images for one in known)
+    errors = [one.lateral_rmse_m for one in known if np.isfinite(one.lateral_rmse_m)]
+    of, num_wrong = Headline("other light", data), sum(one.num_wrong for _, one in found)
+    return [
+        Bound("repeats: TRACKING from the second visit of a kind on", 0.99, share, "", True, of),
+        Bound("repeats: the same, worst drive", 0.99, min(one.share for one in known), "", True, of),
+        Bound("repeats: wrong in TRACKING, all drives", 0, num_wrong, "", headline=of),
+        Bound("repeats: map over that of the first day", MAX_SIZE, size, ""),
+        Bound("repeats: lateral RMSE, worst drive", MAX_RMSE_M, max(errors, default=np.nan), "m"),
+    ]
+
+
+@dataclass(frozen=True)
+class Way:
+    """What is driven: the town, and how far along the shortest path that is long enough."""
+
+    seed: int
+    length_m: float
+
+    @property
+    def path(self) -> str:
+        """The shortest path that is long enough."""
+        return next((name for name, length in WAYS if self.length_m <= length), WAYS[-1][0])
+
+    def simulation(self, more: dict[str, Any]) -> dict[str, Any]:
+        """Return the parameters of a drive."""
+        place = dict(TOUR) if self.path == "tour" else {"path": self.path}
+        return SIMULATION | {"seed": self.seed, "mode": "teach"} | place | more
+
+    def record(self, bag: Path, more: dict[str, Any], *, by_rig: bool) -> None:
+        """Drive along the way by the simulator's driver; write what its node would publish."""
+        seen = {"camera.period": 0.0} if by_rig else {"rig.kind": "none"}
+        simulator = Simulator(build(SimParams, self.simulation(more | seen)))
+        with BagWriter(bag) as writer:
+            outputs = Outputs(_Recorder(writer, simulator), simulator)  # type: ignore[arg-type]
+            outputs.publish_statics()
+            while simulator.driver.distance < self.length_m and not simulator.is_taught:
+                for name in simulator.take_due():
+                    outputs.publish(name)
+                simulator.step(simulator.teach_command(), STEP_NS)
+        if simulator.rig is not None:
+            (bag / "rig.yaml").write_text(rig_file_text(simulator.rig, ""), encoding="utf-8")
+
+
+class _Recorder:
+    """Takes publishers as a node does, and writes what they send into a bag, at the simulator's time."""
+
+    def __init__(self, bag: BagWriter, simulator: Simulator) -> None:
+        self._bag, self._simulator = bag, simulator
+
+    def add_publisher(self, topic: str, kind: type[Any], profile: Any = qos.STATE) -> _Topic:
+        """Return what has `publish`; a topic on which nothing comes is not written."""
+        return _Topic(lambda message: self._write(topic, kind, profile, message))
+
+    def _write(self, topic: str, kind: type[Any], profile: Any, message: Any) -> None:
+        self._bag.add_topic(topic, kind, profile)
+        self._bag.write(topic, message, self._simulator.time_ns)
+
+
+@dataclass(frozen=True)
+class _Topic:
+    publish: Callable[[Any], None]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A repeat: its number from 1, its kind, and the how manieth of the kind it is, from 1."""
+
+    number: int
+    kind: str
+    visit: int
+    clouds: float
+
+    @property
+    def name(self) -> str:
+        """Name of its files."""
+        return f"{self.number:02d}_{self.kind or 'day'}"
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What is not as in the teaching drive."""
+        other = {"condition": self.kind, "noise_seed": 1 + self.number, "traffic.seed": self.number}
+        return OTHER_DAY | other | {"season.parked": self.number, "light.clouds": self.clouds}
+
+
+def draw_drives(count: int, seed: int, kinds: tuple[str, ...] = KINDS) -> list[Drive]:
+    """Return the drives: every kind once in each round, in an order of its own."""
+    rng = np.random.default_rng([seed, 26])
+    rounds = -(-count // len(kinds))
+    order = [kinds[k] for _ in range(rounds) for k in rng.permutation(len(kinds))][:count]
+    clouds = [
+        round(float(np.random.default_rng([seed, number]).uniform(0.0, MAX_CLOUDS)), 2) for number in range(count)
+    ]
+    return [
+        Drive(number + 1, kind, order[: number + 1].count(kind), clouds[number]) for number, kind in enumerate(order)
+    ]
+
+
+@dataclass(frozen=True)
+class Found:
+    """How a drive was localised: images of the moving vehicle, share in TRACKING, the rest of them by reason and state.
+
+    start_s: from the first image to the first pose in TRACKING, s (NaN: none); errors of the poses in TRACKING.
+    """
+
+    num_images: int
+    share: float
+    start_s: float
+    num_wrong: int
+    lateral_rmse_m: float
+    why: str = ""
+
+    def cells(self) -> tuple[str, ...]:
+        """Return them as they are printed."""
+        start = "-" if np.isnan(self.start_s) else f"{self.start_s:.1f} s"
+        error = "-" if np.isnan(self.lateral_rmse_m) else f"{1e3 * self.lateral_rmse_m:.1f} mm"
+        return f"{self.num_images}", f"{self.share:.1%}", start, f"{self.num_wrong}", error
+
+
+@dataclass(eq=False)
+class Taught:
+    """The teaching drive: true poses and those of the map, at the images that were mapped."""
+
+    bag: Path
+    taught: Path
+    truth: Trajectory = field(init=False)
+    mapped: Trajectory = field(init=False)
+
+    def __post_init__(self) -> None:
+        mapped = read_tum(self.taught)
+        at, known = read_poses(self.bag, ("/ground_truth/odometry",)).at(mapped.stamps_ns)
+        self.truth, self.mapped = at, mapped[known]
+
+    def errors(self, estimate: Trajectory, truth: Trajectory) -> NDArray[np.float64]:
+        """Return (N, 3) m: where the map has the vehicle less where it is, both by the nearest taught pose."""
+        at, known = truth.at(estimate.stamps_ns, max_gap_ns=200_000_000)
+        found = []
+        for T_world, T_map in zip(at.T_map_body.matrix, estimate.T_map_body.matrix[known], strict=True):
+            k = int(np.argmin(np.linalg.norm(self.truth.positions - T_world[:3, 3], axis=1)))
+            true, told = (
+                np.linalg.inv(one.T_map_body.matrix[k]) @ T for one, T in ((self.truth, T_world), (self.mapped, T_map))
+            )
+            found.append(told[:3, 3] - true[:3, 3])
+        return np.array(found).reshape(-1, 3)
+
+
+def localise(map_folder: Path, bag: Path, folder: Path, taught: Taught) -> Found:
+    """Localise a drive by its camera from nowhere."""
+    folder.mkdir()
+    problem = ""
+    try:
+        call("localize", map_folder, bag, "-o", folder / "poses.tum", "--bag", folder / "said")
+    except ValueError as error:
+        problem = str(error)
+    truth = read_poses(bag, ("/ground_truth/odometry",))
+    with BagReader(bag) as reader:
+        images = np.array([stamp_ns(item.message) for item in reader.messages(["/image_raw"])])
+    states = _states(folder / "said") if (folder / "said").is_dir() else {}
+    moving = images[images >= _departure_ns(truth)]
+    tracked = np.array([stamp for stamp in images if states.get(stamp, ("", ""))[0] == "TRACKING"], dtype=np.int64)
+    told = [states.get(stamp, ("no answer", "")) for stamp in moving]
+    counts = {one: told.count(one) for one in dict.fromkeys(told) if one[0] != "TRACKING"}
+    why = ", ".join(f"{number} {state} {reason}".strip() for (state, reason), number in counts.items()) or problem
+    if not len(tracked):
+        return Found(len(moving), 0.0, float("nan"), 0, float("nan"), why)
+    poses = read_tum(folder / "poses.tum")
+    errors = taught.errors(poses[np.isin(poses.stamps_ns, tracked)], truth)
+    return Found(
+        len(moving),
+        float(np.isin(moving, tracked).mean()),
+        float(tracked[0] - images[0]) / 1e9,
+        int(np.sum(np.linalg.norm(errors, axis=1) > WRONG_M)),
+        float(np.sqrt(np.mean(errors[:, 1] ** 2))),
+        why,
+    )
+
+
+def _states(bag: Path) -> dict[int, tuple[str, str]]:
+    """Return state and reason by the stamp of the image."""
+    with BagReader(bag) as reader:
+        found = [(stamp_ns(item.message), message_to_status(item.message)) for item in reader.messages(["/status"])]
+    return {stamp: (str(status.state), str(status.reason)) for stamp, status in found}
+
+
+def _departure_ns(truth: Trajectory) -> int:
+    """Return when the vehicle begins to move."""
+    speeds = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1) / (np.diff(truth.stamps_ns) * 1e-9)
+    return int(truth.stamps_ns[int(np.argmax(speeds > MOVING_M_S))])
+
+
+class Repeats:
+    """The drives of one way, and the maps that they made."""
+
+    def __init__(self, way: Way, folder: Path) -> None:
+        self.way, self.folder = way, folder
+        self.maps = [folder / "map"]
+        self.notes: list[str] = []
+        self.rows: list[tuple[str, ...]] = []
+        self.found: list[tuple[Drive, Found]] = []
+
+    def teach(self) -> None:
+        """Drive and map the first day."""
+        bag, taught = self.folder / "teach", self.folder / "taught.tum"
+        self.way.record(bag, {}, by_rig=True)
+        call("map", bag, "-o", self.maps[0], "--taught", taught, "--rig", bag / "rig.yaml")
+        self.taught = Taught(bag, taught)
+
+    def repeat(self, drive: Drive) -> None:
+        """Drive once more, localise, extend the map where that was not well."""
+        bag, known = self.folder / drive.name, self.maps[-1]
+        self.way.record(bag, drive.parameters, by_rig=False)
+        found = localise(known, bag, self.folder / f"{drive.name}_found", self.taught)
+        then = "tracked" if found.share >= WELL_TRACKED else self._extend(drive, known)
+        self.found.append((drive, found))
+        size = f"{(self.maps[-1] / FILE_NAME).stat().st_size / 1e6:.1f} MB"
+        self.rows.append((f"{drive.number}", drive.kind or "day", f"{drive.visit}", *found.cells(), size, then))
+        if found.why:
+            self.notes.append(f"{drive.name}: {found.why}")
+
+    def _extend(self, drive: Drive, known: Path) -> str:
+        """Drive the same by the rig and join that to the map, which begins where the drive does."""
+        bag, made = self.folder / f"{drive.name}_rig", self.folder / f"map_{drive.name}"
+        self.way.record(bag, drive.parameters, by_rig=True)
+        start, name = ("--start", 0.0, 0.0, 0.0), ("--experience", drive.kind or "day")
+        try:
+            call("map", bag, "-o", made, "--extend", known, *start, *name, "--rig", bag / "rig.yaml")
+        except ValueError as error:
+            self.notes.append(f"{drive.name}: {error}")
+            if not made.is_dir():  # else some of its spheres were not placed, and the others are in the map
+                return "refused"
+        self.maps.append(made)
+        with open_map(made) as reader:
+            return f"extended to {len(reader.graph)}"

@@ -1,0 +1,270 @@
+"""Frame-to-frame registration of recorded RGB-D pairs, ours beside OpenCV's and Open3D's odometry, in one run.
+
+All methods get the same grey images, depth and intrinsics, taken as from a global shutter, and start from no motion.
+Errors are those of T_reference_current against COLMAP's poses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.machine import milliseconds
+from benchmarks.report import Bound, Headline, Report, Table
+from benchmarks.rgbd_data import CAMERA, Frame, Recording
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.photometric import (
+    PyramidParams,
+    Reference,
+    RegistrationParams,
+    View,
+    build_pyramid,
+    prepare_reference,
+    register,
+)
+from sphere_nav.photometric.align.problem import Problem
+
+HELP = "RGB-D frame to frame against OpenCV and Open3D (DESIGN 7)"
+GAPS, STEP, QUICK_STEP = (1, 5, 10), 5, 40  # frames apart, and between the starts of pairs
+MAX_DEPTH_M, FAILURE_MM = 8.0, 50.0
+MAX_MOTION_M, MAX_MOTION_DEG = 2.0, 90.0  # no peer shall refuse a pair for its motion alone
+OURS, NO_MOTION = "sphere_nav", "no motion"
+NUM_WARM_UP, SETTLE_S = 2, 0.5  # pairs; for the threads of the method before to fall asleep
+COLUMNS = ("k", "method", "median mm", "mean mm", "p90 mm", "median °", "> 50 mm", "tracking ms", "new reference ms")
+# Images of a Kinect are soft: half their size carries what can be aligned, and a tenth of a pixel is below their noise.
+SOFT_IMAGES = RegistrationParams(pyramid=PyramidParams(finest=1), max_pixels=20_000, min_step=0.1)
+K = np.array([[CAMERA.fx, 0.0, CAMERA.cx], [0.0, CAMERA.fy, CAMERA.cy], [0.0, 0.0, 1.0]])
+
+
+class Method(Protocol):
+    """One row of the table."""
+
+    name: str
+
+    def prepare(self, frame: Frame) -> Any:
+        """Do all that depends on the reference alone."""
+        ...
+
+    def track(self, reference: Any, frame: Frame) -> SE3 | None:
+        """Return T_reference_current of a new frame, or None where the method gives up."""
+        ...
+
+
+class Ours:
+    """One reference, from no motion, as the localiser calls it; the depth of a new frame is not used."""
+
+    name = OURS
+
+    def __init__(self) -> None:
+        self.range_by_depth = (1.0 / pixel_rays(CAMERA)[..., 2]).astype(np.float32)
+
+    def prepare(self, frame: Frame) -> Reference:
+        """Turn depth into range along the ray, prepare all levels of the reference and choose its pixels."""
+        reference = prepare_reference(frame.gray, frame.depth_m * self.range_by_depth, CAMERA, SOFT_IMAGES)
+        for level in build_pyramid(frame.gray, CAMERA, SOFT_IMAGES.pyramid).levels[SOFT_IMAGES.pyramid.finest :]:
+            Problem.choose_pixels(level, [View(reference, SE3.identity())], SE3.identity(), SOFT_IMAGES)
+        return reference
+
+    def track(self, reference: Reference, frame: Frame) -> SE3 | None:
+        """Build the pyramid of the new image and align it."""
+        pyramid = build_pyramid(frame.gray, CAMERA, SOFT_IMAGES.pyramid)
+        return register(pyramid, [View(reference, SE3.identity())], SE3.identity(), SOFT_IMAGES).T_world_camera
+
+
+class NoMotion:
+    """The camera did not move: the error of this row is the motion itself."""
+
+    name = NO_MOTION
+
+    def prepare(self, frame: Frame) -> None:
+        """Nothing to prepare."""
+
+    def track(self, reference: Any, frame: Frame) -> SE3 | None:
+        """Return the identity."""
+        return SE3.identity()
+
+
+class OpenCVOdometry:
+    """`cv2.Odometry` of OpenCV 5; its result maps points of the first frame into the second."""
+
+    def __init__(self, mode: str) -> None:
+        kind = {"RGB": cv2.OdometryType_RGB, "RGB-D": cv2.OdometryType_RGB_DEPTH}[mode]
+        self.name = f"OpenCV {mode}"
+        settings = cv2.OdometrySettings()
+        settings.setCameraMatrix(K.astype(np.float32))
+        settings.setMaxDepth(MAX_DEPTH_M)
+        settings.setMaxTranslation(MAX_MOTION_M)
+        settings.setMaxRotation(MAX_MOTION_DEG)
+        self.odometry = cv2.Odometry(kind, settings, cv2.OdometryAlgoType_COMMON)
+
+    def prepare(self, frame: Frame) -> Any:
+        """Build pyramids, gradients, normals."""
+        prepared = cv2.OdometryFrame(frame.depth_m, frame.gray)
+        self.odometry.prepareFrame(prepared)
+        return prepared
+
+    def track(self, reference: Any, frame: Frame) -> SE3 | None:
+        """Prepare the new frame, then align."""
+        current = cv2.OdometryFrame(frame.depth_m, frame.gray)
+        self.odometry.prepareFrames(reference, current)  # what the reference already has is not computed again
+        is_found, T_current_reference = self.odometry.compute(reference, current)
+        return SE3(np.asarray(T_current_reference, np.float64)).inverse() if is_found else None
+
+
+class Open3DOdometry:
+    """Tensor odometry of Open3D, default pyramid and iterations; nothing of a reference can be prepared."""
+
+    def __init__(self, mode: str) -> None:
+        import open3d
+
+        self.core, self.geometry = open3d.core, open3d.t.geometry
+        self.odometry = open3d.t.pipelines.odometry
+        self.name = f"Open3D {mode}"
+        methods = self.odometry.Method
+        self.method = {"hybrid": methods.Hybrid, "point to plane": methods.PointToPlane}[mode]
+
+    def prepare(self, frame: Frame) -> Any:
+        """Wrap the arrays."""
+        color = np.ascontiguousarray(np.repeat(frame.gray[..., None], 3, axis=2))
+        images = (color, np.nan_to_num(frame.depth_m, nan=0.0))
+        return self.geometry.RGBDImage(*(self.geometry.Image(self.core.Tensor(image)) for image in images))
+
+    def track(self, reference: Any, frame: Frame) -> SE3 | None:
+        """Align the new frame to the reference."""
+        tensors = self.core.Tensor(K), self.core.Tensor(np.eye(4))
+        result = self.odometry.rgbd_odometry_multi_scale(
+            self.prepare(frame), reference, *tensors, 1.0, MAX_DEPTH_M, method=self.method
+        )
+        return SE3(result.transformation.numpy().astype(np.float64))
+
+
+def peers(report: Report) -> list[Method]:
+    """Return the methods of others that are installed; a note for those that are not."""
+    found: list[Method] = [NoMotion()]
+    if hasattr(cv2, "OdometryFrame"):
+        found += [OpenCVOdometry(mode) for mode in ("RGB", "RGB-D")]
+    else:
+        report.notes.append(f"OpenCV {cv2.__version__} has no Odometry (expected 5 or later): its rows are left out.")
+    try:
+        found += [Open3DOdometry(mode) for mode in ("hybrid", "point to plane")]
+    except ImportError as error:
+        report.notes.append(f"Open3D is not installed ({error}): its rows are left out.")
+    return found
+
+
+@dataclass
+class Figures:
+    """What one method did on all pairs that are k frames apart; times in ms."""
+
+    errors_mm: list[float] = field(default_factory=list)
+    errors_deg: list[float] = field(default_factory=list)
+    prepare: list[float] = field(default_factory=list)
+    track: list[float] = field(default_factory=list)
+
+    @property
+    def num_failures(self) -> int:
+        """Pairs with more than 50 mm error, refused ones included."""
+        return int(np.sum(np.array(self.errors_mm) > FAILURE_MM))
+
+    @property
+    def tracking_ms(self) -> float:
+        """Median time of a new frame against a reference prepared before."""
+        return float(np.median(self.track))
+
+    @property
+    def median_mm(self) -> float:
+        """Median error of the translation."""
+        return float(np.median(self.errors_mm))
+
+    def cells(self) -> tuple[str, ...]:
+        """Return the right half of a row."""
+        p90 = np.percentile(self.errors_mm, 90, method="higher")
+        sizes = f"{self.median_mm:.2f}", f"{np.mean(self.errors_mm):.2f}", f"{p90:.2f}"
+        times = f"{self.tracking_ms:.1f}", f"{np.median(np.add(self.prepare, self.track)):.1f}"
+        return *sizes, f"{np.median(self.errors_deg):.3f}", f"{self.num_failures} of {len(self.errors_mm)}", *times
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Measure every method; the first pair begins at a frame that the seed draws."""
+    report = Report("frame_to_frame", notes=[__doc__ or ""])
+    recording = Recording.open(options.data)
+    if recording is None:
+        return Report("frame_to_frame", skipped=f"no redkitchen with COLMAP's poses in {options.data}")
+    methods: list[Method] = [*peers(report), Ours()]
+    step, rows = QUICK_STEP if options.size == "quick" else STEP, list[tuple[str, ...]]()
+    for gap in GAPS:
+        figures = measure(methods, recording, gap, step, options.seed % step)
+        rows += [(str(gap), name, *found.cells()) for name, found in figures.items()]
+        report.bounds += bounds_of(figures, gap)
+    report.tables.append(Table("Pairs k frames apart of redkitchen", COLUMNS, rows))
+    return report
+
+
+def measure(methods: list[Method], recording: Recording, gap: int, step: int, first: int) -> dict[str, Figures]:
+    """Run one method after the other, as each would on a vehicle: threads of one that still spin stall the next."""
+    figures = {method.name: Figures() for method in methods}
+    pairs = recording.pairs(gap, 1)[first::step]
+    frames = {path: _cut(recording.frame(path)) for path in dict.fromkeys(sum(pairs, ()))}
+    for method in methods:
+        time.sleep(SETTLE_S)
+        for _ in range(NUM_WARM_UP):
+            method.track(method.prepare(frames[pairs[0][0]]), frames[pairs[0][0]])
+        for one, other in tqdm(pairs, f"{method.name}, {gap} apart", leave=False, disable=None):
+            _measure_pair(method, frames[one], frames[other], figures[method.name])
+    return figures
+
+
+def _cut(frame: Frame) -> Frame:
+    return replace(frame, depth_m=np.where(frame.depth_m <= MAX_DEPTH_M, frame.depth_m, np.float32(np.nan)))
+
+
+def _measure_pair(method: Method, reference: Frame, current: Frame, figures: Figures) -> None:
+    prepare_ms, prepared = milliseconds(lambda: method.prepare(reference))
+    track_ms, T_reference_current = milliseconds(lambda: method.track(prepared, current))
+    figures.prepare.append(prepare_ms)
+    figures.track.append(track_ms)
+    T_true = reference.T_world_camera.inverse() @ current.T_world_camera
+    meters, radians = T_true.distance(T_reference_current) if T_reference_current else (math.inf, math.inf)
+    figures.errors_mm.append(1e3 * float(meters))
+    figures.errors_deg.append(math.degrees(radians))
+
+
+def bounds_of(figures: dict[str, Figures], gap: int) -> list[Bound]:
+    """Return our failures, and our error and time beside the best of the peers that are there."""
+    ours, where = figures[OURS], f"k = {gap}"
+    bounds = [Bound(f"failures, {where}", 0, ours.num_failures, "pairs")]
+    others = {name: found for name, found in figures.items() if name not in (OURS, NO_MOTION)}
+    if not others:
+        return bounds
+    best = min(others, key=lambda name: others[name].median_mm)
+    fastest = min(others, key=lambda name: others[name].tracking_ms)
+    error, data = others[best].median_mm, f"redkitchen, pairs {gap} frames apart"
+    by = others[fastest].tracking_ms / ours.tracking_ms
+    return [
+        *bounds,
+        Bound(
+            f"median error, {where}",
+            error,
+            ours.median_mm,
+            "mm",
+            headline=Headline("frame to frame", data, f"{best}: {error:.2f} mm"),
+        ),
+        Bound(
+            f"tracking, fastest peer by ours, {where}",
+            10.0,
+            by,
+            "x",
+            is_minimum=True,
+            headline=Headline("frame to frame", data, f"{fastest}: {others[fastest].tracking_ms:.0f} ms")
+            if gap == GAPS[0]
+            else None,
+        ),
+    ]
