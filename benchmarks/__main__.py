@@ -40,14 +40,6 @@ UNMOVED = {  # files that are not in the folder of their group yet
     "fault_busy": "safety",
     "doubts": "safety",
     "stops": "safety",
-    "calibration": "calibration",
-    "calibration_doubts": "calibration",
-    "nothing_lost": "abuse",
-    "fuzz": "abuse",
-    "zoo": "abuse",
-    "endpoints": "abuse",
-    "abuse": "abuse",
-    "soak": "abuse",
 }
 
 

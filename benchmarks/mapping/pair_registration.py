@@ -62,8 +62,13 @@ def measure_pairs(seed: int, count: int) -> list[dict[str, Error | None]]:
         alone = register(spheres[b].pyramid, [spheres[a].at(SE3.identity())], guess, PARAMS)
         both = measure_motion(spheres[a], spheres[b], guess, PARAMS)
         parts = measure_motion_by_parts(spheres[a], spheres[b], guess, PARAMS)
-        motions = (alone.T_world_camera if alone.is_converged else None, both and both.T_a_b, parts and parts.T_a_b)
-        found.append({way: T and _error(truth, T) for way, T in zip(WAYS, motions, strict=True)})
+        motions = (
+            alone.T_world_camera if alone.is_converged else None,
+            both.T_a_b if both is not None else None,
+            parts.T_a_b if parts is not None else None,
+        )
+        errors = (_error(truth, T) if T is not None else None for T in motions)
+        found.append(dict(zip(WAYS, errors, strict=True)))
     return found
 
 

@@ -2,12 +2,23 @@
 
 import numpy as np
 import pytest
+from benchmarks.mcl_homing import Ride, ride_bounds
 
 from benchmarks import mcl_town
-from benchmarks.mcl_drives import FISHEYE_UP, PANORAMA, Drive, Studio, kept
-from benchmarks.mcl_homing import Ride, ride_bounds
-from benchmarks.mcl_routes import MARGIN, MAX_OFFSET, SIDE, kidnapped_line, limits, sampled
-from benchmarks.mcl_trials import Trial
+from benchmarks.bare.drives import (
+    FISHEYE_UP,
+    MARGIN,
+    MAX_OFFSET,
+    PANORAMA,
+    SIDE,
+    Drive,
+    Studio,
+    kept,
+    kidnapped_line,
+    limits,
+    sampled,
+)
+from benchmarks.bare.trials import Trial
 from cycab_sim.world.town import draw_plan, taught_path
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.localization.status import State

@@ -14,9 +14,9 @@ import zstandard
 from rclpy.serialization import serialize_message
 from sphere_nav_msgs.srv import LoadCloud, LoadMap, LoadTrajectory
 
-from benchmarks.fuzz_attacks import make_attacks
-from benchmarks.fuzz_mutations import mutate_bytes, mutate_message
-from benchmarks.fuzz_samples import Samples
+from benchmarks.abuse.fuzz_attacks import make_attacks
+from benchmarks.abuse.fuzz_samples import Samples
+from benchmarks.abuse.mutations import mutate_bytes, mutate_message
 from dense_localizer.ros.node import DenseLocalizerNode
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.ros.node import MclDepthNode

@@ -15,8 +15,8 @@ from mcap.writer import CompressionType
 from numpy.typing import NDArray
 from rosbags.typesys import Stores
 
+from benchmarks.abuse.zoo_writers import OLD_TF, TF, Item, Messages, Write, bytes_alone, cut, damage, mcap, ros1, ros2
 from benchmarks.room import HALF_SIDES_M, render
-from benchmarks.zoo_writers import OLD_TF, TF, Item, Messages, Write, bytes_alone, cut, damage, mcap, ros1, ros2
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.cameras.camera import Camera, pixel_rays
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL

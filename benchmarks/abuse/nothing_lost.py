@@ -18,13 +18,13 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sphere_nav_msgs.msg import AugmentedSphere
 
-from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import render
 from sphere_nav.geometry import SE3, Spherical
@@ -40,7 +40,7 @@ CAMERA = Spherical(128, 64)
 NUM_INSTANTS, STEP_NS = 16, 200_000_000
 SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.02")  # most spheres become key spheres
 PATIENCE_S = 300.0
-SLACK_BYTES = 1 << 16
+FULL = "full disk"  # a limit on the size of a file, which looks the same to who writes
 
 
 @dataclass
@@ -55,57 +55,53 @@ class Tally:
     num_told: int = 0  # that said in one line what stays
 
 
-def add_arguments(parser: argparse._ArgumentGroup) -> None:
-    """Declare the arguments."""
-    parser.add_argument("--kills", type=int, default=100, help="runs that are killed (%(default)s)")
-    parser.add_argument("--full", type=int, default=20, help="runs whose disk is full (%(default)s)")
-    parser.add_argument("--lost-jobs", type=int, default=1, help="processes of the runs (%(default)s)")
-    parser.add_argument("--lost-seed", type=int, default=24, help="of the moments (%(default)s)")
-
-
 def run(options: argparse.Namespace) -> Report:
     """Map a drive in a room as a whole, then again and again to an end."""
-    kills, full = (5, 2) if options.quick else (options.kills, options.full)
-    words = ", ".join(map(str, (kills, full, options.lost_jobs, options.lost_seed)))
-    code = f"from benchmarks.nothing_lost import measure; measure({words})"  # a process that has no threads yet
+    kills, full = (3, 1) if options.size == "quick" else (100, 20)
+    code = (
+        f"from benchmarks.abuse.nothing_lost import measure; measure({kills}, {full}, {options.seed})"  # no threads yet
+    )
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment, check=True)
     found = json.loads(done.stdout.splitlines()[-1])
-    killed, filled = Tally(**found["killed"]), Tally(**found["filled"])
-    report = Report("nothing_lost", notes=[describe(options.threads), __doc__ or ""])
-    rows = [
-        (name, *(str(value) for value in vars(tally).values()))
-        for name, tally in (("kill -9", killed), (found["how"], filled))
-    ]
+    report, rows = Report("nothing_lost", notes=[__doc__ or ""]), []
+    for name, tally in found.items():
+        rows.append((name, *map(str, tally.values())))
+        what = f"{name}: key spheres lost that a graph was written after"
+        report.bounds.append(Bound(what, 0, tally["num_lost"], ""))
+    full_disk = found[FULL]
+    report.bounds.append(Bound(f"{FULL}: ends without a line", 0, full_disk["num_ended"] - full_disk["num_told"], ""))
     columns = ("end", "runs", "ended before", "key spheres written", "read back", "lost", "told how")
-    title = f"{NUM_INSTANTS} instants, {found['seconds']:.1f} s, jobs {options.lost_jobs}"
-    report.tables.append(Table(title, columns, rows))
-    for name, tally in (("kill -9", killed), ("full disk", filled)):
-        report.bounds.append(Bound(f"{name}: key spheres lost that a graph was written after", 0, tally.num_lost, ""))
-    report.bounds.append(Bound("full disk: ends without a line", 0, filled.num_ended - filled.num_told, ""))
+    report.tables.append(Table(f"{NUM_INSTANTS} instants", columns, rows))
     return report
 
 
-def measure(kills: int, full: int, jobs: int, seed: int) -> None:
+def measure(kills: int, full: int, seed: int) -> None:
     """Print what became of the runs as JSON."""
-    rng, killed, filled, how = np.random.default_rng(seed), Tally(), Tally(), ""
+    rng, killed, filled = np.random.default_rng(seed), Tally(), Tally()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         _draw(folder / "bag")
-        words = ["map", str(folder / "bag"), "-o", "map", *SETTINGS, "--jobs", str(jobs)]
+        words = ["map", str(folder / "bag"), "-o", "map", *SETTINGS]
         for name in ("first", "whole"):  # the first one fills the caches
             (folder / name).mkdir()
             begun = time.monotonic()
             if wait(start(folder / name, words)):
                 raise ValueError(f"map: expected exit status 0, found {(folder / name / 'said').read_text()[-500:]}")
-        seconds, whole = time.monotonic() - begun, folder / "whole" / "map" / "map.mcap"
+        seconds, size = time.monotonic() - begun, (folder / "whole" / "map" / "map.mcap").stat().st_size
         for number in range(kills):
-            _kill(folder / f"killed_{number}", words, rng.uniform(0.0, seconds), killed)
-            print(f"kill {number + 1}: {killed}", file=sys.stderr)
+            here = folder / f"killed_{number}"
+            here.mkdir()
+            killed.num_ended += wait(start(here, words), rng.uniform(0.0, seconds)) < 0
+            _judge(here, killed)
         for number in range(full):
-            how = _fill(folder / f"full_{number}", words, rng.uniform(0.05, 1.3), whole, filled)
-            print(f"full {number + 1}: {filled}", file=sys.stderr)
-    print(json.dumps({"killed": vars(killed), "filled": vars(filled), "how": how, "seconds": seconds}))
+            here, limit = folder / f"full_{number}", round(rng.uniform(0.05, 0.95) * size)
+            here.mkdir()
+            status = wait(start(here, words, partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))))
+            filled.num_ended += status != 0
+            filled.num_told += status == 1 and b"stay" in (here / "said").read_bytes()
+            _judge(here, filled)
+    print(json.dumps({"kill -9": vars(killed), FULL: vars(filled)}))
 
 
 def _draw(path: Path) -> None:
@@ -151,33 +147,6 @@ def wait(pid: int, seconds: float = PATIENCE_S) -> int:
             os.kill(pid, signal.SIGKILL)
         time.sleep(0.005)
     return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-
-
-def _kill(folder: Path, words: list[str], after_s: float, tally: Tally) -> None:
-    folder.mkdir()
-    tally.num_ended += wait(start(folder, words), after_s) < 0
-    _judge(folder, tally)
-
-
-def _fill(folder: Path, words: list[str], share: float, whole: Path, tally: Tally) -> str:
-    """Map on a disk that takes a share of what a run needs; return how it was limited."""
-    folder.mkdir()
-    size = round(share * 2 * whole.stat().st_size) + SLACK_BYTES
-    options = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
-    is_mounted = subprocess.run(options, capture_output=True, check=False).returncode == 0
-    limit = round(share * whole.stat().st_size)
-    lower = (lambda: None) if is_mounted else (lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
-    try:
-        status = wait(start(folder, words, lower))
-        tally.num_ended += status != 0
-        tally.num_told += status == 1 and b"stay" in (folder / "said").read_bytes()
-        if is_mounted:
-            subprocess.run(["mount", "-o", "remount,size=1g", str(folder)], capture_output=True, check=True)
-        _judge(folder, tally)
-    finally:
-        if is_mounted:
-            subprocess.run(["umount", str(folder)], capture_output=True, check=False)
-    return "a full tmpfs" if is_mounted else "RLIMIT_FSIZE"
 
 
 def _judge(folder: Path, tally: Tally) -> None:

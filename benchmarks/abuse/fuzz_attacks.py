@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import zstandard
 
-from benchmarks.fuzz_mutations import INTEGERS, mutate_bytes
-from benchmarks.fuzz_samples import Samples
+from benchmarks.abuse.fuzz_samples import Samples
+from benchmarks.abuse.mutations import INTEGERS, mutate_bytes
 from mcl_depth.geometry.files import read_geometry
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path

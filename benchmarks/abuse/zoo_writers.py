@@ -26,7 +26,7 @@ DEFINITIONS = {
     "acme_msgs/msg/Cell": "float32 volts",
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "std_msgs/Header header\nint32 width\nint32 height\n"
     "string encoding\nuint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data",
-    "sphere_nav_msgs/msg/SphereInfo": (Path(__file__).parents[1] / "msg_defs/msg/SphereInfo.msg").read_text(),
+    "sphere_nav_msgs/msg/SphereInfo": (Path(__file__).parents[2] / "msg_defs/msg/SphereInfo.msg").read_text(),
 }
 
 

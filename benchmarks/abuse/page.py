@@ -15,7 +15,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from benchmarks.report import Bound, Report, Table
+from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav_tools.cli.constants import GUESS_S
 from sphere_nav_tools.cli.demo.processes import python_command
 from sphere_nav_tools.cli.operate.teaching import Teaching
@@ -75,21 +75,20 @@ class Victim:
         self.process.wait(20.0)
 
 
-def add_arguments(group: argparse._ArgumentGroup) -> None:
-    """Nothing can be set."""
-
-
 def run(options: argparse.Namespace) -> Report:
     """Measure."""
-    report = Report("abuse of the page")
+    report = Report("page")
     with tempfile.TemporaryDirectory() as folder:
         victim = Victim(folder)
         try:
             for _ in range(WARM_UP):
                 victim.ask(host="evil.example")
             rows = [_asked(victim, *case) for case in _cases()]
-            rows += [_guessed(victim, QUICK_GUESSES if options.quick else GUESSES)]
-            rows += [_poured(victim, (QUICK_NOISE if options.quick else NOISE) // len(BEGINS), name) for name in BEGINS]
+            rows += [_guessed(victim, QUICK_GUESSES if options.size == "quick" else GUESSES)]
+            rows += [
+                _poured(victim, (QUICK_NOISE if options.size == "quick" else NOISE) // len(BEGINS), name)
+                for name in BEGINS
+            ]
             time.sleep(2.0 * GUESS_S)  # who guessed waits, the operator at the same address with him
             is_served = victim.ask() in IN
         finally:
@@ -97,7 +96,7 @@ def run(options: argparse.Namespace) -> Report:
         num_told = _paths_out(Path(folder))
     report.tables.append(Table("Strangers", ("what", "asked", "let in", "answers", "MB", "s"), rows))
     report.bounds += [
-        Bound("strangers let in", 0, sum(int(row[2]) for row in rows), ""),
+        Bound("strangers let in", 0, sum(int(row[2]) for row in rows), "", headline=Headline("robustness", "page")),
         Bound("growth of memory, largest of all", 5.0, max(float(row[4]) for row in rows), "MB"),
         Bound("the operator is served afterwards", 1, int(is_served), "", is_minimum=True),
         Bound(f"different answers to {PATHS} paths out of the folder", 1, num_told, ""),

@@ -15,14 +15,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
-from benchmarks.fuzz_targets import Target, make_targets
-from benchmarks.machine import describe
-from benchmarks.report import Bound, Report, Table
+from benchmarks.abuse.fuzz_targets import Target, make_targets
+from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.ros.service import one_line
 
-HELP = "wrong inputs for every reader, conversion and service (--seed, --count): no crash, no hang, no gigabyte"
+HELP = "wrong inputs for every reader, conversion and service: no crash, no hang, no gigabyte"
 BATCH = 400  # inputs a child
 SECONDS = 10  # for one input
 MEMORY = 1 << 30  # bytes that a child may ask for beyond what it starts with
@@ -41,19 +39,28 @@ class Outcome:
     failures: list[str] = field(default_factory=list)
 
 
-def add_arguments(parser: argparse._ArgumentGroup) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the mutations (0)")
-    parser.add_argument("--count", type=int, default=20_000, metavar="N", help="inputs over all targets (20000)")
+    parser.add_argument("--count", type=int, metavar="N", help="inputs over all targets (2000, full 20000)")
     parser.add_argument("--only", default="", metavar="WORD", help="targets whose name has this word (all)")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Try so many inputs, evenly over all targets by their cost."""
+    count = options.count or (2000 if options.size == "quick" else 20_000)
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as folder:
         targets = [target for target in make_targets(Path(folder)) if options.only in target.name]
-        outcomes = fuzz(targets, Path(folder), options.seed, 2000 if options.quick else options.count)
-    return _report(outcomes, options)
+        outcomes = fuzz(targets, Path(folder), options.seed, count)
+    report = Report("fuzz")
+    rows = [(o.name, str(o.num_inputs), str(o.num_accepted), str(o.num_refused), f"{o.seconds:.0f}") for o in outcomes]
+    report.tables.append(Table("Inputs", ("target", "inputs", "accepted", "refused", "s"), rows))
+    failures = [(failure.replace("|", "/"),) for outcome in outcomes for failure in outcome.failures]
+    if failures:
+        report.tables.append(Table("Failures", ("what",), failures[:200]))
+    what = f"crashes, hangs, gigabytes, wrong results of {sum(o.num_inputs for o in outcomes)} inputs"
+    told = Headline("robustness", f"{len(outcomes)} readers, conversions and services")
+    report.bounds.append(Bound(what, 0, len(failures), "", headline=told))
+    return report
 
 
 def fuzz(targets: list[Target], folder: Path, seed: int, count: int) -> list[Outcome]:
@@ -61,7 +68,7 @@ def fuzz(targets: list[Target], folder: Path, seed: int, count: int) -> list[Out
     weights = np.array([target.weight for target in targets])
     shares = np.ceil(count * weights / weights.sum()).astype(int)
     outcomes = []
-    for target, share in zip(tqdm(targets, unit="target", disable=None), shares.tolist(), strict=True):
+    for target, share in zip(targets, shares.tolist(), strict=True):
         outcome, started = Outcome(target.name), time.monotonic()
         while outcome.num_inputs < share:
             _run_child(target, folder, seed, outcome, min(outcome.num_inputs + BATCH, share))
@@ -123,19 +130,3 @@ def _try_inputs(target: Target, folder: Path, seed: int, state: mmap.mmap, end: 
             os.write(log, f"{target.name}, input {number}: {what}\n".encode())
         state[:] = STATE.pack(number + 1, accepted, refused, failed)
     signal.setitimer(signal.ITIMER_REAL, 0)
-
-
-def _report(outcomes: list[Outcome], options: argparse.Namespace) -> Report:
-    report = Report("fuzz", notes=[f"{describe(options.threads)}; seed {options.seed}"])
-    rows = [
-        (o.name, str(o.num_inputs), str(o.num_accepted), str(o.num_refused), str(len(o.failures)), f"{o.seconds:.0f}")
-        for o in outcomes
-    ]
-    report.tables.append(Table("Inputs", ("target", "inputs", "accepted", "refused", "failures", "s"), rows))
-    failures = [failure for outcome in outcomes for failure in outcome.failures]
-    if failures:
-        report.tables.append(Table("Failures", ("what",), [(failure.replace("|", "/"),) for failure in failures[:200]]))
-    total = float(sum(outcome.num_inputs for outcome in outcomes))
-    report.bounds.append(Bound("inputs tried", float(options.count), total, "", is_minimum=True))
-    report.bounds.append(Bound("crashes, hangs, gigabytes, wrong results", 0.0, float(len(failures)), ""))
-    return report

@@ -26,8 +26,7 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.machine import describe
-from benchmarks.report import Bound, Report, Table
+from benchmarks.report import Bound, Headline, Report, Table
 
 HELP = "an hour of the real processes at 10 Hz: memory, descriptors, threads, shared memory"
 DOMAIN = "71"
@@ -132,7 +131,7 @@ def processes(arguments: Mapping[str, list[str]], ends: dict[str, int]) -> Itera
 
 def arguments(folder: Path, street: Path) -> dict[str, list[str]]:
     """Return the command line of each node."""
-    from benchmarks.lifecycle_cases import rig_in
+    from benchmarks.abuse.nodes import rig_in
 
     turns = np.linspace(0.0, 2.0 * np.pi, 400)
     circle = [f"{RADIUS * np.sin(turn):.4f},{RADIUS * (1.0 - np.cos(turn)):.4f}" for turn in turns]
@@ -172,7 +171,7 @@ class Feeder:
         from std_srvs.srv import Trigger
         from tf2_msgs.msg import TFMessage
 
-        from benchmarks.lifecycle_cases import pictures
+        from benchmarks.abuse.nodes import pictures
         from sphere_nav.geometry import SE3
         from sphere_nav.ros import conversions, qos
 
@@ -299,27 +298,24 @@ def draw(folder: Path) -> tuple[Path, list[NDArray[np.uint8]], Any, Any]:
 
 
 # --- the benchmark
-def add_arguments(parser: argparse._ArgumentGroup) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--soak-minutes", type=float, default=60.0, help="length of the run (%(default)s)")
-    parser.add_argument("--soak-nodes", nargs="+", default=list(MODULES), help="nodes that run (all)")
-    parser.add_argument("--soak-log", type=Path, help="only report the samples in this file, of a run before")
+    parser.add_argument("--minutes", type=float, help="length of the run (2, full 60)")
+    parser.add_argument("--log", type=Path, metavar="F", help="only report the samples in this file, of a run before")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Let it run, and report what it held."""
-    log = options.soak_log
-    if log is None:
-        log = options.output / "soak.jsonl"
-        log.parent.mkdir(parents=True, exist_ok=True)
-        soak(options.soak_nodes, 2.0 if options.quick else options.soak_minutes, log)
-    return judge(log, describe(options.threads))
+    if options.log is not None:
+        return judge(options.log)
+    log = Path("out/bench/soak.jsonl")
+    log.parent.mkdir(parents=True, exist_ok=True)
+    soak(options.minutes or (2.0 if options.size == "quick" else 60.0), log)
+    return judge(log)
 
 
-def soak(names: list[str], minutes: float, log: Path) -> None:
-    """Run some nodes for so long, and write a line for each look at them."""
-    if unknown := set(names) - set(MODULES):
-        raise ValueError(f"--soak-nodes: expected some of {', '.join(MODULES)}, found {', '.join(unknown)}")
+def soak(minutes: float, log: Path) -> None:
+    """Run the nodes for so long, and write a line for each look at them."""
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
     import rclpy
@@ -328,8 +324,7 @@ def soak(names: list[str], minutes: float, log: Path) -> None:
         street, views, camera, mount = draw(Path(name))
         ends: dict[str, int] = {}
         try:
-            words = arguments(Path(name), street)
-            with processes({name: words[name] for name in names}, ends) as running:
+            with processes(arguments(Path(name), street), ends) as running:
                 rclpy.init()
                 feeder = Feeder(views, camera, mount)
                 _watch(feeder, running, minutes, file)
@@ -341,7 +336,7 @@ def soak(names: list[str], minutes: float, log: Path) -> None:
 
 def _watch(feeder: Feeder, running: dict[str, subprocess.Popen[bytes]], minutes: float, file: TextIO) -> None:
     end = time.monotonic() + PATIENCE
-    while feeder.speed == 0.0 and "path_follower" in running:
+    while feeder.speed == 0.0:
         feeder.live(1.0)
         if time.monotonic() > end:
             raise RuntimeError(f"path_follower: expected it to drive, found {feeder.reason!r}")
@@ -385,19 +380,22 @@ def slope(times: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[floa
     return float(np.median(slopes)), float(slopes[low]), float(slopes[high])
 
 
-def judge(log: Path, machine: str) -> Report:
+def judge(log: Path) -> Report:
     """Report what the samples in a file say, also those of a run that was cut off."""
     lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
     samples = [line for line in lines if "looks" in line]
     warm = min(60.0 * WARM_UP, samples[-1]["time"] / 3.0)
     used = [sample for sample in samples if sample["time"] >= warm]
     times = np.array([sample["time"] for sample in used])
-    report, rows = Report("soak", notes=[machine, __doc__ or ""]), []
+    report, rows = Report("soak", notes=[__doc__ or ""]), []
     for name in used[0]["looks"]:
         looks = [Look(**sample["looks"][name]) for sample in used]
         row, bounds = _judge_one(name, times, looks)
         rows.append(row)
         report.bounds += bounds
+    growth = max(bound.measured for bound in report.bounds if bound.unit == "MB/h")
+    told = Headline("times and memory", f"{len(used[0]['looks'])} processes, {times[-1] / 60.0:.0f} minutes")
+    report.bounds.append(Bound("growth of memory, largest of all processes", 1.0, growth, "MB/h", headline=told))
     for key, what in (("shared", "files in /dev/shm"), ("shared_bytes", "bytes in /dev/shm")):
         report.bounds.append(Bound(f"{what}, more at the end", 0, used[-1][key] - used[0][key], ""))
     columns = ("process", "memory, MB", "growth, MB/h (95 %)", "descriptors (most)", "threads (most)", "CPU, %")

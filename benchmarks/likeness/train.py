@@ -21,10 +21,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import torch
-from benchmarks.likeness.pairs import J_ANYWHERE, J_NEAR, Scene, scenes
 from torch import Tensor, nn
 from torch.nn import functional
 
+from benchmarks.likeness.pairs import J_ANYWHERE, J_NEAR, Scene, scenes
 from mcl_depth.constants import NUM_FREQUENCIES
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness.encoder import INPUTS, Encoder, EncoderPair, depth_inputs, image_inputs, load_encoders
