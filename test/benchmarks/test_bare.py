@@ -1,25 +1,14 @@
-"""What the benchmarks of bare geometry in the simulator compute by themselves: ways, odometry, scores, curves."""
+"""What the benchmarks of bare geometry compute by themselves: ways, odometry, scores; real photographs find a place."""
+
+from argparse import Namespace
 
 import numpy as np
 import pytest
-from benchmarks.mcl_homing import Ride, ride_bounds
 
-from benchmarks import mcl_town
-from benchmarks.bare.drives import (
-    FISHEYE_UP,
-    MARGIN,
-    MAX_OFFSET,
-    PANORAMA,
-    SIDE,
-    Drive,
-    Studio,
-    kept,
-    kidnapped_line,
-    limits,
-    sampled,
-)
+from benchmarks.bare import photographs
+from benchmarks.bare.drives import FISHEYE_UP, MARGIN, MAX_OFFSET, PANORAMA, SIDE, Drive, Studio, kidnapped_line, limits
 from benchmarks.bare.trials import Trial
-from cycab_sim.world.town import draw_plan, taught_path
+from cycab_sim.world.town import draw_plan
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.localization.status import State
 
@@ -29,7 +18,7 @@ PLAN = draw_plan(4)
 def trial(meters, states):
     count = len(meters)
     zeros = np.zeros(count)
-    return Trial(tuple(states), ("",) * count, np.array(meters, float), zeros, zeros.astype(np.int64), zeros, zeros)
+    return Trial(tuple(states), ("",) * count, np.array(meters, float), zeros, zeros, zeros)
 
 
 def test_kidnapped_lines_follow_the_streets_inside_the_square():
@@ -50,16 +39,6 @@ def test_kidnapped_lines_follow_the_streets_inside_the_square():
     assert 5 < turned < 40  # two choices of three turn, where a crossing is near enough
 
 
-def test_a_loop_closes_after_the_wanted_number_of_images():
-    length = taught_path(PLAN, "block").length
-    step = mcl_town.loop_step(PLAN, 500)
-    rounds = 500 * step / length
-    assert rounds == pytest.approx(round(rounds))
-    assert 0.15 < step < 0.5
-    path = sampled(taught_path(PLAN, "block"), step, 501)
-    np.testing.assert_allclose(path[0, :2], path[-1, :2], atol=1e-6)
-
-
 def test_a_trial_counts_only_tracking_at_the_right_place():
     follow = [State.SEARCHING, State.TRACKING, State.DEGRADED, State.TRACKING, State.TRACKING]
     good = trial([9.0, 5.0, 0.2, 0.2, 0.1], follow)
@@ -70,42 +49,22 @@ def test_a_trial_counts_only_tracking_at_the_right_place():
     assert trial([0.1, 3.0], [State.TRACKING, State.TRACKING]).first == 0
 
 
-def test_a_ride_is_judged_by_its_distance_from_the_path():
-    path = sampled(taught_path(PLAN, "two_turns"), 0.5)[:, :2]
-    within, largest, median = ride_bounds(PLAN, 0.0, Ride(path + np.array([0.0, 0.3]), has_finished=True))
-    assert within.is_met
-    assert within.measured == pytest.approx(0.3, abs=0.05)
-    assert largest.measured <= 0.31
-    assert median.measured <= 0.31
-    assert not ride_bounds(PLAN, 0.0, Ride(path, has_finished=False))[0].is_met
-
-
-def test_odometry_and_tilt_of_a_drive_are_near_the_truth(tmp_path, monkeypatch):
+def test_odometry_and_tilt_of_a_drive_are_near_the_truth(monkeypatch):
     monkeypatch.setattr(
         Studio, "_images", lambda self, poses, lens, light, seed: np.zeros((len(poses.matrix), 2, 2), np.uint8)
     )
     line = np.column_stack([np.linspace(10.0, 50.0, 41), np.zeros(41), np.zeros(41)])
-    drive = Studio("ramp", 3, tmp_path).record(line, 5)
+    drive = Studio("ramp", 3).record(line, 5)
     way = np.linalg.norm(drive.odometry[-1, :2])
     assert 36.0 < way < 44.0
     assert not np.isclose(way, 40.0, atol=1e-6)
     pitch = np.arcsin(-drive.tilts[20][2, 0])  # x = 30 m, on the ramp
     assert np.degrees(pitch) == pytest.approx(-np.degrees(np.arctan(0.08)), abs=1.0)  # noise 0.2 deg
-    again = Studio("ramp", 3, tmp_path).record(line, 5)
+    again = Studio("ramp", 3).record(line, 5)
     np.testing.assert_array_equal(drive.odometry, again.odometry)
 
 
-def test_what_is_kept_is_made_once(tmp_path):
-    calls = []
-    for _ in range(2):
-        found = kept(tmp_path / "a.npy", lambda: calls.append(1) or np.arange(3, dtype=np.uint8))
-    assert len(calls) == 1
-    assert found.tolist() == [0, 1, 2]
-
-
 def test_the_level_camera_heads_where_the_vehicle_does_whatever_the_camera():
-    from sphere_nav.geometry import SE3
-
     T_map_base = SE3.from_matrix(SE3.from_planar(1.0, 2.0, 0.5).matrix[None])
     for lens in (PANORAMA, FISHEYE_UP):
         drive = Drive(np.zeros((1, 2, 2), np.uint8), lens, T_map_base, np.zeros((1, 3)), np.eye(3)[None])
@@ -132,8 +91,9 @@ def test_a_mirrored_drive_turns_the_other_way_and_leans_to_the_other_side():
     np.testing.assert_array_equal(mirrored.mirrored.images, images)
 
 
-def test_a_turned_drive_sees_what_was_to_the_left_ahead():
-    images = np.arange(2 * 1 * 8, dtype=np.uint8).reshape(2, 1, 8)
-    turned = seen(images, np.eye(3), np.eye(3)).turned(90.0)
-    assert turned.images[0, 0, 4] == images[0, 0, 2]  # azimuth grows to the left: a quarter of the columns before
-    np.testing.assert_array_equal(turned.odometry, seen(images, np.eye(3), np.eye(3)).odometry)
+@pytest.mark.slow
+def test_photographs_find_heading_and_place_in_bare_geometry_and_mirrored_ones_do_not(shared_data):
+    report = photographs.run(Namespace(data=shared_data))
+    wrong = {bound.what for bound in report.bounds if not bound.is_met and "place among" not in bound.what}
+    assert {what for what in wrong if "rank" not in what} == set()
+    assert len(report.bounds) == 9
