@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> Report:
     rows += [_made(name, size, seed, report) for name in MADE for seed in range(options.seed, options.seed + seeds)]
     columns = ("graph", "poses", "cost of SE-Sync", "published", "chi2 before", "chi2 after", "best there is", "CPU s")
     report.tables.append(Table("Optima", columns, rows))
-    spoiled = {name: graph for name, graph in published.items() if name in SPOILED}
+    spoiled = {name: graph for name, graph in published.items() if name in SPOILED[: 1 if is_quick else None]}
     spoiled |= {f"made {name}": MADE[name][0](20, 20, SPOILED_SIGMAS, options.seed) for name in MADE}
     rows = [row for name, graph in spoiled.items() for row in _spoiled(name, graph, options, report)]
     columns = ("graph", "kind", "share", "false", "kept false", "lost true", "chi2 above clean %", "CPU s")

@@ -5,10 +5,10 @@ A loop is an edge between poses that do not follow one another; edges between ne
 neighbor, whatever the drift is. (2) Graduated non-convexity with truncated least squares (Yang et al., RA-L 2020), each
 step solved by GTSAM, finds the core of those that are supported. (3) Loops are admitted that fit the result, and
 those that it can bend to within its own covariance and that are supported as well as nearly all kept ones, until
-nothing changes; of several that are bent to together those go again that do not fit then. How far is too far follows from the residuals themselves: information matrices of published graphs are
-off by factors of up to 20,000. So all this is done with the mean variances of each edge; only the last optimum is that
-of the matrices themselves. GTSAM's own GncOptimizer begins each step at the first poses again, and at one limit: here a
-step begins where the last one ended.
+nothing changes; of several that are bent to together those go again that do not fit then. How far is too far follows
+from the residuals themselves: information matrices of published graphs are off by factors of up to 20,000. So
+all this is done with the mean variances of each edge; only the last optimum is that of the matrices themselves. GTSAM's
+own GncOptimizer begins each step at the first poses again, at one limit: here a step begins where the last one ended.
 """
 
 from __future__ import annotations
