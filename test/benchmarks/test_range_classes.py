@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.range_classes import CLASSES, classify, likeliest_around
+from benchmarks.mapping.range_classes import CLASSES, classify, likeliest_around
 from sphere_nav.geometry import SE3, Spherical
 
 

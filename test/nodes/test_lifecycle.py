@@ -16,7 +16,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from benchmarks.lifecycle_cases import CASES
+from worlds.node_cases import CASES
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorder_node import BagRecorder

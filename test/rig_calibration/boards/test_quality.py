@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.board_world import BoardWorld
-from benchmarks.calibration_doubts import board_poses
+from cycab_sim.world.boards import BoardWorld, board_poses
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.quality import quality_warnings
 from rig_calibration.boards.validation import Validation
+from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Pinhole
@@ -25,7 +25,7 @@ def calibrated(count=14, flaw="", blur=0.7):
     rng = np.random.default_rng(5)
     rig = Rig((RigCamera("cam", CAMERA, SE3.identity()),), "one")
     world = BoardWorld(rig, (BOARD,), SE3(np.eye(4)[None]), board_poses(CAMERA, BOARD, count, flaw, rng).inverse())
-    views = [replace(view, blur_px=blur) for view in world.views(0.05, rng)]
+    views = [replace(view, blur_px=blur) for view in world.views(BoardView, 0.05, rng)]
     return calibrate([CameraSpec("cam", "pinhole", (640, 480), CAMERA)], [BOARD], views, CalibrationParams())
 
 
