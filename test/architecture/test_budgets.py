@@ -16,7 +16,6 @@ MAX_PAGE, MAX_LAUNCH = 150, 80  # a page: what must be read in one go
 MAX_FOLDER = 20  # files
 MAX_FUNCTION, MAX_KERNEL = 40, 60
 READ_FIRST = {"mapper.py", "localizer.py", "filter.py", "follower.py"}
-LAUNCH_FILES = sorted(path.relative_to(ROOT) for path in (ROOT / "launch").glob("*.launch.py"))
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -51,7 +50,3 @@ def test_functions_are_short() -> None:
         functions = [node for node in ast.walk(parse(module)) if isinstance(node, Function)]
         long += [f"{module}: {function.name} {n}" for function in functions if (n := body_lines(function)) > limit]
     assert long == []
-
-
-def test_launch_files_are_short() -> None:
-    assert [f"{file}: {n}" for file in LAUNCH_FILES if (n := num_lines(file)) > MAX_LAUNCH] == []

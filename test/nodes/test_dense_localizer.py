@@ -1,6 +1,5 @@
 """The node dense_localizer: every image answered, frames and covariance, refusals and calls on an offline bus; DDS."""
 
-import math
 import signal
 import subprocess
 import sys
@@ -16,7 +15,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sphere_nav_msgs.msg import LocalizationStatus
 from sphere_nav_msgs.srv import LoadMap, Relocalize
-from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from dense_localizer.ros.node import DenseLocalizerNode
@@ -218,52 +216,6 @@ def test_without_a_map_every_image_says_so(pictures):
 
 
 @pytest.mark.slow
-def test_calibration_that_is_none_is_named_and_nothing_is_published(map_path, pictures):
-    bench = Bench(map_path, is_calibrated=False)
-    bench.send("/tf_static", static_message())
-    bad = info_message(START_NS)
-    bad.k = [0.0] * 9
-    bench.send("/camera_info", bad)
-    answer = bench.see(pictures[0])
-    assert set(answer) == {"/status"}
-    assert answer["/status"].reason == "BAD_INFO"
-    assert "focal length 0" in answer["/status"].remedy
-
-
-@pytest.mark.slow
-def test_an_image_of_another_size_or_encoding_degrades_and_is_named(map_path, pictures):
-    bench = Bench(map_path)
-    bench.follow(pictures[:6])
-    small = bench.see(np.ascontiguousarray(pictures[6][:100, :100]))["/status"]
-    assert (small.state, small.reason, small.value, small.limit) == ("DEGRADED", "BAD_INFO", 100, 160)
-    bench.now += STEP_NS
-    broken = Image(header=header(bench.now, OPTICAL), encoding="nonsense", width=4, height=4, step=4, data=bytes(16))
-    status = next(r.message for r in bench.send("/image_raw", broken) if r.topic == "/status")
-    assert (status.state, status.reason) == ("DEGRADED", "BAD_INFO")
-
-
-@pytest.mark.slow
-def test_nothing_that_is_published_is_ever_nan(map_path, pictures):
-    bench = Bench(map_path)
-    for k, picture in enumerate(pictures):
-        for topic, message in bench.see(picture if k % 4 else np.zeros_like(picture)).items():
-            if topic == "/pose":
-                assert all(map(math.isfinite, message.pose.covariance))
-            if topic == "/status":
-                values = (message.value, message.limit, message.quality, message.mad, message.age)
-                assert all(map(math.isfinite, values))
-
-
-@pytest.mark.slow
-def test_a_silent_camera_is_told_by_the_clock(map_path, pictures):
-    bench = Bench(map_path)
-    bench.follow(pictures[:6])
-    said = [record.message for record in bench.bus.advance(bench.now + 1_000_000_000) if record.topic == "/status"]
-    assert (said[-1].state, said[-1].reason) == ("LOST", "TIMEOUT")
-    assert "camera" in said[-1].remedy
-
-
-@pytest.mark.slow
 def test_a_clock_that_jumps_back_forgets_the_pose(map_path, pictures):
     bench = Bench(map_path)
     bench.follow(pictures[:6])
@@ -316,15 +268,6 @@ def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_pat
     assert not refused.success
     assert "none" in refused.message
     assert bench.see(pictures[5])["/status"].state == "TRACKING"
-
-
-@pytest.mark.slow
-def test_reset_forgets_everything_but_the_map(map_path, pictures):
-    bench = Bench(map_path)
-    bench.follow(pictures[:5])
-    assert bench.node.shell.call("reset", Trigger.Request()).success
-    bench.send("/camera_info", info_message(START_NS))
-    assert bench.see(pictures[5])["/status"].state == "PROBATION"
 
 
 def test_a_map_that_is_not_there_refuses_to_start(tmp_path):

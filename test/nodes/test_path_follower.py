@@ -234,12 +234,6 @@ def test_a_wrong_path_is_refused_and_the_old_one_stays(bench):
     assert bench.node.loop.follower.path is before
 
 
-def test_the_same_path_again_does_not_disturb_the_drive(bench):
-    drive_until(bench, 3.0)
-    bench.send(("/reference_path", straight()))
-    assert bench.last(bench.step(), "/path_follower/status").state == "DRIVING"
-
-
 def test_trajectories_are_loaded_and_shown(bench, tmp_path):
     (tmp_path / "path.csv").write_text("0,0\n5,0\n10,0\n")
     answer = bench.call("load_trajectory", LoadTrajectory.Request(path=str(tmp_path / "path.csv")))
@@ -295,11 +289,6 @@ def test_a_command_between_poses_carries_the_stamp_of_the_last_one(bench):
     assert {stamp_ns(record.message) for record in said if record.topic == "/cmd_vel"} == {bench.now}
     said = list(bench.bus.advance(bench.now + SECOND))
     assert stamp_ns(bench.last(said, "/cmd_vel")) > bench.now + SECOND // 2
-
-
-def test_a_missing_trajectory_file_refuses_to_start(tmp_path):
-    with pytest.raises(ValueError, match=r"none\.csv: expected a file of points, found no such file"):
-        Bench(trajectory=str(tmp_path / "none.csv"))
 
 
 def test_deactivation_leaves_a_zero_command(bench):

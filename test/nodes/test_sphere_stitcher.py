@@ -252,19 +252,6 @@ def test_a_lidar_is_placed_by_tf_or_by_its_mount(rig_path, way):
 
 
 @pytest.mark.slow
-def test_a_lidar_without_a_place_is_refused_and_spheres_go_on(rig_path):
-    bench = Bench(rig=rig_path, has_cloud=True)
-    bench.pass_time(1000 * MS)
-    bench.send("points", cloud_of_scene(bench, 1000 * MS))
-    assert "tf: frame lidar: expected one of" in bench.refusals()
-    assert "cloud.mounting" in bench.refusals()
-    bench.shoot(1000 * MS, IMAGES[0])
-    bench.pass_time(1500 * MS)
-    assert len(bench.spheres) == 1
-    assert "no cloud within" in bench.problems()["points"]
-
-
-@pytest.mark.slow
 def test_the_first_instants_may_correct_the_rig(rig_path):
     """Texture of 20 px gives few features: nothing is found, and every waiting instant is stitched as it is."""
     bench = Bench(rig=rig_path, **{"rectify.num_instants": 2, "rectify.width": 256})

@@ -139,10 +139,6 @@ def test_a_camera_in_bare_geometry(tmp_path):
     check(edges(said), "map", "eye", "odom")
 
 
-def test_every_composition_is_looked_at():
-    assert set(COMPOSITIONS) == {*CAMERA_COMPOSITIONS, "mcl", "mapping"}
-
-
 def test_a_map_in_the_making():
     bus, said = start("mapping"), []
     for topic, message in [("tf_static", mount()), *(pair for number in range(4) for pair in sphere(number))]:

@@ -2,7 +2,6 @@
 
 import pytest
 
-from path_follower.arming import Arming
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
@@ -35,17 +34,3 @@ def test_after_standing_a_start_goes_on_at_the_place(driving):
     follower.update(pose, None, now + SECOND // 20, "TRACKING")
     assert follower.start(now + SECOND // 20) == ""
     assert follower.location.arc_length == pytest.approx(place, abs=0.5)
-
-
-def test_a_path_is_loaded_only_at_rest(driving, kit):
-    follower, _, _ = driving
-    other = kit.make_path([(0, 0), (3, 0)], PARAMS)
-    with pytest.raises(ValueError, match="found DRIVING: call stop first"):
-        follower.load(other)
-    follower.stand(StopVerdict(StopReason.OPERATOR))
-    follower.load(other)
-    assert follower.mode.state is FollowerState.IDLE
-
-
-def test_nothing_is_armed_without_a_path():
-    assert Arming(PARAMS).start(SECOND) == "no path is loaded"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from path_follower.modes import FollowerState
-from path_follower.params import ActuationParams, FollowerParams, PathParams, SpeedParams, SteeringParams, VehicleParams
+from path_follower.params import ActuationParams, FollowerParams, SpeedParams, SteeringParams, VehicleParams
 from path_follower.path_files import read_path
 from path_follower.reasons import StopReason
 
@@ -187,13 +187,6 @@ def test_a_closed_path_is_driven_round_and_round(kit):
 
 
 @pytest.mark.slow
-def test_a_start_in_the_middle_of_the_path(kit, two_turns):
-    drive = kit.follow(two_turns, start=(20.0, 0.1, 0.05))
-    assert_arrived(drive)
-    assert drive.progress[0] == pytest.approx(20.0, abs=0.1)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("cruise", [0.5, 2.0, 4.0])
 def test_other_speeds_are_stable(kit, cruise):
     params = FollowerParams(speed=SpeedParams(cruise=cruise), vehicle=VehicleParams(max_speed=5.0))
@@ -203,12 +196,6 @@ def test_other_speeds_are_stable(kit, cruise):
     assert drive.worst < 0.08  # 0.1 s of lag that the model does not know of, up to 0.4 m of way
 
 
-def test_a_path_shorter_than_the_stopping_distance(kit):
-    drive = kit.follow(kit.course((0.5, 0)))
-    assert_arrived(drive)
-    assert drive.poses[-1].x == pytest.approx(0.5, abs=0.08)
-
-
 CORNER = np.array([[0, 0], [10, 0], [10, 10.0]])
 
 
@@ -216,19 +203,6 @@ def test_a_corner_that_no_car_can_turn_ends_in_a_stop_and_not_in_a_field(kit):
     drive = kit.follow(CORNER, start=(0, 0, 0))
     assert drive.final.state is FollowerState.STOPPED
     assert drive.final.verdict.reason is StopReason.OFF_PATH
-
-
-def test_a_corner_becomes_drivable_with_a_larger_smoothing_length(kit):
-    drive = kit.follow(CORNER, start=(0, 0, 0), params=FollowerParams(path=PathParams(smoothing_length=12.0)))
-    assert_arrived(drive)
-    assert drive.worst < 0.15
-
-
-@pytest.mark.slow
-def test_the_same_drive_twice_is_the_same_drive(kit, two_turns):
-    world = kit.World(position_noise=0.02, yaw_noise=0.01, latency=0.1)
-    first, second = kit.follow(two_turns, world), kit.follow(two_turns, world)
-    assert [c.yaw_rate for c in first.commands] == [c.yaw_rate for c in second.commands]
 
 
 @pytest.mark.slow
@@ -257,12 +231,3 @@ def test_a_recorded_motorway_drive_is_a_path(kit, shared_data):
     path = read_path(shared_data / "tracks" / "comma2k19_motorway_enu_20hz.csv", params)
     assert len(path.segments) == 1
     assert path.max_curvature < 0.1
-
-
-@pytest.mark.slow
-def test_smoothing_can_be_switched_off(kit):
-    drive = kit.follow(
-        kit.course((8, 0), (6, 0.2), (6, 0)), params=FollowerParams(path=PathParams(smoothing_length=0.0))
-    )
-    assert_arrived(drive)
-    assert drive.worst < 0.02

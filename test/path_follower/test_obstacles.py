@@ -69,17 +69,17 @@ def test_the_stopping_distance_is_reaction_braking_and_one_step():
     assert stopping_distance(-1.0, PARAMS) == pytest.approx(1.0 * 0.3 + 1.0 / (2 * 1.1) + 0.2)
 
 
-@pytest.mark.parametrize(("speed", "angle"), [(1.4, 0.0), (1.4, 0.3), (-1.0, 0.0), (0.0, 0.0), (-0.0, 0.0)])
-def test_the_places_that_beams_must_have_measured_lie_on_the_way_ahead(speed, angle):
-    places = swept_places(Motion(speed, angle), PARAMS)
-    sign = math.copysign(1.0, speed)
-    end = PARAMS.vehicle.front if sign > 0 else -PARAMS.vehicle.rear
-    reach = stopping_distance(PARAMS.speed.cruise, PARAMS)
-    along = sign * (places[:, 0] - end)
-    assert len(places) % ACROSS == 0
-    if angle == 0.0:
-        assert (along.min(), along.max()) == pytest.approx((0.2, reach), abs=0.2)
-        assert np.unique(np.abs(places[:, 1]).round(6))[[0, -1]].tolist() == pytest.approx([0.0, HALF])
-    else:
-        assert places[:, 1].max() > HALF + 0.1  # the way bends to the left
-        assert places[:, 1].min() > -HALF
+def test_the_places_that_beams_must_have_measured_lie_on_the_way_ahead():
+    for speed, angle in [(1.4, 0.0), (1.4, 0.3), (-1.0, 0.0), (0.0, 0.0), (-0.0, 0.0)]:
+        places = swept_places(Motion(speed, angle), PARAMS)
+        sign = math.copysign(1.0, speed)
+        end = PARAMS.vehicle.front if sign > 0 else -PARAMS.vehicle.rear
+        reach = stopping_distance(PARAMS.speed.cruise, PARAMS)
+        along = sign * (places[:, 0] - end)
+        assert len(places) % ACROSS == 0
+        if angle == 0.0:
+            assert (along.min(), along.max()) == pytest.approx((0.2, reach), abs=0.2)
+            assert np.unique(np.abs(places[:, 1]).round(6))[[0, -1]].tolist() == pytest.approx([0.0, HALF])
+        else:
+            assert places[:, 1].max() > HALF + 0.1  # the way bends to the left
+            assert places[:, 1].min() > -HALF

@@ -22,12 +22,9 @@ def reference(speed, direction=1):
     return ReferencePoint(0, 0, 0, speed, 0, 0, 0, direction)
 
 
-@pytest.mark.parametrize(
-    ("ahead", "speed"),
-    [(0.0, 1.4), (0.5, 0.8), (-0.5, 2.0)],  # by hand: 0.8 (1.4 + 0.1) = 1.2 m/s a metre of error
-)
-def test_a_vehicle_that_is_ahead_is_slower_by_what_equation_25_says(ahead, speed):
-    assert speed_law(reference(1.4), ahead, SPEED) == pytest.approx(speed)
+def test_a_vehicle_that_is_ahead_is_slower_by_what_equation_25_says():
+    for ahead, speed in [(0.0, 1.4), (0.5, 0.8), (-0.5, 2.0)]:
+        assert speed_law(reference(1.4), ahead, SPEED) == pytest.approx(speed)
 
 
 def test_the_longitudinal_error_falls_by_a_factor_e_within_the_time_that_the_gain_says():
@@ -65,26 +62,23 @@ def test_changes_of_curvature_are_slow_by_the_steering_rate():
     assert speed.min() < SPEED.cruise
 
 
-@pytest.mark.parametrize("is_closed", [False, True])
-def test_the_profile_keeps_limits_and_accelerations(is_closed):
-    limits = np.interp(WAY, [0, 19, 20, 25, 26, 60], [1.4, 1.4, 0.4, 0.4, 1.4, 1.4])
-    speed = speed_profile(WAY, limits, CAR, is_closed=is_closed)
-    gain = np.diff(speed**2) / (2 * np.diff(WAY))
-    assert np.all(speed <= limits + 1e-12)
-    assert gain.max() <= CAR.max_acceleration + 1e-9
-    assert gain.min() >= -CAR.max_deceleration - 1e-9
-    assert speed[0] == pytest.approx(1.4)
-    assert speed[-1] == pytest.approx(1.4 if is_closed else 0.0)
+def test_the_profile_keeps_limits_and_accelerations():
+    for is_closed in [False, True]:
+        limits = np.interp(WAY, [0, 19, 20, 25, 26, 60], [1.4, 1.4, 0.4, 0.4, 1.4, 1.4])
+        speed = speed_profile(WAY, limits, CAR, is_closed=is_closed)
+        gain = np.diff(speed**2) / (2 * np.diff(WAY))
+        assert np.all(speed <= limits + 1e-12)
+        assert gain.max() <= CAR.max_acceleration + 1e-9
+        assert gain.min() >= -CAR.max_deceleration - 1e-9
+        assert speed[0] == pytest.approx(1.4)
+        assert speed[-1] == pytest.approx(1.4 if is_closed else 0.0)
 
 
-@pytest.mark.parametrize(
-    ("gain", "jerk", "lead"),
-    [(0.0, 2.0, 0.77), (-0.5, 2.0, 0.77), (0.7, 2.0, 1.5398), (0.0, 4.0, 0.385)],  # m, by hand: d = 1.1, at -1.4 m/s
-)
-def test_a_speed_is_read_earlier_by_as_much_as_bounded_jerk_follows_late(gain, jerk, lead):
-    car = replace(CAR, max_jerk=jerk)
-    tracking = TrackingError(Errors(0, 0, 0), reference(1.4), Location(0, 0, 0, 0, 0, 0), 9.0)
-    assert eased_speed(Ramp(), tracking, Motion(-1.4, 0.0), gain, car) == pytest.approx(lead, abs=1e-4)
+def test_a_speed_is_read_earlier_by_as_much_as_bounded_jerk_follows_late():
+    for gain, jerk, lead in [(0.0, 2.0, 0.77), (-0.5, 2.0, 0.77), (0.7, 2.0, 1.5398), (0.0, 4.0, 0.385)]:
+        car = replace(CAR, max_jerk=jerk)
+        tracking = TrackingError(Errors(0, 0, 0), reference(1.4), Location(0, 0, 0, 0, 0, 0), 9.0)
+        assert eased_speed(Ramp(), tracking, Motion(-1.4, 0.0), gain, car) == pytest.approx(lead, abs=1e-4)
 
 
 class Ramp:
@@ -105,14 +99,14 @@ def tracking(remaining, direction=1):
     return TrackingError(Errors(0, 0, 0), reference(1.0 * direction, direction), Location(0, 0, 0, 0, 0, 0), remaining)
 
 
-@pytest.mark.parametrize("direction", [1, -1])
-def test_the_last_steps_creep_and_then_stand(direction):
-    params = FollowerParams()
-    far = bounded_speed(direction * 0.01, tracking(0.3, direction), params, slow=2.0, is_starting=False)
-    there = bounded_speed(direction * 0.01, tracking(0.04, direction), params, slow=2.0, is_starting=False)
-    assert far == direction * params.speed.creep
-    assert there == 0.0
-    assert bounded_speed(0.0, tracking(0.06, direction), params, slow=2.0, is_starting=False) == far
+def test_the_last_steps_creep_and_then_stand():
+    for direction in [1, -1]:
+        params = FollowerParams()
+        far = bounded_speed(direction * 0.01, tracking(0.3, direction), params, slow=2.0, is_starting=False)
+        there = bounded_speed(direction * 0.01, tracking(0.04, direction), params, slow=2.0, is_starting=False)
+        assert far == direction * params.speed.creep
+        assert there == 0.0
+        assert bounded_speed(0.0, tracking(0.06, direction), params, slow=2.0, is_starting=False) == far
 
 
 def test_slow_and_start_bound_the_speed():

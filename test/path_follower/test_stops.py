@@ -59,15 +59,6 @@ def test_poses_that_cease_stop_within_the_limit_and_the_ramp(kit, straight):
     assert standing_after(drive) <= PARAMS.safety.max_pose_silence + 0.5
 
 
-@pytest.mark.slow
-def test_a_localizer_one_second_late_stops_by_the_age_of_its_poses(kit, straight):
-    drive = kit.follow(straight, kit.World(latency=0.3))
-    assert drive.final.state is FollowerState.FINISHED
-    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
-    follower.update(Pose2(0, 0, 0), None, SECOND, "TRACKING", now_ns=2 * SECOND)
-    assert follower.start(2 * SECOND).startswith("POSE_TIMEOUT: found 1 s, limit 0.4")
-
-
 def test_a_frozen_pose_stops_within_the_limit_and_the_ramp(kit, straight):
     frozen = []
 
@@ -80,17 +71,6 @@ def test_a_frozen_pose_stops_within_the_limit_and_the_ramp(kit, straight):
     drive = kit.follow(straight, each=after_fault(freeze))
     assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.POSE_TIMEOUT)
     assert standing_after(drive) <= PARAMS.safety.max_pose_silence + 0.5
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_pose_that_is_no_number_stops(kit, straight, value):
-    def poison(now, follower, car):
-        follower.watch.see_pose(Pose2(value, 0, 0), round(now * SECOND) + 2 * SECOND)
-        follower.watch.see_pose = lambda *_: False
-
-    drive = kit.follow(straight, each=after_fault(poison))
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.BAD_POSE)
-    assert standing_after(drive) <= 0.5
 
 
 def test_a_vehicle_pushed_off_the_path_stops(kit, straight):
@@ -110,21 +90,6 @@ def test_a_kidnapped_vehicle_stops_although_it_stands_on_the_path(kit, straight)
     for params, reason in ((PARAMS, StopReason.POSE_JUMP), (UNCHECKED, StopReason.OFF_PATH)):
         drive = kit.follow(straight, params=params, each=after_fault(kidnap))
         assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, reason)
-
-
-@pytest.mark.slow
-def test_degraded_localisation_drives_slowly(kit, straight):
-    drive = kit.follow(straight, each=lambda now, *_: "DEGRADED" if 6 <= now < 12 else "TRACKING")
-    assert drive.final.state is FollowerState.FINISHED
-    slow = [c for c in drive.commands if 8 < c.stamp_ns / 1e9 - 1 < 12]
-    assert {c.status.state for c in slow} == {FollowerState.SLOW}
-    assert max(c.speed for c in slow) <= PARAMS.speed.slow
-
-
-def test_degraded_localisation_for_too_long_stops(kit, straight):
-    drive = kit.follow(straight, each=after_fault(lambda *_: "DEGRADED"))
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.LOCALISATION_DEGRADED)
-    assert standing_after(drive) <= PARAMS.safety.max_degraded_time + 0.5
 
 
 def scan_of(wall_x):
@@ -219,21 +184,6 @@ def test_calls_that_make_no_sense_say_so(kit, straight):
     assert follower.resume(0) == "nothing to resume: NO_PATH"
     follower.stop()
     assert follower.mode.state is FollowerState.NO_PATH
-
-
-@pytest.mark.slow
-def test_pause_stands_and_resume_goes_on(kit, straight):
-    def operator(now, follower, car):
-        if now == pytest.approx(5.0):
-            assert follower.pause() == ""
-        if now == pytest.approx(10.0):
-            assert follower.resume(round(now * SECOND) + SECOND) == ""
-
-    drive = kit.follow(straight, each=operator)
-    assert drive.final.state is FollowerState.FINISHED
-    standing = [c for c in drive.commands if 8 < c.stamp_ns / 1e9 - 1 < 9.9]
-    assert {(c.speed, c.status.state, c.status.is_armed) for c in standing} == {(0.0, FollowerState.PAUSED, True)}
-    assert drive.worst < 0.01
 
 
 def test_a_loss_while_paused_changes_nothing_and_its_end_moves_nothing(kit, straight):

@@ -16,17 +16,11 @@ pytest.importorskip("rclpy")
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from architecture.tree import EXECUTABLES
-from config.test_yaml_matches_params import NODES
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.params import leaves
-from sphere_nav.ros.compositions import COMPOSITIONS
-from sphere_nav.ros.live import ShellParams
-from sphere_nav_tools.cli.main import COMMANDS, main
+from sphere_nav_tools.cli.main import main
 from worlds.recordings import CAMERA, FRAME, ROOM, optical, pose, stamp
 from worlds.rig import seen, vertical_rig
 
-BY_NAME = {node.NAME: node for node in NODES}
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = ("your_recording", "your_camera", "calibration", "on_a_vehicle", "something_is_wrong")
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -153,43 +147,6 @@ def test_the_commands_of_a_page_run_one_after_the_other(page, recordings, tmp_pa
         status = main(words)
         said = capsys.readouterr()
         assert status == 0, f"sphere_nav {' '.join(words)}: {said.err or said.out}"
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_what_a_page_names_exists(page):
-    names = {command.name for command in COMMANDS}
-    for words in commands(page):
-        if words[0] == "sphere_nav" and page != "on_a_vehicle":
-            assert words[1] in names
-        elif words[:3] == ["ros2", "run", "sphere_nav"]:
-            assert words[3] in EXECUTABLES
-            assert words[3] != "sphere_nav" or words[4] in names
-            check_parameters(words)
-        elif words[:3] == ["ros2", "launch", "sphere_nav"]:
-            check_arguments(words)
-        elif page == "on_a_vehicle" and words[0] == "sphere_nav":
-            raise AssertionError(f"{words}: not on the PATH of a colcon installation")
-        else:
-            tools = [["ros2", word] for word in ("service", "topic", "lifecycle")]
-            assert words[:2] in tools or words[:3] == ["ros2", "run", "tf2_ros"] or words[0] == "rviz2", words
-
-
-def check_parameters(words):
-    if words[3] in BY_NAME:
-        known = {leaf.name for cls in (BY_NAME[words[3]].PARAMS, ShellParams) for leaf in leaves(cls)}
-        named = {words[i + 1].split(":=")[0] for i, word in enumerate(words) if word == "-p"}
-        assert named - known - {"use_sim_time"} == set()
-
-
-def check_arguments(words):
-    known = COMPOSITIONS[words[3].removesuffix(".launch.py")].arguments
-    assert {word.split(":=")[0] for word in words[4:]} - set(known) == set()
-
-
-def test_links_of_the_pages_lead_somewhere():
-    for page in (*(DOCS / f"{name}.md" for name in PAGES), DOCS.parent / "README.md"):
-        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
-            assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
 def test_the_page_of_presets_names_all_of_them():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -67,20 +70,19 @@ def test_every_direction_is_answered_by_a_command_with_its_stamp(bus):
     assert said["/path_follower/status"].distance_to_end == 4.0
 
 
-@pytest.mark.parametrize("first", ["pose", "status"])
-@pytest.mark.parametrize("heard", [0, 1, 2])  # messages before /clock, which may come last
-def test_pose_and_status_of_an_image_are_answered_whenever_its_clock_comes(first, heard):
-    clock, answers = [SECOND], []
-    answered = Answered(Times(lambda: clock[0], lambda: clock[0]), answers.append, lambda _: None, is_patient=True)
-    parts = [
-        lambda: answered.answer_pose(SECOND + STEP),
-        lambda: answered.answer_status(SECOND + STEP, is_good=True, has_pose=True),
-    ]
-    parts = parts if first == "pose" else parts[::-1]
-    parts.insert(heard, lambda: clock.append(clock.pop() + STEP))
-    for part in parts:
-        part()
-    assert answers == [SECOND + STEP]
+def test_pose_and_status_of_an_image_are_answered_whenever_its_clock_comes():
+    for order in itertools.permutations(("clock", "pose", "status")):
+        clock, answers = [SECOND], []
+        times = Times(partial(max, clock), partial(max, clock))
+        answered = Answered(times, answers.append, lambda _: None, is_patient=True)
+        for part in order:
+            if part == "clock":
+                clock.append(SECOND + STEP)
+            elif part == "pose":
+                answered.answer_pose(SECOND + STEP)
+            else:
+                answered.answer_status(SECOND + STEP, is_good=True, has_pose=True)
+        assert answers == [SECOND + STEP], order
 
 
 def test_a_status_of_a_clock_that_is_wrong_does_not_make_the_next_one_old():
@@ -105,12 +107,6 @@ def test_a_direction_of_another_frame_is_refused(bus):
     told = next(item for item in bus.nodes[0].inputs if item.topic == "homing/direction")
     assert "header.frame_id: expected 'base_link', found 'map'" in told.last_refusal
     assert bus.nodes[0].loop.follower.direction is None
-
-
-def test_numbers_that_are_none_are_refused(bus):
-    source(bus, "DRIVING", SECOND, progress=float("nan"))
-    told = next(item for item in bus.nodes[0].inputs if item.topic == "homing/status")
-    assert "expected finite lengths" in told.last_refusal
 
 
 def test_poses_are_not_listened_to_while_homing(bus):
@@ -221,22 +217,6 @@ def test_no_stamp_however_wrong_delays_a_stop(stamps):
         list(bus.settle())
     assert seconds_to_zero(bus) <= 0.8
     assert node.loop.follower.mode.state == "STOPPED"
-
-
-@pytest.mark.slow
-@given(lead=st.integers(-5 * SECOND, 5 * SECOND))
-@settings(deadline=None, max_examples=12, derandomize=True)
-def test_a_camera_clock_that_is_wrong_stops_as_fast_as_silence(lead):
-    bus, node = follower_bus()
-    x = drive(bus, node, 30)
-    begun, last = bus.now_ns, 0.0
-    for _ in range(30):
-        for item in bus.advance(bus.now_ns + SECOND // 10):
-            if item.topic == "/cmd_vel" and item.message.twist.linear.x != 0.0:
-                last = (item.stamp_ns - begun) / SECOND
-        pose(bus, x, bus.now_ns + lead)
-        list(bus.settle())
-    assert last <= 0.8 or -0.4 <= lead / SECOND <= 0.1  # as old as a pose may be, or as far ahead
 
 
 def test_bad_news_counts_whatever_its_stamp():
@@ -403,15 +383,15 @@ def test_a_scanner_without_tf_is_no_reason_to_drive_as_if_there_were_none(is_req
     assert node.shell.call("start").success
 
 
-@pytest.mark.parametrize("is_required", [False, True])
-def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required(is_required):
-    bus, node = follower_bus(**{"safety.is_scan_required": is_required})
-    mount(bus, turned=np.pi)
-    drive(bus, node, 2)
-    scan(bus, 41 * [np.inf])
-    answer = node.shell.call("start")
-    assert answer.success != is_required
-    assert is_required == ("expected beams where the vehicle drives" in answer.message)
+def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required():
+    for is_required in [False, True]:
+        bus, node = follower_bus(**{"safety.is_scan_required": is_required})
+        mount(bus, turned=np.pi)
+        drive(bus, node, 2)
+        scan(bus, 41 * [np.inf])
+        answer = node.shell.call("start")
+        assert answer.success != is_required
+        assert is_required == ("expected beams where the vehicle drives" in answer.message)
 
 
 def test_the_wheels_are_compared_with_the_pose_and_those_of_another_frame_refused():
@@ -431,20 +411,20 @@ def test_the_wheels_are_compared_with_the_pose_and_those_of_another_frame_refuse
     assert not told.is_required
 
 
-@pytest.mark.parametrize("source", ["pose", "odometry"])
-def test_the_covariance_of_a_pose_is_judged_in_its_own_axes(source):
+def test_the_covariance_of_a_pose_is_judged_in_its_own_axes():
     """Large along the map's x axis: on a vehicle that heads along y that is to its side."""
-    bus, node = follower_bus(source=source)
-    T_map_base = SE3.from_planar(1.0, 0.0, np.pi / 2)
-    covariance = np.diag([1e-4, 2.25, 1.0, 1.0, 1.0, 1e-4])
-    if source == "pose":
-        message = se3_to_pose_with_covariance(T_map_base, covariance, bus.now_ns, "map")
-        assert message.pose.covariance[0] == pytest.approx(2.25)
-    else:
-        message = se3_to_odometry(T_map_base, covariance, bus.now_ns, ("map", "base_link"))
-    bus.deliver(f"/{source}", message)
-    stop = node.loop.follower.watch.doubt.stop
-    assert (stop.reason, stop.value, stop.limit) == ("POSE_UNCERTAIN", pytest.approx(1.5), 1.0)
+    for source in ["pose", "odometry"]:
+        bus, node = follower_bus(source=source)
+        T_map_base = SE3.from_planar(1.0, 0.0, np.pi / 2)
+        covariance = np.diag([1e-4, 2.25, 1.0, 1.0, 1.0, 1e-4])
+        if source == "pose":
+            message = se3_to_pose_with_covariance(T_map_base, covariance, bus.now_ns, "map")
+            assert message.pose.covariance[0] == pytest.approx(2.25)
+        else:
+            message = se3_to_odometry(T_map_base, covariance, bus.now_ns, ("map", "base_link"))
+        bus.deliver(f"/{source}", message)
+        stop = node.loop.follower.watch.doubt.stop
+        assert (stop.reason, stop.value, stop.limit) == ("POSE_UNCERTAIN", pytest.approx(1.5), 1.0)
 
 
 def test_the_status_names_the_map_of_the_pose():

@@ -3,7 +3,6 @@
 import itertools
 import os
 import signal
-import struct
 import subprocess
 import sys
 import time
@@ -15,7 +14,6 @@ pytest.importorskip("rclpy")
 
 import rclpy
 from rclpy.qos import QoSProfile
-from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
 from benchmarks.fault_busy import big_path, front_of
@@ -165,43 +163,3 @@ def test_an_emergency_stop_of_any_qos_is_heard_or_named(tmp_path, base, follower
     base.drive_off()
     base.is_pressed = True
     assert base.live(120.0, lambda: base.speed == 0.0)
-
-
-@pytest.mark.dds
-def test_guard_and_follower_agree_and_start_arms_both(tmp_path):
-    """A hiccup latches the guard; the follower says so, and its start lets commands pass again."""
-    (tmp_path / "path.csv").write_text("\n".join(f"{x},0" for x in range(400)))
-    trajectory = f"trajectory:={tmp_path / 'path.csv'}"
-    follower = process("path_follower.ros.node", "-p", trajectory, "-r", "cmd_vel:=cmd_vel_in")
-    guard = process("path_follower.ros.guard_node")
-    rclpy.init()
-    base = Base()
-    said = []
-    base.node.create_subscription(GuardStatus, "command_guard/status", lambda item: said.append(item.reason), 10)
-    try:
-        base.drive_off()
-        base.reason = ""
-        said.clear()
-        follower.send_signal(signal.SIGSTOP)
-        assert base.live(120.0, lambda: "NO_COMMAND" in said)
-        follower.send_signal(signal.SIGCONT)
-        assert base.live(120.0, lambda: base.reason != "")
-        assert base.live(120.0, lambda: base.speed == 0.0)
-        base.drive_off()
-        assert said[-1] == ""
-    finally:
-        base.node.destroy_node()
-        rclpy.try_shutdown()
-        for child in (follower, guard):
-            child.kill()
-            child.wait()
-
-
-def test_a_big_path_is_a_path():
-    from nav_msgs.msg import Path as PathMessage
-    from rclpy.serialization import deserialize_message
-
-    path = deserialize_message(big_path(3), PathMessage)
-    assert [pose.pose.position.x for pose in path.poses] == [0.0, 1.0, 2.0]
-    assert {pose.header.frame_id for pose in path.poses} == {path.header.frame_id} == {"map"}
-    assert struct.calcsize("d") == 8

@@ -507,21 +507,6 @@ def test_rounds_that_are_left_after_a_stop(ring):
     assert trip.length == pytest.approx(35.0 + around, abs=0.5)
 
 
-def test_rounds_that_are_left_after_an_obstacle_that_stays(ring):
-    trip = Trip(ring.with_place("end", Spot(max(ring.edges), 40.0)))
-    trip.drive_off(Goal("end", laps=3))
-    around = sum(edge.length for edge in trip.mission.network.edges.values())
-    trip.progress = way = 39.0 + 1.5 * around
-    for _ in range(6):
-        trip.stop("OBSTACLE")
-    trip.pose = trip.mission.network.edges[max(ring.edges)].curve.pose(5.0)
-    trip.mission.blocked.clear()  # a ring has no other way: it has gone after all
-    trip.live(3 * STEADY)
-    assert trip.mission.laps_left == 1
-    assert trip.mission.driven == pytest.approx(way)
-    assert trip.length == pytest.approx(35.0 + around, abs=0.5)
-
-
 @pytest.mark.parametrize(("state", "expected"), [("DRIVING", "DRIVING"), ("PAUSED", "PAUSED"), ("STOPPED", "HELD")])
 def test_a_restart_goes_on_where_the_follower_does_and_else_waits_for_resume(trip, state, expected):
     trip.drive_off()

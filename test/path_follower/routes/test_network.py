@@ -78,10 +78,10 @@ def test_the_closest_of_several_edges_comes_first_whichever_side_it_is_on():
     assert [spot.left for spot in found[:2]] == pytest.approx([0.4, -0.5])
 
 
-@pytest.mark.parametrize(("from_end", "number"), [(0.4, 0), (0.6, 1)])
-def test_a_place_within_half_a_metre_of_a_node_is_there(fork, from_end, number):
-    edge = next(iter(fork.edges.values()))
-    for s, node in ((from_end, edge.start), (edge.length - from_end, edge.end)):
-        named = fork.with_place("gate", Spot(edge.id, s))
-        assert len(named.edges) == len(fork.edges) + number
-        assert (named.places["gate"] == node) == (number == 0)
+def test_a_place_within_half_a_metre_of_a_node_is_there(fork):
+    for from_end, number in [(0.4, 0), (0.6, 1)]:
+        edge = next(iter(fork.edges.values()))
+        for s, node in ((from_end, edge.start), (edge.length - from_end, edge.end)):
+            named = fork.with_place("gate", Spot(edge.id, s))
+            assert len(named.edges) == len(fork.edges) + number
+            assert (named.places["gate"] == node) == (number == 0)

@@ -80,10 +80,6 @@ def test_what_is_known_of_an_edge_comes_back_however_it_may_be_driven():
     assert lines[10]["properties"]["cost"] == pytest.approx(edges[10].seconds(2.0), abs=1e-3)
 
 
-def test_what_is_shown_is_a_quarter_as_long(named):
-    assert len(to_geojson(named, is_dense=False)) < len(to_geojson(named)) / 3
-
-
 def test_another_map_is_refused(named, tmp_path):
     write_network(tmp_path / "routes.geojson", named)
     with pytest.raises(
@@ -116,11 +112,11 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("text", BROKEN)
-def test_what_is_no_network_is_refused_in_one_line(named, text):
-    whole = json.loads(to_geojson(named))
-    BROKEN[text](whole)
-    with pytest.raises(ValueError, match=text.replace("(", r"\(")) as error:
-        from_geojson(json.dumps(whole), "routes.geojson")
-    assert "\n" not in str(error.value)
-    assert str(error.value).startswith("routes.geojson")
+def test_what_is_no_network_is_refused_in_one_line(named):
+    for text in BROKEN:
+        whole = json.loads(to_geojson(named))
+        BROKEN[text](whole)
+        with pytest.raises(ValueError, match=text.replace("(", r"\(")) as error:
+            from_geojson(json.dumps(whole), "routes.geojson")
+        assert "\n" not in str(error.value)
+        assert str(error.value).startswith("routes.geojson")

@@ -89,16 +89,6 @@ def test_a_camera_that_never_saw_the_board_is_named(capsys, folders, tmp_path):
     assert not (tmp_path / "rig.yaml").exists()
 
 
-def test_a_board_of_another_size_is_told(capsys, folders, tmp_path):
-    few = tmp_path / "few"
-    few.mkdir()
-    (few / "00.png").write_bytes((folders[0] / "00.png").read_bytes())
-    status, _, err = run(capsys, few, "--board", "8x5", "--square", "0.1", "-o", tmp_path / "rig.yaml")
-    assert (status, len(err)) == (2, 1)
-    assert "expected a 8x5 chessboard in some images, found none in any of them" in err[0]
-    assert "counted in inner corners" in err[0]
-
-
 def test_too_few_images_are_told(capsys, folders, tmp_path):
     few = tmp_path / "few"
     few.mkdir()

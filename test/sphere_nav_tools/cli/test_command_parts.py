@@ -18,7 +18,7 @@ from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav_tools.cli import refine_camera as command
 from sphere_nav_tools.cli import register, rig_convert
-from sphere_nav_tools.cli.bags import inspect_, play
+from sphere_nav_tools.cli.bags import inspect_
 from sphere_nav_tools.cli.maps import map_export, map_info
 from sphere_nav_tools.offline import plot_figure, refine_camera, registering
 
@@ -40,45 +40,6 @@ def test_topics_stand_in_columns():
             assert row[at:].startswith(cell)
             assert row[at - 2 : at].strip() == ""  # two spaces between columns
     assert rows[2].split() == ["/one", "Bool", "1"]  # a single message has no rate
-
-
-def test_a_player_is_told_what_the_words_say_and_shows_how_far_it_is(monkeypatch):
-    given, bars = {}, []
-
-    class Bar:
-        def __init__(self, **_):
-            self.n, self.total = 0, None
-            bars.append(self)
-
-        def update(self, step):
-            self.n += step
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-    def run_node(kind, words, values, prepare):
-        node = SimpleNamespace()
-        prepare(node)
-        for done in (3, 4, 9):
-            node.progress(done, 9)
-        given.update(values)
-        return 5
-
-    monkeypatch.setattr(play, "tqdm", Bar)
-    monkeypatch.setattr(play, "run_node", run_node)
-    words = {
-        "bag": "b", "topics": ["/x", "/y"], "rate": 0.5, "start": 12.0, "clock": True, "paused": False, "loop": True,
-        "wait_for": ["/z"], "answer": "/s", "answered": "/i",
-    }  # fmt: skip
-    assert play.run(SimpleNamespace(**words)) == 5
-    assert (bars[0].n, bars[0].total) == (9, 9)
-    assert given == {
-        "bag": "b", "topics": "/x /y", "rate": 0.5, "start": 12.0, "clock": True, "paused": False, "loop": True,
-        "wait_for": "/z", "answer_topic": "/s", "answered_topic": "/i",
-    }  # fmt: skip
 
 
 def sphere_map(tmp_path, length=0.0, num_nodes=3):

@@ -73,53 +73,6 @@ def test_trusted_poses_of_the_base_are_written_with_a_summary(recorded, tmp_path
         assert isinstance(first, PoseWithCovarianceStamped)
 
 
-@pytest.mark.slow
-def test_two_runs_write_the_same_bytes(recorded, tmp_path):
-    for name in ("a", "b"):
-        assert localize(recorded, tmp_path / name) == 0
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
-
-
-@pytest.mark.slow
-def test_an_initial_pose_takes_the_place_of_the_search(recorded, tmp_path):
-    T_map_base = drive(1)[0] @ T_BODY_OPTICAL.inverse()
-    numbers = ",".join(f"{number:.4f}" for number in (*T_map_base.translation, *T_map_base.quaternion))
-    given = ("--set", "automatic=false", f"--initial-pose={numbers}")
-    assert localize(recorded, tmp_path / "poses.tum", *given) == 0
-
-
-@pytest.mark.slow
-def test_no_pose_at_all_is_a_failure(recorded, tmp_path):
-    assert localize(recorded, tmp_path / "poses.tum", "--set", "automatic=false") == 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["--initial-pose=1,2,3"], "--initial-pose: expected x,y,z,qx,qy,qz,qw, found '1,2,3'"),
-        (["--initial-pose=90,0,0,0,0,0,1"], "initial pose: expected at most 10 m from a key sphere, found 90.0 m"),
-        (["--set", "automatic"], "--set: expected NAME=VALUE, found 'automatic'"),
-        (["--set", "start.speed=3"], "start.speed: unknown parameter"),
-        (["--image", "/front/image_raw"], "expected topic /front/image_raw"),
-    ],
-)
-def test_misuse_is_one_line_and_status_2(recorded, tmp_path, capsys, words, expected):
-    assert localize(recorded, tmp_path / "poses.tum", *words) == 2
-    error = capsys.readouterr().err.strip().splitlines()[-1]
-    assert expected in error
-    assert not (tmp_path / "poses.tum").exists()
-
-
-@pytest.mark.slow
-def test_a_file_that_is_there_is_kept_unless_told_otherwise(recorded, tmp_path, capsys):
-    (tmp_path / "poses.tum").write_text("precious")
-    assert localize(recorded, tmp_path / "poses.tum") == 2
-    assert "poses.tum: expected no such file" in capsys.readouterr().err
-    assert (tmp_path / "poses.tum").read_text() == "precious"
-    assert localize(recorded, tmp_path / "poses.tum", "--overwrite") == 0
-
-
 def test_a_summary_of_nothing_is_possible():
     result = Summary().result()
     assert result["images"] == 0

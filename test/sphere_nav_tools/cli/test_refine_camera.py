@@ -78,10 +78,3 @@ def test_what_is_not_proved_is_not_written(recorded, tmp_path, capsys, monkeypat
     printed = capsys.readouterr().out
     assert "refused, nothing is written" in printed
     assert "held-out images: expected" in printed
-
-
-def test_nothing_is_overwritten(recorded, tmp_path, capsys):
-    (tmp_path / "camera.yaml").write_text("mine")
-    words = ["refine-camera", str(recorded / "map"), str(recorded / "bag"), "-o", str(tmp_path / "camera.yaml")]
-    assert main(words) == 2
-    assert "--overwrite" in capsys.readouterr().err

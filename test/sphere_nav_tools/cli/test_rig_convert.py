@@ -33,21 +33,18 @@ def test_a_camchain_becomes_a_rig_file(capsys, camchain, tmp_path):
     assert read_rig(tmp_path / "rig.yaml").names == ("cam0", "cam1")
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
+def test_misuse_is_one_line(capsys, camchain, tmp_path):
+    for words, expected in [
         (["--size", "640"], "--size: expected WIDTHxHEIGHT such as 640x480, found '640'"),
         (["--unit", "-1"], "--unit: expected a positive length in m, found -1.0"),
         (["--unit", "0"], "--unit: expected a positive length in m, found 0.0"),
         (["--unit", "inf"], "--unit: expected a positive length in m, found inf"),
         (["--frame", "imu"], "camchain.yaml: expected poses relative to an IMU"),
-    ],
-)
-def test_misuse_is_one_line(capsys, camchain, tmp_path, words, expected):
-    status, out, err = run(capsys, camchain, *words, "-o", tmp_path / "rig.yaml")
-    assert (status, out, len(err)) == (2, [], 1)
-    assert expected in err[0]
-    assert not (tmp_path / "rig.yaml").exists()
+    ]:
+        status, out, err = run(capsys, camchain, *words, "-o", tmp_path / "rig.yaml")
+        assert (status, out, len(err)) == (2, [], 1)
+        assert expected in err[0]
+        assert not (tmp_path / "rig.yaml").exists()
 
 
 def test_a_file_is_kept(capsys, camchain, tmp_path):
@@ -69,19 +66,16 @@ def test_masks_levels_and_groups_are_options(capsys, camchain, tmp_path):
     assert second.mask == str(tmp_path / "mask.png")
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
+def test_options_that_do_not_fit_are_one_line(capsys, camchain, tmp_path):
+    for words, expected in [
         (["--level", "cam7=top"], "--level: expected CAMERA=VALUE with one of cam0, cam1, found 'cam7=top'"),
         (["--level", "cam0=top"], "level: expected top and bottom, or none for every camera"),
         (["--mask", "cam0=none.png"], "none.png: expected a mask, found no such file"),
         (["--join"], "--join: expected several camchains of Kalibr, found 1 kalibr"),
-    ],
-)
-def test_options_that_do_not_fit_are_one_line(capsys, camchain, tmp_path, words, expected):
-    status, _, err = run(capsys, camchain, *words, "-o", tmp_path / "rig.yaml")
-    assert (status, len(err)) == (2, 1)
-    assert expected in err[0]
+    ]:
+        status, _, err = run(capsys, camchain, *words, "-o", tmp_path / "rig.yaml")
+        assert (status, len(err)) == (2, 1)
+        assert expected in err[0]
 
 
 def test_camchains_are_joined_by_a_shared_topic(capsys, tmp_path):

@@ -93,10 +93,3 @@ def test_what_only_leads_backwards_is_drawn_and_told_so(drives):
     assert any(line.endswith("backwards") for line in describe(network))
     draw_network(drives / "c.svg", network)
     assert REVERSE in (drives / "c.svg").read_text()
-
-
-def test_reversible_drives_lead_back(drives, capsys):
-    assert run(capsys, "build", "net.geojson", "a.csv", "--reversible")[0] == 0
-    assert run(capsys, "name", "gate", "net.geojson", "--at", "50,0")[0] == 0
-    status, said = run(capsys, "plan", "net.geojson", "gate", "home")
-    assert (status, "backwards" in said.out) == (0, True)

@@ -44,14 +44,16 @@ def test_relative_errors_are_by_the_stretch():
         assert found["length_m"] == length
 
 
-@pytest.mark.parametrize(("late_ms", "is_paired"), [(9, True), (11, False)])
-def test_stamps_belong_together_within_ten_milliseconds(late_ms, is_paired):
-    late = Trajectory(TRUTH.stamps_ns + late_ms * 10**6, TRUTH.T_map_body)
-    if is_paired:
-        assert evaluate_poses(late, TRUTH).report["n"] == 50
-    else:
-        with pytest.raises(ValueError, match=r"within 0\.01 s, found 1000\.011 \.\.\. 1004\.911 s against 1000\.000"):
-            evaluate_poses(late, TRUTH)
+def test_stamps_belong_together_within_ten_milliseconds():
+    for late_ms, is_paired in [(9, True), (11, False)]:
+        late = Trajectory(TRUTH.stamps_ns + late_ms * 10**6, TRUTH.T_map_body)
+        if is_paired:
+            assert evaluate_poses(late, TRUTH).report["n"] == 50
+        else:
+            with pytest.raises(
+                ValueError, match=r"within 0\.01 s, found 1000\.011 \.\.\. 1004\.911 s against 1000\.000"
+            ):
+                evaluate_poses(late, TRUTH)
 
 
 def test_truth_is_interpolated_over_gaps_of_a_second_at_most():

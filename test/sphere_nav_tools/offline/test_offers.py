@@ -94,20 +94,17 @@ def test_two_jobs_do_not_write_the_same_file():
     assert outputs == ["drive.tum", "drive_mcl.tum"]
 
 
-@pytest.mark.parametrize(
-    ("info", "words"),
-    [
+def test_a_panorama_is_offered_with_what_it_needs():
+    for info, words in [
         ([Stream("/theta/sphere_info", SPHERE_INFO, 9, 30.0, "front")], ["--remap", "sphere_info:=/theta/sphere_info"]),
         ([], ["--set", "is_panorama=true"]),
-    ],
-)
-def test_a_panorama_is_offered_with_what_it_needs(info, words):
-    image = Stream("/theta/image_raw", IMAGE, 9, 30.0, "front", 256, 128, "rgb8")
-    for offer in (offer_localize, offer_mcl):
-        found = offer(recording(image, *info, ODOM, tree=MOUNTED))
-        assert found.command[-2:] == words
-        assert ("whole spheres" in found.note) == (not info)
-    assert offer_localize(recording(RIG[0])).missing  # no panorama: not twice as wide as high
+    ]:
+        image = Stream("/theta/image_raw", IMAGE, 9, 30.0, "front", 256, 128, "rgb8")
+        for offer in (offer_localize, offer_mcl):
+            found = offer(recording(image, *info, ODOM, tree=MOUNTED))
+            assert found.command[-2:] == words
+            assert ("whole spheres" in found.note) == (not info)
+        assert offer_localize(recording(RIG[0])).missing  # no panorama: not twice as wide as high
 
 
 def test_spheres_of_another_name_are_named():

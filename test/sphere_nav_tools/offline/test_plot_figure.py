@@ -14,7 +14,6 @@ from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.plot_figure import (
     describe_experiences,
-    describe_states,
     draw_localization,
     find_experiences,
     runs_of,
@@ -37,12 +36,6 @@ def test_runs_of_equal_states_last_until_the_next_begins():
     ]  # fmt: skip
     assert [(first, end) for _, _, first, end in runs] == [(0, 1), (1, 2), (2, 4), (4, 5), (5, 5)]
     assert runs_of([], 0) == []
-
-
-def test_the_time_for_an_image_leaves_silences_out():
-    lines = describe_states([status(number) for number in range(6)])
-    assert lines[0] == "     2  TRACKING                      turn back"
-    assert lines[-1] == "time for an image: median 7.0 ms, p99 9.0 ms"
 
 
 @pytest.mark.slow

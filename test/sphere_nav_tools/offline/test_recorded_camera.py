@@ -11,7 +11,6 @@ pytest.importorskip("rclpy")
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import camera_to_info, image_to_gray
 from sphere_nav.ros.conversions.stamps import header
@@ -41,11 +40,3 @@ def test_compressed_images_come_with_stamp_and_calibration(tmp_path, rng):
     ((stamp, found),) = recorded.messages()
     assert stamp == 7
     assert np.array_equal(image_to_gray(found), image)
-
-
-def test_a_bag_without_images_is_told(tmp_path):
-    with BagWriter(tmp_path / "bag") as bag:
-        bag.add_topic("/camera_info", CameraInfo, qos.STATE)
-        bag.write("/camera_info", camera_to_info(PINHOLE, 5, "optical"), 5)
-    with pytest.raises(BagError):
-        RecordedCamera(tmp_path / "bag", arguments())

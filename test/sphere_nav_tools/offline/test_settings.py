@@ -21,11 +21,6 @@ def test_values_are_read_as_yaml():
     assert found.other == {"a.b": 4}
 
 
-def test_the_last_word_of_a_name_holds_and_nothing_is_kept_for_the_next_command():
-    assert parse(("--set", "a=1"), ("--set", "a=2")).settings == {"a": 2}
-    assert parse().settings == {}
-
-
 def test_a_word_that_is_no_pair_is_refused_by_its_option():
     with pytest.raises(ValueError, match="--set-other: expected NAME=VALUE, found 'a'"):
         parse(("--set-other", "a"))

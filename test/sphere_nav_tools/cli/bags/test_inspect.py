@@ -161,30 +161,6 @@ def test_the_command_that_inspect_tells_makes_the_same_map(
 
 
 @pytest.mark.slow
-def test_a_bag_without_images_is_good_for_nothing_and_says_why(own, tmp_path, capsys):
-    copy_bag(own["rgbd"], tmp_path / "bare", {"/tf_static": "/tf_static"})
-    assert call("inspect", tmp_path / "bare") == 1
-    assert "map: expected images (--image)" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_a_damaged_compressed_image_is_refused_and_the_next_one_used(own, tmp_path, capsys):
-    number = iter(range(100))
-
-    def damage(topic, message):
-        changed = as_jpeg(topic, message)
-        if isinstance(changed, CompressedImage) and next(number) == 1:
-            changed.data = bytes(changed.data[:60])
-        return changed
-
-    bag = copy_bag(own["rgbd"], tmp_path / "damaged", REALSENSE, damage)
-    assert call("map", bag, "-o", tmp_path / "m") == 0
-    said = capsys.readouterr().out
-    assert "3 spheres placed" in said
-    assert "refused: 1 of image_raw" in said
-
-
-@pytest.mark.slow
 def test_inspect_tells_driver_mounting_and_encoding_and_takes_what_is_named(own, tmp_path, capsys):
     bag = copy_bag(own["rgbd"], tmp_path / "foreign", REALSENSE, storage=StoragePlugin.SQLITE3)
     assert call("inspect", bag) == 0
@@ -218,10 +194,3 @@ def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localize(own, tmp_path
     ours, mounted = (read_tum(tmp_path / name).T_map_body for name in ("p.tum", "q.tum"))
     camera = mounted @ SE3.from_parts(np.eye(3), [0.4, 0.0, 1.1])
     np.testing.assert_allclose(camera.translation, ours.translation, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_register_takes_the_topics_of_a_driver(own, tmp_path, capsys):
-    bag = copy_bag(own["rgbd"], tmp_path / "foreign", REALSENSE)
-    assert call("register", f"{bag}:0", f"{bag}:1", "--driver", "realsense") == 0
-    assert json.loads(capsys.readouterr().out)["is_converged"]

@@ -54,8 +54,3 @@ def test_a_truncated_bag(bag, capsys, tmp_path):
     with BagReader(tmp_path / "saved") as reader:
         assert capsys.readouterr().out == f"{tmp_path / 'saved'}: {reader.num_messages} messages salvaged\n"
         assert reader.num_messages > 3
-
-
-def test_no_bag(capsys, tmp_path):
-    assert main(["verify-bag", str(tmp_path / "nowhere")]) == 2
-    assert "nowhere: expected a bag" in capsys.readouterr().err

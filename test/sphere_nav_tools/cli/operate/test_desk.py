@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_nav_tools.cli.operate.page import COLORS, Desk, set_if_new
+from sphere_nav_tools.cli.operate.page import COLORS, Desk
 from sphere_nav_tools.cli.operate.words import Place
 
 
@@ -68,23 +68,6 @@ def test_the_map_moves_by_half_metres_where_it_is_to_follow(desk):
     assert desk._middle[:2].tolist() == [0.4, -0.4]
 
 
-def test_a_line_is_drawn_where_it_is_another_one(desk):
-    line = np.array([[0.0, 0.0], [1.0, 2.0], [3.0, 4.0]])
-    for points in (None, line[:1], line[:2], line[:2].copy(), line, line + np.eye(3, 2, -1)):
-        desk._draw("path", points, (1, 2, 3), 0.25)
-    drawn = [values["points"] for kind, _, values in desk.client.scene.added if kind == "line_segments"]
-    assert [len(points) for points in drawn] == [1, 2, 2]
-    assert drawn[0].tolist() == [[[0.0, 0.0, 0.25], [1.0, 2.0, 0.25]]]
-
-
-def test_key_spheres_are_sent_where_there_are_more(desk):
-    for number in (0, 3, 3, 4):
-        desk._show_spheres(np.ones((number, 2)))
-    desk._show_spheres(None)
-    assert [values["points"].shape for _, _, values in desk.client.scene.added] == [(3, 3), (4, 3)]
-    assert desk.client.scene.added[0][2]["points"][:, 2].tolist() == [0.0, 0.0, 0.0]
-
-
 def test_places_are_balls_that_choose_them(desk):
     places = [Place("gate", 1.0, 2.0), Place("barn", 3.0, 4.0)]
     desk._show_places(places)
@@ -106,19 +89,3 @@ def test_pictures_are_made_smaller_and_never_larger(desk):
     desk._show_pictures()
     assert desk._pictures["image"].image.shape[:2] == (240, 320)
     assert desk._pictures["residual"].image.shape[:2] == (60, 80)
-
-
-def test_what_is_there_already_is_not_sent_again():
-    class Handle:
-        def __init__(self):
-            self.sent = []
-            self.label = "stop"
-
-        def __setattr__(self, name, value):
-            self.__dict__.setdefault("sent", []).append(value) if name != "sent" else None
-            self.__dict__[name] = value
-
-    handle = Handle()
-    for value in ("stop", "pressed", "pressed"):
-        set_if_new(handle, "label", value)
-    assert handle.sent == ["stop", "pressed"]

@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 import numpy as np
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from sphere_nav_msgs.msg import KeySphereGraph, KeySphereVertex, ReferencePoint, ReferenceTrajectory
+from sphere_nav_msgs.msg import ReferencePoint, ReferenceTrajectory
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import array_to_image, se3_to_pose_with_covariance
@@ -87,13 +87,6 @@ def test_a_closed_path_ends_where_it_begins(ears, is_closed):
     ears._on_path(ReferenceTrajectory(points=points, is_closed=is_closed))
     expected = [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0], [0.0, 1.0]]
     assert ears.seen.told("path")[0].tolist() == expected[: 3 + is_closed]
-
-
-def test_key_spheres_are_seen_from_above(ears):
-    vertices = [KeySphereVertex() for _ in range(2)]
-    vertices[1].pose.position = Point(x=1.0, y=2.0, z=9.0)
-    ears._on_graph(KeySphereGraph(vertices=vertices))
-    assert ears.seen.told("spheres")[0].tolist() == [[0.0, 0.0], [1.0, 2.0]]
 
 
 def test_a_picture_is_shown_for_two_seconds(ears, monkeypatch):

@@ -14,7 +14,6 @@ from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.importing.frames import stamp_of
 from worlds.rig import WAVES, seen, vertical_rig
 
 LENS = Pinhole(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -45,22 +44,6 @@ def wall(shift, lens=LENS):
 def write(path, image):
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), image)
-
-
-@pytest.mark.parametrize(
-    ("stem", "expected"),
-    [
-        ("1403636579763555584", 1403636579763555584),
-        ("1403636579763555", 1403636579763555000),
-        ("1403636579763", 1403636579763000000),
-        ("1403636579.763555", 1403636579763555000),
-        ("000042", None),
-        ("frame-000042", None),
-        ("0.5", None),
-    ],
-)
-def test_names_that_are_times_are_stamps(stem, expected):
-    assert stamp_of(stem) == expected
 
 
 @pytest.mark.slow
@@ -154,10 +137,3 @@ def test_what_does_not_fit_is_one_line(capsys, tmp_path, words, expected):
     error = capsys.readouterr().err.strip().splitlines()
     assert len(error) == 1
     assert expected in error[0]
-
-
-def test_images_of_another_size_are_refused_by_name(capsys, tmp_path):
-    write_rig(tmp_path / "rig.yaml", Rig((RigCamera("front", LENS, T_BODY_OPTICAL),)))
-    write(tmp_path / "in" / "0.png", np.zeros((10, 20), np.uint8))
-    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--rig", tmp_path / "rig.yaml") == 2
-    assert "image 0: expected 320 x 240 pixels, found 20 x 10" in capsys.readouterr().err

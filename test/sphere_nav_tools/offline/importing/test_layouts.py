@@ -26,11 +26,11 @@ def make(folder, names):
     return folder
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_each_layout_is_known_by_its_files(tmp_path, name):
-    folder = make(tmp_path / "data", FILES[name])
-    assert guess_format(folder) == name
-    assert describe_folder(tmp_path) == f"{folder} looks like {name}"
+def test_each_layout_is_known_by_its_files(tmp_path):
+    for name in FILES:
+        folder = make(tmp_path / name / "data", FILES[name])
+        assert guess_format(folder) == name
+        assert describe_folder(tmp_path / name) == f"{folder} looks like {name}"
 
 
 def test_other_folders_are_told_by_what_they_hold(tmp_path):

@@ -12,7 +12,7 @@ from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, pose_t
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.importing.stereo import MUNICH, open_euroc, open_four_seasons
+from sphere_nav_tools.offline.importing.stereo import MUNICH, open_euroc
 
 WIDTH, HEIGHT, COUNT = 32, 24, 3
 START, STEP = 1_403_636_579_763_555_584, 50_000_000
@@ -232,10 +232,3 @@ def test_other_asl_folders_are_refused_with_the_file(tmp_path, name, change, mes
     with pytest.raises(ValueError, match=message) as error:
         open_euroc(folder)
     assert name.rsplit("/", 1)[1] in str(error.value)
-
-
-def test_a_recording_of_4seasons_needs_its_calibration(tmp_path):
-    folder = four_seasons(tmp_path / "set" / "recording")
-    (tmp_path / "set" / "calibration").rename(tmp_path / "elsewhere")
-    with pytest.raises(ValueError, match="calibration: expected that of 4Seasons"):
-        open_four_seasons(folder)

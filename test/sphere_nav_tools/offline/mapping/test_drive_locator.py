@@ -80,15 +80,6 @@ def test_what_is_tracked_but_looks_different_is_new(taught):
         assert all(0.2 < locator.lacking(image.track.stamp_ns) < 0.8 for image in locator.images(mapper))
 
 
-def test_the_map_shows_nothing_of_a_probation_that_ends_badly(taught):
-    with open_map(taught) as reader:
-        mapper, locator = locate(reader, HalfNew(), HalfNew(), sharp_room(seed=1))
-        images = locator.images(mapper)
-        assert not any(image.located is not None and image.located.is_sure for image in images)
-        assert {locator.lacking(image.track.stamp_ns) for image in images} == {1.0}
-        assert locator.served == {}
-
-
 def test_what_looks_different_in_probation_is_new_and_what_looks_alike_is_not(taught):
     with open_map(taught) as reader:
         mapper, locator = locate(reader, HalfNew(), HalfNew(), sharp_room())

@@ -186,16 +186,6 @@ def test_a_drive_that_the_map_explains_adds_nothing(drives, tmp_path, capsys):
         assert sum(node.served for node in both.graph) > 0.0
 
 
-def test_a_drive_counts_for_what_the_map_did_not_place(drives, tmp_path):
-    """Of the same drive again the last images are in TRACKING, after a probation."""
-    taught = drives / "taught"
-    assert call("map", drives / "east", "-o", tmp_path / "both", "--extend", taught, *SETTINGS, *ALL_KEPT) == 0
-    with open_map(tmp_path / "both") as both, open_map(taught) as before:
-        own = [node.served for node in both.graph if node.id not in before.graph.nodes]
-    assert len(own) == len(before.graph)
-    assert 0 < sum(own) < len(EAST)
-
-
 def test_what_cannot_be_joined_is_one_line_before_anything_is_mapped(drives, tmp_path, capsys):
     west, taught = drives / "west", drives / "taught"
     words = (west, "-o", tmp_path / "both", "--extend")

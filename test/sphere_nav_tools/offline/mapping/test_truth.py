@@ -6,17 +6,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav_tools.offline.mapping.drive import fit_poses, move_to_truth, truth_of
-from worlds.recordings import pose, stamp, stereo, truth, truth_of_base, write_bag
-
-
-def test_the_map_moves_to_the_truth_where_that_is_known(tmp_path):
-    write_bag(tmp_path / "camera", truth, numbers=range(3))
-    known = truth_of(tmp_path / "camera")
-    assert not known.is_base
-    nodes = [KeySphere(0, stamp(1), SE3.identity()), KeySphere(1, stamp(99), SE3.identity())]
-    moved = {node.id: node.T_map_sphere for node in move_to_truth(SphereGraph(nodes, []), known.poses, SE3.identity())}
-    np.testing.assert_allclose(moved[0].matrix, pose(1).matrix, atol=1e-9)
-    np.testing.assert_allclose(moved[1].matrix, np.eye(4))
+from worlds.recordings import stereo, truth_of_base, write_bag
 
 
 def test_the_truth_of_the_vehicle_is_known_as_such_and_none_as_none(tmp_path):
