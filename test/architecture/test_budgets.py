@@ -1,7 +1,5 @@
 """Small pieces: functions without their docstring, pages to read first, folders."""
 
-from __future__ import annotations
-
 import ast
 from collections import Counter
 from pathlib import Path

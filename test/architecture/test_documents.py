@@ -1,7 +1,5 @@
 """Pages name what exists: files, tests, links, benchmarks; and every numbered item of the papers has its row."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from functools import cache

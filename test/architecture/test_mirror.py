@@ -1,7 +1,5 @@
 """Tests mirror the tree: `a/b.py` is tested by `test/a/test_b.py`, or by a test of its package that imports it."""
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A part of a node receives values and callbacks, never the node."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path

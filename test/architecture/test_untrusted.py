@@ -1,7 +1,5 @@
 """Files that a user names are read by the bounded readers: no FIFO that blocks, no gigabyte, no bomb in YAML."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 

@@ -5,8 +5,6 @@ otherwise everything here is skipped. In an environment of wheels, which has no 
 ros2launch, launch and launch_ros from their sources beside it.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -19,11 +17,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
-
-pytest.importorskip("rclpy")
-
 import rclpy
+import yaml
 from geometry_msgs.msg import Twist
 from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import LocalizationStatus
@@ -123,7 +118,7 @@ class Launched:
         """Ctrl-C, as a terminal sends it: to all of the process group."""
         os.killpg(self.process.pid, signal.SIGINT)
 
-    def __enter__(self) -> Launched:
+    def __enter__(self) -> "Launched":
         return self
 
     def __exit__(self, *_: object) -> None:

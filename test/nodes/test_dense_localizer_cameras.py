@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from tf2_msgs.msg import TFMessage
 
 from dense_localizer.ros.node import DenseLocalizerNode
@@ -117,9 +114,8 @@ def test_two_cameras_give_one_pose_of_the_base_at_each_instant(map_path, picture
         assert (answers[k]["/pose"].header.frame_id, answers[k]["/odometry"].child_frame_id) == ("map", "base_link")
 
 
-@pytest.mark.parametrize("source", ["file", "map"])
-def test_the_rig_of_a_file_or_of_the_map_takes_the_place_of_camera_info_and_tf(map_path, rig_file, pictures, source):
-    values = SMALL_IMAGES | {"rig.calibration": str(rig_file) if source == "file" else "map", "mounting": "0,0,0,0,0,0"}
+def test_the_rig_of_the_map_takes_the_place_of_camera_info_and_tf(map_path, pictures):
+    values = SMALL_IMAGES | {"rig.calibration": "map", "mounting": "0,0,0,0,0,0"}
     bench = Bench(map_path, values, has_tf=False, infos=())
     answers = [bench.see(pictures, k) for k in range(5)]
     assert answers[-1]["/status"].state == "TRACKING"

@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_nav_msgs.srv import LoadCloud
 
 from sphere_nav.geometry import SE3

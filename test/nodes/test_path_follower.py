@@ -7,9 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from rosgraph_msgs.msg import Clock

@@ -9,9 +9,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sphere_nav_msgs.msg import AugmentedSphere
@@ -96,7 +93,7 @@ def check_content(node, sphere, phase=0.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("transport", "encode"), [("raw", None), ("compressed", ".png"), ("compressed", ".jpg")])
+@pytest.mark.parametrize(("transport", "encode"), [("raw", None), ("compressed", ".jpg")])
 def test_six_cameras_become_a_sphere_of_what_they_see(rig_path, transport, encode):
     bench = Bench(rig=rig_path, transport=transport)
     bench.shoot(1000 * MS, IMAGES[0], encode=encode)
@@ -249,19 +246,6 @@ def test_a_lidar_is_placed_by_tf_or_by_its_mount(rig_path, way):
     assert sphere.measured.mean() > 0.9
     # of nine pixels that a point covers the nearest counts: the angle of a pixel and a half, 0.04 rad
     assert np.median(np.abs(sphere.range_m / range_m - 1)[sphere.measured]) < 0.005
-
-
-@pytest.mark.slow
-def test_the_first_instants_may_correct_the_rig(rig_path):
-    """Texture of 20 px gives few features: nothing is found, and every waiting instant is stitched as it is."""
-    bench = Bench(rig=rig_path, **{"rectify.num_instants": 2, "rectify.width": 256})
-    bench.shoot(1000 * MS, IMAGES[0])
-    assert bench.spheres == []
-    bench.shoot(1100 * MS, IMAGES[1])
-    assert len(bench.spheres) == 2
-    assert "against the rig file" in bench.node.reports["rig"][1]
-    bench.shoot(1200 * MS, IMAGES[2])
-    assert len(bench.spheres) == 3
 
 
 @pytest.mark.slow

@@ -82,9 +82,7 @@ def drift(along, aside):
     return lambda pose, age: compose_poses(pose, Pose2(along * age, aside * age, 0))
 
 
-@pytest.mark.parametrize("has_odometry", [False, True])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("speed", [1.4, -1.0, 0.5])
+@pytest.mark.parametrize(("has_odometry", "sign", "speed"), [(False, 1.0, 1.4), (True, -1.0, -1.0), (False, -1.0, 0.5)])
 def test_what_is_wrong_is_named_within_meters(has_odometry, sign, speed):
     def suffer(fault):
         return Car(motion=Motion(speed, -0.1 * sign), has_odometry=has_odometry).suffer(fault)
@@ -101,8 +99,7 @@ def test_what_is_wrong_is_named_within_meters(has_odometry, sign, speed):
     assert (reason, seconds < 12.0) == (StopReason.POSE_INCONSISTENT, True) or abs(speed) < 1.0  # 4 m take 8 s
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("has_odometry", [False, True])
+@pytest.mark.parametrize(("sign", "has_odometry"), [(1.0, False), (-1.0, True)])
 def test_a_heading_wrong_from_the_start_shows_in_the_direction_of_motion(sign, has_odometry):
     car, wrong = Car(has_odometry=has_odometry), beside(0, 0, 0.9 * sign)
     found = [car.step(wrong, is_driving=k > 0).stop.reason for k in range(20)]
@@ -125,8 +122,7 @@ def test_a_vehicle_that_does_not_move_is_not_a_frozen_pose(has_odometry):
         assert next(filter(None, (car.step(fault).stop.reason for _ in range(20)))) is StopReason.NOT_MOVING
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("speed", [2.0, 1.4, -1.0, 0.5])
+@pytest.mark.parametrize(("sign", "speed"), [(1.0, 2.0), (-1.0, 1.4), (1.0, -1.0)])
 def test_with_wheels_a_slow_drift_is_noticed_before_the_pose_is_far_off(sign, speed):
     """Aside by 0.1 m/s within 0.5 m, behind by 0.2 m/s within 1 m; at 2 m/s the share of the way is small."""
     for along, aside, limit in ((0.0, 0.1 * sign, 0.5), (0.2 * sign, 0.0, 1.0)):
@@ -292,8 +288,7 @@ def test_a_localizer_of_another_map_is_refused_and_one_that_changes_it_stops(kit
 
 # --- rates
 @pytest.mark.slow
-@pytest.mark.parametrize("has_odometry", [False, True])
-@pytest.mark.parametrize("deviation", [0.02, 0.05, 0.2])
+@pytest.mark.parametrize(("has_odometry", "deviation"), [(False, 0.05), (True, 0.2)])
 def test_the_noise_that_poses_state_raises_no_alarm_and_twice_as_much_does(has_odometry, deviation):
     """A tenth lost, a wheel that turns to and fro; what is allowed grows with what is stated, not with the time."""
     stated, largest = np.diag(np.square([deviation, deviation, 0.4 * deviation])), {}

@@ -105,15 +105,10 @@ def test_the_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit,
 @pytest.mark.parametrize(
     ("world", "rmse", "worst"),
     [
-        ({"position_noise": 0.02, "yaw_noise": 0.0087}, 0.01, 0.03),
-        ({"latency": 0.1}, 0.005, 0.01),
-        ({"steering_lag": 0.3, "speed_lag": 0.3}, 0.015, 0.05),  # 0.1 s more than the model assumes
         ({"steering_lag": 0.0, "speed_lag": 0.0}, 0.02, 0.05),  # 0.2 s less
         ({"steering_lag": 0.3, "latency": 0.1, "position_noise": 0.02, "yaw_noise": 0.0087}, 0.02, 0.07),
-        ({"dead_time": 0.1}, 0.015, 0.05),  # not in the model
         ({"steering_bias": math.radians(1)}, 0.035, 0.045),  # 0.0145 1/m over k_y: 18 mm, more with tan(e_psi)
         ({"speed_scale": 0.95}, 0.005, 0.02),
-        ({"period": 0.1}, 0.01, 0.03),
     ],
     ids=str,
 )
@@ -142,9 +137,8 @@ def test_a_measured_speed_replaces_a_wrong_model(kit, two_turns):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_taught_drive_with_noise_becomes_a_drivable_path(kit, two_turns, seed):
-    noisy = two_turns + np.random.default_rng(seed).normal(size=two_turns.shape) * (0.02, 0.02, 0.01)
+def test_a_taught_drive_with_noise_becomes_a_drivable_path(kit, two_turns):
+    noisy = two_turns + np.random.default_rng(0).normal(size=two_turns.shape) * (0.02, 0.02, 0.01)
     drive = kit.follow(noisy, start=tuple(two_turns[0]))
     assert_arrived(drive)
     assert drive.rmse < 0.01
@@ -187,9 +181,8 @@ def test_a_closed_path_is_driven_round_and_round(kit):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cruise", [0.5, 2.0, 4.0])
-def test_other_speeds_are_stable(kit, cruise):
-    params = FollowerParams(speed=SpeedParams(cruise=cruise), vehicle=VehicleParams(max_speed=5.0))
+def test_a_fast_drive_is_stable(kit):
+    params = FollowerParams(speed=SpeedParams(cruise=4.0), vehicle=VehicleParams(max_speed=5.0))
     wide = kit.course((20, 0), (QUARTER * 12, 1 / 12), (20, 0), (QUARTER * 12, -1 / 12), (25, 0))
     drive = kit.follow(wide, kit.World(latency=0.1, steering_lag=0.3), params)
     assert_arrived(drive)
@@ -206,9 +199,8 @@ def test_a_corner_that_no_car_can_turn_ends_in_a_stop_and_not_in_a_field(kit):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("track", ["Budapest", "Hockenheim", "IMS"])
-def test_race_tracks_at_a_quarter_of_their_size(kit, shared_data, tmp_path, track):
-    points = np.loadtxt(shared_data / "tracks" / f"{track}.csv", delimiter=",")[:, :2] / 4.0
+def test_a_race_track_at_a_quarter_of_its_size_is_driven(kit, shared_data, tmp_path):
+    points = np.loadtxt(shared_data / "tracks" / "Budapest.csv", delimiter=",")[:, :2] / 4.0
     np.savetxt(tmp_path / "track.csv", points, delimiter=",")
     params = FollowerParams(speed=SpeedParams(cruise=3.0), vehicle=VehicleParams(max_speed=4.0))
     path = read_path(tmp_path / "track.csv", params, is_closed=True)

@@ -1,7 +1,5 @@
 """Driving by direction alone: it turns to where it is told, and stops when it is not told, or not clearly."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

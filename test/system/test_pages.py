@@ -1,7 +1,5 @@
 """What the pages for one's own recording, camera and rig tell to type works, on bags of another writer."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path
@@ -10,9 +8,6 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-
-pytest.importorskip("rclpy")
-
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -48,7 +43,7 @@ class Recorder:
         self.writer = Writer(path, version=8, storage_plugin=storage)
         self.connections: dict[str, object] = {}
 
-    def __enter__(self) -> Recorder:
+    def __enter__(self) -> "Recorder":
         self.writer.open()
         return self
 

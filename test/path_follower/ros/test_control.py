@@ -1,9 +1,6 @@
 """The control loop as a part of the node: what a start begins with, what is repeated, and how long a look took."""
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 

@@ -6,8 +6,6 @@ from multiprocessing import Pipe
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from path_follower.ros import front
 from path_follower.ros.front import LOOP, LoopEnded, RemoteLoop, connected
 

@@ -1,9 +1,6 @@
 """Who else there is: an emergency stop that is not heard, two who command, and a guard that lets nothing through."""
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 

@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from path_follower.path import wrap
-from path_follower.routes.building import TaughtDrive, build_network, fade
+from path_follower.routes.building import TaughtDrive, build_network, even_curve, fade
 from path_follower.routes.network import EdgeCurve
 
 # Written out: imported, a change would go unseen.
@@ -167,6 +168,22 @@ def test_a_blend_is_smooth():
     assert (curve[0], slope[0]) == (0.3, pytest.approx(0.2, abs=1e-3))
     assert np.diff(curve, 2)[0] / 1e-6 == pytest.approx(-0.4, abs=0.05)
     np.testing.assert_allclose([curve[-1], slope[-1], np.diff(curve, 2)[-1] / 1e-6], 0.0, atol=5e-2)
+
+
+def test_noisy_rounds_of_a_block_and_a_way_through_it_make_one_network(drive, rng):
+    """A block of 138 m that is driven three times, and a short cut through its middle, all a few centimetres off."""
+    around = [(30, 0), TURN, (20, 0), TURN]
+    rounds = drive(*around, *around, *around, *around, *around, *around)
+    through = drive((24, 0), (6 * math.pi / 2, 1 / 6), (2 * 6.0, 0), left=0.05)
+    noisy = []
+    for one in (rounds, through):
+        curve = one.curve
+        off = gaussian_filter1d(rng.normal(size=(2, len(curve))), 30.0, axis=1) * 0.3
+        noisy.append(replace(one, curve=even_curve(curve.x + off[0], curve.y + off[1], curve.yaw, curve.speed)))
+    network = build_network(noisy, "block", 1.2)
+    assert_sound(network, max_bend=0.3)
+    assert len(network.edges) in (2, 3)
+    assert max(edge.num_drives for edge in network.edges.values()) >= 2
 
 
 def test_numbers_that_decide_what_is_shared():

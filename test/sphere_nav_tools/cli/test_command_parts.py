@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 import yaml
 
-pytest.importorskip("rclpy")
-
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.trajectory import read_tum

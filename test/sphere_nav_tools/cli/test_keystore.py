@@ -1,7 +1,5 @@
 """Each node may open what it opens, and nothing else; the real `ros2 security` makes the keys, where there is one."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -14,9 +12,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from rclpy.parameter import Parameter
 

@@ -1,9 +1,6 @@
 """`sphere_nav localize` with several cameras, and with whole spheres that nobody calibrated."""
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
 

@@ -5,9 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
-
-pytest.importorskip("rclpy")
-
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from tf2_msgs.msg import TFMessage

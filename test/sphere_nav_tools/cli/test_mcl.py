@@ -4,9 +4,6 @@ import json
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from sphere_nav_msgs.msg import SphereInfo

@@ -2,9 +2,6 @@
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sphere_nav_msgs.msg import LocalizationStatus
 

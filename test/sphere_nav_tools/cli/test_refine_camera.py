@@ -5,9 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import CameraInfo, Image
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical

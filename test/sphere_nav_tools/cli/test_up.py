@@ -5,9 +5,6 @@ import subprocess
 import sys
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from sphere_nav_msgs.msg import ReferenceTrajectory
 

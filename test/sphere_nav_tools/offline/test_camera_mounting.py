@@ -5,9 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-
-pytest.importorskip("rclpy")
-
 from nav_msgs.msg import Odometry
 
 from sphere_nav.geometry import SE3

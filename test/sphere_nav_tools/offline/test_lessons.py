@@ -6,9 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from tf2_msgs.msg import TFMessage
 
 import dense_localizer.key_images as key_images

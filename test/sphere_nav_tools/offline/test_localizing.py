@@ -6,8 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.localization.status import Reason, State, Status

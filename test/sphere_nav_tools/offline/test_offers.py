@@ -1,14 +1,10 @@
 """What is offered for a recording, and what is said to be missing; the commands are carried out in the zoo."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.recorded import BagError

@@ -4,10 +4,6 @@ from argparse import ArgumentParser
 
 import cv2
 import numpy as np
-import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import CameraInfo, CompressedImage
 
 from sphere_nav.ros import qos

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 import yaml
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.ros.camera.mounting import read_mounting

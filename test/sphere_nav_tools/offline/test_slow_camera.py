@@ -1,9 +1,5 @@
 """A recording with few images is localised, too."""
 
-import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav_tools.offline.recorded_camera import patience
 

@@ -1,7 +1,5 @@
 """A recording of another writer, with a driver's names: inspect tells the command, which makes the same map."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path
@@ -9,9 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore

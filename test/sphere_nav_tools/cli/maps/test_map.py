@@ -5,9 +5,6 @@ import json
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import Imu
 from tf2_msgs.msg import TFMessage
 

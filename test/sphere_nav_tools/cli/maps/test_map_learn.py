@@ -1,9 +1,5 @@
 """What `sphere_nav map-learn` refuses; what it does: test/sphere_nav_tools/offline/test_lessons.py."""
 
-import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_nav_tools.cli.main import main
 
 

@@ -6,8 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav_tools.cli.operate.page import COLORS, Desk
 from sphere_nav_tools.cli.operate.words import Place
 

@@ -3,11 +3,8 @@
 from itertools import chain, repeat
 from types import SimpleNamespace
 
-import pytest
-
-pytest.importorskip("rclpy")
-
 import numpy as np
+import pytest
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from sphere_nav_msgs.msg import ReferencePoint, ReferenceTrajectory

@@ -4,8 +4,6 @@ import sys
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav_tools.cli.main import main
 
 

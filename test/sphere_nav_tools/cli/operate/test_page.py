@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 pytest.importorskip("viser", reason="optional: pip install viser")
-pytest.importorskip("rclpy")
-
 import rclpy
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped

@@ -5,9 +5,6 @@ from argparse import ArgumentParser
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import CameraInfo, Image
 
 from sphere_nav.geometry import SE3, Pinhole

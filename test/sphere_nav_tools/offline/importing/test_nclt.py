@@ -4,8 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.ros.bags import BagReader

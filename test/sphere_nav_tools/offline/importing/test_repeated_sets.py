@@ -4,8 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, pose_to_se3, stamp_ns

@@ -3,8 +3,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory

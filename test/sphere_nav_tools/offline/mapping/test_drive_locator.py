@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_mapping.params import KeySphereParams, MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros.maps.reader import open_map, save_map

@@ -11,8 +11,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_mapping.experiences.budget import Budget
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.trajectory import read_tum

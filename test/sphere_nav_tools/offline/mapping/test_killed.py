@@ -8,8 +8,6 @@ from dataclasses import replace
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import sphere_to_message

@@ -5,8 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.ros.bags import BagError
 from sphere_nav_tools.offline.mapping import plan
 from sphere_nav_tools.offline.mapping.plan import stitcher_values

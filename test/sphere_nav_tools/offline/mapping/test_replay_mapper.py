@@ -4,9 +4,6 @@ from dataclasses import replace
 
 import pytest
 
-pytest.importorskip("rclpy")
-
-
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros.bags import BagWriter

@@ -5,9 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 
-pytest.importorskip("rclpy")
-
-
 from sphere_nav_tools.offline.mapping import stitcher_ahead
 from sphere_nav_tools.offline.mapping.stitcher_ahead import StitcherAhead
 

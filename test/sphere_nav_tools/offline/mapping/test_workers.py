@@ -4,8 +4,6 @@ from types import SimpleNamespace
 
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav_tools.offline.mapping.workers import Workers
 
 HERE = os.path.realpath("/proc/self")
