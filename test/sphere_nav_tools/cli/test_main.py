@@ -1,11 +1,13 @@
-"""The command: its table, its exit status, one line for every error."""
+"""The command: its table, its exit status, one line for every error; NAME=VALUE."""
 
+import argparse
 import types
 
 import pytest
 
 from sphere_nav_tools.cli import main as command
 from sphere_nav_tools.cli.main import COMMANDS, main
+from sphere_nav_tools.offline.settings import add_settings
 
 
 @pytest.fixture
@@ -81,3 +83,31 @@ def test_an_interrupt_is_130(stand_in, capsys):
     stand_in.run = raising(KeyboardInterrupt())
     assert main(["play", "x"]) == 130
     assert capsys.readouterr().err == ""
+
+
+def test_a_map_that_is_not_there_is_named_in_one_line(tmp_path, capsys):
+    for words in [["--list"], ["--back"], []]:
+        assert main(["map-learn", str(tmp_path / "none"), *words]) == 2
+        error = capsys.readouterr().err
+        assert "none: expected a" in error
+        assert error.count("\n") == 1
+        assert list(tmp_path.iterdir()) == []
+
+
+def parse(*words):
+    parser = argparse.ArgumentParser()
+    add_settings(parser, "a node")
+    add_settings(parser, "another", "--set-other", "other")
+    return parser.parse_args([part for option, word in words for part in (option, word)])
+
+
+def test_values_are_read_as_yaml():
+    words = ["a.b=3", "c=0.5", "d=false", "e=x=y", "f="]
+    found = parse(*(("--set", word) for word in words), ("--set-other", "a.b=4"))
+    assert found.settings == {"a.b": 3, "c": 0.5, "d": False, "e": "x=y", "f": None}
+    assert found.other == {"a.b": 4}
+
+
+def test_a_word_that_is_no_pair_is_refused_by_its_option():
+    with pytest.raises(ValueError, match="--set-other: expected NAME=VALUE, found 'a'"):
+        parse(("--set-other", "a"))
