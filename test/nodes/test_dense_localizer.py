@@ -24,7 +24,6 @@ from sphere_nav.ros.conversions import (
     header,
     odometry_to_se3,
     pose_with_covariance_to_se3,
-    se3_to_odometry,
     se3_to_pose_with_covariance,
     se3_to_transform,
     stamp_ns,
@@ -148,20 +147,6 @@ def test_the_twist_is_that_of_the_base(map_path, pictures):
 
 
 @pytest.mark.slow
-def test_with_odometry_the_transform_is_that_of_odom(map_path, pictures):
-    bench, T_map_odom = Bench(map_path), SE3.from_planar(3.0, 1.0, 0.7)
-    for k, picture in enumerate(pictures):
-        T_odom_base = T_map_odom.inverse() @ drive(12)[k] @ T_BASE_CAMERA.inverse()
-        message = se3_to_odometry(T_odom_base, np.eye(6), bench.now + STEP_NS, ("odom", "base_link"))
-        bench.send("/odom", message)
-        answer = bench.see(picture)
-    transform = answer["/tf"].transforms[0]
-    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "odom")
-    assert stamp_ns(transform) == bench.now + 100_000_000  # tf_ahead
-    assert transform_to_se3(transform.transform).distance(T_map_odom)[0] < 5 * MAX_M  # odom is up to 5 m away
-
-
-@pytest.mark.slow
 def test_compressed_images_in_color_localise(map_path, pictures):
     bench = Bench(map_path, transport="compressed")
     for picture in pictures[:5]:
@@ -200,37 +185,6 @@ def test_an_image_that_waits_too_long_is_answered_with_the_reason(map_path, pict
 
 
 @pytest.mark.slow
-def test_without_a_map_every_image_says_so(pictures):
-    bench = Bench()
-    assert {answer["/status"].state for answer in bench.follow(pictures[:2])} == {"NO_MAP"}
-    assert set(bench.see(pictures[2])) == {"/status"}
-
-
-@pytest.mark.slow
-def test_a_clock_that_jumps_back_forgets_the_pose(map_path, pictures):
-    bench = Bench(map_path)
-    bench.follow(pictures[:6])
-    bench.node.clock_jumped()
-    assert bench.see(pictures[6])["/status"].state == "PROBATION"
-
-
-@pytest.mark.slow
-def test_an_initial_pose_starts_the_search_and_a_wrong_one_is_refused(map_path, pictures):
-    bench = Bench(map_path, automatic=False)
-    assert bench.see(pictures[0])["/status"].state == "NOT_LOCALISED"
-    T_map_base = drive(1)[0] @ T_BASE_CAMERA.inverse()
-    for wrong in (
-        se3_to_pose_with_covariance(T_map_base, np.eye(6), START_NS, "odom"),
-        se3_to_pose_with_covariance(SE3.from_planar(90.0, 0, 0), np.eye(6), START_NS, "map"),
-    ):
-        bench.send("/initialpose", wrong)
-        assert bench.see(pictures[1])["/status"].state == "NOT_LOCALISED"
-    bench.send("/initialpose", se3_to_pose_with_covariance(T_map_base, np.eye(6), START_NS, "map"))
-    states = [answer["/status"].state for answer in bench.follow(pictures[2:8])]
-    assert states[-1] == "TRACKING"
-
-
-@pytest.mark.slow
 def test_relocalize_answers_with_the_pose_it_found(map_path, pictures):
     bench = Bench(map_path, automatic=False)
     call = bench.node.shell.call
@@ -264,36 +218,6 @@ def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_pat
 def test_a_map_that_is_not_there_refuses_to_start(tmp_path):
     with pytest.raises((ValueError, OSError), match="none"):
         Bench(tmp_path / "none")
-
-
-@pytest.mark.slow
-def test_the_pose_of_another_localizer_starts_the_search(map_path, pictures):
-    bench = Bench(map_path, automatic=False)
-    assert bench.see(pictures[0])["/status"].state == "NOT_LOCALISED"
-    T_map_base = drive(1)[0] @ T_BASE_CAMERA.inverse()
-    offered = T_map_base @ SE3.from_planar(0.1, -0.1, 0.03)  # as good as bare geometry knows it
-    bench.send("/other/pose", se3_to_pose_with_covariance(offered, 0.04 * np.eye(6), bench.now, "map"))
-    answers = bench.follow(pictures[1:7])
-    assert answers[-1]["/status"].state == "TRACKING"
-    T_map_base, _ = pose_with_covariance_to_se3(answers[-1]["/pose"], "map")
-    assert T_map_base.distance(drive(7)[6] @ T_BASE_CAMERA.inverse())[0] < 2 * MAX_M
-    assert "agreement" not in bench.node.reports  # it had no pose to compare then
-
-
-@pytest.mark.slow
-def test_another_localizer_that_contradicts_is_told_and_changes_nothing(map_path, pictures):
-    bench = Bench(map_path)
-    for k, picture in enumerate(pictures[:9]):
-        bench.see(picture)
-        T_map_base = drive(9)[k] @ T_BASE_CAMERA.inverse() @ SE3.from_planar(0.0, 0.05 if k < 8 else 2.0, 0.0)
-        bench.send("/other/pose", se3_to_pose_with_covariance(T_map_base, 0.01 * np.eye(6), bench.now, "map"))
-        if k == 7:
-            assert bench.node.reports["agreement"][0] == 0
-    level, text, values = bench.node.reports["agreement"]
-    assert level == 2
-    assert "limit 4.0" in text
-    assert values["metres"] == pytest.approx(2.0, abs=0.1)
-    assert bench.see(pictures[9])["/status"].state == "TRACKING"
 
 
 # --- over DDS

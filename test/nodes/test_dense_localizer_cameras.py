@@ -135,19 +135,6 @@ def test_a_camera_that_fails_is_named_and_the_other_goes_on(map_path, pictures):
     assert bench.node.reports["camera front"][0] == 0
 
 
-def test_a_camera_without_calibration_is_refused_by_name(map_path, pictures):
-    bench = Bench(map_path, RIG | {"max_waiting": 1}, infos=("front",))
-    for k in range(6):
-        answer = bench.see(pictures, k)
-    assert answer["/status"].state == "TRACKING"
-    assert answer["/status"].reason == "BAD_INFO"
-    assert "camera back: no camera_info yet" in answer["/status"].remedy
-    alone = Bench(map_path, RIG | {"max_waiting": 1}, infos=())
-    answer = [alone.see(pictures, k) for k in range(3)][-1]
-    assert answer["/status"].reason == "BAD_INFO"
-    assert "no camera_info yet" in answer["/status"].remedy
-
-
 @pytest.mark.parametrize(
     ("values", "words"),
     [
@@ -176,14 +163,6 @@ def test_a_whole_sphere_is_a_camera(map_path, room, told_by):
         answer = {record.topic: record.message for record in bench.send("/image_raw", image)}
     assert answer["/status"].state == "TRACKING"
     assert_near(answer, BASE[4])
-
-
-def test_an_image_that_is_no_whole_sphere_is_refused(map_path, pictures):
-    bench = Bench(map_path, SMALL_IMAGES | {"base_frame": "", "is_panorama": True}, has_tf=False, infos=())
-    said = bench.send("/image_raw", array_to_image(pictures["front"][0], START_NS, "sphere", "mono8"))
-    status = next(record.message for record in said if record.topic == "/status")
-    assert status.reason == "BAD_INFO"
-    assert "twice as wide as high" in status.remedy
 
 
 # --- over DDS

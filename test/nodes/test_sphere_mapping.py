@@ -10,7 +10,6 @@ import rclpy
 from sensor_msgs.msg import Imu
 from sphere_nav_msgs.msg import KeySphereGraph
 from sphere_nav_msgs.srv import SaveMap
-from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from sphere_mapping.ros.node import SphereMapper
@@ -155,28 +154,6 @@ def test_the_map_is_saved_and_read_back(tmp_path):
     assert bench.call("save_map", SaveMap.Request(path="room", overwrite=True)).success
 
 
-@pytest.mark.parametrize("path", ["", ".", "../elsewhere", "/tmp/elsewhere"])
-def test_nothing_is_written_outside_the_map_folder(path, tmp_path):
-    bench = Bench(input="rgbd", map_folder=str(tmp_path / "maps"))
-    bench.drive(rgbd, range(1))
-    answer = bench.call("save_map", SaveMap.Request(path=path, overwrite=True))
-    assert not answer.success
-    assert "expected a folder (parameter map_folder) below" in answer.message
-    assert not (tmp_path / "elsewhere").exists()
-
-
-@pytest.mark.slow
-def test_close_loops_answers_with_the_number_found():
-    bench = Bench(input="rgbd", **{"mapper.key.max_parallax": 0.01, "mapper.loop.automatic": False})
-    assert bench.call("close_loops").message == "0 loops closed"
-    bench.drive(rgbd, range(5))
-    before = len(bench.said["/graph"])
-    answer = bench.call("close_loops", Trigger.Request())
-    assert answer.success
-    assert int(answer.message.split()[0]) == sum(edge.is_loop for edge in bench.node.mapper.graph.edges)
-    assert len(bench.said["/graph"]) == before + (answer.message != "0 loops closed")
-
-
 def changed(messages, topic, **fields):
     for name, message in messages:
         if name == topic:
@@ -276,14 +253,6 @@ def test_gravity_levels_the_map_unless_the_imu_is_of_another_frame(roll):
     np.testing.assert_allclose(T_map_base.rotation, expected, atol=1e-6)
     source = "gravity (IMU at rest)" if roll == 0.0 else "the mounting"
     assert bench.node.mapper.origin == f"base_link at the first sphere, level by {source}"
-
-
-def test_a_clock_that_jumps_back_starts_new_pairs():
-    bench = Bench(input="rgbd")
-    bench.drive(rgbd, [5])
-    bench.node.clock_jumped()
-    bench.send(*rgbd(0))
-    assert len(bench.said["/odometry"]) == 2
 
 
 @pytest.mark.dds

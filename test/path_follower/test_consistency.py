@@ -160,17 +160,6 @@ def test_wheels_that_were_heard_and_are_silent_stop(is_driving):
     assert car.step(is_driving=is_driving).stop is FINE
 
 
-@pytest.mark.parametrize("has_odometry", [False, True])
-def test_odometry_that_agrees_allows_what_the_commands_do_not_explain(has_odometry):
-    """A base that does a third of what it is told, and says so: no fault of the pose."""
-    car = Car(has_odometry=has_odometry)
-    assert car.suffer(seconds=1.0) == (None, math.inf)
-    car.share = 0.3
-    found = [car.step().stop.reason for _ in range(30)]
-    assert (StopReason.POSE_INCONSISTENT in found) != has_odometry
-    assert (set(found) == {StopReason.NONE}) == has_odometry
-
-
 @pytest.mark.parametrize("deviation", [0.1, 0.02])
 def test_a_small_correction_does_not_stop_and_slows_down_only_where_its_covariance_does_not_explain_it(deviation):
     car = Car()

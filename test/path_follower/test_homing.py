@@ -77,15 +77,6 @@ def test_what_was_turned_since_the_direction_was_measured_is_taken_off():
         assert curvature == pytest.approx(2.0 * math.sin(told - yaw_rate * counted_s) / HomingParams().look_ahead)
 
 
-def test_its_speed_changes_while_it_drives():
-    car = Car(goal=(30.0, 0.0)).begin()
-    for speed in (0.6, 0.3, 1.0):
-        car.follower.tune(replace(PARAMS, homing=HomingParams(speed=speed)))
-        for _ in range(40):
-            car.step()
-        assert car.command.speed == pytest.approx(speed, abs=0.01)
-
-
 def test_a_source_that_falls_silent_stops_the_car_within_half_a_second():
     car = Car().begin()
     for _ in range(30):
@@ -137,13 +128,6 @@ def test_one_unclear_image_is_no_reason_to_stop():
     for number in range(40):
         car.step(is_trusted=number % 3 != 2)
         assert number < 5 or car.command.speed > 0.0
-
-
-def test_a_start_where_there_is_nothing_left_to_drive_is_refused():
-    follower = HomingFollower(PARAMS)
-    follower.see_source(is_trusted=False, is_there=True, way=(5.0, 0.0), now_ns=SECOND)
-    follower.see(0.0, SECOND)
-    assert follower.start(SECOND).startswith("END_OF_PATH")
 
 
 def test_a_direction_that_is_no_number_stops_the_car():

@@ -68,12 +68,6 @@ def test_a_pose_that_is_no_number_stops_and_is_not_kept():
         assert watch.judge_inputs(12 * SECOND) is FINE
 
 
-def test_without_required_status_the_pose_is_enough():
-    watch = SafetyMonitor(FollowerParams(safety=SafetyParams(is_status_required=False)))
-    watch.see_pose(Pose2(0, 0, 0), SECOND)
-    assert watch.judge_inputs(SECOND) is FINE
-
-
 def test_a_scan_that_was_there_and_has_gone_stops():
     watch = good_watch()
     watch.see_scan(np.empty((0, 2)), 10 * SECOND - round(1.1e9 * PARAMS.safety.max_scan_silence))

@@ -155,13 +155,6 @@ def test_zero_commands_are_kept_alive_without_any_input(kit, straight):
         assert (command.speed, command.yaw_rate, command.status.state) == (0.0, 0.0, FollowerState.NO_PATH)
 
 
-def test_nothing_moves_before_the_start(kit, straight):
-    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
-    for k in range(1, 50):
-        assert follower.update(Pose2(0, 0, 0), None, k * SECOND // 20, "TRACKING").speed == 0.0
-    assert follower.mode.state is FollowerState.IDLE
-
-
 @pytest.mark.parametrize(
     ("pose", "refusal"),
     [
@@ -206,21 +199,6 @@ def test_the_operator_stops_gently(kit, straight):
     steps = np.diff([c.speed for c in drive.commands])
     assert steps.min() == pytest.approx(-1.1 * 0.05)
     assert steps.max() == pytest.approx(0.7 * 0.05)
-
-
-def test_a_path_is_not_changed_under_way(kit, straight):
-    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
-    other = kit.make_path([(0, 5), (10, 5)], PARAMS)
-
-    def swap(now, f, car):
-        with pytest.raises(
-            ValueError, match="expected a follower that stands, disarmed, found DRIVING: call stop first"
-        ):
-            f.load(other)
-
-    drive = kit.run(follower, (0, 0, 0), each=after_fault(swap), seconds=7.0)
-    assert follower.path is not other
-    assert drive.final.state is FollowerState.DRIVING
 
 
 def test_a_clock_that_jumps_back_stops(kit, straight):
@@ -297,11 +275,6 @@ def test_poses_that_return_before_standstill_end_the_stop_where_the_rule_says_so
     assert follower.mode.state is state
     slowest = min(command.speed for command in drive.commands[100:])
     assert (slowest == 0.0) == (rule == "never")
-
-
-def test_a_vehicle_that_stands_waits_for_the_call(kit, long_way):
-    drive, _ = drive_with_a_gap(kit, long_way, "moving", 2.0)
-    assert drive.final.state is FollowerState.STOPPED
 
 
 def go_on(follower, pose, now, seconds, state="TRACKING"):

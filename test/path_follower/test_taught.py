@@ -51,13 +51,6 @@ def test_a_first_step_as_long_as_what_counts_as_a_turn_tells_no_wrong_direction(
         assert [segment.direction for segment in path.segments] == [direction]
 
 
-def test_without_headings_everything_is_forward(kit):
-    poses = kit.course((6, 0.1), (6, -0.1))
-    path = kit.make_path(poses[:, :2], PARAMS)
-    assert [segment.direction for segment in path.segments] == [1]
-    assert np.abs(np.interp(3.0, path.arc_length, path.yaw) - 0.3) < 0.02
-
-
 def test_orientations_left_at_their_default_are_not_taken_for_headings(kit):
     poses = kit.course((4, 0), (6, 0.25), (5, 0))
     path = kit.make_path(poses[:, :2], PARAMS, np.zeros(len(poses)))
@@ -93,12 +86,6 @@ def test_what_cannot_be_driven_is_refused_in_one_line(kit):
         with pytest.raises(ValueError, match=message) as caught:
             kit.make_path(points, PARAMS, yaw)
         assert "\n" not in str(caught.value)
-
-
-def test_a_closed_path_has_no_cusps(kit):
-    poses = kit.course((6, 0), (-4, 0))
-    with pytest.raises(ValueError, match="expected no change of direction on a closed path, found 1"):
-        kit.make_path(poses[:, :2], PARAMS, poses[:, 2], is_closed=True)
 
 
 def test_what_is_no_round_is_refused_as_a_closed_path(kit):

@@ -117,13 +117,6 @@ def test_the_prediction_is_where_the_car_will_be(age_ns):
     assert abs(found.yaw - expected.yaw) < 0.01
 
 
-def test_a_measured_speed_overrules_the_model():
-    predictor = Predictor(CAR, ActuationParams(steering_lag=0.2, speed_lag=2.0))
-    predictor.remember(0, Motion(0.0, 0.0))
-    moved = predictor.predict(Pose2(0, 0, 0), STEP, STEP, 1.0)
-    assert moved.x == pytest.approx(0.2, abs=0.02)  # the model lets it lose a tenth on the way
-
-
 def test_a_clock_that_leaps_by_years_takes_no_time():
     predictor = Predictor(CAR, ActuationParams())
     predictor.remember(0, Motion(2.0, 0.1))
@@ -187,12 +180,6 @@ def test_how_the_time_is_cut_up_changes_no_speed():
         found.append(speeds)
     np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0, atol=1e-12)
     assert found[0][-1] == pytest.approx(1.2)
-
-
-def test_a_long_silence_between_commands_counts_as_a_fifth_of_a_second():
-    limiter = Limiter(CAR)
-    limiter.limit(0.0, 0.0, 0, is_hard=False)
-    assert limiter.limit(2.0, 0.0, 20 * STEP, is_hard=False).speed == pytest.approx(0.7 * 0.2)
 
 
 def test_a_prediction_goes_by_steps_of_20_ms():

@@ -72,23 +72,6 @@ def test_nothing_compared_is_not_equal(record, tmp_path, capsys):
     assert "NOTHING COMPARED" in capsys.readouterr().out
 
 
-@pytest.mark.dds
-def test_a_case_without_its_data_is_skipped_and_one_that_fails_says_so(tmp_path):
-    env = tmp_path / "env" / "bin"
-    env.mkdir(parents=True)
-    (env / "sphere_nav").write_text("#!/bin/sh\necho first >&2\necho the last line >&2\nexit 2\n", encoding="utf-8")
-    (env / "sphere_nav").chmod(0o755)
-    for name in ("data/checkerboard/opencv_stereo", "inputs"):
-        (tmp_path / name).mkdir(parents=True)
-    words = ["--inputs", str(tmp_path / "inputs"), "--data", str(tmp_path / "data"), "-o", str(tmp_path / "found.json")]
-    assert compare_results.main(["record", str(env.parent), *words, "--only", "kitchen"]) == 0
-    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
-    assert found["cases"]["kitchen"]["skipped"] == "no folder rgbd/redkitchen in the recorded data"
-    assert compare_results.main(["record", str(env.parent), *words, "--only", "calibrate"]) == 1
-    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
-    assert found["cases"]["calibrate"]["failed"].endswith("status 2: the last line")
-
-
 class TestDigest:
     """Of messages: every value counts, but for those that are no results."""
 

@@ -250,20 +250,6 @@ def test_two_publishers_of_what_it_drives_by_are_named_and_stop(topic, reason):
     assert not node.shell.call("start").success
 
 
-@pytest.mark.parametrize("speaking", [1, 2])
-def test_of_one_name_it_counts_who_speaks(speaking):
-    """A localiser that was killed stays in the graph beside the one that was started in its place."""
-    bus, node = follower_bus()
-    x = drive(bus, node, 1)
-    (heard,) = [one for one in node.inputs if one.topic == "pose"]
-    for number in (70, 1, 2, 3) if speaking == 1 else (70, 1, 71, 2, 72):
-        heard.count(number, 2)
-    node.shell.publishers_of = lambda asked: ["/dense", "/dense"] if asked == "pose" else []
-    drive(bus, node, 2, x=x)
-    answer = node.shell.call("start")
-    assert (answer.success, "POSE_SOURCE" in answer.message) == (speaking == 1, speaking == 2)
-
-
 @pytest.mark.parametrize("lost", ["LOST", "DEGRADED", "silent"])
 def test_a_status_of_other_images_does_not_hide_what_the_localiser_says(lost):
     bus, node = follower_bus()

@@ -51,11 +51,6 @@ def guard_says(bench, reason="", detail=""):
     bench.callbacks["command_guard/status"](GuardStatus(reason=reason, detail=detail))
 
 
-def test_nobody_else_is_fine(bench):
-    assert bench.peers.begin() is FINE
-    assert bench.peers.judge() is FINE
-
-
 def test_two_publishers_are_named(bench):
     for topic, reason in [
         ("pose", StopReason.POSE_SOURCE),
@@ -132,12 +127,6 @@ def test_who_pressed_or_who_comes_later_releases(bench):
     assert bench.pressed[-1] is True
     bench.publishers["emergency_stop"] = ["/other"]
     assert hear(bench, False) is False
-
-
-def test_two_buttons_refuse_a_start(bench):
-    bench.publishers["emergency_stop"] = ["/a", "/b"]
-    bench.callbacks["emergency_stop"](Bool(data=False))
-    assert "published by /a, /b: expected one" in str(bench.peers.begin())
 
 
 def test_what_a_start_mends_at_the_guard_does_not_refuse_it(bench):

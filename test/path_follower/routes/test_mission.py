@@ -120,16 +120,6 @@ def test_the_way_counts_from_the_vehicle_though_the_path_begins_behind_it(trip):
     assert trip.mission.distance_remaining == pytest.approx(trip.length - 0.4)
 
 
-def test_a_place_is_stayed_at_for_the_time_asked_for(trip):
-    trip.drive_off(Goal("end", wait=2.0))
-    trip.progress = trip.length
-    trip.mode.take(Event.END)
-    trip.live(1.0)
-    assert (trip.mission.state, trip.mission.outcome) == (MissionState.STAYING, None)
-    trip.live(2.0)
-    assert trip.mission.outcome.success
-
-
 def test_it_waits_for_what_is_lacking_and_says_so(trip):
     trip.localizer = "SEARCHING"
     trip.mission.begin(GOAL, 0.0)
@@ -330,14 +320,6 @@ def test_a_cancel_while_the_start_is_not_answered_still_stops(trip):
     assert (trip.mission.outcome.reason, trip.state) == ("canceled", "NO_PATH")
 
 
-def test_a_follower_that_does_not_answer_holds_the_mission(trip):
-    trip.is_answering = False
-    trip.mission.begin(GOAL, trip.now)
-    assert trip.live(2 * STEADY + CALL_PATIENCE + 1.0) == ["load"]
-    assert trip.mission.state is MissionState.HELD
-    assert "does not answer" in trip.mission.reason
-
-
 @pytest.mark.parametrize(
     "refusal", ["NOT_LOCALISED: wait", "SCAN_TIMEOUT: no scan yet", "the vehicle is still braking"]
 )
@@ -456,15 +438,6 @@ def test_who_starts_the_follower_again_goes_on_with_the_mission(trip, hold):
     trip.live(1.0)
     trip.do("resume")
     assert trip.mission.state is MissionState.DRIVING
-
-
-def test_a_pause_is_refused_while_a_start_is_under_way(trip):
-    trip.mission.begin(GOAL, trip.now)
-    while trip.asked[-1:] != ["load"]:
-        trip.live()
-    trip.is_answering = False
-    trip.live()
-    assert trip.mission.pause(trip.now) == "path_follower is just being started: pause once more"
 
 
 def test_a_pause_holds_a_vehicle_that_waits(trip):

@@ -56,12 +56,6 @@ def test_a_part_of_a_curve_begins_and_ends_where_it_is_asked_to(fork):
     assert np.all(np.diff(part.x) > 0)
 
 
-def test_the_time_of_an_edge_goes_by_what_was_driven(drive, fork):
-    edge = next(iter(fork.edges.values()))
-    assert edge.seconds(2.0) == pytest.approx(edge.length / 1.4, rel=0.01)
-    assert edge.seconds(0.7) == pytest.approx(edge.length / 0.7, rel=0.01)
-
-
 def test_a_slow_teacher_counts_as_walking_and_an_unknown_speed_as_the_cruise():
     curve = EdgeCurve(np.array([0.0, 10.0, 16.0]), np.zeros(3), np.zeros(3), np.array([0.1, np.nan, 1.0]))
     edge = RouteEdge(1, 2, 3, curve)

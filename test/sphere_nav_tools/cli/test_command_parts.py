@@ -9,16 +9,15 @@ import yaml
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.localization.status import Reason, State, Status
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.spheres.experiences import Service, with_experience, with_service
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav_tools.cli import refine_camera as command
-from sphere_nav_tools.cli import register, rig_convert
+from sphere_nav_tools.cli import rig_convert
 from sphere_nav_tools.cli.bags import inspect_
 from sphere_nav_tools.cli.maps import map_export, map_info
-from sphere_nav_tools.offline import plot_figure, refine_camera, registering
+from sphere_nav_tools.offline import refine_camera
 
 SECOND = 10**9
 CAMERA = Pinhole(64, 48, 50.0, 51.0, 31.0, 23.0, (0.1, 0.2, 0.3, 0.4))
@@ -87,11 +86,6 @@ def test_the_facts_about_experiences(tmp_path):
         "name": "night", "drive": "drive_2", "camera": "rgbd 64 x 48", "first_stamp_s": 7.5, "key_spheres": 2,
         "images_served": 11.0, "last_served_s": 20.25,
     }  # fmt: skip
-
-
-def test_a_map_of_one_sphere_has_no_way_and_no_spacing(tmp_path):
-    found = map_info.map_facts(sphere_map(tmp_path, num_nodes=1))
-    assert (found["megabytes_per_metre"], found["spacing_m"], found["region_radius_m"]) == (None, [], [])
 
 
 def test_trajectories_are_exported_by_stamp(tmp_path):
@@ -186,14 +180,6 @@ def test_the_calibration_file_is_that_of_ros():
     assert last.startswith("the readout shows in motion")
 
 
-def test_numbers_with_commas_are_read_and_infinity_is_null():
-    assert register.numbers_argument(3)("1,-2,3.5") == (1.0, -2.0, 3.5)
-    for text in ("1,2", "1,2,3,4", "1,2,x", "1,2,nan"):
-        with pytest.raises(Exception, match="expected 3 numbers"):
-            register.numbers_argument(3)(text)
-    assert registering.finite(np.array([[1.0, np.inf], [np.nan, -2.0]])) == [[1.0, None], [None, -2.0]]
-
-
 def test_words_of_a_camera_name_one_of_the_rig():
     rig = Rig(tuple(RigCamera(name, CAMERA, T_BODY_OPTICAL) for name in ("a", "b")))
     assert rig_convert._by_camera(rig, "--mask", ["a=x.png", "b=y=z"]) == {"a": "x.png", "b": "y=z"}
@@ -204,14 +190,3 @@ def test_words_of_a_camera_name_one_of_the_rig():
     for text in ("640", "0x480", "640x0", "640x480x3"):
         with pytest.raises(ValueError, match="--size: expected WIDTHxHEIGHT"):
             rig_convert._size(text)
-
-
-def test_states_are_counted_with_their_remedies_and_times_without_silences():
-    statuses = [Status(State.TRACKING, milliseconds=ms) for ms in (10.0, 20.0, 30.0)]
-    statuses += [Status(State.LOST, Reason.TIMEOUT, remedy="look", milliseconds=999.0)] * 2
-    statuses += [Status(State.LOST, "GAP")]
-    lines = plot_figure.describe_states(statuses)
-    assert lines[0].split() == ["3", "TRACKING"]
-    assert lines[1].split() == ["2", "LOST", "TIMEOUT", "look"]
-    assert lines[-1] == "time for an image: median 20.0 ms, p99 29.8 ms"
-    assert plot_figure.describe_states([]) == []

@@ -9,7 +9,7 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav_tools.cli import evaluate
-from sphere_nav_tools.offline import evaluation, plot_figure, pose_bags
+from sphere_nav_tools.offline import evaluation, plot_figure
 from sphere_nav_tools.offline.evaluation import error_table, evaluate_poses, read_trajectory
 
 SECOND = 10**9
@@ -92,12 +92,6 @@ def test_truth_comes_out_of_a_bag(files, bag):
     assert found["nees"]["mean"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_ending_chooses_the_format_of_the_plot(tmp_path):
-    judged = evaluation.evaluate_poses(TRUTH, TRUTH)
-    plot_figure.draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, tmp_path / "plot.svg")
-    assert "<svg" in (tmp_path / "plot.svg").read_text()
-
-
 def test_a_bag_without_the_topic_is_one_line(files, bag):
     with pytest.raises(ValueError, match="expected topic /truth, found /ground_truth/odometry") as caught:
         call(files / "poses.tum", bag, "--truth-topic", "truth")
@@ -109,17 +103,6 @@ def test_wrong_options_are_misuse(files):
         with pytest.raises(SystemExit) as caught:
             call(files / "poses.tum", files / "truth.tum", *option)
         assert caught.value.code == 2
-
-
-def test_a_topic_that_is_no_pose_is_named_with_what_it_is(tmp_path):
-    bags = pytest.importorskip("sphere_nav.ros.bags")
-    messages = pytest.importorskip("std_msgs.msg")
-    with bags.BagWriter(tmp_path / "words") as writer:
-        writer.write("pose", messages.String(data="here"), 5)
-    with pytest.raises(
-        ValueError, match=r"/pose: expected one of geometry_msgs/msg/PoseStamped, .*found std_msgs/msg/String"
-    ):
-        pose_bags.read_poses(tmp_path / "words", ("pose",))
 
 
 def test_a_map_frame_found_on_the_teaching_drive_is_applied_to_another(files, capsys):

@@ -74,15 +74,6 @@ def test_seven_scenes(imported, seven_scenes, box_and_wall):
     np.testing.assert_allclose(T_base_optical.apply([[0.0, 0.0, 1.0]]), [[1.0, 0.0, 0.0]], atol=1e-12)
 
 
-def test_seven_scenes_taken_as_registered(imported, seven_scenes):
-    topics = imported("seven_scenes", seven_scenes, "--registered")
-    assert camera_from_info(topics["/camera_info"][0]).fx == 585.0
-    depth = depth_to_meters(topics["/depth/image_raw"][0])
-    assert np.isnan(depth[:20]).all()  # 0 and 65535
-    assert np.isfinite(depth[20:]).all()
-    np.testing.assert_allclose(pose_to_se3(topics["/ground_truth/pose"][2].pose).translation, [0, -0.2, 0], atol=1e-9)
-
-
 def test_other_poses_than_those_beside_the_images(imported, seven_scenes, tmp_path):
     (tmp_path / "better").mkdir()
     for path in seven_scenes.glob("*.pose.txt"):
@@ -206,13 +197,6 @@ def test_each_layout_is_known_by_its_files(tmp_path):
         folder = make(tmp_path / name / "data", FILES[name])
         assert guess_format(folder) == name
         assert describe_folder(tmp_path / name) == f"{folder} looks like {name}"
-
-
-def test_other_folders_are_told_by_what_they_hold(tmp_path):
-    assert describe_folder(tmp_path) == "the folder holds nothing"
-    assert describe_folder(tmp_path / "none") == ""
-    assert describe_folder(make(tmp_path / "notes", ["a.txt", "b.md"])) == "the folder holds a.txt, b.md"
-    assert "it has images" in describe_folder(make(tmp_path / "left", ["0.png"]))
 
 
 @pytest.mark.parametrize(

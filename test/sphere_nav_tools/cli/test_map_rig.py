@@ -131,8 +131,3 @@ def test_a_bag_of_other_cameras_is_one_line(scene, capsys):
     write_rig(scene / "other.yaml", dataclasses.replace(rig, cameras=parts))
     assert call("map", scene / "bag", "-o", scene / "m", "--rig", scene / "other.yaml") == 2
     assert "topics: expected images of roof_top_front" in capsys.readouterr().err
-
-
-def test_without_a_rig_file_it_says_so(scene, capsys):
-    assert call("map", scene / "bag", "-o", scene / "m") == 2
-    assert "expected --rig with the rig file of its cameras, found none" in capsys.readouterr().err

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from sphere_nav.geometry import SE3, Spherical
@@ -98,17 +97,6 @@ def test_misuse_is_one_line(drive, monkeypatch, capsys):
         monkeypatch.chdir(drive)
         assert call("plot", "drive", *words) == 2
         assert said in capsys.readouterr().err
-
-
-def test_nothing_is_overwritten_and_a_bag_without_both_is_refused(drive, capsys):
-    (drive / "a.png").write_text("precious")
-    assert call("plot", drive / "drive", "-o", drive / "a.png") == 2
-    assert (drive / "a.png").read_text() == "precious"
-    with BagWriter(drive / "other") as bag:
-        bag.add_topic("/truth/pose", PoseWithCovarianceStamped)
-        bag.write("/truth/pose", se3_to_pose_with_covariance(place(0), np.eye(6), SECOND, "map"), SECOND)
-    assert call("plot", drive / "other", "-o", drive / "b.png") == 2
-    assert "--pose, --status" in capsys.readouterr().err
 
 
 def test_runs_of_equal_states_last_until_the_next_begins():

@@ -72,19 +72,6 @@ def test_a_guess_becomes_a_calibration(recorded, tmp_path, capsys):
     assert "no mounting: the bag has no odometry" in printed
 
 
-@pytest.mark.slow
-def test_what_is_not_proved_is_not_written(recorded, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("rig_calibration.drive.proof.FALSE_ALARM", 1e-30)  # no evidence is enough
-    monkeypatch.setattr("sphere_nav_tools.offline.refine_camera.REFINE_ROUNDS", 1)
-    output = tmp_path / "camera.yaml"
-    words = ["refine-camera", str(recorded / "map"), str(recorded / "bag"), "-o", str(output), *TUNED]
-    assert main(words) == 1
-    assert not output.exists()
-    printed = capsys.readouterr().out
-    assert "refused, nothing is written" in printed
-    assert "held-out images: expected" in printed
-
-
 PERIOD_NS = 50_000_000
 T_BASE_CAMERA = SE3.from_angles(0.02, 0.1, 0.4, [0.6, -0.1, 1.1])
 

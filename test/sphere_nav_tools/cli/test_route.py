@@ -11,7 +11,7 @@ from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
 from path_follower.routes.network_file import read_network
 from path_follower.routes.planning import Leg, Route
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.routes import REVERSE, describe, describe_route, draw_network, find_spot, read_network_of
+from sphere_nav_tools.offline.routes import describe, describe_route, find_spot
 
 
 @pytest.fixture
@@ -85,18 +85,6 @@ def test_what_cannot_be_is_one_line(drives, capsys, words, text):
     assert status == 2
     assert said.err.startswith(f"sphere_nav route: {text}")
     assert said.err.count("\n") == 1
-
-
-def test_what_only_leads_backwards_is_drawn_and_told_so(drives):
-    """A drive of 10 m into a yard and out of it again, backwards, to the other side."""
-    back = "\n".join(f"{10 - 0.1 * i:.2f},{-0.0005 * i * i:.4f},0" for i in range(60))
-    way = "\n".join(f"{0.1 * i:.1f},0,0" for i in range(101))
-    (drives / "c.csv").write_text(f"x,y,yaw\n{way}\n{back}\n")
-    network = read_network_of([drives / "c.csv"], "", 1.2)
-    assert {(edge.is_forward, edge.is_reverse) for edge in network.edges.values()} >= {(True, False), (False, True)}
-    assert any(line.endswith("backwards") for line in describe(network))
-    draw_network(drives / "c.svg", network)
-    assert REVERSE in (drives / "c.svg").read_text()
 
 
 def straight(length, y=0.0, speed=0.5):

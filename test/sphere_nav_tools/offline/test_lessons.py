@@ -181,13 +181,6 @@ def test_a_map_that_makes_another_drive_worse_is_refused(campus, monkeypatch):
     assert sorted(one.name for one in campus.parent.iterdir()) == [campus.name, drives_of(campus).name]
 
 
-def test_a_map_that_explains_no_more_is_refused(campus, monkeypatch):
-    see_marks(monkeypatch, [1, 1])
-    ((_, is_taken, told),) = learn_map(campus, PARAMS)
-    assert not is_taken
-    assert told.endswith("withheld images, before 1")
-
-
 @pytest.mark.parametrize("moment", range(5))
 def test_a_death_while_the_map_is_swapped_leaves_a_whole_one(tmp_path, monkeypatch, moment):
     """As if killed before the n-th change of a name; `.previous` of a run before may be lost, the map never is."""

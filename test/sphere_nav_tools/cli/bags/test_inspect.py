@@ -156,20 +156,6 @@ def test_the_command_that_inspect_tells_makes_the_same_map(
 
 
 @pytest.mark.slow
-def test_inspect_tells_driver_mounting_and_encoding_and_takes_what_is_named(own, tmp_path, capsys):
-    bag = copy_bag(own["rgbd"], tmp_path / "foreign", REALSENSE, storage=StoragePlugin.SQLITE3)
-    assert call("inspect", bag) == 0
-    said = capsys.readouterr().out
-    assert "--driver realsense" in said
-    assert "/camera/camera/color/image_raw: usually rgb8 or bgr8, here mono8" in said
-    assert f"mounting: {FRAME}: x 0.400, y 0.000, z 1.100 m on base_link by /tf_static" in said
-    assert call("inspect", bag, "--mounting", "1,0,0,0,0,0", "--info", REALSENSE["/camera_info"]) == 0
-    assert "--mounting 1,0,0,0,0,0" in capsys.readouterr().out
-    assert call("inspect", bag, "--driver", "zed") == 2
-    assert "driver zed: expected /zed/zed_node/rgb/color/rect/image" in capsys.readouterr().err
-
-
-@pytest.mark.slow
 def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localize(own, tmp_path, capsys):
     """A folder with a database alone, a camera called otherwise, no /tf_static: nothing but the options tells it."""
     names = {

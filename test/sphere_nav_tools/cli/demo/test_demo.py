@@ -1,8 +1,6 @@
 """The demo: its folder, verdict, errors by the truth, pictures, and a ROS domain of its own."""
 
 import os
-import subprocess
-import sys
 
 import cv2
 import numpy as np
@@ -18,7 +16,6 @@ from sphere_nav.params import build
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav_tools.cli.demo.demo import (
-    BUSY,
     OTHER_DAY,
     SIMULATION,
     TEACHING,
@@ -79,16 +76,6 @@ def test_the_last_result_is_kept(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_tour_is_long_and_meets_another_day(tmp_path):
-    demo = Demo(tmp_path / "demo", 1, "tour", 46, BUSY)
-    assert round(demo.length) == 490
-    assert demo.simulation["world"] == "city"
-    assert demo.simulation["traffic.density"] == "busy"
-    assert Demo(tmp_path / "plain", 1, "straight", 46, {}).simulation["traffic.density"] == "usual"
-    assert {"traffic.seed", "light.clouds"} <= set(OTHER_DAY)
-
-
-@pytest.mark.slow
 def test_the_second_drive_alone_has_a_condition(tmp_path):
     demo = Demo(tmp_path / "demo", 1, "straight", 46, {}, "night_lamps")
     assert "condition" not in demo.simulation
@@ -108,14 +95,6 @@ def test_a_map_of_another_town_is_refused(tmp_path):
         check_taught(tmp_path, {"seed": 2, "path": "two_turns"})
 
 
-CLAIM = """
-import sys
-from sphere_nav_tools.cli.demo.domains import claim_domain
-print(claim_domain(range(200, 202)), flush=True)
-sys.stdin.read()
-"""
-
-
 def test_a_drive_and_a_test_never_share_a_domain():
     assert not set(FOR_DRIVES) & set(FOR_TESTS)
     assert {0} < {0, *FOR_DRIVES, *FOR_TESTS} == set(range(100))
@@ -126,17 +105,6 @@ def test_a_process_claims_each_domain_once():
     assert {claim_domain(range(210, 212)), claim_domain(range(210, 212))} == {210, 211}
     with pytest.raises(RuntimeError, match=r"expected one of range\(210, 212\) that is free, found all in use"):
         claim_domain(range(210, 212))
-
-
-@pytest.mark.dds
-def test_two_processes_drive_in_two_domains_and_leave_them_free(tmp_path):
-    children = [
-        subprocess.Popen([sys.executable, "-c", CLAIM], stdin=subprocess.PIPE, stdout=subprocess.PIPE) for _ in "ab"
-    ]
-    assert {int(child.stdout.readline()) for child in children} == {200, 201}
-    for child in children:
-        child.communicate()
-    assert claim_domain(range(200, 202)) == 200
 
 
 @pytest.mark.slow

@@ -81,13 +81,6 @@ def test_a_service_that_refuses_is_asked_again_a_moment_later(tmp_path, monkeypa
     assert len(pauses) == 2 + module.MAX_CALLS
 
 
-def test_waiting_ends_when_it_holds(tmp_path, domain):
-    with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
-        answers = iter([False, False, True])
-        watch.wait("three looks", lambda: next(answers), is_moving=False)
-        assert list(answers) == []
-
-
 @pytest.mark.dds
 def test_a_node_that_cannot_start_is_told_by_its_last_words(tmp_path, domain):
     with Processes(tmp_path, domain) as processes:
@@ -134,16 +127,6 @@ def test_children_end_with_a_parent_that_is_killed(tmp_path):
     while child.is_dir() and patience.is_left():
         time.sleep(0.05)
     assert not child.is_dir()
-
-
-@pytest.mark.dds
-def test_code_that_fails_is_told_and_code_that_ends_well_is_not(tmp_path, domain):
-    with Processes(tmp_path, domain) as processes:
-        processes.run("good", "print('done')")
-        processes.wait("good")
-        processes.run("bad", "sys.exit('no kernels')")
-        with pytest.raises(RuntimeError, match="bad ended with status 1: no kernels"):
-            processes.wait("bad")
 
 
 def test_topics_have_other_names_where_they_are_given(tmp_path, monkeypatch, domain):

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from sphere_nav_msgs.msg import ReferencePoint, ReferenceTrajectory
 
 from sphere_nav.geometry import SE3
-from sphere_nav.ros.conversions import array_to_image, se3_to_pose_with_covariance
+from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.operate import words
 from sphere_nav_tools.cli.operate.link import Link
@@ -29,7 +29,6 @@ from sphere_nav_tools.cli.operate.words import (
     ellipse,
     health,
     places_of,
-    way_driven,
 )
 
 
@@ -126,16 +125,6 @@ def test_the_ellipse_has_two_deviations_along_its_axes():
     assert (along, across) == (pytest.approx(0.6, abs=0.01), pytest.approx(0.2, abs=0.01))
 
 
-def test_the_way_driven_is_that_of_the_wheels_until_somebody_localises():
-    seen = Heard()
-    assert way_driven(seen) is None
-    seen.hear("odometry", [(0.0, 0.0), (1.0, 0.0)])
-    assert way_driven(seen) == [(0.0, 0.0), (1.0, 0.0)]
-    seen.hear("pose", (5.0, 5.0, 0.0, np.eye(2)))
-    seen.hear("trail", [(5.0, 5.0)])
-    assert way_driven(seen) == [(5.0, 5.0)]  # the other is of another frame
-
-
 STANDS = SimpleNamespace(state="STANDS", reason="OPERATOR")
 OLD, NEW = 1000.0, 0.0  # s since it was heard
 
@@ -208,21 +197,6 @@ def test_a_closed_path_ends_where_it_begins(ears, is_closed):
     assert ears.seen.told("path")[0].tolist() == expected[: 3 + is_closed]
 
 
-def test_a_picture_is_shown_for_two_seconds(ears, monkeypatch):
-    assert ears.picture("image") is None
-    gray = np.arange(12, dtype=np.uint8).reshape(3, 4)
-    ears.seen.hear("image", array_to_image(gray, 5, "eye", "mono8"))
-    np.testing.assert_array_equal(ears.picture("image"), gray)
-    told, heard = ears.seen.told("image")
-    for age, is_shown in ((1.9, True), (2.1, False)):
-        monkeypatch.setattr(ears.seen, "told", lambda name, age=age: (told, age))
-        assert (ears.picture("image") is not None) == is_shown
-    broken = array_to_image(gray, 5, "eye", "mono8")
-    broken.data = broken.data[:5]
-    monkeypatch.setattr(ears.seen, "told", lambda name: (broken, heard))
-    assert ears.picture("image") is None
-
-
 class Scene:
     """Keeps what is added to it, as a browser would."""
 
@@ -291,12 +265,3 @@ def test_places_are_balls_that_choose_them(desk):
     assert desk._place.value == "barn"
     desk._show_places([])
     assert desk._place.options == ("(no places heard)",)
-
-
-def test_pictures_are_made_smaller_and_never_larger(desk):
-    desk._pictures = {"image": SimpleNamespace(image=None), "residual": SimpleNamespace(image=None)}
-    pictures = {"image": np.full((480, 640), 200, np.uint8), "residual": np.full((60, 80), 90, np.uint8)}
-    desk.link = SimpleNamespace(picture=pictures.get)
-    desk._show_pictures()
-    assert desk._pictures["image"].image.shape[:2] == (240, 320)
-    assert desk._pictures["residual"].image.shape[:2] == (60, 80)

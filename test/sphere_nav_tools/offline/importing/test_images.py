@@ -1,17 +1,15 @@
 """Folders of images and videos become bags that the other commands read."""
 
-import dataclasses
 import json
 
 import cv2
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
 from worlds.rig import WAVES, seen, vertical_rig
@@ -100,21 +98,6 @@ def test_a_video_of_one_camera_keeps_its_rate(tmp_path):
     words = ("--camera", "300,300,159.5,119.5", "--frames", "1:4")
     assert call("import", "images", tmp_path / "drive.avi", "-o", tmp_path / "bag", *words) == 0
     assert np.diff(headers(tmp_path / "bag")["image_raw"]).tolist() == [40_000_000] * 2
-
-
-def test_pairs_of_panoramas_become_spheres_with_range(tmp_path):
-    """The inside of a ball of texture, radius 3 m, seen from 0.15 m above and below its centre."""
-    window = Spherical(256, 128)
-    part = vertical_rig().cameras[0]
-    for level, z in (("top", 0.15), ("bottom", -0.15)):
-        pose = SE3.from_parts(np.eye(3), [0.0, 0.0, z])
-        write(tmp_path / "in" / level / "0.png", seen(dataclasses.replace(part, camera=window, T_rig_camera=pose)))
-    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--baseline", 0.3) == 0
-    with BagReader(tmp_path / "bag") as bag:
-        sphere = message_to_sphere(next(iter(bag.messages(["sphere"]))).message)
-    level = np.abs(np.arange(128) - 63.5) < 24
-    assert np.nanmedian(sphere.range_m[level]) == pytest.approx(3.0, rel=0.05)
-    assert np.isfinite(sphere.range_m[level]).mean() > 0.5
 
 
 @pytest.mark.parametrize(

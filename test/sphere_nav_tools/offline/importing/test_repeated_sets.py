@@ -194,22 +194,6 @@ def test_openloris(tmp_path):
     np.testing.assert_allclose(found.matrix, expected.matrix, atol=1e-6)
 
 
-def test_rover(tmp_path):
-    folder = tmp_path / "park" / "2023-11-07"
-    names = [f"1699369621.{i}000000" for i in range(COUNT)]
-    inner = folder / "intelrealsense_D435i"
-    for name, depth in (("rgb", None), ("depth", 2500)):
-        (inner / name).mkdir(parents=True)
-        for stamp in names:
-            image = np.full((480, 640), 30, np.uint8) if depth is None else np.full((480, 640), depth, np.uint16)
-            cv2.imwrite(str(inner / name / f"{stamp}.png"), image)
-    topics, _ = imported(tmp_path, "rover", folder)
-    assert "/ground_truth/pose" not in topics
-    assert camera_from_info(topics["/camera_info"][0]).fx == pytest.approx(596.195)
-    np.testing.assert_allclose(depth_to_meters(topics["/depth/image_raw"][1]), 2.5)
-    assert stamp_ns(topics["/image_raw"][1]) == 1_699_369_621_100_000_000
-
-
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [

@@ -174,16 +174,6 @@ def test_a_budget_is_kept_by_condensing_first(joint):
             assert told[1:] == ([f"{number - len(graph)} key spheres left for the budget"] if is_left else [])
 
 
-def test_a_drive_that_the_map_explains_adds_nothing(drives, tmp_path, capsys):
-    with open_map(drives / "taught") as taught:
-        before = taught.graph.nodes.keys()
-    assert call("map", drives / "east", "-o", tmp_path / "both", "--extend", drives / "taught", *SETTINGS) == 0
-    assert "0 of" in capsys.readouterr().out
-    with open_map(tmp_path / "both") as both:
-        assert both.graph.nodes.keys() == before
-        assert sum(node.served for node in both.graph) > 0.0
-
-
 def test_what_cannot_be_joined_is_one_line_before_anything_is_mapped(drives, tmp_path, capsys):
     west, taught = drives / "west", drives / "taught"
     words = (west, "-o", tmp_path / "both", "--extend")

@@ -47,19 +47,6 @@ def test_a_worker_that_is_gone_is_one_line():
         list(workers.run(os._exit, [1, 1, 1]))
 
 
-@pytest.mark.slow
-def test_a_worker_of_a_cluster_that_is_gone_is_one_line():
-    distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
-    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
-    with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        distributed.LocalCluster(**options) as cluster,
-        pytest.raises(OSError, match=r"^--scheduler: expected workers to the end, found one gone: KilledWorker$"),
-        Workers(scheduler=cluster.scheduler_address) as workers,
-    ):
-        list(workers.run(os._exit, [1, 1]))
-
-
 def test_without_dask_or_a_scheduler_it_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ValueError, match=r"^--scheduler: expected the package distributed, found none: pip install"):
@@ -121,14 +108,6 @@ def test_others_stitch_once_the_rig_is_learned(monkeypatch):
     assert node.coming[0].result() == 1
     assert node.coming[1].result() is None
     assert asked == [(pickle.dumps("rig"), 2)]
-
-
-def test_its_thread_ends_with_it():
-    node, _ = make(lambda images, stamp, points, depths: SimpleNamespace(sphere=stamp))
-    node.stitch(instant(1))
-    node.cleanup()
-    with pytest.raises(RuntimeError, match="after shutdown"):
-        node.stitch(instant(2))
 
 
 def arguments(**values):
