@@ -118,9 +118,15 @@ def text_of(module: Path) -> str:
 TESTED_ELSEWHERE = {
     # declarations only, the same laws for all packages; defaults: test/config/test_yaml_matches_params.py
     "params.py": "test/architecture/test_params.py",
-    "constants.py": "test/architecture/test_constants.py",  # judged by the tests of what uses them
+    "constants.py": "test/architecture/test_parts.py",  # judged by the tests of what uses them
     "arrays.py": "test/architecture/test_layering.py",  # what mypy checks
     "__init__.py": "test/architecture/test_layering.py",  # an index, executed by every import of the package
+    "learning.py": "test/sphere_nav_tools/cli/maps/test_map.py",  # what `map` does
+    "sphere_source.py": "test/sphere_nav_tools/cli/maps/test_map.py",  # of `register`
+    "pose_bags.py": "test/sphere_nav_tools/cli/test_evaluate.py",
+    "map_learn.py": "test/sphere_nav_tools/offline/test_lessons.py",
+    "map_verify.py": "test/sphere_nav_tools/cli/maps/test_map.py",
+    "register.py": "test/sphere_nav_tools/cli/maps/test_map.py",
 }
 COMMANDS = {"sphere_nav_tools.offline": "sphere_nav_tools.cli"}  # what the commands do is tested through them, too
 NODES = {module: name for name, module in EXECUTABLES.items()}

@@ -1,22 +1,14 @@
 """The node dense_localizer: every image answered, frames and covariance, refusals and calls on an offline bus; DDS."""
 
-import signal
-import subprocess
-import sys
-
 import cv2
 import numpy as np
 import pytest
-import rclpy
-from geometry_msgs.msg import PoseWithCovarianceStamped
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from sphere_nav_msgs.msg import LocalizationStatus
+from sensor_msgs.msg import CompressedImage
 from sphere_nav_msgs.srv import LoadMap, Relocalize
 from tf2_msgs.msg import TFMessage
 
 from dense_localizer.ros.node import DenseLocalizerNode
 from sphere_nav.geometry import SE3
-from sphere_nav.ros import qos
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import (
     array_to_image,
@@ -32,7 +24,6 @@ from sphere_nav.ros.conversions import (
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
-from worlds.patience import Patience
 from worlds.room import wide_room
 
 START_NS = 1_000_000_000
@@ -221,67 +212,3 @@ def test_a_map_that_is_not_there_refuses_to_start(tmp_path):
 
 
 # --- over DDS
-@pytest.fixture
-def process(map_path):
-    code = "import sys; from dense_localizer.ros.node import main; sys.exit(main())"
-    values = {"map": map_path, "every_image": "true"} | SMALL_IMAGES
-    arguments = ["--ros-args"]
-    for name, value in values.items():
-        arguments += ["-p", f"{name}:={value}"]
-    child = subprocess.Popen([sys.executable, "-c", code, *arguments])
-    yield child
-    child.kill()
-    child.wait(120.0)
-
-
-@pytest.mark.dds
-def test_over_dds_the_poses_are_those_of_the_replay(process, map_path, pictures):
-    expected = [answer["/pose"] for answer in Bench(map_path).follow(pictures) if "/pose" in answer]
-    rclpy.init()
-    node = rclpy.create_node("bench")
-    try:
-        poses, statuses = [], []
-        node.create_subscription(PoseWithCovarianceStamped, "pose", poses.append, qos.STATE)
-        node.create_subscription(LocalizationStatus, "status", statuses.append, qos.STATE)
-        images = node.create_publisher(Image, "image_raw", qos.LARGE)
-        infos = node.create_publisher(CameraInfo, "camera_info", qos.LARGE)
-        statics = node.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
-
-        def spin_until(is_done, seconds):
-            patience = Patience(seconds)
-            while not is_done() and patience.is_left():
-                rclpy.spin_once(node, timeout_sec=0.02)
-
-        def wait(is_done, seconds=60.0):  # the kernels may have to be compiled
-            spin_until(is_done, seconds)
-            assert is_done(), "expected an answer in time"
-
-        wait(lambda: images.get_subscription_count() and infos.get_subscription_count())
-        wait(lambda: node.count_publishers("status") and node.count_publishers("pose"))
-        statics.publish(static_message())
-        for k, picture in enumerate(pictures):
-            stamp = START_NS + (k + 1) * STEP_NS
-
-            def show(picture=picture, stamp=stamp):
-                infos.publish(info_message(stamp))
-                images.publish(array_to_image(picture, stamp, OPTICAL, "mono8"))
-
-            def is_answered(stamp=stamp):
-                return any(stamp_ns(status) == stamp for status in statuses)
-
-            show()
-            for _ in range(20 if k == 0 else 0):  # what is sent before the node knows the sender is lost
-                spin_until(is_answered, 3.0)
-                if not is_answered():
-                    show()
-            wait(is_answered)
-        wait(lambda: len(poses) == len(expected))
-        for found, wanted in zip(poses, expected, strict=True):
-            assert stamp_ns(found) == stamp_ns(wanted)
-            distance, _ = pose_with_covariance_to_se3(found)[0].distance(pose_with_covariance_to_se3(wanted)[0])
-            assert distance < 0.001  # promised; only the number of threads may differ
-        process.send_signal(signal.SIGINT)
-        assert process.wait(120.0) == 0
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()

@@ -12,7 +12,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
 from rosgraph_msgs.msg import Clock
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 from sphere_nav_msgs.srv import LoadTrajectory
-from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from path_follower.params import PathFollowerParams
@@ -173,31 +172,6 @@ def test_operator_calls(bench):
     for _ in range(60):
         said = bench.step()
     assert bench.last(said, "/path_follower/status").state == "STOPPED"
-
-
-def test_an_emergency_stop_holds_until_released_and_armed(bench):
-    drive_until(bench, 3.0)
-    bench.send(("/emergency_stop", Bool(data=True)))
-    for _ in range(10):
-        said = bench.step()
-    assert bench.last(said, "/path_follower/status").reason == "EMERGENCY_STOP"
-    assert not bench.call("start").success
-    bench.send(("/emergency_stop", Bool(data=False)))
-    assert bench.last(bench.step(), "/cmd_vel").twist.linear.x == 0.0
-    assert bench.call("start").success
-
-
-def test_a_wrong_path_is_refused_and_the_old_one_stays(bench):
-    before = bench.node.loop.follower.path
-    bench.send(("/reference_path", straight(frame="odom")), ("/reference_path", straight(length=0.05)))
-    assert bench.node.loop.follower.path is before
-    wanted = next(entry for entry in bench.node.inputs if entry.topic == "reference_path")
-    assert wanted.num_refused == 2
-    bad = straight()
-    bad.poses[7].pose.position.y = math.nan
-    bench.send(("/reference_path", bad))
-    assert wanted.last_refusal.startswith("poses[7].position: expected finite numbers")
-    assert bench.node.loop.follower.path is before
 
 
 def test_trajectories_are_loaded_and_shown(bench, tmp_path):

@@ -120,15 +120,6 @@ def test_disturbances_leave_a_few_centimeters(kit, two_turns, world, rmse, worst
 
 
 @pytest.mark.slow
-def test_a_lag_that_is_in_the_parameters_costs_nothing(kit, two_turns):
-    params = FollowerParams(actuation=ActuationParams(dead_time=0.1, steering_lag=0.3, speed_lag=0.3))
-    world = kit.World(dead_time=0.1, latency=0.1, steering_lag=0.3, speed_lag=0.3)
-    drive = kit.follow(two_turns, world, params)
-    assert_arrived(drive)
-    assert drive.worst < 0.01
-
-
-@pytest.mark.slow
 def test_a_measured_speed_replaces_a_wrong_model(kit, two_turns):
     world = kit.World(speed_lag=0.8, latency=0.1)
     drive = kit.follow(two_turns, world, is_speed_known=True)
@@ -169,15 +160,6 @@ def test_the_vehicle_stands_still_between_directions(kit):
 def assert_cusps_are_reached(drive):
     x = [pose.x for pose in drive.poses]
     assert max(x[: len(x) // 2]) == pytest.approx(6.0, abs=0.12)  # tolerance, and what rolls on
-
-
-@pytest.mark.slow
-def test_a_closed_path_is_driven_round_and_round(kit):
-    ring = kit.course((2 * math.pi * 6, 1 / 6))[:-1]
-    drive = kit.follow(ring, is_closed=True, seconds=70)
-    assert drive.final.state is FollowerState.DRIVING
-    assert drive.final.progress > 2.1 * 2 * math.pi * 6
-    assert drive.worst < 0.01
 
 
 @pytest.mark.slow

@@ -50,38 +50,6 @@ def test_a_stop_is_a_ramp_with_wheels_held(kit):
     assert len({c.steering_angle for c in ramp}) == 1
 
 
-def test_poses_that_cease_stop_within_the_limit_and_the_ramp(kit, straight):
-    def silence(now, follower, car):
-        follower.watch.see_pose = lambda *_: False
-
-    drive = kit.follow(straight, each=after_fault(silence))
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.POSE_TIMEOUT)
-    assert standing_after(drive) <= PARAMS.safety.max_pose_silence + 0.5
-
-
-def test_a_frozen_pose_stops_within_the_limit_and_the_ramp(kit, straight):
-    frozen = []
-
-    def freeze(now, follower, car):
-        if not frozen:
-            accept, pose, stamp = follower.watch.see_pose, follower.watch.pose, follower.watch.pose_ns
-            frozen.append(pose)
-            follower.watch.see_pose = lambda *_: accept(pose, stamp)
-
-    drive = kit.follow(straight, each=after_fault(freeze))
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.POSE_TIMEOUT)
-    assert standing_after(drive) <= PARAMS.safety.max_pose_silence + 0.5
-
-
-def test_a_vehicle_pushed_off_the_path_stops(kit, straight):
-    def push(now, follower, car):
-        car.pose = Pose2(car.pose.x, 1.5, car.pose.yaw)
-
-    drive = kit.follow(straight, params=UNCHECKED, each=after_fault(push))
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.OFF_PATH)
-    assert drive.final.verdict.value == pytest.approx(1.5, abs=0.01)
-
-
 def test_a_kidnapped_vehicle_stops_although_it_stands_on_the_path(kit, straight):
     def kidnap(now, follower, car):
         if car.pose.x < 20:

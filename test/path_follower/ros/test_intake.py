@@ -225,31 +225,6 @@ def test_bad_news_counts_whatever_its_stamp():
         assert node.loop.follower.mode.verdict.reason == "NOT_LOCALISED"
 
 
-def test_predictions_that_no_image_confirms_carry_the_vehicle_for_a_while_only():
-    bus, node = follower_bus()
-    x = drive(bus, node, 30)
-    begun, states = bus.now_ns, []
-    for k in range(1, 10):
-        list(bus.advance(begun + k * SECOND // 10))
-        pose(bus, x + 0.1 * k, bus.now_ns)
-        status(bus, "DEGRADED", bus.now_ns, "LOW_OVERLAP", age=0.1 * k)
-        list(bus.settle())
-        states.append(node.loop.follower.mode.state)
-    assert set(states[:3]) <= {"DRIVING", "SLOW"}
-    assert states[-1] == "STOPPED"
-    assert "no image confirms the pose" in str(node.loop.follower.mode.verdict)
-
-
-@pytest.mark.parametrize(("topic", "reason"), [("pose", "POSE_SOURCE"), ("status", "STATUS_SOURCE")])
-def test_two_publishers_of_what_it_drives_by_are_named_and_stop(topic, reason):
-    bus, node = follower_bus()
-    drive(bus, node, 30)
-    node.shell.publishers_of = lambda asked: ["/a", "/b"] if asked == topic else []
-    assert seconds_to_zero(bus) <= 0.6
-    assert str(node.loop.follower.mode.verdict).startswith(f"{reason}: {topic} is published by /a, /b: ")
-    assert not node.shell.call("start").success
-
-
 @pytest.mark.parametrize("lost", ["LOST", "DEGRADED", "silent"])
 def test_a_status_of_other_images_does_not_hide_what_the_localiser_says(lost):
     bus, node = follower_bus()

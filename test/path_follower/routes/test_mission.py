@@ -156,15 +156,6 @@ def test_a_goal_that_nobody_could_stop_is_refused(trip):
         trip.mission.begin(GOAL, trip.now)
 
 
-def test_it_waits_for_a_follower_that_is_under_way(trip):
-    trip.mode.take(Event.LOAD)
-    trip.mode.take(Event.START)
-    trip.live(TICK)
-    trip.mission.begin(GOAL, 0.0)
-    trip.live(TICK)
-    assert trip.mission.reason == "path_follower is under way"
-
-
 @pytest.mark.parametrize("reason", ["NOT_LOCALISED", "POSE_TIMEOUT", "LOCALISATION_DEGRADED"])
 def test_what_was_missing_ends_a_stop_by_its_return(trip, reason):
     trip.drive_off()

@@ -29,25 +29,12 @@ def folder(tmp_path):
     return cam
 
 
-def test_missing_images(capsys, tmp_path):
-    status, line = run(capsys, tmp_path / "none", "--board", "8x6", "--square", "0.03", "-o", tmp_path / "rig.yaml")
-    assert status == 2
-    assert "none: expected images, found none" in line
-
-
 @pytest.mark.dds
 def test_unreadable_image(capsys, folder, tmp_path):
     (folder / "1.png").write_text("no image")
     status, line = run(capsys, folder, "--board", "8x6", "--square", "0.03", "-o", tmp_path / "rig.yaml")
     assert status == 2
     assert "1.png: expected an image" in line
-
-
-def test_image_of_another_size(capsys, folder, tmp_path):
-    cv2.imwrite(str(folder / "1.png"), np.zeros((40, 64), dtype=np.uint8))
-    status, line = run(capsys, folder, "--board", "8x6", "--square", "0.03", "-o", tmp_path / "rig.yaml")
-    assert status == 2
-    assert "1.png: expected 64x48" in line
 
 
 NUM_INSTANTS = 12
@@ -126,16 +113,6 @@ def test_a_camera_that_never_saw_the_board_is_named(capsys, folders, tmp_path):
     assert (status, len(err)) == (2, 1)
     assert "camera blind: expected a 7x4 chessboard in some of its images, found none" in err[0]
     assert not (tmp_path / "rig.yaml").exists()
-
-
-@pytest.mark.slow
-def test_too_few_images_are_told(capsys, folders, tmp_path):
-    few = tmp_path / "few"
-    few.mkdir()
-    (few / "00.png").write_bytes((folders[0] / "00.png").read_bytes())
-    status, _, err = calibrate(capsys, few, "--board", "7x4", "--square", "0.1", "-o", tmp_path / "rig.yaml")
-    assert (status, len(err)) == (2, 1)
-    assert "camera few: expected a board in at least 4 of its images, found 1" in err[0]
 
 
 def test_cameras_are_named_by_their_folder_or_by_what_their_files_begin_with(tmp_path):

@@ -130,33 +130,6 @@ def proven(fx, fy, unobserved=()):
     return SimpleNamespace(found=refined, unobserved=unobserved, **figures)
 
 
-@pytest.mark.parametrize(
-    ("lengths", "num_rounds"),
-    [([(51.0, 51.0)], 1), ([(60.0, 61.0), (60.5, 61.0)], 2), ([(60.0, 61.0), (80.0, 61.0), (100.0, 61.0)], 3)],
-)
-def test_it_localizes_and_refines_until_the_lens_stays_or_for_three_rounds(monkeypatch, lengths, num_rounds):
-    asked, judged = [], []
-
-    class Drive(refine_camera.RecordedDrive):
-        def __init__(self):
-            self._arguments, self.camera = SimpleNamespace(readout=0.0125), CAMERA
-            self.located = refine_camera.Located(np.array([0, 40, 70], np.int64) * 10**6, ())
-
-        def _locate(self, sphere_map, given):
-            asked.append(given.values[:2].tolist())
-            return [len(asked)]
-
-    monkeypatch.setattr(
-        refine_camera, "refine_camera", lambda images, given: SimpleNamespace(lens=lens(*lengths[images[0] - 1]))
-    )
-    monkeypatch.setattr(refine_camera, "prove", lambda *words: judged.append(words))
-    Drive().refine("map")
-    assert asked == [[50.0, 51.0], *map(list, lengths[: num_rounds - 1])]
-    ((images, given, period),) = judged
-    assert (images, given.values[:2].tolist(), given.readout) == ([num_rounds], [50.0, 51.0], 0.0125)
-    assert period == pytest.approx(0.03)  # the shortest time between two images
-
-
 def test_a_calibration_is_not_overwritten(tmp_path):
     (tmp_path / "a.yaml").write_text("mine")
     with pytest.raises(ValueError, match="expected no such file, found one"):

@@ -9,7 +9,6 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav_tools.cli import evaluate
-from sphere_nav_tools.offline import evaluation, plot_figure
 from sphere_nav_tools.offline.evaluation import error_table, evaluate_poses, read_trajectory
 
 SECOND = 10**9
@@ -120,18 +119,6 @@ def test_a_map_frame_found_on_the_teaching_drive_is_applied_to_another(files, ca
     assert "aligned by poses: " in capsys.readouterr().out
     with pytest.raises(ValueError, match="--align-by: expected --align poses, se3 or sim3 with it"):
         call(files / "driven.tum", files / "truth.tum", *pair)
-
-
-def test_metres_and_degrees_have_an_axis_each(monkeypatch, tmp_path):
-    drawn = []
-    monkeypatch.setattr(plot_figure.Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
-    estimate = Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body @ SE3.exp(OFFSET))
-    judged = evaluation.evaluate_poses(estimate, TRUTH)
-    plot_figure.draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, tmp_path / "plot.png")
-    lines = {axes.get_ylabel(): [line.get_ydata() for line in axes.lines] for axes in drawn[0].axes}
-    (meters,), (degrees,) = lines["error of translation [m]"], lines["error of rotation [°]"]
-    np.testing.assert_allclose(meters, judged.errors.translation_m)
-    np.testing.assert_allclose(degrees, np.degrees(0.02), rtol=1e-6)
 
 
 def line(num_poses=50, hertz=10.0):

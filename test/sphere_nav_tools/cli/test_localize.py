@@ -11,7 +11,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from tf2_msgs.msg import TFMessage
 
-from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.localization.status import Reason, State, Status
 from sphere_nav.ros import qos
@@ -33,7 +33,7 @@ from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.localizing import Summary, give_initial_pose, usable, write_poses
+from sphere_nav_tools.offline.localizing import give_initial_pose, usable, write_poses
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera, patience
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
@@ -87,69 +87,7 @@ def test_trusted_poses_of_the_base_are_written_with_a_summary(recorded, tmp_path
         assert isinstance(first, PoseWithCovarianceStamped)
 
 
-def test_a_summary_of_nothing_is_possible():
-    result = Summary().result()
-    assert result["images"] == 0
-    assert np.isfinite(result["milliseconds"]["median"])
-
-
 START_NS, NUM = 1_000_000_000, 5
-CAMERAS = {"front": SE3.from_planar(0.3, 0.0, 0.1), "back": SE3.from_planar(-0.3, 0.1, 3.0)}
-BASE = [pose @ T_BODY_OPTICAL.inverse() for pose in drive(NUM)]
-SPHERE = Spherical(256, 128)
-
-
-@pytest.fixture(scope="module")
-def recorded_by_several(tmp_path_factory):
-    """A map of the room, and a bag with two cameras and a panorama; the calibration of a third camera is missing."""
-    folder, room = tmp_path_factory.mktemp("cameras"), wide_room()
-    save_map(folder / "map", make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0)]).graph)
-    with BagWriter(folder / "bag") as bag:
-        bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)
-        mounts = [se3_to_transform(T @ T_BODY_OPTICAL, START_NS, "base_link", name) for name, T in CAMERAS.items()]
-        bag.write("/tf_static", TFMessage(transforms=mounts), START_NS)
-        for name in (*CAMERAS, "around", "raw"):
-            bag.add_topic(f"/{name}/image_raw", Image, qos.STATE)
-        for name in CAMERAS:
-            bag.add_topic(f"/{name}/camera_info", CameraInfo, qos.STATE)
-        for k, T_room_base in enumerate(BASE):
-            stamp = START_NS + k * STEP_NS
-            for name, T in CAMERAS.items():
-                image = room.photograph(PINHOLE, T_room_base @ T @ T_BODY_OPTICAL, k)
-                bag.write(f"/{name}/camera_info", camera_to_info(PINHOLE, stamp, name), stamp)
-                bag.write(f"/{name}/image_raw", array_to_image(image, stamp, name, "mono8"), stamp)
-            image = room.photograph(SPHERE, T_room_base, 90 + k)
-            bag.write("/around/image_raw", array_to_image(image, stamp, "around", "mono8"), stamp)
-            bag.write("/raw/image_raw", array_to_image(image[:100], stamp, "raw", "mono8"), stamp)
-    return folder
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("--camera", "front=/front/image_raw", "--camera", "back=/back/image_raw"),
-        ("--set", "is_panorama=true", "--image", "/around/image_raw"),
-    ],
-    ids=["two cameras", "panorama"],
-)
-def test_the_poses_are_those_of_the_base(recorded_by_several, tmp_path, words):
-    assert localize(recorded_by_several, tmp_path / "poses.tum", *words) == 0
-    found = read_tum(tmp_path / "poses.tum")
-    assert list(found.stamps_ns) == [START_NS + k * STEP_NS for k in (3, 4)]
-    for k, truth in enumerate(BASE[3:]):
-        meters, radians = found.T_map_body[k].distance(truth)
-        assert (meters < 0.015, radians < 0.008) == (True, True)
-
-
-@pytest.mark.slow
-def test_images_without_calibration_are_refused_by_name(recorded_by_several, tmp_path, capsys):
-    words = ("--camera", "front=/front/image_raw", "--camera", "raw=/raw/image_raw")
-    assert localize(recorded_by_several, tmp_path / "poses.tum", *words) == 2
-    error = capsys.readouterr().err
-    assert "camera_info of /raw/image_raw" in error
-    assert "--remap cameras/raw/camera_info:=TOPIC" in error
-    assert "Traceback" not in error
 
 
 def status(state, reason="", milliseconds=0.0, remedy=""):

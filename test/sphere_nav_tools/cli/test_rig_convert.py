@@ -88,23 +88,3 @@ def test_camchains_are_joined_by_a_shared_topic(capsys, tmp_path):
     assert (status, err) == (0, [])
     found = [part.T_rig_camera.translation for part in read_rig(tmp_path / "rig.yaml").cameras]
     np.testing.assert_allclose(found, [[0, 0, 0], [0, 0.2, 0], [0, 0.4, 0]], atol=1e-12)
-
-
-def test_omni_with_radtan_is_converted_as_it_is(capsys, tmp_path):
-    lens = {"camera_model": "omni", "intrinsics": [0.9, 833.0, 830.0, 373.0, 253.0], "resolution": [752, 480]}
-    lens |= {"distortion_model": "radtan", "distortion_coeffs": [-0.05, 0.01, 1e-4, -2e-4]}
-    (tmp_path / "omni.yaml").write_text(yaml.safe_dump({"cam0": lens}))
-    status, out, err = run(capsys, tmp_path / "omni.yaml", "-o", tmp_path / "rig.yaml")
-    assert (status, err) == (0, [])
-    assert "cam0: omni at" in out[0]
-    camera = read_rig(tmp_path / "rig.yaml").cameras[0].camera
-    points = np.random.default_rng(0).normal((0.0, 0.0, 3.0), 0.7, (50, 3))
-    plane = points[:, :2] / (points[:, 2:] + 0.9 * np.linalg.norm(points, axis=1, keepdims=True))
-    r2, xy = np.sum(plane**2, axis=1, keepdims=True), np.prod(plane, axis=1)
-    k1, k2, p1, p2 = lens["distortion_coeffs"]
-    bent = plane * (1 + k1 * r2 + k2 * r2**2)
-    bent[:, 0] += 2 * p1 * xy + p2 * (r2[:, 0] + 2 * plane[:, 0] ** 2)
-    bent[:, 1] += p1 * (r2[:, 0] + 2 * plane[:, 1] ** 2) + 2 * p2 * xy
-    expected = bent * (833.0, 830.0) + (373.0, 253.0)
-    inside = np.all((expected > 0) & (expected < (751, 479)), axis=1)
-    assert np.linalg.norm(camera.project(points)[0] - expected, axis=1)[inside].max() < 1e-9

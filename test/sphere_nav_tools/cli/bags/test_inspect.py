@@ -7,50 +7,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import StoragePlugin
 from sensor_msgs.msg import CompressedImage, Image
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, image_to_array, image_to_rgb, se3_to_transform
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.cli.main import main
+from worlds.copies import REALSENSE, ZED, copy_bag
 from worlds.recordings import FRAME, ROOM, optical, pose, rgbd, stamp, stereo, write_bag
-
-REALSENSE = {
-    "/image_raw": "/camera/camera/color/image_raw",
-    "/camera_info": "/camera/camera/color/camera_info",
-    "/depth/image_raw": "/camera/camera/aligned_depth_to_color/image_raw",
-    "/tf_static": "/tf_static",
-}
-ZED = {
-    "/left/image_raw": "/zed/zed_node/left/image_rect_color",
-    "/left/camera_info": "/zed/zed_node/left/camera_info",
-    "/right/image_raw": "/zed/zed_node/right/image_rect_color",
-    "/right/camera_info": "/zed/zed_node/right/camera_info",
-    "/tf_static": "/tf_static",
-}
-
-
-def copy_bag(source, target, names, change=lambda topic, message: message, storage=StoragePlugin.MCAP):
-    """Write a bag's messages under other names by another writer, as recorders before type hashes did."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with BagReader(source) as bag, Writer(target, version=9, storage_plugin=storage) as writer:
-        connections = {}
-        for topic, stamp, message in bag.messages(names):
-            changed = change(names[topic], message)
-            kind = type(changed)
-            name = names[topic] + {CompressedImage: "/compressed"}.get(kind, "")
-            if name not in connections:
-                type_name = f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
-                connections[name] = writer.add_connection(name, type_name, typestore=store)
-            writer.write(connections[name], stamp, bytes(serialize_message(changed)))
-    return target
-
 
 T_IMAGE_DEPTH = SE3.exp([-0.03, 0.005, 0.0, 0.0, 0.01, 0.0])  # of a depth camera beside the colour camera
 DEPTH_CAMERA = Pinhole(212, 160, 190.0, 191.0, 104.0, 81.0)

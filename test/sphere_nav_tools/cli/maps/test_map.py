@@ -228,33 +228,3 @@ def test_two_pairs_of_files_are_registered(second, options, limit, tmp_path, cap
     assert status == 0
     assert motion_of(found).distance(pose(0).inverse() @ pose(2))[0] < limit
     assert json.loads((tmp_path / "out.json").read_text()) == found
-
-
-@pytest.mark.slow
-def test_what_cannot_be_registered_is_one_line(bags, tmp_path, capsys):
-    files(tmp_path, 0)
-    pair = f"{tmp_path}/i0.png,{tmp_path}/d0.png"
-    for words, message in (
-        ((f"{bags['rgbd']}:0", f"{bags['rgbd']}:99"), "expected instant 99, found 6"),
-        ((str(bags["rgbd"]), "x"), "expected PATH:NUMBER or two files"),
-        ((pair, pair), "--camera: expected FX,FY,CX,CY"),
-        ((f"{tmp_path}/i0.png,{tmp_path}/i0.png", pair, "--camera", "1,1,1,1"), "expected a 16-bit depth image"),
-        ((f"{tmp_path}/i0.png,{tmp_path}/none.png", pair, "--camera", "1,1,1,1"), "none.png"),
-    ):
-        assert call("register", *words) == 2
-        error = capsys.readouterr().err.strip()
-        assert message in error
-        assert "\n" not in error
-
-
-@pytest.mark.slow
-def test_an_alignment_that_is_refused_says_so_and_exits_with_1(bags, tmp_path, capsys):
-    files(tmp_path, 0)
-    flat = np.full((CAMERA.height, CAMERA.width), 100, np.uint8)
-    cv2.imwrite(str(tmp_path / "flat.png"), flat)
-    camera = ",".join(str(value) for value in (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy))
-    a, b = f"{tmp_path}/flat.png,{tmp_path}/d0.png", f"{tmp_path}/i0.png,{tmp_path}/d0.png"
-    status, found = registered(capsys, a, b, "--camera", camera)
-    assert status == 1
-    assert found["reason"]
-    assert not found["is_converged"]

@@ -8,9 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Point, PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
-from sphere_nav_msgs.msg import ReferencePoint, ReferenceTrajectory
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance
@@ -19,10 +17,6 @@ from sphere_nav_tools.cli.operate import words
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.page import COLORS, Desk
 from sphere_nav_tools.cli.operate.words import (
-    BAD,
-    FAIR,
-    GOOD,
-    NONE,
     Heard,
     Place,
     banner,
@@ -89,15 +83,6 @@ def test_what_was_said_holds_for_a_second_and_a_half(monkeypatch, later, is_told
     assert ("OFF_PATH" in text, "3.0 m driven" in text, "silent for 2 s" in text) == (is_told, is_told, not is_told)
 
 
-def test_a_state_has_its_color():
-    for state, color in [("DRIVING", GOOD), ("SLOW", FAIR), ("NO_PATH", NONE), ("STOPPED", BAD), ("<i>", BAD)]:
-        seen = Heard()
-        seen.hear("localizer", SimpleNamespace(state=state, reason="", value=0.0, limit=0.0, remedy=""))
-        assert f"background:{color}" in banner(seen)
-        assert "limit" not in banner(seen)
-        assert "<i>" not in banner(seen)
-
-
 def test_diagnostics_show_first_what_is_wrong(monkeypatch):
     seen, now = Heard(), words.time.monotonic()
     assert "nothing heard" in health(seen)
@@ -159,24 +144,6 @@ def ears():
     return link
 
 
-def test_the_way_grows_by_steps_of_ten_centimetres(ears):
-    for x in (0.0, 0.09, 0.11, 0.15, 0.2, 0.22):
-        message = Odometry()
-        message.pose.pose.position = Point(x=x, y=-2.0 * x)
-        ears._on_odometry(message)
-    way = np.array(ears.seen.told("odometry")[0])
-    np.testing.assert_allclose(way, [[0.0, 0.0], [0.09, -0.18], [0.15, -0.3], [0.2, -0.4]])
-
-
-def test_of_a_long_way_the_end_is_kept(ears):
-    ears.seen.hear("odometry", [np.array([0.2 * k, 0.0]) for k in range(20_000)])
-    for k in range(3):
-        ears._grow("odometry", np.array([4000.0 + k, 0.0]))
-    way = ears.seen.told("odometry")[0]
-    assert len(way) == 20_001
-    assert (way[0][0], way[-1][0]) == (pytest.approx(0.4), 4002.0)
-
-
 def test_a_pose_is_told_with_its_heading_and_covariance(ears):
     covariance = np.diag([0.04, 0.01, 0.1, 1.0, 1.0, 1.0])
     covariance[0, 1] = covariance[1, 0] = 0.005
@@ -187,14 +154,6 @@ def test_a_pose_is_told_with_its_heading_and_covariance(ears):
     assert (x, y, yaw) == pytest.approx((3.0, -4.0, 0.7))
     np.testing.assert_array_equal(told, np.reshape(message.pose.covariance, (6, 6))[:2, :2])
     assert ears.seen.told("trail")[0][0].tolist() == [3.0, -4.0]
-
-
-@pytest.mark.parametrize("is_closed", [False, True])
-def test_a_closed_path_ends_where_it_begins(ears, is_closed):
-    points = [ReferencePoint(position_x=x, position_y=y) for x, y in ((0.0, 1.0), (2.0, 3.0), (4.0, 5.0))]
-    ears._on_path(ReferenceTrajectory(points=points, is_closed=is_closed))
-    expected = [[0.0, 1.0], [2.0, 3.0], [4.0, 5.0], [0.0, 1.0]]
-    assert ears.seen.told("path")[0].tolist() == expected[: 3 + is_closed]
 
 
 class Scene:
@@ -240,17 +199,6 @@ def test_the_vehicle_stands_before_its_rear_axle_and_heads_as_it_does(desk):
     assert boxes == [COLORS["car"], COLORS["old"]]
     desk._show_car(None, np.inf)
     assert len([kind for kind, *_ in desk.client.scene.added if kind == "box"]) == 2
-
-
-def test_the_map_moves_by_half_metres_where_it_is_to_follow(desk):
-    for x, y, middle in ((0.3, -0.3, (0.0, 0.0)), (0.4, -0.4, (0.4, -0.4)), (0.7, -0.4, (0.4, -0.4))):
-        desk._move_map(x, y)
-        assert desk._middle[:2].tolist() == list(middle)
-    assert desk.client.camera.position.tolist() == pytest.approx([-2.6, -0.4, 25.0])
-    assert desk.client.camera.look_at.tolist() == pytest.approx([0.4, -0.4, 0.0])
-    desk._follows.value = False
-    desk._move_map(9.0, 9.0)
-    assert desk._middle[:2].tolist() == [0.4, -0.4]
 
 
 def test_places_are_balls_that_choose_them(desk):

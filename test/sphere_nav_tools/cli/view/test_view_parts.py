@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import State, Status
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.view import server, view
-from sphere_nav_tools.cli.view.drive import Shot
 from sphere_nav_tools.cli.view.server import COLORS, SIDE, Minimap
 
 T = SE3.exp([1.0, -2.0, 3.0, 0.3, -0.4, 0.5])
@@ -31,38 +29,6 @@ def test_the_camera_of_a_browser_has_the_axes_of_ours():
     found = server.browser_pose(SimpleNamespace(wxyz=(w, x, y, z), position=T.translation))
     np.testing.assert_allclose(found.matrix, T.matrix, atol=1e-12)
     np.testing.assert_allclose(server.look_at(T), T.apply(np.array([[0.0, 0.0, 1.0]]))[0])  # a metre ahead
-
-
-class Client:
-    """A browser whose camera is where it was put."""
-
-    def __init__(self, T_map_camera):
-        x, y, z, w = T_map_camera.quaternion
-        self.camera = SimpleNamespace(wxyz=(w, x, y, z), position=T_map_camera.translation, look_at=None)
-        self.seen = []
-
-    def atomic(self):
-        return self
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.seen.append((np.array(self.camera.position), np.array(self.camera.look_at)))
-
-
-def test_a_flight_is_slow_at_both_ends_and_ends_at_its_target(monkeypatch):
-    seconds = iter(np.arange(0.0, 9.0, 0.1))
-    monkeypatch.setattr(server.time, "monotonic", lambda: float(next(seconds)))
-    client, target = Client(SE3.identity()), SE3.from_parts(np.eye(3), [0.0, 0.0, 12.0])
-    server.Page.fly(SimpleNamespace(_closed=SimpleNamespace(wait=lambda _: False)), client, target)
-    z = np.array([position[2] for position, _ in client.seen])
-    share = np.minimum(np.arange(1, 13) * 0.1 / 1.2, 1.0)  # 1.2 s
-    np.testing.assert_allclose(z, 12.0 * (3 * share**2 - 2 * share**3), atol=1e-9)
-    np.testing.assert_allclose(client.seen[-1][1], [0.0, 0.0, 13.0], atol=1e-9)
-    closed = Client(SE3.identity())
-    server.Page.fly(SimpleNamespace(_closed=SimpleNamespace(wait=lambda _: True)), closed, target)
-    assert closed.seen == []
 
 
 def test_holes_are_dark_and_files_keep_their_colors():
@@ -87,15 +53,6 @@ def test_a_screenshot_has_the_field_of_view_of_its_width():
         assert (found.fx, found.fy) == (pytest.approx(focal), pytest.approx(focal))
 
 
-def test_fields_of_view_have_bounds():
-    for fov, is_one in [(0.9, False), (1.0, True), (150.0, True), (151.0, False)]:
-        if is_one:
-            assert view.camera_for("10x10", fov).fx > 0
-        else:
-            with pytest.raises(ValueError, match="--fov: expected 1 to 150 degrees"):
-                view.camera_for("10x10", fov)
-
-
 def test_it_begins_at_a_pose_or_a_key_sphere_and_not_at_both():
     graph = SphereGraph([KeySphere(3, 0, T), KeySphere(7, 0, SE3.identity())])
     reader = SimpleNamespace(graph=graph)
@@ -114,34 +71,6 @@ def test_it_begins_at_a_pose_or_a_key_sphere_and_not_at_both():
     for text in ("1,2,3", "1,2,3,4,5,6,7", "1,2,3,inf"):
         with pytest.raises(ValueError, match="--pose: expected x,y,z,yaw"):
             begin(text)
-
-
-def test_the_words_beside_an_image():
-    image = np.zeros((2, 2, 3), np.uint8)
-    lost = Status(State.LOST, "GAP", quality=0.256)
-    assert Shot(2_500_000_000, image, None, None, lost).text == "**LOST** · GAP · 2.50 s · quality 0.26"
-    assert Shot(0, image, None, None, Status(State.TRACKING)).text == "**TRACKING** · 0.00 s · quality 0.00"
-
-
-def test_a_drive_is_shown_at_its_own_pace(monkeypatch):
-    """Images at 0, 1 and 3 s of the drive; the first takes 0.4 s to localise, the second 1.7 s."""
-    now, slept, shown = [50.0], [], []
-
-    def shots():
-        for stamp_s, work_s in ((7, 0.4), (8, 1.7), (10, 0.2)):
-            now[0] += work_s
-            yield SimpleNamespace(stamp_ns=stamp_s * 10**9)
-
-    def sleep(seconds):
-        slept.append(round(seconds, 6))
-        now[0] += seconds
-
-    monkeypatch.setattr(view.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(view.time, "sleep", sleep)
-    page = SimpleNamespace(show=lambda shot, camera: shown.append((shot.stamp_ns, camera)))
-    view.replay_drive(SimpleNamespace(shots=shots, camera="lens"), page)
-    assert slept == [0.0, 0.0, pytest.approx(0.7)]  # 2.3 s have passed when it is due at 3 s
-    assert shown == [(7 * 10**9, "lens"), (8 * 10**9, "lens"), (10 * 10**9, "lens")]
 
 
 PLACES = [SE3.from_planar(x, y, 0.0) for x, y in ((0, 0), (20, 0), (20, 20))]

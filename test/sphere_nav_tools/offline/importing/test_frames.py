@@ -12,7 +12,6 @@ from sphere_nav.ros.conversions import transform_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.importing.frames import DEFAULT_HZ, Folder, instants_of, open_frames, stamp_of
 from sphere_nav_tools.offline.importing.images import open_images
-from sphere_nav_tools.offline.importing.kitti import open_kitti
 from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, SIDES
 from sphere_nav_tools.offline.importing.rgbd import open_tum
 
@@ -149,27 +148,6 @@ def test_topics_tell_what_a_recording_is(tmp_path):
     ):
         with pytest.raises(ValueError, match=said):
             open_images(tmp_path, *words)
-
-
-def kitti(folder, names=("image_0", "image_1"), calibration="named"):
-    for number in (0, 3):
-        for name in names:
-            write(folder / name / f"{number:06d}.png")
-    rows = {k: [20.0, 0, 7.5, -5.0 * k, 0, 21.0, 5.5, 0, 0, 0, 1, 0] for k in range(4)}
-    text = [(f"P{k}: " if calibration == "named" else "") + " ".join(map(str, row)) for k, row in rows.items()]
-    (folder / "calib.txt").write_text("\n".join(text) + "\n")
-    return folder
-
-
-@pytest.mark.parametrize("names", [("image_0", "image_1"), ("image_l", "image_r"), ("image_2", "image_3")])
-@pytest.mark.parametrize("calibration", ["named", "bare"])
-def test_a_pair_of_kitti_has_the_baseline_between_its_two_cameras(tmp_path, names, calibration):
-    found = open_kitti(kitti(tmp_path, names, calibration))
-    assert found.views["right"].baseline_m == pytest.approx(0.25)
-    assert found.views["left"].camera == Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
-    assert [found.stamp_ns(k) for k in range(2)] == [SECOND, SECOND + 300_000_000]  # 10 Hz by the number of the file
-    T = transforms(found)
-    np.testing.assert_allclose(T["camera_link", "right_optical"].translation, [0.0, -0.25, 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(("late_ms", "num_frames"), [(20, 2), (21, 1)])

@@ -10,7 +10,6 @@ from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.ros.conversions import depth_to_meters, image_to_gray, pose_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.importing.kitti import open_kitti
-from sphere_nav_tools.offline.importing.recording import body_from_optical
 from sphere_nav_tools.offline.importing.rgbd import open_seven_scenes
 
 COLOR = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)
@@ -63,10 +62,3 @@ def test_the_car_drives_forward(shared_data):
     assert x == pytest.approx(59.9, abs=0.5)  # README of the data: 59.9 m straight
     assert abs(y) < 5.0
     assert abs(z) < 2.0
-
-
-def test_a_world_with_optical_axes_is_turned():
-    T_map_body = body_from_optical(SE3.exp([0, 0, 2.0, 0, 0, 0]), is_world_optical=True)
-    np.testing.assert_allclose(T_map_body.matrix, SE3.exp([2.0, 0, 0, 0, 0, 0]).matrix, atol=1e-12)
-    T_map_body = body_from_optical(T_BODY_OPTICAL, is_world_optical=False)
-    np.testing.assert_allclose(T_map_body.matrix, np.eye(4), atol=1e-12)

@@ -70,20 +70,8 @@ def bag(tmp_path_factory):
     return path
 
 
-@pytest.fixture(scope="module")
-def whole(bag, tmp_path_factory):
-    """The map of a run that nothing ended."""
-    path = tmp_path_factory.mktemp("whole") / "map"
-    assert call("map", bag, "-o", path) == 0
-    return path
-
-
 def call(command, *words):
     return main([command, *map(str, words), *(SETTINGS if command == "map" else ())])
-
-
-def same(path, whole):
-    return (path / "map.mcap").read_bytes() == (whole / "map.mcap").read_bytes()
 
 
 def test_killed_or_out_of_disk_it_leaves_a_map(bag, tmp_path):
@@ -141,12 +129,3 @@ def test_where_nothing_can_be_written_nothing_is_left(bag, tmp_path, monkeypatch
     assert call("map", bag, "-o", tmp_path / "map") == 2
     assert "No space left on device" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_dask_cluster_makes_the_same_map(bag, whole, tmp_path, capsys):
-    distributed = pytest.importorskip("distributed")
-    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
-    with distributed.LocalCluster(**options) as cluster:
-        assert call("map", bag, "-o", tmp_path / "map", "--scheduler", cluster.scheduler_address) == 0
-    assert f"{NUM_SPHERES} spheres placed, 0 lost" in capsys.readouterr().out
-    assert same(tmp_path / "map", whole)

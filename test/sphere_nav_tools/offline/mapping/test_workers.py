@@ -1,7 +1,6 @@
 """Work by other processes, and stitching ahead."""
 
 import os
-import pickle
 import sys
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
@@ -11,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from sphere_nav.ros.bags import BagError
-from sphere_nav_tools.offline.mapping import plan, stitcher_ahead
+from sphere_nav_tools.offline.mapping import plan
 from sphere_nav_tools.offline.mapping.plan import stitcher_values
 from sphere_nav_tools.offline.mapping.stitcher_ahead import StitcherAhead
 from sphere_nav_tools.offline.mapping.workers import Workers
@@ -94,20 +93,6 @@ def test_what_cannot_be_stitched_is_told_where_its_sphere_is_due():
     with pytest.raises(ValueError, match="top_left"):
         node.publish_next()
     assert published == []
-
-
-def test_others_stitch_once_the_rig_is_learned(monkeypatch):
-    asked = []
-    monkeypatch.setattr(stitcher_ahead.LearnedRig, "of", lambda stitcher: "rig")
-    monkeypatch.setattr(stitcher_ahead, "stitch_apart", lambda known, *values: asked.append((known, values[1])))
-    node, _ = make(lambda images, stamp, points, depths: SimpleNamespace(sphere=stamp))
-    node.executor = ThreadPoolExecutor(1)
-    node.stitch(instant(1))
-    node.stitcher.is_settled = True
-    node.stitch(instant(2))
-    assert node.coming[0].result() == 1
-    assert node.coming[1].result() is None
-    assert asked == [(pickle.dumps("rig"), 2)]
 
 
 def arguments(**values):
