@@ -258,8 +258,9 @@ def scan(bus, ranges, **fields):
     list(bus.settle())
 
 
-def mount(bus, turned=0.0):
-    there = se3_to_transform(SE3.from_planar(1.5, 0, turned), bus.now_ns, "base_link", "laser")
+def mount(bus, roll=0.0, yaw=0.0):
+    T_base_laser = SE3.from_angles(roll, 0.0, yaw, np.array([1.5, 0.3, 0.6]))
+    there = se3_to_transform(T_base_laser, bus.now_ns, "base_link", "laser")
     bus.deliver("/tf_static", TFMessage(transforms=[there]))
 
 
@@ -282,6 +283,38 @@ def started_with_scans(**values):
     x, reasons = drive_with_scans(bus, node, 15, 41 * [np.inf], x)
     assert reasons == {""}
     return bus, node, x
+
+
+@pytest.mark.parametrize(
+    ("roll", "yaw", "place"),
+    [
+        (0.0, 0.5, (1.5 + 2 * np.cos(1.0), 0.3 + 2 * np.sin(1.0))),
+        (0.0, np.pi, (1.5 - 2 * np.cos(0.5), 0.3 - 2 * np.sin(0.5))),  # looks behind
+        (np.pi / 2, 0.0, (1.5 + 2 * np.cos(0.5), 0.3)),  # on its side: the beam goes up
+        (np.pi, 0.0, (1.5 + 2 * np.cos(0.5), 0.3 - 2 * np.sin(0.5))),  # upside down: to the right
+    ],
+    ids=["turned", "behind", "on its side", "upside down"],
+)
+def test_a_scanner_sees_a_post_where_it_is_however_it_is_mounted(roll, yaw, place):
+    bus, node = follower_bus()
+    mount(bus, roll, yaw)
+    scan(bus, [2.0 if beam == 30 else np.inf for beam in range(41)])  # 0.5 rad to the scanner's left
+    np.testing.assert_allclose(node.loop.follower.watch.points, [place], atol=1e-6)
+
+
+@pytest.mark.parametrize("roll", [0.0, np.pi])
+@pytest.mark.parametrize("is_ahead", [False, True])
+def test_a_turned_scanner_that_is_blind_where_the_vehicle_drives_is_none(roll, is_ahead):
+    """What is ahead of a vehicle is 0.6 rad to the right of a scanner that looks to the left; turned over, left."""
+    bus, node = follower_bus()
+    mount(bus, roll, yaw=0.6)
+    x = drive(bus, node, 2)
+    scan(bus, 41 * [np.inf])
+    drive(bus, node, 1, x=x)
+    is_right_blind = (roll == 0.0) == is_ahead
+    angles = np.linspace(-1.0, 1.0, 41)
+    scan(bus, np.where((angles < -0.1) if is_right_blind else (angles > 0.1), np.nan, np.inf))
+    assert ("of the way ahead measured" in node.loop.follower.watch.scan_refusal) == is_ahead
 
 
 BLIND_AHEAD = 10 * [np.inf] + 21 * [np.nan] + 10 * [np.inf]
@@ -338,7 +371,7 @@ def test_a_scanner_without_tf_is_no_reason_to_drive_as_if_there_were_none(is_req
 def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required():
     for is_required in [False, True]:
         bus, node = follower_bus(**{"safety.is_scan_required": is_required})
-        mount(bus, turned=np.pi)
+        mount(bus, yaw=np.pi)
         drive(bus, node, 2)
         scan(bus, 41 * [np.inf])
         answer = node.shell.call("start")
