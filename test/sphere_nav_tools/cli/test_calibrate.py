@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.board_world import BoardWorld
+from cycab_sim.world.boards import BoardWorld
 from rig_calibration.boards.board import Board
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, so3
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
