@@ -187,3 +187,14 @@ def test_a_prediction_goes_by_steps_of_20_ms():
     predictor.remember(0, Motion(1.0, 0.0))
     predicted = predictor.predict(Pose2(0, 0, 0), 0, 8 * STEP, None).x
     assert predicted == pytest.approx(sum(0.02 * (1.0 - math.exp(-0.02 * k / 0.5)) for k in range(1, 21)))
+
+
+def test_a_vehicle_that_is_stopped_while_it_accelerates_gains_no_more_speed():
+    limiter = Limiter(VehicleParams())
+    for tick in range(7):
+        limiter.limit(1.4, 0.0, tick * 100_000_000, is_hard=False)
+    assert limiter.gain > 0.5
+    speeds = [limiter.last.speed]
+    speeds += [limiter.limit(0.0, None, (7 + tick) * 100_000_000, is_hard=False).speed for tick in range(20)]
+    assert np.all(np.diff(speeds) <= 0.0)
+    assert speeds[-1] == 0.0
