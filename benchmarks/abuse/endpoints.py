@@ -33,8 +33,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from benchmarks.abuse.lies import Liar, interface_class
-from benchmarks.abuse.mutations import mutate_message
+from benchmarks.abuse.mutations import Liar, interface_class, mutate_message
 from benchmarks.abuse.nodes import CASES, Case
 from benchmarks.fault_busy import front_of
 from benchmarks.report import Bound, Headline, Report, Table

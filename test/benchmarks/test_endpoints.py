@@ -18,7 +18,7 @@ from std_msgs.msg import String
 
 from benchmarks.abuse import endpoints
 from benchmarks.abuse.endpoints import Interrogation, interrogate
-from benchmarks.abuse.lies import MARK, NO_UTF8, Liar, interface_class
+from benchmarks.abuse.mutations import MARK, NO_UTF8, Liar, interface_class
 from benchmarks.abuse.nodes import CASES, Case
 from benchmarks.fault_busy import front_of
 
