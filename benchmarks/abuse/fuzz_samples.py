@@ -165,28 +165,15 @@ class Samples:
             self._text("faces.ply", PLY + faces + rows + "3 0 1 2\n3 0 1 3\n"),
             self._text("ascii.pcd", f"{head}ascii\n{text}\n"),
             self._text("plan.csv", PLAN),
-            self._las(points),
-            self._laz(points),
+            self._tile("points.las", points),
+            self._tile("tile.laz", points),
         ]
 
-    def _laz(self, points: np.ndarray) -> Path:
+    def _tile(self, name: str, points: np.ndarray) -> Path:
         tile = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
         tile.x, tile.y, tile.z = points.T
-        tile.write(str(self.folder / "tile.laz"))
-        return self.folder / "tile.laz"
-
-    def _las(self, points: np.ndarray) -> Path:
-        head = bytearray(227)
-        head[:4], head[24:26] = b"LASF", bytes([1, 2])
-        head[94:96], head[96:100] = (227).to_bytes(2, "little"), (227).to_bytes(4, "little")
-        head[105:107], head[107:111] = (20).to_bytes(2, "little"), len(points).to_bytes(4, "little")
-        head[131:179] = np.array([0.001] * 3 + [0.0] * 3).tobytes()
-        rows = np.zeros(
-            len(points), np.dtype({"names": ["p"], "formats": [("<i4", 3)], "offsets": [0], "itemsize": 20})
-        )
-        rows["p"] = np.round(points * 1000)
-        (self.folder / "points.las").write_bytes(bytes(head) + rows.tobytes())
-        return self.folder / "points.las"
+        tile.write(str(self.folder / name))
+        return self.folder / name
 
     def _map(self) -> Path:
         nodes, edges = [], []

@@ -28,37 +28,11 @@ FLOATS = (0.0, -0.0, 1.0, -1.0, 0.5, 3.0, 1e-30, 1e9, 1e30, float("nan"), float(
 DOUBLES = (1e-300, 1e300, -1e300)
 MARK, NO_UTF8 = "MARK", b"\xff\xfe\x80\xc0"  # where text stands that becomes bytes that are none
 TEXTS = (
-    *(
-        "",
-        "x",
-        "map",
-        "odom",
-        "/map",
-        "base_link",
-        "mono8",
-        "rgb8",
-        "bayer_rggb8",
-        "yuv422",
-        "16UC1",
-        "32FC1",
-        "png",
-        "~",
-    ),
-    *(
-        "log16_zstd",
-        "a\nb",
-        "%s%n",
-        "\u0000",
-        "x\u0000y",
-        "\ufffd",
-        "\U0001f697" * 8,
-        "\u202egnp.exe",
-        "é" * 300,
-        "../x",
-    ),
-    *("[" * 40, "{}: !!x", "\x1b[2J", "x" * 5000, MARK),
+    *("", "x", "~", "map", "odom", "/map", "base_link", "mono8", "rgb8", "bayer_rggb8", "yuv422", "16UC1", "32FC1"),
+    *("png", "log16_zstd", "a\nb", "%s%n", "\u0000", "x\u0000y", "\ufffd", "\U0001f697" * 8, "\u202egnp.exe"),
+    *("é" * 300, "../x", "[" * 40, "{}: !!x", "\x1b[2J", "x" * 5000, MARK),
 )
-LENGTHS = (0, 1, 2, 3, 9, 36, 100, 5000)
+LENGTHS = (0, 0, 1, 2, 3, 9, 36, 1000)
 MAX_DEEP = 3  # elements of sequences of messages, each of which is filled
 CHANCE_OF_NOW = 0.4  # of a stamp: otherwise most messages are refused for it alone
 NUMBER = re.compile(rb"[-+]?\d[\d.eE+-]*|[A-Za-z_]\w*")
@@ -145,17 +119,17 @@ def interface_class(name: str) -> type[Any]:
 
 
 class Liar:
-    """Makes messages whose every field is a lie; the same seed makes the same ones, but for the stamps of now."""
+    """Makes messages whose every field is a lie; the same seed makes the same ones, but for stamps of now."""
 
-    def __init__(self, rng: np.random.Generator, words: Sequence[str] = ()) -> None:
-        """`words` are names that mean something to who is lied to."""
-        self._rng = rng
-        self.words = list(words)
+    def __init__(self, rng: np.random.Generator, *, is_now: bool = False) -> None:
+        """`is_now`: some stamps are of now; `words` are names that mean something to who is lied to."""
+        self._rng, self._is_now = rng, is_now
+        self.words: list[str] = []
 
     def message(self, kind: type[Any]) -> Any:
         """Return a message of this class."""
         made = kind()
-        if kind is Time and self._rng.random() < CHANCE_OF_NOW:
+        if kind is Time and self._is_now and self._rng.random() < CHANCE_OF_NOW:
             made.sec, made.nanosec = divmod(time.time_ns(), 10**9)
             return made
         for name, slot in zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True):
