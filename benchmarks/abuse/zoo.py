@@ -13,15 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from benchmarks.abuse.zoo_bags import (
-    RIG_NAMES,
-    Exhibit,
-    base_pose,
-    exhibits,
-    rig,
-    six_cameras,
-    write_room,
-)
+from benchmarks.abuse.zoo_bags import RIG_NAMES, Exhibit, base_pose, exhibits, rig, six_cameras, write_room
 from benchmarks.abuse.zoo_writers import ros2
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.geometry import Rig

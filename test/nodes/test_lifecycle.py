@@ -16,11 +16,11 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from worlds.node_cases import CASES
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorder_node import BagRecorder
 from sphere_nav.ros.live import LiveShell
+from worlds.node_cases import CASES
 from worlds.patience import Patience
 
 SETTLED = 10  # what libraries allocate once is there after as many
