@@ -34,10 +34,11 @@ test: env $(STAMPS)/test_wheels
 test-slow: env $(STAMPS)/test_wheels
 	$(TEST) -m "slow or dds" $(ARGS)
 
+# all in quick size, or what ARGS names: ARGS="drive missions --size full"
 bench: env
-	$(RUN)/python -m benchmarks $(ARGS)
+	$(RUN)/python -m benchmarks $(or $(ARGS),all --size quick)
 
-# docs/results.md from out/bench/*.json
+# docs/results.md from out/bench/*.json, which `bench` leaves
 bench-report: $(STAMPS)/wheels
 	$(RUN)/python -m benchmarks.results
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-LIBRARIES = ("numpy", "numba", "opencv-python-headless", "open3d", "open3d-cpu")
+LIBRARIES = ("numpy", "numba", "opencv-python-headless")
 
 
 def cpu_name() -> str:
@@ -46,7 +46,7 @@ def commit() -> str:
 
 
 def set_threads(num_threads: int) -> None:
-    """Give OpenCV, numba and OpenMP (Open3D; before it is imported) the same number of threads."""
+    """Give OpenCV, numba and OpenMP (before it is imported) the same number of threads."""
     os.environ["OMP_NUM_THREADS"] = str(num_threads)
     import cv2
     import numba

@@ -1,12 +1,9 @@
-"""The follower on recorded courses, beside pure pursuit, Stanley and regulated pure pursuit, and on random paths.
+"""The follower on recorded courses, beside pure pursuit, Stanley and regulated pure pursuit.
 
 One car drives for all of them (`cycab_sim/vehicle.py`, lags of 0.2 s), one localiser tells poses of 20 Hz, 0.1 s late,
 with noise of 5 mm and 0.1 degrees; path, speeds, limits of the commands and stops are those of the follower. Of every
 rival the gain is the best of a grid on the first part of the course; all are judged on the rest. As published they
 steer by the pose as it is measured.
-
-The random paths have bends as sharp as the car can drive, cusps, corners, noise and gaps in the poses; of every command
-it is asked whether it is finite and within all limits, and of the place on the path whether it ever goes back.
 """
 
 from __future__ import annotations
@@ -15,7 +12,7 @@ import argparse
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, NamedTuple
@@ -26,14 +23,14 @@ from numpy.typing import NDArray
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import ActuatorParams, CarParams
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
-from path_follower.command import Command, TrackingError
+from path_follower.command import TrackingError
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
-from path_follower.params import FollowerParams, PathParams, SpeedParams, VehicleParams
+from path_follower.params import FollowerParams, SpeedParams, VehicleParams
 from path_follower.path import Location, Pose2, ReferencePath, wrap
-from path_follower.path_files import make_path, read_path
+from path_follower.path_files import read_path
 
-HELP = "the follower beside three others on recorded courses; commands and progress on random paths"
+HELP = "the follower beside pure pursuit, Stanley and regulated pure pursuit on recorded courses"
 COURSES = {
     "Budapest": (8.0, 2.0),  # m/s at most, m/s^2 sideways
     "Hockenheim": (8.0, 2.0),
@@ -43,17 +40,15 @@ COURSES = {
 PERIOD_S, LATENCY_S = 0.05, 0.1
 NOISE_M, NOISE_RAD = 0.005, math.radians(0.1)
 TUNED_M, QUICK_M = 400.0, 400.0  # of way on which gains are chosen; that is judged of a quick run
-NUM_PATHS, QUICK_PATHS = 1000, 20
-MAX_RMSE_M = 0.03
+MAX_RMSE_M, MAX_SECONDS = 0.03, 3600.0
 SECOND = 10**9
 
 
 class Record(NamedTuple):
-    """What one drive was: way and signed distance of the true car from the path (N,), and all commands."""
+    """What one drive was: way and signed distance of the true car from the path (N,)."""
 
     way: NDArray[np.float64]
     lateral: NDArray[np.float64]
-    commands: list[Command]
 
     def rmse(self, begin: float = 0.0) -> float:
         """Return the root of the mean squared distance behind `begin` metres of way."""
@@ -122,10 +117,8 @@ RIVALS: dict[str, tuple[Steer, tuple[float, ...]]] = {
 }
 
 
-def drive(
-    follower: Follower, *, seed: int, way: float = math.inf, losses: float = 0.0, seconds: float = 3600.0
-) -> Record:
-    """Drive along the path until it ends, or for a way; `losses`: share of the poses that never come."""
+def drive(follower: Follower, *, seed: int, way: float = math.inf) -> Record:
+    """Drive along the path until it ends, or for a way."""
     path, params = follower.path, follower.params
     assert path is not None
     rng = np.random.default_rng(seed)
@@ -137,7 +130,6 @@ def drive(
     vehicle, pending = Vehicle(start, car, ActuatorParams()), deque[tuple[int, Pose2]]()
     ways: list[float] = []
     lateral: list[float] = []
-    commands: list[Command] = []
     for step in itertools.count():
         now = SECOND + round(step * PERIOD_S * SECOND)
         pose = Pose2(vehicle.state.x, vehicle.state.y, vehicle.state.yaw)
@@ -145,38 +137,34 @@ def drive(
         pending.append((now, Pose2(pose.x + noise[0], pose.y + noise[1], pose.yaw + noise[2])))
         is_due = pending[0][0] <= now - round(LATENCY_S * SECOND)
         then, measured = pending.popleft() if is_due else (0, pose)
-        if is_due and rng.random() >= losses:
-            command = follower.update(measured, None, then, "TRACKING", now_ns=now)
-        else:
-            command = follower.tick(now)
+        command = follower.update(measured, None, then, "TRACKING", now_ns=now) if is_due else follower.tick(now)
         if follower.mode.state is FollowerState.IDLE and follower.watch.pose is not None:
             follower.start(now)
-        commands.append(command)
         if follower.location is not None:
             back = replace(follower.location, arc_length=max(0.0, follower.location.arc_length - 1.0))
             lateral.append(path.advance(pose, back, 3.0 + 0.5 * abs(command.speed)).cross_track)
             ways.append(follower.location.arc_length)
         has_ended = follower.mode.state in (FollowerState.FINISHED, FollowerState.STOPPED)
-        if has_ended or step * PERIOD_S > seconds or (ways and ways[-1] >= way):
-            return Record(np.array(ways), np.array(lateral), commands)
+        if has_ended or step * PERIOD_S > MAX_SECONDS or (ways and ways[-1] >= way):
+            return Record(np.array(ways), np.array(lateral))
         vehicle.step(VehicleCommand(command.speed, command.yaw_rate), PERIOD_S)
     raise AssertionError
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Drive the courses and the random paths."""
+    """Drive the courses; a quick run one of them, by the seed."""
     report, is_quick = Report("following", notes=[__doc__ or ""]), options.size == "quick"
     courses, way = list(COURSES.items()), TUNED_M + QUICK_M if is_quick else math.inf
     if is_quick:
         courses = [courses[options.seed % len(courses)]]
-    if (options.data / "tracks").is_dir():
+    report.skipped = "" if (options.data / "tracks").is_dir() else f"no folder tracks in {options.data}"
+    if not report.skipped:
         rows = [
             drive_course(name, options.data / "tracks", params_for(*limits), way, options.seed, report)
             for name, limits in courses
         ]
         columns = ("course, rmse m (largest)", "path_follower", *(f"{name}: gain" for name in RIVALS))
         report.tables.append(Table(f"Courses, judged behind the first {TUNED_M:g} m", columns, rows))
-    random_paths(QUICK_PATHS if is_quick else NUM_PATHS, options.seed, report)
     return report
 
 
@@ -213,77 +201,3 @@ def drive_course(
 def largest(record: Record) -> float:
     """Return the largest distance from the path behind the part on which gains were chosen, in m."""
     return float(np.abs(record.lateral[record.way >= TUNED_M]).max(initial=0.0))
-
-
-# --- random paths
-
-
-def random_paths(count: int, seed: int, report: Report) -> None:
-    """Drive random paths and count what must never be."""
-    params = FollowerParams(path=PathParams(smoothing_length=2.0))
-    wrong: dict[str, int] = dict.fromkeys(("not finite", "beyond a limit", "jerk", "progress back", "refused"), 0)
-    ended: dict[str, int] = {}
-    for number in range(count):
-        rng = np.random.default_rng([seed, number])
-        points, yaw = random_course(rng)
-        try:
-            path = make_path(points, yaw, None, params)
-        except ValueError:
-            wrong["refused"] += 1
-            continue
-        record = drive(Follower(params, path), seed=number, losses=float(rng.choice([0.0, 0.1, 0.3])), seconds=200.0)
-        for fault in faults_of(record, params.vehicle):
-            wrong[fault] += 1
-        verdict = record.commands[-1].status.verdict.reason or "still driving"
-        ended[verdict] = ended.get(verdict, 0) + 1
-    report.tables.append(
-        Table(f"{count} random paths: how they ended", ("end", "drives"), [(k, str(n)) for k, n in ended.items()])
-    )
-    of = Headline("robustness", f"{count} random paths: bends, cusps, corners, lost poses")
-    report.bounds += [Bound(f"random paths: {fault}", 0, number, "") for fault, number in wrong.items()]
-    report.bounds.append(Bound("random paths: wrong commands, of all kinds", 0, sum(wrong.values()), "", headline=of))
-
-
-def random_course(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points (N, 2) and headings (N,): bends up to 0.45 1/m, cusps, corners; uneven, with noise."""
-    pose, poses, direction = np.zeros(3), [np.zeros(3)], 1.0
-    for _ in range(int(rng.integers(2, 8))):
-        way, bend = float(rng.uniform(1.5, 10.0)), float(rng.choice([0.0, 1.0]) * rng.uniform(-0.45, 0.45))
-        direction = -direction if rng.random() < 0.25 else direction
-        if rng.random() < 0.15:
-            pose = pose + np.array([0.0, 0.0, rng.uniform(-0.7, 0.7)])  # a corner, which no car can drive as it is
-        step = float(rng.uniform(0.03, 0.4))
-        for _ in range(max(1, round(way / step))):
-            middle = pose[2] + 0.5 * direction * step * bend
-            pose = pose + direction * step * np.array([math.cos(middle), math.sin(middle), bend])
-            poses.append(pose)
-    noisy = np.array(poses) + rng.normal(size=(len(poses), 3)) * float(rng.choice([0.0, 0.01, 0.02])) * (1, 1, 0.5)
-    return noisy[:, :2], noisy[:, 2]
-
-
-def faults_of(record: Record, limits: VehicleParams) -> Iterator[str]:
-    """Yield what one drive did that must never be."""
-    table = np.array([(c.stamp_ns / 1e9, c.speed, c.yaw_rate, c.steering_angle) for c in record.commands])
-    if not np.isfinite(table).all():
-        yield "not finite"
-    time, speed, _, angle = table.T
-    seconds = np.diff(time)
-    gain = np.diff(np.abs(speed)) / seconds
-    is_gentle = np.array([command.status.verdict.is_gentle for command in record.commands])
-    ordinary = is_gentle[1:] & is_gentle[:-1]
-    is_within = (
-        np.abs(speed).max() <= limits.max_speed + 1e-9
-        and np.abs(angle).max() <= limits.max_steering_angle + 1e-9
-        and np.abs(np.diff(angle) / seconds).max() <= limits.max_steering_rate + 1e-6
-        and gain.max() <= limits.max_acceleration + 1e-6
-        and gain.min() >= -limits.stop_deceleration - 1e-6
-        and gain[ordinary].min(initial=0.0) >= -limits.max_deceleration - 1e-6
-        and np.all(speed[1:] * speed[:-1] >= 0.0)
-    )
-    if not is_within:
-        yield "beyond a limit"
-    jerk = np.diff(np.diff(speed) / seconds) / PERIOD_S
-    if np.abs(jerk[ordinary[1:] & ordinary[:-1]]).max(initial=0.0) > limits.max_jerk + 1e-6:
-        yield "jerk"
-    if np.any(np.diff(record.way) < 0.0):
-        yield "progress back"

@@ -172,7 +172,7 @@ class CameraTown(Town):
         cast("OfflineShell", self.localizer.shell).call("reset")
         self.state, end = "", self.bus.now_ns + WAIT_NS
         while self.state != State.TRACKING and self.bus.now_ns < end:
-            self.step(Driven("", "", ""), may_walk=False)
+            self.step(Driven("", ""), may_walk=False)
 
     @property
     def told(self) -> str:  # type: ignore[override]

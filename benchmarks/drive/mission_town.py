@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
@@ -13,7 +12,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.action import Navigate
-from sphere_nav_msgs.srv import CloseEdge
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.params import ActuatorParams, CarParams
@@ -26,7 +24,6 @@ from path_follower.ros.node import PathFollowerNode
 from path_follower.routes.building import TaughtDrive, build_network, even_curve
 from path_follower.routes.network import Network, Spot
 from path_follower.routes.network_file import write_network
-from path_follower.routes.planning import Leg, plan
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import State, Status
@@ -48,8 +45,6 @@ PLACES = {"square": (100.0, SOUTH), "lane": (120.0, 60.0), "market": (80.0, NORT
 PLACES |= {"church": (-20.0 - RIGHT, 60.0), "gate": (40.0 + RIGHT, 60.0), "school": (40.0 - RIGHT, 60.0)}
 NOISE = (0.01, 0.01, 0.003)  # m, m, rad of a pose
 PERIOD_NS, LATENCY_NS, STEP_NS = 100_000_000, 50_000_000, 50_000_000
-ROOM = 12.0  # m of an edge that is closed
-BRANCH = 8.0  # m around a node where ways part or meet
 PATIENCE = 900.0  # s of simulated time for a mission
 WALKER, STAYING = 0.3, 4.0  # m radius; s before the car
 BEAMS, SCAN_RANGE = 121, 20.0
@@ -62,14 +57,12 @@ class Driven:
 
     start: str
     goal: str
-    closed: str  # edge, and by what; empty: none
     is_arrived: bool = False
     reason: str = ""
     distance: float = 0.0
     contacts: int = 0
     stops: int = 0  # at joints, for no reason
     lateral: list[float] = field(default_factory=list)
-    at_branches: list[float] = field(default_factory=list)
 
 
 class Town:
@@ -98,10 +91,6 @@ class Town:
         self.pending: list[tuple[int, Pose2]] = []
         self.walkers: list[tuple[Array, int]] = []  # where, and until when
         self.next_walker = 0.0
-        self.branches = np.array([
-            node.pose[:2] for node in self.network.nodes.values()
-            if len(self.network.arrivals(node.id)) + len(self.network.departures(node.id)) > 2
-        ])  # fmt: skip
         points = [np.stack([e.curve.x, e.curve.y, e.curve.yaw], -1) for e in self.network.edges.values()]
         self.points = np.concatenate(points)
         yaw = self.points[:, 2]
@@ -115,88 +104,33 @@ class Town:
         return self.network.departures(node.id)[0].id, node.pose
 
     # --- a mission
-    def drive(self, closing: str) -> Driven:
+    def drive(self) -> Driven:
         """Drive to another place."""
         goals = [name for name in PLACES if name in self.network.places and name != self.here]
-        if closing:
-            here = Spot(self.network.departures(self.network.places[self.here])[0].id, 0.0)
-            goals = [goal for goal in goals if self.passable(here, goal)] or goals
-        goal = str(self.rng.choice(goals))
-        driven = Driven(self.here, goal, "")
+        driven = Driven(self.here, str(self.rng.choice(goals)))
         check, begin, _ = self.shell.actions["navigate"]
-        asked = Offered(Navigate.Goal(place=goal))
+        asked = Offered(Navigate.Goal(place=driven.goal))
         check(asked.request)
         begin(asked)
-        end, shut_at = self.bus.now_ns + round(PATIENCE * 1e9), float(self.rng.uniform(0.1, 0.5))
+        end = self.bus.now_ns + round(PATIENCE * 1e9)
         while asked.result is None and self.bus.now_ns < end:
-            self.step(driven, may_walk=not closing)
-            course = self.navigator.mission.course
-            if (
-                closing
-                and not driven.closed
-                and course is not None
-                and self.navigator.mission.progress > shut_at * course.length
-            ):
-                driven.closed = self.shut(closing)
+            self.step(driven, may_walk=True)
+        self.walkers = []
         if asked.result is None:
             driven.reason = f"still {self.navigator.mission.state}: {self.navigator.mission.reason}"
         else:
-            driven.is_arrived, driven.reason, driven.distance = (
-                asked.result.success,
-                asked.result.reason,
-                asked.result.distance,
-            )
-        self.reopen()
+            driven.is_arrived, driven.reason = asked.result.success, asked.result.reason
+            driven.distance = asked.result.distance
         if driven.is_arrived:
-            self.here = goal
+            self.here = driven.goal
         else:
             self.restart()
         return driven
 
-    def shut(self, closing: str) -> str:
-        """Close an edge ahead that is not the one under way, by the call or by something that stays on it."""
-        mission = self.navigator.mission
-        assert mission.course is not None
-        legs = mission.course.legs[mission.course.leg_at(mission.progress) + 1 :]
-        assert mission.leg is not None
-        now, far = Spot(mission.leg.edge, mission.leg.first), [leg for leg in legs if leg.length > ROOM]
-        ahead = self.passable(now, mission.goal.place if mission.goal else "") or far
-        if not ahead:
-            return "none ahead"
-        leg = ahead[int(self.rng.integers(len(ahead)))]
-        if closing == "call":
-            request = CloseEdge.Request(edge=str(leg.edge), closed=True)
-            answer = self.shell.call("close_edge", request)
-            assert answer.success, answer.message
-        else:
-            way = leg.first + (0.6 * leg.length if self.is_near else 2.0)
-            pose = self.placed(self.network.edges[leg.edge].curve.pose(way))
-            if math.hypot(pose.x - self.car.state.x, pose.y - self.car.state.y) < ROOM:
-                return ""  # nothing falls from the sky before the car: the next edge, later
-            self.is_near = not self.is_near
-            self.walkers.append((np.array(pose[:2]), 1 << 62))
-        return f"{leg.edge} by {closing}"
-
-    def passable(self, start: Spot, goal: str) -> list[Leg]:
-        """Return the legs of the way to a place, behind the first, without which there is another way."""
-        goals, found = self.network.spots_of(self.network.places[goal]), []
-        for leg in plan(self.network, [start], goals, cruise=CRUISE).legs[1:]:
-            with suppress(ValueError):
-                plan(self.network, [start], goals, cruise=CRUISE, closed={leg.edge})
-                found += [leg] if leg.length > ROOM else []
-        return found
-
-    def reopen(self) -> None:
-        """Let all edges be open again, and nobody in the way."""
-        self.walkers = []
-        self.navigator.mission.blocked.clear()
-        for edge in list(self.navigator.mission.closed):
-            self.shell.call("close_edge", CloseEdge.Request(edge=str(edge), closed=False))
-
     def restart(self) -> None:
         """Bring the car to a place by hand."""
         for _ in range(200):
-            self.step(Driven("", "", ""), may_walk=False)
+            self.step(Driven("", ""), may_walk=False)
         self.follower.loop.ask("stop")
         self.here = "church"
         self.put(self._spot(self.here)[1])
@@ -209,7 +143,7 @@ class Town:
         """Put the car down, and let the nodes see it there."""
         self.car.state = VehicleState(*pose)
         for _ in range(40):
-            self.step(Driven("", "", ""), may_walk=False)
+            self.step(Driven("", ""), may_walk=False)
 
     # --- time
     def step(self, driven: Driven, *, may_walk: bool) -> None:
@@ -286,12 +220,9 @@ class Town:
         x, y, yaw = self.points[self.tree.query((state.x, state.y, *turned))[1]]
         error = math.cos(yaw) * (state.y - y) - math.sin(yaw) * (state.x - x)
         driven.lateral.append(error)
-        if np.hypot(*(self.branches - (state.x, state.y)).T).min() < BRANCH:
-            driven.at_branches.append(error)
         self.is_standing = False
 
     is_standing = True
-    is_near = False  # whether the last thing that stayed was just behind a branch
 
     def _count_stop(self, driven: Driven) -> None:
         """Count a stand under way that no walker explains."""

@@ -1,8 +1,7 @@
-"""The same drive with every mounting of the demo's camera, and starts from nowhere with a camera that is turned.
+"""The same drive with every mounting of the demo's camera.
 
 In the town the drive is taught by an RGB-D camera with noise, mapped by the command, and driven again in that map: the
-taught path must not depend on how the camera sits. Redkitchen is mapped upright; images of it, turned by quarters, are
-placed from nowhere.
+taught path must not depend on how the camera sits.
 """
 
 from __future__ import annotations
@@ -15,33 +14,26 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import Image
 from tf2_msgs.msg import TFMessage
 
-from benchmarks.commands import TRUTH, call
+from benchmarks.commands import call
 from benchmarks.drive.long_drive import STEP_NS, Taught, drive
 from benchmarks.report import Bound, Headline, Report, Table
-from benchmarks.rgbd_data import Recording
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
-from dense_localizer.localizer import Localizer
-from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.params import build
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags import BagReader, BagWriter
-from sphere_nav.ros.camera.images import read_gray
-from sphere_nav.ros.conversions import array_to_image, camera_from_info, camera_to_info, se3_to_transform, stamp_ns
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.graph import SphereGraph
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.demo.demo import MOUNTINGS
 from sphere_nav_tools.cli.demo.report import distances_from_path
-from sphere_nav_tools.offline.pose_bags import read_poses
 
-HELP = "the same drive with four mountings: taught paths, drives in the simulator, starts from nowhere"
+HELP = "the same drive with four mountings: taught paths, drives in the simulator"
 SIMULATION = {"path": "two_turns", "camera.period": 0.2, "sphere.width": 0, "traffic.density": "none"}
 WIDTH, ASPECT = 320, 0.75  # px of the camera; its height by its width
 WAY_M, QUICK_WAY_M, SPACING_M = 8.0, 3.0, 0.25  # that is taught; between two images
@@ -49,9 +41,6 @@ IMAGE_NOISE, DEPTH_NOISE = 1.5, 0.002  # grey levels; share of the depth
 SAME_MM, SAME_DEG = 5.0, 0.1  # between the taught paths of two mountings
 MAX_LATERAL_CM = 10.0
 FRAME = "camera_optical"
-FRAMES, MAPPED = "0:118", "0:118:3"
-FOUND_M, FOUND_DEG = 0.1, 5.0  # of a start
-QUICK_STEP, NUM_QUARTERS = 20, 4  # of the frames that are localised
 
 
 @dataclass(frozen=True)
@@ -63,15 +52,11 @@ class Teaching:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Teach, compare, drive, start."""
+    """Teach, compare, drive."""
     report, is_quick = Report("mounting", notes=[__doc__ or ""]), options.size == "quick"
     town = Town(options.seed, options.width or WIDTH, QUICK_WAY_M if is_quick else WAY_M)
     with tempfile.TemporaryDirectory() as folder:
         town.measure(Path(folder), list(MOUNTINGS)[:: 3 if is_quick else 1], report)
-    recording = Recording.open(options.data)
-    if recording is not None:
-        with tempfile.TemporaryDirectory() as folder:
-            start_in_kitchen(report, recording, Path(folder), QUICK_STEP if is_quick else 1)
     return report
 
 
@@ -173,48 +158,3 @@ def compare(one: Trajectory, other: Trajectory) -> tuple[float, float]:
         return np.nan, np.nan
     distances, angles = one.T_map_body.distance(other.T_map_body)
     return 1e3 * float(np.max(distances)), float(np.degrees(np.max(angles)))
-
-
-# --- the kitchen
-def start_in_kitchen(report: Report, recording: Recording, folder: Path, step: int) -> None:
-    """Map the kitchen; localise images between the mapped ones, turned each way, from nowhere."""
-    for name, frames in (("all", FRAMES), ("mapped", MAPPED)):
-        words_of = ("--frames", frames, "--poses", recording.poses, "--truth-camera", "colour")
-        call("import", "seven_scenes", recording.folder, "-o", folder / name, *words_of)
-    call("map", folder / "mapped", "-o", folder / "map", "--anchor", "truth")
-    truth, mapped = read_poses(folder / "all", TRUTH), set(read_poses(folder / "mapped", TRUTH).stamps_ns.tolist())
-    with open_map(folder / "map", is_gray=True) as sphere_map, BagReader(folder / "all") as drives:
-        localizer = Localizer(LocalizerParams(), sphere_map)
-        camera = camera_from_info(next(iter(drives.messages(["/camera_info"]))).message)
-        assert isinstance(camera, Pinhole)
-        images = [item.message for item in drives.messages(["/image_raw"])]
-        others = [one for one in images if stamp_ns(one) not in mapped][::step]
-        found = [start(localizer, one, camera, truth, quarters) for one in others for quarters in range(NUM_QUARTERS)]
-        localizer.references.close()
-    what = f"redkitchen, starts of {len(others)} images, each turned to all sides"
-    report.bounds += [
-        Bound(f"{what}, found", 95.0, 100.0 * found.count(True) / len(found), "%", is_minimum=True),
-        Bound(f"{what}, elsewhere", 0, found.count(False), "images"),
-    ]
-
-
-def start(localizer: Localizer, message: Image, camera: Pinhole, truth: Trajectory, quarters: int) -> bool | None:
-    """Localise one image from nowhere; return whether that is right, None where it is not found."""
-    localizer.reset()
-    image = np.ascontiguousarray(np.rot90(read_gray(message, (camera.width, camera.height)), quarters))
-    candidate = localizer.update(image, turn_camera(camera, quarters), stamp_ns(message)).candidate
-    if candidate is None or not candidate.acceptance.is_good:
-        return None
-    at, _ = truth.at([stamp_ns(message)])
-    T_camera_turned = SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, 0.5 * np.pi * quarters])  # its right is the old down
-    T_map_camera = at.T_map_body[0] @ T_BODY_OPTICAL @ T_camera_turned
-    distance, angle = candidate.T_map_camera.distance(T_map_camera)
-    return bool(distance < FOUND_M and angle < np.radians(FOUND_DEG))
-
-
-def turn_camera(camera: Pinhole, quarters: int) -> Pinhole:
-    """Return the lens of images turned by `np.rot90`; it has no distortion."""
-    fx, fy, cx, cy, width, height = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
-    for _ in range(quarters):
-        fx, fy, cx, cy, width, height = fy, fx, cy, width - 1 - cx, height, width
-    return Pinhole(width, height, fx, fy, cx, cy)

@@ -1,8 +1,7 @@
 """A recorded room by night: a torch alone, and a light that goes out; images placed by colour, and with depth.
 
 The next but one of each third image by day is a drive, seen by a torch beside the lens, by the same while part of the
-texture is inverted, or not at all from the 13th image on. The start is given, 0.1 m and 5 deg off. And what depth
-accepts where the vehicle is elsewhere: guesses a room's width about the truth.
+texture is inverted, or not at all from the 13th image on. The start is given, 0.1 m and 5 deg off.
 """
 
 from __future__ import annotations
@@ -20,30 +19,13 @@ from benchmarks.light.lights import Gray, Light
 from benchmarks.light.relight import Room
 from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.rgbd_data import Recording
-from dense_localizer.inputs import LocalizerInput
-from dense_localizer.judge.acceptance import refuse
-from dense_localizer.judge.candidate import PoseCandidate
-from dense_localizer.motion_prior import Prediction
-from dense_localizer.params import LocalizerParams
-from dense_localizer.references.reference import Choice, References
-from dense_localizer.track.range_support import RangeSupport
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import FINE
-from sphere_nav.params import build
-from sphere_nav.photometric.align.judgement import UNKNOWN
-from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, stamp_ns
-from sphere_nav.ros.maps.reader import open_map
-from sphere_nav.spheres.range_alignment import DepthImage
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.pose_bags import read_poses
 
-HELP = "a recorded room by night: images placed by colour, and with depth; wrong places that depth accepts"
+HELP = "a recorded room by night: images placed by colour, and with depth"
 OFF = np.array([0.1, 0.0, 0.0, 0.0, 0.0, np.radians(5.0)])  # of the start, from the truth
 LIT = 12  # images until the light goes out
-GUESS = np.array([0.5, 0.5, 0.2, 0.1, 0.1, 0.5])  # m, rad: guesses are as far off, evenly
-GUESSES, QUICK_GUESSES = 1000, 60
 
 
 class Torch(Light):
@@ -91,7 +73,6 @@ def run(options: argparse.Namespace) -> Report:
             placed = Bound(f"{name}: images placed with depth", day.placed, depth.placed, "", True, of)
             wrong = Bound(f"{name}: wrong, both ways", 0, colour.num_wrong + depth.num_wrong, "")
             report.bounds += [placed, wrong]
-        elsewhere(room, QUICK_GUESSES if is_quick else GUESSES, options.seed, report)
     report.tables.append(Table("Images placed, wrong ones, median error", ("night", "colour", "with depth"), rows))
     return report
 
@@ -101,38 +82,3 @@ def start_near(bag: Path) -> str:
     truth = read_poses(bag, TRUTH).T_map_body[0] @ SE3.exp(OFF)
     numbers = *truth.translation, *Rotation.from_matrix(truth.rotation).as_quat()
     return f"--initial-pose={','.join(f'{number:.6f}' for number in numbers)}"
-
-
-def elsewhere(room: Room, count: int, seed: int, report: Report) -> None:
-    """Add how often depth accepts a place where it was not, given as near; and where only images predict it."""
-    rng, params = np.random.default_rng(seed), build(LocalizerParams, {})
-    images = depth_images(room.folder / "day_2")
-    accepted, wrong = 0, 0
-    with open_map(room.folder / "map_day") as reader:
-        references = References(reader, params)
-        support = RangeSupport(references, params)
-        for number in range(count):
-            T_true, depth = images[number % len(images)]
-            T_guess = T_true @ SE3.exp(rng.uniform(-GUESS, GUESS))
-            prediction = Prediction.guess(T_guess, is_near=True)
-            nothing = PoseCandidate(T_guess, UNKNOWN, prediction, Choice.merge(()), refuse(FINE))
-            placed = support.support(LocalizerInput(1, depth=depth), nothing)
-            meters, radians = placed.T_map_camera.distance(T_true)
-            accepted += placed.acceptance.is_good
-            is_wrong = meters > room.wrong[0] or radians > np.radians(room.wrong[1])
-            wrong += placed.acceptance.is_good and bool(is_wrong)
-        references.close()
-    report.notes.append(f"guesses elsewhere: {accepted} of {count} accepted")
-    report.bounds.append(Bound("guesses elsewhere: accepted and wrong", 0, wrong, f"of {count}"))
-
-
-def depth_images(bag_path: Path) -> list[tuple[SE3, DepthImage]]:
-    """Return the true pose T_map_camera (optical axes) and the depth of each image of a drive."""
-    truth = read_poses(bag_path, TRUTH)
-    poses = {int(stamp): truth.T_map_body[k] @ T_BODY_OPTICAL for k, stamp in enumerate(truth.stamps_ns)}
-    with BagReader(bag_path) as bag:
-        camera = camera_from_info(next(bag.messages(["/depth/camera_info"])).message)
-        return [
-            (poses[stamp_ns(one.message)], DepthImage(depth_to_meters(one.message), camera, SE3.identity()))
-            for one in bag.messages(["/depth/image_raw"])
-        ]

@@ -2,8 +2,8 @@
 
 A map of the first light, localised in with `learn`. Each day shows more of another light: a drive is localised with
 `learn`, `map-learn` makes a new version of the map where that drive was tracked badly, and a third drive of that light
-is localised before and after. At the end `map-learn` is killed at random moments, and run on disks that are full at
-random moments: the map must be the old or the new one, whole.
+is localised before and after. At the end `map-learn` is killed at random moments: the map must be the old or the new
+one, whole.
 """
 
 from __future__ import annotations
@@ -26,12 +26,11 @@ from benchmarks.rgbd_data import Recording
 from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import FILE_NAME, open_map
 
-HELP = "a vehicle that learns by itself: light that leaves the map step by step; map-learn killed, on full disks"
+HELP = "a vehicle that learns by itself: light that leaves the map step by step; map-learn killed"
 SHARES, QUICK_SHARES = (0.3, 0.45, 0.6, 0.8, 1.0), (0.6,)  # of the other light, one a day
 MAX_WORSE = 1.05  # of the first light's median error, from version to version
-KILLS, FULL, QUICK_ENDS = 20, 10, 2
+KILLS, QUICK_KILLS = 20, 2
 PATIENCE_S = 300.0
-SLACK_BYTES = 1 << 16  # of a file system, besides its files
 LEARN = ("--set", "learn=true")
 
 
@@ -47,7 +46,7 @@ def run(options: argparse.Namespace) -> Report:
         report.bounds.append(Bound("something was learned from a drive tracked badly", 1, moment is not None, "", True))
         if moment is not None:
             rng = np.random.default_rng(options.seed)
-            end_runs(moment, rng, (QUICK_ENDS, QUICK_ENDS) if is_quick else (KILLS, FULL), report)
+            end_runs(moment, rng, QUICK_KILLS if is_quick else KILLS, report)
     return report
 
 
@@ -103,51 +102,32 @@ class Ends:
     num_ended: int = 0
     num_whole: int = 0  # the old map's bytes, or a map that knows the drive, without a problem
     num_again: int = 0  # of which the next run learned
-    num_runs: int = 0
 
 
-def end_runs(moment: Path, rng: np.random.Generator, counts: tuple[int, int], report: Report) -> None:
-    """Kill `map-learn` after random times; let it learn on disks that take a part of what that needs."""
-    killed, full, whole = Ends(), Ends(), Ends()
-    size = sum(file.stat().st_size for file in moment.rglob("*") if file.is_file())
-    need = 2 * (moment / "map_learned" / FILE_NAME).stat().st_size
+def end_runs(moment: Path, rng: np.random.Generator, count: int, report: Report) -> None:
+    """Kill `map-learn` after random times."""
+    killed, whole = Ends(), Ends()
     with tempfile.TemporaryDirectory() as temporary:
         begun = time.monotonic()
         learn_until(moment, Path(temporary) / "whole", PATIENCE_S, whole)
         seconds = time.monotonic() - begun
-        for number in range(counts[0]):
+        for number in range(count):
             learn_until(moment, Path(temporary) / f"kill_{number}", rng.uniform(0.0, 0.9 * seconds), killed)
-        for number in range(counts[1]):
-            folder = Path(temporary) / f"full_{number}"
-            folder.mkdir()
-            room = size + SLACK_BYTES + round(rng.uniform(0.0, 1.0) * need)
-            mount = ["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", str(folder)]
-            if subprocess.run(mount, capture_output=True, check=False).returncode:
-                report.notes.append("full disks: no tmpfs can be mounted here")
-                break
-            try:
-                learn_until(moment, folder / "in", PATIENCE_S, full, grow=folder)
-            finally:
-                subprocess.run(["umount", str(folder)], capture_output=True, check=False)
-    report.bounds.append(Bound("left alone: runs that learned", 1, 1 - whole.num_ended, "", True))
-    for how, ends in (("killed", killed), ("on a full disk", full)):
-        report.notes.append(f"{how}: {ends.num_ended} of {ends.num_runs} runs ended before they had learned")
-        report.bounds += [
-            Bound(f"{how}: maps that are whole, the old or the new one", ends.num_runs, ends.num_whole, "", True),
-            Bound(f"{how}: learned then, or by the next run", ends.num_runs, ends.num_again, "", True),
-        ]
+    report.notes.append(f"killed: {killed.num_ended} of {count} runs ended before they had learned")
+    report.bounds += [
+        Bound("left alone: runs that learned", 1, 1 - whole.num_ended, "", True),
+        Bound("killed: maps that are whole, the old or the new one", count, killed.num_whole, "", True),
+        Bound("killed: learned then, or by the next run", count, killed.num_again, "", True),
+    ]
 
 
-def learn_until(moment: Path, folder: Path, after_s: float, ends: Ends, grow: Path | None = None) -> None:
+def learn_until(moment: Path, folder: Path, after_s: float, ends: Ends) -> None:
     """Learn in a copy of a map, up to some time; look what is there, and learn again."""
     shutil.copytree(moment, folder)
     path, old = folder / "map_learned", (moment / "map_learned" / FILE_NAME).read_bytes()
-    ends.num_runs += 1
     ends.num_ended += _learn(folder, after_s) != 0
     is_old = (path / FILE_NAME).read_bytes() == old
     ends.num_whole += not verify_map(path) and (is_old or _knows_more(path, moment / "map_learned"))
-    if grow is not None:
-        subprocess.run(["mount", "-o", "remount,size=1g", str(grow)], capture_output=True, check=True)
     ends.num_again += not is_old or _learn(folder) == 0
 
 

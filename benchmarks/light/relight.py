@@ -32,7 +32,7 @@ from sphere_nav_tools.offline.importing.kitti import open_kitti
 from sphere_nav_tools.offline.pose_bags import read_poses
 
 HELP = "a recorded room and street in other light: images placed before and after one extension of the map"
-LIGHTS = (("season", 1.0), ("season", 0.6), ("season", 0.85), ("lamp", 1.0))  # what, share of the other light
+LIGHTS = (("season", 0.6), ("season", 0.85), ("season", 1.0), ("lamp", 1.0))  # what, share of the other light
 NUM_FRAMES, STEP = 120, 3  # drives in the room are every third of them, and the next two of each
 MAX_WORSE = 1.5  # error by that of the map of that light alone
 FARTHEST_M = 80.0  # stereo tells no more of what is beyond
@@ -101,8 +101,8 @@ class Place(ABC):
         own = self.localize(f"map_{name}_own", drives.driven)
         try:
             said = self.map(drives.joined, f"map_{name}", "--extend", self.folder / "map_day", "--experience", name)
-        except ValueError as error:
-            return Result(alone, Placed(own.num_images, 0, 0, np.nan), own, day, day), f"refused: {error}"
+        except ValueError:
+            return Result(alone, Placed(own.num_images, 0, 0, np.nan), own, day, day), "refused"
         after, first = (self.localize(f"map_{name}", one) for one in (drives.driven, drives.by_day))
         joined = next((line for line in said.splitlines() if line.startswith("joined")), "")
         return Result(alone, after, own, day, first), joined

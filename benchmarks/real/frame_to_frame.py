@@ -1,4 +1,4 @@
-"""Frame-to-frame registration of recorded RGB-D pairs, ours beside OpenCV's and Open3D's odometry, in one run.
+"""Frame-to-frame registration of recorded RGB-D pairs, ours beside OpenCV's odometry, in one run.
 
 All methods get the same grey images, depth and intrinsics, taken as from a global shutter, and start from no motion.
 Errors are those of T_reference_current against COLMAP's poses.
@@ -32,7 +32,7 @@ from sphere_nav.photometric import (
 )
 from sphere_nav.photometric.align.problem import Problem
 
-HELP = "RGB-D frame to frame against OpenCV and Open3D (DESIGN 7)"
+HELP = "RGB-D frame to frame against OpenCV (DESIGN 7)"
 GAPS, STEP, QUICK_STEP = (1, 5, 10), 5, 40  # frames apart, and between the starts of pairs
 MAX_DEPTH_M, FAILURE_MM = 8.0, 50.0
 MAX_MOTION_M, MAX_MOTION_DEG = 2.0, 90.0  # no peer shall refuse a pair for its motion alone
@@ -119,45 +119,12 @@ class OpenCVOdometry:
         return SE3(np.asarray(T_current_reference, np.float64)).inverse() if is_found else None
 
 
-class Open3DOdometry:
-    """Tensor odometry of Open3D, default pyramid and iterations; nothing of a reference can be prepared."""
-
-    def __init__(self, mode: str) -> None:
-        import open3d
-
-        self.core, self.geometry = open3d.core, open3d.t.geometry
-        self.odometry = open3d.t.pipelines.odometry
-        self.name = f"Open3D {mode}"
-        methods = self.odometry.Method
-        self.method = {"hybrid": methods.Hybrid, "point to plane": methods.PointToPlane}[mode]
-
-    def prepare(self, frame: Frame) -> Any:
-        """Wrap the arrays."""
-        color = np.ascontiguousarray(np.repeat(frame.gray[..., None], 3, axis=2))
-        images = (color, np.nan_to_num(frame.depth_m, nan=0.0))
-        return self.geometry.RGBDImage(*(self.geometry.Image(self.core.Tensor(image)) for image in images))
-
-    def track(self, reference: Any, frame: Frame) -> SE3 | None:
-        """Align the new frame to the reference."""
-        tensors = self.core.Tensor(K), self.core.Tensor(np.eye(4))
-        result = self.odometry.rgbd_odometry_multi_scale(
-            self.prepare(frame), reference, *tensors, 1.0, MAX_DEPTH_M, method=self.method
-        )
-        return SE3(result.transformation.numpy().astype(np.float64))
-
-
 def peers(report: Report) -> list[Method]:
     """Return the methods of others that are installed; a note for those that are not."""
-    found: list[Method] = [NoMotion()]
     if hasattr(cv2, "OdometryFrame"):
-        found += [OpenCVOdometry(mode) for mode in ("RGB", "RGB-D")]
-    else:
-        report.notes.append(f"OpenCV {cv2.__version__} has no Odometry (expected 5 or later): its rows are left out.")
-    try:
-        found += [Open3DOdometry(mode) for mode in ("hybrid", "point to plane")]
-    except ImportError as error:
-        report.notes.append(f"Open3D is not installed ({error}): its rows are left out.")
-    return found
+        return [NoMotion(), OpenCVOdometry("RGB"), OpenCVOdometry("RGB-D")]
+    report.notes.append(f"OpenCV {cv2.__version__} has no Odometry (expected 5 or later): its rows are left out.")
+    return [NoMotion()]
 
 
 @dataclass

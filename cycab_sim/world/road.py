@@ -46,17 +46,20 @@ def place_beside(path: Path, along: float, left: float, yaw: float = 0.0, height
 
 
 @lru_cache(maxsize=1)
-def build_road(seed: int) -> Mesh:
-    """Return the road of a seed: houses, trees, cars and what stands on pavements along both kerbs."""
+def build_road(seed: int, path: Path | None = None, bounds: Rectangle = ROAD_BOUNDS) -> Mesh:
+    """Return a road of a seed: houses, trees, cars and what stands on pavements along both kerbs.
+
+    `path`: its middle, where it is not the road of 1 km.
+    """
     rng = np.random.default_rng([seed, 65])
     mesh = MeshBuilder(rng)
-    add_ground(mesh, ROAD_BOUNDS)
-    middle = road_path(0.0)
+    add_ground(mesh, bounds)
+    middle = path or road_path(0.0)
     for side in (1.0, -1.0):  # left, right
         _add_pavement(mesh, middle, side)
         _add_houses(mesh, middle, side, rng)
         _furnish(mesh, middle, side, rng)
-    add_skyline(mesh, ROAD_BOUNDS, rng)
+    add_skyline(mesh, bounds, rng)
     return mesh.build()
 
 

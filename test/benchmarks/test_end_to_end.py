@@ -8,17 +8,9 @@ import pytest
 pytest.importorskip("rclpy")
 
 from benchmarks.commands import call, errors
-from benchmarks.real.end_to_end import run, share_seen, splits
-from sphere_nav.geometry import SE3, Pinhole
+from benchmarks.real.end_to_end import run, splits
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
-
-CAMERA = Pinhole(101, 101, 50.0, 50.0, 50.0, 50.0)  # sees x within +-z
-
-
-def test_share_of_points_in_the_image():
-    points = np.array([[0.0, 0, 2], [1.9, 0, 2], [2.1, 0, 2], [0, 0, -2]])
-    assert share_seen(CAMERA, points) == 0.5
-    assert share_seen(CAMERA, points[:0]) == 0.0
 
 
 def test_errors_are_distances_in_m():

@@ -121,7 +121,7 @@ def test_full_lock_is_taken_only_where_the_offset_would_grow(drive):
 
 
 def test_a_car_drives_onto_the_path(drive, kit):
-    """Poses with noise, a car with lags: as planned within 5 cm; fifty starts: `python -m benchmarks join`."""
+    """Poses with noise, a car with lags: as planned within 5 cm."""
     network = build_network([drive((25, 0), (6 * math.pi / 2, 1 / 6), (25, 0))])
     (edge,) = network.edges.values()
     for s, left, turned in ((3.0, REACH, TURNED), (18.0, -0.8, TURNED), (26.0, -0.5, -TURNED)):

@@ -3,7 +3,7 @@
 Pixels come in blocks of `SIDE`, seven rows side by side; what is computed of a block stays in the rows of one flat
 array in the first level cache. All rows are at constant distances and all loops of constant length, so that the
 compiler sees that nothing overlaps and vectorises every loop but the four loads of a pixel. A vectorisation that is
-lost is silent: `python -m benchmarks kernel_times` has a bound.
+lost is silent: `python -m benchmarks times kernel_times` has a bound.
 
 Definitions of the projections are in sphere_nav.geometry; the tests hold the two together.
 """
