@@ -12,12 +12,14 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from benchmarks.fault_processes import PATIENCE, Base
 from benchmarks.report import Bound, Report, Table
@@ -25,9 +27,10 @@ from benchmarks.report import Bound, Report, Table
 HELP = "stops, pauses and presses at random moments over DDS: how far does the vehicle move after them?"
 TRIALS, QUICK_TRIALS = 200, 12
 RULES, WAYS = ("moving", "standing"), ("path", "mission")
-STOPS, CAUSES = ("stop", "pause", "press"), ("none", "pose", "lost", "obstacle")
+STOPS, CAUSES = ("stop", "pause", "press", "page"), ("none", "pose", "lost", "obstacle")
 WATCH = 4.0  # s after the answer, in which the cause goes
-RAMP = 2.8  # s, gently from 1.4 m/s
+RAMP = 3.3  # s, gently from 1.4 m/s, and until the answer and the last command are heard
+ON_ITS_WAY = 0.1  # s after the answer: a command of before it may be heard
 LENGTH = 400.0  # m of the path: a base is never put back
 
 
@@ -68,10 +71,12 @@ def session(rule: str, count: int, draw: random.Random) -> list[tuple[str, float
             spawn("navigator_node", "-p", f"network:={folder / 'routes.geojson'}", "-p", f"state:={folder}"),
         ]
         rclpy.init()
+        vehicle = StoppedBase(folder)
         try:
-            vehicle = StoppedBase(folder)
-            return [trial(vehicle, WAYS[i % 2], draw) for i in range(count)]
+            trials = tqdm(range(count), desc=rule, unit="stop", mininterval=20.0)
+            return [trial(vehicle, WAYS[i % 2], draw) for i in trials]
         finally:
+            vehicle.page.close()
             rclpy.try_shutdown()
             for process in processes:
                 process.send_signal(signal.SIGINT)
@@ -109,6 +114,7 @@ class StoppedBase(Base):
         from tf2_msgs.msg import TFMessage
 
         from sphere_nav.ros import qos
+        from sphere_nav_tools.cli.operate.link import Link
 
         self.goal: Any = None
         self.file, self.has_obstacle = str(folder / "path.csv"), False
@@ -119,6 +125,7 @@ class StoppedBase(Base):
         mounting = TransformStamped(child_frame_id="laser")
         mounting.header.frame_id = "base_link"
         self.fixed.publish(TFMessage(transforms=[mounting]))
+        self.page = Link()  # an operator's page, which has begun nothing of what it stops
 
     def speak(self) -> None:
         """Say what the base says, and what the scanner sees."""
@@ -137,6 +144,22 @@ class StoppedBase(Base):
         if not self.live(PATIENCE, future.done):
             raise RuntimeError("expected an answer, found none")
         return future.result()
+
+    def ask(self, stop: str) -> bool:
+        """Stop in one of the ways; return whether it was answered with success."""
+        if stop == "press":
+            self.is_pressed = True
+            self.live(0.3)
+            self.is_pressed = False
+            return True
+        if stop == "page":
+            answers: list[str] = []
+            asking = threading.Thread(target=lambda: answers.append(self.page.command("stop")))
+            asking.start()
+            self.live(PATIENCE, lambda: bool(answers))
+            asking.join()
+            return "NOT CONFIRMED" not in answers[0] and "NOT KNOWN" not in answers[0]
+        return bool(self.answer(self.calls[stop].call_async(self.request)).success)
 
     def begin(self, way: str) -> None:
         """Ask for motion, again and again, until it was accepted."""
@@ -169,21 +192,15 @@ def trial(vehicle: StoppedBase, way: str, draw: random.Random) -> tuple[str, flo
     vehicle.state = "LOST" if cause == "lost" else "TRACKING"
     if cause != "none":
         vehicle.live(draw.uniform(0.0, 3.0))
-    if stop == "press":
-        vehicle.is_pressed = True
-        vehicle.live(0.3)
-        vehicle.is_pressed = False
-    else:
-        answer = vehicle.answer(vehicle.calls[stop].call_async(vehicle.request))
-        if not answer.success:  # a pause of what stands for good: nothing to hold
-            vehicle.answer(vehicle.calls["stop"].call_async(vehicle.request))
-    answered, first = time.monotonic(), len(vehicle.commands)
+    if not vehicle.ask(stop):  # a pause of what stands for good: nothing to hold
+        vehicle.ask("stop")
+    answered = time.monotonic()
     vehicle.live(draw.uniform(0.0, 0.5 * WATCH))
     vehicle.is_silent, vehicle.has_obstacle, vehicle.state = False, False, "TRACKING"
     vehicle.live(WATCH - (time.monotonic() - answered))
-    speeds = [speed for _, speed in vehicle.commands[max(first - 1, 0) :]]
+    speeds = [speed for at, speed in vehicle.commands if at - answered > ON_ITS_WAY]
     gained = max([max(b - a, 0.0) for a, b in pairwise(speeds)], default=0.0)
-    late = [speed for at, speed in vehicle.commands[first:] if at - answered > RAMP]
+    late = [speed for at, speed in vehicle.commands if at - answered > RAMP]
     if way == "mission":  # leave no mission behind, and no pause
         vehicle.answer(vehicle.goal.cancel_goal_async())
     vehicle.answer(vehicle.calls["stop"].call_async(vehicle.request))

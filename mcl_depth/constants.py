@@ -87,7 +87,7 @@ MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
 NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
 MAX_TRIAL = 12  # images of a trial: a right place takes five to eight
 
-# Odometry against the images (belief/test_image_motion); chosen in towns 61 and 62, `benchmarks contradictions`
+# Odometry against the images (belief/test_image_motion); chosen in towns 61 and 62, `benchmarks bare contradictions`
 MAX_REACH = 0.35  # way by the median range, 20 deg of parallax: beyond it images are not aligned, test_image_motion
 CONTRADICTION = (
     21.1  # chi^2 of 3 degrees of freedom: odometry and images that are right differ so in 1e-4 of the images

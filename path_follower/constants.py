@@ -7,9 +7,9 @@ import math
 from typing import NamedTuple
 
 # Trajectory
-SPACING = 0.1  # m between its points, and those of a network; test_smoothing, routes/test_course
-MIN_SPACING = 0.2  # m; given points closer than this are averaged; test_smoothing
-MAX_BEND = 0.6  # rad between chords; points that bend more are corners, not samples of a smooth curve; test_smoothing
+SPACING = 0.1  # m between its points, and those of a network; test_taught, routes/test_course
+MIN_SPACING = 0.2  # m; given points closer than this are averaged; test_taught
+MAX_BEND = 0.6  # rad between chords; points that bend more are corners, not samples of a smooth curve; test_taught
 MAX_POINTS = 1_000_000  # of a given path; test_taught
 MIN_LENGTH, MAX_LENGTH = 0.2, 1e5  # m of a path; test_taught
 MAX_GAP = 1e3  # m between two points; more is a slip of a decimal, and would be filled every 0.1 m; test_taught
@@ -24,8 +24,8 @@ SEARCH_WINDOW = 2.0  # m ahead of the last place on the path within which the ne
 # Control law
 EPSILON = 0.1  # m/s, keeps the longitudinal gain alive where U* is 0 (M15 eq. 25); test_speed
 GOAL_TOLERANCE = 0.05  # m before its end a segment is finished; test_speed
-MAX_BANDWIDTH = 2.5  # rad/s; of the loop in time at most: docs/notes/control_loop.md, chosen on S-curves; test_steering
-MAX_HEADING_ERROR = 1.0  # rad; errors beyond are cut, where tan grows without bound; test_steering
+MAX_BANDWIDTH = 2.5  # rad/s; of the loop in time at most: docs/notes/control_loop.md, chosen on S-curves; test_speed
+MAX_HEADING_ERROR = 1.0  # rad; errors beyond are cut, where tan grows without bound; test_speed
 MAX_ANGLE = 1.2  # rad between heading and direction beyond which a direction cannot be driven; test_homing
 
 # Car
@@ -45,7 +45,7 @@ ACROSS = 7  # places across the way that beams must have measured: 0.25 m apart;
 MIN_MEASURED = 0.5  # share of these places, and of the beams that lately measured; test_intake
 MIN_POINTS = 2  # points of a scan that make an obstacle: a single one is noise; test_safety
 MAX_CLOCK_PAUSE = 10.0  # s of wall time that /clock may stand without a publisher; test_path_follower
-STEADY_NS = 2_000_000_000  # of TRACKING without a pause, after which a standing vehicle may go on; test_resume
+STEADY_NS = 2_000_000_000  # of TRACKING without a pause, after which a standing vehicle may go on; test_stops
 
 # Motion consistency (docs/notes/motion_consistency.md: chosen on drives of seeds 0 to 9); test_consistency
 
@@ -69,7 +69,7 @@ STILL_WAY = 0.2  # m of expected way, the last of it, by which a motion is calle
 MAX_GAP_NS = 2_500_000_000  # between two poses, else it begins anew: HISTORY_NS is as far as commands are known
 MAX_ODOMETRY_SILENCE = 0.4  # s: as of poses and scans; up to then it is carried on by its speed
 
-# Times of the loop and of who else commands (ros/test_control, test_peers, test_front, test_loop_process)
+# Times of the loop and of who else commands (ros/test_control, test_peers, test_loop_process)
 TICK = 0.025  # s of steady time between two looks at the clocks
 REPEAT_NS = 50_000_000  # without a command, until the last one is sent again; not where time is simulated
 SILENCE = 0.12  # s without an answer before the ticks command: never between the images of a 10 Hz camera

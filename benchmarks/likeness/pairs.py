@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.homes import HEIGHT as HOME_HEIGHT
-from benchmarks.homes import PANORAMA as HOME_PANORAMA
-from benchmarks.homes import home
-from benchmarks.mcl_drives import CLEAR, LIGHTS, NIGHT, PANORAMA, SHADOWLESS, TILT_DEG, take
-from benchmarks.mcl_routes import kidnapped_line
+from benchmarks.bare.drives import CLEAR, LIGHTS, NIGHT, PANORAMA, SHADOWLESS, TILT_DEG, kidnapped_line, take
+from benchmarks.bare.home_world import HEIGHT as HOME_HEIGHT
+from benchmarks.bare.home_world import PANORAMA as HOME_PANORAMA
+from benchmarks.bare.home_world import home
 from cycab_sim.params import LightParams, RenderParams, TrafficParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.world import finishes

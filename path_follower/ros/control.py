@@ -74,40 +74,36 @@ class ControlLoop:
         endpoints.add_timer(LOOK_PERIOD, self.on_look, is_wall=True)
 
     # --- requests of the front; a text says why not, and is empty where it was done
-    def ask(self, name: str, *values: Any) -> Any:
-        """Carry out a request by name; before it is answered, all hear what it led to."""
+    def motions(self, path: ReferencePath | None = None) -> dict[str, Callable[[], str | None]]:
+        """Return what may be asked of the vehicle, by name; `path`: the one to load."""
         follower = self.follower
-        motions: dict[str, Callable[..., Any]] = {
+        return {
             "start": lambda: self.begin(follower.start),
             "resume": lambda: self.begin(follower.resume),
             "stop": follower.stop,
             "pause": follower.pause,
-            "load": follower.load,
-            "drive": self.drive,
+            "load": lambda: follower.load(path),
+            "clear": lambda: follower.load(None),
         }
-        if name in motions:
-            answer = motions[name](*values)
-            self.say(follower.report, self.stamp_at(self.endpoints.now_ns()))
-            return answer
+
+    def ask(self, name: str, *values: Any) -> Any:
+        """Carry out a request by name; before one for motion is answered, all hear what it led to."""
         others: dict[str, Callable[..., Any]] = {
-            "is_at_rest": lambda: follower.mode.is_at_rest,
+            "is_at_rest": lambda: self.follower.mode.is_at_rest,
             "scan_frame": lambda: self.scans.frame,
             "tune": self.tune,
             "stand": self.stand,
             "clock_jumped": self.clock_jumped,
         }
-        return others[name](*values)
+        if name in others:
+            return others[name](*values)
+        answer = self.drive(*values) if name == "drive" else self.motions(*values)[name]()
+        self.say(self.follower.report, self.stamp_at(self.endpoints.now_ns()))
+        return answer
 
     def drive(self, name: str, permission: int, path: ReferencePath | None = None) -> tuple[str, int]:
         """Do what was decided under a permission; return why not, and the number of the one now in force."""
-        requests: dict[str, Callable[[], str | None]] = {
-            "start": lambda: self.begin(self.follower.start),
-            "resume": lambda: self.begin(self.follower.resume),
-            "stop": self.follower.stop,
-            "pause": self.follower.pause,
-            "load": lambda: self.follower.load(path),
-            "clear": lambda: self.follower.load(None),
-        }
+        requests = self.motions(path)
         if name not in requests:
             raise ValueError(f"request: expected one of {', '.join(requests)}, found {name!r}")
         refusal = self.follower.under(permission, requests[name], is_stop=name in ("stop", "pause"))

@@ -14,7 +14,7 @@ TURN_SCALE = 2.0  # m of distance that a chord of headings counts: 15 deg count 
 STUB = 3.0  # m that a drive begins before, or goes on behind, what it shares: less is left out
 SNAP = 3  # points from the end of a curve that are its end
 
-# Ways (test_planning)
+# Ways (test_network)
 REVERSE_COST, CUSP_COST = 3.0, 5.0  # times the time driven backwards; s for a change of direction
 AT_PLACE = 0.5  # m before or behind a place within which a vehicle is there
 

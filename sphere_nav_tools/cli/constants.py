@@ -4,7 +4,7 @@ Tests are named below test/sphere_nav_tools/cli/. Sizes of what is drawn stand w
 drawn.
 """
 
-# The page of an operator (operate/test_link, operate/test_page, operate/test_words)
+# The page of an operator (operate/test_operate, operate/test_page)
 ANSWER_S, CONFIRMED_S = 5.0, 2.0  # to wait for the answer to a call; for the state that shows that it was done
 STOP_ANSWER_S = 1.0  # the same for an emergency stop
 WITHDRAW_S = 0.5  # from a release of the emergency stop until nobody publishes it any more

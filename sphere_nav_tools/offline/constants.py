@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-# Recordings (test_topics, test_recorded_camera, cli/test_import)
+# Recordings (test_topics, cli/test_localize, cli/test_import)
 SLACK_S = (0.005, 0.02)  # least and largest difference of the stamps of one instant: what a moving camera can bear
 NUM_PAIRED = 40  # messages of each of two cameras, within which two of one instant are looked for
 SILENT_PERIODS = 4.0  # of a camera, that are a silence; recordings drop images
@@ -16,14 +16,14 @@ OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as l
 DEFAULT_HZ = 10.0  # of images without stamps; KITTI's scanner turns so fast
 MAX_PAIR_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
 
-# A drive of a rig (mapping/test_stitcher_ahead)
+# A drive of a rig (mapping/test_workers)
 AHEAD = 2  # instants stitched before the mapper has their spheres: always as many; odometry is kept for 2 s
 
 # A rectified pair by its drive (mapping/test_stereo_drive)
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
 MAX_PAIRS = 400  # of the drive's beginning
 
-# A depth camera by its drive (mapping/test_depth_drive)
+# A depth camera by its drive (mapping/test_drive)
 NUM_PAIRS = 16  # that the way is shared among: few long ones tell more than many short ones
 PARALLAX = (0.03, 0.15)  # distance between two images over the range of what they see: least and largest
 MAX_TURN = np.radians(15.0)  # between the two, so that they see the same
@@ -37,7 +37,7 @@ MAX_ODOMETRY_GAP_NS = 200_000_000  # between two poses
 REFINE_ROUNDS = 3  # of localizing with the lens found so far and refining it
 SETTLED_PX = 2.0  # rms change of the lens that moves no image out of the reach of its alignment
 
-# A survey against what was aligned (mapping/test_survey)
+# A survey against what was aligned (mapping/test_drive)
 SURVEY_SIGMA = np.repeat([0.01, np.radians(0.3)], 3)  # (6,) m, rad: standard deviations that are granted to a survey
 EDGE_FACTOR = 2.0  # of those of the edges: on real recordings with good truth edges err about twice as much as they say
 MAX_SURVEY_SIGMAS = 5.3  # of six degrees of freedom together: an edge in 10,000 by chance

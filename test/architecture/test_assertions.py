@@ -1,7 +1,5 @@
 """A test can fail: it asserts something by itself, or by a function of the tests that it calls."""
 
-from __future__ import annotations
-
 import ast
 import re
 from functools import cache

@@ -1,7 +1,5 @@
 """What a page or a help text tells the reader to type is understood: commands, options, parameters, topics."""
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import re

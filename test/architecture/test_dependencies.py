@@ -1,7 +1,5 @@
 """What is imported is declared: requirements*.txt for wheels, package.xml for rosdep, docs/dependencies.md to read."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

@@ -1,7 +1,5 @@
 """Imports go one way: this table is the architecture."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 

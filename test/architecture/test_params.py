@@ -1,7 +1,5 @@
 """Every parameter says what it means, in units that are spelled alike everywhere."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import importlib

@@ -1,7 +1,5 @@
 """The project's own modules, in the checkout and as they are installed."""
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 from collections.abc import Callable, Iterable, Iterator

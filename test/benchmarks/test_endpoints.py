@@ -16,11 +16,11 @@ from lifecycle_msgs.msg import State
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from benchmarks import endpoints
-from benchmarks.endpoints import Interrogation, interrogate
+from benchmarks.abuse import endpoints
+from benchmarks.abuse.endpoints import Interrogation, interrogate
+from benchmarks.abuse.mutations import MARK, NO_UTF8, Liar, interface_class
+from benchmarks.abuse.nodes import CASES, Case
 from benchmarks.fault_busy import front_of
-from benchmarks.lies import MARK, NO_UTF8, Liar, interface_class
-from benchmarks.lifecycle_cases import CASES, Case
 
 FRAGILE = """
 import os
@@ -49,8 +49,8 @@ def test_a_death_is_seen_and_told_and_the_node_starts_again(tmp_path, monkeypatc
     (tmp_path / "fragile_node.py").write_text(FRAGILE)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    case = Case(importlib.import_module("fragile_node").Fragile, "", None)
-    (outcome,) = interrogate([case], 96, seed=3, clocks=[False])
+    case = Case(importlib.import_module("fragile_node").Fragile)
+    (outcome,) = interrogate([(case, False)], 96, seed=3)
     assert outcome.num_lies >= 96
     assert 1 <= len(outcome.deaths) <= outcome.num_starts <= len(outcome.deaths) + 1
     assert all(death.startswith("fragile: ended with 3") for death in outcome.deaths)
@@ -86,7 +86,7 @@ def test_lies_kill_no_node_and_the_end_of_a_front_and_the_silence_of_a_loop_are_
 
     monkeypatch.setattr(Interrogation, "_one", lie_and_kill)
     monkeypatch.setattr(Interrogation, "_examine", stop_and_examine)
-    (outcome,) = interrogate([GUARD], 330, seed=4, clocks=[True])
+    (outcome,) = interrogate([(GUARD, True)], 330, seed=4)
     assert ["ended with 1" in text for text in outcome.deaths] == [True]
     assert ["no diagnostics for 3 s" in text for text in outcome.silences] == [True]
     assert outcome.mistakes == {}
@@ -104,7 +104,8 @@ REQUESTS = [
 
 @pytest.mark.parametrize("kind", [Image, PoseStamped, *REQUESTS])
 def test_lies_fill_every_field_with_all_sorts(kind):
-    liar = Liar(np.random.default_rng(1), ["gain"])
+    liar = Liar(np.random.default_rng(1))
+    liar.words = ["gain"]
     texts = {repr(liar.message(kind)) for _ in range(100)}
     assert len(texts) > 50
     assert any("nan" in text or "255" in text for text in texts)

@@ -9,9 +9,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks import fuzz
-from benchmarks.fuzz_mutations import mutate_bytes, mutate_message
-from benchmarks.fuzz_targets import Target, make_targets
+from benchmarks.abuse import fuzz
+from benchmarks.abuse.fuzz_targets import Target, make_targets
+from benchmarks.abuse.mutations import mutate_bytes, mutate_message
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import poses_to_path
 

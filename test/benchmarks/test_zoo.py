@@ -8,8 +8,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks.zoo import Keeper
-from benchmarks.zoo_bags import ALL, exhibits
+from benchmarks.abuse.zoo import Keeper
+from benchmarks.abuse.zoo_bags import ALL, exhibits
 
 ZOO = {exhibit.name: exhibit for exhibit in exhibits()}
 SPREAD = (  # of writers, encodings, names, clocks and faults; `python -m benchmarks zoo` visits all

@@ -1,7 +1,5 @@
 """Wheels come from where pip is told to take them, by uv or by pip."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What users install is what is tested: every package comes from the environment, and nothing of it is left out."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 import sysconfig

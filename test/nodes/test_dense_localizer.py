@@ -1,27 +1,14 @@
 """The node dense_localizer: every image answered, frames and covariance, refusals and calls on an offline bus; DDS."""
 
-import math
-import signal
-import subprocess
-import sys
-
+import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
-import cv2
-import rclpy
-from geometry_msgs.msg import PoseWithCovarianceStamped
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
-from sphere_nav_msgs.msg import LocalizationStatus
+from sensor_msgs.msg import CompressedImage
 from sphere_nav_msgs.srv import LoadMap, Relocalize
-from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from dense_localizer.ros.node import DenseLocalizerNode
 from sphere_nav.geometry import SE3
-from sphere_nav.ros import qos
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import (
     array_to_image,
@@ -29,7 +16,6 @@ from sphere_nav.ros.conversions import (
     header,
     odometry_to_se3,
     pose_with_covariance_to_se3,
-    se3_to_odometry,
     se3_to_pose_with_covariance,
     se3_to_transform,
     stamp_ns,
@@ -38,7 +24,6 @@ from sphere_nav.ros.conversions import (
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
-from worlds.patience import Patience
 from worlds.room import wide_room
 
 START_NS = 1_000_000_000
@@ -153,33 +138,13 @@ def test_the_twist_is_that_of_the_base(map_path, pictures):
 
 
 @pytest.mark.slow
-def test_with_odometry_the_transform_is_that_of_odom(map_path, pictures):
-    bench, T_map_odom = Bench(map_path), SE3.from_planar(3.0, 1.0, 0.7)
-    for k, picture in enumerate(pictures):
-        T_odom_base = T_map_odom.inverse() @ drive(12)[k] @ T_BASE_CAMERA.inverse()
-        message = se3_to_odometry(T_odom_base, np.eye(6), bench.now + STEP_NS, ("odom", "base_link"))
-        bench.send("/odom", message)
-        answer = bench.see(picture)
-    transform = answer["/tf"].transforms[0]
-    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "odom")
-    assert stamp_ns(transform) == bench.now + 100_000_000  # tf_ahead
-    assert transform_to_se3(transform.transform).distance(T_map_odom)[0] < 5 * MAX_M  # odom is up to 5 m away
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("transport", ["rgb8", "compressed"])
-def test_color_and_compressed_images_are_taken(map_path, pictures, transport):
-    is_raw = transport == "rgb8"
-    bench = Bench(map_path, transport="raw" if is_raw else "compressed")
+def test_compressed_images_in_color_localise(map_path, pictures):
+    bench = Bench(map_path, transport="compressed")
     for picture in pictures[:5]:
-        color = np.repeat(picture[..., None], 3, axis=2)
-        if is_raw:
-            answer = bench.see(color, "rgb8")
-        else:
-            bench.now += STEP_NS
-            data = cv2.imencode(".png", color)[1].tobytes()
-            image = CompressedImage(header=header(bench.now, OPTICAL), format="png", data=data)
-            answer = {record.topic: record.message for record in bench.send("/image_raw/compressed", image)}
+        bench.now += STEP_NS
+        data = cv2.imencode(".png", np.repeat(picture[..., None], 3, axis=2))[1].tobytes()
+        image = CompressedImage(header=header(bench.now, OPTICAL), format="png", data=data)
+        answer = {record.topic: record.message for record in bench.send("/image_raw/compressed", image)}
     assert answer["/status"].state == "TRACKING"
 
 
@@ -208,83 +173,6 @@ def test_an_image_that_waits_too_long_is_answered_with_the_reason(map_path, pict
         *["TF_STALE"] * 2,
     ]
     assert OPTICAL in answers[-1]["/status"].remedy
-
-
-@pytest.mark.slow
-def test_without_a_map_every_image_says_so(pictures):
-    bench = Bench()
-    assert {answer["/status"].state for answer in bench.follow(pictures[:2])} == {"NO_MAP"}
-    assert set(bench.see(pictures[2])) == {"/status"}
-
-
-@pytest.mark.slow
-def test_calibration_that_is_none_is_named_and_nothing_is_published(map_path, pictures):
-    bench = Bench(map_path, is_calibrated=False)
-    bench.send("/tf_static", static_message())
-    bad = info_message(START_NS)
-    bad.k = [0.0] * 9
-    bench.send("/camera_info", bad)
-    answer = bench.see(pictures[0])
-    assert set(answer) == {"/status"}
-    assert answer["/status"].reason == "BAD_INFO"
-    assert "focal length 0" in answer["/status"].remedy
-
-
-@pytest.mark.slow
-def test_an_image_of_another_size_or_encoding_degrades_and_is_named(map_path, pictures):
-    bench = Bench(map_path)
-    bench.follow(pictures[:6])
-    small = bench.see(np.ascontiguousarray(pictures[6][:100, :100]))["/status"]
-    assert (small.state, small.reason, small.value, small.limit) == ("DEGRADED", "BAD_INFO", 100, 160)
-    bench.now += STEP_NS
-    broken = Image(header=header(bench.now, OPTICAL), encoding="nonsense", width=4, height=4, step=4, data=bytes(16))
-    status = next(r.message for r in bench.send("/image_raw", broken) if r.topic == "/status")
-    assert (status.state, status.reason) == ("DEGRADED", "BAD_INFO")
-
-
-@pytest.mark.slow
-def test_nothing_that_is_published_is_ever_nan(map_path, pictures):
-    bench = Bench(map_path)
-    for k, picture in enumerate(pictures):
-        for topic, message in bench.see(picture if k % 4 else np.zeros_like(picture)).items():
-            if topic == "/pose":
-                assert all(map(math.isfinite, message.pose.covariance))
-            if topic == "/status":
-                values = (message.value, message.limit, message.quality, message.mad, message.age)
-                assert all(map(math.isfinite, values))
-
-
-@pytest.mark.slow
-def test_a_silent_camera_is_told_by_the_clock(map_path, pictures):
-    bench = Bench(map_path)
-    bench.follow(pictures[:6])
-    said = [record.message for record in bench.bus.advance(bench.now + 1_000_000_000) if record.topic == "/status"]
-    assert (said[-1].state, said[-1].reason) == ("LOST", "TIMEOUT")
-    assert "camera" in said[-1].remedy
-
-
-@pytest.mark.slow
-def test_a_clock_that_jumps_back_forgets_the_pose(map_path, pictures):
-    bench = Bench(map_path)
-    bench.follow(pictures[:6])
-    bench.node.clock_jumped()
-    assert bench.see(pictures[6])["/status"].state == "PROBATION"
-
-
-@pytest.mark.slow
-def test_an_initial_pose_starts_the_search_and_a_wrong_one_is_refused(map_path, pictures):
-    bench = Bench(map_path, automatic=False)
-    assert bench.see(pictures[0])["/status"].state == "NOT_LOCALISED"
-    T_map_base = drive(1)[0] @ T_BASE_CAMERA.inverse()
-    for wrong in (
-        se3_to_pose_with_covariance(T_map_base, np.eye(6), START_NS, "odom"),
-        se3_to_pose_with_covariance(SE3.from_planar(90.0, 0, 0), np.eye(6), START_NS, "map"),
-    ):
-        bench.send("/initialpose", wrong)
-        assert bench.see(pictures[1])["/status"].state == "NOT_LOCALISED"
-    bench.send("/initialpose", se3_to_pose_with_covariance(T_map_base, np.eye(6), START_NS, "map"))
-    states = [answer["/status"].state for answer in bench.follow(pictures[2:8])]
-    assert states[-1] == "TRACKING"
 
 
 @pytest.mark.slow
@@ -318,112 +206,9 @@ def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_pat
     assert bench.see(pictures[5])["/status"].state == "TRACKING"
 
 
-@pytest.mark.slow
-def test_reset_forgets_everything_but_the_map(map_path, pictures):
-    bench = Bench(map_path)
-    bench.follow(pictures[:5])
-    assert bench.node.shell.call("reset", Trigger.Request()).success
-    bench.send("/camera_info", info_message(START_NS))
-    assert bench.see(pictures[5])["/status"].state == "PROBATION"
-
-
 def test_a_map_that_is_not_there_refuses_to_start(tmp_path):
     with pytest.raises((ValueError, OSError), match="none"):
         Bench(tmp_path / "none")
 
 
-@pytest.mark.slow
-def test_the_pose_of_another_localizer_starts_the_search(map_path, pictures):
-    bench = Bench(map_path, automatic=False)
-    assert bench.see(pictures[0])["/status"].state == "NOT_LOCALISED"
-    T_map_base = drive(1)[0] @ T_BASE_CAMERA.inverse()
-    offered = T_map_base @ SE3.from_planar(0.1, -0.1, 0.03)  # as good as bare geometry knows it
-    bench.send("/other/pose", se3_to_pose_with_covariance(offered, 0.04 * np.eye(6), bench.now, "map"))
-    answers = bench.follow(pictures[1:7])
-    assert answers[-1]["/status"].state == "TRACKING"
-    T_map_base, _ = pose_with_covariance_to_se3(answers[-1]["/pose"], "map")
-    assert T_map_base.distance(drive(7)[6] @ T_BASE_CAMERA.inverse())[0] < 2 * MAX_M
-    assert "agreement" not in bench.node.reports  # it had no pose to compare then
-
-
-@pytest.mark.slow
-def test_another_localizer_that_contradicts_is_told_and_changes_nothing(map_path, pictures):
-    bench = Bench(map_path)
-    for k, picture in enumerate(pictures[:9]):
-        bench.see(picture)
-        T_map_base = drive(9)[k] @ T_BASE_CAMERA.inverse() @ SE3.from_planar(0.0, 0.05 if k < 8 else 2.0, 0.0)
-        bench.send("/other/pose", se3_to_pose_with_covariance(T_map_base, 0.01 * np.eye(6), bench.now, "map"))
-        if k == 7:
-            assert bench.node.reports["agreement"][0] == 0
-    level, text, values = bench.node.reports["agreement"]
-    assert level == 2
-    assert "limit 4.0" in text
-    assert values["metres"] == pytest.approx(2.0, abs=0.1)
-    assert bench.see(pictures[9])["/status"].state == "TRACKING"
-
-
 # --- over DDS
-@pytest.fixture
-def process(map_path):
-    code = "import sys; from dense_localizer.ros.node import main; sys.exit(main())"
-    values = {"map": map_path, "every_image": "true"} | SMALL_IMAGES
-    arguments = ["--ros-args"]
-    for name, value in values.items():
-        arguments += ["-p", f"{name}:={value}"]
-    child = subprocess.Popen([sys.executable, "-c", code, *arguments])
-    yield child
-    child.kill()
-    child.wait(120.0)
-
-
-@pytest.mark.dds
-def test_over_dds_the_poses_are_those_of_the_replay(process, map_path, pictures):
-    expected = [answer["/pose"] for answer in Bench(map_path).follow(pictures) if "/pose" in answer]
-    rclpy.init()
-    node = rclpy.create_node("bench")
-    try:
-        poses, statuses = [], []
-        node.create_subscription(PoseWithCovarianceStamped, "pose", poses.append, qos.STATE)
-        node.create_subscription(LocalizationStatus, "status", statuses.append, qos.STATE)
-        images = node.create_publisher(Image, "image_raw", qos.LARGE)
-        infos = node.create_publisher(CameraInfo, "camera_info", qos.LARGE)
-        statics = node.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
-
-        def spin_until(is_done, seconds):
-            patience = Patience(seconds)
-            while not is_done() and patience.is_left():
-                rclpy.spin_once(node, timeout_sec=0.02)
-
-        def wait(is_done, seconds=60.0):  # the kernels may have to be compiled
-            spin_until(is_done, seconds)
-            assert is_done(), "expected an answer in time"
-
-        wait(lambda: images.get_subscription_count() and infos.get_subscription_count())
-        wait(lambda: node.count_publishers("status") and node.count_publishers("pose"))
-        statics.publish(static_message())
-        for k, picture in enumerate(pictures):
-            stamp = START_NS + (k + 1) * STEP_NS
-
-            def show(picture=picture, stamp=stamp):
-                infos.publish(info_message(stamp))
-                images.publish(array_to_image(picture, stamp, OPTICAL, "mono8"))
-
-            def is_answered(stamp=stamp):
-                return any(stamp_ns(status) == stamp for status in statuses)
-
-            show()
-            for _ in range(20 if k == 0 else 0):  # what is sent before the node knows the sender is lost
-                spin_until(is_answered, 3.0)
-                if not is_answered():
-                    show()
-            wait(is_answered)
-        wait(lambda: len(poses) == len(expected))
-        for found, wanted in zip(poses, expected, strict=True):
-            assert stamp_ns(found) == stamp_ns(wanted)
-            distance, _ = pose_with_covariance_to_se3(found)[0].distance(pose_with_covariance_to_se3(wanted)[0])
-            assert distance < 0.001  # promised; only the number of threads may differ
-        process.send_signal(signal.SIGINT)
-        assert process.wait(120.0) == 0
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()

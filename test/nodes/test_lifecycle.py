@@ -1,138 +1,69 @@
-"""Many lifecycles of every node over real DDS: no handle is left behind, and the node works after each."""
+"""Lifecycles of every node over real DDS, by an outside manager that takes its time: no handle is left behind."""
 
 import os
-import time
-from typing import Any
 
+import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_msgs.msg import String
 
-from benchmarks.lifecycle_cases import CASES
+from config.test_yaml_matches_params import NODES
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.network import EdgeCurve
+from path_follower.routes.network_file import write_network
+from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.bags.recorder_node import BagRecorder
+from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.live import LiveShell
-from worlds.patience import Patience
+from worlds.patience import wait_until
+from worlds.rig import vertical_rig
 
-SETTLED = 10  # what libraries allocate once is there after as many
-CYCLES = 3 * SETTLED  # what is left behind each time is 19 after as many
-PATIENCE = 20.0  # s for an answer; discovery takes a fraction of one, on a busy machine several
-
-
-class Bench:
-    """A node beside one that sends what it takes and hears what it gives."""
-
-    def __init__(self, executor: Any, case: Any, folder) -> None:
-        self.executor, self.case, self.folder, self.num_heard = executor, case, folder, 0
-        self.shell = LiveShell(case.node_class, parameter_overrides=self._values())
-        self.peer = Node("peer")
-        for node in (self.shell, self.peer):
-            executor.add_node(node)
-        if case.topic:
-            self.peer.create_subscription(case.kind, case.topic, self.hear, case.profile)
-        self.publishers: dict[str, Any] = {}
-
-    def _values(self) -> list[Parameter]:
-        return [Parameter(name, value=value) for name, value in self.case.values(self.folder).items()]
-
-    def renew(self) -> None:
-        """Set the parameters of the next lifecycle."""
-        if not all(result.successful for result in self.shell.set_parameters(self._values())):
-            raise ValueError("parameters: refused while the node is unconfigured")
-
-    def hear(self, message: Any) -> None:
-        """Count what the node gives."""
-        self.num_heard += 1
-
-    def works(self) -> bool:
-        """Whether the node gives anything in time."""
-        self.num_heard, end = 0, time.monotonic() + PATIENCE
-        while not self.num_heard and time.monotonic() < end:
-            for topic, message in self.case.sends().items():
-                if topic not in self.publishers:
-                    self.publishers[topic] = self.peer.create_publisher(type(message), topic, qos.LARGE)
-                self.publishers[topic].publish(message)
-            for _ in range(5):
-                self.executor.spin_once(timeout_sec=0.01)
-            if not self.case.topic:
-                recorder: Any = self.shell.node
-                self.num_heard = recorder.bag.num_messages
-        return self.num_heard > 0
-
-    def close(self) -> None:
-        """Give both nodes back."""
-        self.shell.destroy_node()
-        self.peer.destroy_node()
+SETTLED = 2  # lifecycles after which the libraries have what they keep
+CYCLES = 5
 
 
-def live(bench, num_cycles, every):
-    """Live through whole lifecycles; return how many steps failed, and the entities and open files left at the end.
-
-    In every so many lifecycles, and in the last, the node must work.
-    """
-    num_failed, entities, handles = 0, [], []
-    shell = bench.shell
-    for cycle in range(num_cycles):
-        bench.renew()
-        steps = [shell.trigger_configure(), shell.trigger_activate()]
-        if cycle % every == 0 or cycle == num_cycles - 1:
-            num_failed += not bench.works()
-        steps += [shell.trigger_deactivate(), shell.trigger_cleanup()]
-        num_failed += sum(step != TransitionCallbackReturn.SUCCESS for step in steps)
-        bench.executor.spin_once(timeout_sec=0.0)
-        handles.append(len(os.listdir("/proc/self/fd")))
-        kinds = (shell.subscriptions, shell.publishers, shell.services, shell.timers)
-        entities.append(sum(len(list(items)) for items in kinds))
-    return num_failed, max(entities) - entities[0], max(handles[SETTLED:]) - handles[SETTLED]
+@pytest.fixture(scope="module")
+def values(tmp_path_factory):
+    """Return by node what it needs to be configured."""
+    folder = tmp_path_factory.mktemp("lives")
+    with BagWriter(folder / "bag") as bag:
+        bag.write("text", String(data="0"), 0)
+    write_rig(folder / "rig.yaml", vertical_rig())
+    x = np.linspace(0.0, 20.0, 201)
+    write_network(folder / "routes.geojson", build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))]))
+    return {
+        "route_navigator": {"network": str(folder / "routes.geojson"), "state": str(folder / "state")},
+        "bag_player": {"bag": str(folder / "bag"), "loop": True, "paused": True},
+        "bag_recorder": {"topics": "text", "output": str(folder / "recorded")},
+        "sphere_mapper": {"map_folder": str(folder / "maps")},
+        "sphere_stitcher": {"rig": str(folder / "rig.yaml"), "stitch.width": 128},
+        "cycab_sim": {"world": "corridor", "camera.period": 0.0},
+    }
 
 
-@pytest.fixture
-def executor():
+def entities(shell):
+    return sum(len(list(items)) for items in (shell.subscriptions, shell.publishers, shell.services, shell.timers))
+
+
+@pytest.mark.dds
+@pytest.mark.parametrize("node_class", NODES, ids=lambda node_class: node_class.NAME)
+def test_a_node_lives_again_and_again_by_its_manager_and_leaves_nothing_behind(node_class, values, tmp_path):
+    """What is latched between configure and activate is kept; open files and entities do not grow."""
     rclpy.init()
     executor = SingleThreadedExecutor()
-    yield executor
-    executor.shutdown()
-    rclpy.shutdown()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.node_class.NAME)
-def test_many_lifecycles_leave_nothing_behind(executor, tmp_path, case):
-    bench = Bench(executor, case, tmp_path)
-    num_failed, left_entities, left_handles = live(bench, CYCLES, every=SETTLED)
-    assert (num_failed, left_entities) == (0, 0)
-    assert left_handles <= 1  # one: a discovery of that moment
-    bench.close()
-    if case.node_class is BagRecorder:
-        for cycle in range(0, CYCLES, SETTLED):
-            with BagReader(tmp_path / str(cycle)) as bag:
-                assert bag.topics["/text"].count > 0
-
-
-# --- an outside manager
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.node_class.NAME)
-def test_an_outside_manager_may_take_its_time(executor, tmp_path, case):
-    """configure, a while, activate by the services of a lifecycle manager; latched messages of the while are kept."""
-    overrides = [Parameter(name, value=value) for name, value in case.values(tmp_path).items()]
-    shell, manager = LiveShell(case.node_class, parameter_overrides=overrides), Node("manager")
+    overrides = [Parameter(name, value=value) for name, value in values.get(node_class.NAME, {}).items()]
+    shell, manager = LiveShell(node_class, parameter_overrides=overrides), Node("manager")
     executor.add_node(shell)
     executor.add_node(manager)
-    client = manager.create_client(ChangeState, f"{case.node_class.NAME}/change_state")
+    client = manager.create_client(ChangeState, f"{node_class.NAME}/change_state")
 
     def until(is_done):
-        patience = Patience(20.0)
-        while not is_done() and patience.is_left():
-            executor.spin_once(timeout_sec=0.05)
-        assert is_done()
+        assert wait_until(is_done, 60.0, lambda: executor.spin_once(timeout_sec=0.05))
 
     def change(number):
         answer = client.call_async(ChangeState.Request(transition=Transition(id=number)))
@@ -140,15 +71,27 @@ def test_an_outside_manager_may_take_its_time(executor, tmp_path, case):
         assert answer.result().success
 
     until(client.service_is_ready)
-    change(Transition.TRANSITION_CONFIGURE)
-    latched = [item for item in shell.node.inputs if item.profile.durability == qos.TRANSIENT_LOCAL]
-    for item in latched:
-        publisher = manager.create_publisher(item.kind, item.handle.topic_name, qos.LATCHED)
-        publisher.publish(item.kind())
-    until(lambda: all(item.kept for item in latched))
-    change(Transition.TRANSITION_ACTIVATE)
-    until(lambda: shell.is_active and all(item.num_received for item in latched))
-    change(Transition.TRANSITION_DEACTIVATE)
-    change(Transition.TRANSITION_CLEANUP)
-    shell.destroy_node()
-    manager.destroy_node()
+    publishers, handles, counts = {}, [], []
+    for cycle in range(CYCLES):
+        if node_class.NAME == "bag_recorder":
+            shell.set_parameters([Parameter("output", value=str(tmp_path / str(cycle)))])
+        change(Transition.TRANSITION_CONFIGURE)
+        latched = [item for item in shell.node.inputs if item.profile.durability == qos.TRANSIENT_LOCAL]
+        for item in latched:
+            topic = item.handle.topic_name
+            if topic not in publishers:
+                publishers[topic] = manager.create_publisher(item.kind, topic, qos.LATCHED)
+                publishers[topic].publish(item.kind())
+        until(lambda latched=latched: all(item.kept for item in latched))
+        change(Transition.TRANSITION_ACTIVATE)
+        until(lambda latched=latched: shell.is_active and all(item.num_received for item in latched))
+        change(Transition.TRANSITION_DEACTIVATE)
+        change(Transition.TRANSITION_CLEANUP)
+        handles.append(len(os.listdir("/proc/self/fd")))
+        counts.append(entities(shell))
+    assert len(set(counts)) == 1
+    assert max(handles[SETTLED:]) - handles[SETTLED] <= 1  # one: a discovery of that moment
+    for node in (shell, manager):
+        node.destroy_node()
+    executor.shutdown()
+    rclpy.shutdown()

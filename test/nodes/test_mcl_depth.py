@@ -2,14 +2,9 @@
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_nav_msgs.srv import LoadCloud
 
-from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import cloud_to_message, pose_with_covariance_to_se3, se3_to_pose_with_covariance
-from sphere_nav.ros.node import ERROR, OK
 from worlds.mcl import COLUMNS, SECOND, T_BASE_EYE, Bench, Eye, drive, room_points
 
 NEAR_M, NEAR_RAD = 0.4, np.radians(8.0)  # cells of the cache are 0.35 m wide, headings are compared every 10 degrees
@@ -92,14 +87,6 @@ def test_an_initial_pose_before_the_first_image_waits_for_it(eye, cloud):
 
 
 @pytest.mark.slow
-def test_an_early_initial_pose_off_the_map_is_refused_and_everything_is_searched(eye, cloud):
-    bench = Bench(eye, cloud)
-    bench.send("/initialpose", se3_to_pose_with_covariance(SE3.from_planar(50, 0, 0), np.eye(6), SECOND, "map"))
-    assert bench.see(drive()[0])["/status"].state == "SEARCHING"
-    assert np.ptp(bench.node.filter.particles.poses[:, 0]) > 5.0  # m, of the eight of the room
-
-
-@pytest.mark.slow
 def test_a_cloud_may_come_by_topic(eye):
     bench = Bench(eye)
     poses = drive()
@@ -125,40 +112,3 @@ def test_the_voxel_size_of_a_call_is_honoured(eye, cloud):
     refused = call("load_cloud", LoadCloud.Request(path=str(cloud), voxel_size=-1.0))
     assert not refused.success
     assert "voxel_size: expected 0 m or more, found -1" in refused.message
-
-
-@pytest.mark.slow
-def test_a_silent_camera_is_told_by_the_clock(eye, cloud):
-    bench = Bench(eye, cloud)
-    bench.follow_from(drive())
-    said = [record.message for record in bench.bus.advance(bench.now + 20 * SECOND) if record.topic == "/status"]
-    assert (said[-1].state, said[-1].reason) == ("LOST", "TIMEOUT")
-
-
-@pytest.mark.slow
-def test_another_localizer_that_contradicts_is_told(eye, cloud):
-    bench = Bench(eye, cloud)
-    poses = drive()
-    bench.follow_from(poses[:1])
-    for number, pose in enumerate(poses[1:], 1):
-        bench.see(pose)
-        offset = SE3.from_planar(0.0, 3.0 if number >= 11 else 0.0, 0.0)
-        other = se3_to_pose_with_covariance(pose @ offset, 0.01 * np.eye(6), bench.now, "map")
-        bench.send("/other/pose", other)
-        if number == 10:
-            assert bench.node.reports["agreement"][0] == OK
-    level, text, values = bench.node.reports["agreement"]
-    assert level == ERROR
-    assert "standard deviations, limit 4.0" in text
-    assert values["metres"] == pytest.approx(3.0, abs=NEAR_M)
-
-
-@pytest.mark.slow
-def test_another_localizer_starts_the_search_where_it_is(eye, cloud):
-    bench = Bench(eye, cloud, automatic=False)
-    poses = drive()
-    assert bench.see(poses[0])["/status"].state == "NOT_LOCALISED"
-    bench.send("/other/pose", se3_to_pose_with_covariance(poses[0], 0.04 * np.eye(6), bench.now, "map"))
-    answers = bench.follow(poses[1:])
-    assert answers[-1]["/status"].state == "TRACKING"
-    assert error(answers[-1], poses[-1])[0] < NEAR_M

@@ -4,13 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import TransformStamped, Twist
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
-
-pytest.importorskip("rclpy")
-
-from geometry_msgs.msg import TransformStamped, Twist
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.action import Navigate
 from sphere_nav_msgs.srv import LoadTrajectory

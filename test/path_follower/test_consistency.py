@@ -82,9 +82,7 @@ def drift(along, aside):
     return lambda pose, age: compose_poses(pose, Pose2(along * age, aside * age, 0))
 
 
-@pytest.mark.parametrize("has_odometry", [False, True])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("speed", [1.4, -1.0, 0.5])
+@pytest.mark.parametrize(("has_odometry", "sign", "speed"), [(False, 1.0, 1.4), (True, -1.0, -1.0), (False, -1.0, 0.5)])
 def test_what_is_wrong_is_named_within_meters(has_odometry, sign, speed):
     def suffer(fault):
         return Car(motion=Motion(speed, -0.1 * sign), has_odometry=has_odometry).suffer(fault)
@@ -101,8 +99,7 @@ def test_what_is_wrong_is_named_within_meters(has_odometry, sign, speed):
     assert (reason, seconds < 12.0) == (StopReason.POSE_INCONSISTENT, True) or abs(speed) < 1.0  # 4 m take 8 s
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("has_odometry", [False, True])
+@pytest.mark.parametrize(("sign", "has_odometry"), [(1.0, False), (-1.0, True)])
 def test_a_heading_wrong_from_the_start_shows_in_the_direction_of_motion(sign, has_odometry):
     car, wrong = Car(has_odometry=has_odometry), beside(0, 0, 0.9 * sign)
     found = [car.step(wrong, is_driving=k > 0).stop.reason for k in range(20)]
@@ -125,8 +122,7 @@ def test_a_vehicle_that_does_not_move_is_not_a_frozen_pose(has_odometry):
         assert next(filter(None, (car.step(fault).stop.reason for _ in range(20)))) is StopReason.NOT_MOVING
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("speed", [2.0, 1.4, -1.0, 0.5])
+@pytest.mark.parametrize(("sign", "speed"), [(1.0, 2.0), (-1.0, 1.4), (1.0, -1.0)])
 def test_with_wheels_a_slow_drift_is_noticed_before_the_pose_is_far_off(sign, speed):
     """Aside by 0.1 m/s within 0.5 m, behind by 0.2 m/s within 1 m; at 2 m/s the share of the way is small."""
     for along, aside, limit in ((0.0, 0.1 * sign, 0.5), (0.2 * sign, 0.0, 1.0)):
@@ -164,17 +160,6 @@ def test_wheels_that_were_heard_and_are_silent_stop(is_driving):
     assert car.step(is_driving=is_driving).stop is FINE
 
 
-@pytest.mark.parametrize("has_odometry", [False, True])
-def test_odometry_that_agrees_allows_what_the_commands_do_not_explain(has_odometry):
-    """A base that does a third of what it is told, and says so: no fault of the pose."""
-    car = Car(has_odometry=has_odometry)
-    assert car.suffer(seconds=1.0) == (None, math.inf)
-    car.share = 0.3
-    found = [car.step().stop.reason for _ in range(30)]
-    assert (StopReason.POSE_INCONSISTENT in found) != has_odometry
-    assert (set(found) == {StopReason.NONE}) == has_odometry
-
-
 @pytest.mark.parametrize("deviation", [0.1, 0.02])
 def test_a_small_correction_does_not_stop_and_slows_down_only_where_its_covariance_does_not_explain_it(deviation):
     car = Car()
@@ -209,16 +194,16 @@ def test_it_can_be_switched_off_but_not_the_covariance():
     assert car.step(covariance=1e6 * np.eye(3)).stop.reason is StopReason.POSE_UNCERTAIN
 
 
-@pytest.mark.parametrize("scale", [0.999, 1.001, 1.999, 2.001])
-@pytest.mark.parametrize(("axis", "limit"), [(0, 0.5), (1, 0.5), (2, 0.25)])
-def test_a_standard_deviation_above_the_limit_slows_and_above_twice_that_stops(axis, limit, scale):
-    covariance = np.diag([1e-4, 1e-4, 1e-4])
-    covariance[axis, axis] = (scale * limit) ** 2
-    doubt = judge_covariance(covariance, PARAMS.safety)
-    assert (doubt.slow is not FINE, doubt.stop is not FINE) == (scale > 1.0, scale > 2.0)
-    assert {v.reason for v in (doubt.slow, doubt.stop) if v is not FINE} <= {StopReason.POSE_UNCERTAIN}
-    if scale > 2.0:
-        assert (doubt.stop.value, doubt.stop.limit) == pytest.approx((scale * limit, 2.0 * limit))
+def test_a_standard_deviation_above_the_limit_slows_and_above_twice_that_stops():
+    for scale in [0.999, 1.001, 1.999, 2.001]:
+        for axis, limit in [(0, 0.5), (1, 0.5), (2, 0.25)]:
+            covariance = np.diag([1e-4, 1e-4, 1e-4])
+            covariance[axis, axis] = (scale * limit) ** 2
+            doubt = judge_covariance(covariance, PARAMS.safety)
+            assert (doubt.slow is not FINE, doubt.stop is not FINE) == (scale > 1.0, scale > 2.0)
+            assert {v.reason for v in (doubt.slow, doubt.stop) if v is not FINE} <= {StopReason.POSE_UNCERTAIN}
+            if scale > 2.0:
+                assert (doubt.stop.value, doubt.stop.limit) == pytest.approx((scale * limit, 2.0 * limit))
 
 
 def test_the_worst_direction_counts_and_what_is_no_covariance_stops():
@@ -292,8 +277,7 @@ def test_a_localizer_of_another_map_is_refused_and_one_that_changes_it_stops(kit
 
 # --- rates
 @pytest.mark.slow
-@pytest.mark.parametrize("has_odometry", [False, True])
-@pytest.mark.parametrize("deviation", [0.02, 0.05, 0.2])
+@pytest.mark.parametrize(("has_odometry", "deviation"), [(False, 0.05), (True, 0.2)])
 def test_the_noise_that_poses_state_raises_no_alarm_and_twice_as_much_does(has_odometry, deviation):
     """A tenth lost, a wheel that turns to and fro; what is allowed grows with what is stated, not with the time."""
     stated, largest = np.diag(np.square([deviation, deviation, 0.4 * deviation])), {}

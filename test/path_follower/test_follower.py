@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from path_follower.modes import FollowerState
-from path_follower.params import ActuationParams, FollowerParams, PathParams, SpeedParams, SteeringParams, VehicleParams
+from path_follower.params import ActuationParams, FollowerParams, SpeedParams, SteeringParams, VehicleParams
 from path_follower.path_files import read_path
 from path_follower.reasons import StopReason
 
@@ -105,15 +105,10 @@ def test_the_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit,
 @pytest.mark.parametrize(
     ("world", "rmse", "worst"),
     [
-        ({"position_noise": 0.02, "yaw_noise": 0.0087}, 0.01, 0.03),
-        ({"latency": 0.1}, 0.005, 0.01),
-        ({"steering_lag": 0.3, "speed_lag": 0.3}, 0.015, 0.05),  # 0.1 s more than the model assumes
         ({"steering_lag": 0.0, "speed_lag": 0.0}, 0.02, 0.05),  # 0.2 s less
         ({"steering_lag": 0.3, "latency": 0.1, "position_noise": 0.02, "yaw_noise": 0.0087}, 0.02, 0.07),
-        ({"dead_time": 0.1}, 0.015, 0.05),  # not in the model
         ({"steering_bias": math.radians(1)}, 0.035, 0.045),  # 0.0145 1/m over k_y: 18 mm, more with tan(e_psi)
         ({"speed_scale": 0.95}, 0.005, 0.02),
-        ({"period": 0.1}, 0.01, 0.03),
     ],
     ids=str,
 )
@@ -125,15 +120,6 @@ def test_disturbances_leave_a_few_centimeters(kit, two_turns, world, rmse, worst
 
 
 @pytest.mark.slow
-def test_a_lag_that_is_in_the_parameters_costs_nothing(kit, two_turns):
-    params = FollowerParams(actuation=ActuationParams(dead_time=0.1, steering_lag=0.3, speed_lag=0.3))
-    world = kit.World(dead_time=0.1, latency=0.1, steering_lag=0.3, speed_lag=0.3)
-    drive = kit.follow(two_turns, world, params)
-    assert_arrived(drive)
-    assert drive.worst < 0.01
-
-
-@pytest.mark.slow
 def test_a_measured_speed_replaces_a_wrong_model(kit, two_turns):
     world = kit.World(speed_lag=0.8, latency=0.1)
     drive = kit.follow(two_turns, world, is_speed_known=True)
@@ -142,9 +128,8 @@ def test_a_measured_speed_replaces_a_wrong_model(kit, two_turns):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_taught_drive_with_noise_becomes_a_drivable_path(kit, two_turns, seed):
-    noisy = two_turns + np.random.default_rng(seed).normal(size=two_turns.shape) * (0.02, 0.02, 0.01)
+def test_a_taught_drive_with_noise_becomes_a_drivable_path(kit, two_turns):
+    noisy = two_turns + np.random.default_rng(0).normal(size=two_turns.shape) * (0.02, 0.02, 0.01)
     drive = kit.follow(noisy, start=tuple(two_turns[0]))
     assert_arrived(drive)
     assert drive.rmse < 0.01
@@ -178,35 +163,12 @@ def assert_cusps_are_reached(drive):
 
 
 @pytest.mark.slow
-def test_a_closed_path_is_driven_round_and_round(kit):
-    ring = kit.course((2 * math.pi * 6, 1 / 6))[:-1]
-    drive = kit.follow(ring, is_closed=True, seconds=70)
-    assert drive.final.state is FollowerState.DRIVING
-    assert drive.final.progress > 2.1 * 2 * math.pi * 6
-    assert drive.worst < 0.01
-
-
-@pytest.mark.slow
-def test_a_start_in_the_middle_of_the_path(kit, two_turns):
-    drive = kit.follow(two_turns, start=(20.0, 0.1, 0.05))
-    assert_arrived(drive)
-    assert drive.progress[0] == pytest.approx(20.0, abs=0.1)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("cruise", [0.5, 2.0, 4.0])
-def test_other_speeds_are_stable(kit, cruise):
-    params = FollowerParams(speed=SpeedParams(cruise=cruise), vehicle=VehicleParams(max_speed=5.0))
+def test_a_fast_drive_is_stable(kit):
+    params = FollowerParams(speed=SpeedParams(cruise=4.0), vehicle=VehicleParams(max_speed=5.0))
     wide = kit.course((20, 0), (QUARTER * 12, 1 / 12), (20, 0), (QUARTER * 12, -1 / 12), (25, 0))
     drive = kit.follow(wide, kit.World(latency=0.1, steering_lag=0.3), params)
     assert_arrived(drive)
     assert drive.worst < 0.08  # 0.1 s of lag that the model does not know of, up to 0.4 m of way
-
-
-def test_a_path_shorter_than_the_stopping_distance(kit):
-    drive = kit.follow(kit.course((0.5, 0)))
-    assert_arrived(drive)
-    assert drive.poses[-1].x == pytest.approx(0.5, abs=0.08)
 
 
 CORNER = np.array([[0, 0], [10, 0], [10, 10.0]])
@@ -218,23 +180,9 @@ def test_a_corner_that_no_car_can_turn_ends_in_a_stop_and_not_in_a_field(kit):
     assert drive.final.verdict.reason is StopReason.OFF_PATH
 
 
-def test_a_corner_becomes_drivable_with_a_larger_smoothing_length(kit):
-    drive = kit.follow(CORNER, start=(0, 0, 0), params=FollowerParams(path=PathParams(smoothing_length=12.0)))
-    assert_arrived(drive)
-    assert drive.worst < 0.15
-
-
 @pytest.mark.slow
-def test_the_same_drive_twice_is_the_same_drive(kit, two_turns):
-    world = kit.World(position_noise=0.02, yaw_noise=0.01, latency=0.1)
-    first, second = kit.follow(two_turns, world), kit.follow(two_turns, world)
-    assert [c.yaw_rate for c in first.commands] == [c.yaw_rate for c in second.commands]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("track", ["Budapest", "Hockenheim", "IMS"])
-def test_race_tracks_at_a_quarter_of_their_size(kit, shared_data, tmp_path, track):
-    points = np.loadtxt(shared_data / "tracks" / f"{track}.csv", delimiter=",")[:, :2] / 4.0
+def test_a_race_track_at_a_quarter_of_its_size_is_driven(kit, shared_data, tmp_path):
+    points = np.loadtxt(shared_data / "tracks" / "Budapest.csv", delimiter=",")[:, :2] / 4.0
     np.savetxt(tmp_path / "track.csv", points, delimiter=",")
     params = FollowerParams(speed=SpeedParams(cruise=3.0), vehicle=VehicleParams(max_speed=4.0))
     path = read_path(tmp_path / "track.csv", params, is_closed=True)
@@ -257,12 +205,3 @@ def test_a_recorded_motorway_drive_is_a_path(kit, shared_data):
     path = read_path(shared_data / "tracks" / "comma2k19_motorway_enu_20hz.csv", params)
     assert len(path.segments) == 1
     assert path.max_curvature < 0.1
-
-
-@pytest.mark.slow
-def test_smoothing_can_be_switched_off(kit):
-    drive = kit.follow(
-        kit.course((8, 0), (6, 0.2), (6, 0)), params=FollowerParams(path=PathParams(smoothing_length=0.0))
-    )
-    assert_arrived(drive)
-    assert drive.worst < 0.02

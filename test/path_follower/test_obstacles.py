@@ -64,22 +64,40 @@ def test_an_offset_from_the_path_moves_the_footprint_with_the_vehicle(straight):
     assert count(straight, [(3.0, -0.8)], beside) == 0  # on the path, but not where the vehicle goes
 
 
+@pytest.mark.parametrize("turned", [0.4, -0.4])
+def test_a_car_turned_against_the_path_meets_what_stands_along_the_path_and_not_before_its_nose(straight, turned):
+    pose, way = Pose2(10, 0, turned), FRONT + 1.2
+    ahead, before_the_nose = (way * np.array([math.cos(a), math.sin(a)]) for a in (-turned, turned))
+    assert count(straight, [ahead], pose) == 1
+    assert count(straight, [before_the_nose], pose) == 0
+
+
+@pytest.mark.parametrize("turned", [0.4, -0.4])
+def test_backwards_a_turned_car_sweeps_to_the_side_of_the_path_behind_it(kit, turned):
+    back = kit.course((-20, 0))
+    path = kit.make_path(back[:, :2], PARAMS, back[:, 2])
+    way = -(PARAMS.vehicle.rear + PARAMS.safety.obstacle_margin + 1.2)
+    behind, mirrored = (way * np.array([math.cos(a), math.sin(a)]) for a in (-turned, turned))
+    assert count(path, [behind], Pose2(-5, 0, turned)) == 1
+    assert count(path, [mirrored], Pose2(-5, 0, turned)) == 0
+
+
 def test_the_stopping_distance_is_reaction_braking_and_one_step():
     assert stopping_distance(2.0, PARAMS) == pytest.approx(2.0 * 0.3 + 2.0**2 / (2 * 1.1) + 0.2)
     assert stopping_distance(-1.0, PARAMS) == pytest.approx(1.0 * 0.3 + 1.0 / (2 * 1.1) + 0.2)
 
 
-@pytest.mark.parametrize(("speed", "angle"), [(1.4, 0.0), (1.4, 0.3), (-1.0, 0.0), (0.0, 0.0), (-0.0, 0.0)])
-def test_the_places_that_beams_must_have_measured_lie_on_the_way_ahead(speed, angle):
-    places = swept_places(Motion(speed, angle), PARAMS)
-    sign = math.copysign(1.0, speed)
-    end = PARAMS.vehicle.front if sign > 0 else -PARAMS.vehicle.rear
-    reach = stopping_distance(PARAMS.speed.cruise, PARAMS)
-    along = sign * (places[:, 0] - end)
-    assert len(places) % ACROSS == 0
-    if angle == 0.0:
-        assert (along.min(), along.max()) == pytest.approx((0.2, reach), abs=0.2)
-        assert np.unique(np.abs(places[:, 1]).round(6))[[0, -1]].tolist() == pytest.approx([0.0, HALF])
-    else:
-        assert places[:, 1].max() > HALF + 0.1  # the way bends to the left
-        assert places[:, 1].min() > -HALF
+def test_the_places_that_beams_must_have_measured_lie_on_the_way_ahead():
+    for speed, angle in [(1.4, 0.0), (1.4, 0.3), (-1.0, 0.0), (0.0, 0.0), (-0.0, 0.0)]:
+        places = swept_places(Motion(speed, angle), PARAMS)
+        sign = math.copysign(1.0, speed)
+        end = PARAMS.vehicle.front if sign > 0 else -PARAMS.vehicle.rear
+        reach = stopping_distance(PARAMS.speed.cruise, PARAMS)
+        along = sign * (places[:, 0] - end)
+        assert len(places) % ACROSS == 0
+        if angle == 0.0:
+            assert (along.min(), along.max()) == pytest.approx((0.2, reach), abs=0.2)
+            assert np.unique(np.abs(places[:, 1]).round(6))[[0, -1]].tolist() == pytest.approx([0.0, HALF])
+        else:
+            assert places[:, 1].max() > HALF + 0.1  # the way bends to the left
+            assert places[:, 1].min() > -HALF

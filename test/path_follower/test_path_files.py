@@ -14,24 +14,6 @@ from sphere_nav.geometry.trajectory import Trajectory, write_tum
 PARAMS = FollowerParams()
 
 
-def write_csv(path, trajectory):
-    """Write x, y, yaw, speed, yaw rate and arc length (eq. 21), SI units."""
-    columns = (trajectory.x, trajectory.y, trajectory.yaw, trajectory.speed, trajectory.speed * trajectory.curvature)
-    rows = np.stack([*columns, trajectory.arc_length], axis=-1)
-    lines = ["# x,y,yaw,speed,yaw_rate,arc_length", *(",".join(f"{value:.9g}" for value in row) for row in rows)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def test_a_trajectory_written_is_read_again(kit, tmp_path):
-    poses = kit.course((6, 0), (5, 0.2), (-4, 0.0))
-    path = kit.make_path(poses[:, :2], PARAMS, poses[:, 2])
-    write_csv(tmp_path / "path.csv", path)
-    again = read_path(tmp_path / "path.csv", PARAMS)
-    assert [s.direction for s in again.segments] == [1, -1]
-    assert again.length == pytest.approx(path.length, abs=0.03)
-    assert again.max_curvature == pytest.approx(path.max_curvature, rel=0.02)
-
-
 def test_a_taught_drive_has_headings_and_speeds(kit, tmp_path):
     poses = kit.course((10, 0), (6, 0.2))
     tangent = SE3.from_parts(
@@ -48,9 +30,8 @@ def test_a_taught_drive_has_headings_and_speeds(kit, tmp_path):
     assert path.speed.max() == pytest.approx(0.8, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_columns_go_by_name_or_by_the_usual_order(tmp_path):
+    for text in [
         "0,0\n1,0\n2,0\n",
         "x,y\n0,0\n1,0\n2,0\n",
         "# x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,1,1\n1,0,1,1\n2,0,1,1\n",
@@ -58,19 +39,16 @@ def test_a_taught_drive_has_headings_and_speeds(kit, tmp_path):
         "# made by hand, in a hurry\n\n0,0,0,1.0\n1,0,0,1.0\n2,0,0,1.0\n",
         "y,x,yaw\n0,0,0\n0,1,0\n0,2,0\n",
         "# map_id: yard\n# y,x,yaw\n0,0,0\n0,1,0\n0,2,0\n",
-    ],
-)
-def test_columns_go_by_name_or_by_the_usual_order(tmp_path, text):
-    (tmp_path / "path.csv").write_text(text)
-    path = read_path(tmp_path / "path.csv", PARAMS)
-    assert path.length == pytest.approx(2.0, abs=1e-6)
-    assert path.x[-1] == pytest.approx(2.0, abs=1e-6)
-    assert path.map_id == ("yard" if "yard" in text else "")
+    ]:
+        (tmp_path / "path.csv").write_text(text)
+        path = read_path(tmp_path / "path.csv", PARAMS)
+        assert path.length == pytest.approx(2.0, abs=1e-6)
+        assert path.x[-1] == pytest.approx(2.0, abs=1e-6)
+        assert path.map_id == ("yard" if "yard" in text else "")
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path):
+    for text, message in [
         ("", "path.csv: expected points, found none"),
         ("x,y\n", "path.csv: expected points, found none"),
         ("0,0\n1,nan\n", "path.csv:2: y: expected a finite number, found 'nan'"),
@@ -79,20 +57,11 @@ def test_columns_go_by_name_or_by_the_usual_order(tmp_path, text):
         ("0,0\n1,0,3\n", "path.csv:2: expected 2 columns"),
         ("0,0\n0,0\n", "path.csv: path: expected a length of 0.2 to 100000 m, found 0 m"),
         ("1,1\n", r"path.csv: path: expected 2 to 1000000 points"),
-    ],
-)
-def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path, text, message):
-    (tmp_path / "path.csv").write_text(text)
-    with pytest.raises(ValueError, match=message) as caught:
-        read_path(tmp_path / "path.csv", PARAMS)
-    assert "\n" not in str(caught.value)
-
-
-def test_other_files_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"expected a \.csv, \.tum, \.yaml or \.geojson file, found \.pkl"):
-        read_path(tmp_path / "path.pkl", PARAMS)
-    with pytest.raises(ValueError, match=r"none\.csv: expected a file of points, found no such file"):
-        read_path(tmp_path / "none.csv", PARAMS)
+    ]:
+        (tmp_path / "path.csv").write_text(text)
+        with pytest.raises(ValueError, match=message) as caught:
+            read_path(tmp_path / "path.csv", PARAMS)
+        assert "\n" not in str(caught.value)
 
 
 def test_stamps_in_nanoseconds_are_named(tmp_path):
@@ -150,9 +119,8 @@ def test_geojson_holds_lines_forward_and_backward(tmp_path):
 EARTH = {"crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}}
 
 
-@pytest.mark.parametrize(
-    ("ending", "found", "message"),
-    [
+def test_what_is_wrong_with_yaml_or_geojson_is_one_line(tmp_path):
+    for ending, found, message in [
         ("geojson", line(AHEAD), "crs.properties.name: expected that of a frame in metres, as 'local', found none"),
         ("geojson", line(AHEAD) | EARTH, "found 'urn:ogc:def:crs:OGC:1.3:CRS84': longitude and latitude"),
         (
@@ -175,12 +143,10 @@ EARTH = {"crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3
         ("yaml", {"points": AHEAD, "frame": "odom"}, "frame: expected 'map', found 'odom'"),
         ("yaml", {"poses": [{"pose": {"position": {"x": 0}}}]}, "poses[0].orientation: expected a value, found none"),
         ("yaml", {"waypoints": []}, "path.yaml.points: expected a value, found none"),
-    ],
-)
-def test_what_is_wrong_with_yaml_or_geojson_is_one_line(tmp_path, ending, found, message):
-    file = tmp_path / f"path.{ending}"
-    file.write_text(json.dumps(found))
-    with pytest.raises(ValueError, match=re.escape(message)) as caught:
-        read_path(file, PathFollowerParams())
-    assert str(caught.value).startswith(str(file))
-    assert "\n" not in str(caught.value)
+    ]:
+        file = tmp_path / f"path.{ending}"
+        file.write_text(json.dumps(found))
+        with pytest.raises(ValueError, match=re.escape(message)) as caught:
+            read_path(file, PathFollowerParams())
+        assert str(caught.value).startswith(str(file))
+        assert "\n" not in str(caught.value)

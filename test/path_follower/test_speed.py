@@ -1,4 +1,4 @@
-"""Speeds: the law of eq. 25, and the profile that a car can drive."""
+"""Steering (eq. 22 to 25) and speed (eq. 25): errors, laws, poles, the profile that a car can drive."""
 
 import math
 from dataclasses import replace
@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from path_follower.command import TrackingError
-from path_follower.params import FollowerParams, SpeedParams, VehicleParams
-from path_follower.path import Location, ReferencePoint
+from path_follower.params import FollowerParams, SpeedParams, SteeringParams, VehicleParams
+from path_follower.path import Location, Pose2, ReferencePoint
 from path_follower.speed import bounded_speed, eased_speed, speed_law, speed_limits, speed_profile
-from path_follower.steering import Errors
+from path_follower.steering import Errors, curvature_law, errors_of
 from path_follower.vehicle import Motion
 
 SPEED = SpeedParams()
@@ -22,12 +22,9 @@ def reference(speed, direction=1):
     return ReferencePoint(0, 0, 0, speed, 0, 0, 0, direction)
 
 
-@pytest.mark.parametrize(
-    ("ahead", "speed"),
-    [(0.0, 1.4), (0.5, 0.8), (-0.5, 2.0)],  # by hand: 0.8 (1.4 + 0.1) = 1.2 m/s a metre of error
-)
-def test_a_vehicle_that_is_ahead_is_slower_by_what_equation_25_says(ahead, speed):
-    assert speed_law(reference(1.4), ahead, SPEED) == pytest.approx(speed)
+def test_a_vehicle_that_is_ahead_is_slower_by_what_equation_25_says():
+    for ahead, speed in [(0.0, 1.4), (0.5, 0.8), (-0.5, 2.0)]:
+        assert speed_law(reference(1.4), ahead, SPEED) == pytest.approx(speed)
 
 
 def test_the_longitudinal_error_falls_by_a_factor_e_within_the_time_that_the_gain_says():
@@ -65,26 +62,23 @@ def test_changes_of_curvature_are_slow_by_the_steering_rate():
     assert speed.min() < SPEED.cruise
 
 
-@pytest.mark.parametrize("is_closed", [False, True])
-def test_the_profile_keeps_limits_and_accelerations(is_closed):
-    limits = np.interp(WAY, [0, 19, 20, 25, 26, 60], [1.4, 1.4, 0.4, 0.4, 1.4, 1.4])
-    speed = speed_profile(WAY, limits, CAR, is_closed=is_closed)
-    gain = np.diff(speed**2) / (2 * np.diff(WAY))
-    assert np.all(speed <= limits + 1e-12)
-    assert gain.max() <= CAR.max_acceleration + 1e-9
-    assert gain.min() >= -CAR.max_deceleration - 1e-9
-    assert speed[0] == pytest.approx(1.4)
-    assert speed[-1] == pytest.approx(1.4 if is_closed else 0.0)
+def test_the_profile_keeps_limits_and_accelerations():
+    for is_closed in [False, True]:
+        limits = np.interp(WAY, [0, 19, 20, 25, 26, 60], [1.4, 1.4, 0.4, 0.4, 1.4, 1.4])
+        speed = speed_profile(WAY, limits, CAR, is_closed=is_closed)
+        gain = np.diff(speed**2) / (2 * np.diff(WAY))
+        assert np.all(speed <= limits + 1e-12)
+        assert gain.max() <= CAR.max_acceleration + 1e-9
+        assert gain.min() >= -CAR.max_deceleration - 1e-9
+        assert speed[0] == pytest.approx(1.4)
+        assert speed[-1] == pytest.approx(1.4 if is_closed else 0.0)
 
 
-@pytest.mark.parametrize(
-    ("gain", "jerk", "lead"),
-    [(0.0, 2.0, 0.77), (-0.5, 2.0, 0.77), (0.7, 2.0, 1.5398), (0.0, 4.0, 0.385)],  # m, by hand: d = 1.1, at -1.4 m/s
-)
-def test_a_speed_is_read_earlier_by_as_much_as_bounded_jerk_follows_late(gain, jerk, lead):
-    car = replace(CAR, max_jerk=jerk)
-    tracking = TrackingError(Errors(0, 0, 0), reference(1.4), Location(0, 0, 0, 0, 0, 0), 9.0)
-    assert eased_speed(Ramp(), tracking, Motion(-1.4, 0.0), gain, car) == pytest.approx(lead, abs=1e-4)
+def test_a_speed_is_read_earlier_by_as_much_as_bounded_jerk_follows_late():
+    for gain, jerk, lead in [(0.0, 2.0, 0.77), (-0.5, 2.0, 0.77), (0.7, 2.0, 1.5398), (0.0, 4.0, 0.385)]:
+        car = replace(CAR, max_jerk=jerk)
+        tracking = TrackingError(Errors(0, 0, 0), reference(1.4), Location(0, 0, 0, 0, 0, 0), 9.0)
+        assert eased_speed(Ramp(), tracking, Motion(-1.4, 0.0), gain, car) == pytest.approx(lead, abs=1e-4)
 
 
 class Ramp:
@@ -105,17 +99,87 @@ def tracking(remaining, direction=1):
     return TrackingError(Errors(0, 0, 0), reference(1.0 * direction, direction), Location(0, 0, 0, 0, 0, 0), remaining)
 
 
-@pytest.mark.parametrize("direction", [1, -1])
-def test_the_last_steps_creep_and_then_stand(direction):
-    params = FollowerParams()
-    far = bounded_speed(direction * 0.01, tracking(0.3, direction), params, slow=2.0, is_starting=False)
-    there = bounded_speed(direction * 0.01, tracking(0.04, direction), params, slow=2.0, is_starting=False)
-    assert far == direction * params.speed.creep
-    assert there == 0.0
-    assert bounded_speed(0.0, tracking(0.06, direction), params, slow=2.0, is_starting=False) == far
+def test_the_last_steps_creep_and_then_stand():
+    for direction in [1, -1]:
+        params = FollowerParams()
+        far = bounded_speed(direction * 0.01, tracking(0.3, direction), params, slow=2.0, is_starting=False)
+        there = bounded_speed(direction * 0.01, tracking(0.04, direction), params, slow=2.0, is_starting=False)
+        assert far == direction * params.speed.creep
+        assert there == 0.0
+        assert bounded_speed(0.0, tracking(0.06, direction), params, slow=2.0, is_starting=False) == far
 
 
 def test_slow_and_start_bound_the_speed():
     params = FollowerParams()
     assert bounded_speed(1.4, tracking(9.0), params, slow=0.5, is_starting=False) == 0.5
     assert bounded_speed(1.4, tracking(9.0), params, slow=2.0, is_starting=True) == params.speed.creep
+
+
+PARAMS = SteeringParams()
+
+
+def turned(speed=1.4, curvature=0.0, yaw=0.0, direction=1):
+    return ReferencePoint(2.0, -1.0, yaw, speed, speed * curvature, curvature, 0.0, direction)
+
+
+def test_errors_are_measured_in_the_axes_of_the_reference():
+    point = turned(yaw=math.pi / 2)
+    errors = errors_of(Pose2(1.7, -0.6, math.pi / 2 + 0.1), point)
+    assert errors.longitudinal == pytest.approx(0.4)
+    assert errors.lateral == pytest.approx(0.3)
+    assert errors.yaw == pytest.approx(0.1)
+
+
+def test_the_yaw_error_wraps():
+    assert errors_of(Pose2(0, 0, -3.1), turned(yaw=3.1)).yaw == pytest.approx(2 * math.pi - 6.2)
+
+
+def test_equation_25_for_the_yaw_rate():
+    for curvature in [0.0, 0.2]:
+        point, errors = turned(speed=1.2, curvature=curvature), Errors(0.1, 0.3, -0.2)
+        expected = point.yaw_rate - PARAMS.k_y * 1.2 * 0.3 - PARAMS.k_psi * 1.2 * math.tan(-0.2)
+        assert 1.2 * curvature_law(point, errors, PARAMS, 1.2) == pytest.approx(expected)
+
+
+def closed_loop(direction, k_y_sign=1.0):
+    """Poles by time of the linearized loop: e_y' = U e_psi, e_psi' = U curvature(e_y, e_psi)."""
+    speed, step = direction * 1.0, 1e-6
+    point = ReferencePoint(0, 0, 0, speed, 0, 0, 0, direction)
+
+    def law(e_y, e_psi):
+        return speed * curvature_law(point, Errors(0, k_y_sign * e_y, e_psi), PARAMS, abs(speed))
+
+    return np.linalg.eigvals([[0, speed], [law(step, 0) / step, law(0, step) / step]])
+
+
+def test_the_poles_are_those_of_the_docstring_forward_and_backward():
+    for direction in [1, -1]:
+        np.testing.assert_allclose(closed_loop(direction).real, -math.sqrt(PARAMS.k_y), rtol=1e-3)
+        assert PARAMS.k_psi / (2 * math.sqrt(PARAMS.k_y)) == pytest.approx(1.0)
+
+
+def test_backwards_the_lateral_term_as_printed_in_eq_25_would_be_unstable():
+    assert closed_loop(-1, k_y_sign=-1.0).real.max() > 0.3
+
+
+def test_the_bandwidth_in_time_is_bounded_and_keeps_the_damping():
+    slow, fast = 1.0, 10.0
+    omega = math.sqrt(PARAMS.k_y)
+    lateral = -curvature_law(turned(fast), Errors(0, 1.0, 0), PARAMS, fast)
+    heading = -curvature_law(turned(fast), Errors(0, 0, 1e-6), PARAMS, fast) / 1e-6
+    assert math.sqrt(lateral) * fast == pytest.approx(2.5)
+    assert heading / (2 * math.sqrt(lateral)) == pytest.approx(PARAMS.k_psi / (2 * omega), rel=1e-6)
+    assert -curvature_law(turned(slow), Errors(0, 1.0, 0), PARAMS, slow) == pytest.approx(PARAMS.k_y)
+
+
+def test_large_heading_errors_stay_finite_and_turn_the_right_way():
+    for yaw in [math.pi / 2, -math.pi / 2, 3.0, -3.0]:
+        found = curvature_law(turned(), Errors(0, 0, yaw), PARAMS, 1.4)
+        factor = min(1.0, 2.5 / (math.sqrt(PARAMS.k_y) * 1.4))
+        assert found == pytest.approx(-math.copysign(PARAMS.k_psi * factor * math.tan(1.0), yaw))
+
+
+def test_the_law_exists_at_zero_reference_speed():
+    assert curvature_law(turned(speed=0.0, curvature=0.1), Errors(0, 0.2, 0), PARAMS, 0.0) == pytest.approx(
+        0.1 - PARAMS.k_y * 0.2
+    )

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.board_world import BoardWorld, boards_around, ring_rig, wandering
+from cycab_sim.world.boards import BoardWorld, boards_around, ring_rig, wandering
 from rig_calibration.boards import checks
 from rig_calibration.boards.assembly import board_turns, hand_eye
 from rig_calibration.boards.board import Board, check_distinct, parse_size
@@ -14,6 +14,7 @@ from rig_calibration.boards.intrinsics import board_pose, other_pose
 from rig_calibration.boards.lens import J_lens, camera_from_vector, lens_of, project_points
 from rig_calibration.boards.linearize import jacobian, residuals
 from rig_calibration.boards.report import calibration_as_mapping, coverage
+from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Fisheye, OCam, Omni, Pinhole
@@ -31,14 +32,14 @@ CAMERAS = (
 @pytest.fixture(scope="module")
 def world():
     rng = np.random.default_rng(3)
-    boards, poses = boards_around(2, 1.5, rng)
+    boards, poses = boards_around(Board, 2, 1.5, rng)
     whole = ring_rig((640, 480))
     return BoardWorld(Rig(whole.cameras[:2], "two"), boards, poses, wandering(36, rng))
 
 
 @pytest.fixture(scope="module")
 def calibrated(world):
-    views = world.views(0.1, np.random.default_rng(4))
+    views = world.views(BoardView, 0.1, np.random.default_rng(4))
     views[3].pixels[:] += 40.0 * np.random.default_rng(5).normal(size=views[3].pixels.shape)  # a false detection
     specs = [CameraSpec(p.name, p.camera.model, (p.camera.width, p.camera.height)) for p in world.rig.cameras]
     found = calibrate(specs, world.boards, views, PARAMS, world.rig.cameras[0].T_rig_camera)
@@ -161,7 +162,7 @@ def test_boards_that_look_alike_are_refused():
 def test_rendered_corners_are_found_to_a_tenth_of_a_pixel(world):
     rng = np.random.default_rng(0)
     off = []
-    for view in world.views(0.0, rng)[:4]:
+    for view in world.views(BoardView, 0.0, rng)[:4]:
         camera = [part.name for part in world.rig.cameras].index(view.camera)
         board = next(item for item in world.boards if item.name == view.board)
         seen = detect_all(world.render(camera, int(view.instant), rng), [board]).get(board.name)
@@ -184,8 +185,8 @@ def test_images_that_were_not_taken_at_one_time_are_warned_of(world, calibrated)
     rng = np.random.default_rng(8)
     shaken = SE3.exp(rng.normal(0.0, 0.003, (len(world.T_world_rig.matrix), 6)))
     late = dataclasses.replace(world, T_world_rig=world.T_world_rig @ shaken)
-    views = [view for view in world.views(0.1, rng) if view.camera == "cam0"]
-    views += [view for view in late.views(0.1, rng) if view.camera == "cam1"]
+    views = [view for view in world.views(BoardView, 0.1, rng) if view.camera == "cam0"]
+    views += [view for view in late.views(BoardView, 0.1, rng) if view.camera == "cam1"]
     found = calibrate(specs, world.boards, views, PARAMS, world.rig.cameras[0].T_rig_camera)
     lines = [line for line in found.warnings if "by itself and with the others it is not the same camera" in line]
     assert lines

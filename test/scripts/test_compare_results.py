@@ -57,14 +57,6 @@ def test_a_digest_that_differs_is_named(record, tmp_path, capsys):
     assert f"| {' | '.join(row)} |" in capsys.readouterr().out
 
 
-def test_what_only_one_side_has_is_a_difference(record, tmp_path):
-    after = copy.deepcopy(record)
-    del after["cases"]["kitchen"]["digests"]["poses"]
-    assert compare_results.differences(record, after) == [["kitchen", "poses", "a" * 12, "none"]]
-    assert compare_results.differences(after, record) == [["kitchen", "poses", "none", "a" * 12]]
-    assert compare(tmp_path, record, after) == 1
-
-
 def test_a_case_of_one_side_is_a_difference(record):
     after = copy.deepcopy(record)
     after["cases"]["stereo"] = after["cases"].pop("kitchen")
@@ -74,60 +66,10 @@ def test_a_case_of_one_side_is_a_difference(record):
     ]
 
 
-def test_a_failure_is_never_equal(record, tmp_path):
-    record["cases"]["kitchen"] = {"failed": "status 2"}
-    assert compare_results.differences(record, record) == [["kitchen", "", "failed: status 2", "failed: status 2"]]
-    assert compare(tmp_path, record, record) == 1
-
-
-def test_other_inputs_are_a_difference(record):
-    after = copy.deepcopy(record)
-    after["inputs"] = {"town": "e" * 64, "ring": "f" * 64}  # one that only one side has read is none
-    assert compare_results.differences(record, after) == [["inputs", "town", "c" * 12, "e" * 12]]
-
-
 def test_nothing_compared_is_not_equal(record, tmp_path, capsys):
     del record["cases"]["kitchen"]
     assert compare(tmp_path, record, record) == 1
     assert "NOTHING COMPARED" in capsys.readouterr().out
-
-
-def test_only_the_named_cases_are_compared(record, tmp_path):
-    after = copy.deepcopy(record)
-    after["cases"] = {"kitchen": record["cases"]["kitchen"]}
-    assert compare(tmp_path, record, after) == 1
-    assert compare(tmp_path, record, after, "--only", "kitchen") == 0
-    assert compare(tmp_path, record, after, "--only", "stereo") == 1
-
-
-def test_a_pattern_leaves_a_digest_out(record, tmp_path):
-    after = copy.deepcopy(record)
-    after["cases"]["kitchen"]["digests"]["poses"] = "d" * 64
-    assert compare(tmp_path, record, after, "--ignore", "kitchen map*") == 1
-    assert compare(tmp_path, record, after, "--ignore", "* poses") == 0
-
-
-@pytest.mark.dds
-def test_a_case_without_its_data_is_skipped_and_one_that_fails_says_so(tmp_path):
-    env = tmp_path / "env" / "bin"
-    env.mkdir(parents=True)
-    (env / "sphere_nav").write_text("#!/bin/sh\necho first >&2\necho the last line >&2\nexit 2\n", encoding="utf-8")
-    (env / "sphere_nav").chmod(0o755)
-    for name in ("data/checkerboard/opencv_stereo", "inputs"):
-        (tmp_path / name).mkdir(parents=True)
-    words = ["--inputs", str(tmp_path / "inputs"), "--data", str(tmp_path / "data"), "-o", str(tmp_path / "found.json")]
-    assert compare_results.main(["record", str(env.parent), *words, "--only", "kitchen"]) == 0
-    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
-    assert found["cases"]["kitchen"]["skipped"] == "no folder rgbd/redkitchen in the recorded data"
-    assert compare_results.main(["record", str(env.parent), *words, "--only", "calibrate"]) == 1
-    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
-    assert found["cases"]["calibrate"]["failed"].endswith("status 2: the last line")
-
-
-def test_times_are_left_out_of_json():
-    found = {"T_a_b": [1.0, 2.0], "milliseconds": 3.0, "more": [{"seconds": 1, "n": 2}]}
-    left = compare_results.without(found, compare_results.VOLATILE_KEYS)
-    assert left == {"T_a_b": [1.0, 2.0], "more": [{"n": 2}]}
 
 
 class TestDigest:
@@ -184,18 +126,12 @@ class TestDigest:
         assert self.digest(inside, early, kind=kind) != self.digest(inside, late, kind=kind)
 
 
-@pytest.mark.parametrize("text", [None, "", "[]", '{"cases": 3}', "{}"])
-def test_what_is_no_record_is_one_line_and_exit_code_2(tmp_path, capsys, text):
-    path = tmp_path / "a.json"
-    if text is not None:
-        path.write_text(text)
-    assert compare_results.main(["compare", str(path), str(path)]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith(f"compare_results.py: {path}: expected a record of this script, found: ")
-    assert said.count("\n") == 1
-
-
-def test_a_folder_without_the_programs_is_one_line_and_exit_code_2(tmp_path, capsys):
-    words = ["-o", str(tmp_path / "a.json"), "--inputs", str(tmp_path / "inputs")]
-    assert compare_results.main(["record", str(tmp_path / "none"), *words]) == 2
-    assert "expected an environment with bin/sphere_nav, found none" in capsys.readouterr().err
+def test_what_is_no_record_is_one_line_and_exit_code_2(tmp_path, capsys):
+    for text in [None, "", "[]", '{"cases": 3}', "{}"]:
+        path = tmp_path / "a.json"
+        if text is not None:
+            path.write_text(text)
+        assert compare_results.main(["compare", str(path), str(path)]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(f"compare_results.py: {path}: expected a record of this script, found: ")
+        assert said.count("\n") == 1

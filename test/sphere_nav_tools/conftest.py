@@ -1,7 +1,5 @@
 """Small data sets in the formats of the importers, made of a scene with a closed form."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,16 +1,11 @@
 """Recordings as bags: a wall with texture for what goes wrong, a town street for the whole chain."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.params import LightParams, RenderParams

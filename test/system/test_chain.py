@@ -1,7 +1,5 @@
 """The whole chain on a drawn street: map, localise from colour alone, evaluate; offline, twice, and over DDS."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -11,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum

@@ -1,7 +1,8 @@
-"""Whether an optimum is the best there is, by the dual of the chordal problem (Rosen et al., SE-Sync, IJRR 2019)."""
+"""The best optimum of a pose graph, and whether a better one can exist (Rosen et al., SE-Sync, IJRR 2019)."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,8 @@ from scipy.sparse import bsr_array, csc_array, eye_array, kron
 from scipy.sparse.linalg import SuperLU, splu
 
 from sphere_mapping.constants import COST_TOLERANCE
-from sphere_mapping.graph.chordal import of_blocks, quadratic_form
+from sphere_mapping.graph.chordal import chordal_poses, of_blocks, quadratic_form
+from sphere_mapping.graph.factors import chi2_of, factors_of, minimize_poses
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry import so3
 from sphere_nav.geometry.arrays import Array
@@ -27,6 +29,39 @@ class ChordalOptimum(NamedTuple):
     poses: Array
     cost: float
     is_global: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Certified:
+    """Poses (N, d + 1, d + 1) that fit best, chi2 before and there; the chordal cost nearby, and if none is lower."""
+
+    poses: Array
+    chi2_before: float
+    chi2_after: float
+    cost: float
+    is_global: bool
+
+
+def optimize(graph: PoseGraph) -> Certified:
+    """Return the best optimum found and its certificate; ValueError where every descent broke down.
+
+    The certificate is one of the chordal cost with isotropic precisions, not of chi2 itself: from its optimum a last
+    descent leads to the optimum of chi2 next to it.
+    """
+    factors = factors_of(graph)
+    first = chordal_poses(graph)
+    chordal = minimize_poses(factors, graph, first)
+    certificate = certify(graph, first if chordal is None else chordal.poses)
+    ends = [chordal, minimize_poses(factors, graph, certificate.poses)]
+    if not certificate.is_global and (given := minimize_poses(factors, graph, graph.poses)) is not None:
+        ends.append(given)
+        certificate = min(certificate, certify(graph, given.poses), key=lambda it: (not it.is_global, it.cost))
+    found = [end for end in ends if end is not None]
+    if not found:
+        raise ValueError("pose graph: expected edges that determine all poses, found a system without a solution")
+    best = min(found, key=lambda end: end.chi2)
+    before = chi2_of(factors, graph, graph.poses)
+    return Certified(best.poses, before, best.chi2, certificate.cost, certificate.is_global)
 
 
 def certify(graph: PoseGraph, poses: Array, tolerance: float = CERTIFICATE_TOLERANCE) -> ChordalOptimum:

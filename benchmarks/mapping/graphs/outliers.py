@@ -3,43 +3,44 @@
 A loop is an edge between poses that do not follow one another; edges between neighbors are odometry and are believed.
 (1) Loops that close a short cycle with one another and with odometry support each other; a false one finds no such
 neighbor, whatever the drift is. (2) Graduated non-convexity with truncated least squares (Yang et al., RA-L 2020), each
-step solved by GTSAM, finds the core of those that are supported. (3) Loops are admitted that fit the result, and those
-that it can bend to within its own covariance and that are supported as well as nearly all kept ones, until nothing
-changes; of several that are bent to together those go again that do not fit then. How far is too far follows from the
-residuals themselves: information matrices of published graphs are off by factors of up to 20,000, and where one claims
-to be a thousand times surer in one direction, poses that are off by a centimeter refute a true loop. So all this is
-done with the mean variances of each edge; only the last optimum is that of the matrices themselves.
-GTSAM's own GncOptimizer begins each step at the first poses again, and at one limit: here a step begins where the last
-one ended.
+step solved by GTSAM, finds the core of those that are supported. (3) Loops are admitted that fit the result, and
+those that it can bend to within its own covariance and that are supported as well as nearly all kept ones, until
+nothing changes; of several that are bent to together those go again that do not fit then. How far is too far follows
+from the residuals themselves: information matrices of published graphs are off by factors of up to 20,000. So
+all this is done with the mean variances of each edge; only the last optimum is that of the matrices themselves. GTSAM's
+own GncOptimizer begins each step at the first poses again, at one limit: here a step begins where the last one ended.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 from scipy.special import chdtri
 
-from benchmarks.mapping.graphs.optimum import Certified, edge_chi2, innovations, optimize
+from benchmarks.mapping.graphs.certificate import Certified, optimize
 from sphere_mapping.constants import MAX_STEPS
 from sphere_mapping.graph.chordal import chordal_poses
-from sphere_mapping.graph.factors import factors_of, minimize_poses
+from sphere_mapping.graph.factors import factors_of, minimize_poses, placed_factors, values_of
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry.arrays import Array
 
 LOOP_WINDOW = 10  # poses between the ends of two loops that may support each other: their odometry is good
 ALIKE_QUANTILE = 0.2  # of the cycles' errors: of a true loop as long as a fifth of all loops is true and supported
 SUPPORT_RATIO = 3.0  # of that error: supported, as 70 to 85 % of true loops and up to 8 % of false ones
-CORE_RATIO = 4.0  # of the median chi2: the core, from which the limit of true loops follows
-BATCH = 200  # loops at a time of which is found whether the kept ones can bend to them
+BATCH = 100  # loops at a time of which is found whether the kept ones can bend to them
 BENT_QUANTILE = 0.99  # of the support of kept loops (300 and more), beyond which nothing is bent to another one
+CORE_RATIO = 4.0  # of the median chi2: the core, from which the limit of true loops follows
 FEW_LOOPS = 20  # below which their residuals say nothing about their scale
 RIGHT_REJECTED = 1e-9  # share of true loops beyond the limit if they were Gaussian
 TAIL_DECADES = 2.0  # in which chi2 may grow as from its 90 to its 99 %: to one loop in 10,000; true ones up to 1.5
 GNC_GROWTH, GNC_ROUNDS = 1.8, 100  # of mu in each round (Yang et al.: 1.4, from first poses); rounds at most
-ADMISSION_ROUNDS = 50  # each admits loops or is the last
+ADMISSION_ROUNDS = 50
 GNC_STEPS = 4  # of a descent in each round
 
 Mask = NDArray[np.bool_]
@@ -49,13 +50,11 @@ Mask = NDArray[np.bool_]
 class RobustOptimum:
     """The optimum of the edges that were kept, and what became of the others.
 
-    optimum: poses and chi2 of the kept edges alone.
-    is_outlier: (M,) edges judged false. chi2: (M,) weighted square of every edge at these poses.
+    optimum: poses and chi2 of the kept edges alone. is_outlier: (M,) edges judged false.
     """
 
     optimum: Certified
     is_outlier: Mask
-    chi2: Array
 
 
 def optimize_robustly(graph: PoseGraph) -> RobustOptimum:
@@ -67,8 +66,14 @@ def optimize_robustly(graph: PoseGraph) -> RobustOptimum:
     start = chordal_poses(graph_of_edges(searched, ~is_loop | is_tried))
     is_kept, poses = _graduate(searched, ~is_loop, is_tried, start)
     is_kept = _admit(searched, is_loop, is_kept, support, poses)
-    optimum = optimize(graph_of_edges(graph, is_kept))
-    return RobustOptimum(optimum, ~is_kept, edge_chi2(graph, optimum.poses))
+    return RobustOptimum(optimize(graph_of_edges(graph, is_kept)), ~is_kept)
+
+
+def edge_chi2(graph: PoseGraph, poses: Array) -> Array:
+    """Return the weighted square (M,) of each edge at poses (N, d + 1, d + 1), robust kernels left aside."""
+    factors = factors_of(replace(graph, is_robust=np.zeros(len(graph.ends), np.bool_)))
+    values = values_of(graph, poses)
+    return np.array([2.0 * factors.at(k).error(values) for k in range(len(graph.ends))])
 
 
 def loops_of(graph: PoseGraph) -> Mask:
@@ -170,15 +175,36 @@ def _admit(graph: PoseGraph, is_loop: Mask, is_kept: Mask, support: Array, poses
             usual = np.quantile(np.append(support[is_kept & is_loop], [np.inf] * 3), BENT_QUANTILE, method="lower")
             others = np.flatnonzero(is_loop & ~is_kept & (support <= usual))
             others = others[np.argsort(chi2[others])][:BATCH]
-            added = innovations(graph_of_edges(graph, is_kept), graph_of_edges(graph, others), poses, limit)
+            added = _innovations(graph_of_edges(graph, is_kept), graph_of_edges(graph, others), poses)
             is_tried = is_kept.copy()
             is_tried[others[added <= limit]] = True
             if is_tried.tobytes() in seen:
                 break
             is_kept, has_bent = is_tried, True
         seen.add(is_kept.tobytes())
-        poses = _settle(graph, is_kept, poses)
+        poses = _solve(graph, is_kept, None, poses, chordal_poses(graph_of_edges(graph, is_kept)))
     return is_kept
+
+
+def _innovations(kept: PoseGraph, tried: PoseGraph, poses: Array) -> Array:
+    """Return by how much (K,) each edge tried would add to chi2 if it alone joined the kept ones at their optimum.
+
+    r' (1 + J P J')^-1 r: r the edge's whitened error, J its derivative, P the joint covariance of its two poses.
+    """
+    values, size = values_of(kept, poses), TANGENT_SIZE[kept.dimension]
+    system = placed_factors(factors_of(kept), kept, poses).linearize(values).sparseJacobian_()
+    rows, columns = (index.astype(np.int64) - 1 for index in system[:2])
+    A = coo_array((system[2], (rows, columns))).tocsc()[:, : size * len(kept.ids)]  # the last column is the error
+    ways: dict[str, Any] = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    information, edges = splu(csc_array(A.T @ A), **ways), factors_of(tried).linearize(values)
+    found = np.empty(len(tried.ends))
+    for k, ends in enumerate(tried.ends):
+        J, r = edges.at(k).jacobian()
+        place = np.add.outer(ends * size, np.arange(size)).ravel()
+        right = np.zeros((size * len(kept.ids), size))
+        right[place] = J.T
+        found[k] = r @ np.linalg.solve(np.eye(size) + J @ information.solve(right)[place], r)
+    return found
 
 
 def _graduate(graph: PoseGraph, is_believed: Mask, is_tried: Mask, poses: Array) -> tuple[Mask, Array]:
@@ -200,14 +226,6 @@ def _graduate(graph: PoseGraph, is_believed: Mask, is_tried: Mask, poses: Array)
             break
         mu *= GNC_GROWTH
     return is_kept, _solve(graph, is_kept, None, poses)
-
-
-def _settle(graph: PoseGraph, is_kept: Mask, poses: Array) -> Array:
-    """Return the optimum of the kept edges (M,): the lower end of descents from these poses and chordal ones.
-
-    Poses found without the loops that have just come in may be in a valley that keeps others of the same place out.
-    """
-    return _solve(graph, is_kept, None, poses, chordal_poses(graph_of_edges(graph, is_kept)))
 
 
 def _too_far(graph: PoseGraph, chi2: Array) -> float:

@@ -1,16 +1,19 @@
 """The control loop as a part of the node: what a start begins with, what is repeated, and how long a look took."""
 
+import os
+import threading
+from multiprocessing import Pipe
+
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
 from path_follower.modes import FollowerState
 from path_follower.path import Pose2
 from path_follower.reasons import StopReason
+from path_follower.ros import front
 from path_follower.ros.control import ControlLoop, Cycle
+from path_follower.ros.front import LOOP, LoopEnded, RemoteLoop, connected
 from path_follower.ros.node import PathFollowerNode
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.clocks import SimulatedTicks
@@ -111,3 +114,69 @@ def test_the_worst_cycle_is_told_for_ten_seconds():
     for step in range(1, 402):
         cycle.observe(SECOND + 50_000_000 + step * CYCLE_MEMORY_NS // 400)
     assert cycle.worst == pytest.approx(0.025)
+
+
+@pytest.fixture
+def pair():
+    ours, theirs = Pipe()
+    yield RemoteLoop(ours), theirs
+    theirs.close()
+
+
+def serve(theirs, *answers):
+    """Answer a request after the other; an answer has a number in place of the request's where it says one."""
+
+    def run():
+        for answer in answers:
+            number, _, _ = theirs.recv()
+            theirs.send(answer if len(answer) == 3 else (number, *answer))
+
+    threading.Thread(target=run, daemon=True).start()
+
+
+def test_a_request_is_answered(pair):
+    loop, theirs = pair
+    serve(theirs, (True, 5), (False, "path: expected a follower that stands"))
+    assert loop.ask("is_at_rest") == 5
+    with pytest.raises(ValueError, match="expected a follower that stands"):
+        loop.ask("load", "path")
+
+
+def test_an_answer_that_comes_late_is_not_taken_for_the_next(pair, monkeypatch):
+    monkeypatch.setattr(front, "PATIENCE", 0.05)
+    loop, theirs = pair
+    with pytest.raises(ValueError, match=r"start: no answer of the control loop for 0\.05 s"):
+        loop.ask("start")
+    number, name, _ = theirs.recv()
+    assert name == "start"
+    theirs.send((number, True, "late"))
+    serve(theirs, (True, "in time"))
+    monkeypatch.setattr(front, "PATIENCE", 5.0)
+    assert loop.ask("stop") == "in time"
+
+
+def test_a_loop_that_has_ended_is_told(pair):
+    loop, theirs = pair
+    theirs.close()
+    with pytest.raises(LoopEnded, match="start: the control loop has ended"):
+        loop.ask("start")
+
+
+def test_a_process_that_nobody_started_has_no_loop(monkeypatch):
+    monkeypatch.delenv(LOOP, raising=False)
+    assert connected() is None
+
+
+def test_a_front_ends_with_its_loop(monkeypatch):
+    """The descriptor that nobody writes tells the end."""
+    told = threading.Event()
+    monkeypatch.setattr(front.os, "kill", lambda pid, number: told.set())
+    life, watched = os.pipe()
+    ours, theirs = Pipe()
+    monkeypatch.setenv(LOOP, f"{os.dup(ours.fileno())} {life}")
+    assert connected() is not None
+    assert LOOP not in os.environ
+    assert not told.wait(0.05)
+    os.close(watched)
+    assert told.wait(5.0)
+    theirs.close()

@@ -1,14 +1,12 @@
 """What the follower is driven by: poses, or directions whose frame and source are checked."""
 
-from __future__ import annotations
+import itertools
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus
 from tf2_msgs.msg import TFMessage
@@ -67,20 +65,19 @@ def test_every_direction_is_answered_by_a_command_with_its_stamp(bus):
     assert said["/path_follower/status"].distance_to_end == 4.0
 
 
-@pytest.mark.parametrize("first", ["pose", "status"])
-@pytest.mark.parametrize("heard", [0, 1, 2])  # messages before /clock, which may come last
-def test_pose_and_status_of_an_image_are_answered_whenever_its_clock_comes(first, heard):
-    clock, answers = [SECOND], []
-    answered = Answered(Times(lambda: clock[0], lambda: clock[0]), answers.append, lambda _: None, is_patient=True)
-    parts = [
-        lambda: answered.answer_pose(SECOND + STEP),
-        lambda: answered.answer_status(SECOND + STEP, is_good=True, has_pose=True),
-    ]
-    parts = parts if first == "pose" else parts[::-1]
-    parts.insert(heard, lambda: clock.append(clock.pop() + STEP))
-    for part in parts:
-        part()
-    assert answers == [SECOND + STEP]
+def test_pose_and_status_of_an_image_are_answered_whenever_its_clock_comes():
+    for order in itertools.permutations(("clock", "pose", "status")):
+        clock, answers = [SECOND], []
+        times = Times(partial(max, clock), partial(max, clock))
+        answered = Answered(times, answers.append, lambda _: None, is_patient=True)
+        for part in order:
+            if part == "clock":
+                clock.append(SECOND + STEP)
+            elif part == "pose":
+                answered.answer_pose(SECOND + STEP)
+            else:
+                answered.answer_status(SECOND + STEP, is_good=True, has_pose=True)
+        assert answers == [SECOND + STEP], order
 
 
 def test_a_status_of_a_clock_that_is_wrong_does_not_make_the_next_one_old():
@@ -107,19 +104,13 @@ def test_a_direction_of_another_frame_is_refused(bus):
     assert bus.nodes[0].loop.follower.direction is None
 
 
-def test_numbers_that_are_none_are_refused(bus):
-    source(bus, "DRIVING", SECOND, progress=float("nan"))
-    told = next(item for item in bus.nodes[0].inputs if item.topic == "homing/status")
-    assert "expected finite lengths" in told.last_refusal
-
-
 def test_poses_are_not_listened_to_while_homing(bus):
     bus.deliver("/pose", se3_to_pose_with_covariance(SE3.identity(), np.eye(6), SECOND, "map"))
     assert list(bus.settle()) == []
 
 
 # --- stamps
-AHEAD = [11 * 10**7, SECOND, 3600 * SECOND, 2**31 * SECOND - 10 * SECOND]
+AHEAD = [11 * 10**7, 3600 * SECOND]
 
 
 def follower_bus(**values):
@@ -223,24 +214,8 @@ def test_no_stamp_however_wrong_delays_a_stop(stamps):
     assert node.loop.follower.mode.state == "STOPPED"
 
 
-@pytest.mark.slow
-@given(lead=st.integers(-5 * SECOND, 5 * SECOND))
-@settings(deadline=None, max_examples=12, derandomize=True)
-def test_a_camera_clock_that_is_wrong_stops_as_fast_as_silence(lead):
-    bus, node = follower_bus()
-    x = drive(bus, node, 30)
-    begun, last = bus.now_ns, 0.0
-    for _ in range(30):
-        for item in bus.advance(bus.now_ns + SECOND // 10):
-            if item.topic == "/cmd_vel" and item.message.twist.linear.x != 0.0:
-                last = (item.stamp_ns - begun) / SECOND
-        pose(bus, x, bus.now_ns + lead)
-        list(bus.settle())
-    assert last <= 0.8 or -0.4 <= lead / SECOND <= 0.1  # as old as a pose may be, or as far ahead
-
-
 def test_bad_news_counts_whatever_its_stamp():
-    for stamp in (-1, 0, 1, 10**18):
+    for stamp in (-1, 10**18):
         bus, node = follower_bus()
         drive(bus, node, 30)
         message = status_to_message(Status(State.LOST, ""), max(stamp, 0), "map")
@@ -248,45 +223,6 @@ def test_bad_news_counts_whatever_its_stamp():
         bus.deliver("/status", message)
         assert seconds_to_zero(bus) <= 0.4
         assert node.loop.follower.mode.verdict.reason == "NOT_LOCALISED"
-
-
-def test_predictions_that_no_image_confirms_carry_the_vehicle_for_a_while_only():
-    bus, node = follower_bus()
-    x = drive(bus, node, 30)
-    begun, states = bus.now_ns, []
-    for k in range(1, 10):
-        list(bus.advance(begun + k * SECOND // 10))
-        pose(bus, x + 0.1 * k, bus.now_ns)
-        status(bus, "DEGRADED", bus.now_ns, "LOW_OVERLAP", age=0.1 * k)
-        list(bus.settle())
-        states.append(node.loop.follower.mode.state)
-    assert set(states[:3]) <= {"DRIVING", "SLOW"}
-    assert states[-1] == "STOPPED"
-    assert "no image confirms the pose" in str(node.loop.follower.mode.verdict)
-
-
-@pytest.mark.parametrize(("topic", "reason"), [("pose", "POSE_SOURCE"), ("status", "STATUS_SOURCE")])
-def test_two_publishers_of_what_it_drives_by_are_named_and_stop(topic, reason):
-    bus, node = follower_bus()
-    drive(bus, node, 30)
-    node.shell.publishers_of = lambda asked: ["/a", "/b"] if asked == topic else []
-    assert seconds_to_zero(bus) <= 0.6
-    assert str(node.loop.follower.mode.verdict).startswith(f"{reason}: {topic} is published by /a, /b: ")
-    assert not node.shell.call("start").success
-
-
-@pytest.mark.parametrize("speaking", [1, 2])
-def test_of_one_name_it_counts_who_speaks(speaking):
-    """A localiser that was killed stays in the graph beside the one that was started in its place."""
-    bus, node = follower_bus()
-    x = drive(bus, node, 1)
-    (heard,) = [one for one in node.inputs if one.topic == "pose"]
-    for number in (70, 1, 2, 3) if speaking == 1 else (70, 1, 71, 2, 72):
-        heard.count(number, 2)
-    node.shell.publishers_of = lambda asked: ["/dense", "/dense"] if asked == "pose" else []
-    drive(bus, node, 2, x=x)
-    answer = node.shell.call("start")
-    assert (answer.success, "POSE_SOURCE" in answer.message) == (speaking == 1, speaking == 2)
 
 
 @pytest.mark.parametrize("lost", ["LOST", "DEGRADED", "silent"])
@@ -322,8 +258,9 @@ def scan(bus, ranges, **fields):
     list(bus.settle())
 
 
-def mount(bus, turned=0.0):
-    there = se3_to_transform(SE3.from_planar(1.5, 0, turned), bus.now_ns, "base_link", "laser")
+def mount(bus, roll=0.0, yaw=0.0):
+    T_base_laser = SE3.from_angles(roll, 0.0, yaw, np.array([1.5, 0.3, 0.6]))
+    there = se3_to_transform(T_base_laser, bus.now_ns, "base_link", "laser")
     bus.deliver("/tf_static", TFMessage(transforms=[there]))
 
 
@@ -348,6 +285,38 @@ def started_with_scans(**values):
     return bus, node, x
 
 
+@pytest.mark.parametrize(
+    ("roll", "yaw", "place"),
+    [
+        (0.0, 0.5, (1.5 + 2 * np.cos(1.0), 0.3 + 2 * np.sin(1.0))),
+        (0.0, np.pi, (1.5 - 2 * np.cos(0.5), 0.3 - 2 * np.sin(0.5))),  # looks behind
+        (np.pi / 2, 0.0, (1.5 + 2 * np.cos(0.5), 0.3)),  # on its side: the beam goes up
+        (np.pi, 0.0, (1.5 + 2 * np.cos(0.5), 0.3 - 2 * np.sin(0.5))),  # upside down: to the right
+    ],
+    ids=["turned", "behind", "on its side", "upside down"],
+)
+def test_a_scanner_sees_a_post_where_it_is_however_it_is_mounted(roll, yaw, place):
+    bus, node = follower_bus()
+    mount(bus, roll, yaw)
+    scan(bus, [2.0 if beam == 30 else np.inf for beam in range(41)])  # 0.5 rad to the scanner's left
+    np.testing.assert_allclose(node.loop.follower.watch.points, [place], atol=1e-6)
+
+
+@pytest.mark.parametrize("roll", [0.0, np.pi])
+@pytest.mark.parametrize("is_ahead", [False, True])
+def test_a_turned_scanner_that_is_blind_where_the_vehicle_drives_is_none(roll, is_ahead):
+    """What is ahead of a vehicle is 0.6 rad to the right of a scanner that looks to the left; turned over, left."""
+    bus, node = follower_bus()
+    mount(bus, roll, yaw=0.6)
+    x = drive(bus, node, 2)
+    scan(bus, 41 * [np.inf])
+    drive(bus, node, 1, x=x)
+    is_right_blind = (roll == 0.0) == is_ahead
+    angles = np.linspace(-1.0, 1.0, 41)
+    scan(bus, np.where((angles < -0.1) if is_right_blind else (angles > 0.1), np.nan, np.inf))
+    assert ("of the way ahead measured" in node.loop.follower.watch.scan_refusal) == is_ahead
+
+
 BLIND_AHEAD = 10 * [np.inf] + 21 * [np.nan] + 10 * [np.inf]
 
 
@@ -355,12 +324,8 @@ BLIND_AHEAD = 10 * [np.inf] + 21 * [np.nan] + 10 * [np.inf]
     ("ranges", "fields", "found"),
     [
         (41 * [np.nan], {}, "of the beams to measure, as lately, found 0%"),
-        (41 * [0.0], {}, "of the beams to measure, as lately, found 0%"),
-        (41 * [-np.inf], {}, "of the beams to measure, as lately, found 0%"),
         (BLIND_AHEAD, {}, "of the way ahead measured"),
-        (41 * [np.inf], {"range_max": 0.05}, "range_min, range_max: expected 0 or more"),
         (41 * [np.inf], {"angle_increment": 0.0}, "angle_increment: expected 41 beams"),
-        ([], {}, "ranges: expected 1 to"),
         (41 * [np.inf], {"header": header(SECOND, "nowhere")}, "nowhere"),
         (41 * [np.inf], {"header": header(3600 * SECOND, "laser")}, "ahead of the clock"),
     ],
@@ -403,15 +368,15 @@ def test_a_scanner_without_tf_is_no_reason_to_drive_as_if_there_were_none(is_req
     assert node.shell.call("start").success
 
 
-@pytest.mark.parametrize("is_required", [False, True])
-def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required(is_required):
-    bus, node = follower_bus(**{"safety.is_scan_required": is_required})
-    mount(bus, turned=np.pi)
-    drive(bus, node, 2)
-    scan(bus, 41 * [np.inf])
-    answer = node.shell.call("start")
-    assert answer.success != is_required
-    assert is_required == ("expected beams where the vehicle drives" in answer.message)
+def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required():
+    for is_required in [False, True]:
+        bus, node = follower_bus(**{"safety.is_scan_required": is_required})
+        mount(bus, yaw=np.pi)
+        drive(bus, node, 2)
+        scan(bus, 41 * [np.inf])
+        answer = node.shell.call("start")
+        assert answer.success != is_required
+        assert is_required == ("expected beams where the vehicle drives" in answer.message)
 
 
 def test_the_wheels_are_compared_with_the_pose_and_those_of_another_frame_refused():
@@ -431,20 +396,20 @@ def test_the_wheels_are_compared_with_the_pose_and_those_of_another_frame_refuse
     assert not told.is_required
 
 
-@pytest.mark.parametrize("source", ["pose", "odometry"])
-def test_the_covariance_of_a_pose_is_judged_in_its_own_axes(source):
+def test_the_covariance_of_a_pose_is_judged_in_its_own_axes():
     """Large along the map's x axis: on a vehicle that heads along y that is to its side."""
-    bus, node = follower_bus(source=source)
-    T_map_base = SE3.from_planar(1.0, 0.0, np.pi / 2)
-    covariance = np.diag([1e-4, 2.25, 1.0, 1.0, 1.0, 1e-4])
-    if source == "pose":
-        message = se3_to_pose_with_covariance(T_map_base, covariance, bus.now_ns, "map")
-        assert message.pose.covariance[0] == pytest.approx(2.25)
-    else:
-        message = se3_to_odometry(T_map_base, covariance, bus.now_ns, ("map", "base_link"))
-    bus.deliver(f"/{source}", message)
-    stop = node.loop.follower.watch.doubt.stop
-    assert (stop.reason, stop.value, stop.limit) == ("POSE_UNCERTAIN", pytest.approx(1.5), 1.0)
+    for source in ["pose", "odometry"]:
+        bus, node = follower_bus(source=source)
+        T_map_base = SE3.from_planar(1.0, 0.0, np.pi / 2)
+        covariance = np.diag([1e-4, 2.25, 1.0, 1.0, 1.0, 1e-4])
+        if source == "pose":
+            message = se3_to_pose_with_covariance(T_map_base, covariance, bus.now_ns, "map")
+            assert message.pose.covariance[0] == pytest.approx(2.25)
+        else:
+            message = se3_to_odometry(T_map_base, covariance, bus.now_ns, ("map", "base_link"))
+        bus.deliver(f"/{source}", message)
+        stop = node.loop.follower.watch.doubt.stop
+        assert (stop.reason, stop.value, stop.limit) == ("POSE_UNCERTAIN", pytest.approx(1.5), 1.0)
 
 
 def test_the_status_names_the_map_of_the_pose():
@@ -488,7 +453,7 @@ def test_where_time_is_simulated_a_pose_is_answered_once_its_status_is_known(mon
     assert answers(bus) == [bus.now_ns]
 
 
-@pytest.mark.parametrize("lag", [0, 3, 7, 19])
+@pytest.mark.parametrize("lag", [3, 19])
 def test_the_same_drive_gives_the_same_commands_however_late_the_clock_is_looked_at(monkeypatch, lag):
     """Poses 0.2 s apart, ticks of the wall before, between and after them; one pose is missing, and then several."""
 

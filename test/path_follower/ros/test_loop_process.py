@@ -3,109 +3,31 @@
 import itertools
 import os
 import signal
-import struct
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import pytest
+from nav_msgs.msg import Path
 
-pytest.importorskip("rclpy")
-
-import rclpy
-from rclpy.qos import QoSProfile
-from sphere_nav_msgs.msg import GuardStatus
-from std_msgs.msg import Bool
-
-from benchmarks.fault_busy import big_path, front_of
-from benchmarks.fault_processes import CRUISE, Base
 from path_follower.ros.loop_process import PRIORITY
 from sphere_nav.ros import qos
-from worlds.patience import Patience
+from worlds.base import CRUISE, Base, children, is_running, start, straight
+from worlds.patience import wait_until
 
-# a process of its own: whoever publishes waits for the front, and the base must go on telling where it is
-SEND = """
-import signal, sys
-import rclpy
-from nav_msgs.msg import Path
-from sphere_nav.ros import qos
-
-rclpy.init()
-publisher = rclpy.create_node("sender").create_publisher(Path, "reference_path", qos.LATCHED)
-print("ready", flush=True)
-publisher.publish(sys.stdin.buffer.read())
-signal.pause()
-"""
-
-
-def process(module, *arguments):
-    code = f"import sys; from {module} import main; sys.exit(main())"
-    return subprocess.Popen([sys.executable, "-c", code, "--ros-args", *arguments])
+pytestmark = pytest.mark.dds
 
 
 @pytest.fixture
 def follower(tmp_path):
-    (tmp_path / "path.csv").write_text("\n".join(f"{x},0" for x in range(400)))
-    late = [f"safety.{name}:=5.0" for name in ("max_pose_silence", "max_blind_time", "max_status_silence")]
-    words = [f"trajectory:={tmp_path / 'path.csv'}", *late]  # poses come from the test, which a busy machine may delay
-    child = process("path_follower.ros.node", *(part for word in words for part in ("-p", word)))
+    child = start("path_follower", *straight(tmp_path))
     yield child
     child.kill()
     child.wait()
 
 
 @pytest.fixture
-def base():
-    rclpy.init()
-    base = Base()
+def base(request):
+    base = Base(getattr(request, "param", qos.SENSOR))
     yield base
-    for node in (base.node, *base.others):
-        node.destroy_node()
-    rclpy.try_shutdown()
-
-
-@pytest.fixture
-def sender():
-    """Return a process that publishes what it reads."""
-    with subprocess.Popen([sys.executable, "-c", SEND], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
-        assert child.stdout.readline() == b"ready\n"
-        yield child
-        child.kill()
-
-
-def is_running(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
-    except FileNotFoundError:
-        return False
-
-
-@pytest.mark.dds
-def test_a_front_that_is_busy_holds_up_neither_commands_nor_the_stop(follower, base, sender):
-    """2,000,000 bytes of path cost the front seconds; a signal to it would, too."""
-    base.drive_off()
-    os.kill(front_of(follower.pid), signal.SIGSTOP)  # as busy as can be
-    base.commands.clear()
-    sender.stdin.write(big_path(20_000))
-    sender.stdin.close()
-    base.live(1.0)
-    times = [when for when, _ in base.commands]
-    assert max(b - a for a, b in itertools.pairwise(times)) < 0.5  # 0.1 s on an idle machine
-    assert base.speed > 0.9 * CRUISE, base.reason
-    base.is_pressed = True
-    assert base.live(120.0, lambda: base.speed == 0.0)
-    assert base.live(120.0, lambda: base.reason == "EMERGENCY_STOP")
-    follower.send_signal(signal.SIGINT)
-    assert follower.wait(120.0) == 0
-
-
-@pytest.mark.dds
-def test_a_front_that_is_killed_leaves_zero_and_ends_the_process(follower, base):
-    base.drive_off()
-    os.kill(front_of(follower.pid), signal.SIGKILL)
-    assert base.live(120.0, lambda: base.speed == 0.0)
-    assert follower.wait(120.0) == 1
+    base.close()
 
 
 def policies(pid):
@@ -121,87 +43,58 @@ def may_be_real_time():
     return True
 
 
-@pytest.mark.dds
-def test_every_thread_of_the_loop_and_none_of_its_front_is_real_time_where_it_may_be(follower, base):
+def test_a_busy_front_holds_up_neither_commands_nor_the_stop(follower, base):
+    """Nor is any thread of the loop, where it may be real time, less than that."""
+    paths = base.node.create_publisher(Path, "reference_path", qos.LATCHED)
     base.drive_off()
+    (front,) = children(follower.pid)
     assert policies(follower.pid) == {os.SCHED_FIFO if may_be_real_time() else os.SCHED_OTHER}
-    assert policies(front_of(follower.pid)) == {os.SCHED_OTHER}
+    assert policies(front) == {os.SCHED_OTHER}
+    os.kill(front, signal.SIGSTOP)  # as busy as can be
+    paths.publish(Path())
+    base.commands.clear()
+    base.live(1.0)
+    times = [when for when, _ in base.commands]
+    assert max(b - a for a, b in itertools.pairwise(times)) < 0.5  # 0.1 s on an idle machine
+    assert base.speed > 0.9 * CRUISE, base.reason
+    base.is_pressed = True
+    assert base.live(120.0, lambda: base.speed == 0.0 and base.reason == "EMERGENCY_STOP")
+    follower.send_signal(signal.SIGINT)
+    assert follower.wait(120.0) == 0
 
 
-@pytest.mark.dds
-def test_a_loop_that_is_killed_takes_its_front_along(follower, base):
+def test_a_front_that_is_killed_leaves_zero_and_ends_the_process(follower, base):
     base.drive_off()
-    front = front_of(follower.pid)
+    os.kill(*children(follower.pid), signal.SIGKILL)
+    assert base.live(120.0, lambda: base.speed == 0.0)
+    assert follower.wait(120.0) == 1
+
+
+def test_a_loop_that_is_killed_takes_its_front_along(follower):
+    assert wait_until(lambda: children(follower.pid), 60.0)
+    (front,) = children(follower.pid)
     follower.kill()
     follower.wait()
-    patience = Patience(20.0)
-    while is_running(front) and patience.is_left():
-        time.sleep(0.05)
-    assert not is_running(front)
+    assert wait_until(lambda: not is_running(front), 60.0)
 
 
-@pytest.mark.dds
-@pytest.mark.parametrize(
-    ("profile", "is_heard"), [(qos.SENSOR, False), (qos.LATCHED, True), (QoSProfile(depth=1), False)]
-)
-def test_an_emergency_stop_of_any_qos_is_heard_or_named(tmp_path, base, follower, profile, is_heard):
-    """Published before the follower is there: what was latched is heard, anything else refuses the start by name."""
-    base.node.destroy_publisher(base.button)
-    base.button = base.node.create_publisher(Bool, "emergency_stop", profile)
-    base.button.publish(Bool(data=True))
-    silent = type("Silent", (), {"publish": lambda self, message: None})()
-    button, base.button = base.button, silent
+@pytest.mark.parametrize("base", [qos.SENSOR, qos.LATCHED], indirect=True, ids=["passing", "latched"])
+def test_an_emergency_stop_that_was_pressed_before_a_follower_was_there_refuses_its_start(tmp_path, base, request):
+    """What was latched is heard, anything else is missed, and named."""
+    is_heard = "latched" in request.node.name
+    base.is_pressed = True
+    base.speak()
+    base.is_button_silent = True
+    follower = request.getfixturevalue("follower")
     wanted = "EMERGENCY_STOP: release" if is_heard else "base publishes emergency_stop, but nothing of it was heard"
-    answers = []
 
     def is_refused():
-        if base.start.service_is_ready() and all(answer.done() for answer in answers):
-            answers.append(base.start.call_async(base.request))
-        return any(answer.done() and wanted in answer.result().message for answer in answers)
+        base.ask()
+        return wanted in base.answer
 
-    assert base.live(120.0, is_refused)
-    base.button = button
-    base.is_pressed = False
+    assert base.live(120.0, is_refused), base.answer
+    base.is_button_silent = base.is_pressed = False
     base.drive_off()
     base.is_pressed = True
     assert base.live(120.0, lambda: base.speed == 0.0)
-
-
-@pytest.mark.dds
-def test_guard_and_follower_agree_and_start_arms_both(tmp_path):
-    """A hiccup latches the guard; the follower says so, and its start lets commands pass again."""
-    (tmp_path / "path.csv").write_text("\n".join(f"{x},0" for x in range(400)))
-    trajectory = f"trajectory:={tmp_path / 'path.csv'}"
-    follower = process("path_follower.ros.node", "-p", trajectory, "-r", "cmd_vel:=cmd_vel_in")
-    guard = process("path_follower.ros.guard_node")
-    rclpy.init()
-    base = Base()
-    said = []
-    base.node.create_subscription(GuardStatus, "command_guard/status", lambda item: said.append(item.reason), 10)
-    try:
-        base.drive_off()
-        base.reason = ""
-        said.clear()
-        follower.send_signal(signal.SIGSTOP)
-        assert base.live(120.0, lambda: "NO_COMMAND" in said)
-        follower.send_signal(signal.SIGCONT)
-        assert base.live(120.0, lambda: base.reason != "")
-        assert base.live(120.0, lambda: base.speed == 0.0)
-        base.drive_off()
-        assert said[-1] == ""
-    finally:
-        base.node.destroy_node()
-        rclpy.try_shutdown()
-        for child in (follower, guard):
-            child.kill()
-            child.wait()
-
-
-def test_a_big_path_is_a_path():
-    from nav_msgs.msg import Path as PathMessage
-    from rclpy.serialization import deserialize_message
-
-    path = deserialize_message(big_path(3), PathMessage)
-    assert [pose.pose.position.x for pose in path.poses] == [0.0, 1.0, 2.0]
-    assert {pose.header.frame_id for pose in path.poses} == {path.header.frame_id} == {"map"}
-    assert struct.calcsize("d") == 8
+    assert follower.poll() is None

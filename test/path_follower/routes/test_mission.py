@@ -120,16 +120,6 @@ def test_the_way_counts_from_the_vehicle_though_the_path_begins_behind_it(trip):
     assert trip.mission.distance_remaining == pytest.approx(trip.length - 0.4)
 
 
-def test_a_place_is_stayed_at_for_the_time_asked_for(trip):
-    trip.drive_off(Goal("end", wait=2.0))
-    trip.progress = trip.length
-    trip.mode.take(Event.END)
-    trip.live(1.0)
-    assert (trip.mission.state, trip.mission.outcome) == (MissionState.STAYING, None)
-    trip.live(2.0)
-    assert trip.mission.outcome.success
-
-
 def test_it_waits_for_what_is_lacking_and_says_so(trip):
     trip.localizer = "SEARCHING"
     trip.mission.begin(GOAL, 0.0)
@@ -164,15 +154,6 @@ def test_a_goal_that_nobody_could_stop_is_refused(trip):
     trip.live(PARAMS.max_silence + TICK)
     with pytest.raises(ValueError, match="no status of path_follower: see that it runs"):
         trip.mission.begin(GOAL, trip.now)
-
-
-def test_it_waits_for_a_follower_that_is_under_way(trip):
-    trip.mode.take(Event.LOAD)
-    trip.mode.take(Event.START)
-    trip.live(TICK)
-    trip.mission.begin(GOAL, 0.0)
-    trip.live(TICK)
-    assert trip.mission.reason == "path_follower is under way"
 
 
 @pytest.mark.parametrize("reason", ["NOT_LOCALISED", "POSE_TIMEOUT", "LOCALISATION_DEGRADED"])
@@ -330,14 +311,6 @@ def test_a_cancel_while_the_start_is_not_answered_still_stops(trip):
     assert (trip.mission.outcome.reason, trip.state) == ("canceled", "NO_PATH")
 
 
-def test_a_follower_that_does_not_answer_holds_the_mission(trip):
-    trip.is_answering = False
-    trip.mission.begin(GOAL, trip.now)
-    assert trip.live(2 * STEADY + CALL_PATIENCE + 1.0) == ["load"]
-    assert trip.mission.state is MissionState.HELD
-    assert "does not answer" in trip.mission.reason
-
-
 @pytest.mark.parametrize(
     "refusal", ["NOT_LOCALISED: wait", "SCAN_TIMEOUT: no scan yet", "the vehicle is still braking"]
 )
@@ -458,15 +431,6 @@ def test_who_starts_the_follower_again_goes_on_with_the_mission(trip, hold):
     assert trip.mission.state is MissionState.DRIVING
 
 
-def test_a_pause_is_refused_while_a_start_is_under_way(trip):
-    trip.mission.begin(GOAL, trip.now)
-    while trip.asked[-1:] != ["load"]:
-        trip.live()
-    trip.is_answering = False
-    trip.live()
-    assert trip.mission.pause(trip.now) == "path_follower is just being started: pause once more"
-
-
 def test_a_pause_holds_a_vehicle_that_waits(trip):
     """Whose follower would go on by itself when the pose is back."""
     trip.drive_off()
@@ -504,21 +468,6 @@ def test_rounds_that_are_left_after_a_stop(ring):
     trip.mission.resume(trip.now)
     trip.live(3 * STEADY)
     assert trip.mission.laps_left == 1
-    assert trip.length == pytest.approx(35.0 + around, abs=0.5)
-
-
-def test_rounds_that_are_left_after_an_obstacle_that_stays(ring):
-    trip = Trip(ring.with_place("end", Spot(max(ring.edges), 40.0)))
-    trip.drive_off(Goal("end", laps=3))
-    around = sum(edge.length for edge in trip.mission.network.edges.values())
-    trip.progress = way = 39.0 + 1.5 * around
-    for _ in range(6):
-        trip.stop("OBSTACLE")
-    trip.pose = trip.mission.network.edges[max(ring.edges)].curve.pose(5.0)
-    trip.mission.blocked.clear()  # a ring has no other way: it has gone after all
-    trip.live(3 * STEADY)
-    assert trip.mission.laps_left == 1
-    assert trip.mission.driven == pytest.approx(way)
     assert trip.length == pytest.approx(35.0 + around, abs=0.5)
 
 

@@ -1,4 +1,4 @@
-"""The file of a network: nothing is lost, Route Server's rules are kept, what is no network is refused in one line."""
+"""Networks, missions and drives in files: nothing is lost, and what is none is refused in one line."""
 
 import json
 import math
@@ -6,10 +6,20 @@ import math
 import numpy as np
 import pytest
 
+from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
+from path_follower.path_files import read_path
 from path_follower.routes.building import build_network
+from path_follower.routes.course import make_course
+from path_follower.routes.drive_files import read_drives
+from path_follower.routes.mission import FollowerView, Goal, Mission
+from path_follower.routes.mission_file import read_mission, write_course, write_mission
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge, Spot
 from path_follower.routes.network_file import from_geojson, network_path, read_network, to_geojson, write_network
+from path_follower.routes.params import MissionParams
+from path_follower.routes.planning import Leg, Route, plan
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory, read_map_id, write_tum
 
 
 @pytest.fixture
@@ -80,10 +90,6 @@ def test_what_is_known_of_an_edge_comes_back_however_it_may_be_driven():
     assert lines[10]["properties"]["cost"] == pytest.approx(edges[10].seconds(2.0), abs=1e-3)
 
 
-def test_what_is_shown_is_a_quarter_as_long(named):
-    assert len(to_geojson(named, is_dense=False)) < len(to_geojson(named)) / 3
-
-
 def test_another_map_is_refused(named, tmp_path):
     write_network(tmp_path / "routes.geojson", named)
     with pytest.raises(
@@ -116,11 +122,131 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("text", BROKEN)
-def test_what_is_no_network_is_refused_in_one_line(named, text):
-    whole = json.loads(to_geojson(named))
-    BROKEN[text](whole)
-    with pytest.raises(ValueError, match=text.replace("(", r"\(")) as error:
-        from_geojson(json.dumps(whole), "routes.geojson")
-    assert "\n" not in str(error.value)
-    assert str(error.value).startswith("routes.geojson")
+def test_what_is_no_network_is_refused_in_one_line(named):
+    for text in BROKEN:
+        whole = json.loads(to_geojson(named))
+        BROKEN[text](whole)
+        with pytest.raises(ValueError, match=text.replace("(", r"\(")) as error:
+            from_geojson(json.dumps(whole), "routes.geojson")
+        assert "\n" not in str(error.value)
+        assert str(error.value).startswith("routes.geojson")
+
+
+def mission_of(network):
+    mission = Mission(network, MissionParams(), VehicleParams())
+    mission.see_follower(FollowerView("NO_PATH", 7))
+    return mission
+
+
+@pytest.fixture
+def file(fork, tmp_path):
+    mission = mission_of(fork)
+    mission.begin(Goal("", Pose2(30.0, 0.0, 0.0), laps=0, wait=2.0), 0.0)
+    mission.close(str(max(fork.edges)), True, 0.0)
+    mission.course = make_course(
+        fork, plan(fork, [Spot(min(fork.edges), 1.0)], fork.spots_of(3), cruise=1.0).legs, None, VehicleParams()
+    )
+    mission.driven = 12.5
+    write_mission(tmp_path / "mission.json", mission)
+    return tmp_path / "mission.json"
+
+
+def test_a_mission_comes_back_as_it_was(file, fork):
+    mission = mission_of(fork)
+    read_mission(file, mission, 5.0)
+    assert mission.goal == Goal("", Pose2(30.0, 0.0, 0.0), laps=0, wait=2.0)
+    assert (mission.closed, mission.driven, mission.permission) == ({max(fork.edges)}, 12.5, 7)
+    assert mission.course.legs[0].edge == min(fork.edges)
+    assert mission.course.length == pytest.approx(mission.course.ends[-1])
+    assert [path.name for path in file.parent.iterdir()] == ["mission.json"]
+
+
+def test_what_is_left_of_a_mission_comes_back(fork, tmp_path):
+    mission = mission_of(fork)
+    mission.begin(Goal("home", laps=3, wait=1.5), 0.0)
+    (first, *_), legs = fork.edges.values(), [Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)]
+    mission.course = make_course(fork, legs, None, VehicleParams())
+    mission._route, mission._lap_legs, mission.laps_left = Route(tuple(legs), 24.0), (1, 2), 2
+    write_mission(tmp_path / "mission.json", mission)
+    found = mission_of(fork)
+    read_mission(tmp_path / "mission.json", found, 5.0)
+    assert (found.goal, found.laps_left, found._lap_legs) == (mission.goal, 2, (1, 2))
+    assert list(found.course.legs) == legs
+    assert (found.distance_remaining, found.time_remaining) == (pytest.approx(12.0), pytest.approx(24.0))
+    assert first.length > 9.0
+
+
+BROKEN_MISSIONS = {
+    "map_id: expected that of the network": {"map_id": "hall"},
+    "expected format 'sphere_nav mission' version 1": {"version": 7},
+    "legs: expected": {"legs": []},
+    "goal.place: expected a name": {"goal": {"place": 5, "pose": None, "laps": 0, "wait": 0}},
+    "goal.laps: expected 0 to 65535": {"goal": {"place": "a", "pose": None, "laps": -1, "wait": 0}},
+    "goal.pose: expected 3 numbers": {"goal": {"place": "", "pose": [1], "laps": 0, "wait": 0}},
+    "ends: expected a list of numbers": {"ends": "x"},
+    "driven: expected a finite number": {"driven": "nan"},
+}
+
+
+def test_what_is_no_mission_is_refused(file, fork):
+    whole = json.loads(file.read_text())
+    for text, change in BROKEN_MISSIONS.items():
+        file.write_text(json.dumps(whole | change))
+        mission = mission_of(fork)
+        with pytest.raises(ValueError, match=text):
+            read_mission(file, mission, 0.0)
+        assert mission.goal is None
+
+
+def test_a_course_is_what_the_follower_reads(fork, tmp_path):
+    course = make_course(
+        fork, plan(fork, [Spot(min(fork.edges), 1.0)], fork.spots_of(3), cruise=1.0).legs, None, VehicleParams()
+    )
+    course.speed[:50] = np.nan
+    write_course(tmp_path / "course.csv", course, "campus")
+    path = read_path(tmp_path / "course.csv", FollowerParams())
+    assert read_map_id(tmp_path / "course.csv") == "campus"
+    assert path.length == pytest.approx(course.length, abs=0.05)
+    assert path.possible[10] == pytest.approx(FollowerParams().vehicle.max_speed, abs=0.1)
+
+
+def write_csv(path, poses, speed=0.8):
+    rows = [f"{x:.4f},{y:.4f},{yaw:.5f},{speed}" for x, y, yaw in poses]
+    path.write_text("\n".join(["# map_id: campus", "x,y,yaw,speed", *rows]))
+    return path
+
+
+def test_a_drive_forward_and_back_is_two_drives(tmp_path, kit):
+    file = write_csv(tmp_path / "d.csv", kit.course((10, 0), (-6, 0.1)))
+    drives, map_id = read_drives(file, FollowerParams())
+    assert map_id == "campus"
+    assert [drive.direction for drive in drives] == [1, -1]
+    assert [drive.curve.length for drive in drives] == [pytest.approx(10, abs=0.1), pytest.approx(6, abs=0.1)]
+    for drive in drives:  # in the order in which the vehicle heads
+        ahead = np.diff(drive.curve.x) * np.cos(drive.curve.yaw[:-1]) + np.diff(drive.curve.y) * np.sin(
+            drive.curve.yaw[:-1]
+        )
+        assert (ahead > 0).all()
+        assert drive.curve.speed == pytest.approx(0.8)
+        assert np.isnan(drive.deviation).all()
+
+
+def test_reversible_drives_count_both_ways(tmp_path, kit):
+    drives, _ = read_drives(write_csv(tmp_path / "d.csv", kit.course((10, 0))), FollowerParams(), is_reversible=True)
+    assert [drive.direction for drive in drives] == [1, -1]
+
+
+def test_how_well_a_taught_drive_was_localised_goes_along(tmp_path):
+    poses = SE3(np.stack([SE3.from_planar(0.1 * i, 0, 0).matrix for i in range(101)]))
+    covariances = np.tile(np.diag([1.0, 0.03**2, 1.0, 1.0, 1.0, 1.0]), (101, 1, 1))  # y of the body: across
+    write_tum(tmp_path / "d.tum", Trajectory(10**9 + 10**8 * np.arange(101), poses, covariances), "hall")
+    (drive,), map_id = read_drives(tmp_path / "d.tum", FollowerParams())
+    assert map_id == "hall"
+    assert drive.deviation == pytest.approx(0.03)
+    assert np.median(drive.curve.speed) == pytest.approx(1.0, rel=0.02)
+
+
+def test_a_file_that_cannot_be_driven_is_named(tmp_path):
+    (tmp_path / "d.csv").write_text("0,0\n0.1,0\n")
+    with pytest.raises(ValueError, match=r"d\.csv: path: expected a length of 0\.2"):
+        read_drives(tmp_path / "d.csv", FollowerParams())

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.board_world import BoardWorld, pattern
+from cycab_sim.world.boards import BoardWorld, pattern
 from rig_calibration.boards import charuco
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.detect import detect_all

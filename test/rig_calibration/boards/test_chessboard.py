@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.board_world import BoardWorld
+from cycab_sim.world.boards import BoardWorld
 from rig_calibration.boards import chessboard
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.detect import detect_all

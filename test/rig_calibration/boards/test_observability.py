@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks.board_world import BoardWorld, boards_around, ring_rig, vertical_rig, wandering
+from cycab_sim.world.boards import BoardWorld, boards_around, ring_rig, vertical_rig, wandering
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.cameras.rig import Rig
@@ -13,11 +15,11 @@ pytestmark = pytest.mark.slow
 
 def calibrated(rig, num_boards, num_instants, seed, *, is_drive_only=False):
     rng = np.random.default_rng(seed)
-    boards, poses = boards_around(num_boards, 1.3, rng)
+    boards, poses = boards_around(Board, num_boards, 1.3, rng)
     world = BoardWorld(rig, boards, poses, wandering(num_instants, rng, is_drive_only=is_drive_only))
     parts = rig.cameras
     specs = [CameraSpec(p.name, p.camera.model, (p.camera.width, p.camera.height), p.camera) for p in parts]
-    return calibrate(specs, boards, world.views(0.1, rng), CalibrationParams(), parts[0].T_rig_camera)
+    return calibrate(specs, boards, world.views(BoardView, 0.1, rng), CalibrationParams(), parts[0].T_rig_camera)
 
 
 def two_sectors():

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.board_world import BoardWorld, boards_around, ring_rig, wandering
+from cycab_sim.world.boards import BoardWorld, boards_around, ring_rig, wandering
+from rig_calibration.boards.board import Board
 from rig_calibration.boards.rejection import noise_px, reject, view_medians
-from rig_calibration.boards.views import observations
+from rig_calibration.boards.views import BoardView, observations
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.cameras.rig import Rig
@@ -130,14 +131,14 @@ def test_a_view_has_a_least_number_of_corners(seen, errors, num_kept, is_dropped
 @pytest.fixture(scope="module")
 def world():
     rng = np.random.default_rng(11)
-    boards, poses = boards_around(4, 1.4, rng)
+    boards, poses = boards_around(Board, 4, 1.4, rng)
     whole = ring_rig((640, 480))
     return BoardWorld(Rig(whole.cameras[:3], "three"), boards, poses, wandering(30, rng))
 
 
 @pytest.fixture(scope="module")
 def views(world):
-    return world.views(NOISE_PX, np.random.default_rng(12))
+    return world.views(BoardView, NOISE_PX, np.random.default_rng(12))
 
 
 def swapped(view, board):

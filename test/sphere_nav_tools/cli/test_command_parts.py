@@ -6,21 +6,18 @@ import numpy as np
 import pytest
 import yaml
 
-pytest.importorskip("rclpy")
-
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.localization.status import Reason, State, Status
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.spheres.experiences import Service, with_experience, with_service
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav_tools.cli import refine_camera as command
-from sphere_nav_tools.cli import register, rig_convert
-from sphere_nav_tools.cli.bags import inspect_, play
+from sphere_nav_tools.cli import rig_convert
+from sphere_nav_tools.cli.bags import inspect_
 from sphere_nav_tools.cli.maps import map_export, map_info
-from sphere_nav_tools.offline import plot_figure, refine_camera, registering
+from sphere_nav_tools.offline import refine_camera
 
 SECOND = 10**9
 CAMERA = Pinhole(64, 48, 50.0, 51.0, 31.0, 23.0, (0.1, 0.2, 0.3, 0.4))
@@ -40,45 +37,6 @@ def test_topics_stand_in_columns():
             assert row[at:].startswith(cell)
             assert row[at - 2 : at].strip() == ""  # two spaces between columns
     assert rows[2].split() == ["/one", "Bool", "1"]  # a single message has no rate
-
-
-def test_a_player_is_told_what_the_words_say_and_shows_how_far_it_is(monkeypatch):
-    given, bars = {}, []
-
-    class Bar:
-        def __init__(self, **_):
-            self.n, self.total = 0, None
-            bars.append(self)
-
-        def update(self, step):
-            self.n += step
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-    def run_node(kind, words, values, prepare):
-        node = SimpleNamespace()
-        prepare(node)
-        for done in (3, 4, 9):
-            node.progress(done, 9)
-        given.update(values)
-        return 5
-
-    monkeypatch.setattr(play, "tqdm", Bar)
-    monkeypatch.setattr(play, "run_node", run_node)
-    words = {
-        "bag": "b", "topics": ["/x", "/y"], "rate": 0.5, "start": 12.0, "clock": True, "paused": False, "loop": True,
-        "wait_for": ["/z"], "answer": "/s", "answered": "/i",
-    }  # fmt: skip
-    assert play.run(SimpleNamespace(**words)) == 5
-    assert (bars[0].n, bars[0].total) == (9, 9)
-    assert given == {
-        "bag": "b", "topics": "/x /y", "rate": 0.5, "start": 12.0, "clock": True, "paused": False, "loop": True,
-        "wait_for": "/z", "answer_topic": "/s", "answered_topic": "/i",
-    }  # fmt: skip
 
 
 def sphere_map(tmp_path, length=0.0, num_nodes=3):
@@ -130,11 +88,6 @@ def test_the_facts_about_experiences(tmp_path):
     }  # fmt: skip
 
 
-def test_a_map_of_one_sphere_has_no_way_and_no_spacing(tmp_path):
-    found = map_info.map_facts(sphere_map(tmp_path, num_nodes=1))
-    assert (found["megabytes_per_metre"], found["spacing_m"], found["region_radius_m"]) == (None, [], [])
-
-
 def test_trajectories_are_exported_by_stamp(tmp_path):
     reader = sphere_map(tmp_path)
     assert map_export.write_trajectory(reader, tmp_path / "a.tum", None) == "3 poses"
@@ -177,33 +130,6 @@ def proven(fx, fy, unobserved=()):
     return SimpleNamespace(found=refined, unobserved=unobserved, **figures)
 
 
-@pytest.mark.parametrize(
-    ("lengths", "num_rounds"),
-    [([(51.0, 51.0)], 1), ([(60.0, 61.0), (60.5, 61.0)], 2), ([(60.0, 61.0), (80.0, 61.0), (100.0, 61.0)], 3)],
-)
-def test_it_localizes_and_refines_until_the_lens_stays_or_for_three_rounds(monkeypatch, lengths, num_rounds):
-    asked, judged = [], []
-
-    class Drive(refine_camera.RecordedDrive):
-        def __init__(self):
-            self._arguments, self.camera = SimpleNamespace(readout=0.0125), CAMERA
-            self.located = refine_camera.Located(np.array([0, 40, 70], np.int64) * 10**6, ())
-
-        def _locate(self, sphere_map, given):
-            asked.append(given.values[:2].tolist())
-            return [len(asked)]
-
-    monkeypatch.setattr(
-        refine_camera, "refine_camera", lambda images, given: SimpleNamespace(lens=lens(*lengths[images[0] - 1]))
-    )
-    monkeypatch.setattr(refine_camera, "prove", lambda *words: judged.append(words))
-    Drive().refine("map")
-    assert asked == [[50.0, 51.0], *map(list, lengths[: num_rounds - 1])]
-    ((images, given, period),) = judged
-    assert (images, given.values[:2].tolist(), given.readout) == ([num_rounds], [50.0, 51.0], 0.0125)
-    assert period == pytest.approx(0.03)  # the shortest time between two images
-
-
 def test_a_calibration_is_not_overwritten(tmp_path):
     (tmp_path / "a.yaml").write_text("mine")
     with pytest.raises(ValueError, match="expected no such file, found one"):
@@ -227,14 +153,6 @@ def test_the_calibration_file_is_that_of_ros():
     assert last.startswith("the readout shows in motion")
 
 
-def test_numbers_with_commas_are_read_and_infinity_is_null():
-    assert register.numbers_argument(3)("1,-2,3.5") == (1.0, -2.0, 3.5)
-    for text in ("1,2", "1,2,3,4", "1,2,x", "1,2,nan"):
-        with pytest.raises(Exception, match="expected 3 numbers"):
-            register.numbers_argument(3)(text)
-    assert registering.finite(np.array([[1.0, np.inf], [np.nan, -2.0]])) == [[1.0, None], [None, -2.0]]
-
-
 def test_words_of_a_camera_name_one_of_the_rig():
     rig = Rig(tuple(RigCamera(name, CAMERA, T_BODY_OPTICAL) for name in ("a", "b")))
     assert rig_convert._by_camera(rig, "--mask", ["a=x.png", "b=y=z"]) == {"a": "x.png", "b": "y=z"}
@@ -245,14 +163,3 @@ def test_words_of_a_camera_name_one_of_the_rig():
     for text in ("640", "0x480", "640x0", "640x480x3"):
         with pytest.raises(ValueError, match="--size: expected WIDTHxHEIGHT"):
             rig_convert._size(text)
-
-
-def test_states_are_counted_with_their_remedies_and_times_without_silences():
-    statuses = [Status(State.TRACKING, milliseconds=ms) for ms in (10.0, 20.0, 30.0)]
-    statuses += [Status(State.LOST, Reason.TIMEOUT, remedy="look", milliseconds=999.0)] * 2
-    statuses += [Status(State.LOST, "GAP")]
-    lines = plot_figure.describe_states(statuses)
-    assert lines[0].split() == ["3", "TRACKING"]
-    assert lines[1].split() == ["2", "LOST", "TIMEOUT", "look"]
-    assert lines[-1] == "time for an image: median 20.0 ms, p99 29.8 ms"
-    assert plot_figure.describe_states([]) == []

@@ -1,10 +1,7 @@
-"""`sphere_nav evaluate`: TUM files and bags in, table, JSON and plot out."""
+"""An estimate against the truth: TUM files and bags in; errors, table, JSON and plot out."""
 
 import argparse
 import json
-import shutil
-import subprocess
-import zipfile
 
 import numpy as np
 import pytest
@@ -12,7 +9,7 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav_tools.cli import evaluate
-from sphere_nav_tools.offline import evaluation, plot_figure, pose_bags
+from sphere_nav_tools.offline.evaluation import error_table, evaluate_poses, read_trajectory
 
 SECOND = 10**9
 OFFSET = np.array([0.03, -0.04, 0.0, 0.0, 0.0, 0.02])
@@ -62,26 +59,6 @@ def test_known_errors_come_out_in_json_and_table(files, capsys):
     assert "100 poses paired, coverage 50.0 %" in capsys.readouterr().out
 
 
-@pytest.mark.slow
-def test_a_plot_is_drawn(files):
-    assert call(files / "poses.tum", files / "truth.tum", "--plot", files / "errors.png") == 0
-    assert (files / "errors.png").read_bytes().startswith(b"\x89PNG")
-    assert (files / "errors.png").stat().st_size > 10_000
-
-
-def test_a_tight_tolerance_leaves_nothing_and_says_so(files):
-    with pytest.raises(ValueError, match=r"stamps: expected some in common within 0\.001 s, found 1000\.002 \.\.\."):
-        call(files / "poses.tum", files / "truth.tum", "--tolerance", 0.001)
-
-
-def test_interpolation_needs_no_common_stamps(files, capsys):
-    arguments = (files / "poses.tum", files / "truth.tum", "--interpolate", "--json", files / "errors.json")
-    assert call(*arguments) == 0
-    found = json.loads((files / "errors.json").read_text())
-    assert found["n"] == 100
-    assert found["longitudinal_m"]["median"] == pytest.approx(0.03 - 0.002, rel=0.02)  # 1 m/s for the 2 ms of delay
-
-
 def test_alignment_takes_a_moved_map_away(files):
     moved = TRUTH.moved(SE3.exp([3, 1, 0, 0, 0.1, 1.0]), 1.25)
     write_tum(files / "moved.tum", moved)
@@ -89,18 +66,6 @@ def test_alignment_takes_a_moved_map_away(files):
     found = json.loads((files / "e.json").read_text())
     assert found["translation_m"]["max"] < 1e-6
     assert found["alignment"]["scale"] == pytest.approx(0.8, rel=1e-6)
-
-
-def test_nees_is_reported_where_covariances_are_beside(files):
-    covariances = np.repeat(np.diag(OFFSET**2 + 1e-6)[None], len(TRUTH), axis=0)
-    write_tum(files / "poses.tum", Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body @ SE3.exp(OFFSET), covariances))
-    assert call(files / "poses.tum", files / "truth.tum", "--json", files / "e.json") == 0
-    found = json.loads((files / "e.json").read_text())
-    assert found["nees"]["n"] == len(TRUTH)
-    assert found["nees"]["mean"] == pytest.approx(3.0, abs=0.01)  # three components off by one sigma
-    assert list(found["nees"]["axes"]) == ["x", "y", "z", "roll", "pitch", "yaw"]
-    assert found["nees"]["axes"]["yaw"] == pytest.approx(1.0, abs=0.01)
-    assert found["nees"]["axes"]["z"] == pytest.approx(0.0, abs=0.01)
 
 
 @pytest.fixture
@@ -126,48 +91,17 @@ def test_truth_comes_out_of_a_bag(files, bag):
     assert found["nees"]["mean"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_bag_is_told_from_a_file(files, bag):
-    assert pose_bags.is_bag(bag)
-    assert not pose_bags.is_bag(files / "poses.tum")
-    found = pose_bags.read_poses(bag, ("not/there", "ground_truth/odometry"))
-    np.testing.assert_array_equal(found.stamps_ns, TRUTH.stamps_ns)
-    np.testing.assert_allclose(found.T_map_body.matrix, TRUTH.T_map_body.matrix, atol=1e-12)
-    np.testing.assert_allclose(found.covariances[3], 1e-4 * np.eye(6), atol=1e-12)
-
-
-def test_the_ending_chooses_the_format_of_the_plot(tmp_path):
-    judged = evaluation.evaluate_poses(TRUTH, TRUTH)
-    plot_figure.draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, tmp_path / "plot.svg")
-    assert "<svg" in (tmp_path / "plot.svg").read_text()
-
-
 def test_a_bag_without_the_topic_is_one_line(files, bag):
     with pytest.raises(ValueError, match="expected topic /truth, found /ground_truth/odometry") as caught:
         call(files / "poses.tum", bag, "--truth-topic", "truth")
     assert "\n" not in str(caught.value)
 
 
-def test_a_topic_of_a_text_file_is_refused(files):
-    with pytest.raises(ValueError, match="expected a bag, as a topic"):
-        call(files / "poses.tum", files / "truth.tum", "--truth-topic", "pose")
-
-
-@pytest.mark.parametrize("option", [("--align", "affine"), ("--tolerance", "0"), ("--rpe", "nan")])
-def test_wrong_options_are_misuse(files, option):
-    with pytest.raises(SystemExit) as caught:
-        call(files / "poses.tum", files / "truth.tum", *option)
-    assert caught.value.code == 2
-
-
-def test_a_topic_that_is_no_pose_is_named_with_what_it_is(tmp_path):
-    bags = pytest.importorskip("sphere_nav.ros.bags")
-    messages = pytest.importorskip("std_msgs.msg")
-    with bags.BagWriter(tmp_path / "words") as writer:
-        writer.write("pose", messages.String(data="here"), 5)
-    with pytest.raises(
-        ValueError, match=r"/pose: expected one of geometry_msgs/msg/PoseStamped, .*found std_msgs/msg/String"
-    ):
-        pose_bags.read_poses(tmp_path / "words", ("pose",))
+def test_wrong_options_are_misuse(files):
+    for option in [("--align", "affine"), ("--tolerance", "0"), ("--rpe", "nan")]:
+        with pytest.raises(SystemExit) as caught:
+            call(files / "poses.tum", files / "truth.tum", *option)
+        assert caught.value.code == 2
 
 
 def test_a_map_frame_found_on_the_teaching_drive_is_applied_to_another(files, capsys):
@@ -187,36 +121,80 @@ def test_a_map_frame_found_on_the_teaching_drive_is_applied_to_another(files, ca
         call(files / "driven.tum", files / "truth.tum", *pair)
 
 
-def test_metres_and_degrees_have_an_axis_each(monkeypatch, tmp_path):
-    drawn = []
-    monkeypatch.setattr(plot_figure.Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
-    estimate = Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body @ SE3.exp(OFFSET))
-    judged = evaluation.evaluate_poses(estimate, TRUTH)
-    plot_figure.draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, tmp_path / "plot.png")
-    lines = {axes.get_ylabel(): [line.get_ydata() for line in axes.lines] for axes in drawn[0].axes}
-    (meters,), (degrees,) = lines["error of translation [m]"], lines["error of rotation [°]"]
-    np.testing.assert_allclose(meters, judged.errors.translation_m)
-    np.testing.assert_allclose(degrees, np.degrees(0.02), rtol=1e-6)
+def line(num_poses=50, hertz=10.0):
+    """A drive of 5 m along x at 1 m/s."""
+    x = np.arange(num_poses) / hertz
+    matrices = np.stack([SE3.from_planar(value, 0.0, 0.0).matrix for value in x])
+    return Trajectory((1000 * SECOND + np.rint(x * SECOND)).astype(np.int64), SE3(matrices))
 
 
-def test_the_figures_are_those_of_evo(files, tmp_path):
-    """evo is another program, of another licence: it is called where it is installed (pip install evo), never used."""
-    if shutil.which("evo_ape") is None:
-        pytest.skip("evo_ape is not on the PATH")
-    noise = np.random.default_rng(1).normal(size=(len(TRUTH), 6)) * [0.01, 0.01, 0.01, 0.003, 0.003, 0.003]
-    moved = Trajectory(TRUTH.stamps_ns + 1_000_000, TRUTH.T_map_body @ SE3.exp(noise)).moved(
-        SE3.exp([1, 2, 0, 0, 0, 1])
-    )
-    write_tum(files / "noisy.tum", moved)
-    for kind, option in (("none", ()), ("se3", ("--align",))):
-        call(files / "noisy.tum", files / "truth.tum", "--align", kind, "--json", files / "e.json")
-        ours = json.loads((files / "e.json").read_text())
-        stretch = ("--delta", "1", "--delta_unit", "m", "--all_pairs", "--pairs_from_reference")
-        for program, found, words in (("evo_ape", ours, ()), ("evo_rpe", ours["rpe"], stretch)):
-            for relation, name in (("trans_part", "translation_m"), ("angle_deg", "rotation_deg")):
-                result = tmp_path / f"{program}_{kind}_{relation}.zip"
-                command = [program, "tum", files / "truth.tum", files / "noisy.tum", "-r", relation, *option, *words]
-                subprocess.run([*command, "--save_results", result], check=True, capture_output=True, timeout=100)
-                theirs = json.loads(zipfile.ZipFile(result).read("stats.json"))
-                for statistic in ("rmse", "median", "max"):
-                    assert found[name][statistic] == pytest.approx(theirs[statistic], rel=1e-6), (program, kind, name)
+STRAIGHT = line()
+
+
+def off(motion, covariances=None):
+    return Trajectory(STRAIGHT.stamps_ns, STRAIGHT.T_map_body @ SE3.exp(motion), covariances)
+
+
+def test_errors_are_in_their_units_and_by_their_sides():
+    judged = evaluate_poses(off([0.03, 0.04, 0.0, 0.0, 0.0, np.radians(2.0)]), STRAIGHT)
+    report = judged.report
+    assert report["translation_m"]["max"] == pytest.approx(0.05, rel=0.02)
+    assert report["rotation_deg"]["median"] == pytest.approx(2.0)
+    assert judged.errors.lateral_m.mean() == pytest.approx(0.04, abs=1e-3)  # to the left
+    assert judged.errors.longitudinal_m.mean() == pytest.approx(0.03, abs=1e-3)  # ahead
+    assert (report["n"], report["num_estimates"], report["num_truth"]) == (50, 50, 50)
+    assert report["length_m"] == pytest.approx(4.9)
+
+
+def test_relative_errors_are_by_the_stretch():
+    scaled = Trajectory(STRAIGHT.stamps_ns, STRAIGHT.moved(SE3.identity(), 1.02).T_map_body)
+    for length in (1.0, 2.0):
+        found = evaluate_poses(scaled, STRAIGHT, rpe_length_m=length).report["rpe"]
+        assert found["translation_m"]["median"] == pytest.approx(0.02 * length, rel=1e-6)
+        assert found["translation_percent"]["median"] == pytest.approx(2.0, rel=1e-6)
+        assert found["length_m"] == length
+
+
+def test_stamps_belong_together_within_ten_milliseconds():
+    for late_ms, is_paired in [(9, True), (11, False)]:
+        late = Trajectory(STRAIGHT.stamps_ns + late_ms * 10**6, STRAIGHT.T_map_body)
+        if is_paired:
+            assert evaluate_poses(late, STRAIGHT).report["n"] == 50
+        else:
+            with pytest.raises(
+                ValueError, match=r"within 0\.01 s, found 1000\.011 \.\.\. 1004\.911 s against 1000\.000"
+            ):
+                evaluate_poses(late, STRAIGHT)
+
+
+def test_truth_is_interpolated_over_gaps_of_a_second_at_most():
+    sparse = STRAIGHT[np.array([0, 9, 20, 49])]  # gaps of 0.9, 1.1 and 2.9 s
+    found = evaluate_poses(STRAIGHT, sparse, is_interpolated=True)
+    assert found.report["n"] == 10 + 2  # the first gap whole; else what lies on a row
+    assert found.report["translation_m"]["max"] < 1e-9
+
+
+def test_the_table_says_what_was_found():
+    errors = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+    covariances = np.repeat(np.diag([0.01, 1, 1, 1, 1, 1.0])[None], 50, axis=0)
+    lines = error_table(evaluate_poses(off(errors, covariances)[:25], STRAIGHT).report).splitlines()
+    assert lines[0] == "25 poses paired, coverage 50.0 %, 2.40 m"
+    assert lines[1].split() == ["median", "rmse", "p95", "max"]
+    assert lines[2].split() == ["translation_m", *["0.1000"] * 4]
+    assert [line.split()[0] for line in lines[3:6]] == ["rotation_deg", "lateral_m", "longitudinal_m"]
+    assert lines[6].startswith("rpe_m / 1 m")
+    assert lines[-2] == "NEES 1.00 (6 degrees of freedom, 25 covariances)"
+    axes = "x 1.00, y 0.00, z 0.00, roll 0.00, pitch 0.00, yaw 0.00"
+    assert lines[-1] == f"NEES of each axis of the body (1 degree of freedom): {axes}"
+    short = error_table(evaluate_poses(off(errors)[:3], STRAIGHT).report)
+    assert "rpe" not in short  # too short a way
+    assert "NEES" not in short
+
+
+def test_what_is_no_trajectory_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"none\.tum: expected a TUM file or a bag, found none"):
+        read_trajectory(tmp_path / "none.tum", None, ("pose",))
+    (tmp_path / "a.tum").write_text("1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n")
+    assert len(read_trajectory(tmp_path / "a.tum", None, ("pose",))) == 2
+    with pytest.raises(ValueError, match=r"as a topic \(/pose\) is named"):
+        read_trajectory(tmp_path / "a.tum", "/pose", ("pose",))

@@ -1,17 +1,14 @@
 """The gate before the pages: host, origin, token, guesses; over real sockets before a real viser."""
 
-import itertools
-import os
 import socket
 import time
-from contextlib import suppress
 from http import HTTPStatus
 
 import pytest
 
 from sphere_nav_tools.cli import gate
-from sphere_nav_tools.cli.constants import MAX_GUESSES, MAX_OUTSIDE, MAX_VISITORS
-from sphere_nav_tools.cli.gate import Gate, link_to, make_server, network_of, token_for
+from sphere_nav_tools.cli.constants import MAX_GUESSES, MAX_OUTSIDE
+from sphere_nav_tools.cli.gate import Gate, link_to, make_server, token_for
 
 TOKEN = "a token of the yard"
 LINK = "/a%20token%20of%20the%20yard"
@@ -30,21 +27,18 @@ def judge(host="localhost:8081", guess=TOKEN, served="127.0.0.1", here="127.0.0.
     return Gate(served, TOKEN).judge(guess.encode(), headers, here, visitor)
 
 
-@pytest.mark.parametrize("host", ["localhost:8081", "127.0.0.1:8081", "[::1]:8081", "LOCALHOST:9000", "localhost"])
-def test_this_machine_by_its_names_is_let_in_at_any_end_of_a_tunnel(host):
-    assert judge(host) is None
-    assert judge(host, Origin=f"http://{host.lower()}") is None
+def test_this_machine_by_its_names_is_let_in_at_any_end_of_a_tunnel():
+    for host in ["localhost:8081", "127.0.0.1:8081", "[::1]:8081", "LOCALHOST:9000", "localhost"]:
+        assert judge(host) is None
+        assert judge(host, Origin=f"http://{host.lower()}") is None
 
 
-@pytest.mark.parametrize(
-    "host",
-    [
+def test_another_name_that_leads_here_is_refused_with_the_right_token():
+    for host in [
         *("evil.example:8081", "localhost.evil.example", "127.0.0.1.nip.io:8081", "192.168.1.5:8081", "0.0.0.0:8081"),
         *("", "localhost:8081:1", "evil@localhost:8081", "localhost/..", "127.0.0.1:", "2130706433:8081"),
-    ],
-)
-def test_another_name_that_leads_here_is_refused_with_the_right_token(host):
-    assert judge(host)[1].startswith("Host: ")
+    ]:
+        assert judge(host)[1].startswith("Host: ")
 
 
 def test_one_host_is_expected():
@@ -53,25 +47,22 @@ def test_one_host_is_expected():
     assert Gate("127.0.0.1", TOKEN).judge(TOKEN.encode(), Headers(), "127.0.0.1", "127.0.0.1")[1].startswith("Host: ")
 
 
-@pytest.mark.parametrize("served", ["0.0.0.0", "::", HERE, "vehicle"])
-def test_in_a_network_the_address_that_was_reached_and_the_name_of_the_machine_are_its_own(monkeypatch, served):
-    monkeypatch.setattr(socket, "gethostname", lambda: "Car7")
-    for host in (f"{HERE}:8081", "car7:8081", "car7.local:8081", "localhost:8081"):
-        assert judge(host, served=served, here=HERE) is None, host
-    assert judge("[fe80::1]:8081", served=served, here="fe80::1%eth0") is None
-    for host in ("192.168.1.6:8081", "car8:8081", "0.0.0.0:8081"):
-        assert judge(host, served=served, here=HERE) is not None, host
+def test_in_a_network_the_address_that_was_reached_and_the_name_of_the_machine_are_its_own(monkeypatch):
+    for served in ["0.0.0.0", "::", HERE, "vehicle"]:
+        monkeypatch.setattr(socket, "gethostname", lambda: "Car7")
+        for host in (f"{HERE}:8081", "car7:8081", "car7.local:8081", "localhost:8081"):
+            assert judge(host, served=served, here=HERE) is None, host
+        assert judge("[fe80::1]:8081", served=served, here="fe80::1%eth0") is None
+        for host in ("192.168.1.6:8081", "car8:8081", "0.0.0.0:8081"):
+            assert judge(host, served=served, here=HERE) is not None, host
 
 
-@pytest.mark.parametrize(
-    "origin",
-    [
+def test_another_page_is_refused_with_the_right_token():
+    for origin in [
         *("http://evil.example", "http://localhost:9999", "http://localhost", "http://127.0.0.1:8081", "null", ""),
         *("ftp://localhost:8081", "http://localhost:8081.evil.example", "http://localhost:8081/x"),
-    ],
-)
-def test_another_page_is_refused_with_the_right_token(origin):
-    assert judge("localhost:8081", Origin=origin)[1].startswith("Origin: ")
+    ]:
+        assert judge("localhost:8081", Origin=origin)[1].startswith("Origin: ")
 
 
 def test_what_another_page_embeds_is_refused_though_it_names_no_origin():
@@ -122,20 +113,6 @@ def test_an_old_page_that_reconnects_shuts_nobody_out(clock):
     assert {guess("the token of yesterday") for _ in range(1000)} == {HTTPStatus.FORBIDDEN}
     assert {guess("") for _ in range(1000)} == {HTTPStatus.FORBIDDEN}  # nothing is guessed
     assert guess(TOKEN) is None
-
-
-def test_guesses_from_many_addresses_take_little_memory(clock):
-    doors = Gate("127.0.0.1", TOKEN)
-    guess = guesser(doors)
-    for k in range(MAX_VISITORS + 50):
-        guess("wrong", f"10.0.{k // 250}.{k % 250}")
-    assert len(doors._guesses) == MAX_VISITORS
-
-
-def test_guesses_of_one_network_of_ipv6_are_counted_together():
-    assert network_of("2001:db8::1") == network_of("2001:db8::ffff:2%eth0")
-    assert network_of("2001:db8::1") != network_of("2001:db8:0:1::1")
-    assert network_of("10.0.0.1") != network_of("10.0.0.2")
 
 
 def test_a_token_is_the_given_one_or_one_that_nobody_guesses(monkeypatch):
@@ -215,19 +192,6 @@ def test_all_else_is_refused_before_the_handshake(served):
     assert not served.get_clients()
 
 
-def test_of_noise_little_is_kept_and_it_is_ended(served):
-    sent = 0
-    with socket.create_connection(("127.0.0.1", served.get_port()), timeout=10.0) as line, suppress(OSError):
-        line.sendall(b"GET / HTTP/1.1\r\n")
-        for k in itertools.count():
-            line.sendall(f"X-{k}: {'y' * 8000}\r\n".encode())
-            sent += 8000
-            assert sent < 512 << 10
-            time.sleep(0.001)
-    assert sent > 0
-    assert ask(served)[0] == 200
-
-
 def test_connections_that_say_nothing_shut_nobody_out(served):
     idle = [socket.create_connection(("127.0.0.1", served.get_port())) for _ in range(3 * MAX_OUTSIDE)]
     try:
@@ -248,19 +212,6 @@ def test_connections_that_say_nothing_shut_nobody_out(served):
     finally:
         for line in idle:
             line.close()
-
-
-def test_no_link_without_the_token_is_printed(capfd):
-    pytest.importorskip("viser")
-    make_server("view", "127.0.0.1", 8992, TOKEN).stop()
-    assert "127.0.0.1" not in capfd.readouterr().out
-
-
-def test_noise_is_no_line_in_the_log(served, capfd):
-    with socket.create_connection(("127.0.0.1", served.get_port())) as line:
-        line.sendall(os.urandom(1000) + b"\r\n")
-        time.sleep(0.2)
-    assert capfd.readouterr().err == ""
 
 
 def test_a_viser_that_asks_no_gate_is_not_served(monkeypatch):

@@ -1,26 +1,40 @@
-"""`sphere_nav localize`: a bag against a map, offline."""
+"""`sphere_nav localize`: a bag against a map, by one camera or several; what is written, counted and refused."""
 
 import json
+from argparse import ArgumentParser
+from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.localization.status import Reason, State, Status
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.recorded import BagError, Recorded
+from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.bags.writer import BagWriter
-from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
+from sphere_nav.ros.conversions import (
+    array_to_image,
+    camera_to_info,
+    image_to_gray,
+    pose_with_covariance_to_se3,
+    se3_to_pose_with_covariance,
+    se3_to_transform,
+    status_to_message,
+)
+from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.localizing import Summary
+from sphere_nav_tools.offline import topics
+from sphere_nav_tools.offline.localizing import give_initial_pose, usable, write_poses
+from sphere_nav_tools.offline.recorded_camera import RecordedCamera, patience
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
 
@@ -73,54 +87,137 @@ def test_trusted_poses_of_the_base_are_written_with_a_summary(recorded, tmp_path
         assert isinstance(first, PoseWithCovarianceStamped)
 
 
-@pytest.mark.slow
-def test_two_runs_write_the_same_bytes(recorded, tmp_path):
-    for name in ("a", "b"):
-        assert localize(recorded, tmp_path / name) == 0
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+START_NS, NUM = 1_000_000_000, 5
 
 
-@pytest.mark.slow
-def test_an_initial_pose_takes_the_place_of_the_search(recorded, tmp_path):
-    T_map_base = drive(1)[0] @ T_BODY_OPTICAL.inverse()
-    numbers = ",".join(f"{number:.4f}" for number in (*T_map_base.translation, *T_map_base.quaternion))
-    given = ("--set", "automatic=false", f"--initial-pose={numbers}")
-    assert localize(recorded, tmp_path / "poses.tum", *given) == 0
+def status(state, reason="", milliseconds=0.0, remedy=""):
+    return Recorded(
+        "/status", 0, status_to_message(Status(state, str(reason), 0, 0, remedy, milliseconds=milliseconds), 5, "map")
+    )
 
 
-@pytest.mark.slow
-def test_no_pose_at_all_is_a_failure(recorded, tmp_path):
-    assert localize(recorded, tmp_path / "poses.tum", "--set", "automatic=false") == 1
+def pose(second, x):
+    return Recorded(
+        "/pose", 0, se3_to_pose_with_covariance(SE3.from_planar(x, 2.0, 0.5), 1e-4 * np.eye(6), second * 10**9, "map")
+    )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["--initial-pose=1,2,3"], "--initial-pose: expected x,y,z,qx,qy,qz,qw, found '1,2,3'"),
-        (["--initial-pose=90,0,0,0,0,0,1"], "initial pose: expected at most 10 m from a key sphere, found 90.0 m"),
-        (["--set", "automatic"], "--set: expected NAME=VALUE, found 'automatic'"),
-        (["--set", "start.speed=3"], "start.speed: unknown parameter"),
-        (["--image", "/front/image_raw"], "expected topic /front/image_raw"),
-    ],
-)
-def test_misuse_is_one_line_and_status_2(recorded, tmp_path, capsys, words, expected):
-    assert localize(recorded, tmp_path / "poses.tum", *words) == 2
-    error = capsys.readouterr().err.strip().splitlines()[-1]
-    assert expected in error
-    assert not (tmp_path / "poses.tum").exists()
+def arguments(folder, **values):
+    return SimpleNamespace(**({"output": str(folder / "out.tum"), "json": None, "overwrite": False} | values))
 
 
-@pytest.mark.slow
-def test_a_file_that_is_there_is_kept_unless_told_otherwise(recorded, tmp_path, capsys):
-    (tmp_path / "poses.tum").write_text("precious")
-    assert localize(recorded, tmp_path / "poses.tum") == 2
-    assert "poses.tum: expected no such file" in capsys.readouterr().err
-    assert (tmp_path / "poses.tum").read_text() == "precious"
-    assert localize(recorded, tmp_path / "poses.tum", "--overwrite") == 0
+NEWS = [
+    status(State.SEARCHING, Reason.AMBIGUOUS, 8.0), status(State.TRACKING, "", 10.0), pose(1, 1.0),
+    status(State.LOST, Reason.TIMEOUT, 99.0), status(State.TRACKING, "", 12.0), pose(2, 1.5), status(State.TRACKING),
+]  # fmt: skip
 
 
-def test_a_summary_of_nothing_is_possible():
-    result = Summary().result()
-    assert result["images"] == 0
-    assert np.isfinite(result["milliseconds"]["median"])
+def test_poses_and_figures_are_written(tmp_path, capsys):
+    assert write_poses(arguments(tmp_path, json=str(tmp_path / "out.json")), iter(NEWS)) == 0
+    found = read_tum(tmp_path / "out.tum")
+    np.testing.assert_array_equal(found.stamps_ns, [10**9, 2 * 10**9])
+    np.testing.assert_allclose(found.positions, [[1.0, 2.0, 0.0], [1.5, 2.0, 0.0]], atol=1e-6)
+    assert json.loads((tmp_path / "out.json").read_text()) == {
+        "images": 4,  # what is said between two images is no answer to one
+        "poses": 2,
+        "states": {"SEARCHING": 1, "TRACKING": 3},
+        "reasons": {"AMBIGUOUS": 1},
+        "milliseconds": {"median": 10.0, "p99": pytest.approx(np.percentile([8.0, 10.0, 12.0], 99))},
+    }
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == f"4 images, 2 poses -> {tmp_path / 'out.tum'}"
+    assert told[1:3] == ["states  SEARCHING 1, TRACKING 3", "reasons AMBIGUOUS 1"]
+    assert told[3] == "time    median 10.0 ms, p99 12.0 ms an image"
+
+
+def test_no_pose_is_a_failure(tmp_path):
+    assert write_poses(arguments(tmp_path), iter(NEWS[:1])) == 1
+    with pytest.raises(ValueError, match="expected poses, found none"):
+        read_tum(tmp_path / "out.tum")
+
+
+def test_a_file_that_is_there_is_replaced_only_when_told(tmp_path):
+    for there in ["out.tum", "out.json"]:
+        for file in tmp_path.iterdir():
+            file.unlink()
+        (tmp_path / there).write_text("mine")
+        given = {"json": str(tmp_path / "out.json")}
+        with pytest.raises(ValueError, match=f"{there}: expected no such file, found one: --overwrite replaces it"):
+            write_poses(arguments(tmp_path, **given), iter(NEWS))
+        assert (tmp_path / there).read_text() == "mine"
+        assert write_poses(arguments(tmp_path, overwrite=True, **given), iter(NEWS)) == 0
+        assert (tmp_path / there).read_text() != "mine"
+
+
+def test_images_that_are_all_refused_are_an_error_at_the_end():
+    for reason in [Reason.BAD_INFO, Reason.MAP_ERROR, Reason.BAD_STAMP, Reason.TF_STALE]:
+        bad = status(State.NOT_LOCALISED, reason, remedy="calibrate")
+        with pytest.raises(BagError, match="drive: every image refused: calibrate"):
+            list(usable(iter([bad, bad]), "drive"))
+        assert len(list(usable(iter([bad, NEWS[0], bad]), "drive"))) == 3  # one could be compared
+        with pytest.raises(BagError, match="drive: no image answered"):
+            list(usable(iter([pose(1, 0.0)]), "drive"))
+
+
+def test_an_initial_pose_is_given_with_its_signs():
+    given = []
+    node = SimpleNamespace(params=SimpleNamespace(map_frame="yard"), on_initial_pose=given.append)
+    T = SE3.exp([1.0, -2.0, 3.0, 0.1, -0.2, 0.3])
+    give_initial_pose(node, ",".join(map(str, [*T.translation, *T.quaternion])))
+    assert given[0].header.frame_id == "yard"
+    found, covariance = pose_with_covariance_to_se3(given[0])
+    np.testing.assert_allclose(found.matrix, T.matrix, atol=1e-9)
+    assert not covariance.any()
+    for text in ("1,2,3", "1,2,3,0,0,0,x", "1,2,3,0,0,0,0", "1,2,3,0,0,0,1,5"):
+        with pytest.raises(ValueError, match="--initial-pose: expected x,y,z,qx,qy,qz,qw"):
+            give_initial_pose(node, text)
+
+
+def test_a_clock_that_is_set_back_costs_no_pose(tmp_path, caplog):
+    hour = 3600
+    news = [pose(hour + 1, 1.0), pose(hour + 2, 2.0), pose(1, 3.0), pose(2, 4.0), pose(2, 5.0)]
+    assert write_poses(arguments(tmp_path), iter(news)) == 0
+    found = read_tum(tmp_path / "out.tum")
+    assert (found.stamps_ns // 10**9).tolist() == [1, 2, hour + 1, hour + 2]
+    np.testing.assert_allclose(found.positions[:, 0], [3.0, 5.0, 1.0, 2.0])
+    assert "stamps go back 2 times" in caplog.text
+
+
+IMAGE = "sensor_msgs/msg/Image"
+
+
+def test_the_time_out_is_that_of_several_images(caplog):
+    for rate_hz, timeout_s in [(1.0, 4.0), (2.0, 2.0), (30.0, None), (8.0, None)]:
+        streams = [Stream("/image", IMAGE, 20, rate_hz), Stream("/other", IMAGE, 20, 0.1)]
+        assert patience(streams, ["/image"]) == ({"input.timeout_s": timeout_s} if timeout_s else {})
+        assert ("input.timeout_s" in caplog.text) == bool(timeout_s)
+        caplog.clear()
+
+
+def test_the_slowest_of_several_cameras_counts():
+    streams = [Stream("/a", IMAGE, 20, 10.0), Stream("/b", IMAGE, 20, 1.0), Stream("/c", IMAGE, 1, 0.1)]
+    assert patience(streams, ["/a", "/b", "/c"]) == {"input.timeout_s": 4.0}
+    assert patience([Stream("/a", IMAGE, 20, 0.0), streams[0]], ["/a"]) == {}
+
+
+def no_options():
+    parser = ArgumentParser()
+    topics.add_options(parser)
+    return parser.parse_args([])
+
+
+def test_compressed_images_come_with_stamp_and_calibration(tmp_path, rng):
+    image = rng.integers(0, 255, (PINHOLE.height, PINHOLE.width), np.uint8)
+    data = cv2.imencode(".png", image)[1].tobytes()
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/front/camera_info", CameraInfo, qos.STATE)
+        bag.add_topic("/front/image_raw/compressed", CompressedImage, qos.STATE)
+        bag.write("/front/camera_info", camera_to_info(PINHOLE, 5, "front_optical"), 5)
+        message = CompressedImage(header=header(7, "front_optical"), format="png", data=data)
+        bag.write("/front/image_raw/compressed", message, 7)
+    recorded = RecordedCamera(tmp_path / "bag", no_options())
+    assert recorded.frame_id == "front_optical"
+    assert recorded.camera == PINHOLE
+    ((stamp, found),) = recorded.messages()
+    assert stamp == 7
+    assert np.array_equal(image_to_gray(found), image)

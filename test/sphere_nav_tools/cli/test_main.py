@@ -1,11 +1,13 @@
-"""The command: its table, its exit status, one line for every error."""
+"""The command: its table, its exit status, one line for every error; NAME=VALUE."""
 
+import argparse
 import types
 
 import pytest
 
 from sphere_nav_tools.cli import main as command
 from sphere_nav_tools.cli.main import COMMANDS, main
+from sphere_nav_tools.offline.settings import add_settings
 
 
 @pytest.fixture
@@ -33,44 +35,24 @@ def test_the_overview_lists_them(capsys):
     assert main([]) == 2
 
 
-def test_the_version(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out.startswith("sphere_nav ")
+def test_every_command_has_help_with_examples(capsys):
+    for name in [entry.name for entry in COMMANDS]:
+        with pytest.raises(SystemExit) as end:
+            main([name, "--help"])
+        assert end.value.code == 0
+        out = capsys.readouterr().out
+        assert f"usage: sphere_nav {name}" in out
+        assert f"  sphere_nav {name} " in out  # an example
 
 
-@pytest.mark.parametrize("name", [entry.name for entry in COMMANDS])
-def test_every_command_has_help_with_examples(name, capsys):
-    with pytest.raises(SystemExit) as end:
-        main([name, "--help"])
-    assert end.value.code == 0
-    out = capsys.readouterr().out
-    assert f"usage: sphere_nav {name}" in out
-    assert f"  sphere_nav {name} " in out  # an example
+def test_the_status_of_the_command_is_passed_on(stand_in):
+    for status in [0, 1]:
+        stand_in.run = lambda arguments, status=status: status
+        assert main(["play", "x"]) == status
 
 
-def test_an_unknown_command(capsys):
-    assert main(["dance"]) == 2
-    err = capsys.readouterr().err
-    assert err.startswith("sphere_nav: expected a command (import, ")
-    assert err.endswith("found 'dance'\n")
-
-
-def test_a_wrong_option(capsys):
-    with pytest.raises(SystemExit) as end:
-        main(["import", "film", "x"])
-    assert end.value.code == 2
-    assert "invalid choice: 'film'" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("status", [0, 1])
-def test_the_status_of_the_command_is_passed_on(stand_in, status):
-    stand_in.run = lambda arguments: status
-    assert main(["play", "x"]) == status
-
-
-@pytest.mark.parametrize(
-    ("error", "line"),
-    [
+def test_an_error_is_one_line(stand_in, capsys):
+    for error, line in [
         (ValueError("drive: expected a bag,\n  found none"), "sphere_nav play: drive: expected a bag, found none\n"),
         (
             FileNotFoundError(2, "No such file or directory", "a.yaml"),
@@ -78,12 +60,10 @@ def test_the_status_of_the_command_is_passed_on(stand_in, status):
         ),
         (OSError("disk gone"), "sphere_nav play: disk gone\n"),
         (ValueError(), "sphere_nav play: ValueError\n"),
-    ],
-)
-def test_an_error_is_one_line(stand_in, capsys, error, line):
-    stand_in.run = raising(error)
-    assert main(["play", "x"]) == 2
-    assert capsys.readouterr().err == line
+    ]:
+        stand_in.run = raising(error)
+        assert main(["play", "x"]) == 2
+        assert capsys.readouterr().err == line
 
 
 def test_where_an_error_comes_from_can_be_seen(stand_in, monkeypatch):
@@ -103,3 +83,31 @@ def test_an_interrupt_is_130(stand_in, capsys):
     stand_in.run = raising(KeyboardInterrupt())
     assert main(["play", "x"]) == 130
     assert capsys.readouterr().err == ""
+
+
+def test_a_map_that_is_not_there_is_named_in_one_line(tmp_path, capsys):
+    for words in [["--list"], ["--back"], []]:
+        assert main(["map-learn", str(tmp_path / "none"), *words]) == 2
+        error = capsys.readouterr().err
+        assert "none: expected a" in error
+        assert error.count("\n") == 1
+        assert list(tmp_path.iterdir()) == []
+
+
+def parse(*words):
+    parser = argparse.ArgumentParser()
+    add_settings(parser, "a node")
+    add_settings(parser, "another", "--set-other", "other")
+    return parser.parse_args([part for option, word in words for part in (option, word)])
+
+
+def test_values_are_read_as_yaml():
+    words = ["a.b=3", "c=0.5", "d=false", "e=x=y", "f="]
+    found = parse(*(("--set", word) for word in words), ("--set-other", "a.b=4"))
+    assert found.settings == {"a.b": 3, "c": 0.5, "d": False, "e": "x=y", "f": None}
+    assert found.other == {"a.b": 4}
+
+
+def test_a_word_that_is_no_pair_is_refused_by_its_option():
+    with pytest.raises(ValueError, match="--set-other: expected NAME=VALUE, found 'a'"):
+        parse(("--set-other", "a"))

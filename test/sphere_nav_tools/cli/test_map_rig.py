@@ -5,9 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
-
-pytest.importorskip("rclpy")
-
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from tf2_msgs.msg import TFMessage
@@ -81,20 +78,6 @@ def test_a_drive_of_six_cameras_is_mapped(drive, tmp_path, capsys):
         assert 1.0 < np.median(sphere.range_m[sphere.measured]) < 30.0
 
 
-@pytest.mark.slow
-def test_stitching_in_processes_gives_the_same_map_bit_for_bit(drive, tmp_path):
-    words = (
-        *SETTINGS,
-        "--set-stitcher",
-        "stitch.blend.has_gains=false",
-    )  # nothing to learn: all but the first go there
-    for jobs in (1, 2):
-        output = ("-o", tmp_path / f"{jobs}", "--jobs", jobs)
-        assert call("map", drive / "bag", *output, "--rig", drive / "rig.yaml", *words) == 0
-    one, two = ((tmp_path / f"{jobs}" / "map.mcap").read_bytes() for jobs in (1, 2))
-    assert one == two
-
-
 @pytest.fixture
 def scene(tmp_path):
     """One instant of another rig, and its file."""
@@ -148,22 +131,3 @@ def test_a_bag_of_other_cameras_is_one_line(scene, capsys):
     write_rig(scene / "other.yaml", dataclasses.replace(rig, cameras=parts))
     assert call("map", scene / "bag", "-o", scene / "m", "--rig", scene / "other.yaml") == 2
     assert "topics: expected images of roof_top_front" in capsys.readouterr().err
-
-
-def test_without_a_rig_file_it_says_so(scene, capsys):
-    assert call("map", scene / "bag", "-o", scene / "m") == 2
-    assert "expected --rig with the rig file of its cameras, found none" in capsys.readouterr().err
-
-
-def test_stamps_apart_beyond_the_limit_are_one_line(tmp_path, capsys):
-    rig = vertical_rig()
-    write_rig(tmp_path / "rig.yaml", rig)
-    with BagWriter(tmp_path / "bag") as bag:
-        for number, part in enumerate(rig.cameras):
-            write_images(bag, {part.name: seen(part)}, START + number * STEP // 5)
-    words = ["map", tmp_path / "bag", "-o", tmp_path / "m", "--rig", tmp_path / "rig.yaml", *SETTINGS]
-    assert call(*words, "--set-stitcher", "sync.policy=fail") == 2
-    said = capsys.readouterr().err
-    assert "no image within 0.005 s of the instant" in said
-    assert "top_left" in said
-    assert not (tmp_path / "m").exists()

@@ -4,9 +4,6 @@ import json
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from sphere_nav_msgs.msg import SphereInfo
@@ -106,29 +103,3 @@ def test_the_base_is_found(recorded, tmp_path, capsys):
     with BagReader(tmp_path / "out") as bag:
         assert bag.topics["/status"].count >= len(POSES)  # silence is told between images, too
         assert bag.topics["/tf"].count >= bag.topics["/pose"].count == len(found)  # told at a pace of its own
-
-
-@pytest.mark.slow
-def test_images_eight_seconds_apart_are_located_too(tmp_path, capsys):
-    assert locate(record(tmp_path, 8), tmp_path / "poses.tum", "--json", tmp_path / "s.json") == 0
-    found = read_tum(tmp_path / "poses.tum")
-    assert len(found) >= 3
-    for stamp, pose in zip(found.stamps_ns, found.T_map_body, strict=True):
-        assert pose.distance(base(POSES[int(stamp) // (8 * SECOND) - 1]))[0] < 0.4
-    summary = json.loads((tmp_path / "s.json").read_text())
-    assert (summary["images"], summary["poses"]) == (len(POSES), len(found))  # silence is no image
-    assert f"{len(POSES)} images" in capsys.readouterr().out
-
-
-def test_a_poses_file_that_is_there_is_kept(recorded, tmp_path, capsys):
-    (tmp_path / "poses.tum").write_text("mine\n")
-    assert locate(recorded, tmp_path / "poses.tum") == 2
-    assert "--overwrite" in capsys.readouterr().err
-    assert (tmp_path / "poses.tum").read_text() == "mine\n"
-
-
-def test_geometry_that_cannot_be_read_is_one_line(recorded, tmp_path, capsys):
-    (tmp_path / "room.ply").write_text("no geometry")
-    words = [str(tmp_path / "room.ply"), str(recorded / "bag"), "-o", str(tmp_path / "poses.tum")]
-    assert main(["mcl", *words]) == 2
-    assert "room.ply: header: expected 'ply'" in capsys.readouterr().err

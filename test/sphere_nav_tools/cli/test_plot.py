@@ -1,20 +1,27 @@
-"""A picture of a drive: from a bag with poses and statuses, with and without truth."""
+"""A picture of a drive, and what is said of its states."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from sphere_nav_msgs.msg import LocalizationStatus
 
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.trajectory import Trajectory, read_tum, write_tum
 from sphere_nav.localization.status import Reason, State, Status
-from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.bags import BagError, BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
+from sphere_nav.ros.maps.reader import MapDetails, save_map
+from sphere_nav.spheres.graph import Experience, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import plot_figure
+from sphere_nav_tools.offline.plot_figure import (
+    describe_experiences,
+    draw_localization,
+    find_experiences,
+    runs_of,
+)
 
 SECOND = 10**9
 STATES = [State.SEARCHING, State.PROBATION, State.TRACKING, State.TRACKING, State.DEGRADED, State.LOST]
@@ -62,15 +69,6 @@ def test_topics_are_found_by_type_and_name_and_the_table_says_the_remedy(drive, 
     assert (drive / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
-def test_a_truth_changes_the_picture_and_pdf_is_pdf(drive):
-    assert call("plot", drive / "drive", "-o", drive / "a.png") == 0
-    assert call("plot", drive / "drive", "-o", drive / "b.png", "--truth", drive / "truth.tum") == 0
-    assert (drive / "a.png").read_bytes() != (drive / "b.png").read_bytes()
-    assert call("plot", drive / "drive", "-o", drive / "a.pdf", "--truth", drive / "truth.tum") == 0
-    assert (drive / "a.pdf").read_bytes().startswith(b"%PDF")
-
-
 def test_a_truth_of_another_frame_is_moved_to_the_map(drive, monkeypatch):
     elsewhere = SE3.from_planar(30.0, -4.0, 1.0)
     monkeypatch.chdir(drive)
@@ -86,9 +84,8 @@ def test_a_truth_of_another_frame_is_moved_to_the_map(drive, monkeypatch):
     np.testing.assert_allclose(near[0].positions, truth.positions, atol=1e-6)  # where the map has it
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
+def test_misuse_is_one_line(drive, monkeypatch, capsys):
+    for words, said in [
         (("-o", "a.gif"), "expected a file .png, .pdf, .svg"),
         (
             ("-o", "truth.tum.png", "--status", "/car/pose"),
@@ -96,20 +93,42 @@ def test_a_truth_of_another_frame_is_moved_to_the_map(drive, monkeypatch):
         ),
         (("-o", "a.png", "--pose", "/none"), "expected topic /none"),
         (("-o", "a.png", "--truth", "none.tum"), "none.tum"),
-    ],
-)
-def test_misuse_is_one_line(drive, monkeypatch, capsys, words, said):
-    monkeypatch.chdir(drive)
-    assert call("plot", "drive", *words) == 2
-    assert said in capsys.readouterr().err
+    ]:
+        monkeypatch.chdir(drive)
+        assert call("plot", "drive", *words) == 2
+        assert said in capsys.readouterr().err
 
 
-def test_nothing_is_overwritten_and_a_bag_without_both_is_refused(drive, capsys):
-    (drive / "a.png").write_text("precious")
-    assert call("plot", drive / "drive", "-o", drive / "a.png") == 2
-    assert (drive / "a.png").read_text() == "precious"
-    with BagWriter(drive / "other") as bag:
-        bag.add_topic("/truth/pose", PoseWithCovarianceStamped)
-        bag.write("/truth/pose", se3_to_pose_with_covariance(place(0), np.eye(6), SECOND, "map"), SECOND)
-    assert call("plot", drive / "other", "-o", drive / "b.png") == 2
-    assert "--pose, --status" in capsys.readouterr().err
+def test_runs_of_equal_states_last_until_the_next_begins():
+    runs = runs_of([status(number) for number in range(6)], SECOND)
+    assert [(str(state), str(reason)) for state, reason, _, _ in runs] == [
+        ("SEARCHING", ""), ("PROBATION", ""), ("TRACKING", ""), ("DEGRADED", "LOW_OVERLAP"), ("LOST", "TIMEOUT"),
+    ]  # fmt: skip
+    assert [(first, end) for _, _, first, end in runs] == [(0, 1), (1, 2), (2, 4), (4, 5), (5, 5)]
+    assert runs_of([], 0) == []
+
+
+@pytest.mark.slow
+def test_it_is_told_which_experience_placed_an_image(tmp_path):
+    sphere = Sphere(np.full((4, 8), 9, np.uint8), np.full((4, 8), 2.0, np.float32), Spherical(8, 4))
+    looks = [Experience("night"), Experience("night", drive="other"), Experience(drive="monday")]
+    nodes = [KeySphere(k, 0, SE3.identity(), sphere, experience=one) for k, one in enumerate(looks)]
+    save_map(tmp_path / "map", SphereGraph(nodes), MapDetails("abc"))
+    said = [replace(status(k), references=(k % 3, 0), map_id="abc") for k in range(5)]
+    served = find_experiences(tmp_path / "map", said)
+    assert served == {
+        3 * SECOND: "monday",
+        4 * SECOND: "night",
+        5 * SECOND: "night (2)",
+    }  # what was placed
+    assert describe_experiences(served)[0] == "     1  placed by monday"
+    draw_localization(tmp_path / "a.svg", trajectory(), None, said, served)
+    drawn = (tmp_path / "a.svg").read_text(encoding="utf-8")
+    assert drawn.count("by night (2)") == 1
+    with pytest.raises(BagError, match="map_id: expected that of the recording, xyz, found abc"):
+        find_experiences(tmp_path / "map", [replace(said[0], map_id="xyz")])
+
+
+def trajectory():
+    stamps = np.arange(1, 6) * SECOND
+    return Trajectory(stamps, SE3(np.stack([SE3.from_planar(0.1 * k, 0.0, 0.0).matrix for k in range(5)])))

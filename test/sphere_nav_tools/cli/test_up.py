@@ -5,9 +5,6 @@ import subprocess
 import sys
 
 import pytest
-
-pytest.importorskip("rclpy")
-
 import rclpy
 from sphere_nav_msgs.msg import ReferenceTrajectory
 
@@ -34,21 +31,18 @@ def test_arguments_are_shown(capsys):
     assert "map to localise in (must be given)" in shown
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
+def test_misuse_is_one_line(capsys):
+    for words, expected in [
         (["localisation"], "map: expected a value"),
         (["localisation", "campus"], "expected NAME:=VALUE, found 'campus'"),
         (["mapping", "speed:=2"], "speed: expected one of input, rig"),
         (["navigation", "map:=/", "gaurd:=true"], "gaurd (is guard meant?): expected one of map, image"),
         (["navigation", "map:=/", "site:=/nope.yaml"], "site: expected a file or folder that exists"),
-    ],
-)
-def test_misuse_is_one_line(capsys, words, expected):
-    assert main(["up", *words]) == 2
-    told = capsys.readouterr().err
-    assert expected in told
-    assert told.count("\n") == 1
+    ]:
+        assert main(["up", *words]) == 2
+        told = capsys.readouterr().err
+        assert expected in told
+        assert told.count("\n") == 1
 
 
 def test_a_node_gets_its_words(tmp_path):

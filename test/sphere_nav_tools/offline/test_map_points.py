@@ -1,4 +1,6 @@
-"""Normals of a cloud."""
+"""A map as points, and on the earth."""
+
+import json
 
 import laspy
 import numpy as np
@@ -6,9 +8,9 @@ import pytest
 
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.spheres.graph import KeySphere
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
+from sphere_nav_tools.offline.geojson import Datum, geojson
 from sphere_nav_tools.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
 from worlds.room import Room
 
@@ -69,24 +71,49 @@ def test_a_laz_has_millimeters_and_colors_of_16_bits(tmp_path):
     np.testing.assert_allclose(np.stack([las.NormalX, las.NormalY, las.NormalZ], axis=1), one.normals)
 
 
-@pytest.mark.parametrize(("max_range_m", "count"), [(4.99, 0), (5.0, 8 * 16)])
-def test_points_are_of_every_so_many_rows_up_to_a_range(max_range_m, count):
-    sphere = Sphere(np.full((32, 64), 9, np.uint8), np.full((32, 64), 5.0, np.float32), Spherical(64, 32))
-    T = SE3.from_planar(1.0, 2.0, 0.5)
-    found = cloud_of(KeySphere(0, 0, T, sphere), sphere, CloudParams(step=4, max_range_m=max_range_m))
-    assert len(found.points) == count
-    np.testing.assert_allclose(np.linalg.norm(found.points - T.translation, axis=1), 5.0, rtol=1e-5)
-    if count:
-        inward = (T.translation - found.points) / 5.0
-        assert np.median(np.sum(found.normals * inward, axis=1)) > 0.98  # to where it was seen from
+def test_points_are_of_every_so_many_rows_up_to_a_range():
+    for max_range_m, count in [(4.99, 0), (5.0, 8 * 16)]:
+        sphere = Sphere(np.full((32, 64), 9, np.uint8), np.full((32, 64), 5.0, np.float32), Spherical(64, 32))
+        T = SE3.from_planar(1.0, 2.0, 0.5)
+        found = cloud_of(KeySphere(0, 0, T, sphere), sphere, CloudParams(step=4, max_range_m=max_range_m))
+        assert len(found.points) == count
+        np.testing.assert_allclose(np.linalg.norm(found.points - T.translation, axis=1), 5.0, rtol=1e-5)
+        if count:
+            inward = (T.translation - found.points) / 5.0
+            assert np.median(np.sum(found.normals * inward, axis=1)) > 0.98  # to where it was seen from
 
 
-@pytest.mark.parametrize(("step", "is_one_surface"), [(1.09, True), (1.11, False)])
-def test_a_surface_goes_on_where_ranges_differ_by_less_than_a_tenth(step, is_one_surface):
-    range_m = np.full((32, 64), 5.0, np.float32)
-    range_m[:, 32:] *= step
-    sphere = Sphere(np.full((32, 64), 9, np.uint8), range_m, Spherical(64, 32))
-    normals = cloud_of(KeySphere(0, 0, SE3.identity(), sphere), sphere, CloudParams(step=1)).normals.reshape(32, 64, 3)
-    rays = sphere.camera.unproject(pixel_grid(sphere.camera))
-    facing = -np.sum(normals[16, 31] * rays[16, 31])
-    assert (facing < 0.95) == is_one_surface  # a sheet to the farther pixel leans
+# Lengths of a degree from tables of WGS 84: 110.574 and 111.320 km at the equator, 111.132 and 78.847 km at 45 deg
+TABLE = [(0.0, 110574.3, 111319.5), (45.0, 111131.8, 78846.8)]
+
+
+def test_meters_become_degrees():
+    for latitude, per_latitude, per_longitude in TABLE:
+        for heading in [0.0, 90.0, 30.0]:
+            datum = Datum(latitude, 10.0, heading)
+            ahead = datum.locate(SE3.from_planar(1000.0, 0.0, 0.0))
+            left = datum.locate(SE3.from_planar(0.0, 1000.0, 0.0))
+            c, s = np.cos(np.radians(heading)), np.sin(np.radians(heading))
+            for found, (east, north) in ((ahead, (s, c)), (left, (-c, s))):
+                assert (found[0] - 10.0) * per_longitude == pytest.approx(1000 * east, abs=0.3)
+                assert (found[1] - latitude) * per_latitude == pytest.approx(1000 * north, abs=0.3)
+                assert found[2] == pytest.approx(1000**2 / 2 / 6.37e6, abs=0.002)  # the plane leaves the ellipsoid
+
+
+def test_key_spheres_have_compass_headings_and_edges_their_ends():
+    nodes = [KeySphere(3, 2_000_000_000, SE3.from_planar(0, 0, np.pi / 2)), KeySphere(4, 5, SE3.from_planar(9, 0, 0))]
+    edge = Edge(3, 4, SE3.identity(), np.eye(6), is_loop=True)
+    found = json.loads(geojson(SphereGraph(nodes, [edge]), Datum(43.6, 7.0, 90.0)))
+    point, other, line = found["features"]
+    assert found["type"] == "FeatureCollection"
+    assert point["properties"] == {"id": 3, "stamp_s": 2.0, "heading_deg": 0.0}  # x is east, it looks along y: north
+    assert other["properties"]["heading_deg"] == 90.0
+    assert line["properties"] == {"from": 3, "to": 4, "loop": True}
+    ends = [point["geometry"]["coordinates"], other["geometry"]["coordinates"]]
+    assert line["geometry"]["coordinates"] == ends
+
+
+def test_no_datum_is_refused():
+    for text in ["", "1,2", "91,0,0", "0,200,0", "a,b,c", "1,2,nan"]:
+        with pytest.raises(ValueError, match="lat,lon,heading"):
+            Datum.parse(text)

@@ -1,7 +1,5 @@
 """A recording of another writer, with a driver's names: inspect tells the command, which makes the same map."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from pathlib import Path
@@ -9,53 +7,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
-from rclpy.serialization import serialize_message
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.rosbag2 import StoragePlugin
 from sensor_msgs.msg import CompressedImage, Image
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, image_to_array, image_to_rgb, se3_to_transform
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.cli.main import main
+from worlds.copies import REALSENSE, ZED, copy_bag
 from worlds.recordings import FRAME, ROOM, optical, pose, rgbd, stamp, stereo, write_bag
-
-REALSENSE = {
-    "/image_raw": "/camera/camera/color/image_raw",
-    "/camera_info": "/camera/camera/color/camera_info",
-    "/depth/image_raw": "/camera/camera/aligned_depth_to_color/image_raw",
-    "/tf_static": "/tf_static",
-}
-ZED = {
-    "/left/image_raw": "/zed/zed_node/left/image_rect_color",
-    "/left/camera_info": "/zed/zed_node/left/camera_info",
-    "/right/image_raw": "/zed/zed_node/right/image_rect_color",
-    "/right/camera_info": "/zed/zed_node/right/camera_info",
-    "/tf_static": "/tf_static",
-}
-
-
-def copy_bag(source, target, names, change=lambda topic, message: message, storage=StoragePlugin.MCAP):
-    """Write a bag's messages under other names by another writer, as recorders before type hashes did."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    with BagReader(source) as bag, Writer(target, version=9, storage_plugin=storage) as writer:
-        connections = {}
-        for topic, stamp, message in bag.messages(names):
-            changed = change(names[topic], message)
-            kind = type(changed)
-            name = names[topic] + {CompressedImage: "/compressed"}.get(kind, "")
-            if name not in connections:
-                type_name = f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
-                connections[name] = writer.add_connection(name, type_name, typestore=store)
-            writer.write(connections[name], stamp, bytes(serialize_message(changed)))
-    return target
-
 
 T_IMAGE_DEPTH = SE3.exp([-0.03, 0.005, 0.0, 0.0, 0.01, 0.0])  # of a depth camera beside the colour camera
 DEPTH_CAMERA = Pinhole(212, 160, 190.0, 191.0, 104.0, 81.0)
@@ -161,44 +123,6 @@ def test_the_command_that_inspect_tells_makes_the_same_map(
 
 
 @pytest.mark.slow
-def test_a_bag_without_images_is_good_for_nothing_and_says_why(own, tmp_path, capsys):
-    copy_bag(own["rgbd"], tmp_path / "bare", {"/tf_static": "/tf_static"})
-    assert call("inspect", tmp_path / "bare") == 1
-    assert "map: expected images (--image)" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_a_damaged_compressed_image_is_refused_and_the_next_one_used(own, tmp_path, capsys):
-    number = iter(range(100))
-
-    def damage(topic, message):
-        changed = as_jpeg(topic, message)
-        if isinstance(changed, CompressedImage) and next(number) == 1:
-            changed.data = bytes(changed.data[:60])
-        return changed
-
-    bag = copy_bag(own["rgbd"], tmp_path / "damaged", REALSENSE, damage)
-    assert call("map", bag, "-o", tmp_path / "m") == 0
-    said = capsys.readouterr().out
-    assert "3 spheres placed" in said
-    assert "refused: 1 of image_raw" in said
-
-
-@pytest.mark.slow
-def test_inspect_tells_driver_mounting_and_encoding_and_takes_what_is_named(own, tmp_path, capsys):
-    bag = copy_bag(own["rgbd"], tmp_path / "foreign", REALSENSE, storage=StoragePlugin.SQLITE3)
-    assert call("inspect", bag) == 0
-    said = capsys.readouterr().out
-    assert "--driver realsense" in said
-    assert "/camera/camera/color/image_raw: usually rgb8 or bgr8, here mono8" in said
-    assert f"mounting: {FRAME}: x 0.400, y 0.000, z 1.100 m on base_link by /tf_static" in said
-    assert call("inspect", bag, "--mounting", "1,0,0,0,0,0", "--info", REALSENSE["/camera_info"]) == 0
-    assert "--mounting 1,0,0,0,0,0" in capsys.readouterr().out
-    assert call("inspect", bag, "--driver", "zed") == 2
-    assert "driver zed: expected /zed/zed_node/rgb/color/rect/image" in capsys.readouterr().err
-
-
-@pytest.mark.slow
 def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localize(own, tmp_path, capsys):
     """A folder with a database alone, a camera called otherwise, no /tf_static: nothing but the options tells it."""
     names = {
@@ -218,10 +142,3 @@ def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localize(own, tmp_path
     ours, mounted = (read_tum(tmp_path / name).T_map_body for name in ("p.tum", "q.tum"))
     camera = mounted @ SE3.from_parts(np.eye(3), [0.4, 0.0, 1.1])
     np.testing.assert_allclose(camera.translation, ours.translation, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_register_takes_the_topics_of_a_driver(own, tmp_path, capsys):
-    bag = copy_bag(own["rgbd"], tmp_path / "foreign", REALSENSE)
-    assert call("register", f"{bag}:0", f"{bag}:1", "--driver", "realsense") == 0
-    assert json.loads(capsys.readouterr().out)["is_converged"]

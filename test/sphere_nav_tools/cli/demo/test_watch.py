@@ -1,8 +1,11 @@
-"""The watch over a drive."""
+"""Nodes as processes: started, watched, ended; and the watch over a drive."""
 
 import io
+import subprocess
+import sys
 import time
 from contextlib import nullcontext
+from pathlib import Path
 
 import pytest
 from nav_msgs.msg import Odometry
@@ -12,6 +15,7 @@ from sphere_nav_tools.cli.demo import processes as processes_module
 from sphere_nav_tools.cli.demo import watch as module
 from sphere_nav_tools.cli.demo.processes import Processes
 from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
+from worlds.patience import Patience
 
 
 def truth(seconds: int, x: float) -> Odometry:
@@ -47,7 +51,7 @@ def test_however_long_nothing_happens_it_is_not_over_while_a_process_works(tmp_p
 
 
 @pytest.mark.parametrize(("speed", "ends"), [(0.0, "the car stands for 30 s"), (1.0, "")])
-def test_a_car_may_stand_for_a_while_of_simulated_time(tmp_path, speed, ends, domain):
+def test_a_car_that_stands_for_half_a_minute_of_simulated_time_has_failed(tmp_path, speed, ends, domain, monkeypatch):
     seconds, bar, shown = iter(range(1, 100)), tqdm(total=20, file=io.StringIO()), []
 
     def drive() -> bool:
@@ -57,6 +61,7 @@ def test_a_car_may_stand_for_a_while_of_simulated_time(tmp_path, speed, ends, do
         return now == 60
 
     with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
+        monkeypatch.setattr(watch.executor, "spin_once", lambda timeout_sec: None)
         verdict = pytest.raises(DriveFailed, match=ends) if ends else nullcontext()
         with verdict:
             watch.wait("drive", drive, is_moving=True, bar=bar)
@@ -77,8 +82,63 @@ def test_a_service_that_refuses_is_asked_again_a_moment_later(tmp_path, monkeypa
     assert len(pauses) == 2 + module.MAX_CALLS
 
 
-def test_waiting_ends_when_it_holds(tmp_path, domain):
-    with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
-        answers = iter([False, False, True])
-        watch.wait("three looks", lambda: next(answers), is_moving=False)
-        assert list(answers) == []
+@pytest.mark.dds
+def test_a_node_that_cannot_start_is_told_by_its_last_words(tmp_path, domain):
+    with Processes(tmp_path, domain) as processes:
+        processes.start("bag_recorder", {"output": ""})  # it needs an output
+        patience = Patience(30.0)
+        with pytest.raises(RuntimeError, match=r"bag_recorder ended with status 2: .*output"):  # noqa: PT012
+            while patience.is_left():
+                processes.check()
+                time.sleep(0.1)
+
+
+@pytest.mark.dds
+def test_a_running_node_is_ended_in_order_and_completes_its_bag(tmp_path, domain):
+    bag = tmp_path / "bag"
+    with Processes(tmp_path, domain) as processes:
+        processes.start("bag_recorder", {"output": str(bag), "topics": "/nothing"})
+        patience = Patience(30.0)
+        while "recording into" not in (tmp_path / "bag_recorder.log").read_text() and patience.is_left():
+            time.sleep(0.1)
+        processes.check()
+    assert (bag / "metadata.yaml").is_file()
+
+
+PARENT = """
+import os, sys, time
+from pathlib import Path
+from sphere_nav_tools.cli.demo.processes import Processes
+with Processes(Path(sys.argv[1]), int(os.environ["ROS_DOMAIN_ID"])) as processes:
+    processes.run("sleeper", "import os, time; print(os.getpid(), flush=True); time.sleep(60)")
+    time.sleep(60)
+"""
+
+
+@pytest.mark.dds
+def test_children_end_with_a_parent_that_is_killed(tmp_path):
+    parent = subprocess.Popen([sys.executable, "-c", PARENT, str(tmp_path)])
+    log, patience = tmp_path / "sleeper.log", Patience(30.0)
+    while not (log.is_file() and log.read_text().endswith("\n")) and patience.is_left():
+        time.sleep(0.05)
+    child = Path(f"/proc/{log.read_text().strip()}")
+    assert child.is_dir()
+    parent.kill()
+    parent.wait()
+    while child.is_dir() and patience.is_left():
+        time.sleep(0.05)
+    assert not child.is_dir()
+
+
+def test_topics_have_other_names_where_they_are_given(tmp_path, monkeypatch, domain):
+    said = []
+    monkeypatch.setattr(Processes, "run", lambda self, name, code, *words: said.append((name, words)))
+    processes = Processes(tmp_path, domain)
+    processes.start("bag_recorder", {"output": "x"}, {"pose": "mcl/pose", "other/pose": "pose"})
+    processes.start("bag_recorder", {"output": "x"})
+    file = str(tmp_path / "bag_recorder.yaml")
+    plain = ("--ros-args", "--params-file", file)
+    assert said == [
+        ("bag_recorder", (*plain, "-r", "pose:=mcl/pose", "-r", "other/pose:=pose")),
+        ("bag_recorder", plain),
+    ]

@@ -67,11 +67,11 @@ def test_a_drive_is_recorded_and_mapped_by_its_name(desk):
     assert "FAILED (3) map" in desk.describe()
 
 
-@pytest.mark.parametrize("name", ["", "../yard", "a b", "-x", "y" * 65, "ä"])
-def test_a_name_is_no_path(desk, name):
-    assert "name: expected letters, digits" in desk.record(name)
-    assert "found none" in desk.map(name)
-    assert not list(desk.folder.iterdir())
+def test_a_name_is_no_path(desk):
+    for name in ["", "../yard", "a b", "-x", "y" * 65, "ä"]:
+        assert "name: expected letters, digits" in desk.record(name)
+        assert "found none" in desk.map(name)
+        assert not list(desk.folder.iterdir())
 
 
 def test_paths_are_the_files_that_a_follower_reads(desk):

@@ -1,15 +1,10 @@
 """`sphere_nav view`: a picture without a browser, and what a drive shows."""
 
-import sys
 from argparse import ArgumentParser
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import CameraInfo, Image
 
 from sphere_nav.geometry import SE3, Pinhole
@@ -17,7 +12,6 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import array_to_image, camera_to_info
 from sphere_nav.ros.maps.reader import open_map, save_map
-from sphere_nav.spheres.graph import Experience
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.view import view
 from sphere_nav_tools.cli.view.drive import Drive
@@ -59,9 +53,8 @@ def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
+def test_misuse_is_one_line(folder, tmp_path, monkeypatch, capsys):
+    for words, expected in [
         (["--screenshot", "view.gif"], ".png, .jpg"),
         (["--screenshot", "v.png", "--size", "big"], "WxH"),
         (["--screenshot", "v.png", "--fov", "180"], "150"),
@@ -70,22 +63,13 @@ def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
         (["--sphere", "77"], "77"),
         (["--memory", "0"], "--memory"),
         (["--experience", "night"], "expected one of 'the first drive', found 'night'"),
-    ],
-)
-def test_misuse_is_one_line(folder, tmp_path, monkeypatch, capsys, words, expected):
-    monkeypatch.chdir(tmp_path)
-    assert main(["view", str(folder / "map"), *words]) == 2
-    error = capsys.readouterr().err
-    assert expected in error
-    assert error.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_without_viser_it_says_what_to_type(folder, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "viser", None)
-    assert main(["view", str(folder / "map")]) == 2
-    assert "pip install 'viser" in capsys.readouterr().err
+    ]:
+        monkeypatch.chdir(tmp_path)
+        assert main(["view", str(folder / "map"), *words]) == 2
+        error = capsys.readouterr().err
+        assert expected in error
+        assert error.count("\n") == 1
+        assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
@@ -104,9 +88,3 @@ def test_a_drive_is_localized_image_by_image(folder):
         assert "TRACKING" in shot.text
         assert shot.image.shape == (120, 160, 3)
         assert np.abs(shot.residual.astype(int) - 128).mean() < 8
-
-
-def test_an_experience_is_found_by_its_name_or_drive():
-    looks = (Experience("", "", "monday"), Experience("night", "", "tuesday"))
-    scene = SimpleNamespace(experiences=looks)
-    assert [view.find_experience(scene, name) for name in ("night", "monday", None)] == [looks[1], looks[0], None]

@@ -8,14 +8,12 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.ros.conversions import message_to_sphere, transform_to_se3
+from sphere_nav.ros.conversions import transform_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.importing.frames import DEFAULT_HZ, Folder, instants_of, open_frames, stamp_of
 from sphere_nav_tools.offline.importing.images import open_images
-from sphere_nav_tools.offline.importing.kitti import open_kitti
-from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, SIDES, read_numbers, read_pose
-from sphere_nav_tools.offline.importing.rgbd import open_seven_scenes, open_tum
-from sphere_nav_tools.offline.importing.spherical import open_spherical
+from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, SIDES
+from sphere_nav_tools.offline.importing.rgbd import open_tum
 
 LENS = Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
 SECOND = 10**9
@@ -26,19 +24,22 @@ def write(path, level=50, shape=(12, 16), kind=np.uint8):
     assert cv2.imwrite(str(path), np.full(shape, level, kind))
 
 
-@pytest.mark.parametrize(
-    ("stem", "expected"),
-    [
-        ("1403636579763555584", 1403636579763555584), ("99999999999999999", None),
-        ("1403636579.5", 1403636579 * SECOND + 500_000_000), ("100000000.25", 100000000 * SECOND + 250_000_000),
-        ("099999999.25", None), ("1403636579.1234567891", 1403636579 * SECOND + 123456789), ("0" * 18, None),
-        ("140363657976355558400000", None), ("12345678.5", None), ("12345678901", None),
-    ],
-)  # fmt: skip
-def test_a_stamp_is_told_by_its_digits(stem, expected):
-    if stem == "99999999999999999":  # 17 digits: microseconds
-        expected = 99999999999999999 * 1000
-    assert stamp_of(stem) == expected
+def test_a_stamp_is_told_by_its_digits():
+    for stem, expected in [
+        ("1403636579763555584", 1403636579763555584),
+        ("99999999999999999", None),
+        ("1403636579.5", 1403636579 * SECOND + 500_000_000),
+        ("100000000.25", 100000000 * SECOND + 250_000_000),
+        ("099999999.25", None),
+        ("1403636579.1234567891", 1403636579 * SECOND + 123456789),
+        ("0" * 18, None),
+        ("140363657976355558400000", None),
+        ("12345678.5", None),
+        ("12345678901", None),
+    ]:
+        if stem == "99999999999999999":  # 17 digits: microseconds
+            expected = 99999999999999999 * 1000
+        assert stamp_of(stem) == expected
 
 
 def test_files_come_by_their_last_number_and_not_by_their_letters(tmp_path):
@@ -78,16 +79,14 @@ def frames(number=3, stamps=None, hz=float("nan")):
     return SimpleNamespace(number=number, stamps=stamps, hz=hz, path="p", read=lambda index: None)
 
 
-@pytest.mark.parametrize(
-    ("hz", "own", "step_ns"), [(None, float("nan"), 100_000_000), (None, 25.0, 40_000_000), (50.0, 25.0, 20_000_000)]
-)
-def test_without_stamps_a_rate_counts(hz, own, step_ns):
-    found = instants_of({"a": frames(hz=own), "b": frames()}, hz)
-    assert [part["a"] for part in found] == [(k, FIRST_STAMP_NS + k * step_ns) for k in range(3)]
-    assert all(part["a"] == part["b"] for part in found)
-    assert DEFAULT_HZ == 10.0
-    with pytest.raises(ValueError, match="p: expected 3 images as of a, found 4 of b"):
-        instants_of({"a": frames(), "b": frames(4)}, hz)
+def test_without_stamps_a_rate_counts():
+    for hz, own, step_ns in [(None, float("nan"), 100_000_000), (None, 25.0, 40_000_000), (50.0, 25.0, 20_000_000)]:
+        found = instants_of({"a": frames(hz=own), "b": frames()}, hz)
+        assert [part["a"] for part in found] == [(k, FIRST_STAMP_NS + k * step_ns) for k in range(3)]
+        assert all(part["a"] == part["b"] for part in found)
+        assert DEFAULT_HZ == 10.0
+        with pytest.raises(ValueError, match="p: expected 3 images as of a, found 4 of b"):
+            instants_of({"a": frames(), "b": frames(4)}, hz)
 
 
 def test_with_stamps_an_image_belongs_to_the_nearest_within_half_a_period():
@@ -151,61 +150,6 @@ def test_topics_tell_what_a_recording_is(tmp_path):
             open_images(tmp_path, *words)
 
 
-def kitti(folder, names=("image_0", "image_1"), calibration="named"):
-    for number in (0, 3):
-        for name in names:
-            write(folder / name / f"{number:06d}.png")
-    rows = {k: [20.0, 0, 7.5, -5.0 * k, 0, 21.0, 5.5, 0, 0, 0, 1, 0] for k in range(4)}
-    text = [(f"P{k}: " if calibration == "named" else "") + " ".join(map(str, row)) for k, row in rows.items()]
-    (folder / "calib.txt").write_text("\n".join(text) + "\n")
-    return folder
-
-
-@pytest.mark.parametrize("names", [("image_0", "image_1"), ("image_l", "image_r"), ("image_2", "image_3")])
-@pytest.mark.parametrize("calibration", ["named", "bare"])
-def test_a_pair_of_kitti_has_the_baseline_between_its_two_cameras(tmp_path, names, calibration):
-    found = open_kitti(kitti(tmp_path, names, calibration))
-    assert found.views["right"].baseline_m == pytest.approx(0.25)
-    assert found.views["left"].camera == Pinhole(16, 12, 20.0, 21.0, 7.5, 5.5)
-    assert [found.stamp_ns(k) for k in range(2)] == [SECOND, SECOND + 300_000_000]  # 10 Hz by the number of the file
-    T = transforms(found)
-    np.testing.assert_allclose(T["camera_link", "right_optical"].translation, [0.0, -0.25, 0.0], atol=1e-12)
-
-
-def test_what_lacks_of_kitti_is_named(tmp_path):
-    with pytest.raises(ValueError, match="image_0: expected a folder of images, found none"):
-        open_kitti(tmp_path)
-    folder = kitti(tmp_path)
-    (folder / "times.txt").write_text("0\n1\n2\n")
-    with pytest.raises(ValueError, match=r"times\.txt: expected at least 4 rows \(image 000003\), found 3"):
-        open_kitti(folder)
-    (folder / "times.txt").write_text("0\n1\n2\n2.5\n")
-    assert open_kitti(folder).stamp_ns(1) == SECOND + 2_500_000_000
-    text = (folder / "calib.txt").read_text()
-    (folder / "calib.txt").write_text(text.replace("P1:", "P9:"))
-    with pytest.raises(ValueError, match="P1: expected 12 numbers, found 0"):
-        open_kitti(folder)
-    (folder / "calib.txt").write_text(text.replace("-5.0", "5.0"))
-    with pytest.raises(ValueError, match=r"P1: expected a camera to the right, found -0\.25 m"):
-        open_kitti(folder)
-
-
-def test_frames_of_seven_scenes_come_at_the_rate_of_a_kinect(tmp_path):
-    """30 Hz: the data set has no stamps; depth in mm, 0 and 65535 invalid."""
-    for number, depth in ((0, 1500), (3, 65535), (4, 0)):
-        write(tmp_path / f"frame-{number:06d}.color.png")
-        write(tmp_path / f"frame-{number:06d}.depth.png", depth, kind=np.uint16)
-        np.savetxt(tmp_path / f"frame-{number:06d}.pose.txt", np.eye(4))
-    found = open_seven_scenes(tmp_path, LENS, None, is_truth_of_depth=False)
-    assert [found.stamp_ns(k) for k in range(3)] == [SECOND, SECOND + 100_000_000, SECOND + 133_333_333]
-    depths = [item.images["depth"].read()[0, 0] for item in found.instants]
-    assert depths[0] == pytest.approx(1.5)
-    assert np.isnan(depths[1:]).all()
-    (tmp_path / "frame-000003.color.png").unlink()
-    with pytest.raises(ValueError, match=r"frame-000003\.color\.png: expected a file"):
-        open_seven_scenes(tmp_path, LENS, None, is_truth_of_depth=False)
-
-
 @pytest.mark.parametrize(("late_ms", "num_frames"), [(20, 2), (21, 1)])
 def test_depth_of_tum_is_of_an_image_within_twenty_milliseconds(tmp_path, late_ms, num_frames):
     for name in ("a", "b"):
@@ -220,39 +164,3 @@ def test_depth_of_tum_is_of_an_image_within_twenty_milliseconds(tmp_path, late_m
     assert found.instants[0].T_map_link.translation[0] == pytest.approx(1.0)
     if num_frames == 2:
         assert found.instants[1].T_map_link is None  # rows 50 ms apart are too far
-
-
-def test_ranges_of_equirectangular_images_are_millimeters(tmp_path):
-    write(tmp_path / "image_1.png", 70, (8, 16))
-    range_mm = np.full((8, 16), 2500, np.uint16)
-    range_mm[0], range_mm[1] = 0, 65535
-    assert cv2.imwrite(str(tmp_path / "range_1.png"), range_mm)
-    (tmp_path / "poses.tum").write_text("1.0 1 2 3 0 0 0 1\n")
-    found = open_spherical(tmp_path)
-    messages = dict(found.frame(0))
-    sphere = message_to_sphere(messages["sphere"])
-    assert np.isnan(sphere.range_m[0]).all()
-    assert np.isposinf(sphere.range_m[1]).all()
-    np.testing.assert_allclose(sphere.range_m[2:], 2.5, rtol=2e-4)
-    assert messages["ground_truth/pose"].pose.position.y == 2.0
-    (tmp_path / "poses.tum").write_text("1.0 1 2 3 0 0 0 1\n" * 2)
-    with pytest.raises(ValueError, match="expected 1 rows, one an image, found 2"):
-        open_spherical(tmp_path)
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(ValueError, match="expected folders sphere_"):
-        open_spherical(tmp_path / "empty")
-
-
-def test_tables_have_comments_and_a_number_of_columns(tmp_path):
-    path = tmp_path / "a.txt"
-    path.write_text("# head\n1, 2 3 # three\n\n4 5 6\n")
-    np.testing.assert_array_equal(read_numbers(path, 3), [[1, 2, 3], [4, 5, 6]])
-    path.write_text("1 2 3\n4 5\n")
-    with pytest.raises(ValueError, match=r"a\.txt:2: expected 3 numbers, found 2"):
-        read_numbers(path, 3)
-    np.savetxt(path, np.eye(4)[:3])
-    with pytest.raises(ValueError, match="expected 4 x 4 numbers, found 3 x 4"):
-        read_pose(path)
-    np.savetxt(path, 1.01 * np.eye(4))
-    with pytest.raises(ValueError, match=r"a\.txt: "):
-        read_pose(path)

@@ -1,20 +1,17 @@
 """Folders of images and videos become bags that the other commands read."""
 
-import dataclasses
 import json
 
 import cv2
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.importing.frames import stamp_of
 from worlds.rig import WAVES, seen, vertical_rig
 
 LENS = Pinhole(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -45,22 +42,6 @@ def wall(shift, lens=LENS):
 def write(path, image):
     path.parent.mkdir(parents=True, exist_ok=True)
     assert cv2.imwrite(str(path), image)
-
-
-@pytest.mark.parametrize(
-    ("stem", "expected"),
-    [
-        ("1403636579763555584", 1403636579763555584),
-        ("1403636579763555", 1403636579763555000),
-        ("1403636579763", 1403636579763000000),
-        ("1403636579.763555", 1403636579763555000),
-        ("000042", None),
-        ("frame-000042", None),
-        ("0.5", None),
-    ],
-)
-def test_names_that_are_times_are_stamps(stem, expected):
-    assert stamp_of(stem) == expected
 
 
 @pytest.mark.slow
@@ -119,21 +100,6 @@ def test_a_video_of_one_camera_keeps_its_rate(tmp_path):
     assert np.diff(headers(tmp_path / "bag")["image_raw"]).tolist() == [40_000_000] * 2
 
 
-def test_pairs_of_panoramas_become_spheres_with_range(tmp_path):
-    """The inside of a ball of texture, radius 3 m, seen from 0.15 m above and below its centre."""
-    window = Spherical(256, 128)
-    part = vertical_rig().cameras[0]
-    for level, z in (("top", 0.15), ("bottom", -0.15)):
-        pose = SE3.from_parts(np.eye(3), [0.0, 0.0, z])
-        write(tmp_path / "in" / level / "0.png", seen(dataclasses.replace(part, camera=window, T_rig_camera=pose)))
-    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--baseline", 0.3) == 0
-    with BagReader(tmp_path / "bag") as bag:
-        sphere = message_to_sphere(next(iter(bag.messages(["sphere"]))).message)
-    level = np.abs(np.arange(128) - 63.5) < 24
-    assert np.nanmedian(sphere.range_m[level]) == pytest.approx(3.0, rel=0.05)
-    assert np.isfinite(sphere.range_m[level]).mean() > 0.5
-
-
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -154,10 +120,3 @@ def test_what_does_not_fit_is_one_line(capsys, tmp_path, words, expected):
     error = capsys.readouterr().err.strip().splitlines()
     assert len(error) == 1
     assert expected in error[0]
-
-
-def test_images_of_another_size_are_refused_by_name(capsys, tmp_path):
-    write_rig(tmp_path / "rig.yaml", Rig((RigCamera("front", LENS, T_BODY_OPTICAL),)))
-    write(tmp_path / "in" / "0.png", np.zeros((10, 20), np.uint8))
-    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--rig", tmp_path / "rig.yaml") == 2
-    assert "image 0: expected 320 x 240 pixels, found 20 x 10" in capsys.readouterr().err

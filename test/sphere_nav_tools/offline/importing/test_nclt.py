@@ -4,14 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_cloud, pose_to_se3, stamp_ns
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.importing.nclt import open_nclt
 
 WIDTH, HEIGHT = 96, 72
 STAMPS_US = [1_326_030_975_726_043 + 200_000 * i for i in range(3)]
@@ -116,15 +113,3 @@ def test_other_files_are_refused_in_one_line(tmp_path, capsys, name, change, mes
     said = capsys.readouterr().err.strip().splitlines()
     assert len([line for line in said if "expected" in line]) == 1
     assert message in " ".join(said)
-
-
-@pytest.mark.dds
-def test_without_truth_or_clouds(tmp_path):
-    folder = session(tmp_path / "2012-01-08")
-    (folder / "groundtruth_2012-01-08.csv").unlink()
-    (folder / "velodyne_sync").rename(folder / "elsewhere")
-    recording = open_nclt(folder)
-    assert recording.truth_name == ""
-    assert {topic for topic, _ in recording.frame(0)} == {
-        f"cameras/cam{n}/{kind}" for n in (0, 5) for kind in ("image_raw", "camera_info")
-    }

@@ -4,15 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, pose_to_se3, stamp_ns
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.importing.stereo import MUNICH, open_euroc, open_four_seasons
+from sphere_nav_tools.offline.importing.stereo import MUNICH, open_euroc
 
 WIDTH, HEIGHT, COUNT = 32, 24, 3
 START, STEP = 1_403_636_579_763_555_584, 50_000_000
@@ -196,22 +194,6 @@ def test_openloris(tmp_path):
     np.testing.assert_allclose(found.matrix, expected.matrix, atol=1e-6)
 
 
-def test_rover(tmp_path):
-    folder = tmp_path / "park" / "2023-11-07"
-    names = [f"1699369621.{i}000000" for i in range(COUNT)]
-    inner = folder / "intelrealsense_D435i"
-    for name, depth in (("rgb", None), ("depth", 2500)):
-        (inner / name).mkdir(parents=True)
-        for stamp in names:
-            image = np.full((480, 640), 30, np.uint8) if depth is None else np.full((480, 640), depth, np.uint16)
-            cv2.imwrite(str(inner / name / f"{stamp}.png"), image)
-    topics, _ = imported(tmp_path, "rover", folder)
-    assert "/ground_truth/pose" not in topics
-    assert camera_from_info(topics["/camera_info"][0]).fx == pytest.approx(596.195)
-    np.testing.assert_allclose(depth_to_meters(topics["/depth/image_raw"][1]), 2.5)
-    assert stamp_ns(topics["/image_raw"][1]) == 1_699_369_621_100_000_000
-
-
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
@@ -232,10 +214,3 @@ def test_other_asl_folders_are_refused_with_the_file(tmp_path, name, change, mes
     with pytest.raises(ValueError, match=message) as error:
         open_euroc(folder)
     assert name.rsplit("/", 1)[1] in str(error.value)
-
-
-def test_a_recording_of_4seasons_needs_its_calibration(tmp_path):
-    folder = four_seasons(tmp_path / "set" / "recording")
-    (tmp_path / "set" / "calibration").rename(tmp_path / "elsewhere")
-    with pytest.raises(ValueError, match="calibration: expected that of 4Seasons"):
-        open_four_seasons(folder)

@@ -1,24 +1,34 @@
+"""A mapped drive: its truth, its survey, what is told of it, and which pairs of it are compared."""
+
+from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
-pytest.importorskip("rclpy")
-
+from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.mount import CameraMount
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.ros.bags import BagError
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.ros.bags import BagError, BagWriter
+from sphere_nav.ros.conversions import sphere_to_message
+from sphere_nav.ros.maps.writer import MapDetails
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav_tools.offline.mapping import drive as mapped
-from sphere_nav_tools.offline.mapping.drive import MappedDrive, Truth
+from sphere_nav_tools.offline.mapping.depth_drive import DepthEstimate, choose_pairs, velocity_at
+from sphere_nav_tools.offline.mapping.drive import MappedDrive, Truth, check_survey, fit_poses, move_to_truth, truth_of
+from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, replay_mapper
+from worlds.recordings import stereo, truth_of_base, write_bag
+from worlds.room import wide_room
 
 STAMPS = [1_000_000_000 * k for k in range(1, 6)]
 WAY = [SE3.from_planar(0.5 * k, 0.1 * k * k, 0.1 * k) for k in range(5)]
 T_TRUTH_MAP = SE3.exp([3.0, -2.0, 0.5, 0.0, 0.0, 1.0])
 
 
-def truth_of(poses):
+def laid_out(poses):
     matrices = np.stack([(T_TRUTH_MAP @ pose).matrix for pose in poses])
     return Truth(Trajectory(np.array(STAMPS), SE3(matrices)), is_base=False)
 
@@ -31,20 +41,20 @@ def drive():
 
 
 def test_a_drive_is_laid_on_its_truth_by_its_first_pose_or_by_all(drive):
-    for found in (drive.anchor(truth_of(WAY)), drive.fit(truth_of(WAY))):
+    for found in (drive.anchor(laid_out(WAY)), drive.fit(laid_out(WAY))):
         np.testing.assert_allclose(found.matrix, T_TRUTH_MAP.matrix, atol=1e-9)
     off = [WAY[0] @ SE3.from_planar(0.05, 0.0, 0.0), *WAY[1:]]  # the first true pose is wrong
-    errors = [float(find(truth_of(off)).distance(T_TRUTH_MAP)[0]) for find in (drive.anchor, drive.fit)]
+    errors = [float(find(laid_out(off)).distance(T_TRUTH_MAP)[0]) for find in (drive.anchor, drive.fit)]
     assert errors[0] == pytest.approx(0.05)
     assert errors[1] < 0.015
-    late = Truth(truth_of(WAY).poses.moved(SE3.identity()), is_base=False)
+    late = Truth(laid_out(WAY).poses.moved(SE3.identity()), is_base=False)
     elsewhere = Truth(Trajectory(late.poses.stamps_ns + 10**12, late.poses.T_map_body), is_base=False)
     assert drive.fit(elsewhere) is None
     assert drive.anchor(elsewhere) is None
 
 
 def test_what_is_told_counts_and_compares(drive):
-    lines = drive.summary(truth_of(WAY))
+    lines = drive.summary(laid_out(WAY))
     assert lines[0].startswith("5 spheres placed, 2 lost, 3 kept, 1 loops closed")
     assert "median 0.0 mm, max 0.0 mm" in lines[1]
     drive.mapper.num_loops, drive.stereo, drive.depth = 0, "stereo: ...", "depth: ..."
@@ -61,15 +71,15 @@ def test_a_drive_that_is_lost_says_so_and_tells_no_drift(drive):
     drive.num_lost = 6
     assert drive.loss.startswith("expected most of 11 spheres placed, found 6 lost (55%): smaller steps")
     assert "odometry" in drive.loss
-    assert len(drive.summary(truth_of(WAY))) == 1
+    assert len(drive.summary(laid_out(WAY))) == 1
     drive.num_lost = 0
     drive.mapper.trajectory = lambda: zip(STAMPS, [WAY[1]] * 5, strict=True)
-    assert "drift" not in drive.summary(truth_of([WAY[1]] * 5))[-1]  # it has not moved
+    assert "drift" not in drive.summary(laid_out([WAY[1]] * 5))[-1]  # it has not moved
 
 
 def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatch):
     graph = SphereGraph([KeySphere(k, stamp, pose) for k, (stamp, pose) in enumerate(zip(STAMPS, WAY, strict=True))])
-    drive.mapper.graph, truth = graph, truth_of(WAY)
+    drive.mapper.graph, truth = graph, laid_out(WAY)
     T, found, warnings = drive.anchor_graph("first", truth, "here/drive")
     assert (T.matrix.tolist(), warnings) == (np.eye(4).tolist(), [])
     assert found is graph
@@ -86,3 +96,178 @@ def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatc
     for unknown in (elsewhere, None):
         with pytest.raises(BagError, match="here/drive: ground_truth/pose or ground_truth/odometry: expected poses"):
             drive.anchor_graph("truth", unknown, "here/drive")
+
+
+def test_the_truth_of_the_vehicle_is_known_as_such_and_none_as_none(tmp_path):
+    write_bag(tmp_path / "base", truth_of_base, numbers=range(2))
+    write_bag(tmp_path / "none", stereo, numbers=range(1))
+    assert truth_of(tmp_path / "base").is_base
+    assert truth_of(tmp_path / "none") is None
+
+
+def test_poses_are_brought_together_by_all_of_them(rng):
+    ours = SE3.exp(rng.normal(size=(30, 6)))
+    T = SE3.exp([3.0, -1.0, 0.5, 0.2, -0.4, 2.0])
+    theirs = T @ ours
+    np.testing.assert_allclose(fit_poses(theirs, ours).matrix, T.matrix, atol=1e-12)
+    noise = np.concatenate([0.01 * rng.normal(size=(30, 3)), 0.01 * rng.normal(size=(30, 3))], axis=1)
+    off = [float(value) for value in fit_poses(theirs @ SE3.exp(noise), ours).distance(T)]
+    assert 0 < max(off) < 0.02
+
+
+def test_key_spheres_move_to_their_true_poses_where_these_are_known():
+    stamps = np.array([0, 1, 2, 4]) * 10**9
+    truth = Trajectory(stamps, SE3(np.stack([SE3.from_planar(float(x), 1.0, 0.5).matrix for x in (0, 1, 2, 4)])))
+    nodes = [KeySphere(k, int(s * 1e9), SE3.from_planar(9.0, 9.0, 0.0)) for k, s in enumerate((0.5, 2.0, 3.0, 7.0))]
+    T_base_sphere = SE3.exp([0.2, 0.0, 1.0, 0.0, 0.0, 0.1])
+    for is_base in (False, True):
+        T_pose_sphere = T_base_sphere if is_base else SE3.identity()
+        found = move_to_truth(SphereGraph(nodes), truth, T_pose_sphere)
+        expected = SE3.from_planar(0.5, 1.0, 0.5) @ T_pose_sphere
+        np.testing.assert_allclose(found[0].T_map_sphere.matrix, expected.matrix, atol=1e-9)
+        assert found[1].T_map_sphere.translation[0] != 9.0
+        for lost in (2, 3):  # between rows two seconds apart, and behind the last
+            assert found[lost].T_map_sphere.translation[0] == 9.0
+
+
+SIGMA = np.repeat([0.004, 0.001], 3)
+NUM = 12
+
+
+def graphs(rng, jumps=()):
+    """A chain of key spheres with measured edges, and its survey, wrong from some key spheres on."""
+    true = [SE3.from_planar(0.5 * k, 0.1 * k, 0.2 * k) for k in range(NUM)]
+    edges = []
+    for k in range(NUM - 1):
+        T = true[k].inverse() @ true[k + 1] @ SE3.exp(rng.normal(size=6) * SIGMA)
+        edges.append(Edge(k, k + 1, T, np.diag(1 / SIGMA**2)))
+    aligned = SphereGraph([KeySphere(k, k, T) for k, T in enumerate(true)], edges)
+    poses, T_jump = {}, SE3.identity()
+    for k, T in enumerate(true):
+        if k in jumps:
+            T_jump = T_jump @ SE3.exp([0.06, 0.0, 0.0, 0.0, 0.03, 0.0])
+        poses[k] = T @ T_jump
+    return aligned, aligned.with_poses(poses)
+
+
+def test_a_survey_that_agrees_passes_in_silence():
+    for seed in range(5):
+        assert check_survey(*graphs(np.random.default_rng(seed)), "drive") == []
+
+
+def test_a_jump_in_the_survey_is_named():
+    [warning] = check_survey(*graphs(np.random.default_rng(1), jumps=(5,)), "drive")
+    assert warning.startswith("warning: 1 of 11 motions")
+    assert "4 to 5 by" in warning
+
+
+def test_a_motion_contradicts_the_survey_once_in_ten_thousand_by_chance():
+    """Its deviations count twice, the survey has 1 cm and 0.3 deg of its own; chi2 of six degrees of freedom."""
+    for factor, is_named in [(0.99, False), (1.01, True)]:
+        for axis in [0, 2, 4]:
+            limit = np.sqrt(chi2.isf(1e-4, 6))
+            sigma = np.sqrt((2.0 * SIGMA) ** 2 + np.repeat([0.01, np.radians(0.3)], 3) ** 2)
+            xi = np.zeros(6)
+            xi[axis] = -factor * limit * sigma[axis]
+            edges = [Edge(k, k + 1, SE3.identity(), np.diag(1 / SIGMA**2)) for k in range(3)]
+            graph = SphereGraph([KeySphere(k, k, SE3.identity()) for k in range(4)], edges)
+            off = SE3.exp(xi)
+            found = check_survey(
+                graph, graph.with_poses({0: off, 1: off, 2: off}), "drive"
+            )  # the last motion alone is off
+            assert bool(found) == is_named
+            if is_named:
+                meters, radians = np.linalg.norm(xi[:3]), np.linalg.norm(xi[3:])
+                assert f"2 to 3 by {1e3 * meters:.0f} mm, {np.degrees(radians):.2f} deg (5.3 sigma)" in found[0]
+
+
+@pytest.mark.parametrize(("num_wrong", "is_refused"), [(6, False), (7, True)])
+def test_a_survey_is_refused_when_more_than_half_of_the_motions_contradict(num_wrong, is_refused):
+    edges = [Edge(k, k + 1, SE3.identity(), 1e6 * np.eye(6)) for k in range(12)]
+    graph = SphereGraph([KeySphere(k, k, SE3.identity()) for k in range(13)], edges)
+    poses = {k: SE3.from_planar(0.2 * min(k, num_wrong), 0.0, 0.0) for k in range(13)}
+    if is_refused:
+        with pytest.raises(BagError, match="7 of 12 motions"):
+            check_survey(graph, graph.with_poses(poses), "drive")
+    else:
+        (line,) = check_survey(graph, graph.with_poses(poses), "drive")
+        assert line.startswith("warning: 6 of 12 motions between key spheres contradict the survey")
+        assert line.count(" to ") == 3  # the worst by name
+
+
+# Written out: imported, a change would go unseen.
+MAX_TURN, PARALLAX = np.radians(15.0), (0.03, 0.15)
+
+
+def trajectory_of(poses):
+    return Trajectory(np.arange(len(poses)) * 100_000_000, SE3(np.stack([pose.matrix for pose in poses])))
+
+
+def test_pairs_have_parallax_and_follow_each_other():
+    way = trajectory_of([SE3.from_planar(0.05 * k, 0.0, 0.01 * k) for k in range(200)])
+    pairs = choose_pairs(way, 2.0)
+    assert len(pairs) > 8
+    assert all(first < second for first, second in pairs)
+    assert all(before[1] <= after[0] for before, after in pairwise(pairs))
+    lengths = [way.T_map_body[first].distance(way.T_map_body[second]) for first, second in pairs]
+    assert all(length >= PARALLAX[1] * 2.0 - 1e-9 and turn <= MAX_TURN for length, turn in lengths)
+
+
+def test_pairs_share_the_way_within_the_bounds_of_parallax():
+    for length, range_m, reach in [(1.6, 2.0, 0.10), (0.4, 2.0, 0.06), (40.0, 2.0, 0.30)]:
+        count = 2000
+        way = trajectory_of([SE3.from_planar(length * k / count, 0.0, 0.0) for k in range(count + 1)])
+        pairs = choose_pairs(way, range_m)
+        moved = [float(way.T_map_body[a].distance(way.T_map_body[b])[0]) for a, b in pairs]
+        assert min(moved) == pytest.approx(reach, abs=length / count + 1e-9)
+        assert max(moved) == pytest.approx(reach, abs=2 * length / count + 1e-9)
+        assert len(pairs) <= 32
+
+
+def test_a_pair_turns_by_fifteen_degrees_at_most():
+    for turn_deg, is_kept in [(14.0, True), (16.0, False)]:
+        poses = [SE3.from_planar(0.3 * k, 0.0, np.radians(turn_deg) * k) for k in range(5)]
+        assert bool(choose_pairs(trajectory_of(poses), 2.0)) == is_kept
+
+
+def test_the_velocity_keeps_its_sides_and_is_by_seconds():
+    way = trajectory_of([SE3.from_planar(0.0, -0.1 * k, 0.05 * k) for k in range(5)])  # to the right, turning left
+    found = velocity_at(way, 0)
+    assert found[0] == pytest.approx(1.0, abs=0.05)  # x of the optical axes is to the right
+    assert found[4] == pytest.approx(-0.5)  # about y, which looks down
+
+
+def test_a_verdict_tells_millimeters_and_degrees_with_their_signs():
+    T_used = SE3.exp([0.02, 0.0, 0.0, 0.0, 0.0, 0.0])
+    T_found = SE3.exp([-0.003, 0.0, 0.0, 0.0, np.radians(-0.5), 0.0]) @ T_used
+    sigma = np.array([0.001, 0.002, 0.003, *np.radians([0.1, 0.2, 0.3])])
+    found = SimpleNamespace(T_image_depth=T_found, covariance=np.diag(sigma**2), contradicts=lambda T: T is T_used)
+    line = DepthEstimate(found, T_used).verdict
+    assert "x -3.00 +- 1.00, y +0.00 +- 2.00, z " in line
+    assert "ry -0.50 +- 0.20" in line
+    assert "false alarm 0.1%" in line
+    assert DepthEstimate(found, T_found).verdict == ""
+
+
+CAMERA = Spherical(128, 64)
+SECOND = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def recipe(tmp_path_factory):
+    """Six spheres, the last one of a covered lens."""
+    room, path = wide_room(), tmp_path_factory.mktemp("replay") / "bag"
+    with BagWriter(path) as bag:
+        for number in range(1, 7):
+            sphere = room.sphere(SE3.from_planar(-0.8 + 0.1 * number, 0.1, 0.05 * number), CAMERA, 1)
+            image = sphere.image * (number < 6)
+            message = sphere_to_message(replace(sphere, image=image, stamp_ns=number * SECOND), "base_link")
+            bag.write("sphere", message, number * SECOND)
+    return Recipe(path, {}, {}, MapDetails())
+
+
+def test_a_drive_is_mapped_and_what_was_lost_is_counted(recipe):
+    drive = replay_mapper(recipe, Mapper)
+    assert [track.stamp_ns // SECOND for track in drive.mapper.tracks] == [1, 2, 3, 4, 5]
+    assert drive.num_lost == 1
+    assert drive.mapper.origin == "base_link at the first sphere, level by the mounting"

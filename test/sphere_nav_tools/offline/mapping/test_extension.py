@@ -11,8 +11,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy")
-
 from sphere_mapping.experiences.budget import Budget
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.trajectory import read_tum
@@ -174,26 +172,6 @@ def test_a_budget_is_kept_by_condensing_first(joint):
             assert (len(graph) < number) == is_left
             assert told[0] == f"{len(condensed)} key spheres are condensed for the budget"
             assert told[1:] == ([f"{number - len(graph)} key spheres left for the budget"] if is_left else [])
-
-
-def test_a_drive_that_the_map_explains_adds_nothing(drives, tmp_path, capsys):
-    with open_map(drives / "taught") as taught:
-        before = taught.graph.nodes.keys()
-    assert call("map", drives / "east", "-o", tmp_path / "both", "--extend", drives / "taught", *SETTINGS) == 0
-    assert "0 of" in capsys.readouterr().out
-    with open_map(tmp_path / "both") as both:
-        assert both.graph.nodes.keys() == before
-        assert sum(node.served for node in both.graph) > 0.0
-
-
-def test_a_drive_counts_for_what_the_map_did_not_place(drives, tmp_path):
-    """Of the same drive again the last images are in TRACKING, after a probation."""
-    taught = drives / "taught"
-    assert call("map", drives / "east", "-o", tmp_path / "both", "--extend", taught, *SETTINGS, *ALL_KEPT) == 0
-    with open_map(tmp_path / "both") as both, open_map(taught) as before:
-        own = [node.served for node in both.graph if node.id not in before.graph.nodes]
-    assert len(own) == len(before.graph)
-    assert 0 < sum(own) < len(EAST)
 
 
 def test_what_cannot_be_joined_is_one_line_before_anything_is_mapped(drives, tmp_path, capsys):

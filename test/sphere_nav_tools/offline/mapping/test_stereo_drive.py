@@ -8,11 +8,10 @@ from sphere_mapping.acquisition.stereo.track_fit import ColumnFit
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.ros.bags import BagReader
 from sphere_nav_tools.offline.mapping import stereo_drive
-from sphere_nav_tools.offline.mapping.stereo_drive import describe_disparity, find_field
+from sphere_nav_tools.offline.mapping.stereo_drive import find_field
 from worlds.recordings import stereo, write_bag
 
 # Written out: imported, a change would go unseen.
-NUM_SAMPLES = 5
 
 
 @pytest.mark.slow
@@ -23,44 +22,6 @@ def test_a_right_pair_is_left_alone(tmp_path):
     assert not any(pair.correction.columns)
     assert words.startswith("stereo: rows off by 0.")
     assert words.endswith("disparity as told")
-
-
-def test_what_is_corrected_is_told_with_its_deviations():
-    found = ColumnFit(np.array([0.7, 2.5]), np.diag([0.01, 0.04]), 300)
-    assert describe_disparity(found) == (
-        "disparity too small by 0.70 +2.50 x^2 px (x, y: tangents; deviations 0.10, 0.20, from 300 corners), corrected"
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("limit", "expected"), [(3, 3), (99, 5)])
-def test_no_more_pairs_are_expected_than_there_are_or_are_needed(tmp_path, monkeypatch, limit, expected):
-    write_bag(tmp_path / "bag", stereo, numbers=range(5))
-    totals, bar = [], stereo_drive.tqdm
-    monkeypatch.setattr(stereo_drive, "MAX_PAIRS", limit)
-    monkeypatch.setattr(
-        stereo_drive, "tqdm", lambda total, **words: [totals.append(total), bar(total=total, **words)][1]
-    )
-    with BagReader(tmp_path / "bag") as bag:
-        find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
-    assert totals == [expected]
-
-
-@pytest.mark.slow
-def test_a_long_drive_is_not_read_beyond_the_pairs_that_are_needed(tmp_path, monkeypatch):
-    write_bag(tmp_path / "bag", stereo, numbers=range(20))
-    monkeypatch.setattr(stereo_drive, "MAX_PAIRS", 4)
-    lefts = []
-    with BagReader(tmp_path / "bag") as bag:
-        decode = bag.decode
-
-        def count(topic, data, kind):
-            lefts.extend([topic] * (topic == "/left/image_raw"))
-            return decode(topic, data, kind)
-
-        monkeypatch.setattr(bag, "decode", count)
-        find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
-    assert 4 <= len(lefts) <= NUM_SAMPLES + 6
 
 
 @pytest.mark.parametrize(
@@ -74,22 +35,3 @@ def test_the_disparity_is_corrected_where_chance_would_hardly_give_what_is_off(t
         pair, found = find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
     assert words in found
     assert tuple(pair.correction.columns) == (tuple(columns) if words == "too small" else StereoField().columns)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("limit", "number"), [(400, 10), (5, 5), (2, 2)])
-def test_corners_are_followed_in_windows_spread_over_the_drive(tmp_path, monkeypatch, limit, number):
-    """Windows of two of ten pairs, `limit` of them at most; a window may begin where the last one ended."""
-    write_bag(tmp_path / "bag", stereo, numbers=range(10))
-    followed = []
-
-    def follow(camera, baseline_m, left, right):
-        followed.append((len(left), len(right)))
-
-    monkeypatch.setattr(stereo_drive, "NUM_VIEWS", 2)
-    monkeypatch.setattr(stereo_drive, "MAX_WINDOWS", limit)
-    monkeypatch.setattr(stereo_drive, "follow_window", follow)
-    with BagReader(tmp_path / "bag") as bag:
-        find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
-    assert set(followed) == {(2, 2)}
-    assert len(followed) == min(number, 5)

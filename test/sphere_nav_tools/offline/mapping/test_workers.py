@@ -1,11 +1,18 @@
+"""Work by other processes, and stitching ahead."""
+
 import os
 import sys
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-pytest.importorskip("rclpy")
-
+from sphere_nav.ros.bags import BagError
+from sphere_nav_tools.offline.mapping import plan
+from sphere_nav_tools.offline.mapping.plan import stitcher_values
+from sphere_nav_tools.offline.mapping.stitcher_ahead import StitcherAhead
 from sphere_nav_tools.offline.mapping.workers import Workers
 
 HERE = os.path.realpath("/proc/self")
@@ -39,19 +46,6 @@ def test_a_worker_that_is_gone_is_one_line():
         list(workers.run(os._exit, [1, 1, 1]))
 
 
-@pytest.mark.slow
-def test_a_worker_of_a_cluster_that_is_gone_is_one_line():
-    distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
-    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
-    with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        distributed.LocalCluster(**options) as cluster,
-        pytest.raises(OSError, match=r"^--scheduler: expected workers to the end, found one gone: KilledWorker$"),
-        Workers(scheduler=cluster.scheduler_address) as workers,
-    ):
-        list(workers.run(os._exit, [1, 1]))
-
-
 def test_without_dask_or_a_scheduler_it_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ValueError, match=r"^--scheduler: expected the package distributed, found none: pip install"):
@@ -65,3 +59,63 @@ def test_without_dask_or_a_scheduler_it_is_one_line(monkeypatch):
         ValueError, match=r"^--scheduler tcp://nowhere:1: expected a Dask scheduler, found none: timed out"
     ):
         Workers(scheduler="tcp://nowhere:1")
+
+
+def make(stitch, *, is_settled=False):
+    """Return a stitcher without a rig, and the list of what it publishes."""
+    node, published = StitcherAhead.__new__(StitcherAhead), []
+    node.pool, node.coming, node._known = ThreadPoolExecutor(1), deque(), b""
+    node.stitcher = SimpleNamespace(stitch=stitch, is_settled=is_settled)
+    node.publish = published.append
+    return node, published
+
+
+def instant(stamp):
+    return SimpleNamespace(images={}, sync=SimpleNamespace(stamp_ns=stamp), points=None, depths=None)
+
+
+def test_a_sphere_is_published_some_instants_later():
+    node, published = make(lambda images, stamp, points, depths: SimpleNamespace(sphere=stamp))
+    for stamp, before in ((1, []), (2, []), (3, [1]), (4, [1, 2])):
+        node.stitch(instant(stamp))
+        assert published == before
+    while node.coming:
+        node.publish_next()
+    assert published == [1, 2, 3, 4]
+
+
+def test_what_cannot_be_stitched_is_told_where_its_sphere_is_due():
+    def stitch(images, stamp, points, depths):
+        raise ValueError("top_left: image: expected 416 x 416")
+
+    node, published = make(stitch)
+    node.stitch(instant(1))
+    with pytest.raises(ValueError, match="top_left"):
+        node.publish_next()
+    assert published == []
+
+
+def arguments(**values):
+    return SimpleNamespace(
+        **({"anchor": "truth", "bag": Path("here/drive"), "rig": None, "jobs": 1, "scheduler": ""} | values)
+    )
+
+
+def test_cameras_need_the_file_of_their_rig():
+    with pytest.raises(BagError, match="drive: expected --rig with the rig file of its cameras, found none"):
+        stitcher_values(SimpleNamespace(path="drive"), {}, arguments())
+
+
+def test_the_stitcher_of_a_bag_has_the_processes_of_the_command_and_waits_for_late_images(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
+    monkeypatch.setattr(plan.topics, "find_rig_topics", lambda bag, names, chosen: dict.fromkeys(names, "/x"))
+    given = arguments(rig=tmp_path / "rig.yaml", set_stitcher={"stitch.width": 256, "jobs": 9})
+    values, remap = stitcher_values(SimpleNamespace(path="drive"), {}, given)
+    assert remap == {"a": "/x", "b": "/x"}
+    assert values == {
+        "sync.deadline_s": 10.0, "stitch.width": 256, "rig": str(tmp_path / "rig.yaml"), "transport": "raw", "jobs": 2,
+    }  # fmt: skip
+    given.set_stitcher = {"sync.deadline_s": 3.0}
+    assert stitcher_values(SimpleNamespace(path="drive"), {}, given)[0]["sync.deadline_s"] == 3.0
+    given.jobs = 2
+    assert stitcher_values(SimpleNamespace(path="drive"), {}, given)[0]["jobs"] == 1  # beside another process

@@ -1,0 +1,198 @@
+"""Wrong inputs by those who know the format: bombs, logs, views, pipes, links, control characters, deep nesting.
+
+Each is made from a valid sample, with a number or a name of its own, and must be refused in one line or be read.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.abuse.fuzz_samples import Samples
+from benchmarks.abuse.mutations import INTEGERS, mutate_bytes
+from mcl_depth.geometry.files import read_geometry
+from path_follower.params import FollowerParams
+from path_follower.path_files import read_path
+from rig_calibration.boards.board import read_boards
+from sphere_nav.geometry.files.encoded import read_image_file
+from sphere_nav.geometry.files.foreign_rig import read_foreign_cameras
+from sphere_nav.geometry.files.rig_file import read_rig
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.camera.drivers import read_driver
+from sphere_nav.ros.camera.mounting import read_mounting
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.service import one_line
+
+Readers = dict[str, tuple[Path, Callable[[Path], Any]]]
+Attempt = Callable[[np.random.Generator, Path], None]
+FIELDS = (b"\x1b[2J", b"\x00", b"\r", b"\x7f", "\u202e".encode(), b"\n", b"%s%n", b"../../etc/passwd", b"a" * 5000)
+STATEMENTS = (
+    "ALTER TABLE {t} RENAME TO old; CREATE VIEW {t} AS SELECT * FROM old",
+    "ALTER TABLE {t} RENAME TO old; CREATE VIEW {t} AS WITH RECURSIVE c(id, topic_id, timestamp, data, name, type) AS"
+    " (SELECT {n}, 1, 1, x'00', 'a', 'b' UNION ALL SELECT id + 1, 1, 1, x'00', 'a', 'b' FROM c) SELECT * FROM c",
+    "CREATE TRIGGER t AFTER INSERT ON {t} BEGIN DELETE FROM {t}; END",
+    "ALTER TABLE {t} ADD COLUMN g AS (zeroblob({n}))",
+    "UPDATE messages SET {c} = {n}",
+    "UPDATE messages SET {c} = '{w}'",
+    "UPDATE messages SET {c} = zeroblob({n} % 300000000) WHERE id = 1",
+    "UPDATE topics SET id = {n}",
+    "UPDATE topics SET name = '{w}', type = '{w}'",
+    "CREATE TABLE s AS SELECT * FROM topics; DROP TABLE topics; CREATE TABLE topics AS SELECT s.* FROM s, messages",
+    "UPDATE schema SET schema_version = {n}",
+    "DROP TABLE {t}",
+    "CREATE VIRTUAL TABLE v USING fts5(a)",
+    "PRAGMA page_size = 65536; VACUUM",
+    "PRAGMA user_version = {n} % 2147483648; PRAGMA application_id = {n} % 2147483648",
+    "PRAGMA encoding = 'UTF-16'; VACUUM",
+)
+
+
+def make_attacks(samples: Samples) -> list[tuple[str, Attempt, float]]:
+    """Return name, attempt and share of all attacks."""
+    readers = _readers(samples)
+    texts = {name: pair for name, pair in readers.items() if name not in ("bag", "map", "image", "laz", "sqlite3")}
+    return [
+        ("no regular file", partial(_no_file, readers), 1.0),
+        ("characters and nesting", partial(_texts, texts), 2.0),
+        ("sqlite3 statements", partial(_statements, samples.foreign_bags[0]), 1.0),
+        ("sqlite3 log", partial(_log, samples.foreign_bags[0]), 0.5),
+    ]
+
+
+def _readers(samples: Samples) -> Readers:
+    params = FollowerParams()
+    return {
+        "rig": (samples.rig, read_rig),
+        "kalibr": (samples.kalibr, lambda path: read_foreign_cameras([path])),
+        "opencv": (samples.opencv, lambda path: read_foreign_cameras([path])),
+        "basalt": (samples.basalt, lambda path: read_foreign_cameras([path])),
+        "driver": (samples.driver, lambda path: read_driver(str(path))),
+        "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
+        "boards": (samples.boards, read_boards),
+        "tum": (samples.tum, read_tum),
+        "path": (samples.path_csv, lambda path: read_path(path, params)),
+        "plan": (next(path for path in samples.geometry if path.suffix == ".csv"), read_geometry),
+        "ply": (next(path for path in samples.geometry if path.name == "faces.ply"), read_geometry),
+        "npy": (samples.geometry[0], read_geometry),
+        "laz": (samples.geometry[-1], read_geometry),
+        "image": (samples.png, lambda path: read_image_file(path, -1)),
+        "bag": (samples.bag, _read_bag),
+        "sqlite3": (samples.foreign_bags[0], _read_bag),
+        "map": (samples.map / "map.mcap", lambda path: open_map(path).close()),
+    }
+
+
+def _read_bag(path: Path) -> None:
+    with BagReader(path, is_empty_allowed=True) as bag:
+        for topic, _, _ in bag.raw():
+            assert topic.isprintable(), f"accepted the topic {topic!r}"
+
+
+def _no_file(readers: Readers, rng: np.random.Generator, folder: Path) -> None:
+    """Pipes, sockets, folders, links in a circle, to devices, to nothing; names that a terminal would obey."""
+    sample, read = list(readers.values())[rng.integers(len(readers))]
+    name = ["odd", "odd\x1b[2J", "odd\nname", "odd\u202e", "-odd", "odd'\";rm"][rng.integers(6)]
+    path = folder / f"{name}{sample.suffix}"
+    kind = int(rng.integers(8))
+    try:
+        match kind:
+            case 0:
+                os.mkfifo(path)
+            case 1:
+                path.mkdir()
+            case 2:
+                path.symlink_to(path)
+            case 3:
+                path.symlink_to(["/dev/zero", "/dev/stdin", "/proc/self/mem", "/proc/kmsg"][rng.integers(4)])
+            case 4:
+                path.symlink_to(folder / "nothing")
+            case 5:
+                os.link(sample, path)
+            case 6:
+                path.touch()
+                os.truncate(path, int(rng.choice([1, 1 << 20, 1 << 33, 1 << 40])))  # a file with a hole
+            case _:
+                path.write_bytes(mutate_bytes(sample.read_bytes(), rng))
+        read(path)
+    except (ValueError, OSError) as error:
+        line = one_line(error)
+        assert line.isprintable(), f"a line that a terminal obeys: {line!r}"
+        raise ValueError(line) from None
+    finally:
+        with suppress(FileNotFoundError):
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+
+
+def _texts(texts: Readers, rng: np.random.Generator, folder: Path) -> None:
+    """Characters that a terminal or a parser would obey; lists in lists, aliases of aliases, numbers without end."""
+    sample, read = list(texts.values())[rng.integers(len(texts))]
+    deep, many, data = int(2 ** rng.integers(1, 16)), int(rng.integers(2, 12)), sample.read_bytes()
+    anchors = "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * many) if i else '1'}]\n" for i in range(many))
+    nested = ["[" * deep, "{a: " * deep, "[" * deep + "]" * deep, '{"a":' * deep + "1" + "}" * deep, anchors]
+    nested += ["? " * deep, "- " * deep, "9" * deep, "1:" * deep + "1", "<<: " * min(deep, 99), "&a [*a]"]
+    nested += ["!!binary " + "A" * deep, "!!set {" + ",".join(map(str, range(min(deep, 3000)))) + "}"]
+    words = [*FIELDS, *(text.encode() for text in nested)]
+    for _ in range(int(rng.integers(1, 4))):
+        places = [place + 1 for place, byte in enumerate(data) if byte in b":,=[ "] or [0]
+        place = places[rng.integers(len(places))] if rng.random() < 0.7 else int(rng.integers(len(data) + 1))
+        data = data[:place] + words[rng.integers(len(words))] + data[place:]
+    path = folder / f"texts{sample.suffix}"
+    path.write_bytes(words[rng.integers(len(words))] if rng.random() < 0.1 else data)
+    read(path)
+
+
+def _statements(sample: Path, rng: np.random.Generator, folder: Path) -> None:
+    """What SQL can do to a bag."""
+    path = folder / "statements.db3"
+    shutil.copy(sample, path)
+    words = {
+        "t": ["messages", "topics", "schema", "metadata", "message_definitions"][rng.integers(5)],
+        "c": ["id", "topic_id", "timestamp", "data"][rng.integers(4)],
+        "n": INTEGERS[rng.integers(len(INTEGERS))] % 2**63,
+        "w": ["", "x", "/a\x1b[2J", "a\nb", "é", "x" * 100_000][rng.integers(6)],
+    }
+    with closing(sqlite3.connect(path)) as database:
+        database.set_progress_handler(partial(next, iter([0] * 100), 1), 10_000)  # what has no end is given up
+        for _ in range(int(rng.integers(1, 3))):
+            with suppress(sqlite3.Error):
+                database.executescript(STATEMENTS[rng.integers(len(STATEMENTS))].format(**words))
+    _read_bag(path)
+
+
+def _log(sample: Path, rng: np.random.Generator, folder: Path) -> None:
+    """A write-ahead log, or a journal, that is whole, wrong, or no file."""
+    here = folder / "log"
+    shutil.rmtree(here, ignore_errors=True)
+    here.mkdir()
+    path, source = here / "log.db3", folder / "source.db3"
+    shutil.copy(sample, source)
+    with closing(sqlite3.connect(source)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        database.execute("UPDATE messages SET timestamp = timestamp + 1")
+        database.commit()
+        shutil.copy(source, path)
+        log = Path(f"{source}-wal").read_bytes()
+    side = Path(f"{path}{['-wal', '-journal', '-shm'][rng.integers(3)]}")
+    match int(rng.integers(6)):
+        case 0:
+            os.mkfifo(side)
+        case 1:
+            side.mkdir()
+        case 2:
+            side.symlink_to("/dev/zero")
+        case 3:
+            side.write_bytes(log)
+        case _:
+            side.write_bytes(mutate_bytes(log, rng))
+    if rng.random() < 0.3:
+        path.write_bytes(mutate_bytes(path.read_bytes(), rng))
+    _read_bag(path)

@@ -1,0 +1,216 @@
+"""Recordings of anybody's: `inspect` each, run every command that it prints to its end, count the lines of refusals."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import tempfile
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+from benchmarks.abuse.zoo_bags import RIG_NAMES, Exhibit, base_pose, exhibits, rig, six_cameras, write_room
+from benchmarks.abuse.zoo_writers import ros2
+from benchmarks.report import Bound, Headline, Report, Table
+from sphere_nav.geometry import Rig
+from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.offers import CLOUD_FILE, MAP, RIG_FILE
+
+HELP = "recordings written by other libraries: does every command that inspect prints succeed"
+# What a user of so small images and so bare a room would add.
+FEWER_PIXELS = ("--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4")
+SMALL_SPHERES = ("--set-stitcher", "stitch.width=256")
+SMALL_ROOM = ("area.step=0.5", "resampling.num_particles=200", "synthesis.num_columns=180")
+NEVER_FOUND = 1  # status of `mcl` where it located no image: a bare box looks the same from many places
+
+
+@dataclass
+class Visit:
+    """What came of one exhibit: the jobs that were offered, and what was not as it should be, a line each."""
+
+    name: str
+    jobs: list[str] = field(default_factory=list)
+    num_commands: int = 0
+    num_refusals: int = 0
+    faults: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a command said, and its status."""
+
+    status: int
+    out: str
+    err: str
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--only", default="", metavar="WORD", help="recordings whose name has this word (all)")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Visit the whole zoo, or every ninth recording from one that the seed says."""
+    chosen = [one for one in exhibits() if options.only in one.name]
+    if options.size == "quick" and not options.only:
+        chosen = chosen[options.seed % 9 :: 9]
+    with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as name:
+        keeper = Keeper(Path(name))
+        visits = [keeper.visit(one) for one in chosen]
+    report, rows = Report("zoo"), []
+    for v in visits:
+        counts = v.num_commands, v.num_refusals, len(v.faults)
+        rows.append((v.name, ", ".join(v.jobs) or "nothing", *map(str, counts), f"{v.seconds:.1f}"))
+    columns = ("recording", "offered", "commands run", "refusals", "faults", "s")
+    report.tables.append(Table("Recordings", columns, rows))
+    faults = [(visit.name, fault.replace("|", "/")) for visit in visits for fault in visit.faults]
+    if faults:
+        report.tables.append(Table("Faults", ("recording", "what"), faults))
+    num_commands, num_refusals = (sum(getattr(v, name) for v in visits) for name in ("num_commands", "num_refusals"))
+    what, told = f"faults in {num_commands} commands and {num_refusals} refusals", f"{len(visits)} foreign recordings"
+    report.bounds.append(Bound(what, 0, len(faults), "", headline=Headline("robustness", told)))
+    return report
+
+
+def call(*words: str) -> Said:
+    """Run a command of sphere_nav."""
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        try:
+            status = main([*map(str, words)])
+        except SystemExit as end:
+            status = int(end.code or 0)
+    return Said(status, out.getvalue(), err.getvalue())
+
+
+def joined(text: str) -> str:
+    """Return a text as one line."""
+    return " ".join(text.split())
+
+
+class Keeper:
+    """Builds exhibits in a folder and does with each what `inspect` says can be done."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._room = write_room(folder / "room.ply")
+        self._whole: Path | None = None
+        self._last: Path | None = None  # a map
+
+    def visit(self, exhibit: Exhibit) -> Visit:
+        """Return what came of one."""
+        started, visit = time.monotonic(), Visit(exhibit.name)
+        folder = self._folder / exhibit.name
+        folder.mkdir()
+        bag = exhibit.build(folder)
+        with contextlib.chdir(folder):
+            self._inspect(visit, exhibit, bag)
+        visit.seconds = time.monotonic() - started
+        return visit
+
+    def _inspect(self, visit: Visit, exhibit: Exhibit, bag: Path) -> None:
+        said = call("inspect", str(bag), "--json", "offer.json")
+        if said.status == 2 or not Path("offer.json").exists():
+            visit.faults.append(f"inspect: expected offers, found {joined(said.err)!r}")
+            return
+        offers = json.loads(Path("offer.json").read_text())["jobs"]
+        visit.jobs = [offer["job"] for offer in offers if offer["command"]]
+        if set(visit.jobs) != set(exhibit.jobs):
+            missing = "; ".join(offer["missing"] for offer in offers if offer["missing"])
+            expected = ", ".join(exhibit.jobs) or "nothing"
+            visit.faults.append(f"inspect: expected {expected}, found {', '.join(visit.jobs) or 'nothing'}: {missing}")
+        for offer in offers:
+            visit.num_refusals += not offer["command"]
+            if not offer["command"] and (not offer["missing"] or "\n" in offer["missing"]):
+                visit.faults.append(f"inspect: {offer['job']}: expected one line, found {offer['missing']!r}")
+            if not offer["command"] and len([w for w in said.out.splitlines() if w.startswith(offer["job"])]) != 1:
+                visit.faults.append(f"inspect: {offer['job']}: expected one line in what is printed")
+        if exhibit.words not in "; ".join(offer["missing"] for offer in offers if not offer["command"]):
+            told = [offer["missing"] for offer in offers if offer["missing"]]
+            visit.faults.append(f"inspect: expected words {exhibit.words!r}, found {told}")
+        for offer in offers:
+            if offer["command"]:
+                visit.num_commands += 1
+                self._carry_out(visit, offer["job"], offer["command"][1:], exhibit)
+            elif offer["job"] != "mcl":
+                self._try_without(visit, offer["job"], bag)
+
+    def _carry_out(self, visit: Visit, job: str, command: Sequence[str], exhibit: Exhibit) -> None:
+        """Run a command that was offered; what stands for a file of the user is one."""
+        if RIG_FILE in command:
+            write_rig(RIG_FILE, named_rig(command))
+        words = [self._own(word, job, exhibit) for word in command]
+        words += {"map": SMALL_SPHERES * (RIG_FILE in command), "localize": FEWER_PIXELS}.get(job, ())
+        if job == "mcl":
+            words += [word for setting in SMALL_ROOM for word in ("--set", setting)]
+            words += [
+                "--initial-pose=" + ",".join(f"{v:.4f}" for v in [*base_pose(0).translation, *base_pose(0).quaternion])
+            ]
+            words += ["--json", "mcl.json"]
+        said = call(*words)
+        if job == "mcl" and said.status == NEVER_FOUND and json.loads(Path("mcl.json").read_text())["images"] > 0:
+            return
+        self._succeed(visit, said, job)
+
+    def _own(self, word: str, job: str, exhibit: Exhibit) -> str:
+        if word == CLOUD_FILE:
+            return str(self._room)
+        if word != MAP:
+            return word
+        made = next(iter(sorted(Path().glob("*_map/map.mcap"))), None)
+        self._last = made.parent.absolute() if made else self._whole_map()
+        return str(self._last)
+
+    def _whole_map(self) -> Path:
+        """Return a map of the room in all directions."""
+        if self._whole is None:
+            folder = self._folder / "whole"
+            folder.mkdir()
+            bag = Exhibit("rig", partial(six_cameras, num=2), ros2()).build(folder)
+            write_rig(folder / RIG_FILE, rig())
+            words = [f"--camera={name}=/{name}/image_raw" for name in RIG_NAMES]
+            said = call(
+                "map", str(bag), "-o", str(folder / "m"), "--rig", str(folder / RIG_FILE), *words, *SMALL_SPHERES
+            )
+            if said.status:
+                raise ValueError(f"{folder}: expected a map, found {joined(said.err)}")
+            self._whole = folder / "m"
+        return self._whole
+
+    def _try_without(self, visit: Visit, job: str, bag: Path) -> None:
+        """Run a command that was not offered: it is refused in one line, too."""
+        if job == "map":
+            self._refused(visit, call("map", str(bag), "-o", "never"))
+        else:
+            sphere_map = self._last or self._whole_map()
+            self._refused(visit, call("localize", str(sphere_map), str(bag), "-o", "never.tum"))
+
+    @staticmethod
+    def _refused(visit: Visit, said: Said) -> None:
+        visit.num_refusals += 1
+        lines = [line for line in said.err.splitlines() if line.strip()]
+        if said.status != 2 or len(lines) != 1:
+            found = f"status {said.status}, {len(lines)} lines: {joined(said.err)[:300]}"
+            visit.faults.append(f"expected a refusal in one line, found {found}")
+
+    @staticmethod
+    def _succeed(visit: Visit, said: Said, what: str) -> None:
+        if said.status != 0:
+            found = f"status {said.status}: {joined(said.err)[:300] or joined(said.out)[:300]}"
+            visit.faults.append(f"{what}: expected status 0, found {found}")
+
+
+def named_rig(command: Iterable[str]) -> Rig:
+    """Return the rig with the names that a command gives its cameras."""
+    parts = []
+    for word in command:
+        if word.startswith("--camera="):
+            _, name, topic = word.split("=")
+            own = max((known for known in RIG_NAMES if known in topic), key=len)
+            parts.append(replace(rig().camera(own), name=name))
+    return Rig(tuple(parts))

@@ -1,0 +1,176 @@
+"""Odometry that stands still, wheels that slip, a vehicle that is carried off: no TRACKING may outlive the images.
+
+Every drive is driven as it is, and again with each fault from image 12 on. Images are those of the drive; only odometry
+is another, or the drive goes on elsewhere. What counts is the status TRACKING of a pose beyond 1 m or 10 deg later than
+three images after the fault began, and what the same drive loses while nothing is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.bare import trials
+from benchmarks.bare.drives import Drive, Studio, kidnapped_line
+from benchmarks.bare.trials import NEAR_M, Trial, run_filter
+from benchmarks.report import Bound, Headline, Report, Table
+from mcl_depth.belief.motion_model import compose_planar, relative_motion
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.localization.status import Reason
+
+HELP = "MCL with odometry that stands or slips, carried off: TRACKING beyond 1 m; and what healthy drives lose"
+COUNTS = {"quick": (3, 1), "full": (10, 2)}  # drives of each kind in a town, towns
+NUM_IMAGES, FAULT = 36, 12  # of a drive; the first image that a fault spoils
+GRACE = 3  # images after that
+STEPS = (0.15, 0.5, 1.0)  # between images, m
+MAX_SLIP = 0.3  # of the way, more or less than there was
+SKIPPED = 6  # images of the drive, over which the vehicle is carried along its own street
+START_SIGMA = np.array([0.3, 0.3, np.radians(3.0)])  # of the start that is given, m, m, rad
+MAX_LOSS, MAX_FALSE = 1.0, 0.1  # of the images of healthy drives: not TRACKING; said to contradict odometry, %
+
+Fault = Callable[[Drive, Drive, float], Drive]  # of a drive, with another one, 0 to 1 by number
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    trials.add_arguments(parser)
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Drive every drive in every way."""
+    count, num_towns = COUNTS[options.size]
+    found: dict[str, list[Trial]] = {name: [] for name in FAULTS}
+    for seed in range(options.seed, options.seed + num_towns):
+        _drive(seed, count, options.likeness, found)
+    report, rows = Report("contradictions"), [_row(name, these) for name, these in found.items()]
+    head = ("fault", "drives", "TRACKING before", "TRACKING after", "wrong", "DEGRADED wrong", "right at end")
+    title = f"Images from {FAULT + GRACE} on, poses beyond {NEAR_M:g} m or 10 deg are wrong"
+    report.tables.append(Table(title, head, rows))
+    report.bounds += _bounds(found)
+    return report
+
+
+def _drive(town: int, count: int, likeness: str, found: dict[str, list[Trial]]) -> None:
+    """Add what the filter says of the drives of one town, by fault."""
+    site, plan = trials.town(town, likeness)
+    studio, drives = Studio("town", town), []
+    for number in range(count):
+        rng = np.random.default_rng([town, number, 113])
+        line = kidnapped_line(plan, NUM_IMAGES + SKIPPED, STEPS[number % len(STEPS)], rng)
+        drives.append(studio.record(line, 900 + number))
+    for number, drive in enumerate(drives):
+        start = drive.truth(0) + START_SIGMA * np.random.default_rng([number, 127]).standard_normal(3)
+        for name, spoil in FAULTS.items():
+            spoiled = spoil(drive, drives[number - 1], number / max(count - 1, 1))
+            found[name].append(run_filter(site, spoiled, number, start=(start, START_SIGMA)))
+
+
+def healthy(drive: Drive, other: Drive, share: float) -> Drive:
+    """Return the drive as it is."""
+    return _cut(drive, np.arange(NUM_IMAGES), drive.odometry[:NUM_IMAGES])
+
+
+def frozen(drive: Drive, other: Drive, share: float) -> Drive:
+    """Return the drive with odometry that stands still while the car drives on."""
+    rows = np.minimum(np.arange(NUM_IMAGES), FAULT - 1)
+    return _cut(drive, np.arange(NUM_IMAGES), drive.odometry[rows])
+
+
+def slipping(drive: Drive, other: Drive, share: float) -> Drive:
+    """Return the drive with wheels whose way is up to 30 % longer (spinning) or shorter (locked) than that driven."""
+    scale = 1.0 + MAX_SLIP * (2.0 * share - 1.0)
+    return _cut(
+        drive, np.arange(NUM_IMAGES), _rolled(drive.odometry[:NUM_IMAGES], lambda i: scale if i >= FAULT else 1.0)
+    )
+
+
+def carried_on(drive: Drive, other: Drive, share: float) -> Drive:
+    """Return the drive with some of its way carried: the wheels stand, and roll again further along the street."""
+    rows = np.concatenate([np.arange(FAULT), np.arange(FAULT + SKIPPED, NUM_IMAGES + SKIPPED)])
+    return _cut(drive, rows, _spliced(drive.odometry, drive.odometry, rows))
+
+
+def carried_off(drive: Drive, other: Drive, share: float) -> Drive:
+    """Return a drive that goes on where another one does: lifted, and put down anywhere."""
+    rows = np.arange(NUM_IMAGES)
+    matrices = np.concatenate([drive.T_map_base.matrix[:FAULT], other.T_map_base.matrix[FAULT:NUM_IMAGES]])
+    return replace(
+        drive,
+        images=np.concatenate([drive.images[:FAULT], other.images[FAULT:NUM_IMAGES]]),
+        tilts=np.concatenate([drive.tilts[:FAULT], other.tilts[FAULT:NUM_IMAGES]]),
+        T_map_base=SE3.from_matrix(matrices),
+        odometry=_spliced(drive.odometry, other.odometry, rows),
+    )
+
+
+FAULTS: dict[str, Fault] = {
+    "healthy": healthy,
+    "frozen": frozen,
+    "slipping": slipping,
+    "carried on": carried_on,
+    "carried off": carried_off,
+}
+
+
+def _cut(drive: Drive, rows: NDArray[np.integer], odometry: Array) -> Drive:
+    """Return some images of a drive, with other odometry."""
+    poses = SE3.from_matrix(drive.T_map_base.matrix[rows])
+    return replace(drive, images=drive.images[rows], tilts=drive.tilts[rows], T_map_base=poses, odometry=odometry)
+
+
+def _rolled(odometry: Array, scale: Callable[[int], float]) -> Array:
+    """Return odometry whose way before each image is scaled."""
+    poses = [odometry[0]]
+    for index, (before, after) in enumerate(pairwise(odometry), 1):
+        motion = relative_motion(before, after) * [scale(index), scale(index), 1.0]
+        poses.append(compose_planar(poses[-1][None], motion)[0])
+    return np.array(poses)
+
+
+def _spliced(before: Array, after: Array, rows: NDArray[np.integer]) -> Array:
+    """Return odometry that stands still at the fault, and then goes on by that of the rows of another drive."""
+    poses = [*before[:FAULT], before[FAULT - 1]]
+    for index in rows[FAULT + 1 :]:
+        poses.append(compose_planar(poses[-1][None], relative_motion(after[index - 1], after[index]))[0])
+    return np.array(poses)
+
+
+def _later(trials: Sequence[Trial], what: Callable[[Trial], NDArray[np.bool_]]) -> int:
+    return int(sum(what(trial)[FAULT + GRACE :].sum() for trial in trials))
+
+
+def _row(name: str, trials: Sequence[Trial]) -> tuple[str, ...]:
+    images = sum(len(trial.states) - FAULT - GRACE for trial in trials)
+    before = np.mean([trial.is_tracking[FAULT - 1] & trial.is_right[FAULT - 1] for trial in trials])
+    degraded = _later(trials, lambda trial: trial.is_trusted & ~trial.is_tracking & ~trial.is_right)
+    return (
+        name,
+        str(len(trials)),
+        f"{100.0 * before:.0f} %",
+        f"{_later(trials, lambda trial: trial.is_tracking)} of {images}",
+        str(_later(trials, lambda trial: trial.is_tracking & ~trial.is_right)),
+        str(degraded),
+        f"{100.0 * np.mean([trial.has_converged for trial in trials]):.0f} %",
+    )
+
+
+def _bounds(found: dict[str, list[Trial]]) -> list[Bound]:
+    spoiled = [trial for name in FAULTS if name != "healthy" for trial in found[name]]
+    wrong = _later(spoiled, lambda trial: trial.is_tracking & ~trial.is_right)
+    begun = [(trial, int(np.argmax(trial.is_tracking))) for trial in found["healthy"] if trial.is_tracking.any()]
+    reasons = [reason for trial, begin in begun for reason in trial.reasons[begin:]]
+    lost = sum(int(np.sum(~trial.is_tracking[begin:])) for trial, begin in begun)
+    false, count = reasons.count(Reason.JUMP_REJECTED), max(len(reasons), 1)
+    what, told = f"{len(spoiled)} spoiled drives: images TRACKING a wrong pose", Headline("bare geometry", "towns")
+    healthy = f"healthy, {len(found['healthy'])} drives, {len(reasons)} images since TRACKING began"
+    return [
+        Bound(f"{what}, later than {GRACE} images", 0.0, float(wrong), "", headline=told),
+        Bound(f"{healthy}: not TRACKING", MAX_LOSS, 100.0 * lost / count, "%"),
+        Bound(f"{healthy}: said to contradict odometry", MAX_FALSE, 100.0 * false / count, "%"),
+    ]

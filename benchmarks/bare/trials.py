@@ -1,0 +1,142 @@
+"""A filter let loose on a drive through a world whose bare geometry it has, and what it said of each image."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.bare.drives import HEIGHT, Drive, limits
+from cycab_sim.world.town import Plan, draw_plan
+from cycab_sim.world.worlds import geometry_cloud
+from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.belief.resampling import sample_uniform
+from mcl_depth.filter import Filter
+from mcl_depth.geometry.area import Area
+from mcl_depth.geometry.cloud import cloud_from_points
+from mcl_depth.params import FilterParams
+from mcl_depth.site import Site
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.localization.status import State
+from sphere_nav.params import build
+
+SPACING = 0.2  # of the points of a cloud, m
+NEAR_M, NEAR_DEG = 1.0, 10.0  # a pose this close to the truth is the right place
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a filter said of K images: state and reason, errors of the likeliest place (K,), CPU time."""
+
+    states: tuple[State, ...]
+    reasons: tuple[str, ...]
+    meters: Array
+    degrees: Array
+    milliseconds: Array
+    p_chance: Array
+
+    @property
+    def is_right(self) -> NDArray[np.bool_]:
+        """Whether the likeliest place was the right one, (K,)."""
+        return (self.meters <= NEAR_M) & (self.degrees <= NEAR_DEG)
+
+    @property
+    def is_tracking(self) -> NDArray[np.bool_]:
+        """Whether the status was TRACKING, (K,)."""
+        return np.array([state is State.TRACKING for state in self.states])
+
+    @property
+    def is_trusted(self) -> NDArray[np.bool_]:
+        """Whether a pose left the filter: TRACKING or DEGRADED, (K,)."""
+        return np.array([state in (State.TRACKING, State.DEGRADED) for state in self.states])
+
+    @property
+    def has_converged(self) -> bool:
+        """Whether the last image found the filter in TRACKING at the right place."""
+        return bool(self.is_tracking[-1] and self.is_right[-1])
+
+    @property
+    def num_false(self) -> int:
+        """Images with the status TRACKING at a wrong place."""
+        return int(np.sum(self.is_tracking & ~self.is_right))
+
+    @property
+    def first(self) -> int:
+        """Number of the image, from 1, from which on it tracked the right place to the end; 0: never."""
+        good = self.is_tracking & self.is_right
+        bad = np.flatnonzero(~good)
+        number = int(bad[-1]) + 2 if len(bad) else 1
+        return number if number <= len(good) else 0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what all benchmarks of bare geometry share."""
+    kinds = ("gradients", "learned")
+    parser.add_argument("--likeness", choices=kinds, default=kinds[0], help="of image and depth (%(default)s)")
+
+
+def site(world: str, seed: int, likeness: str, settings: Mapping[str, Any]) -> Site:
+    """Return the bare geometry of a world, without what comes and goes, ready for the filter."""
+    cloud = cloud_from_points(geometry_cloud(seed, SPACING, world).astype(np.float32), world)
+    return Site(cloud, HEIGHT, build(FilterParams, {"likeness.kind": likeness, **settings}))
+
+
+def town(seed: int, likeness: str = "gradients", share: float = 1.0, folder: str = "") -> tuple[Site, Plan]:
+    """Return the 100 x 100 m around the middle of a town, or a share of it from the left; all else is the preset's.
+
+    `folder`: where depth features are kept.
+    """
+    plan = draw_plan(seed)
+    x0, y0, x1, y1 = limits(plan)
+    box = f"{x0:.2f},{y0:.2f},{x0 + share * (x1 - x0):.2f},{y1:.2f}"
+    return site("town", seed, likeness, {"area.limits": box, "cache.folder": folder}), plan
+
+
+def run_filter(
+    site: Site,
+    drive: Drive,
+    seed: int,
+    *,
+    has_imu: bool = True,
+    start_area: Area | None = None,
+    start: tuple[Array, Array] | None = None,
+) -> Trial:
+    """Return what a filter says of the images of a drive.
+
+    It knows nothing, or that it is somewhere in `start_area`, or a `start`: pose (3,) and standard deviations (3,).
+    """
+    filter_ = Filter(replace(site.params, seed=seed), site.depth_map, site.area)
+    if start_area is not None:
+        count = site.params.resampling.num_particles
+        filter_.particles = sample_uniform(start_area, count, np.random.default_rng(seed))
+    if start is not None:
+        (x, y, yaw), (sigma_x, sigma_y, sigma_yaw) = start
+        covariance = np.diag(np.square([sigma_x, sigma_y, 0.1, 0.1, 0.1, sigma_yaw]))
+        filter_.start(SE3.from_planar(float(x), float(y), float(yaw)), covariance)
+    found: list[tuple[Any, ...]] = []
+    for index in range(len(drive)):
+        observation, started = drive.observation(index, has_imu=has_imu), time.process_time()
+        estimate = filter_.update(observation)
+        elapsed = 1e3 * (time.process_time() - started)
+        error, status = place_of(estimate) - drive.truth(index), estimate.status
+        degrees = abs(float(np.degrees(wrap_angle(error[2]))))
+        meters = float(np.hypot(*error[:2]))
+        found.append((status.state, str(status.reason), meters, degrees, elapsed, status.p_chance))
+    states, reasons, *numbers = zip(*found, strict=True)
+    return Trial(states, reasons, *map(np.array, numbers))
+
+
+def place_of(estimate: Any) -> Array:
+    """Return x, y, yaw (3,) of what leaves the filter, else of its likeliest place, else NaN."""
+    if estimate.T_map_level is not None:
+        T_map_level: SE3 = estimate.T_map_level
+        return np.array([*T_map_level.translation[:2], float(T_map_level.yaw)])
+    if estimate.belief is not None:
+        return np.asarray(estimate.belief.best.pose)
+    return np.full(3, np.nan)

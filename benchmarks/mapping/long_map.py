@@ -1,0 +1,169 @@
+"""A drive of 1.5 km through town or city, loops in both directions and a crossing, mapped from a sphere a metre apart.
+
+The spheres are drawn as a vertical rig of 0.4 m would give them at their width: noise of the image, ranges whose noise
+grows with their square and end at 60 m. The stitcher is left out, so that a drive takes minutes instead of an hour.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.mapping.drawn import HEIGHT_M, draw
+from benchmarks.report import Bound, Headline, Report, Table
+from cycab_sim.params import LightParams, RenderParams
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.world.paths import Path, Piece, turn
+from cycab_sim.world.town import draw_plan
+from cycab_sim.world.worlds import build_world
+from sphere_mapping.graph.merging import merge
+from sphere_mapping.mapper import Mapper
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.geometry.trajectory_error import align_trajectories
+from sphere_nav.spheres.graph import Edge, SphereGraph
+
+HELP = "1.5 km of town and city, loops both ways: drift, error after closure, false loops, spheres kept (half an hour)"
+LENGTH_M, QUICK_M, SPACING_M, STEP_NS = 1500.0, 120.0, 1.0, 250_000_000
+TOWN_LAP_M = 380.0  # of the drive, on which there is one lap to the left
+LANE_M, RADIUS_M = 1.75, 5.0  # to the right of the middle of the street; of turns, where there is room
+FALSE_M, FALSE_DEG = 0.3, 2.0  # error above which a loop joins what does not belong together
+OPPOSITE_RAD = np.radians(90.0)
+
+
+@dataclass
+class Drive:
+    """What was mapped, the true poses by stamp, and what it cost."""
+
+    mapper: Mapper
+    truth: dict[int, SE3] = field(default_factory=dict)
+    num_lost: int = 0
+    seconds: list[float] = field(default_factory=list)
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Drive and map in every world of one seed, or two."""
+    report, rows = Report("long_map", notes=[__doc__ or ""]), list[tuple[str, ...]]()
+    is_quick = options.size == "quick"
+    length, width = (QUICK_M, 256) if is_quick else (LENGTH_M, 512)
+    for name in ("town",) if is_quick else ("town", "city"):
+        for seed in range(options.seed, options.seed + (1 if is_quick else 2)):
+            drive = map_drive(name, seed, length, options.width or width)
+            _judge(f"{name} {seed}, {length:.0f} m", drive, report, rows)
+    columns = (
+        "drive",
+        "placed",
+        "lost",
+        "kept",
+        "after merging",
+        "loops",
+        "merged onto the other way",
+        "CPU s a sphere",
+    )
+    report.tables.append(Table("Drives", columns, rows))
+    return report
+
+
+def map_drive(name: str, seed: int, length: float, width: int) -> Drive:
+    """Map a drive through a world."""
+    world = build_world(name, seed)
+    renderer = Renderer(world.mesh, RenderParams(), LightParams(), bounds=world.bounds if world.is_wide else None)
+    rng = np.random.default_rng([seed, 8])
+    drive = Drive(Mapper())
+    number = int(length / SPACING_M)
+    for index, pose in enumerate(tqdm(_poses(name, seed, number), total=number, desc=f"{name} {seed}", disable=None)):
+        sphere = draw(renderer, pose, width, STEP_NS * index, rng)
+        begun = time.process_time()
+        drive.truth[sphere.stamp_ns] = pose
+        drive.num_lost += drive.mapper.add(sphere).T_map_sphere is None
+        drive.seconds.append(time.process_time() - begun)
+    drive.mapper.keep_end()
+    drive.mapper.close_loops()
+    return drive
+
+
+def route(name: str, seed: int, length: float) -> Array:
+    """Return corners (K, 2) m of the drive: blocks to the left, over a crossing, blocks to the right."""
+    lane = LANE_M
+    if name == "town":
+        plan = draw_plan(seed)
+        e, n = plan.east, plan.north
+        left = [(e + lane, -lane), (e + lane, n + lane), (-lane, n + lane), (-lane, -lane)]
+        right = [(lane, n - lane), (e - lane, n - lane), (e - lane, lane), (lane, lane)]
+        over = [(-lane, -25.0), (lane, -25.0)]  # past the crossing, round, and back over it
+        laps = max(round(length / TOWN_LAP_M), 1)
+        return np.array([(-25.0, -lane), *(left * laps)[:-1], *over, *right * 20])
+    w, f, n, x = -20.0, 40.0, 110.0, 120.0  # streets C, F and B, and the lane
+    tour = [(x, -lane), (x, n + lane), (w - lane, n + lane), (w - lane, -lane)]
+    turned = [(x, -lane), (x, n + lane), (f - lane, n + lane), (f - lane, lane), (w + lane, lane), (w + lane, n - lane)]
+    back = [(x, n - lane), (x, lane), (w + lane, lane), (w + lane, n - lane)]
+    return np.array([(w - 10.0, -lane), *tour, *turned, *back * 4])
+
+
+def path_of(corners: Array) -> Path:
+    """Return the way along corners (K, 2) m, each rounded as far as its legs allow."""
+    legs = np.diff(corners, axis=0)
+    lengths, headings = np.linalg.norm(legs, axis=1), np.arctan2(legs[:, 1], legs[:, 0])
+    turns = (np.diff(headings) + np.pi) % (2 * np.pi) - np.pi
+    radii = np.minimum(RADIUS_M, np.minimum(lengths[:-1], lengths[1:]) / 2)
+    cuts = np.concatenate([[0.0], radii * np.tan(np.abs(turns) / 2), [0.0]])
+    pieces: list[Piece] = []
+    for k, length in enumerate(lengths):
+        pieces.append(Piece(float(length - cuts[k] - cuts[k + 1])))
+        if k < len(turns):
+            pieces.append(turn(float(radii[k]), float(np.degrees(turns[k]))))
+    return Path((*corners[0].tolist(), float(headings[0])), tuple(pieces))
+
+
+def _poses(name: str, seed: int, number: int) -> Iterator[SE3]:
+    path = path_of(route(name, seed, number * SPACING_M))
+    above = SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
+    for x, y, yaw, _ in path.at(SPACING_M * np.arange(number)):
+        yield SE3.from_planar(float(x), float(y), float(yaw)) @ above
+
+
+def _judge(what: str, drive: Drive, report: Report, rows: list[tuple[str, ...]]) -> None:
+    """Add what a drive's map is worth."""
+    graph = drive.mapper.graph
+    stamps, poses = zip(*drive.mapper.trajectory(), strict=True)
+    found, truth = SE3(np.stack([pose.matrix for pose in poses])), [drive.truth[stamp] for stamp in stamps]
+    merged = merge(graph, found.translation)
+    true = SE3(np.stack([pose.matrix for pose in truth]))
+    T, _ = align_trajectories(Trajectory(np.array(stamps), found), Trajectory(np.array(stamps), true), "se3")
+    ate = float(np.sqrt(np.mean(np.sum((T.apply(found.translation) - true.translation) ** 2, axis=1))))
+    loops = [edge for edge in graph.edges if edge.is_loop]
+    false = sum(_is_false(edge, graph, drive) for edge in loops)
+    length = float(np.linalg.norm(np.diff(true.translation, axis=0), axis=1).sum())
+    pairs = [[drive.truth[graph[end].stamp_ns] for end in pair] for pair in merged.replaced.items()]
+    opposite = sum(a.distance(b)[1] > OPPOSITE_RAD for a, b in pairs)
+    counts = (len(stamps), drive.num_lost, len(graph), len(merged.graph), len(loops), opposite)
+    rows.append((what, *map(str, counts), f"{np.mean(drive.seconds):.2f}"))
+    report.bounds += [
+        Bound(f"{what}: drift of the chain at its end over its length", 0.5, 100 * _drift(graph, drive) / length, "%"),
+        Bound(f"{what}: RMSE of all positions after closure", 0.25, ate, "m", headline=Headline("map", "simulator")),
+        Bound(f"{what}: false loops", 0.0, false, f"of {len(loops)}", headline=Headline("map", "simulator")),
+        Bound(f"{what}: frames dropped", 75.0, 100 * (1 - len(merged.graph) / len(stamps)), "%", is_minimum=True),
+    ]
+
+
+def _drift(graph: SphereGraph, drive: Drive) -> float:
+    """Return how far in m the last key sphere is off by the motions from one to the next alone, no loop heard."""
+    chain = {edge.b: edge for edge in graph.edges if not edge.is_loop}
+    nodes = sorted(graph.nodes)
+    T_first_last = SE3.identity()
+    for node_id in nodes[1:]:
+        T_first_last = T_first_last @ chain[node_id].T_a_b
+    first, last = (drive.truth[graph[node_id].stamp_ns] for node_id in (nodes[0], nodes[-1]))
+    return float((first.inverse() @ last).distance(T_first_last)[0])
+
+
+def _is_false(edge: Edge, graph: SphereGraph, drive: Drive) -> bool:
+    a, b = (drive.truth[graph[end].stamp_ns] for end in (edge.a, edge.b))
+    distance, angle = (a.inverse() @ b).distance(edge.T_a_b)
+    return bool(distance > FALSE_M or angle > np.radians(FALSE_DEG))
