@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Bound, Headline, Report
+from benchmarks.room import MemoryMap
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
@@ -29,10 +30,6 @@ from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
-from sphere_nav.spheres.appearance.features import features_of_sphere
-from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.coarse import coarse_sphere
-from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, TOUR
 from sphere_nav_tools.cli.demo.report import distances_from_path
@@ -48,32 +45,13 @@ QUICK_WAY = 12.0  # m of the tour
 
 
 @dataclass
-class Taught:
+class Taught(MemoryMap):
     """A map in memory, the taught poses T_map_base with their stamps, and where the car truly went (N, 2) m."""
 
-    graph: SphereGraph
     stamps_ns: NDArray[np.int64]
     poses: SE3
     truth: Array
     num_lost: int
-
-    def appearance(self) -> AppearanceIndex:
-        """Return what they look like."""
-        index = AppearanceIndex()
-        for node in self.graph:
-            index.add(node.id, features_of_sphere(self.load_sphere(node.id)))
-        return index
-
-    def coarse_spheres(self) -> dict[int, Sphere]:
-        """Return all key spheres small."""
-        return {node.id: coarse_sphere(node.sphere) for node in self.graph if node.sphere is not None}
-
-    def load_sphere(self, sphere_id: int) -> Sphere:
-        """Return a key sphere."""
-        sphere = self.graph[sphere_id].sphere
-        if sphere is None:
-            raise ValueError(f"sphere {sphere_id}: expected pictures, found none")
-        return sphere
 
 
 @dataclass
