@@ -34,6 +34,7 @@ GROUPS = {
     "times": "times, memory, rates",
     "abuse": "wrong files and messages, long runs",
 }
+PLACES = {"--seed", "--json", "--threads"}  # options, and their values, that do not stand on a page
 NAMES = r'^HELP = "(.*)"$'
 UNMOVED = {  # files that are not in the folder of their group yet
     "faults": "safety",
@@ -136,7 +137,8 @@ def _run_one(group: str, name: str, options: argparse.Namespace, own: list[str])
     print(report.markdown(), end="\n\n", flush=True)
     path = options.json or Path("out/bench") / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    words = " ".join(["python -m benchmarks", group, name, *own, *(() if "--seed" in own else ("--seed", "N"))])
+    kept = [word for word, last in zip(own, ["", *own], strict=False) if {word, last}.isdisjoint(PLACES)]
+    words = " ".join(["python -m benchmarks", group, name, *kept, "--seed", "N"])
     head = {"group": group, "name": name, "command": words, "seed": options.seed, "size": options.size}
     head |= {"seconds": round(time.monotonic() - start), "machine": describe(options.threads), "commit": commit()}
     path.write_text(json.dumps(head | report.as_mapping(), indent=1) + "\n", encoding="utf-8")
