@@ -68,8 +68,8 @@ def run(options: argparse.Namespace) -> Report:
         what = f"{count} pairs{', a start given,' if is_given else ''}"
         report.bounds.append(Bound(f"false joins of {what}", 0, len(rows) - before, ""))
         report.notes.append(f"{what}: of {num_same} that were of one place {num_true} were joined")
-    told = Headline("robustness", "towns, four lights")
-    report.bounds.append(Bound(f"false joins of {2 * count} pairs, both ways", 0, len(rows), "", headline=told))
+    headline = Headline("robustness", "towns, four lights")
+    report.bounds.append(Bound(f"false joins of {2 * count} pairs, both ways", 0, len(rows), "", headline=headline))
     report.tables.append(Table("False joins", ("town", "pair", "camera", "of", "off by m", "how"), rows))
     return report
 
