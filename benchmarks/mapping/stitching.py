@@ -65,7 +65,9 @@ def _simulated(kind: str, seed: int, options: argparse.Namespace, *, is_timed: b
     T_base_sphere = rig_place(simulator.params.rig) @ stitcher.T_rig_sphere
     levels, truth = simulator.render(stitcher.whole, simulator.vehicle.state.T_world_base @ T_base_sphere)
     name, near = f"{kind}, town {seed}", np.isfinite(truth) & (truth < 30)
-    found, error = near & sphere.measured, np.abs(sphere.range_m - truth) / truth
+    found = near & sphere.measured
+    with np.errstate(invalid="ignore"):
+        error = np.abs(sphere.range_m - truth) / truth
     share = 0.85 if kind == "vertical" else 0.60
     bounds = [
         Bound(f"{name}: measured within 30 m", share, float(found.sum() / near.sum()), "", is_minimum=True),
