@@ -18,21 +18,11 @@ import numpy as np
 
 from benchmarks.abuse.fuzz_samples import Samples
 from benchmarks.abuse.mutations import INTEGERS, mutate_bytes
-from mcl_depth.geometry.files import read_geometry
-from path_follower.params import FollowerParams
-from path_follower.path_files import read_path
-from rig_calibration.boards.board import read_boards
-from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav.geometry.files.foreign_rig import read_foreign_cameras
-from sphere_nav.geometry.files.rig_file import read_rig
-from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.camera.drivers import read_driver
-from sphere_nav.ros.camera.mounting import read_mounting
-from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.ros.service import one_line
 
 Readers = dict[str, tuple[Path, Callable[[Path], Any]]]
+TEXTS = (".yaml", ".yml", ".json", ".geojson", ".csv", ".txt", ".tum")
 Attempt = Callable[[np.random.Generator, Path], None]
 FIELDS = (b"\x1b[2J", b"\x00", b"\r", b"\x7f", "\u202e".encode(), b"\n", b"%s%n", b"../../etc/passwd", b"a" * 5000)
 STATEMENTS = (
@@ -56,39 +46,16 @@ STATEMENTS = (
 )
 
 
-def make_attacks(samples: Samples) -> list[tuple[str, Attempt, float]]:
-    """Return name, attempt and share of all attacks."""
-    readers = _readers(samples)
-    texts = {name: pair for name, pair in readers.items() if name not in ("bag", "map", "image", "laz", "sqlite3")}
+def make_attacks(samples: Samples, readers: Readers) -> list[tuple[str, Attempt, float]]:
+    """Return name, attempt and share of all attacks on readers of files."""
+    texts = {name: pair for name, pair in readers.items() if pair[0].suffix in TEXTS}
+    readers = readers | {"bag": (samples.bag, _read_bag), "sqlite3": (samples.foreign_bags[0], _read_bag)}
     return [
         ("no regular file", partial(_no_file, readers), 1.0),
         ("characters and nesting", partial(_texts, texts), 2.0),
         ("sqlite3 statements", partial(_statements, samples.foreign_bags[0]), 1.0),
         ("sqlite3 log", partial(_log, samples.foreign_bags[0]), 0.5),
     ]
-
-
-def _readers(samples: Samples) -> Readers:
-    params = FollowerParams()
-    return {
-        "rig": (samples.rig, read_rig),
-        "kalibr": (samples.kalibr, lambda path: read_foreign_cameras([path])),
-        "opencv": (samples.opencv, lambda path: read_foreign_cameras([path])),
-        "basalt": (samples.basalt, lambda path: read_foreign_cameras([path])),
-        "driver": (samples.driver, lambda path: read_driver(str(path))),
-        "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
-        "boards": (samples.boards, read_boards),
-        "tum": (samples.tum, read_tum),
-        "path": (samples.path_csv, lambda path: read_path(path, params)),
-        "plan": (next(path for path in samples.geometry if path.suffix == ".csv"), read_geometry),
-        "ply": (next(path for path in samples.geometry if path.name == "faces.ply"), read_geometry),
-        "npy": (samples.geometry[0], read_geometry),
-        "laz": (samples.geometry[-1], read_geometry),
-        "image": (samples.png, lambda path: read_image_file(path, -1)),
-        "bag": (samples.bag, _read_bag),
-        "sqlite3": (samples.foreign_bags[0], _read_bag),
-        "map": (samples.map / "map.mcap", lambda path: open_map(path).close()),
-    }
 
 
 def _read_bag(path: Path) -> None:

@@ -102,6 +102,8 @@ def _wrong_sequence(found: Any, slot: Any, rng: np.random.Generator) -> Any:
     if len(changed) and rng.random() < 0.6:
         changed[int(rng.integers(len(changed)))] = Liar(rng).value(slot.value_type)
         return changed
+    if isinstance(slot, d.Array):  # its length is its type's
+        return Liar(rng).value(slot)
     return Liar(rng).value(slot) if rng.random() < 0.5 else changed[: int(rng.integers(len(changed) + 1))]
 
 

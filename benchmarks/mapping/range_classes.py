@@ -203,7 +203,7 @@ def _bounds(kind: str, total: list[Honesty]) -> list[Bound]:
     return [
         *bounds,
         Bound(f"{kind}, all classes: measured, beyond 3 sigma", 0.02, every.beyond_3_sigma / every.n, "", False, told),
-        Bound(f"{kind}, textured: measured right", 0.75 if kind == "ring" else 0.8, right, "", True, told),
+        Bound(f"{kind}, textured: measured right", 0.75 if kind == "ring" else 0.8, right, "", True),
         Bound(f"{kind}, far: nearer than it is", 0.005, far.beyond_3_sigma / max(far.there, 1), ""),
     ]
 
