@@ -24,7 +24,7 @@ from dense_localizer.references.reference import SphereMap
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
-from path_follower.path import Location, Pose2
+from path_follower.path import Pose2
 from path_follower.taught import reference_path, taught_speeds
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3
@@ -39,7 +39,6 @@ STEP_NS = 10_000_000
 TEACH = {"mode": "teach", "camera.period": 0.0, "capture.distance": 1.0, "sphere.width": 1024}
 DRIVE = {"mode": "drive", "sphere.width": 0, "camera.size": "512,384", "camera.period": 0.2}
 HALTED = (FollowerState.STOPPING, FollowerState.STOPPED)
-MAX_EVENTS = 40  # that are reported
 MAX_SECONDS = 1000.0  # of simulated time, after which a drive is given up
 QUICK_WAY = 12.0  # m of the tour
 
@@ -56,19 +55,12 @@ class Taught(MemoryMap):
 
 @dataclass
 class Driven:
-    """Where the car truly went (N, 2) m, what the localiser said how often and first where, how the follower ended."""
+    """Where the car truly went (N, 2) m, what the localiser said how often, how the follower ended."""
 
     truth: Array
     states: Counter[str] = field(default_factory=Counter)
-    events: list[str] = field(default_factory=list)
     stops: int = 0
     end: str = ""
-
-    def note(self, said: str, location: Location | None) -> None:
-        """Count what the localiser says; keep where it says something it has not said just before."""
-        if not self.events or not self.events[-1].startswith(said):
-            self.events.append(f"{said} at {location.arc_length if location else 0.0:.1f} m")
-        self.states[said] += 1
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -83,7 +75,6 @@ def run(options: argparse.Namespace) -> Report:
     notes = [
         f"{length:.0f} m taught, {len(taught.graph)} key spheres, {taught.num_lost} spheres lost;"
         f" localiser {dict(driven.states)}; end {driven.end}",
-        "; ".join(driven.events[:MAX_EVENTS]),
     ]
     of = Headline("drives and missions", f"{length:.0f} m of a city on another day, by one camera")
     bounds = [
@@ -130,7 +121,7 @@ def drive(simulator: Simulator, taught: Taught, sphere_map: SphereMap | None = N
             frame = simulator.capture("camera")
             estimate = localizer.update(frame.image, frame.camera, now)
             localized = str(estimate.status.state)
-            driven.note(f"{localized} {estimate.status.reason}", follower.location)
+            driven.states[f"{localized} {estimate.status.reason}".strip()] += 1
             if estimate.T_map_camera is not None:
                 pose = Pose2.of(estimate.T_map_camera @ T_camera_base)
                 answer = follower.update(pose, simulator.odometry.speed, now, localized)
