@@ -45,7 +45,7 @@ OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itse
 OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called unobservable
 ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
 
-# Whether images are good (boards/test_quality, test_sharpness; by seeds 1 to 5 of `benchmarks calibration bad_sets`)
+# Whether images are good (boards/test_quality, test_sharpness; chosen on five drawn sets of each flaw)
 EDGE_REACH, EDGE_SAMPLES = 0.4, 161  # of the way to the next corners; samples of an edge across
 QUARTILES_APART = 1.349  # standard deviations of a Gaussian
 MAX_BLUR_SHARE = 0.00135  # of the image's width, not below 1.35 px: a sharp lens has 0.4 to 0.9 px

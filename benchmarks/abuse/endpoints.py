@@ -33,11 +33,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from benchmarks.abuse.lies import Liar, interface_class
-from benchmarks.abuse.mutations import mutate_message
+from benchmarks.abuse.mutations import Liar, interface_class, mutate_message
 from benchmarks.abuse.nodes import CASES, Case
-from benchmarks.fault_busy import front_of
 from benchmarks.report import Bound, Headline, Report, Table
+from benchmarks.safety.fault_busy import front_of
 from path_follower.ros.front import FrontNode
 from sphere_nav.ros import qos
 
@@ -125,7 +124,7 @@ class Interrogation:
     def __init__(self, case: Case, folder: Path, rng: np.random.Generator, *, uses_sim_time: bool) -> None:
         self._case, self._folder, self._rng, self._uses_sim_time = case, folder, rng, uses_sim_time
         kind = "sim time" if uses_sim_time else "system time"
-        self.outcome, self._liar = Outcome(f"{case.node_class.NAME}, {kind}"), Liar(rng)
+        self.outcome, self._liar = Outcome(f"{case.node_class.NAME}, {kind}"), Liar(rng, is_now=True)
         self._node = Node("liar", start_parameter_services=False, enable_rosout=False)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)

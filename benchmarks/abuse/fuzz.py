@@ -22,7 +22,7 @@ from sphere_nav.ros.service import one_line
 
 HELP = "wrong inputs for every reader, conversion and service: no crash, no hang, no gigabyte"
 BATCH = 400  # inputs a child
-SECONDS = 10  # for one input
+SECONDS, PATIENCE = 10, 6  # of the processor for one input; times as many by the clock, on a busy machine
 MEMORY = 1 << 30  # bytes that a child may ask for beyond what it starts with
 STATE = struct.Struct("<qqqq")  # next input, accepted, refused, failures
 
@@ -94,7 +94,7 @@ def _run_child(target: Target, folder: Path, seed: int, outcome: Outcome, end: i
         outcome.failures += log.read().decode("utf-8", "replace").splitlines()
     if os.WIFSIGNALED(status):
         name = signal.Signals(os.WTERMSIG(status)).name
-        what = f"no end after {SECONDS} s" if name == "SIGALRM" else f"ended by {name}"
+        what = f"no end after {SECONDS} s" if name in ("SIGALRM", "SIGPROF") else f"ended by {name}"
         outcome.failures.append(f"{target.name}, input {number}: {what}")
         number += 1
     outcome.num_inputs, outcome.num_accepted = max(number, outcome.num_inputs + 1), outcome.num_accepted + accepted
@@ -113,7 +113,8 @@ def _limit() -> None:
 def _try_inputs(target: Target, folder: Path, seed: int, state: mmap.mmap, end: int, log: int) -> None:
     first, accepted, refused, failed = STATE.unpack(state[:])
     for number in range(first, end):
-        signal.setitimer(signal.ITIMER_REAL, SECONDS)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        signal.setitimer(signal.ITIMER_REAL, PATIENCE * SECONDS)
         rng = np.random.default_rng([seed, target.key, number])
         try:
             target.attempt(rng, folder)
@@ -129,4 +130,5 @@ def _try_inputs(target: Target, folder: Path, seed: int, state: mmap.mmap, end: 
             what = f"{type(error).__name__} at {Path(place.filename).name}:{place.lineno}: {error!r:.100}"
             os.write(log, f"{target.name}, input {number}: {what}\n".encode())
         state[:] = STATE.pack(number + 1, accepted, refused, failed)
+    signal.setitimer(signal.ITIMER_PROF, 0)
     signal.setitimer(signal.ITIMER_REAL, 0)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
-import struct
 from collections.abc import Callable
 from contextlib import closing, suppress
 from functools import partial
@@ -16,27 +15,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zstandard
 
 from benchmarks.abuse.fuzz_samples import Samples
 from benchmarks.abuse.mutations import INTEGERS, mutate_bytes
-from mcl_depth.geometry.files import read_geometry
-from path_follower.params import FollowerParams
-from path_follower.path_files import read_path
-from rig_calibration.boards.board import read_boards
-from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav.geometry.files.foreign_rig import read_foreign_cameras
-from sphere_nav.geometry.files.rig_file import read_rig
-from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.camera.drivers import read_driver
-from sphere_nav.ros.camera.mounting import read_mounting
-from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.ros.service import one_line
 
 Readers = dict[str, tuple[Path, Callable[[Path], Any]]]
+TEXTS = (".yaml", ".yml", ".json", ".geojson", ".csv", ".txt", ".tum")
 Attempt = Callable[[np.random.Generator, Path], None]
-SLOW = 0.02  # share of the inputs for readers in a process of their own
 FIELDS = (b"\x1b[2J", b"\x00", b"\r", b"\x7f", "\u202e".encode(), b"\n", b"%s%n", b"../../etc/passwd", b"a" * 5000)
 STATEMENTS = (
     "ALTER TABLE {t} RENAME TO old; CREATE VIEW {t} AS SELECT * FROM old",
@@ -59,43 +46,16 @@ STATEMENTS = (
 )
 
 
-def make_attacks(samples: Samples) -> list[tuple[str, Attempt, float]]:
-    """Return name, attempt and share of all attacks."""
-    readers = _readers(samples)
-    texts = {name: pair for name, pair in readers.items() if name not in ("bag", "map", "image", "laz", "sqlite3")}
-    found: list[tuple[str, Attempt, float]] = [
+def make_attacks(samples: Samples, readers: Readers) -> list[tuple[str, Attempt, float]]:
+    """Return name, attempt and share of all attacks on readers of files."""
+    texts = {name: pair for name, pair in readers.items() if pair[0].suffix in TEXTS}
+    readers = readers | {"bag": (samples.bag, _read_bag), "sqlite3": (samples.foreign_bags[0], _read_bag)}
+    return [
         ("no regular file", partial(_no_file, readers), 1.0),
-        ("control characters", partial(_characters, texts), 1.0),
-        ("nesting", partial(_nesting, texts), 1.0),
-        ("laz fields", partial(_laz, samples.geometry[-1]), SLOW),
+        ("characters and nesting", partial(_texts, texts), 2.0),
         ("sqlite3 statements", partial(_statements, samples.foreign_bags[0]), 1.0),
         ("sqlite3 log", partial(_log, samples.foreign_bags[0]), 0.5),
-        ("packed file", partial(_packed, samples.foreign_bags[2]), 0.1),
     ]
-    return found
-
-
-def _readers(samples: Samples) -> Readers:
-    params = FollowerParams()
-    return {
-        "rig": (samples.rig, read_rig),
-        "kalibr": (samples.kalibr, lambda path: read_foreign_cameras([path])),
-        "opencv": (samples.opencv, lambda path: read_foreign_cameras([path])),
-        "basalt": (samples.basalt, lambda path: read_foreign_cameras([path])),
-        "driver": (samples.driver, lambda path: read_driver(str(path))),
-        "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
-        "boards": (samples.boards, read_boards),
-        "tum": (samples.tum, read_tum),
-        "path": (samples.path_csv, lambda path: read_path(path, params)),
-        "plan": (next(path for path in samples.geometry if path.suffix == ".csv"), read_geometry),
-        "ply": (next(path for path in samples.geometry if path.name == "faces.ply"), read_geometry),
-        "npy": (samples.geometry[0], read_geometry),
-        "laz": (samples.geometry[-1], read_geometry),
-        "image": (samples.png, lambda path: read_image_file(path, -1)),
-        "bag": (samples.bag, _read_bag),
-        "sqlite3": (samples.foreign_bags[0], _read_bag),
-        "map": (samples.map / "map.mcap", lambda path: open_map(path).close()),
-    }
 
 
 def _read_bag(path: Path) -> None:
@@ -139,48 +99,22 @@ def _no_file(readers: Readers, rng: np.random.Generator, folder: Path) -> None:
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
 
 
-def _characters(texts: Readers, rng: np.random.Generator, folder: Path) -> None:
-    """Characters that a terminal or a parser would obey, where names and numbers stand."""
+def _texts(texts: Readers, rng: np.random.Generator, folder: Path) -> None:
+    """Characters that a terminal or a parser would obey; lists in lists, aliases of aliases, numbers without end."""
     sample, read = list(texts.values())[rng.integers(len(texts))]
-    data, path = sample.read_bytes(), folder / f"characters{sample.suffix}"
-    for _ in range(int(rng.integers(1, 4))):
-        place = int(rng.integers(len(data) + 1))
-        data = data[:place] + FIELDS[rng.integers(len(FIELDS))] * int(rng.integers(1, 4)) + data[place:]
-    path.write_bytes(data)
-    read(path)
-
-
-def _nesting(texts: Readers, rng: np.random.Generator, folder: Path) -> None:
-    """Lists in lists, aliases of aliases, keys of keys, numbers without end in place of a value."""
-    sample, read = list(texts.values())[rng.integers(len(texts))]
-    deep, many = int(2 ** rng.integers(1, 16)), int(rng.integers(2, 12))
+    deep, many, data = int(2 ** rng.integers(1, 16)), int(rng.integers(2, 12)), sample.read_bytes()
     anchors = "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * many) if i else '1'}]\n" for i in range(many))
-    words = ["[" * deep, "{a: " * deep, "[" * deep + "]" * deep, '{"a":' * deep + "1" + "}" * deep, anchors,
-             "? " * deep, "- " * deep,
-             "9" * deep, "1:" * deep + "1", "<<: " * min(deep, 99), "&a [*a]", "!!binary " + "A" * deep,
-             "!!set {" + ",".join(map(str, range(min(deep, 3000)))) + "}", "1e" + "9" * min(deep, 400)]  # fmt: skip
-    text, data = words[rng.integers(len(words))].encode(), sample.read_bytes()
-    places = [place + 1 for place, byte in enumerate(data) if byte in b":,=[ "] or [0]
-    place = places[rng.integers(len(places))] if rng.random() < 0.8 else 0
-    path = folder / f"nested{sample.suffix}"
-    path.write_bytes(text if rng.random() < 0.2 else data[:place] + text + data[place:])
-    read(path)
-
-
-def _laz(sample: Path, rng: np.random.Generator, folder: Path) -> None:
-    """Numbers of header, record and table of chunks."""
-    data, path = bytearray(sample.read_bytes()), folder / "fields.laz"
-    points, record = int.from_bytes(data[96:100], "little"), data.find(b"laszip encoded") + 52
-    table = int.from_bytes(data[points : points + 8], "little")
-    fields = [(96, 4), (100, 4), (104, 1), (105, 2), (107, 4), (points, 8), (table, 4), (table + 4, 4), (table + 8, 4),
-              (record, 2), (record + 2, 2), (record + 8, 4), (record + 12, 4), (record + 16, 8), (record + 32, 2),
-              (record + 34, 2), (record + 36, 2), (record + 38, 2)]  # fmt: skip
+    nested = ["[" * deep, "{a: " * deep, "[" * deep + "]" * deep, '{"a":' * deep + "1" + "}" * deep, anchors]
+    nested += ["? " * deep, "- " * deep, "9" * deep, "1:" * deep + "1", "<<: " * min(deep, 99), "&a [*a]"]
+    nested += ["!!binary " + "A" * deep, "!!set {" + ",".join(map(str, range(min(deep, 3000)))) + "}"]
+    words = [*FIELDS, *(text.encode() for text in nested)]
     for _ in range(int(rng.integers(1, 4))):
-        place, width = fields[rng.integers(len(fields))]
-        value = INTEGERS[rng.integers(len(INTEGERS))] + int(rng.integers(-2, 3))
-        data[place : place + width] = struct.pack("<Q", value % 2**64)[:width]
-    path.write_bytes(data)
-    read_geometry(path)
+        places = [place + 1 for place, byte in enumerate(data) if byte in b":,=[ "] or [0]
+        place = places[rng.integers(len(places))] if rng.random() < 0.7 else int(rng.integers(len(data) + 1))
+        data = data[:place] + words[rng.integers(len(words))] + data[place:]
+    path = folder / f"texts{sample.suffix}"
+    path.write_bytes(words[rng.integers(len(words))] if rng.random() < 0.1 else data)
+    read(path)
 
 
 def _statements(sample: Path, rng: np.random.Generator, folder: Path) -> None:
@@ -229,16 +163,3 @@ def _log(sample: Path, rng: np.random.Generator, folder: Path) -> None:
     if rng.random() < 0.3:
         path.write_bytes(mutate_bytes(path.read_bytes(), rng))
     _read_bag(path)
-
-
-def _packed(sample: Path, rng: np.random.Generator, folder: Path) -> None:
-    """A packed file that says another size, has several frames, or holds a packed one."""
-    here = folder / "wrong_packed"
-    here.mkdir(exist_ok=True)
-    plain = zstandard.ZstdDecompressor().stream_reader(sample.read_bytes()).read()
-    zeros = bytes(int(2 ** rng.integers(10, 24)))
-    frames = [zstandard.compress(plain), zstandard.compress(zeros), zstandard.compress(zstandard.compress(plain)), b"x"]
-    data = b"".join(frames[rng.integers(len(frames))] for _ in range(int(rng.integers(1, 4))))
-    (here / sample.name).write_bytes(data)
-    (here / "metadata.yaml").write_bytes(sample.with_name("metadata.yaml").read_bytes())
-    _read_bag(here)

@@ -12,14 +12,11 @@ import numpy as np
 from mcap.writer import Writer
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
-from rosbags.rosbag1 import Writer as Ros1Writer
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as Ros2Writer
-from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import CompressedImage, LaserScan
 from sphere_nav_msgs.msg import AugmentedSphere, ReferencePoint, ReferenceTrajectory
 from std_msgs.msg import Header, String
 
+from benchmarks.abuse.zoo_writers import Messages, ros1, ros2
 from path_follower.params import VehicleParams
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.mission import FollowerView, Goal, Mission
@@ -38,7 +35,6 @@ from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 SECOND = 1_000_000_000
-FOREIGN_FILES = (("sqlite", "db3"), ("packed", "mcap"), ("file", "zstd"))
 CAMERA = Pinhole(32, 24, 30.0, 31.0, 15.5, 11.5, (0.1, -0.05, 0.001, 0.002, 0.01))
 K = [[400.0, 0.0, 320.0], [0.0, 410.0, 240.0], [0.0, 0.0, 1.0]]
 KALIBR = """cam0:
@@ -165,28 +161,15 @@ class Samples:
             self._text("faces.ply", PLY + faces + rows + "3 0 1 2\n3 0 1 3\n"),
             self._text("ascii.pcd", f"{head}ascii\n{text}\n"),
             self._text("plan.csv", PLAN),
-            self._las(points),
-            self._laz(points),
+            self._tile("points.las", points),
+            self._tile("tile.laz", points),
         ]
 
-    def _laz(self, points: np.ndarray) -> Path:
+    def _tile(self, name: str, points: np.ndarray) -> Path:
         tile = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
         tile.x, tile.y, tile.z = points.T
-        tile.write(str(self.folder / "tile.laz"))
-        return self.folder / "tile.laz"
-
-    def _las(self, points: np.ndarray) -> Path:
-        head = bytearray(227)
-        head[:4], head[24:26] = b"LASF", bytes([1, 2])
-        head[94:96], head[96:100] = (227).to_bytes(2, "little"), (227).to_bytes(4, "little")
-        head[105:107], head[107:111] = (20).to_bytes(2, "little"), len(points).to_bytes(4, "little")
-        head[131:179] = np.array([0.001] * 3 + [0.0] * 3).tobytes()
-        rows = np.zeros(
-            len(points), np.dtype({"names": ["p"], "formats": [("<i4", 3)], "offsets": [0], "itemsize": 20})
-        )
-        rows["p"] = np.round(points * 1000)
-        (self.folder / "points.las").write_bytes(bytes(head) + rows.tobytes())
-        return self.folder / "points.las"
+        tile.write(str(self.folder / name))
+        return self.folder / name
 
     def _map(self) -> Path:
         nodes, edges = [], []
@@ -221,32 +204,12 @@ class Samples:
     def _foreign_bags(self) -> list[Path]:
         """Return files that another library wrote: sqlite3, messages packed in MCAP, a packed file, ROS 1 in chunks."""
         kind, texts = "std_msgs/msg/String", [self.rng.bytes(20).hex() for _ in range(20)]
-        ros2 = get_typestore(Stores.ROS2_JAZZY)
-        kinds = (("sqlite", StoragePlugin.SQLITE3), ("packed", StoragePlugin.MCAP), ("file", StoragePlugin.SQLITE3))
-        modes = {"packed": CompressionMode.MESSAGE, "file": CompressionMode.FILE}
-        for name, storage in kinds:
-            writer = Ros2Writer(self.folder / name, version=9, storage_plugin=storage)
-            if name in modes:
-                writer.set_compression(modes[name], CompressionFormat.ZSTD)
-            with writer:
-                connection = writer.add_connection("/text", kind, typestore=ros2)
-                for number, text in enumerate(texts):
-                    writer.write(connection, number, ros2.serialize_cdr(ros2.types[kind](text), kind))
-        chunked = [self._ros1_bag(name, texts) for name in ("", "bz2", "lz4")]
-        folders = [(self.folder / name).glob(f"*.{end}") for name, end in FOREIGN_FILES]
-        return [*(next(found) for found in folders), *chunked]
-
-    def _ros1_bag(self, method: str, texts: list[str]) -> Path:
-        kind, ros1 = "std_msgs/msg/String", get_typestore(Stores.ROS1_NOETIC)
-        path = self.folder / f"one{method}.bag"
-        old = Ros1Writer(path)
-        if method:
-            old.set_compression(Ros1Writer.CompressionFormat[method.upper()])
-        with old:
-            link = old.add_connection("/text", kind, typestore=ros1)
-            for number, text in enumerate(texts):
-                old.write(link, number, ros1.serialize_ros1(ros1.types[kind](text), kind))
-        return path
+        new, old = (Messages(is_ros1=is_ros1) for is_ros1 in (False, True))
+        items, before = ([("/text", kind, k, m.make(kind, t)) for k, t in enumerate(texts)] for m in (new, old))
+        writers = {"sqlite": ros2("sqlite"), "packed": ros2("mcap", "message"), "file": ros2("sqlite", "file")}
+        folders = [write(self.folder / name, new, items) for name, write in writers.items()]
+        found = [next(f for f in folder.iterdir() if f.suffix != ".yaml") for folder in folders]
+        return found + [ros1(method)(self.folder / f"one{method}", old, before) for method in ("", "bz2", "lz4")]
 
     def _messages(self) -> list[Any]:
         gray = np.ascontiguousarray(self.picture[:, :, 0])

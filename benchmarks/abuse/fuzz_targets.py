@@ -14,7 +14,7 @@ import zstandard
 from rclpy.serialization import serialize_message
 from sphere_nav_msgs.srv import LoadCloud, LoadMap, LoadTrajectory
 
-from benchmarks.abuse.fuzz_attacks import make_attacks
+from benchmarks.abuse.fuzz_attacks import Readers, make_attacks
 from benchmarks.abuse.fuzz_samples import Samples
 from benchmarks.abuse.mutations import mutate_bytes, mutate_message
 from dense_localizer.ros.node import DenseLocalizerNode
@@ -77,12 +77,12 @@ class Target:
 def make_targets(folder: Path) -> list[Target]:
     """Return all targets; valid samples are made in a folder first."""
     samples = Samples(folder)
-    return [*_text_targets(samples), *_geometry_targets(samples), *_bag_targets(samples), *_message_targets(samples),
-            *_service_targets(samples), *_attack_targets(samples)]  # fmt: skip
-
-
-def _attack_targets(samples: Samples) -> list[Target]:
-    return [Target(f"attack {name}", attempt, weight) for name, attempt, weight in make_attacks(samples)]
+    readers = _readers(samples)
+    slow = {name for name, (path, _) in readers.items() if path.suffix in (".bmp", ".laz")}
+    targets = [_file_target(name, *pair, weight=0.02 if name in slow else 1.0) for name, pair in readers.items()]
+    targets += [*_bag_targets(samples), *_message_targets(samples), *_service_targets(samples)]
+    attacks = make_attacks(samples, readers)
+    return targets + [Target(f"attack {name}", attempt, weight) for name, attempt, weight in attacks]
 
 
 def _file_target(name: str, sample: Path, read: Callable[[Path], Any], weight: float = 1.0) -> Target:
@@ -112,7 +112,8 @@ def check(found: Any) -> None:
             assert name == "coefficients" or np.all(np.isfinite(values)), f"accepted {name} that are not finite"
 
 
-def _text_targets(samples: Samples) -> list[Target]:
+def _readers(samples: Samples) -> Readers:
+    """Return the readers of files that are no bag, each with a valid file."""
     params = FollowerParams()
 
     def read_placed(path: Path) -> Any:
@@ -123,7 +124,7 @@ def _text_targets(samples: Samples) -> list[Target]:
     def read_state(path: Path) -> Any:
         read_mission(path, Mission(network, MissionParams(), params.vehicle), 0.0)
 
-    readers: dict[str, tuple[Path, Callable[[Path], Any]]] = {
+    readers: Readers = {
         "rig": (samples.rig, lambda path: [camera.camera for camera in read_rig(path).cameras]),
         "kalibr": (samples.kalibr, read_placed),
         "opencv": (samples.opencv, read_placed),
@@ -143,14 +144,8 @@ def _text_targets(samples: Samples) -> list[Target]:
         "image jpg": (samples.jpg, recording.read_image),
         "depth png": (samples.depth, recording.read_depth_file),
     }
-    return [_file_target(name, *pair, weight=0.02 if name == "image bmp" else 1.0) for name, pair in readers.items()]
-
-
-def _geometry_targets(samples: Samples) -> list[Target]:
-    return [
-        _file_target(f"geometry {path.stem}{path.suffix}", path, read_geometry, 0.02 if path.suffix == ".laz" else 1.0)
-        for path in samples.geometry
-    ]
+    geometry = {f"geometry {path.stem}{path.suffix}": (path, read_geometry) for path in samples.geometry}
+    return readers | geometry
 
 
 def _bag_targets(samples: Samples) -> list[Target]:

@@ -1,14 +1,20 @@
-"""Valid files and messages made wrong: bits, bytes, lengths and numbers of files; fields of messages."""
+"""Valid files and messages made wrong, and messages of nothing but lies: bits, lengths, numbers, text, fields."""
 
 from __future__ import annotations
 
 import array
 import copy
+import importlib
 import re
+import time
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
+from rosidl_parser import definition as d
 
 WORDS = (
     *(b"nan", b"inf", b"-inf", b"0", b"-0.0", b"-1", b"1e400", b"-1e308", b"1e16", b"1e-400", b"99999999999999999999"),
@@ -17,10 +23,21 @@ WORDS = (
     *("é²٣".encode(), b"a" * 70_000, b"[" * 3000, b'"', b"'", b"#", b",", b":", b"-", b"\n", b"\t", b"%YAML 1.0\n"),
 )
 INTEGERS = (0, 1, 2, 127, 128, 255, 256, 65535, 65536, 2**24, 2**31 - 1, 2**31, 2**32 - 1, 2**33, 2**63 - 1, 2**64 - 1)
-FLOATS = (0.0, -0.0, 1.0, -1.0, 1e-300, 1e9, 1e30, 1e300, -1e300, float("nan"), float("inf"), float("-inf"))
-TEXTS = ("", "x", "map", "mono8", "rgb8", "bayer_rggb8", "yuv422", "16UC1", "32FC1", "png", "log16_zstd", "x" * 1000)
+SMALL = (0, 1, 1, 2, 3, 4, 77)
+FLOATS = (0.0, -0.0, 1.0, -1.0, 0.5, 3.0, 1e-30, 1e9, 1e30, float("nan"), float("inf"), float("-inf"))
+DOUBLES = (1e-300, 1e300, -1e300)
+MARK, NO_UTF8 = "MARK", b"\xff\xfe\x80\xc0"  # where text stands that becomes bytes that are none
+TEXTS = (
+    *("", "x", "~", "map", "odom", "/map", "base_link", "mono8", "rgb8", "bayer_rggb8", "yuv422", "16UC1", "32FC1"),
+    *("png", "log16_zstd", "a\nb", "%s%n", "\u0000", "x\u0000y", "\ufffd", "\U0001f697" * 8, "\u202egnp.exe"),
+    *("é" * 300, "../x", "[" * 40, "{}: !!x", "\x1b[2J", "x" * 5000, MARK),
+)
+LENGTHS = (0, 0, 1, 2, 3, 9, 36, 1000)
+MAX_DEEP = 3  # elements of sequences of messages, each of which is filled
+CHANCE_OF_NOW = 0.4  # of a stamp: otherwise most messages are refused for it alone
 NUMBER = re.compile(rb"[-+]?\d[\d.eE+-]*|[A-Za-z_]\w*")
 MOST = 3  # changes of one input
+PARTS = {"SendGoal": "SendGoalService", "GetResult": "GetResultService", "FeedbackMessage": "FeedbackMessage"}
 
 
 def mutate_bytes(data: bytes, rng: np.random.Generator) -> bytes:
@@ -35,24 +52,22 @@ def _changed(data: bytes, rng: np.random.Generator) -> bytes:
         return WORDS[rng.integers(len(WORDS))]
     place = int(rng.integers(len(data)))
     end = min(place + int(rng.integers(1, 1 + int(2 ** rng.integers(1, 12)))), len(data))
-    match int(rng.integers(9)):
+    match int(rng.integers(8)):
         case 0:
             return data[:place] + bytes([data[place] ^ 1 << int(rng.integers(8))]) + data[place + 1 :]
         case 1:
-            return data[:place] + bytes([int(rng.integers(256))]) + data[place + 1 :]
-        case 2:
             return data[:place]
-        case 3:
+        case 2:
             return data[:place] + data[end:]
-        case 4:
+        case 3:
             return data[:end] + data[place:end] * int(rng.integers(1, 4)) + data[end:]
-        case 5:
+        case 4:
             return data[:place] + rng.bytes(end - place) + data[end:]
-        case 6:
+        case 5:
             width = int(rng.choice([1, 2, 4, 8]))
             number = INTEGERS[rng.integers(len(INTEGERS))] % 2 ** (8 * width)
             return data[:place] + number.to_bytes(width, "little") + data[place + width :]
-        case 7:
+        case 6:
             return data[:place] + WORDS[rng.integers(len(WORDS))] + data[place:]
         case _:
             found = NUMBER.search(data, place) or NUMBER.search(data)
@@ -69,41 +84,93 @@ def mutate_message(message: Any, rng: np.random.Generator) -> Any:
 
 
 def _change_field(message: Any, rng: np.random.Generator) -> None:
-    kinds = message.get_fields_and_field_types()
-    name = list(kinds)[rng.integers(len(kinds))]
+    number = int(rng.integers(len(message.SLOT_TYPES)))
+    name, slot = list(message.get_fields_and_field_types())[number], message.SLOT_TYPES[number]
     found = getattr(message, name)
-    if hasattr(found, "get_fields_and_field_types"):
-        _change_field(found, rng)
-        return
-    if isinstance(found, list) and found and hasattr(found[0], "get_fields_and_field_types") and rng.random() < 0.7:
-        _change_field(found[rng.integers(len(found))], rng)
-        return
+    if isinstance(slot, d.NamespacedType):
+        return _change_field(found, rng)
+    if isinstance(found, list) and found and isinstance(slot.value_type, d.NamespacedType) and rng.random() < 0.7:
+        return _change_field(found[rng.integers(len(found))], rng)
     with suppress(AssertionError, ValueError, OverflowError, TypeError):  # what the message class itself refuses
-        setattr(message, name, _wrong(found, kinds[name], rng))
+        setattr(message, name, _wrong_sequence(found, slot, rng) if len(np.shape(found)) else Liar(rng).value(slot))
 
 
-def _wrong(found: Any, kind: str, rng: np.random.Generator) -> Any:
-    if isinstance(found, bool):
-        return not found
-    if isinstance(found, int):
-        return INTEGERS[rng.integers(len(INTEGERS))] * int(rng.choice([1, 1, -1]))
-    if isinstance(found, float):
-        return FLOATS[rng.integers(len(FLOATS))]
-    if isinstance(found, str):
-        return TEXTS[rng.integers(len(TEXTS))]
-    if isinstance(found, bytes):
-        return bytes([int(rng.integers(256))])
-    return _wrong_sequence(found, rng)
-
-
-def _wrong_sequence(found: Any, rng: np.random.Generator) -> Any:
+def _wrong_sequence(found: Any, slot: Any, rng: np.random.Generator) -> Any:
     if isinstance(found, array.array) and found.typecode == "B":
         return array.array("B", mutate_bytes(found.tobytes(), rng))
     changed = copy.deepcopy(found)
     if len(changed) and rng.random() < 0.6:
-        index = int(rng.integers(len(changed)))
-        changed[index] = _wrong(changed[index].item() if hasattr(changed[index], "item") else changed[index], "", rng)
+        changed[int(rng.integers(len(changed)))] = Liar(rng).value(slot.value_type)
         return changed
-    if isinstance(found, np.ndarray):
-        return changed
-    return changed[: int(rng.integers(len(changed) + 1))] if rng.random() < 0.5 else changed + changed
+    if isinstance(slot, d.Array):  # its length is its type's
+        return Liar(rng).value(slot)
+    return Liar(rng).value(slot) if rng.random() < 0.5 else changed[: int(rng.integers(len(changed) + 1))]
+
+
+def interface_class(name: str) -> type[Any]:
+    """Return the class of a type by its name, `std_msgs/msg/String`; the parts of an action, too."""
+    package, kind, word = name.split("/")
+    module = importlib.import_module(f"{package}.{kind}")
+    if kind == "action" and not hasattr(module, word):
+        name, _, part = word.partition("_")
+        action = getattr(module, name)
+        implied: type[Any] = getattr(action.Impl, PARTS[part]) if part in PARTS else getattr(action, part)
+        return implied
+    found: type[Any] = getattr(module, word)
+    return found
+
+
+class Liar:
+    """Makes messages whose every field is a lie; the same seed makes the same ones, but for stamps of now."""
+
+    def __init__(self, rng: np.random.Generator, *, is_now: bool = False) -> None:
+        """`is_now`: some stamps are of now; `words` are names that mean something to who is lied to."""
+        self._rng, self._is_now = rng, is_now
+        self.words: list[str] = []
+
+    def message(self, kind: type[Any]) -> Any:
+        """Return a message of this class."""
+        made = kind()
+        if kind is Time and self._is_now and self._rng.random() < CHANCE_OF_NOW:
+            made.sec, made.nanosec = divmod(time.time_ns(), 10**9)
+            return made
+        for name, slot in zip(kind.get_fields_and_field_types(), kind.SLOT_TYPES, strict=True):
+            setattr(made, name, self.value(slot))
+        return made
+
+    def raw(self, message: Any) -> bytes:
+        """Return a message as bytes: with text that is no UTF-8, some bytes changed, or its end missing."""
+        data = serialize_message(message).replace(MARK.encode(), NO_UTF8)
+        return mutate_bytes(data, self._rng) if self._rng.random() < 0.6 else data
+
+    def value(self, slot: Any) -> Any:
+        """Return what a field of this type may hold."""
+        if isinstance(slot, d.BasicType):
+            return self._basic(slot.typename)
+        if isinstance(slot, d.AbstractGenericString):
+            text = self._pick((*TEXTS, *self.words) if self._rng.random() < 0.6 or not self.words else self.words)
+            return text[: slot.maximum_size] if slot.has_maximum_size() else text
+        if isinstance(slot, d.NamespacedType):
+            return self.message(interface_class("/".join(slot.namespaced_name())))
+        inner, length = slot.value_type, slot.size if isinstance(slot, d.Array) else self._pick(LENGTHS)
+        if isinstance(slot, d.BoundedSequence):
+            length = min(length, slot.maximum_size)
+        if not isinstance(slot, d.Array) and not isinstance(inner, d.BasicType):
+            length = min(length, MAX_DEEP)
+        if not isinstance(slot, d.Array) and getattr(inner, "typename", "") == "uint8":
+            return array.array("B", self._rng.bytes(length))
+        return [self.value(inner) for _ in range(length)]
+
+    def _pick(self, values: Sequence[Any]) -> Any:
+        return values[int(self._rng.integers(len(values)))]
+
+    def _basic(self, name: str) -> Any:
+        if name == "boolean":
+            return bool(self._rng.random() < 0.5)
+        if name == "octet":
+            return bytes([int(self._rng.integers(256))])
+        if name in ("float", "double"):
+            return self._pick(FLOATS if name == "float" else FLOATS + DOUBLES)
+        bits = int(re.sub(r"\D", "", name) or 8)
+        low, high = (0, 2**bits) if name.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1))
+        return int(self._pick((low, high - 1, max(-1, low), *(n for n in (*SMALL, *INTEGERS) if n < high))))

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType
 from numpy.typing import NDArray
 from rosbags.typesys import Stores
 
-from benchmarks.abuse.zoo_writers import OLD_TF, TF, Item, Messages, Write, bytes_alone, cut, damage, mcap, ros1, ros2
+from benchmarks.abuse.zoo_writers import OLD_TF, TF, Item, Messages, Write, mcap, ros1, ros2
 from benchmarks.room import HALF_SIDES_M, render
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.cameras.camera import Camera, pixel_rays
@@ -318,18 +318,13 @@ def panorama(make: Messages, *, info: str = "/theta/sphere_info", moving: bool =
 # --- the list
 @dataclass(frozen=True)
 class Exhibit:
-    """A recording: its name, what is in it, who writes it, the jobs it is good for, and what is said where it is not.
-
-    `is_damaged`: the bag is refused in one line that holds `words`; `is_salvaged`: what is whole then serves all jobs.
-    """
+    """A recording: its name, what is in it, who writes it, the jobs it is good for, what is said where it is not."""
 
     name: str
     items: Callable[[Messages], Iterable[Item]]
     write: Write
     jobs: tuple[str, ...] = ALL
     words: str = ""
-    is_damaged: bool = False
-    is_salvaged: bool = False
     is_ros1: bool = False
     release: Stores = Stores.ROS2_JAZZY
 
@@ -416,26 +411,6 @@ def _storages() -> list[Exhibit]:
         replace(of("foxy_sqlite", write=ros2("sqlite")), release=Stores.ROS2_FOXY),
         of("unknown_types", others=_battery),
     ]
-
-
-def _damages() -> list[Exhibit]:
-    long = replace(D, num=10)
-    saved = [
-        of("mcap_cut", long, cut(mcap(chunk_size=100_000)), words="truncated MCAP"),
-    ]
-    lost = [
-        of("sqlite_cut", long, cut(ros2("sqlite")), words="sqlite3 BAG.db3 .recover"),
-        of("sqlite_alone_cut", long, cut(ros2("sqlite", is_lone=True)), words="sqlite3 BAG.db3 .recover"),
-        of("sqlite_damaged", long, damage(ros2("sqlite"), 0.0, 4096), words="rosbag2 database"),
-        of("mcap_damaged", D, damage(mcap(chunk_size=1 << 24), 0.5), words="expected"),
-        of("ros1_cut", D, cut(ros1()), words="expected a readable bag", is_ros1=True),
-        Exhibit("empty_bag", lambda make: [], ros2(), words="found an empty bag"),
-        of("empty_file", D, bytes_alone("drive.db3", b""), words="found an empty file"),
-        of("text_file", D, bytes_alone("drive.bag", b"hello\n" * 50), words="expected a readable"),
-        of("pictures", D, bytes_alone("drive.mcap", b"\x89PNG\r\n\x1a\n" * 9), words="expected"),
-    ]
-    saved = [replace(one, is_salvaged=True) for one in saved]
-    return [replace(one, is_damaged=True) for one in (*saved, *lost)]
 
 
 def _names() -> list[Exhibit]:
@@ -526,4 +501,4 @@ def _faults() -> list[Exhibit]:
 
 def exhibits() -> list[Exhibit]:
     """Return the whole zoo."""
-    return [*_storages(), *_damages(), *_names(), *_encodings(), *_faults()]
+    return [*_storages(), *_names(), *_encodings(), *_faults()]

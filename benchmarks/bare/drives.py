@@ -37,12 +37,7 @@ TILT_DEG = 0.2  # of the IMU
 CLEAR = 1.2  # room around the camera that traffic leaves free, m
 READ_NOISE, SHOT_NOISE = 1.2, 0.012  # grey levels, as of the vehicle's camera
 SHADOWLESS = LightParams(exposure=0.5)
-LIGHTS = (
-    LightParams(),
-    LightParams(sun="95,20", exposure=0.7),
-    LightParams(sun="320,60", exposure=1.2),
-    SHADOWLESS,
-)
+LIGHTS = (LightParams(), LightParams(sun="95,20", exposure=0.7), LightParams(sun="320,60", exposure=1.2), SHADOWLESS)
 NIGHT = LightParams(sun="300,22.0h", has_street_lamps=True, torch=3000.0, exposure=900.0)  # head lamp, street lamps
 NIGHT_NOISE = 3.0  # times that by day
 LEVELS, LEVEL, MAX_GAIN = (30.0, 170.0), 90.0, 50.0  # mean grey levels that an exposure is left at by night, and set to

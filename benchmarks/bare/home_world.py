@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.geometry.floor_plan import WallSurface, mesh_of
 from mcl_depth.geometry.mesh import TriangleMesh
-from sphere_nav.geometry import Spherical
+from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
@@ -32,6 +32,7 @@ LEAST = 1.7  # side of a room, m
 DOOR_TOP, DOOR_WIDTH = 2.03, (0.7, 0.9)
 PLAIN, BOARDS, TILES, PICTURE, WINDOW, MIRROR, GLASS = range(7)
 BOUNCES = 4  # of a ray in mirrors and through glass
+Look = tuple[int, float, float, int]  # pattern, reflectance, scale, room
 FURNITURE = (  # width along the wall, depth, bottom, top in m: from, to
     ((1.0, 2.4), (0.55, 0.65), (0.0, 0.0), (1.8, 2.25)),  # wardrobe
     ((1.4, 1.9), (1.9, 2.1), (0.0, 0.0), (0.4, 0.6)),  # bed
@@ -49,14 +50,22 @@ class Scene:
     """Rectangles (corners lower left, lower right, upper left) with a pattern, a reflectance and a room each."""
 
     corners: list[Array] = field(default_factory=list)
-    looks: list[tuple[int, float, float, int]] = field(default_factory=list)  # pattern, reflectance, scale, room
+    looks: list[Look] = field(default_factory=list)
 
-    def rectangle(self, corner: Array, along: Array, up: Array, look: tuple[int, float, float, int]) -> None:
+    def rectangle(self, corner: Array, along: Array, up: Array, look: Look) -> None:
         """Add a rectangle from a corner (3,) and its two sides (3,)."""
         self.corners.append(np.array([corner, corner + along, corner + up]))
         self.looks.append(look)
 
-    def box(self, corner: Array, sides: Array, look: tuple[int, float, float, int]) -> None:
+    def flat(self, corner: Array, along: Array, across: Array, z: float, look: Look) -> None:
+        """Add a level rectangle from a corner (2,) and its two sides (2,)."""
+        self.rectangle(np.append(corner, z), np.append(along, 0.0), np.append(across, 0.0), look)
+
+    def panel(self, corner: Array, along: Array, z: tuple[float, float], look: Look) -> None:
+        """Add an upright rectangle from a corner (2,) along (2,) between two heights."""
+        self.rectangle(np.append(corner, z[0]), np.append(along, 0.0), np.array([0.0, 0.0, z[1] - z[0]]), look)
+
+    def box(self, corner: Array, sides: Array, look: Look) -> None:
         """Add the six sides of a box: corner (3,), sides (3, 3)."""
         for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             self.rectangle(corner, sides[i], sides[j], look)
@@ -65,12 +74,11 @@ class Scene:
 
 @dataclass(frozen=True)
 class Home:
-    """A plan as a map, and pictures of its rooms: images (K, H, W), poses x, y, yaw (K, 3), rooms (K,)."""
+    """A plan as a map, and pictures of its rooms: images (K, H, W), poses x, y, yaw (K, 3)."""
 
     plan: TriangleMesh
     images: NDArray[np.uint8]
     poses: Array
-    rooms: NDArray[np.int64]
 
 
 @lru_cache(maxsize=32)
@@ -89,20 +97,16 @@ def home(seed: int, num_images: int = 16) -> Home:
     scene = Scene()
     _draw_shell(scene, surfaces, rings, ceilings, rng)
     _draw_doors(scene, links, shear, rng)
-    is_outer = _outer_sides(cells)
     clutter = rng.choice([0.0, 0.5, 1.0], p=[0.2, 0.4, 0.4])
-    kept = [
-        _furnish(scene, rings[i].T, i, float(ceilings[i]), is_outer[i], surfaces, clutter, rng)
-        for i in range(len(cells))
-    ]
-    places, rooms = _places(rings, kept, num_images, rng)
+    taken = []
+    for i, (ring, top, is_outer) in enumerate(zip(rings, ceilings, _outer_sides(cells), strict=True)):
+        doors = [np.stack([s.start, s.end]) for s in surfaces if s.room == str(i) and s.kind == "door"]
+        taken.append(_furnish(scene, ring.T, i, float(top), is_outer, doors, clutter, rng))
+    places = _places(rings, taken, num_images, rng)
     yaws = rng.uniform(-np.pi, np.pi, len(places))
     camera = _Caster(scene, [np.append(ring.mean(axis=1), top) for ring, top in zip(rings, ceilings, strict=True)], rng)
     images = np.stack([camera.image(place, yaw) for place, yaw in zip(places, yaws, strict=True)])
-    return Home(mesh_of(_measured(surfaces, rng), f"home {seed}"), images, np.column_stack([places, yaws]), rooms)
-
-
-# ---- the plan ---------------------------------------------------------------------------------------------------
+    return Home(mesh_of(_measured(surfaces, rng), f"home {seed}"), images, np.column_stack([places, yaws]))
 
 
 def _cells(kind: str, rng: np.random.Generator) -> Array:
@@ -223,9 +227,6 @@ def _measured(surfaces: list[WallSurface], rng: np.random.Generator) -> list[Wal
     return found
 
 
-# ---- what the images show ---------------------------------------------------------------------------------------
-
-
 def _draw_shell(
     scene: Scene, surfaces: list[WallSurface], rings: list[Array], ceilings: Array, rng: np.random.Generator
 ) -> None:
@@ -233,16 +234,15 @@ def _draw_shell(
     for i, (ring, top) in enumerate(zip(rings, ceilings, strict=True)):
         corner, along, across = ring[:, 0], ring[:, 1] - ring[:, 0], ring[:, 3] - ring[:, 0]
         floor = (int(rng.choice([BOARDS, TILES, PLAIN])), rng.uniform(0.15, 0.5), rng.uniform(0.1, 0.4), i)
-        scene.rectangle(np.append(corner, 0.0), np.append(along, 0.0), np.append(across, 0.0), floor)
-        up = (PLAIN, rng.uniform(0.7, 0.85), 1.0, i)
-        scene.rectangle(np.append(corner, top), np.append(along, 0.0), np.append(across, 0.0), up)
-        paint = rng.uniform(0.4, 0.8)
-        for wall in (s for s in surfaces if s.room == str(i) and s.kind == "wall"):
+        scene.flat(corner, along, across, 0.0, floor)
+        scene.flat(corner, along, across, top, (PLAIN, rng.uniform(0.7, 0.85), 1.0, i))
+        paint, own = rng.uniform(0.4, 0.8), [s for s in surfaces if s.room == str(i)]
+        for wall in (s for s in own if s.kind == "wall"):
             look = (PLAIN, paint * rng.uniform(0.95, 1.05), 1.0, i)
-            _draw_wall(scene, wall, [s for s in surfaces if s.room == str(i) and s.kind == "door"], look)
+            _draw_wall(scene, wall, [s for s in own if s.kind == "door"], look)
 
 
-def _draw_wall(scene: Scene, wall: WallSurface, doors: list[WallSurface], look: tuple[int, float, float, int]) -> None:
+def _draw_wall(scene: Scene, wall: WallSurface, doors: list[WallSurface], look: Look) -> None:
     length = float(np.linalg.norm(wall.end - wall.start))
     along = (wall.end - wall.start) / length
     across = np.array([-along[1], along[0]])
@@ -255,40 +255,29 @@ def _draw_wall(scene: Scene, wall: WallSurface, doors: list[WallSurface], look: 
     for low, high, top in [*sorted(cuts), (length, length, wall.top)]:
         for a, b, bottom in ((edge, low, 0.0), (low, high, top)):
             if b - a > 1e-3 and wall.top - bottom > 1e-3:
-                corner = np.append(wall.start + a * along, bottom)
-                scene.rectangle(corner, np.append((b - a) * along, 0.0), np.array([0.0, 0.0, wall.top - bottom]), look)
+                scene.panel(wall.start + a * along, (b - a) * along, (bottom, wall.top), look)
         edge = high
 
 
 def _draw_doors(scene: Scene, links: list[Link], warp: Array, rng: np.random.Generator) -> None:
-    """Draw the sides of holes, frames, and leaves, closed or open."""
+    """Draw the sides of holes, and leaves, closed or open."""
     for link in links:
-        paint = (PLAIN, rng.uniform(0.2, 0.8), 1.0, link.rooms[0])
+        paint, half = (PLAIN, rng.uniform(0.2, 0.8), 1.0, link.rooms[0]), 0.5 * WALL
 
-        def at(across: float, along: float, z: float, link: Link = link) -> Array:
+        def at(across: float, along: float, link: Link = link) -> Array:
             xy = np.array([link.at + across, along])
-            return np.append(warp @ (xy if link.axis == 0 else xy[::-1]), z)
+            return warp @ (xy if link.axis == 0 else xy[::-1])
 
-        low, high, half = link.low, link.high, 0.5 * WALL
-        up = np.array([0.0, 0.0, link.top])
+        low, high = link.low, link.high
         for s in (low, high):
-            scene.rectangle(at(-half, s, 0.0), at(half, s, 0.0) - at(-half, s, 0.0), up, paint)
-        lintel = at(-half, low, link.top)
-        scene.rectangle(lintel, at(half, low, link.top) - lintel, at(-half, high, link.top) - lintel, paint)
-        sill = at(-half, low, 0.0)
-        scene.rectangle(sill, at(half, low, 0.0) - sill, at(-half, high, 0.0) - sill, (PLAIN, 0.4, 1.0, link.rooms[0]))
-        if link.high - link.low > DOOR_WIDTH[1]:
-            continue
-        for side in (-half - 0.015, half):  # frames
-            for a, b in ((low - 0.07, low), (high, high + 0.07)):
-                corner = at(side, a, 0.0)
-                sides = np.array([at(side + 0.015, a, 0.0) - corner, at(side, b, 0.0) - corner, up])
-                scene.box(corner, sides, paint)
-        angle = rng.uniform(np.radians(60.0), np.radians(100.0)) if link.is_open else 0.0
-        into = half if rng.random() < 0.5 else -half
-        leaf = at(into, low, 0.01)
-        tip = at(into + np.sign(into) * np.sin(angle) * (high - low), low + np.cos(angle) * (high - low), 0.01)
-        scene.rectangle(leaf, tip - leaf, up * (link.top - 0.02) / link.top, paint)
+            scene.panel(at(-half, s), at(half, s) - at(-half, s), (0.0, link.top), paint)
+        for z in (0.0, link.top):
+            scene.flat(at(-half, low), at(half, low) - at(-half, low), at(-half, high) - at(-half, low), z, paint)
+        if high - low <= DOOR_WIDTH[1]:
+            angle = rng.uniform(np.radians(60.0), np.radians(100.0)) if link.is_open else 0.0
+            into = half if rng.random() < 0.5 else -half
+            tip = at(into + np.sign(into) * np.sin(angle) * (high - low), low + np.cos(angle) * (high - low))
+            scene.panel(at(into, low), tip - at(into, low), (0.01, link.top), paint)
 
 
 def _furnish(
@@ -297,14 +286,13 @@ def _furnish(
     room: int,
     ceiling: float,
     is_outer: list[bool],
-    surfaces: list[WallSurface],
+    doors: list[Array],
     clutter: float,
     rng: np.random.Generator,
 ) -> list[Array]:
-    """Put things along the walls of a room; return the rectangles (4, 2) that they stand on."""
+    """Put windows, mirrors, pictures and furniture along the walls; return the rectangles (4, 2) that stand there."""
     taken: list[Array] = []
     middle = ring.mean(axis=0)
-    doors = [np.stack([s.start, s.end]) for s in surfaces if s.room == str(room) and s.kind == "door"]
     for index, (a, b) in enumerate(zip(ring, np.roll(ring, -1, axis=0), strict=True)):
         length = float(np.linalg.norm(b - a))
         along = (b - a) / length
@@ -312,75 +300,69 @@ def _furnish(
         inward *= np.sign(inward @ (middle - a))
         depth = 2.0 * float(inward @ (middle - a))
         blocked = [np.sort((door - a) @ along) for door in doors if np.abs((door - a) @ inward).max() < 0.2]
-
-        def is_clear(low: float, high: float, blocked: list[Array] = blocked) -> bool:
-            return all(high < c[0] - 0.1 or low > c[1] + 0.1 for c in blocked)
-
-        def panel(low: float, width: float, z0: float, z1: float, look: tuple[int, float, float, int]) -> None:
-            corner = np.append(a + low * along + 0.012 * inward, z0)  # noqa: B023
-            scene.rectangle(corner, np.append(width * along, 0.0), np.array([0.0, 0.0, z1 - z0]), look)  # noqa: B023
-
-        if is_outer[index] and rng.random() < 0.75:
-            width = min(rng.uniform(0.8, 2.4), length - 0.4)
-            low = 0.2 + rng.random() * (length - width - 0.4)
-            sill = 0.05 if rng.random() < 0.25 else rng.uniform(0.8, 1.0)
-            if is_clear(low, low + width):
-                panel(
-                    low,
-                    width,
-                    sill,
-                    min(rng.uniform(2.0, 2.2), ceiling - 0.05),
-                    (WINDOW, rng.uniform(0.5, 0.9), width, room),
-                )
-        elif rng.random() < 0.12:
-            width = min(rng.uniform(0.6, 2.0), length - 0.4)
-            low = 0.2 + rng.random() * (length - width - 0.4)
-            z0 = 0.05 if rng.random() < 0.4 else 1.0
-            if is_clear(low, low + width):
-                panel(low, width, z0, 2.0, (MIRROR, 0.9, width, room))
-        elif rng.random() < 0.05 and length > 2.0 and not is_outer[index]:
-            panel(0.3, length - 0.6, 0.05, ceiling - 0.2, (GLASS, 0.9, 1.0, room))
+        low, width, z, look = _on_wall(is_outer[index], length, ceiling, room, rng)
+        hung = [(low, width, z, look)] if width else []
         for _ in range(int(rng.poisson(0.8 * clutter))):
             width, height = rng.uniform(0.3, 1.2), rng.uniform(0.3, 0.9)
             low = rng.uniform(0.1, max(length - width - 0.1, 0.11))
-            if is_clear(low, low + width) and width < length - 0.2:
-                panel(low, width, 1.8 - height, 1.8, (PICTURE, rng.uniform(0.1, 0.9), width, room))
+            hung.append((low, width, (1.8 - height, 1.8), (PICTURE, rng.uniform(0.1, 0.9), width, room)))
+        for low, width, z, look in hung:
+            if _is_clear(low, low + width, blocked) and width < length - 0.2:
+                scene.panel(a + low * along + 0.012 * inward, width * along, z, look)
         for _ in range(int(rng.poisson(1.6 * clutter))):
-            thing = FURNITURE[int(rng.integers(len(FURNITURE)))]
-            width, deep, z0, z1 = (rng.uniform(*limits) for limits in thing)
-            if width > length - 0.1 or deep > 0.6 * depth:
-                continue
+            width, deep, bottom, top = (rng.uniform(*limits) for limits in FURNITURE[int(rng.integers(len(FURNITURE)))])
             low = 0.05 + rng.random() * (length - width - 0.1)
-            foot = np.array(
-                [
-                    a + s * along + t * inward
-                    for s, t in ((low, 0.02), (low + width, 0.02), (low + width, deep), (low, deep))
-                ]
-            )
-            if not is_clear(low, low + width) or (z1 < 1.3 and any(_overlap(foot, other) for other in taken)):
-                continue
-            if depth - deep < 1.0:
-                continue
-            taken.append(foot)
-            corner = np.append(foot[0], z0)
-            sides = np.array(
-                [np.append(foot[1] - foot[0], 0.0), np.append(foot[3] - foot[0], 0.0), [0.0, 0.0, z1 - z0]]
-            )
-            scene.box(
-                corner,
-                sides,
-                (int(rng.choice([PLAIN, PICTURE, BOARDS], p=[0.7, 0.15, 0.15])), rng.uniform(0.05, 0.8), 0.6, room),
-            )
+            ends = ((low, 0.02), (low + width, 0.02), (low + width, deep), (low, deep))
+            foot = np.array([a + s * along + t * inward for s, t in ends])
+            is_in_way = top < 1.3 and any(_overlap(foot, other) for other in taken)
+            fits = width < length - 0.1 and deep < 0.6 * depth and depth - deep > 1.0
+            if fits and not is_in_way and _is_clear(low, low + width, blocked):
+                taken.append(foot)
+                sides = np.array([[*(foot[1] - foot[0]), 0.0], [*(foot[3] - foot[0]), 0.0], [0.0, 0.0, top - bottom]])
+                look = (
+                    int(rng.choice([PLAIN, PICTURE, BOARDS], p=[0.7, 0.15, 0.15])),
+                    rng.uniform(0.05, 0.8),
+                    0.6,
+                    room,
+                )
+                scene.box(np.append(foot[0], bottom), sides, look)
     if any(is_outer) and rng.random() < 0.5:  # sun on the floor
         at = ring[0] + rng.uniform(0.1, 0.6) * (ring[1] - ring[0]) + rng.uniform(0.1, 0.6) * (ring[3] - ring[0])
-        sides = rng.uniform(-1.0, 1.0, (2, 2))
-        scene.rectangle(
-            np.append(at, 0.004), np.append(sides[0], 0.0), np.append(sides[1], 0.0), (PLAIN, 1.5, 1.0, room)
-        )
+        along, across = rng.uniform(-1.0, 1.0, (2, 2))
+        scene.flat(at, along, across, 0.004, (PLAIN, 1.5, 1.0, room))
     if rng.random() < 0.6:  # a lamp
         at = np.append(middle + rng.uniform(-0.3, 0.3, 2), ceiling - rng.uniform(0.1, 0.5))
         scene.box(at, np.diag([0.3, 0.3, 0.12]), (PLAIN, 0.95, 1.0, room))
     return taken
+
+
+def _on_wall(
+    is_outer: bool, length: float, ceiling: float, room: int, rng: np.random.Generator
+) -> tuple[float, float, tuple[float, float], Look]:
+    """Return begin, width, heights and look of a window, a mirror or a wall of glass; of width 0: none."""
+    draw = rng.random()
+    if is_outer and draw < 0.75:
+        width = min(rng.uniform(0.8, 2.4), length - 0.4)
+        sill = 0.05 if rng.random() < 0.25 else rng.uniform(0.8, 1.0)
+        top = min(rng.uniform(2.0, 2.2), ceiling - 0.05)
+        return (
+            0.2 + rng.random() * (length - width - 0.4),
+            width,
+            (sill, top),
+            (WINDOW, rng.uniform(0.5, 0.9), width, room),
+        )
+    if draw < 0.12:
+        width = min(rng.uniform(0.6, 2.0), length - 0.4)
+        low = 0.2 + rng.random() * (length - width - 0.4)
+        return low, width, (0.05 if rng.random() < 0.4 else 1.0, 2.0), (MIRROR, 0.9, width, room)
+    if draw < 0.17 and length > 2.0 and not is_outer:
+        return 0.3, length - 0.6, (0.05, ceiling - 0.2), (GLASS, 0.9, 1.0, room)
+    return 0.0, 0.0, (0.0, 0.0), (PLAIN, 0.0, 0.0, room)
+
+
+def _is_clear(low: float, high: float, blocked: list[Array]) -> bool:
+    """Whether a part of a wall is beside all of its doors."""
+    return all(high < door[0] - 0.1 or low > door[1] + 0.1 for door in blocked)
 
 
 def _overlap(first: Array, second: Array) -> bool:
@@ -389,81 +371,57 @@ def _overlap(first: Array, second: Array) -> bool:
     return bool(away < 0.35 * (np.ptp(first, axis=0).max() + np.ptp(second, axis=0).max()))
 
 
-def _places(
-    rings: list[Array], taken: list[list[Array]], count: int, rng: np.random.Generator
-) -> tuple[Array, NDArray[np.int64]]:
-    """Return where pictures are taken (count, 2): each room once, then by area; and in which rooms."""
+def _places(rings: list[Array], taken: list[list[Array]], count: int, rng: np.random.Generator) -> Array:
+    """Return where pictures are taken (count, 2): each room once, then by area."""
     sides = [np.linalg.norm(ring[:, 1] - ring[:, 0]) * np.linalg.norm(ring[:, 3] - ring[:, 0]) for ring in rings]
     order = [*rng.permutation(len(rings)), *rng.choice(len(rings), 4 * count, p=np.array(sides) / sum(sides))]
     found: list[Array] = []
-    rooms: list[int] = []
-    for room in order:
-        for _ in range(20):
-            s, t = rng.uniform(0.0, 1.0, 2)
-            ring = rings[room]
-            along, across = ring[:, 1] - ring[:, 0], ring[:, 3] - ring[:, 0]
-            margin = 0.5
-            s = np.clip(s, margin / np.linalg.norm(along), 1.0 - margin / np.linalg.norm(along))
-            t = np.clip(t, margin / np.linalg.norm(across), 1.0 - margin / np.linalg.norm(across))
-            place = ring[:, 0] + s * along + t * across
-            near = [
-                cv2.pointPolygonTest(foot.astype(np.float32), place.astype(np.float32).tolist(), True)
-                for foot in taken[room]
-            ]
-            if all(value < -0.25 for value in near) and all(np.linalg.norm(place - other) > 0.7 for other in found):
-                found.append(place)
-                rooms.append(int(room))
-                break
+    for room in np.repeat(order, 20):
+        ring = rings[room]
+        along, across = ring[:, 1] - ring[:, 0], ring[:, 3] - ring[:, 0]
+        margins = 0.5 / np.linalg.norm(along), 0.5 / np.linalg.norm(across)
+        s, t = (np.clip(rng.random(), margin, 1.0 - margin) for margin in margins)
+        place = ring[:, 0] + s * along + t * across
+        point = place.astype(np.float32).tolist()
+        near = [cv2.pointPolygonTest(foot.astype(np.float32), point, True) for foot in taken[room]]
+        if all(value < -0.25 for value in near) and all(np.linalg.norm(place - other) > 0.7 for other in found):
+            found.append(place)
         if len(found) == count:
             break
-    return np.array(found), np.array(rooms)
+    return np.array(found)
 
 
 class _Caster:
     """Draws panoramas of a scene: lamps (R, 3), one a room."""
 
     def __init__(self, scene: Scene, lamps: list[Array], rng: np.random.Generator) -> None:
-        corners = np.array(scene.corners)
-        self._corner, self._along, self._up = (
-            corners[:, 0],
-            corners[:, 1] - corners[:, 0],
-            corners[:, 2] - corners[:, 0],
-        )
-        quads = np.stack([corners[:, 0], corners[:, 1], corners[:, 1] + self._up, corners[:, 2]], axis=1)
+        corners, looks = np.array(scene.corners), np.array(scene.looks)
+        self._corner = corners[:, 0]
+        self._along, self._up = corners[:, 1] - self._corner, corners[:, 2] - self._corner
+        quads = np.stack([self._corner, corners[:, 1], corners[:, 1] + self._up, corners[:, 2]], axis=1)
         triangles = quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3).astype(np.float32)
         self._scene = EmbreeScene(robust=True)
         self._keep = EmbreeMesh(self._scene, triangles)
-        looks = np.array(scene.looks)
-        self._kind, self._base, self._scale, self._room = (
-            looks[:, 0].astype(int),
-            looks[:, 1],
-            looks[:, 2],
-            looks[:, 3].astype(int),
-        )
+        self._kind, self._room = looks[:, 0].astype(int), looks[:, 3].astype(int)
+        self._base, self._scale = looks[:, 1], looks[:, 2]
         normals = np.cross(self._along, self._up)
         self._normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         self._lamps = np.array(lamps) - [0.0, 0.0, 0.15]
-        self._power = rng.uniform(0.5, 1.5, len(lamps))
-        self._ambient = rng.uniform(0.3, 0.9, len(lamps))
+        self._power, self._ambient = rng.uniform(0.5, 1.5, len(lamps)), rng.uniform(0.3, 0.9, len(lamps))
         self._side = rng.uniform(-1.0, 1.0, 3) * [1.0, 1.0, 0.2]
         self._outside = rng.uniform(0.3, 1.2, 48)  # heights of what is seen through windows
-        self._seed = rng.integers(1 << 30)
+        self._rng = rng
         self._rays = pixel_rays(PANORAMA).reshape(-1, 3)
 
     def image(self, place: Array, yaw: float) -> NDArray[np.uint8]:
         """Return the grey panorama (H, W) at x, y (2,) with a heading."""
-        rng = np.random.default_rng([int(self._seed), int(abs(place[0]) * 1e6)])
-        roll, pitch = np.radians(TILT_DEG) * rng.standard_normal(2)
-        c, s = np.cos(yaw), np.sin(yaw)
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ cv2.Rodrigues(np.array([roll, pitch, 0.0]))[0]
-        origin = np.append(place, HEIGHT + HEIGHT_SIGMA * rng.standard_normal())
+        roll, pitch = np.radians(TILT_DEG) * self._rng.standard_normal(2)
+        R = SE3.from_planar(0.0, 0.0, float(yaw)).rotation @ cv2.Rodrigues(np.array([roll, pitch, 0.0]))[0]
+        origin = np.append(place, HEIGHT + HEIGHT_SIGMA * self._rng.standard_normal())
         light = self._radiance(np.tile(origin, (len(self._rays), 1)), self._rays @ R.T)
-        light = light / np.median(light) * rng.uniform(0.12, 0.3)
-        levels = 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / 2.2)
-        image = levels.reshape(PANORAMA.height, PANORAMA.width) + 2.0 * rng.standard_normal(
-            (PANORAMA.height, PANORAMA.width)
-        )
-        return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+        light = light / np.median(light) * self._rng.uniform(0.12, 0.3)
+        levels = (255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / 2.2)).reshape(PANORAMA.height, PANORAMA.width)
+        return np.clip(np.rint(levels + 2.0 * self._rng.standard_normal(levels.shape)), 0, 255).astype(np.uint8)
 
     def _radiance(self, starts: Array, rays: Array) -> Array:
         light, share = np.zeros(len(rays)), np.ones(len(rays))
@@ -496,13 +454,13 @@ class _Caster:
         room = self._room[index]
         to_lamp = self._lamps[room] - points
         away = np.linalg.norm(to_lamp, axis=1)
-        lamp = (
-            self._power[room] * np.maximum(np.sum(normals * to_lamp, axis=1), 0.05 * away) / np.maximum(away, 0.5) ** 3
-        )
+        lamp = np.maximum(np.sum(normals * to_lamp, axis=1), 0.05 * away) / np.maximum(away, 0.5) ** 3
+        lamp *= self._power[room]
         ambient = self._ambient[room] * (1.0 + 0.25 * normals @ self._side)
         offset = points - self._corner[index]
-        u = np.sum(offset * self._along[index], axis=1) / np.linalg.norm(self._along[index], axis=1)
-        v = np.sum(offset * self._up[index], axis=1) / np.linalg.norm(self._up[index], axis=1)
+        width, height = np.linalg.norm(self._along[index], axis=1), np.linalg.norm(self._up[index], axis=1)
+        u = np.sum(offset * self._along[index], axis=1) / width
+        v = np.sum(offset * self._up[index], axis=1) / height
         kind, scale, salt = self._kind[index], self._scale[index], (7.31 * index).astype(np.float64)
         pattern = 1.0 + 0.03 * np.sin(2.1 * u + salt) * np.sin(1.7 * v + 2.0 * salt)
         board = _noise(np.floor(v / 0.12), np.floor(u / 0.9 + 0.37 * np.floor(v / 0.12)), salt)
@@ -511,7 +469,6 @@ class _Caster:
         pattern = np.where(kind == BOARDS, 0.85 + 0.3 * board, pattern)
         pattern = np.where(kind == TILES, tile, np.where(kind == PICTURE, picture, pattern))
         light = self._base[index] * pattern * (ambient + lamp)
-        width, height = np.linalg.norm(self._along[index], axis=1), np.linalg.norm(self._up[index], axis=1)
         edge = np.minimum(np.minimum(u, width - u), np.minimum(v, height - v))
         is_frame = (edge < 0.05) | ((width > 1.2) & (np.abs(u - 0.5 * width) < 0.03))
         window = np.where(is_frame, self._base[index] * ambient, self._sky(rays))

@@ -89,7 +89,7 @@ def _start_bounds(name: str, found: Sequence[Trial], least: float) -> list[Bound
     what = f"{name}, {len(found)} starts"
     return [
         Bound(f"{what}: right and TRACKING at the last image", least, float(share), "%", True, told),
-        Bound(f"{what}: TRACKING anywhere at a wrong place", 0.0, wrong, "", headline=told),
+        Bound(f"{what}: TRACKING anywhere at a wrong place", 0.0, wrong, ""),
     ]
 
 

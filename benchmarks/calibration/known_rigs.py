@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> Report:
 def _add(report: Report, trials: list[Trial], title: str) -> None:
     report.tables.append(Table(title, COLUMNS, [trial.row for trial in trials]))
     position, rotation = np.max([trial.worst for trial in trials], axis=0)
-    told = Headline("map", "rigs of the simulator") if "projected" in title else None
+    told = Headline("map", "rigs of the simulator") if title.startswith("vertical rig, corners") else None
     report.bounds.append(Bound(f"{title}: worst position", MAX_POSITION_MM, float(position), "mm", headline=told))
     report.bounds.append(Bound(f"{title}: worst rotation", MAX_ROTATION_DEG, float(rotation), "deg"))
     if "projected" in title:

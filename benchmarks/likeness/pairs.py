@@ -48,7 +48,6 @@ class Scene:
     """images (K, H, W) f2, their places (K, 2) m; depths (K, J, H, W) f2 m, NaN unknown, and their places (K, J, 2)."""
 
     kind: str
-    is_night: bool
     images: NDArray[np.float16]
     places: Array
     depths: NDArray[np.float16]
@@ -78,11 +77,7 @@ def _kept(folder: Path, kind: str, seed: int, light: int) -> Scene:
         np.savez(draft, **arrays)
         draft.replace(path)
     with np.load(path, allow_pickle=False) as file:
-        lights = {"town": TOWN_LIGHTS, "corridor": CORRIDOR_LIGHTS}.get(kind)
-        return Scene(kind, lights is not None and lights[light].torch > 0.0, *(file[name] for name in names))
-
-
-# ---- towns and corridors ----------------------------------------------------------------------------------------
+        return Scene(kind, *(file[name] for name in names))
 
 
 def _town(seed: int, light: int) -> tuple[Any, ...]:
@@ -205,9 +200,6 @@ def _depths(
         found.append(np.minimum(ranges[order], 250.0))
         at.append(spots[order])
     return np.array(found, np.float16), np.array(at)
-
-
-# ---- homes ------------------------------------------------------------------------------------------------------
 
 
 def _home(seed: int, light: int) -> tuple[Any, ...]:

@@ -35,7 +35,6 @@ LAYERS = {  # outputs, rows and columns of the filter, strides over rows and col
     "depth": ((16, 5, 5, 2, 2), (24, 3, 3, 2, 1), (24, 3, 3, 1, 1), (8, 1, 1, 1, 1)),
 }
 TRAIN = {"towns": range(301, 303), "corridors": range(16), "homes": range(12)}
-VALIDATE = {"towns": range(0), "corridors": range(100, 102), "homes": range(60, 61)}  # others than in any benchmark
 NEAR_M, NEAR_COLUMNS = 0.8, 5  # a place and a heading this close to the true ones is neither right nor wrong
 BATCH, RATE, SHARPNESS, MAX_SHARPNESS = 14, 2e-3, 12.0, 40.0
 WINDOW = panorama_window(SynthesisParams())
@@ -140,39 +139,8 @@ def loss_of(nets: nn.ModuleDict, sharpness: Tensor, made: Prepared, rng: np.rand
     return (torch.logsumexp(torch.cat([right[:, None], wrongs], dim=1), dim=1) - right).mean()
 
 
-@torch.no_grad()
-def judge(nets: nn.ModuleDict, made: Prepared, step: int = 5) -> tuple[float, float]:
-    """Return by how many deviations the right places stand out of the others of their scene, and how often first."""
-    scene = made.scene
-    num, kinds = scene.depths.shape[:2]
-    indices, which = np.repeat(np.arange(num), kinds), np.tile(np.arange(kinds), num)
-    features = []
-    for part in np.array_split(np.arange(len(indices)), 8):
-        features.append(nets["depth"](made.depths(indices[part], which[part], None)))
-    curves = correlate(spectra_of(nets["image"](made.images)), spectra_of(torch.cat(features)), WINDOW.width).numpy()
-    return stand_out(curves[:, :, ::step], scene, indices, which)
-
-
-def stand_out(curves: np.ndarray, scene: Scene, indices: np.ndarray, which: np.ndarray) -> tuple[float, float]:
-    """Return the two figures of `judge` for similarities (K, D, A), the true heading being 0."""
-    places = scene.depth_places[indices, which]
-    gaps, firsts = [], []
-    steps = np.minimum(np.arange(curves.shape[2]), -np.arange(curves.shape[2]) % curves.shape[2])
-    for number, curve in enumerate(curves):
-        is_near = np.linalg.norm(places - scene.places[number], axis=1) < 1.0
-        is_right = is_near[:, None] & (steps <= 1)[None]
-        local = curve - curve.mean(axis=1, keepdims=True)
-        best = local[(indices == number) & (which < J_NEAR)][:, steps <= 1].max()
-        others = local[~is_right]
-        gaps.append((best - others.mean()) / others.std())
-        firsts.append(local[is_right].max() > others.max())
-    return float(np.mean(gaps)), float(np.mean(firsts))
-
-
-def train(
-    parts: Sequence[Prepared], checks: Sequence[Prepared], steps: int, seed: int, minutes: float, output: Path
-) -> None:
-    """Write what so many steps make of the pairs; told on the way what it is worth on places never trained on."""
+def train(parts: Sequence[Prepared], steps: int, seed: int, minutes: float, output: Path) -> None:
+    """Write what so many steps make of the pairs; what it is worth is told by the benchmarks of bare geometry."""
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)
@@ -194,9 +162,6 @@ def train(
         losses.append(loss.item())
         if (step + 1) % 100 == 0 or step + 1 == steps:
             words = [f"step {step + 1}", f"loss {np.mean(losses[-100:]):.3f}", f"sharpness {sharpness.item():.1f}"]
-            for name in sorted({name_of(check.scene) for check in checks}):
-                found = np.mean([judge(nets, check) for check in checks if name_of(check.scene) == name], axis=0)
-                words.append(f"{name} {found[0]:.1f} ({found[1]:.2f})")
             say(", ".join([*words, f"{time.process_time() - begin:.0f} s of CPU"]))
             hours = (minutes + (time.process_time() - begin) / 60.0) / 60.0
             _pair(nets, f"--seed {seed} --steps {steps}, {step + 1} done; {hours:.2f} h of CPU").save(output)
@@ -217,11 +182,6 @@ def say(text: str) -> None:
     sys.stdout.flush()
 
 
-def name_of(scene: Scene) -> str:
-    """Return the kind of a scene, and whether it is by night."""
-    return scene.kind + (" by night" if scene.is_night else "")
-
-
 def main() -> None:
     """Draw what is missing, train, write the weights."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -232,9 +192,8 @@ def main() -> None:
     options = parser.parse_args()
     begin = time.process_time()
     parts = [Prepared(scene) for scene in scenes(options.pairs, **TRAIN)]
-    checks = [Prepared(scene) for scene in scenes(options.pairs, **VALIDATE)]
     minutes = (time.process_time() - begin) / 60.0
-    train(parts, checks, options.steps, options.seed, minutes, options.output)
+    train(parts, options.steps, options.seed, minutes, options.output)
     say(f"{options.output}: {load_encoders(options.output).digest}, {options.output.stat().st_size} bytes")
 
 

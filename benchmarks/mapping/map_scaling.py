@@ -14,7 +14,6 @@ import os
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -33,76 +32,51 @@ from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
-HELP = "maps of 100 to 10,000 key spheres: memory, time to add, look up, write and adjust (a quarter of an hour)"
-SIZES, QUICK_SIZES = (100, 1000, 10_000), (100, 1000)
+HELP = "maps of 100 to 10,000 key spheres: memory, time to add, look up, write and adjust"
+SIZES = {"quick": (100, 1000), "full": (100, 1000, 10_000)}
 NUM_FEATURES, NUM_KINDS, NOISE = 300, 20_000, 12.0  # of a sphere; of descriptors in the world; grey levels of bytes
-CAMERA = Spherical(64, 32)
-LAP, LOOP_STEP = 29, 10  # spheres until the way is back where it was; between two loops
-INFORMATION = np.diag(np.repeat([1 / 0.01**2, 1 / 0.002**2], 3))
+CAMERA, LAP, LOOP_STEP = Spherical(64, 32), 29, 10  # spheres until the way is back where it was; between two loops
+INFORMATION, SPREAD = np.diag(np.repeat([1 / 0.01**2, 1 / 0.002**2], 3)), np.repeat([0.01, 0.002], 3)
 TAIL, NUM_ASKED = 100, 20
-ALL = "a key sphere, in all"
-LIMITS = {  # ms
-    "add to the index": 60.0,
-    "look up": 100.0,
-    "write": 20.0,
-    "adjust after a loop": 500.0,
-    "adjust at the end": 10_000.0,
-    ALL: 250.0,
-}
-
-
-@dataclass
-class Cost:
-    """Of one size: CPU milliseconds by step, memory and file in kB a sphere."""
-
-    ms: dict[str, float] = field(default_factory=dict)
-    memory_kb: float = 0.0
-    file_kb: float = 0.0
+ALL, MEMORY = "a key sphere, in all, ms", "memory of the index, kB a sphere"
+PARTS = ("add to the index, ms", "look up, ms", "write, ms", "complete the map, ms a sphere")
+LIMITS = dict(zip(PARTS[:3], (60.0, 100.0, 20.0), strict=True))
+LIMITS |= {"adjust after a loop, ms": 500.0, "adjust at the end, ms": 10_000.0, ALL: 250.0, MEMORY: 100.0}
 
 
 def run(options: argparse.Namespace) -> Report:
     """Build maps of all sizes."""
-    sizes = QUICK_SIZES if options.size == "quick" else SIZES
-    costs = {size: measure(size) for size in sizes}
-    rows = [(f"{step}, ms", *(f"{cost.ms[step]:.1f}" for cost in costs.values())) for step in costs[sizes[0]].ms]
-    rows.append(("memory, kB a sphere", *(f"{cost.memory_kb:.0f}" for cost in costs.values())))
-    rows.append(("file, kB a sphere", *(f"{cost.file_kb:.0f}" for cost in costs.values())))
-    report = Report("map_scaling", notes=[__doc__ or ""])
+    sizes = SIZES[options.size]
+    costs = [measure(size) for size in sizes]
+    rows = [(step, *(f"{cost[step]:.1f}" for cost in costs)) for step in costs[0]]
+    report, told = Report("map_scaling", notes=[__doc__ or ""]), Headline("times and memory", f"{sizes[-1]:,} spheres")
     report.tables.append(Table("Key spheres", ("CPU, one thread", *(f"{size:,}" for size in sizes)), rows))
-    largest, told = costs[sizes[-1]], Headline("times and memory", f"{sizes[-1]:,} key spheres")
-    report.bounds = [
-        Bound(f"{sizes[-1]:,} key spheres: {step}", limit, largest.ms[step], "ms", False, told if step == ALL else None)
-        for step, limit in LIMITS.items()
-    ]
-    memory = largest.memory_kb
-    report.bounds.append(Bound(f"{sizes[-1]:,} key spheres: memory of the index, a sphere", 100.0, memory, "kB"))
+    for step, limit in LIMITS.items():
+        what, unit = step.rsplit(", ", 1)
+        headline = told if step == ALL else None
+        report.bounds.append(Bound(f"{sizes[-1]:,} key spheres: {what}", limit, costs[-1][step], unit, False, headline))
     return report
 
 
-def measure(size: int) -> Cost:
-    """Build a map of so many spheres."""
-    rng, cost = np.random.default_rng([size, 9]), Cost()
-    kinds = rng.integers(0, 256, (NUM_KINDS, 128), np.uint8)
-    before = resident_kb()
-    index = AppearanceIndex()
+def measure(size: int) -> dict[str, float]:
+    """Build a map of so many spheres; return what each step costs."""
+    rng = np.random.default_rng([size, 9])
+    kinds, index, before = rng.integers(0, 256, (NUM_KINDS, 128), np.uint8), AppearanceIndex(), resident_kb()
     adding = [timed(partial(index.add, k, features_of(k, kinds, rng))) for k in range(size)]
-    cost.memory_kb = (resident_kb() - before) / size
+    cost = {MEMORY: (resident_kb() - before) / size, PARTS[0]: float(np.mean(adding[-TAIL:]))}
     asked = [features_of(int(k), kinds, rng) for k in rng.integers(0, size, NUM_ASKED)]
-    cost.ms["add to the index"] = float(np.mean(adding[-TAIL:]))
-    cost.ms["look up"] = float(np.mean([timed(partial(index.find, one, 4)) for one in asked]))
     graph = graph_of(size, rng)
     found = [Candidate(size - 1 - LAP, SE3.identity(), 60)]
     choose_candidate(graph, size - 1, found)  # lengths of edges are measured once
-    cost.ms["choose among candidates"] = timed(lambda: choose_candidate(graph, size - 1, found))
+    looking = float(np.mean([timed(partial(index.find, one, 4)) for one in asked]))
+    cost[PARTS[1]] = looking + timed(partial(choose_candidate, graph, size - 1, found))
     adjust(graph, cost)
     write(graph, index, cost)
-    each = ("add to the index", "look up", "choose among candidates", "write", "complete the map, a sphere")
-    at_loops = cost.ms["adjust after a loop"] / LOOP_STEP
-    cost.ms[ALL] = sum(cost.ms[step] for step in each) + at_loops
+    cost[ALL] = sum(cost[part] for part in PARTS) + cost["adjust after a loop, ms"] / LOOP_STEP
     return cost
 
 
-def adjust(graph: SphereGraph, cost: Cost) -> None:
+def adjust(graph: SphereGraph, cost: dict[str, float]) -> None:
     """Adjust the graph loop by loop as it grows, then by a loop through all of it, then all at once as at its end."""
     chain, loops = ({edge.b: edge for edge in graph.edges if edge.is_loop == is_loop} for is_loop in (False, True))
     optimum, grown, times = IncrementalOptimum(), SphereGraph([graph[0]]), list[float]()
@@ -113,15 +87,14 @@ def adjust(graph: SphereGraph, cost: Cost) -> None:
             begun = time.process_time()
             grown = optimum.with_loop(grown, loops[newer])
             times.append(1e3 * (time.process_time() - begun))
-    cost.ms["adjust after a loop"] = float(np.mean(times[-NUM_ASKED:]))
-    cost.ms["adjust after a loop, the slowest so far"] = max(times)
     first, last = graph[0], graph[len(graph) - 1]
     through = Edge(first.id, last.id, first.T_map_sphere.inverse() @ last.T_map_sphere, INFORMATION, is_loop=True)
-    cost.ms["adjust after a loop that moves all"] = timed(lambda: optimum.with_loop(grown, through))
-    cost.ms["adjust at the end"] = timed(lambda: optimize_map(graph))
+    cost["adjust after a loop, ms"] = float(np.mean(times[-NUM_ASKED:]))
+    cost["adjust after a loop that moves all, ms"] = timed(partial(optimum.with_loop, grown, through))
+    cost["adjust at the end, ms"] = timed(partial(optimize_map, graph))
 
 
-def write(graph: SphereGraph, index: AppearanceIndex, cost: Cost) -> None:
+def write(graph: SphereGraph, index: AppearanceIndex, cost: dict[str, float]) -> None:
     """Write the map as it grows, and open it."""
     rng = np.random.default_rng(1)
     with tempfile.TemporaryDirectory() as folder:
@@ -130,40 +103,32 @@ def write(graph: SphereGraph, index: AppearanceIndex, cost: Cost) -> None:
             image = rng.integers(1, 256, (CAMERA.height, CAMERA.width), np.uint8)
             sphere = Sphere(image, np.full(image.shape, 5.0, np.float32), CAMERA, node.stamp_ns)
             times.append(timed(partial(writer.add, node, sphere)))
-        cost.ms["write"] = float(np.mean(times[-TAIL:]))
-        path: list[Path] = []
-        cost.ms["complete the map, a sphere"] = timed(
-            lambda: path.append(writer.finish(graph, appearance=index))
-        ) / len(graph)
-        cost.file_kb = sum(file.stat().st_size for file in path[0].iterdir()) * 1e-3 / len(graph)
-        cost.ms["open the map, a sphere"] = timed(lambda: open_map(path[0]).close()) / len(graph)
+        begun = time.process_time()
+        path = writer.finish(graph, appearance=index)
+        cost |= {PARTS[2]: float(np.mean(times[-TAIL:])), PARTS[3]: 1e3 * (time.process_time() - begun) / len(graph)}
+        cost["file, kB a sphere"] = sum(file.stat().st_size for file in path.iterdir()) * 1e-3 / len(graph)
+        cost["open the map, ms a sphere"] = timed(lambda: open_map(path).close()) / len(graph)
 
 
 def features_of(place: int, kinds: NDArray[np.uint8], rng: np.random.Generator) -> Features:
     """Return what is seen at a place: its own descriptors, with noise, as seen from there."""
     own = np.random.default_rng([place, 10])
     chosen = own.choice(len(kinds), NUM_FEATURES, replace=False)
-    azimuth, elevation = own.uniform(-np.pi, np.pi, NUM_FEATURES), own.uniform(-0.7, 0.9, NUM_FEATURES)
-    rays = np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
-    )
-    seen = kinds[chosen] + rng.normal(0, NOISE, (NUM_FEATURES, 128))
-    descriptors = np.clip(np.rint(seen), 0, 255).astype(np.uint8)
-    return Features(rays.astype(np.float32), np.full(NUM_FEATURES, 8.0, np.float32), descriptors)
+    rays = own.normal(size=(NUM_FEATURES, 3)).astype(np.float32)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    descriptors = np.clip(np.rint(kinds[chosen] + rng.normal(0, NOISE, (NUM_FEATURES, 128))), 0, 255).astype(np.uint8)
+    return Features(rays, np.full(NUM_FEATURES, 8.0, np.float32), descriptors)
 
 
 def graph_of(size: int, rng: np.random.Generator) -> SphereGraph:
     """Return a way that comes round again and again, as it was measured, with its loops."""
-    turn = 2 * np.pi / LAP
-    step = SE3.from_planar(1.0, 0.0, turn)
-    poses, edges = [SE3.identity()], list[Edge]()
-    scale = np.repeat([0.01, 0.002], 3)
+    step, poses, edges = SE3.from_planar(1.0, 0.0, 2 * np.pi / LAP), [SE3.identity()], list[Edge]()
     for k in range(1, size):
-        measured = step @ SE3.exp(scale * rng.normal(size=6))
+        measured = step @ SE3.exp(SPREAD * rng.normal(size=6))
         poses.append(poses[-1] @ measured)
         edges.append(Edge(k - 1, k, measured, INFORMATION))
     for k in range(LAP, size, LOOP_STEP):
-        edges.append(Edge(k - LAP, k, SE3.exp(scale * rng.normal(size=6)), INFORMATION, is_loop=True))
+        edges.append(Edge(k - LAP, k, SE3.exp(SPREAD * rng.normal(size=6)), INFORMATION, is_loop=True))
     return SphereGraph([KeySphere(k, k, pose) for k, pose in enumerate(poses)], edges)
 
 

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.range.fusion import inverse_range
-from sphere_mapping.acquisition.range.vertical import VerticalStereo
 from sphere_mapping.acquisition.stitching.blending import warp_view
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_mapping.acquisition.stitching.views import Block, Layout, block_rays
-from sphere_nav.spheres.sphere import continued
 
 Image = NDArray[np.uint8]
 Flags = NDArray[np.bool_]
@@ -23,23 +21,16 @@ Images = Mapping[str, Image]
 
 BAND_DEG, FROM_BORDER = 8.0, 0.02  # to either side of a seam; rad from the border of a view
 WINDOW, MAX_RETURN = 15, 0.5  # px: block that is followed, seen by both; there and back again a corner is so near
-SHARP = 60.0  # Sobel's slope across columns of detail whose column is well known
 BLUR_DEG = 1.5  # light is compared by means of so much: parallax of fine detail does not count
 LEVELS = (5.0, 250.0)  # grey levels between which a ratio means anything
 
 
 @dataclass(frozen=True)
 class Flow:
-    """Median length in px of the flow, and of how many corners, out of how many, it is known."""
+    """Median length in px of the flow, and of how many corners it is known."""
 
     median: float
     num_followed: int
-    num_corners: int
-
-    @staticmethod
-    def of(lengths: NDArray[np.floating], num_corners: int) -> Flow:
-        """Return the flow of lengths (N,)."""
-        return Flow(float(np.median(lengths)) if lengths.size else float("nan"), lengths.size, num_corners)
 
 
 def seam_flow(stitcher: Stitcher, images: Images, level: str, range_m: NDArray[np.float32], min_range_m: float) -> Flow:
@@ -50,7 +41,7 @@ def seam_flow(stitcher: Stitcher, images: Images, level: str, range_m: NDArray[n
     layout = stitcher.layouts.of(level, tuple(images))
     inverse, is_distant = inverse_range(range_m, layout.is_covered), distant(range_m, min_range_m)
     planes = [_drawn(layout, k, _grays(images), inverse) for k in range(len(layout.views))]
-    lengths, num_corners = [np.zeros(0)], 0
+    lengths = [np.zeros(0)]
     for i, j, near in _seams(layout):
         sees = (cv2.erode(planes[k][1].astype(np.uint8), np.ones((WINDOW, WINDOW), np.uint8)) > 0 for k in (i, j))
         chosen = near & is_distant & next(sees) & next(sees)
@@ -58,32 +49,9 @@ def seam_flow(stitcher: Stitcher, images: Images, level: str, range_m: NDArray[n
             continue
         half = layout.whole.width // 2 - int(np.median(np.flatnonzero(chosen.any(axis=0))))
         first, second = (np.roll(even(planes[k][0][..., 0]), half, axis=1) for k in (i, j))
-        found, number = followed(first, second, np.roll(chosen, half, axis=1))
-        lengths.append(np.linalg.norm(found, axis=1))
-        num_corners += number
-    return Flow.of(np.concatenate(lengths), num_corners)
-
-
-def column_shift(stitcher: Stitcher, images: Images, range_m: NDArray[np.float32]) -> Flow:
-    """Return by how many columns detail of the top sphere is elsewhere in the bottom one, within 45 deg of level.
-
-    The bottom sphere is drawn at the rows where the range puts them; what is left is the error of columns (and of
-    range, which does not count).
-    """
-    assert isinstance(stitcher.stereo, VerticalStereo)
-    grays = _grays(stitcher.equalize(images)[0])
-    layouts = [stitcher.layouts.of(level, tuple(grays)) for level in ("top", "bottom")]
-    top, bottom = (even(plane) for plane in stitcher.stereo.draw(layouts, grays, range_m))
-    height, width = top.shape
-    known = np.isfinite(range_m)
-    rows, columns = np.mgrid[0:height, 0:width].astype(np.float32)
-    rows -= continued(_row_disparity(range_m, stitcher.layouts.baseline_m), known)
-    moved = cv2.remap(bottom, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    middle = np.abs(np.arange(height) - height / 2) < height / 4
-    is_sharp = np.abs(cv2.Sobel(top, cv2.CV_32F, 1, 0)) > SHARP
-    chosen = layouts[0].is_covered & layouts[1].is_covered & known & middle[:, None] & is_sharp
-    found, number = followed(top, moved, chosen)
-    return Flow.of(np.abs(found[:, 0]), number)
+        lengths.append(np.linalg.norm(followed(first, second, np.roll(chosen, half, axis=1)), axis=1))
+    every = np.concatenate(lengths)
+    return Flow(float(np.median(every)) if every.size else np.nan, every.size)
 
 
 def light_step(stitcher: Stitcher, images: Images, level: str) -> tuple[float, float]:
@@ -119,17 +87,17 @@ def distant(range_m: NDArray[np.float32], min_range_m: float) -> Flags:
     return (cv2.dilate(known.astype(np.uint8), kernel) > 0) & (nearest >= min_range_m)
 
 
-def followed(first: Image, second: Image, chosen: Flags) -> tuple[NDArray[np.float32], int]:
-    """Return the flow (N, 2) of corners of `first` that are found again, and how many corners there are."""
+def followed(first: Image, second: Image, chosen: Flags) -> NDArray[np.float32]:
+    """Return the flow (N, 2) of corners of `first` that are found again."""
     inner = cv2.erode(chosen.astype(np.uint8), np.ones((3, 3), np.uint8))
     corners = cv2.goodFeaturesToTrack(first, 4000, 0.02, 5, mask=inner)
     if corners is None:
-        return np.zeros((0, 2), np.float32), 0
+        return np.zeros((0, 2), np.float32)
     options = {"winSize": (WINDOW, WINDOW), "maxLevel": 2}
     there, ok, _ = cv2.calcOpticalFlowPyrLK(first, second, corners, None, **options)
     back, ok_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, None, **options)
     returns = np.linalg.norm(back - corners, axis=2) < MAX_RETURN
-    return (there - corners)[((ok > 0) & (ok_back > 0) & returns)[:, 0], 0], len(corners)
+    return (there - corners)[((ok > 0) & (ok_back > 0) & returns)[:, 0], 0]
 
 
 def even(image: Image) -> Image:
@@ -168,11 +136,3 @@ def _seams(layout: Layout) -> Iterator[tuple[int, int, Flags]]:
     for i, j in combinations(range(len(wide)), 2):
         if (near := wide[i] & wide[j]).any():
             yield i, j, near
-
-
-def _row_disparity(range_m: NDArray[np.float32], baseline_m: float) -> NDArray[np.float32]:
-    """Return by how many rows what is at this range is higher in the bottom sphere."""
-    height = range_m.shape[0]
-    above = ((np.arange(height) + 0.5) * np.pi / height)[:, None]
-    below = np.arctan2(range_m * np.sin(above), range_m * np.cos(above) + baseline_m)
-    return ((above - below) * height / np.pi).astype(np.float32)

@@ -20,8 +20,6 @@ SUBSAMPLES = 32
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 BORDER_SQUARES = 1.0  # white paper around the outer squares
 BLUR_PX, NOISE = 0.7, 2.0
-TILT_DEG, FRONTAL_DEG = (12.0, 35.0), 2.0  # of a board before a camera; of one that only faces it
-EXTENT = (0.28, 0.45)  # of the image's width that it takes
 
 
 Seen = TypeVar("Seen")
@@ -240,29 +238,4 @@ def wandering(num_instants: int, rng: np.random.Generator, *, is_drive_only: boo
         yaw = 2.0 * np.pi * number / num_instants * 3.0 + rng.uniform(-0.2, 0.2)
         R = so3.exp([0.0, 0.0, yaw]) @ so3.exp([*rng.uniform(-0.35, 0.35, 2), 0.0])
         poses.append(SE3.from_parts(R, rng.uniform([-0.5, -0.5, -0.25], [0.5, 0.5, 0.25])).matrix)
-    return SE3(np.stack(poses))
-
-
-def board_poses(camera: Camera, board: Board, count: int, flaw: str, rng: np.random.Generator) -> SE3:
-    """Return T_camera_board (count,) with the whole board in the image, in the part of it that the flaw leaves.
-
-    flaw: "frontal" boards only, on "one side" of the image only, or "" for good ones.
-    """
-    low, high = np.zeros(2), np.array([camera.width, camera.height], float)
-    if flaw == "one side":
-        axis, side = rng.integers(2), rng.integers(2)
-        low[axis], high[axis] = (0.0, 0.55 * high[axis]) if side else (0.45 * high[axis], high[axis])
-    width = (board.columns + 1) * board.square_m
-    poses: list[Array] = []
-    shrink = 1.0 if flaw != "one side" else 0.8
-    while len(poses) < count:
-        target = rng.uniform(low, high)
-        angle = np.radians(FRONTAL_DEG * rng.random() if flaw == "frontal" else rng.uniform(*TILT_DEG))
-        about = rng.uniform(0, 2 * np.pi)
-        turn = so3.exp(angle * np.array([np.cos(about), np.sin(about), 0.0])) @ so3.exp([0, 0, rng.normal(0, 0.1)])
-        distance = camera.pixels_per_radian * width / (shrink * rng.uniform(*EXTENT) * camera.width)
-        T = SE3.from_parts(turn, distance * camera.unproject(target) - turn @ board.points.mean(axis=0))
-        pixels, is_seen = camera.project(T.apply(board.points))
-        if is_seen.all() and np.all((pixels > low + 8) & (pixels < high - 8)):
-            poses.append(T.matrix)
     return SE3(np.stack(poses))

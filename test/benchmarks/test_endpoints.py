@@ -18,9 +18,9 @@ from std_msgs.msg import String
 
 from benchmarks.abuse import endpoints
 from benchmarks.abuse.endpoints import Interrogation, interrogate
-from benchmarks.abuse.lies import MARK, NO_UTF8, Liar, interface_class
+from benchmarks.abuse.mutations import MARK, NO_UTF8, Liar, interface_class
 from benchmarks.abuse.nodes import CASES, Case
-from benchmarks.fault_busy import front_of
+from benchmarks.safety.fault_busy import front_of
 
 FRAGILE = """
 import os
@@ -104,7 +104,8 @@ REQUESTS = [
 
 @pytest.mark.parametrize("kind", [Image, PoseStamped, *REQUESTS])
 def test_lies_fill_every_field_with_all_sorts(kind):
-    liar = Liar(np.random.default_rng(1), ["gain"])
+    liar = Liar(np.random.default_rng(1))
+    liar.words = ["gain"]
     texts = {repr(liar.message(kind)) for _ in range(100)}
     assert len(texts) > 50
     assert any("nan" in text or "255" in text for text in texts)

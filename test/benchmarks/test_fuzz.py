@@ -25,6 +25,7 @@ def failures(attempt, folder, count=20):
 @pytest.mark.dds
 def test_what_goes_wrong_is_told_with_its_input(tmp_path, monkeypatch):
     monkeypatch.setattr(fuzz, "SECONDS", 1.0)
+    monkeypatch.setattr(fuzz, "PATIENCE", 2)
 
     def attempt(rng, folder):
         match int(rng.integers(40)):

@@ -2,32 +2,8 @@
 
 import numpy as np
 
-from benchmarks.mapping.range_classes import CLASSES, classify, likeliest_around
+from benchmarks.mapping.range_classes import CLASSES, classify
 from sphere_nav.geometry import SE3, Spherical
-
-
-def test_a_pixel_beside_a_jump_may_tell_either_surface():
-    truth = np.full((6, 12), 2.0, np.float32)
-    truth[:, 6:] = 5.0
-    measured = np.full_like(truth, 5.1)
-    around = likeliest_around(measured, truth)
-    expected = truth.copy()
-    expected[:, [0, 5]] = 5.0  # beside the jump, and, around the seam, beside the other one
-    np.testing.assert_array_equal(around, expected)
-
-
-def test_rows_do_not_wrap_around_the_poles():
-    truth = np.full((6, 12), 2.0, np.float32)
-    truth[0] = 5.0
-    around = likeliest_around(np.full_like(truth, 5.0), truth)
-    assert (around[:2] == 5.0).all()
-    assert (around[2:] == 2.0).all()
-
-
-def test_what_is_unknown_or_far_is_judged_by_the_pixel_itself():
-    truth = np.array([[2.0, np.inf, 3.0, 3.0]], np.float32)
-    np.testing.assert_array_equal(likeliest_around(np.full_like(truth, np.nan), truth), truth)
-    np.testing.assert_array_equal(likeliest_around(np.full_like(truth, np.inf), truth), truth)
 
 
 def test_a_post_is_thin_and_what_is_beside_a_jump_an_edge():

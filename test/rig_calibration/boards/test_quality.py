@@ -5,20 +5,44 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.world.boards import BoardWorld, board_poses
+from cycab_sim.world.boards import BoardWorld
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.quality import quality_warnings
 from rig_calibration.boards.validation import Validation
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
-from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry import SE3, Pinhole, so3
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 
 pytestmark = pytest.mark.slow
 
 CAMERA = Pinhole(640, 480, 500.0, 501.0, 322.0, 238.0, (-0.1, 0.02, 0.0, 0.0, 0.0))
 BOARD = Board("board", 7, 5, 0.05)
+TILT_DEG, FRONTAL_DEG = (12.0, 35.0), 2.0  # of a board before a camera; of one that only faces it
+EXTENT = (0.28, 0.45)  # of the image's width that it takes
+
+
+def board_poses(camera, board, count, flaw, rng):
+    """Return T_camera_board (count,) with the whole board in the image, in the part of it that the flaw leaves."""
+    low, high = np.zeros(2), np.array([camera.width, camera.height], float)
+    if flaw == "one side":
+        axis, side = rng.integers(2), rng.integers(2)
+        low[axis], high[axis] = (0.0, 0.55 * high[axis]) if side else (0.45 * high[axis], high[axis])
+    width = (board.columns + 1) * board.square_m
+    poses = []
+    shrink = 1.0 if flaw != "one side" else 0.8
+    while len(poses) < count:
+        target = rng.uniform(low, high)
+        angle = np.radians(FRONTAL_DEG * rng.random() if flaw == "frontal" else rng.uniform(*TILT_DEG))
+        about = rng.uniform(0, 2 * np.pi)
+        turn = so3.exp(angle * np.array([np.cos(about), np.sin(about), 0.0])) @ so3.exp([0, 0, rng.normal(0, 0.1)])
+        distance = camera.pixels_per_radian * width / (shrink * rng.uniform(*EXTENT) * camera.width)
+        T = SE3.from_parts(turn, distance * camera.unproject(target) - turn @ board.points.mean(axis=0))
+        pixels, is_seen = camera.project(T.apply(board.points))
+        if is_seen.all() and np.all((pixels > low + 8) & (pixels < high - 8)):
+            poses.append(T.matrix)
+    return SE3(np.stack(poses))
 
 
 def calibrated(count=14, flaw="", blur=0.7):
