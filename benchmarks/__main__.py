@@ -34,22 +34,14 @@ GROUPS = {
     "times": "times, memory, rates",
     "abuse": "wrong files and messages, long runs",
 }
+PLACES = {"--seed", "--json", "--threads"}  # options, and their values, that do not stand on a page
 NAMES = r'^HELP = "(.*)"$'
-UNMOVED = {  # files that are not in the folder of their group yet
-    "faults": "safety",
-    "fault_busy": "safety",
-    "doubts": "safety",
-    "stops": "safety",
-}
 
 
 @cache
 def names(group: str) -> dict[str, str]:
     """Return what each benchmark of a group is said to measure, by name, without importing it."""
-    paths = [
-        *sorted((FOLDER / group).glob("*.py")),
-        *(FOLDER / f"{n}.py" for n, one in UNMOVED.items() if one == group),
-    ]
+    paths = sorted((FOLDER / group).glob("*.py"))
     texts = {path.stem: path.read_text(encoding="utf-8") for path in paths}
     found = {name: re.search(NAMES, text, re.MULTILINE) for name, text in texts.items()}
     return {name: told[1] for name, told in found.items() if told}
@@ -66,7 +58,6 @@ def main(words: list[str]) -> int:
         if name in words[1:] and hasattr(_module(places[name], name), "add_arguments"):
             _module(places[name], name).add_arguments(parser)
     options = parser.parse_args(words[1:])
-    options.quick, options.starts = options.size == "quick", None  # of those in UNMOVED
     if unknown := [name for name in options.names if name not in places]:
         parser.error(f"NAME: expected one of {', '.join(places)}, found {unknown[0]}")
     chosen = options.names or list(places)
@@ -80,7 +71,7 @@ def main(words: list[str]) -> int:
 
 
 def _module(group: str, name: str) -> Any:
-    return importlib.import_module(f"benchmarks.{name}" if name in UNMOVED else f"benchmarks.{group}.{name}")
+    return importlib.import_module(f"benchmarks.{group}.{name}")
 
 
 def _tell_groups(is_wrong: bool) -> int:
@@ -96,7 +87,6 @@ def _parser(group: str, places: dict[str, str]) -> argparse.ArgumentParser:
         prog=f"python -m benchmarks {group}",
         description=f"{GROUPS.get(group, 'all groups')}\n\n{listing}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        conflict_handler="resolve",  # of those in UNMOVED
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help="benchmarks to run (all of the group)")
     parser.add_argument("--seed", type=int, metavar="N", help="of all that is drawn (a new one, which is printed)")
@@ -136,7 +126,8 @@ def _run_one(group: str, name: str, options: argparse.Namespace, own: list[str])
     print(report.markdown(), end="\n\n", flush=True)
     path = options.json or Path("out/bench") / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    words = " ".join(["python -m benchmarks", group, name, *own, *(() if "--seed" in own else ("--seed", "N"))])
+    kept = [word for word, last in zip(own, ["", *own], strict=False) if {word, last}.isdisjoint(PLACES)]
+    words = " ".join(["python -m benchmarks", group, name, *kept, "--seed", "N"])
     head = {"group": group, "name": name, "command": words, "seed": options.seed, "size": options.size}
     head |= {"seconds": round(time.monotonic() - start), "machine": describe(options.threads), "commit": commit()}
     path.write_text(json.dumps(head | report.as_mapping(), indent=1) + "\n", encoding="utf-8")

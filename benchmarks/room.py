@@ -73,7 +73,7 @@ class Room:
 
 
 @dataclass
-class RoomMap:
+class MemoryMap:
     """A map in memory, as the localiser reads one."""
 
     graph: SphereGraph

@@ -35,8 +35,8 @@ from rclpy.task import Future
 
 from benchmarks.abuse.mutations import Liar, interface_class, mutate_message
 from benchmarks.abuse.nodes import CASES, Case
-from benchmarks.fault_busy import front_of
 from benchmarks.report import Bound, Headline, Report, Table
+from benchmarks.safety.fault_busy import front_of
 from path_follower.ros.front import FrontNode
 from sphere_nav.ros import qos
 

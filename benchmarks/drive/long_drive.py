@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Bound, Headline, Report
+from benchmarks.room import MemoryMap
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
@@ -23,16 +24,12 @@ from dense_localizer.references.reference import SphereMap
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
-from path_follower.path import Location, Pose2
+from path_follower.path import Pose2
 from path_follower.taught import reference_path, taught_speeds
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
-from sphere_nav.spheres.appearance.features import features_of_sphere
-from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.coarse import coarse_sphere
-from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, TOUR
 from sphere_nav_tools.cli.demo.report import distances_from_path
@@ -42,55 +39,28 @@ STEP_NS = 10_000_000
 TEACH = {"mode": "teach", "camera.period": 0.0, "capture.distance": 1.0, "sphere.width": 1024}
 DRIVE = {"mode": "drive", "sphere.width": 0, "camera.size": "512,384", "camera.period": 0.2}
 HALTED = (FollowerState.STOPPING, FollowerState.STOPPED)
-MAX_EVENTS = 40  # that are reported
 MAX_SECONDS = 1000.0  # of simulated time, after which a drive is given up
 QUICK_WAY = 12.0  # m of the tour
 
 
 @dataclass
-class Taught:
+class Taught(MemoryMap):
     """A map in memory, the taught poses T_map_base with their stamps, and where the car truly went (N, 2) m."""
 
-    graph: SphereGraph
     stamps_ns: NDArray[np.int64]
     poses: SE3
     truth: Array
     num_lost: int
 
-    def appearance(self) -> AppearanceIndex:
-        """Return what they look like."""
-        index = AppearanceIndex()
-        for node in self.graph:
-            index.add(node.id, features_of_sphere(self.load_sphere(node.id)))
-        return index
-
-    def coarse_spheres(self) -> dict[int, Sphere]:
-        """Return all key spheres small."""
-        return {node.id: coarse_sphere(node.sphere) for node in self.graph if node.sphere is not None}
-
-    def load_sphere(self, sphere_id: int) -> Sphere:
-        """Return a key sphere."""
-        sphere = self.graph[sphere_id].sphere
-        if sphere is None:
-            raise ValueError(f"sphere {sphere_id}: expected pictures, found none")
-        return sphere
-
 
 @dataclass
 class Driven:
-    """Where the car truly went (N, 2) m, what the localiser said how often and first where, how the follower ended."""
+    """Where the car truly went (N, 2) m, what the localiser said how often, how the follower ended."""
 
     truth: Array
     states: Counter[str] = field(default_factory=Counter)
-    events: list[str] = field(default_factory=list)
     stops: int = 0
     end: str = ""
-
-    def note(self, said: str, location: Location | None) -> None:
-        """Count what the localiser says; keep where it says something it has not said just before."""
-        if not self.events or not self.events[-1].startswith(said):
-            self.events.append(f"{said} at {location.arc_length if location else 0.0:.1f} m")
-        self.states[said] += 1
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -105,7 +75,6 @@ def run(options: argparse.Namespace) -> Report:
     notes = [
         f"{length:.0f} m taught, {len(taught.graph)} key spheres, {taught.num_lost} spheres lost;"
         f" localiser {dict(driven.states)}; end {driven.end}",
-        "; ".join(driven.events[:MAX_EVENTS]),
     ]
     of = Headline("drives and missions", f"{length:.0f} m of a city on another day, by one camera")
     bounds = [
@@ -152,7 +121,7 @@ def drive(simulator: Simulator, taught: Taught, sphere_map: SphereMap | None = N
             frame = simulator.capture("camera")
             estimate = localizer.update(frame.image, frame.camera, now)
             localized = str(estimate.status.state)
-            driven.note(f"{localized} {estimate.status.reason}", follower.location)
+            driven.states[f"{localized} {estimate.status.reason}".strip()] += 1
             if estimate.T_map_camera is not None:
                 pose = Pose2.of(estimate.T_map_camera @ T_camera_base)
                 answer = follower.update(pose, simulator.odometry.speed, now, localized)

@@ -45,6 +45,7 @@ PLACES = {"square": (100.0, SOUTH), "lane": (120.0, 60.0), "market": (80.0, NORT
 PLACES |= {"church": (-20.0 - RIGHT, 60.0), "gate": (40.0 + RIGHT, 60.0), "school": (40.0 - RIGHT, 60.0)}
 NOISE = (0.01, 0.01, 0.003)  # m, m, rad of a pose
 PERIOD_NS, LATENCY_NS, STEP_NS = 100_000_000, 50_000_000, 50_000_000
+SETTLE = 10  # steps in which the nodes hear of each other
 PATIENCE = 900.0  # s of simulated time for a mission
 WALKER, STAYING = 0.3, 4.0  # m radius; s before the car
 BEAMS, SCAN_RANGE = 121, 20.0
@@ -108,6 +109,8 @@ class Town:
         """Drive to another place."""
         goals = [name for name in PLACES if name in self.network.places and name != self.here]
         driven = Driven(self.here, str(self.rng.choice(goals)))
+        for _ in range(SETTLE):
+            self.step(Driven("", ""), may_walk=False)
         check, begin, _ = self.shell.actions["navigate"]
         asked = Offered(Navigate.Goal(place=driven.goal))
         check(asked.request)

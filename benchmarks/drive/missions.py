@@ -54,7 +54,7 @@ def drive_in(town: Town, what: str, count: int, report: Report) -> None:
     report.bounds += [
         Bound(f"{what}: arrived", count, arrived, f"of {count}", True, of),
         Bound(f"{what}: contacts", 0, sum(one.contacts for one in driven), "", headline=of),
-        Bound(f"{what}: lateral RMSE", 0.03, rmse([e for one in driven for e in one.lateral]), "m", headline=of),
+        Bound(f"{what}: lateral RMSE", 0.03, rmse([e for one in driven for e in one.lateral]), "m"),
         Bound(f"{what}: stops at joints", 0, sum(one.stops for one in driven), ""),
     ]
 

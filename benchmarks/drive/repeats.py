@@ -76,7 +76,7 @@ def judge(found: list[tuple[Drive, Found]], size: float, data: str) -> list[Boun
     return [
         Bound("repeats: TRACKING from the second visit of a kind on", 0.99, share, "", True, of),
         Bound("repeats: the same, worst drive", 0.99, min(one.share for one in known), "", True, of),
-        Bound("repeats: wrong in TRACKING, all drives", 0, num_wrong, "", headline=of),
+        Bound("repeats: wrong in TRACKING, all drives", 0, num_wrong, ""),
         Bound("repeats: map over that of the first day", MAX_SIZE, size, ""),
         Bound("repeats: lateral RMSE, worst drive", MAX_RMSE_M, max(errors, default=np.nan), "m"),
     ]

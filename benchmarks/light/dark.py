@@ -70,7 +70,9 @@ def run(options: argparse.Namespace) -> Report:
             )
             rows.append((name, str(colour), str(depth)))
             of = Headline("other light", "redkitchen by night, the camera's depth", f"by day {day.placed}")
-            placed = Bound(f"{name}: images placed with depth", day.placed, depth.placed, "", True, of)
+            placed = Bound(
+                f"{name}: images placed with depth", day.placed, depth.placed, "", True, of if name == "torch" else None
+            )
             wrong = Bound(f"{name}: wrong, both ways", 0, colour.num_wrong + depth.num_wrong, "")
             report.bounds += [placed, wrong]
     report.tables.append(Table("Images placed, wrong ones, median error", ("night", "colour", "with depth"), rows))

@@ -88,7 +88,7 @@ def judge(days: list[tuple[Placed, ...]]) -> list[Bound]:
     return [
         Bound("placed after learning, worst day", 99.0, min(placed), "%", True, of),
         Bound("images lost by learning", 0, sum(max(0, a.placed - b.placed) for a, b, _, _ in days), ""),
-        Bound("wrong", 0, sum(after.num_wrong + now.num_wrong for _, after, _, now in days), "", headline=of),
+        Bound("wrong", 0, sum(after.num_wrong + now.num_wrong for _, after, _, now in days), ""),
         Bound("images of the first light lost", 0, sum(max(0, a.placed - b.placed) for _, _, a, b in days), ""),
         Bound("its median error over that before", MAX_WORSE, max(b.median_mm / a.median_mm for *_, a, b in days), ""),
     ]

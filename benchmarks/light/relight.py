@@ -271,7 +271,7 @@ def judge(what: str, found: list[Result]) -> list[Bound]:
         ),
         Bound(f"{what}: placed after one extension, all lights", 99.0, float(np.mean(after)), "%", True, of),
         Bound(f"{what}: placed after one extension, worst light", 99.0, min(after), "%", True, of),
-        Bound(f"{what}: wrong, all drives", 0, wrong, "", headline=of),
+        Bound(f"{what}: wrong, all drives", 0, wrong, ""),
         Bound(f"{what}: median error after it over that in the own map, worst", MAX_WORSE, worse, ""),
         Bound(f"{what}: images of the first light lost by it", 0, lost, ""),
         Bound(f"{what}: its median error over that before, worst", 1.1, blur, ""),

@@ -10,7 +10,7 @@ import argparse
 import math
 import time
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -36,26 +36,12 @@ HELP = "RGB-D frame to frame against OpenCV (DESIGN 7)"
 GAPS, STEP, QUICK_STEP = (1, 5, 10), 5, 40  # frames apart, and between the starts of pairs
 MAX_DEPTH_M, FAILURE_MM = 8.0, 50.0
 MAX_MOTION_M, MAX_MOTION_DEG = 2.0, 90.0  # no peer shall refuse a pair for its motion alone
-OURS, NO_MOTION = "sphere_nav", "no motion"
+OURS = "sphere_nav"
 NUM_WARM_UP, SETTLE_S = 2, 0.5  # pairs; for the threads of the method before to fall asleep
 COLUMNS = ("k", "method", "median mm", "mean mm", "p90 mm", "median °", "> 50 mm", "tracking ms", "new reference ms")
 # Images of a Kinect are soft: half their size carries what can be aligned, and a tenth of a pixel is below their noise.
 SOFT_IMAGES = RegistrationParams(pyramid=PyramidParams(finest=1), max_pixels=20_000, min_step=0.1)
 K = np.array([[CAMERA.fx, 0.0, CAMERA.cx], [0.0, CAMERA.fy, CAMERA.cy], [0.0, 0.0, 1.0]])
-
-
-class Method(Protocol):
-    """One row of the table."""
-
-    name: str
-
-    def prepare(self, frame: Frame) -> Any:
-        """Do all that depends on the reference alone."""
-        ...
-
-    def track(self, reference: Any, frame: Frame) -> SE3 | None:
-        """Return T_reference_current of a new frame, or None where the method gives up."""
-        ...
 
 
 class Ours:
@@ -77,19 +63,6 @@ class Ours:
         """Build the pyramid of the new image and align it."""
         pyramid = build_pyramid(frame.gray, CAMERA, SOFT_IMAGES.pyramid)
         return register(pyramid, [View(reference, SE3.identity())], SE3.identity(), SOFT_IMAGES).T_world_camera
-
-
-class NoMotion:
-    """The camera did not move: the error of this row is the motion itself."""
-
-    name = NO_MOTION
-
-    def prepare(self, frame: Frame) -> None:
-        """Nothing to prepare."""
-
-    def track(self, reference: Any, frame: Frame) -> SE3 | None:
-        """Return the identity."""
-        return SE3.identity()
 
 
 class OpenCVOdometry:
@@ -119,12 +92,7 @@ class OpenCVOdometry:
         return SE3(np.asarray(T_current_reference, np.float64)).inverse() if is_found else None
 
 
-def peers(report: Report) -> list[Method]:
-    """Return the methods of others that are installed; a note for those that are not."""
-    if hasattr(cv2, "OdometryFrame"):
-        return [NoMotion(), OpenCVOdometry("RGB"), OpenCVOdometry("RGB-D")]
-    report.notes.append(f"OpenCV {cv2.__version__} has no Odometry (expected 5 or later): its rows are left out.")
-    return [NoMotion()]
+Method = Ours | OpenCVOdometry
 
 
 @dataclass
@@ -165,7 +133,11 @@ def run(options: argparse.Namespace) -> Report:
     recording = Recording.open(options.data)
     if recording is None:
         return Report("frame_to_frame", skipped=f"no redkitchen with COLMAP's poses in {options.data}")
-    methods: list[Method] = [*peers(report), Ours()]
+    methods: list[Method] = [Ours()]
+    if hasattr(cv2, "OdometryFrame"):
+        methods += [OpenCVOdometry("RGB"), OpenCVOdometry("RGB-D")]
+    else:
+        report.notes.append(f"OpenCV {cv2.__version__} has no Odometry (expected 5 or later): its rows are left out.")
     step, rows = QUICK_STEP if options.size == "quick" else STEP, list[tuple[str, ...]]()
     for gap in GAPS:
         figures = measure(methods, recording, gap, step, options.seed % step)
@@ -208,7 +180,7 @@ def bounds_of(figures: dict[str, Figures], gap: int) -> list[Bound]:
     """Return our failures, and our error and time beside the best of the peers that are there."""
     ours, where = figures[OURS], f"k = {gap}"
     bounds = [Bound(f"failures, {where}", 0, ours.num_failures, "pairs")]
-    others = {name: found for name, found in figures.items() if name not in (OURS, NO_MOTION)}
+    others = {name: found for name, found in figures.items() if name != OURS}
     if not others:
         return bounds
     best = min(others, key=lambda name: others[name].median_mm)

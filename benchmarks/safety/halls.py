@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.room import FINEST, Factor, Room, RoomMap
+from benchmarks.room import FINEST, Factor, MemoryMap, Room
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
@@ -79,7 +79,7 @@ class World:
         nodes = [
             KeySphere(i, i + 1, T, Sphere(*self.room.render(SPHERE, T), SPHERE, i + 1)) for i, T in enumerate(places)
         ]
-        self.map = RoomMap(SphereGraph(nodes))
+        self.map = MemoryMap(SphereGraph(nodes))
         self.patch = self.rng.integers(0, 255, (CAMERA.height // 20, CAMERA.width // 20)).astype(np.uint8)
         self.lamp = Lamp.random(self.rng)
         self.T_odom_camera, self.before = SE3.identity(), [self.T_map_camera] * (LATE + 1)

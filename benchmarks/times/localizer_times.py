@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Bound, Headline, Report, Table
-from benchmarks.room import Room, RoomMap
+from benchmarks.room import MemoryMap, Room
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
@@ -83,7 +83,7 @@ def drive(room: Room, num_images: int | None) -> tuple[NDArray[np.float64], NDAr
     poses = [SE3.from_planar(*row) @ T_BODY_OPTICAL for row in zip(x, y, yaw, strict=True)]
     places = [SE3.from_planar(x, 0.1, 0.0) for x in np.arange(START_X, END_X + SPACING, SPACING)]
     nodes = [KeySphere(i, i + 1, T, Sphere(*room.render(SPHERE, T), SPHERE, i + 1)) for i, T in enumerate(places)]
-    localizer, rows = Localizer(LocalizerParams(), RoomMap(SphereGraph(nodes))), []
+    localizer, rows = Localizer(LocalizerParams(), MemoryMap(SphereGraph(nodes))), []
     localizer.relocalize(poses[0])
     for index, pose in enumerate(poses):
         image = room.render(CAMERA, pose)[0]

@@ -30,7 +30,7 @@ from sphere_nav.params import build
 from sphere_nav.ros.maps.writer import MapWriter
 
 HELP = "CPU of a sphere from six images to the map, the size of a key sphere"
-WIDTH, QUICK_WIDTH = 2048, 512
+WIDTH, QUICK_WIDTH = 2048, 1024
 INSTANTS, QUICK_INSTANTS, SPACING_M = 9, 5, 1.2
 WITHOUT_S, WITH_S, KEY_MB = {"vertical": 0.6, "ring": 0.8}, {"vertical": 0.8, "ring": 1.1}, 8.0  # at 2048 x 1024
 

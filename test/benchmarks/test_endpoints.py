@@ -20,7 +20,7 @@ from benchmarks.abuse import endpoints
 from benchmarks.abuse.endpoints import Interrogation, interrogate
 from benchmarks.abuse.mutations import MARK, NO_UTF8, Liar, interface_class
 from benchmarks.abuse.nodes import CASES, Case
-from benchmarks.fault_busy import front_of
+from benchmarks.safety.fault_busy import front_of
 
 FRAGILE = """
 import os

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from benchmarks.fault_list import FAULTS
-from benchmarks.faults import HELD
+from benchmarks.safety.faults import HELD
 
 ROOT = Path(__file__).parents[2]
 SOAK = {"F23"}  # is a bound: memory and files over hours of driving

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def run(monkeypatch, measure, tmp_path, *words):
     monkeypatch.setattr(main, "_module", lambda group, name: SimpleNamespace(run=measure))
     monkeypatch.setattr(main, "set_threads", lambda number: None)
-    return main.main(["drive", "join", "--json", str(tmp_path / "found.json"), *words])
+    return main.main(["drive", "missions", "--json", str(tmp_path / "found.json"), *words])
 
 
 def test_every_name_is_of_one_group_and_told():
@@ -56,7 +56,7 @@ def test_what_is_refused_is_told_from_what_broke(error, code, capsys, monkeypatc
     assert run(monkeypatch, measure, tmp_path) == code
     said = capsys.readouterr().err
     assert ("Traceback" in said) == (code == 1)
-    assert "join" in said
+    assert "missions" in said
 
 
 def test_a_fresh_seed_is_drawn_and_kept_with_what_was_measured(capsys, monkeypatch, tmp_path):
@@ -64,11 +64,12 @@ def test_a_fresh_seed_is_drawn_and_kept_with_what_was_measured(capsys, monkeypat
 
     def measure(options):
         given.append(options)
-        return Report("join", bounds=[Bound("way", 1.0, 2.0, "m")])
+        return Report("missions", bounds=[Bound("way", 1.0, 2.0, "m")])
 
     assert run(monkeypatch, measure, tmp_path, "--size", "quick") == 0
     assert run(monkeypatch, measure, tmp_path, "--seed", "7") == 0
     found = json.loads((tmp_path / "found.json").read_text())
     assert (found["seed"], found["size"], given[0].size) == (7, "full", "quick")
+    assert found["command"] == "python -m benchmarks drive missions --seed N"
     assert f"seed {given[0].seed}, quick" in capsys.readouterr().out
     assert given[0].data == Path("../shared/data")

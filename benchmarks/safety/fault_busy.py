@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.fault_processes import SETTLE, Base, signalled
-from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 
 HELP = "stops of real processes over DDS: alone, with every call and topic flooded, on a loaded machine"
@@ -282,16 +281,9 @@ def measure(condition: str, repeats: int) -> dict[str, list[Seen]]:
 
 
 # --- the benchmark
-def add_arguments(parser: argparse._ArgumentGroup) -> None:
-    """Declare the arguments."""
-    parser.add_argument("--busy-runs", type=int, default=5, help="drives of each fault and condition (%(default)s)")
-    parser.add_argument("--busy-signals", type=int, default=200, help="SIGINTs while busy (%(default)s)")
-
-
 def run(options: argparse.Namespace) -> Report:
     """Suffer each fault alone, busy and loaded; end followers by signals while busy."""
-    tables, bounds = suffer(1 if options.quick else options.busy_runs, 2 if options.quick else options.busy_signals)
-    return Report("fault_busy", tables, bounds, [describe(options.threads)])
+    return Report("fault_busy", *suffer(*((1, 2) if options.size == "quick" else (5, 200))))
 
 
 def suffer(runs: int, signals: int) -> tuple[list[Table], list[Bound]]:

@@ -22,7 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks.fault_processes import PATIENCE, Base
-from benchmarks.report import Bound, Report, Table
+from benchmarks.report import Bound, Headline, Report, Table
 
 HELP = "stops, pauses and presses at random moments over DDS: how far does the vehicle move after them?"
 TRIALS, QUICK_TRIALS = 200, 12
@@ -34,15 +34,10 @@ ON_ITS_WAY = 0.1  # s after the answer: a command of before it may be heard
 LENGTH = 400.0  # m of the path: a base is never put back
 
 
-def add_arguments(parser: argparse._ArgumentGroup) -> None:
-    """Declare the options of this benchmark."""
-    parser.add_argument("--stop-seed", type=int, default=46, help="of the random moments (46)")
-
-
 def run(options: argparse.Namespace) -> Report:
     """Run the trials, half of them by missions, and half under each rule of `safety.resume`."""
-    count = QUICK_TRIALS if options.quick else TRIALS
-    draw, rows, moved, worst = random.Random(options.stop_seed), [], 0, 0.0
+    count = QUICK_TRIALS if options.size == "quick" else TRIALS
+    draw, rows, moved, worst = random.Random(options.seed), [], 0, 0.0
     for rule in RULES:
         found = session(rule, count // len(RULES), draw)
         for way in WAYS:
@@ -51,8 +46,9 @@ def run(options: argparse.Namespace) -> Report:
         moved += sum(gain > 0.0 for _, gain in found)
         worst = max(worst, *(gain for _, gain in found))
     columns = ("driven by", "safety.resume", "moments", "moved after the stop", "largest speed gained, m/s")
+    told = f"{count} stops, pauses and presses at random moments over DDS"
     bounds = [
-        Bound(f"{count} random moments, seed {options.stop_seed}: drove off after an answered stop", 0, moved, ""),
+        Bound("drove off after an answered stop", 0, moved, "", headline=Headline("time to zero", told)),
         Bound("largest speed gained after an answered stop", 0, worst, "m/s"),
     ]
     return Report("stops", [Table("Stops at random moments", columns, rows)], bounds)
