@@ -105,6 +105,7 @@ def test_a_cloud_may_come_by_topic(eye):
     assert bench.node.clouds.geometry is before
 
 
+@pytest.mark.slow
 def test_the_voxel_size_of_a_call_is_honoured(eye, cloud):
     call = Bench(eye).node.shell.call
     counts = [call("load_cloud", LoadCloud.Request(path=str(cloud), voxel_size=s)).num_points for s in (0.0, 0.2, 0.4)]
