@@ -35,7 +35,7 @@ def install(settings: str, tmp_path: Path, **variables: str) -> subprocess.Compl
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PIP_", "UV_"))}
     env = kept | {"PIP_CONFIG_FILE": str(file), "UV_CACHE_DIR": str(tmp_path / "cache")} | variables
     line = [sys.executable, str(SCRIPT), "--target", str(tmp_path / "target"), "nothing-at-all"]
-    return subprocess.run(line, cwd=ROOT, env=env, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(line, cwd=ROOT, env=env, capture_output=True, text=True, timeout=600, check=False)
 
 
 def write_index(folder: Path) -> str:

@@ -269,7 +269,7 @@ class Remote:
         self.states = node.create_publisher(LocalizationStatus, "status", qos.STATE)
         self.start = node.create_client(Trigger, "path_follower/start")
 
-    def wait(self, is_done, seconds=20.0):
+    def wait(self, is_done, seconds=60.0):
         patience = Patience(seconds)
         while not is_done() and patience.is_left():
             rclpy.spin_once(self.node, timeout_sec=0.02)
@@ -277,7 +277,7 @@ class Remote:
 
     def greet(self):
         """Speak until the first command comes: what is sent before the node knows the sender is lost."""
-        patience = Patience(20.0)
+        patience = Patience(60.0)
         while not self.commands and patience.is_left():
             self.speak()
             rclpy.spin_once(self.node, timeout_sec=0.5)

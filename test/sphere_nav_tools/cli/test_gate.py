@@ -148,7 +148,7 @@ def served():
 def ask(served, path=LINK, host=None, *lines):
     """Return status and body of a request, as a browser would send it."""
     port = served.get_port()
-    with socket.create_connection(("127.0.0.1", port), timeout=10.0) as line:
+    with socket.create_connection(("127.0.0.1", port), timeout=60.0) as line:
         head = [f"GET {path} HTTP/1.1", f"Host: {host or f'127.0.0.1:{port}'}", *lines, "", ""]
         line.sendall("\r\n".join(head).encode())
         answer = b"".join(iter(lambda: line.recv(1 << 16), b""))
@@ -179,7 +179,7 @@ def test_page_and_socket_are_served_to_who_has_the_token(served):
     port = served.get_port()
     words = {"subprotocols": [f"viser-v{viser.__version__}"], "origin": f"http://127.0.0.1:{port}"}
     with websockets.connect(f"ws://127.0.0.1:{port}{LINK}", **words) as page:
-        assert page.recv(timeout=10.0)
+        assert page.recv(timeout=60.0)
 
 
 def test_all_else_is_refused_before_the_handshake(served):

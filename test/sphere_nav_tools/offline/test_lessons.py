@@ -38,8 +38,6 @@ from sphere_nav_tools.offline.lessons import (
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
 
-pytestmark = pytest.mark.slow
-
 START_NS = 1_000_000_000
 NUM_IMAGES = 16
 # The light of these lessons is one that local contrast would explain.
@@ -103,6 +101,7 @@ def campus(taught, tmp_path):
     return tmp_path / taught.name
 
 
+@pytest.mark.slow
 def test_the_drives_are_found_and_the_bad_one_is_the_lesson(taught, pictures):
     drives = list_drives(taught)
     assert [one.name for one in drives] == ["19700101_000001", "19700101_000140"]
@@ -114,6 +113,7 @@ def test_the_drives_are_found_and_the_bad_one_is_the_lesson(taught, pictures):
     assert np.array_equal(images[0].image, in_light(pictures[3]))  # after probation
 
 
+@pytest.mark.slow
 def test_the_range_of_an_image_is_that_of_the_map(taught, room):
     image = next(iter(list_drives(taught)[1].images()))
     with open_map(taught) as base:
@@ -127,6 +127,7 @@ def test_the_range_of_an_image_is_that_of_the_map(taught, room):
     np.testing.assert_allclose(np.trace(covariance), np.trace(image.covariance))
 
 
+@pytest.mark.slow
 def test_a_map_learns_a_light_and_forgets_it_again(campus, capsys):
     before = {file.name: file.read_bytes() for file in campus.iterdir()}
     with open_map(campus) as base:
@@ -161,6 +162,7 @@ def see_marks(monkeypatch, *marks):
     monkeypatch.setattr(lessons, "count_explained", lambda *_: next(counts))
 
 
+@pytest.mark.slow
 def test_a_map_that_makes_another_drive_worse_is_refused(campus, monkeypatch):
     before = (campus / "map.mcap").read_bytes()
     see_marks(monkeypatch, [0, 1], [1, 0])

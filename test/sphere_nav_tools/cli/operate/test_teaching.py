@@ -1,12 +1,12 @@
 """Recording and mapping by buttons: names, one job at a time, how it ended. The programs have tests of their own."""
 
 import sys
-import time
 
 import pytest
 
 from sphere_nav_tools.cli.operate import teaching
 from sphere_nav_tools.cli.operate.teaching import Teaching
+from worlds.patience import wait_until
 
 RECORDER = """
 import pathlib, signal, sys, time
@@ -24,10 +24,7 @@ time.sleep(60)
 
 
 def wait_for(holds):
-    end = time.monotonic() + 10.0
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.05)
+    assert wait_until(holds, 60.0)
 
 
 @pytest.fixture
