@@ -64,7 +64,7 @@ def body_lines(function: Function) -> int:
 
 
 @pytest.mark.slow
-def test_what_is_read_first_is_a_page() -> None:
+def test_a_file_to_read_first_is_a_page() -> None:
     pages = [module for module in MODULES if len(module.parts) == 2 and module.name in READ_FIRST]
     assert [f"{module}: {n}" for module in pages if (n := num_lines(module)) > MAX_PAGE] == []
 
@@ -90,7 +90,7 @@ TESTS = {path.with_suffix("").as_posix() for path in (ROOT / "test").rglob("test
 
 
 @pytest.mark.slow
-def test_the_tests_that_constants_name_are_there() -> None:
+def test_a_constant_names_tests_that_are_there() -> None:
     named = {(module, name) for module in FILES for name in re.findall(r"\b(?:\w+/)*test_\w+", text_of(module))}
     missing = [f"{module}: {name}" for module, name in named if not any(one.endswith("/" + name) for one in TESTS)]
     assert named

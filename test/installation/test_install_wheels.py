@@ -57,7 +57,7 @@ def test_a_variable_of_pip_holds_before_its_file(tmp_path: Path) -> None:
     assert (tmp_path / "target" / "nothing_at_all.py").is_file(), done.stderr
 
 
-def test_what_no_one_has_is_not_installed(tmp_path: Path) -> None:
+def test_a_wheel_that_no_one_has_is_not_installed(tmp_path: Path) -> None:
     done = install("[global]\nno-index = true\n", tmp_path)
     assert done.returncode != 0
     assert "nothing-at-all" in done.stderr

@@ -22,7 +22,7 @@ def test_every_package_is_imported_from_the_environment() -> None:
     assert {name: origin for name, origin in origins.items() if origin.parents[1] == ROOT} == {}
 
 
-def test_the_checkout_is_not_on_the_path() -> None:
+def test_a_test_does_not_import_the_checkout() -> None:
     assert [entry for entry in sys.path if Path(entry).resolve() == ROOT] == []
 
 
@@ -31,11 +31,11 @@ def test_every_folder_with_modules_is_a_package() -> None:
     assert {str(folder) for folder in folders if not (ROOT / folder / "__init__.py").is_file()} == set()
 
 
-def test_the_list_of_packages_is_complete() -> None:
+def test_a_package_that_is_not_in_the_list_is_not_installed() -> None:
     assert {path.parts[0] for path in visible_python_files()} - NOT_INSTALLED == set(PACKAGES)
 
 
-def test_the_installation_holds_every_module_and_no_other() -> None:
+def test_an_installation_holds_every_module_and_no_other() -> None:
     assert differences() == []
     folders = [folder for name in PACKAGES if (folder := installed(name))]
     found = {path.relative_to(folder.parent) for folder in folders for path in folder.rglob("*.py")}

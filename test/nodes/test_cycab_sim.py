@@ -163,7 +163,7 @@ def test_image_calibration_and_frames_belong_together(driver):
 
 
 @pytest.mark.dds
-def test_the_truth_moves_as_commanded_and_the_wheels_nearly_so(driver):
+def test_a_simulated_vehicle_moves_as_commanded_and_its_wheels_nearly_so(driver):
     truth, wheels = driver.heard["ground_truth/odometry"][-1], driver.heard["odom"][-1]
     T_world_base, twist = odometry_to_se3(truth)
     first, _ = odometry_to_se3(driver.heard["ground_truth/odometry"][0])
@@ -213,7 +213,7 @@ def test_services_answer(driver):
 
 
 @pytest.mark.dds
-def test_it_ends_in_order(driver, process):
+def test_a_simulator_ends_in_order(driver, process):
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=120.0) == 0
     assert "Traceback" not in process.stderr.read()

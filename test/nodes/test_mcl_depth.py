@@ -28,7 +28,7 @@ def error(answer, truth):
 
 
 @pytest.mark.slow
-def test_the_base_is_found_in_a_cloud(eye, cloud):
+def test_a_base_is_found_in_a_cloud(eye, cloud):
     bench = Bench(eye, cloud)
     poses = drive()
     answers = bench.follow_from(poses)
@@ -106,7 +106,7 @@ def test_a_cloud_may_come_by_topic(eye):
 
 
 @pytest.mark.slow
-def test_the_voxel_size_of_a_call_is_honoured(eye, cloud):
+def test_a_cloud_is_thinned_to_the_voxels_of_the_call(eye, cloud):
     call = Bench(eye).node.shell.call
     counts = [call("load_cloud", LoadCloud.Request(path=str(cloud), voxel_size=s)).num_points for s in (0.0, 0.2, 0.4)]
     assert counts[0] > 3 * counts[1] > 9 * counts[2] > 0  # surfaces: a quarter each time

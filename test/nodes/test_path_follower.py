@@ -120,7 +120,7 @@ def test_errors_are_published_while_driving(bench):
     assert error.reference.speed == pytest.approx(1.4)
 
 
-def test_the_command_carries_the_stamp_of_the_pose_it_answers(bench):
+def test_a_command_carries_the_stamp_of_the_pose_it_answers(bench):
     bench.now += STEP
     list(bench.bus.advance(bench.now + 30_000_000))
     said = bench.send(("/pose", pose_message(0, 0, 0, bench.now)))

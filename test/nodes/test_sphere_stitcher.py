@@ -108,7 +108,7 @@ def test_six_cameras_become_a_sphere_of_what_they_see(rig_path, transport, encod
 
 
 @pytest.mark.slow
-def test_the_rig_may_come_as_a_topic(rig_path):
+def test_a_stitcher_waits_for_its_rig_from_a_topic(rig_path):
     bench = Bench()
     bench.shoot(500 * MS, IMAGES[0])
     assert bench.spheres == []

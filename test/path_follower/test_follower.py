@@ -91,7 +91,7 @@ def test_a_bend_is_entered_at_the_speed_of_its_lateral_acceleration(kit):
 
 
 @pytest.mark.slow
-def test_the_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit, two_turns):
+def test_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit, two_turns):
     as_printed = FollowerParams(
         steering=SteeringParams(distance=1.0), actuation=ActuationParams(steering_lag=0.0, speed_lag=0.0)
     )

@@ -160,7 +160,7 @@ def test_a_loss_while_paused_changes_nothing_and_its_end_moves_nothing(kit, stra
     assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.PAUSED, StopReason.OPERATOR)
 
 
-def test_the_operator_stops_gently(kit, straight):
+def test_an_operators_stop_is_gentle(kit, straight):
     params = FollowerParams(vehicle=VehicleParams(max_acceleration=0.7, max_deceleration=1.1))
     drive = kit.follow(straight, params=params, each=after_fault(lambda n, f, c: f.stop()))
     assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.OPERATOR)
@@ -265,7 +265,7 @@ def test_standing_for_two_seconds_in_tracking_goes_on_where_the_rule_says_so(kit
     assert (max(speeds) > 0.0) == moves
 
 
-def test_what_was_wrong_waits_for_the_call_under_every_rule(kit, long_way):
+def test_a_released_emergency_stop_waits_for_the_call_under_every_rule(kit, long_way):
     params = FollowerParams(safety=SafetyParams(resume="standing"))
     follower = Follower(params, kit.make_path(long_way[:, :2], params, long_way[:, 2]))
     drive = kit.run(follower, (0, 0, 0), seconds=20, each=lambda now, f, car: f.emergency(is_pressed=6 < now < 7))

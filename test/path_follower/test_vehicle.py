@@ -94,7 +94,7 @@ def test_a_start_waits_for_the_wheels_once():
 
 
 @pytest.mark.parametrize("age_ns", [0, 100_000_000, 170_000_000])
-def test_the_prediction_is_where_the_car_will_be(age_ns):
+def test_a_car_is_predicted_where_it_will_be(age_ns):
     actuation = ActuationParams(dead_time=0.08, steering_lag=0.3, speed_lag=0.2)
     predictor, horizon = Predictor(CAR, actuation), round((0.08 + 0.3) * 1e9)
     commands = {k * STEP: Motion(1.0 + 0.3 * math.sin(k / 9), 0.3 * math.sin(k / 7)) for k in range(100)}

@@ -126,7 +126,7 @@ class TestDigest:
         assert self.digest(inside, early, kind=kind) != self.digest(inside, late, kind=kind)
 
 
-def test_what_is_no_record_is_one_line_and_exit_code_2(tmp_path, capsys):
+def test_a_file_that_is_no_record_is_refused_in_one_line(tmp_path, capsys):
     for text in [None, "", "[]", '{"cases": 3}', "{}"]:
         path = tmp_path / "a.json"
         if text is not None:

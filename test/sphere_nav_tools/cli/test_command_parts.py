@@ -58,7 +58,7 @@ def sphere_map(tmp_path, length=0.0, num_nodes=3):
     )
 
 
-def test_the_facts_about_a_map(tmp_path):
+def test_a_map_is_as_large_dense_and_long_as_it_is_told(tmp_path):
     found = map_info.map_facts(sphere_map(tmp_path, length=12.0))
     assert found["megabytes_per_metre"] == 0.25
     assert (found["megabytes"], found["megabytes_per_sphere"]) == (3.0, 1.0)
@@ -71,7 +71,7 @@ def test_the_facts_about_a_map(tmp_path):
     assert (found["measured_share"], found["sphere_size"], found["whole_sphere"]) == (0.75, [128, 64], True)
 
 
-def test_the_facts_about_experiences(tmp_path):
+def test_an_experience_counts_its_key_spheres_and_the_images_it_served(tmp_path):
     reader = sphere_map(tmp_path)
     night = Experience("night", "rgbd 64 x 48", "drive_2", 7_500_000_000)
     wide = reader.graph.with_nodes({2: {"region_radius_m": 7.0}})
@@ -104,7 +104,7 @@ def test_trajectories_are_exported_by_stamp(tmp_path):
         map_export.write_geojson(reader, tmp_path / "a.geojson", SimpleNamespace(datum=""))
 
 
-def test_the_velocity_of_an_image_is_that_of_its_neighbours():
+def test_a_gap_between_images_gives_no_velocity():
     poses = tuple(SE3.from_planar(x, 0.0, -0.1 * x) for x in (0.0, 0.2, 0.5, 0.9, 1.0))
     stamps = np.array([0, 100, 300, 699, 910]) * 10**6
     located = refine_camera.Located(stamps, poses)
@@ -136,7 +136,7 @@ def test_a_calibration_is_not_overwritten(tmp_path):
         command.run(SimpleNamespace(output=tmp_path / "a.yaml", overwrite=False))
 
 
-def test_the_calibration_file_is_that_of_ros():
+def test_a_refined_lens_is_read_by_ros_as_it_was_found():
     found = yaml.safe_load(refine_camera.text_of(proven(50.0, 51.0), "front", None))
     assert (found["image_width"], found["image_height"], found["camera_name"]) == (64, 48, "front")
     assert found["camera_matrix"] == {"rows": 3, "cols": 3, "data": [50.0, 0, 31.0, 0, 51.0, 23.0, 0, 0, 1.0]}
@@ -153,7 +153,7 @@ def test_the_calibration_file_is_that_of_ros():
     assert last.startswith("the readout shows in motion")
 
 
-def test_words_of_a_camera_name_one_of_the_rig():
+def test_a_mask_of_a_camera_that_the_rig_lacks_is_refused():
     rig = Rig(tuple(RigCamera(name, CAMERA, T_BODY_OPTICAL) for name in ("a", "b")))
     assert rig_convert._by_camera(rig, "--mask", ["a=x.png", "b=y=z"]) == {"a": "x.png", "b": "y=z"}
     for word in ("c=x", "a=", "a", "=x"):

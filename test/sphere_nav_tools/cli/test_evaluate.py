@@ -174,7 +174,7 @@ def test_truth_is_interpolated_over_gaps_of_a_second_at_most():
     assert found.report["translation_m"]["max"] < 1e-9
 
 
-def test_the_table_says_what_was_found():
+def test_an_error_stands_in_its_row_of_the_table():
     errors = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
     covariances = np.repeat(np.diag([0.01, 1, 1, 1, 1, 1.0])[None], 50, axis=0)
     lines = error_table(evaluate_poses(off(errors, covariances)[:25], STRAIGHT).report).splitlines()
@@ -191,7 +191,7 @@ def test_the_table_says_what_was_found():
     assert "NEES" not in short
 
 
-def test_what_is_no_trajectory_is_refused(tmp_path):
+def test_a_file_that_is_no_trajectory_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"none\.tum: expected a TUM file or a bag, found none"):
         read_trajectory(tmp_path / "none.tum", None, ("pose",))
     (tmp_path / "a.tum").write_text("1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n")

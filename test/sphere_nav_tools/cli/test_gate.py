@@ -65,7 +65,7 @@ def test_another_page_is_refused_with_the_right_token():
         assert judge("localhost:8081", Origin=origin)[1].startswith("Origin: ")
 
 
-def test_what_another_page_embeds_is_refused_though_it_names_no_origin():
+def test_a_page_embedded_in_another_is_refused_though_it_names_no_origin():
     for site, is_in in (("none", True), ("same-origin", True), ("same-site", False), ("cross-site", False)):
         assert (judge(Sec_Fetch_Site=site, Sec_Fetch_Dest="image") is None) == is_in
         assert judge(Sec_Fetch_Site=site, Sec_Fetch_Dest="document") is None  # a link in a mail
@@ -126,7 +126,7 @@ def test_a_token_is_the_given_one_or_one_that_nobody_guesses(monkeypatch):
         token_for("short")
 
 
-def test_the_link_leads_there(monkeypatch):
+def test_a_printed_link_leads_to_the_machine(monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "car7")
     assert link_to("127.0.0.1", 8081, TOKEN) == f"http://127.0.0.1:8081{LINK}"
     assert link_to("0.0.0.0", 8081, "t/?#") == "http://car7:8081/t%2F%3F%23"

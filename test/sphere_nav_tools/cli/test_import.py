@@ -202,7 +202,7 @@ def test_each_layout_is_known_by_its_files(tmp_path):
 @pytest.mark.parametrize(
     ("wanted", "found"), [("tum", "kitti"), ("kitti", "seven_scenes"), ("spherical", "tum"), ("seven_scenes", "kitti")]
 )
-def test_the_command_refuses_another_layout_by_its_name(tmp_path, capsys, wanted, found):
+def test_a_data_set_of_another_layout_is_refused_by_its_name(tmp_path, capsys, wanted, found):
     folder = make(tmp_path / "data", FILES[found])
     assert main(["import", wanted, str(folder), "-o", str(tmp_path / "bag")]) == 2
     assert f"the folder looks like {found}" in capsys.readouterr().err

@@ -26,7 +26,7 @@ def raising(error):
     return run
 
 
-def test_the_overview_lists_them(capsys):
+def test_a_command_that_is_not_in_the_overview_is_not_found(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     for entry in COMMANDS:
@@ -45,7 +45,7 @@ def test_every_command_has_help_with_examples(capsys):
         assert f"  sphere_nav {name} " in out  # an example
 
 
-def test_the_status_of_the_command_is_passed_on(stand_in):
+def test_a_command_that_failed_is_not_taken_for_done(stand_in):
     for status in [0, 1]:
         stand_in.run = lambda arguments, status=status: status
         assert main(["play", "x"]) == status

@@ -102,7 +102,7 @@ def campus(taught, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_drives_are_found_and_the_bad_one_is_the_lesson(taught, pictures):
+def test_a_drive_that_the_map_did_not_explain_is_the_lesson(taught, pictures):
     drives = list_drives(taught)
     assert [one.name for one in drives] == ["19700101_000001", "19700101_000140"]
     assert [one.explanation.is_lesson for one in drives] == [False, True]
@@ -114,7 +114,7 @@ def test_the_drives_are_found_and_the_bad_one_is_the_lesson(taught, pictures):
 
 
 @pytest.mark.slow
-def test_the_range_of_an_image_is_that_of_the_map(taught, room):
+def test_an_image_that_is_learned_has_the_range_of_the_map(taught, room):
     image = next(iter(list_drives(taught)[1].images()))
     with open_map(taught) as base:
         sphere, T_map_sphere, covariance = make_sphere(base, image)

@@ -88,7 +88,7 @@ def streams_of(driver, root=None, skip=()):
     return found
 
 
-def test_what_a_driver_publishes_is_found_as_its_preset_says():
+def test_a_driver_publishes_the_topics_of_its_preset():
     for name in driver_names():
         driver = read_driver(name)
         kinds = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info"), "panorama": ("image_raw",)}
@@ -170,7 +170,7 @@ def recording(*streams, tree=None, **values):
 MOUNTED = frames(*(("base_link", name) for name in NAMES))
 
 
-def test_the_cameras_of_a_rig_are_called_by_their_names():
+def test_a_rig_is_mapped_by_the_names_of_its_cameras():
     found = offer_map(recording(*RIG))
     assert found.command[-5:] == ["--rig", "rig.yaml", *(f"--camera={name}=/{name}/image_raw" for name in NAMES)]
     assert "that has these names" in found.note

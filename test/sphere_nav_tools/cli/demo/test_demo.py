@@ -67,7 +67,7 @@ def test_a_clock_that_was_held_up_is_no_end():
     assert not has_ended("DRIVING")
 
 
-def test_the_last_result_is_kept(tmp_path):
+def test_a_new_demo_keeps_the_last_result(tmp_path):
     (tmp_path / "demo").mkdir()
     (tmp_path / "demo" / "mine").touch()
     new_folder(tmp_path / "demo")
@@ -76,7 +76,7 @@ def test_the_last_result_is_kept(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_second_drive_alone_has_a_condition(tmp_path):
+def test_a_map_is_taught_by_day_though_the_second_drive_is_at_night(tmp_path):
     demo = Demo(tmp_path / "demo", 1, "straight", 46, {}, "night_lamps")
     assert "condition" not in demo.simulation
     params = in_condition(build(SimParams, demo.simulation | demo.other_day))

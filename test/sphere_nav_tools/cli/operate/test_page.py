@@ -183,7 +183,7 @@ def test_with_the_dead_mans_switch_a_lost_page_presses_the_emergency_stop_within
     page.is_silent = False
 
 
-def test_the_emergency_stop_is_published_while_it_is_pressed_and_stays_so_when_pressed_twice(yard, follower, enter):
+def test_an_emergency_stop_stays_pressed_when_it_is_pressed_twice_or_its_page_is_closed(yard, follower, enter):
     page = enter()
     page.click("start")
     page.wait_for("start: DRIVING")

@@ -77,7 +77,7 @@ def test_paths_are_the_files_that_a_follower_reads(desk):
     assert desk.paths == ["a.csv", "b.tum", "c.geojson"]
 
 
-def test_what_leads_out_of_the_folder_is_not_there(desk, tmp_path_factory):
+def test_a_link_out_of_the_folder_is_neither_mapped_nor_driven(desk, tmp_path_factory):
     there = tmp_path_factory.mktemp("there")
     (there / "drive").mkdir()
     (there / "drive" / "a.mcap").write_bytes(b"")

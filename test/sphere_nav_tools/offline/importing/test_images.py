@@ -44,7 +44,7 @@ def write(path, image):
     assert cv2.imwrite(str(path), image)
 
 
-def test_the_folders_of_a_rig_become_its_topics(tmp_path):
+def test_a_folder_of_a_rig_becomes_the_topic_of_its_camera(tmp_path):
     rig = vertical_rig()
     write_rig(tmp_path / "rig.yaml", rig)
     for part in rig.cameras:
@@ -106,7 +106,7 @@ def test_a_video_of_one_camera_keeps_its_rate(tmp_path):
         (("--camera", "300,300,159.5,119.5"), "expected images, or one video, found left, right"),
     ],
 )
-def test_what_does_not_fit_is_one_line(capsys, tmp_path, words, expected):
+def test_images_without_a_lens_a_base_line_or_a_partner_are_refused(capsys, tmp_path, words, expected):
     for side, number in (("left", 0), ("right", 0), ("right", 1)):
         write(tmp_path / "in" / side / f"{number}.png", wall(0.0))
     assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", *words) == 2

@@ -38,7 +38,7 @@ def frame(recording, index):
 
 
 @pytest.mark.slow
-def test_the_kitchen_fits_its_poses(shared_data):
+def test_a_depth_camera_left_where_it_is_does_not_fit_the_kitchen(shared_data):
     """The true motion explains the images, with depth moved into the colour camera better than without."""
     folder = shared_data / "rgbd" / "redkitchen"
     kinect = replace(COLOR, fx=585.0, fy=585.0), SE3.exp([-0.025, 0, 0, 0, 0, 0])
@@ -52,7 +52,7 @@ def test_the_kitchen_fits_its_poses(shared_data):
     assert np.isfinite(first[2]).mean() > 0.6
 
 
-def test_the_car_drives_forward(shared_data):
+def test_a_car_of_kitti_drives_forward(shared_data):
     recording = open_kitti(shared_data / "driving" / "kitti_06")
     assert recording.num_frames == 51
     assert recording.views["right"].baseline_m == pytest.approx(0.5371, abs=1e-4)

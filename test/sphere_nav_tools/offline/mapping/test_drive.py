@@ -53,7 +53,7 @@ def test_a_drive_is_laid_on_its_truth_by_its_first_pose_or_by_all(drive):
     assert drive.anchor(elsewhere) is None
 
 
-def test_what_is_told_counts_and_compares(drive):
+def test_a_summary_counts_spheres_and_compares_with_the_truth(drive):
     lines = drive.summary(laid_out(WAY))
     assert lines[0].startswith("5 spheres placed, 2 lost, 3 kept, 1 loops closed")
     assert "median 0.0 mm, max 0.0 mm" in lines[1]
@@ -98,7 +98,7 @@ def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatc
             drive.anchor_graph("truth", unknown, "here/drive")
 
 
-def test_the_truth_of_the_vehicle_is_known_as_such_and_none_as_none(tmp_path):
+def test_a_true_pose_of_the_base_is_not_taken_for_one_of_the_camera(tmp_path):
     write_bag(tmp_path / "base", truth_of_base, numbers=range(2))
     write_bag(tmp_path / "none", stereo, numbers=range(1))
     assert truth_of(tmp_path / "base").is_base
@@ -230,7 +230,7 @@ def test_a_pair_turns_by_fifteen_degrees_at_most():
         assert bool(choose_pairs(trajectory_of(poses), 2.0)) == is_kept
 
 
-def test_the_velocity_keeps_its_sides_and_is_by_seconds():
+def test_a_camera_that_moves_to_the_right_and_turns_left_has_that_velocity():
     way = trajectory_of([SE3.from_planar(0.0, -0.1 * k, 0.05 * k) for k in range(5)])  # to the right, turning left
     found = velocity_at(way, 0)
     assert found[0] == pytest.approx(1.0, abs=0.05)  # x of the optical axes is to the right
