@@ -63,6 +63,14 @@ def test_before_the_first_answer_a_command_has_the_time_of_the_clock(loop):
     assert loop.stamp_at(SECOND + SECOND // 20) == SECOND
 
 
+def test_after_a_jump_of_the_clock_a_command_has_no_stamp_of_before(loop):
+    loop.heard_ns = loop.answered.stamp_ns = SECOND
+    assert loop.stamp_at(SECOND + SECOND // 20) == SECOND
+    loop.clock_jumped()
+    assert (loop.heard_ns, loop.stamp_at(SECOND // 20)) == (0, SECOND // 20)
+    assert loop.follower.mode.verdict.reason is StopReason.CLOCK_STOPPED or not loop.follower.mode.is_armed
+
+
 def test_a_guard_that_lets_nothing_through_stops_the_vehicle_by_its_reason(bus, loop):
     assert loop.ask("start") == ""
     bus.deliver("/command_guard/status", GuardStatus(reason="NO_HEARTBEAT", detail="none for more than 0.25 s"))
