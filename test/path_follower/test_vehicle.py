@@ -117,6 +117,15 @@ def test_a_car_is_predicted_where_it_will_be(age_ns):
     assert abs(found.yaw - expected.yaw) < 0.01
 
 
+def test_a_measured_speed_overrules_the_model_and_leaves_the_wheels_turned():
+    predictor = Predictor(CAR, ActuationParams(steering_lag=0.2, speed_lag=2.0))
+    for k in range(100):
+        predictor.remember(k * STEP, Motion(0.2, 0.3))
+    moved = predictor.predict(Pose2(0, 0, 0), 99 * STEP, 99 * STEP, 1.5)
+    assert moved.x == pytest.approx(0.3, abs=0.03)  # the model lets it lose a tenth on the way
+    assert moved.yaw == pytest.approx(0.3 * math.tan(0.3) / CAR.wheelbase, rel=0.1)
+
+
 def test_a_clock_that_leaps_by_years_takes_no_time():
     predictor = Predictor(CAR, ActuationParams())
     predictor.remember(0, Motion(2.0, 0.1))
