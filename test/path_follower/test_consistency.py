@@ -11,7 +11,7 @@ from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Pose2, compose_poses
 from path_follower.reasons import FINE, StopReason
-from path_follower.vehicle import Motion, Predictor
+from path_follower.vehicle import ORIGIN, Motion, Predictor, drive
 
 SECOND, STEP = 1_000_000_000, 100_000_000
 PARAMS = FollowerParams()
@@ -171,6 +171,28 @@ def test_a_small_correction_does_not_stop_and_slows_down_only_where_its_covarian
     if slow:  # while the windows reach back to it, and two seconds more
         assert 26 <= slow[0] < slow[-1] < 26 + 20 + 32
         assert doubts[slow[0]].slow.reason is StopReason.POSE_INCONSISTENT
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.1], ids=["between messages", "after the last"])
+def test_poses_between_or_after_messages_of_odometry_are_no_fault_of_the_pose(late_s):
+    """In a bend of 0.7 m radius, at any time since the last message, and without noise."""
+    predictor = Predictor(PARAMS.vehicle, PARAMS.actuation)
+    consistency, motion = MotionConsistency(PARAMS, predictor), Motion(1.0, 1.05)
+    shares, begin = [], Pose2(7.0, 7.0, -1.0)
+
+    def at(seconds):
+        return compose_poses(begin, drive(ORIGIN, motion, 1.2, seconds))
+
+    predictor.remember(SECOND, motion)
+    times = np.cumsum(np.tile([0.07, 0.03, 0.05, 0.09, 0.06], 8))
+    for seconds in times:
+        for number in range(100):
+            when = 0.1 * number
+            if when <= seconds + (0.1 if late_s == 0.0 else 0.0):
+                consistency.see_odometry(at(when), 1.0, motion.yaw_rate(1.2), SECOND + round(when * SECOND))
+        doubt = consistency.see_pose(at(seconds), 1e-8 * np.eye(3), SECOND + round(seconds * SECOND), is_driving=True)
+        shares.append(doubt.share)
+    assert max(shares) < 0.02
 
 
 def test_a_jump_of_a_vehicle_that_is_not_driven_is_none():

@@ -70,6 +70,9 @@ def test_commands_without_a_heartbeat_do_not_pass(driving):
 def test_an_emergency_stop_stops_at_once(driving):
     driving.guard.is_emergency = True
     assert driving.run(1.0) <= 1.0 / PARAMS.max_deceleration + 2 * STEP
+    driving.guard.is_emergency = False
+    driving.run(0.2)
+    assert (driving.speeds[-1], driving.guard.reason) == (0.0, "WAITS_FOR_ZERO")
 
 
 def test_a_sender_that_comes_back_must_begin_at_zero(driving):
