@@ -2,10 +2,12 @@
 
 import argparse
 import types
+from functools import partial
 
 import pytest
 
 from sphere_nav_tools.cli import main as command
+from sphere_nav_tools.cli import warm_up
 from sphere_nav_tools.cli.main import COMMANDS, main
 from sphere_nav_tools.offline.settings import add_settings
 
@@ -111,3 +113,9 @@ def test_values_are_read_as_yaml():
 def test_a_word_that_is_no_pair_is_refused_by_its_option():
     with pytest.raises(ValueError, match="--set-other: expected NAME=VALUE, found 'a'"):
         parse(("--set-other", "a"))
+
+
+def test_a_package_whose_kernels_do_not_compile_is_not_passed_over(monkeypatch):
+    monkeypatch.setattr(warm_up, "PARTS", (partial(float, "none"),))
+    with pytest.raises(ValueError, match="none"):
+        warm_up.main()
