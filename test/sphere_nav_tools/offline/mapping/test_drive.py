@@ -24,7 +24,7 @@ from worlds.recordings import stereo, truth_of_base, write_bag
 from worlds.room import wide_room
 
 STAMPS = [1_000_000_000 * k for k in range(1, 6)]
-WAY = [SE3.from_planar(0.5 * k, 0.1 * k * k, 0.1 * k) for k in range(5)]
+WAY = [SE3.from_planar(1.0 + 0.5 * k, 0.1 * k * k - 2.0, 0.3 + 0.1 * k) for k in range(5)]
 T_TRUTH_MAP = SE3.exp([3.0, -2.0, 0.5, 0.0, 0.0, 1.0])
 
 
