@@ -19,6 +19,7 @@ from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav_tools.offline.mapping import drive as mapped
 from sphere_nav_tools.offline.mapping.depth_drive import DepthEstimate, choose_pairs, velocity_at
 from sphere_nav_tools.offline.mapping.drive import MappedDrive, Truth, check_survey, fit_poses, move_to_truth, truth_of
+from sphere_nav_tools.offline.mapping.extension import place_start
 from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, replay_mapper
 from worlds.recordings import stereo, truth_of_base, write_bag
 from worlds.room import wide_room
@@ -271,3 +272,13 @@ def test_a_drive_is_mapped_and_what_was_lost_is_counted(recipe):
     assert [track.stamp_ns // SECOND for track in drive.mapper.tracks] == [1, 2, 3, 4, 5]
     assert drive.num_lost == 1
     assert drive.mapper.origin == "base_link at the first sphere, level by the mounting"
+
+
+def test_a_given_start_is_where_and_as_it_was_told_beside_a_key_sphere_that_is_turned():
+    """On the same slope, of a camera that sits ahead of the base and looks to the left."""
+    T_base_sphere = SE3.from_angles(0.0, 0.0, 0.4, [0.5, 0.1, 1.2])
+    T_map_base = SE3.from_angles(0.0, 0.1, 2.0, [3.0, 4.0, 0.7])
+    nodes = [KeySphere(0, 0, T_map_base @ T_base_sphere), KeySphere(1, 1, SE3.from_planar(90.0, 0.0, 0.0))]
+    found = place_start(SimpleNamespace(graph=SphereGraph(nodes)), (3.5, 4.5, -1.0), T_base_sphere)
+    expected = SE3.from_angles(0.0, 0.1, -1.0, [3.5, 4.5, 0.7])
+    np.testing.assert_allclose((found @ T_base_sphere.inverse()).matrix, expected.matrix, atol=1e-9)
