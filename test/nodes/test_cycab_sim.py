@@ -163,20 +163,6 @@ def test_image_calibration_and_frames_belong_together(driver):
 
 
 @pytest.mark.dds
-def test_a_simulated_vehicle_moves_as_commanded_and_its_wheels_nearly_so(driver):
-    truth, wheels = driver.heard["ground_truth/odometry"][-1], driver.heard["odom"][-1]
-    T_world_base, twist = odometry_to_se3(truth)
-    first, _ = odometry_to_se3(driver.heard["ground_truth/odometry"][0])
-    way = float(np.linalg.norm(T_world_base.translation - first.translation))
-    assert way > 0.5
-    assert twist[0] == pytest.approx(1.0, abs=0.1)
-    T_odom_base, _ = odometry_to_se3(wheels)
-    driven = float(np.linalg.norm(T_odom_base.translation))
-    assert driven == pytest.approx(way, rel=0.05, abs=0.15)
-    assert (truth.header.frame_id, wheels.header.frame_id, wheels.child_frame_id) == ("world", "odom", "base_link")
-
-
-@pytest.mark.dds
 def test_a_stamp_of_another_clock_and_numbers_that_are_none_are_refused(driver):
     count = driver.stand()
     foreign = Header(stamp=Time(sec=1_700_000_000))

@@ -159,21 +159,6 @@ def test_a_pose_of_another_frame_is_refused_and_stops(bench):
     assert wanted.last_refusal == "pose: header.frame_id: expected 'map', found 'odom'"
 
 
-def test_operator_calls(bench):
-    assert bench.call("pause").message == "nothing to pause: IDLE"
-    drive_until(bench, 2.0)
-    assert bench.call("pause").success
-    for _ in range(60):
-        said = bench.step()
-    assert bench.last(said, "/path_follower/status").state == "PAUSED"
-    assert bench.call("resume").success
-    bench.step()
-    assert bench.call("stop").success
-    for _ in range(60):
-        said = bench.step()
-    assert bench.last(said, "/path_follower/status").state == "STOPPED"
-
-
 def test_trajectories_are_loaded_and_shown(bench, tmp_path):
     (tmp_path / "path.csv").write_text("0,0\n5,0\n10,0\n")
     answer = bench.call("load_trajectory", LoadTrajectory.Request(path=str(tmp_path / "path.csv")))

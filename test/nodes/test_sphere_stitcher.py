@@ -138,18 +138,6 @@ def test_a_missing_camera_leaves_a_wedge_and_is_named(rig_path):
 
 
 @pytest.mark.slow
-def test_an_instant_without_a_camera_above_is_told_and_the_next_one_is_stitched(rig_path):
-    bench = Bench(rig=rig_path)
-    bench.shoot(1000 * MS, IMAGES[0], without=[name for name in IMAGES[0] if name.startswith("top")])
-    bench.pass_time(1300 * MS)
-    assert bench.spheres == []
-    assert "expected an image of a top camera, found none" in bench.problems()["stitching"]
-    bench.shoot(1400 * MS, IMAGES[0])
-    assert len(bench.spheres) == 1
-    assert "stitching" not in bench.problems()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "num_spheres", "has_hole"), [("hold", 2, False), ("omit", 2, True), ("fail", 1, None)]
 )

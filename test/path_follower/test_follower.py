@@ -198,10 +198,3 @@ def test_a_race_track_at_a_quarter_of_its_size_is_driven(kit, shared_data, tmp_p
     assert drive.final.state is FollowerState.DRIVING
     assert drive.final.progress > 120
     assert drive.rmse < 0.02
-
-
-def test_a_recorded_motorway_drive_is_a_path(kit, shared_data):
-    params = FollowerParams(speed=SpeedParams(cruise=3.0), vehicle=VehicleParams(max_speed=4.0))
-    path = read_path(shared_data / "tracks" / "comma2k19_motorway_enu_20hz.csv", params)
-    assert len(path.segments) == 1
-    assert path.max_curvature < 0.1

@@ -14,7 +14,6 @@ from path_follower.reasons import StopReason, StopVerdict
 
 SECOND = 1_000_000_000
 PARAMS = FollowerParams()
-UNCHECKED = FollowerParams(safety=SafetyParams(is_motion_checked=False))
 FAULT = 6.0  # s into the drive, at full speed
 
 
@@ -48,16 +47,6 @@ def test_a_stop_is_a_ramp_with_wheels_held(kit):
     assert len(speeds) >= 4
     assert all(0.15 < a - b <= 0.2 + 1e-9 for a, b in itertools.pairwise(speeds))  # 4 m/s^2, 50 ms
     assert len({c.steering_angle for c in ramp}) == 1
-
-
-def test_a_kidnapped_vehicle_stops_although_it_stands_on_the_path(kit, straight):
-    def kidnap(now, follower, car):
-        if car.pose.x < 20:
-            car.pose = Pose2(car.pose.x + 20, car.pose.y, car.pose.yaw)
-
-    for params, reason in ((PARAMS, StopReason.POSE_JUMP), (UNCHECKED, StopReason.OFF_PATH)):
-        drive = kit.follow(straight, params=params, each=after_fault(kidnap))
-        assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, reason)
 
 
 def scan_of(wall_x):
@@ -136,15 +125,6 @@ def test_a_start_beside_the_path_or_facing_the_wrong_way_is_refused(kit, straigh
     follower.update(pose, None, SECOND, "TRACKING")
     assert follower.start(SECOND).startswith(refusal)
     assert follower.mode.state is FollowerState.IDLE
-
-
-def test_calls_that_make_no_sense_say_so(kit, straight):
-    follower = Follower(PARAMS)
-    assert follower.start(0) == "no path is loaded"
-    assert follower.pause() == "nothing to pause: NO_PATH"
-    assert follower.resume(0) == "nothing to resume: NO_PATH"
-    follower.stop()
-    assert follower.mode.state is FollowerState.NO_PATH
 
 
 def test_a_loss_while_paused_changes_nothing_and_its_end_moves_nothing(kit, straight):

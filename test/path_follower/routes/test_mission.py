@@ -130,23 +130,6 @@ def test_a_mission_waits_for_a_localiser_that_searches(trip):
     assert trip.live(STEADY) == ["load", "start"]
 
 
-@pytest.mark.parametrize(
-    ("silent", "told"),
-    [
-        ("localizer", "no status of the localiser: see that it runs"),
-        ("pose", "no pose: see the localiser and the topic of the pose"),
-    ],
-)
-def test_a_mission_waits_for_who_is_silent(trip, silent, told):
-    trip.silent = silent
-    trip.live(PARAMS.max_silence + TICK)
-    trip.mission.begin(GOAL, trip.now)
-    assert trip.live(3 * STEADY) == []
-    assert trip.mission.reason == told
-    trip.silent = ""
-    assert trip.live(2 * STEADY) == ["load", "start"]
-
-
 def test_a_goal_that_nobody_could_stop_is_refused(trip):
     """The permission of a follower that says nothing is not known, so a stop of it would not be seen."""
     trip.live(1.0)
@@ -283,14 +266,6 @@ def test_where_no_way_is_left_the_mission_ends_with_a_name(trip):
     trip.mission.begin(GOAL, trip.now)
     trip.live(2 * STEADY)
     assert trip.mission.outcome.reason.startswith("no way: expected a vehicle within 1 m of the network")
-
-
-def test_a_new_goal_replaces_the_one_under_way(trip):
-    trip.drive_off()
-    trip.mission.begin(Goal("home"), trip.now)
-    assert trip.live(1.0)[0] == "stop"
-    with pytest.raises(ValueError, match="place: expected one of end, home, found 'moon'"):
-        trip.mission.begin(Goal("moon"), trip.now)
 
 
 def test_a_cancel_while_the_start_is_not_answered_still_stops(trip):
@@ -491,17 +466,3 @@ def test_a_restart_goes_on_where_the_follower_does_and_else_waits_for_resume(tri
         assert trip.live(2 * STEADY) == ["stop", "load", "start"]
     else:
         assert trip.mission.progress == pytest.approx(20.0, abs=0.1)
-
-
-def test_a_place_that_was_passed_is_not_the_next_one(trip):
-    first = trip.mission.network.departures(trip.mission.network.places["home"])[0]
-    trip.mission.network = trip.mission.network.with_place("gate", Spot(first.id, 8.0))
-    trip.drive_off()
-    assert trip.mission.leg.edge == trip.mission.course.legs[0].edge
-    found = []
-    for progress in (1.0, 6.8, 7.2, trip.length - 0.1):
-        trip.progress = progress
-        trip.live()
-        found.append(trip.mission.next_place)
-    assert found == ["gate", "gate", "end", "end"]
-    assert trip.mission.leg == trip.mission.course.legs[-1]

@@ -9,34 +9,16 @@ import yaml
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.spheres.experiences import Service, with_experience, with_service
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav_tools.cli import refine_camera as command
 from sphere_nav_tools.cli import rig_convert
-from sphere_nav_tools.cli.bags import inspect_
 from sphere_nav_tools.cli.maps import map_export, map_info
 from sphere_nav_tools.offline import refine_camera
 
 SECOND = 10**9
 CAMERA = Pinhole(64, 48, 50.0, 51.0, 31.0, 23.0, (0.1, 0.2, 0.3, 0.4))
-
-
-def test_topics_stand_in_columns():
-    streams = [
-        Stream("/a", "sensor_msgs/msg/Image", 5, 2.0), Stream("/longer/name", "std_msgs/msg/String", 123456, 0.5),
-        Stream("/one", "std_msgs/msg/Bool", 1, 9.0),
-    ]  # fmt: skip
-    head, *rows = inspect_.topic_table(streams)
-    assert head.split() == ["topic", "type", "messages", "rate", "frame", "content"]
-    columns = {"type": ("Image", "String", "Bool"), "messages": ("5", "123456", "1"), "rate": ("2.0 Hz", "0.5 Hz", "")}
-    for word, cells in columns.items():
-        at = head.index(word)
-        for row, cell in zip(rows, cells, strict=True):
-            assert row[at:].startswith(cell)
-            assert row[at - 2 : at].strip() == ""  # two spaces between columns
-    assert rows[2].split() == ["/one", "Bool", "1"]  # a single message has no rate
 
 
 def sphere_map(tmp_path, length=0.0, num_nodes=3):
@@ -105,7 +87,7 @@ def test_trajectories_are_exported_by_stamp(tmp_path):
 
 
 def test_a_gap_between_images_gives_no_velocity():
-    poses = tuple(SE3.from_planar(x, 0.0, -0.1 * x) for x in (0.0, 0.2, 0.5, 0.9, 1.0))
+    poses = tuple(SE3.from_planar(x, 0.0, -0.1 * x) for x in (1.0, 1.2, 1.5, 1.9, 2.0))
     stamps = np.array([0, 100, 300, 699, 910]) * 10**6
     located = refine_camera.Located(stamps, poses)
     assert located.velocity(0) is None

@@ -10,7 +10,7 @@ import pytest
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.samples import ODOMETRY, SPHERE, SPHERE_INFO
+from sphere_nav.ros.bags.samples import ODOMETRY, SPHERE_INFO
 from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, RGBD, STEREO, Stream
 from sphere_nav.ros.camera.drivers import driver_names, read_driver
 from sphere_nav.ros.conversions import se3_to_transform
@@ -214,12 +214,6 @@ def test_bare_geometry_needs_odometry_and_the_height_of_the_camera():
     assert recording(*one, tree=moving).odometry == "/tf (odom to base_link)"
 
 
-def test_two_jobs_do_not_write_the_same_file():
-    one = recording(RIG[0], INFOS[0], ODOM, tree=MOUNTED)
-    outputs = [offer.command[offer.command.index("-o") + 1] for offer in (offer_localize(one), offer_mcl(one))]
-    assert outputs == ["drive.tum", "drive_mcl.tum"]
-
-
 def test_a_panorama_is_offered_with_what_it_needs():
     for info, words in [
         ([Stream("/theta/sphere_info", SPHERE_INFO, 9, 30.0, "front")], ["--remap", "sphere_info:=/theta/sphere_info"]),
@@ -231,11 +225,6 @@ def test_a_panorama_is_offered_with_what_it_needs():
             assert found.command[-2:] == words
             assert ("whole spheres" in found.note) == (not info)
         assert offer_localize(recording(RIG[0])).missing  # no panorama: not twice as wide as high
-
-
-def test_spheres_of_another_name_are_named():
-    found = offer_map(recording(Stream("/car/sphere", SPHERE, 9, 2.0, "sphere_link")))
-    assert found.command[-2:] == ["--remap", "sphere:=/car/sphere"]
 
 
 def test_images_of_different_instants_are_no_pair(monkeypatch):

@@ -21,7 +21,6 @@ from sphere_nav_tools.cli.operate.words import (
     Place,
     banner,
     ellipse,
-    health,
     places_of,
 )
 
@@ -81,15 +80,6 @@ def test_an_old_state_is_shown_as_unknown_after_a_second_and_a_half(monkeypatch,
     monkeypatch.setattr(words.time, "monotonic", lambda: now + later)
     text = banner(seen)
     assert ("OFF_PATH" in text, "3.0 m driven" in text, "silent for 2 s" in text) == (is_told, is_told, not is_told)
-
-
-def test_diagnostics_show_first_what_is_wrong(monkeypatch):
-    seen, now = Heard(), words.time.monotonic()
-    assert "nothing heard" in health(seen)
-    seen.hear("diagnostics", {"a": (0, "fine", now), "b": (2, "no images", now), "c": (0, "fine", now - 60.0)})
-    text = health(seen)
-    assert text.index("STALE") < text.index("ERROR") < text.index("OK")
-    assert "b: no images" in text
 
 
 def test_places_are_the_points_with_a_name():

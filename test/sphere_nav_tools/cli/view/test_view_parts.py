@@ -91,8 +91,3 @@ def test_key_spheres_and_loops_lie_where_they_are():
     assert has(picture, COLORS["camera"], *pixels[1])
     assert has(picture, COLORS["camera"], pixels[1][0] + 10, pixels[1][1])  # it looks along x
     assert has(picture, COLORS["loops"], SIDE // 2, SIDE // 2)
-
-
-def test_one_sphere_and_a_look_straight_down_are_drawn():
-    minimap = Minimap(SphereGraph([KeySphere(0, 0, PLACES[0])]))
-    assert has(minimap.draw(SE3.exp([0, 0, 0, np.pi, 0, 0])), COLORS["camera"], *minimap.pixel(PLACES[0]))
