@@ -6,6 +6,11 @@ import json
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Vector3
+from sensor_msgs.msg import Image, Imu
+from sphere_nav_msgs.msg import LocalizationStatus
+from std_msgs.msg import Header
 
 from architecture.tree import ROOT
 
@@ -72,61 +77,29 @@ def test_nothing_compared_is_not_equal(record, tmp_path, capsys):
     assert "NOTHING COMPARED" in capsys.readouterr().out
 
 
-class TestDigest:
-    """Of messages: every value counts, but for those that are no results."""
+def test_a_digest_counts_every_bit_but_the_time_of_computing_and_the_order_of_stamps():
+    inside = script("inside_environment")
 
-    @pytest.fixture
-    def inside(self):
-        pytest.importorskip("rclpy")
-        return script("inside_environment")
-
-    def digest(self, inside, *messages, kind):
-        topic = inside.TopicDigest(kind)
+    def digest(*messages):
+        kind = type(messages[0])
+        topic = inside.TopicDigest(f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}")
         for message in messages:
             topic.add(message)
         return topic.result()["sha256"]
 
-    def test_computing_time_does_not_count_but_all_else_does(self, inside):
-        from sphere_nav_msgs.msg import LocalizationStatus
-
-        def digest(**fields):
-            return self.digest(inside, LocalizationStatus(**fields), kind="sphere_nav_msgs/msg/LocalizationStatus")
-
-        assert digest(milliseconds=1.0) == digest(milliseconds=2.0)
-        others = [digest(value=1.0), digest(limit=1.0), digest(state="LOST"), digest(references=[1]), digest()]
-        assert len(set(others)) == len(others)
-
-    def test_one_bit_of_a_pixel_counts(self, inside):
-        from sensor_msgs.msg import Image
-
-        def digest(*levels):
-            return self.digest(inside, Image(data=bytes(levels)), kind="sensor_msgs/msg/Image")
-
-        assert digest(1, 2, 3) == digest(1, 2, 3)
-        assert digest(1, 2, 3) != digest(1, 2, 2)
-
-    def test_one_ulp_counts_and_so_does_the_sign_of_zero(self, inside):
-        from geometry_msgs.msg import Twist, Vector3
-
-        def digest(x):
-            return self.digest(inside, Twist(linear=Vector3(x=x)), kind="geometry_msgs/msg/Twist")
-
-        assert digest(1.0) != digest(float(np.nextafter(1.0, 2.0)))
-        assert digest(0.0) != digest(-0.0)
-        assert digest(float("nan")) == digest(float("nan"))
-
-    def test_messages_go_by_their_stamps(self, inside):
-        from builtin_interfaces.msg import Time
-        from sensor_msgs.msg import Imu
-        from std_msgs.msg import Header
-
-        early, late = (Imu(header=Header(stamp=Time(sec=sec))) for sec in (1, 2))
-        kind = "sensor_msgs/msg/Imu"
-        assert self.digest(inside, early, late, kind=kind) == self.digest(inside, late, early, kind=kind)
-        assert self.digest(inside, early, kind=kind) != self.digest(inside, late, kind=kind)
+    status = LocalizationStatus
+    assert digest(status(milliseconds=1.0)) == digest(status(milliseconds=2.0))
+    others = [{"value": 1.0}, {"limit": 1.0}, {"state": "LOST"}, {"references": [1]}, {}]
+    assert len({digest(status(**fields)) for fields in others}) == len(others)
+    assert digest(Image(data=bytes([1, 2, 3]))) != digest(Image(data=bytes([1, 2, 2])))
+    numbers = (1.0, float(np.nextafter(1.0, 2.0)), 0.0, -0.0, float("nan"))
+    assert len({digest(Vector3(x=number)) for number in numbers}) == len(numbers)
+    early, late = (Imu(header=Header(stamp=Time(sec=sec))) for sec in (1, 2))
+    assert digest(early, late) == digest(late, early)
+    assert digest(early) != digest(late)
 
 
-def test_what_is_no_record_is_one_line_and_exit_code_2(tmp_path, capsys):
+def test_a_file_that_is_no_record_is_refused_in_one_line(tmp_path, capsys):
     for text in [None, "", "[]", '{"cases": 3}', "{}"]:
         path = tmp_path / "a.json"
         if text is not None:
