@@ -31,7 +31,7 @@ def test_every_place_is_an_ellipse_an_arrow_and_a_weight():
     assert min(markers[3].scale.x, markers[3].scale.y) > 0.0
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.3, 3.1, -3.1, -1.7])
+@pytest.mark.parametrize("yaw", [0.3, -3.1])
 def test_the_curve_peaks_where_the_heading_is(yaw):
     angles = np.arange(36) * np.radians(10.0)
     curve = 1.0 + 0.5 * np.cos(angles - 1.0)
