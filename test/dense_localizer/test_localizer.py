@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import TRUSTED, State
+from sphere_nav.localization.status import State
 from worlds.localizer import FISHEYE, PINHOLE, STEP_NS, Run, at, drive, error, make_localizer, make_map
 
 # Noise of 2 grey levels, pixels of 1/110 rad at 3 m: alignments err by 2 to 4 mm, 1 to 2 mrad; three sigma: 12, 6.
@@ -108,24 +108,6 @@ def test_a_blackout_degrades_and_the_covariance_grows_until_the_light_is_back(ro
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("is_left", [False, True])
-def test_half_the_view_hidden_does_not_move_the_pose(room, room_map, is_left):
-    run, truth = Run(room, make_localizer(room_map)), drive(24)
-    run.follow(truth[:12])
-    clutter = np.random.default_rng(5).integers(0, 255, (120, 80), dtype=np.uint8)
-
-    def hide(image):
-        return np.hstack([clutter, image[:, 80:]] if is_left else [image[:, :80], clutter])
-
-    estimates = [run.see(pose, hide) for pose in truth[12:]]
-    for estimate, pose in zip(estimates, truth[12:], strict=True):
-        assert estimate.status.state in TRUSTED
-        assert_near(estimate, pose, 10)  # half the pixels, and what moves with the camera pulls the rest
-    # Correlation is 0.44 to 0.66, about where DEGRADED begins: which of them are is chance, so that all of them count.
-    assert np.sqrt(np.mean([error(*pair)[0] ** 2 for pair in zip(estimates, truth[12:], strict=True)])) < 3 * MAX_M
-
-
-@pytest.mark.slow
 def test_a_step_of_exposure_is_a_gain_and_a_bias(room, room_map):
     run, truth = Run(room, make_localizer(room_map)), drive(20)
     run.follow(truth[:10])
@@ -133,17 +115,6 @@ def test_a_step_of_exposure_is_a_gain_and_a_bias(room, room_map):
     for estimate, pose in zip(estimates, truth[10:], strict=True):
         assert estimate.status.state is State.TRACKING
         assert_near(estimate, pose, 1.5)  # less contrast, coarser steps of grey
-
-
-@pytest.mark.slow
-def test_dropped_images_are_survived_and_a_long_gap_is_named(room, room_map):
-    run, truth = Run(room, make_localizer(room_map)), drive(40)
-    run.follow(truth[:10])
-    every_third = [run.see(pose, step_ns=3 * STEP_NS) for pose in truth[12:25:3]]
-    assert {estimate.status.state for estimate in every_third} == {State.TRACKING}
-    after_gap = run.see(truth[32], step_ns=8 * STEP_NS)
-    assert (after_gap.status.state, after_gap.status.reason) == (State.DEGRADED, "GAP")
-    assert_near(after_gap, truth[32])
 
 
 @pytest.mark.slow
@@ -168,25 +139,6 @@ def test_a_bad_stamp_changes_nothing(room, room_map):
 
 
 @pytest.mark.slow
-def test_a_clock_that_begins_anew_forgets_the_pose(room, room_map):
-    run = started(room, room_map)
-    run.stamp_ns -= 400_000_000
-    states = [estimate.status.state for estimate in run.follow(drive(16)[10:])]
-    assert states[:2] == [State.TRACKING] * 2  # BAD_STAMP: two images are not enough to believe it
-    assert states[2] is State.PROBATION  # searched and found again by the third
-
-
-@pytest.mark.slow
-def test_looking_out_of_the_map_is_lost_not_guessed(room, room_map):
-    run = started(room, room_map)
-    rng = np.random.default_rng(8)
-    states = []
-    for _ in range(16):
-        states.append(run.see(at(0.0), lambda image: rng.integers(0, 255, image.shape, dtype=np.uint8)).status.state)
-    assert states[-1] is State.SEARCHING
-    assert State.TRACKING not in states
-
-
 def test_an_operator_gives_the_pose(room, room_map):
     run = Run(room, make_localizer(room_map, automatic=False))
     assert run.see(at(0.3)).status.state is State.NOT_LOCALISED
@@ -197,12 +149,12 @@ def test_an_operator_gives_the_pose(room, room_map):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("pose", "words"), [(at(30.0), "found 28.0 m"), (SE3(np.full((4, 4), np.nan)), "finite")])
-def test_a_given_pose_off_the_map_is_refused(room, room_map, pose, words):
-    run = started(room, room_map)
-    with pytest.raises(ValueError, match=words):
-        run.localizer.relocalize(pose)
-    assert run.see(drive(11)[10]).status.state is State.TRACKING
+def test_a_given_pose_off_the_map_is_refused(room, room_map):
+    for pose, words in [(at(30.0), "found 28.0 m"), (SE3(np.full((4, 4), np.nan)), "finite")]:
+        run = started(room, room_map)
+        with pytest.raises(ValueError, match=words):
+            run.localizer.relocalize(pose)
+        assert run.see(drive(11)[10]).status.state is State.TRACKING
 
 
 @pytest.mark.slow

@@ -1,4 +1,3 @@
-import numpy as np
 import pytest
 
 from dense_localizer.motion_prior import Prediction
@@ -46,7 +45,7 @@ def find_start(references, pyramid):
     )
 
 
-@pytest.mark.parametrize(("number", "yaw"), [(0, 0.4), (7, -2.0), (15, 3.0)])
+@pytest.mark.parametrize(("number", "yaw"), [(0, 0.4), (15, 3.0)])
 def test_a_large_map_is_searched_by_what_it_looks_like(references, number, yaw):
     pose = at(0.2, 0.1, yaw)
     start = find_start(references, pyramid_of(ROOMS[number], pose))
@@ -73,11 +72,3 @@ def test_two_of_many_rooms_alike_are_ambiguous(references):
     start = find_start(References(MemoryMap(twins), PARAMS), pyramid_of(ROOMS[3], at(0.1, 0.0, 0.4)))
     assert start.candidate is None
     assert start.finding.reason is Reason.AMBIGUOUS
-
-
-def test_a_panorama_is_recognised_in_body_axes(references):
-    camera = Spherical(512, 256)
-    image = ROOMS[2].sphere(SE3.from_planar(0.3, 0.2, 2.0), camera, 9).gray
-    found = Recognition(references.appearance, build_pyramid(np.asarray(image), camera, PARAMS.registration.pyramid))
-    assert found.alike[0].sphere_id == 2
-    assert dict(found.match_poses())[2].distance(SE3.from_planar(0.3, 0.2, 2.0))[0] < 0.1
