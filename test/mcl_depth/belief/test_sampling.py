@@ -30,15 +30,6 @@ def test_particles_are_spread_over_all_places_and_headings():
     assert counts.min() > 60  # 100 expected; 4 standard deviations are 37
 
 
-def test_particles_gather_as_the_covariance_says_in_the_axes_of_the_pose():
-    covariance = np.diag([0.5, 0.1, 0.1, 0.1, 0.1, 0.2]) ** 2
-    particles = sample_gaussian(SE3.from_planar(4.0, 3.0, np.pi / 2), covariance, AREA, 2000, np.random.default_rng(2))
-    np.testing.assert_allclose(particles.poses.mean(axis=0), [4.0, 3.0, np.pi / 2], atol=0.05)
-    along, across = particles.poses[:, 1].std(), particles.poses[:, 0].std()  # forward is the map's y
-    assert along == pytest.approx(np.hypot(0.5, 0.1), rel=0.1)
-    assert across == pytest.approx(np.hypot(0.1, 0.1), rel=0.1)
-
-
 def test_a_given_covariance_keeps_its_correlations_and_is_never_exact():
     A = np.zeros((6, 6))
     A[[0, 1, 5]] = 0.2 * np.array([[1.0, 0, 0, 0, 0, 0], [0.8, 0.3, 0, 0, 0, 0], [-0.2, 0.1, 0, 0, 0, 0.1]])
@@ -88,27 +79,6 @@ def test_a_share_of_the_particles_goes_where_the_evidence_points():
 def observe(x, second, odometry=True):
     T = SE3.from_planar(x, 0.0, 0.0) if odometry else None
     return Observation(np.zeros((8, 16), np.uint8), Spherical(16, 8), second * 10**9, np.eye(3), T)
-
-
-def test_a_place_is_carried_on_by_odometry_in_its_own_heading():
-    reckoning = DeadReckoning(MclInputParams(min_way=0.2), MotionParams())
-    best = Hypothesis(np.array([5.0, 5.0, np.pi / 2]), np.eye(3), 0.9, np.arange(1))
-    reckoning.update(best, observe(1.0, 1), is_confirmed=True)
-    np.testing.assert_allclose(reckoning.propagate(observe(3.0, 2))[0], [5.0, 7.0, np.pi / 2], atol=1e-12)
-    np.testing.assert_allclose(reckoning.propagate(observe(3.0, 2, odometry=False))[0], best.pose)
-    assert reckoning.is_near(observe(1.1, 2), is_sure=True)
-    assert not reckoning.is_near(observe(1.3, 2), is_sure=True)
-    assert not reckoning.is_near(observe(1.0, 2, odometry=False), is_sure=True)
-
-
-def test_age_counts_from_the_image_that_confirmed_the_place():
-    reckoning = DeadReckoning(MclInputParams(), MotionParams())
-    best = Hypothesis(np.zeros(3), np.eye(3), 0.9, np.arange(1))
-    reckoning.update(best, observe(0.0, 1), is_confirmed=True)
-    reckoning.update(best, observe(1.0, 3), is_confirmed=False)
-    assert reckoning.age(4 * 10**9) == pytest.approx(3.0)
-    reckoning.reset()
-    assert (reckoning.best, reckoning.quality) == (None, 0.0)
 
 
 def test_a_doubtful_image_swaps_no_place_and_doubt_grows_on_the_way():
