@@ -1,7 +1,6 @@
 import threading
 import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 
@@ -67,20 +66,6 @@ def test_a_real_time_factor_slows_time_down(small_params):
     runner.stop()
     # 0.5 s at half speed: 25 steps, 10 more by the lag that may be caught up; slow machines do fewer
     assert 0 < ticks.count("clock") <= 40
-
-
-@pytest.mark.parametrize(
-    ("factor", "is_over", "waited"),
-    [(0.5, False, 2.0), (2.0, False, 0.5), (0.0, False, None), (0.5, True, 2.0), (2.0, True, 1.0), (0.0, True, 1.0)],
-)
-def test_a_taught_drive_that_is_over_goes_on_in_real_time_at_most(monkeypatch, factor, is_over, waited):
-    monkeypatch.setattr("cycab_sim.runner.time", SimpleNamespace(monotonic=lambda: 50.0))
-    waits, clock = [], ClockParams(real_time_factor=factor)
-    runner = Runner(SimpleNamespace(params=SimpleNamespace(clock=clock), is_taught=is_over), LockStep(clock), str)
-    runner._stop = SimpleNamespace(wait=waits.append)
-    runner._due_wall = 50.0
-    runner._keep_pace()
-    assert waits == ([] if waited is None else [pytest.approx(clock.step * waited)])
 
 
 @pytest.mark.slow

@@ -12,11 +12,6 @@ def faces(mesh, keep):
 
 
 @pytest.mark.slow
-def test_nothing_changes_where_nothing_is_asked_for(town):
-    assert change_season(town[0], SeasonParams(wet=1.0, snow=1.0), 5) is town[0]
-
-
-@pytest.mark.slow
 def test_other_cars_are_parked_and_nothing_else_moves(town):
     mesh = town[0]
     one, two, again = (change_season(mesh, SeasonParams(parked=n), 5) for n in (1, 2, 1))
@@ -42,31 +37,3 @@ def test_bare_trees_have_branches_for_leaves_and_houses_stay(town):
     twigs = bare.triangles[(bare.kinds[:, 0] == materials.BARK)[bare.surface_of] & is_leaf[bare.surface_of]]
     assert twigs[..., 2].min() > 1.5
     assert np.all(np.isfinite(bare.normals))
-
-
-def test_autumn_changes_colors_alone(town):
-    mesh, autumn = town[0], change_season(town[0], SeasonParams(leaves="yellow"), 5)
-    is_leaf = mesh.kinds[:, 0] == materials.FOLIAGE
-    assert autumn.triangles is mesh.triangles
-    np.testing.assert_array_equal(mesh.colors[~is_leaf], autumn.colors[~is_leaf])
-    red_over_green = autumn.colors[is_leaf, 1, 0] / autumn.colors[is_leaf, 1, 1]
-    assert np.median(red_over_green) > 1.2 > np.median(mesh.colors[is_leaf, 1, 0] / mesh.colors[is_leaf, 1, 1])
-
-
-@pytest.mark.parametrize(
-    ("season", "numbers"),
-    [
-        ({"parked": 1}, [-1.24989, -0.51611, 0.58967, 0.1036, 0.48409, 0.9884, 0.82519, -1.40084, -1.46852]),
-        ({"leaves": "none"}, [-0.43877, 0.19685, -1.05775, -0.90022, 0.13586, 0.68555, 1.97768]),
-        ({"leaves": "yellow"}, [-0.19449, -1.58757, 0.26226, -0.90022, 0.13586, 0.68526, 1.95335]),
-    ],
-)
-def test_a_season_of_a_seed_is_one_world(town, fingerprint, season, numbers):
-    found = fingerprint(change_season(town[0], SeasonParams(**season), 5))
-    assert found[: len(numbers)] == pytest.approx(numbers, abs=2e-5)
-
-
-@pytest.mark.parametrize("leaves", ["yellow", "none"])
-def test_a_world_without_trees_has_every_season(box_mesh, leaves):
-    changed = change_season(box_mesh, SeasonParams(leaves=leaves, parked=3), 1)
-    np.testing.assert_array_equal(changed.triangles, box_mesh.triangles)
