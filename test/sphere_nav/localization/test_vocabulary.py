@@ -1,6 +1,5 @@
 """One vocabulary: the words of the package are those of the message, and each localiser has advice for what it says."""
 
-import pytest
 from sphere_nav_msgs.msg import LocalizationStatus
 
 import dense_localizer.reasons
@@ -35,22 +34,26 @@ def test_what_is_trusted_is_followed():
     assert State.LOST not in FOLLOWING
 
 
-@pytest.mark.parametrize("package", [dense_localizer.reasons, mcl_depth.status], ids=lambda p: p.__name__)
-def test_a_status_leads_its_remedy_with_the_detail(package):
-    plain = status_of(State.DEGRADED, 7, Finding(Reason.OUTLIERS, 0.2, 0.4), package.REMEDIES, quality=0.8, age=-1.0)
-    assert plain.remedy == package.REMEDIES[Reason.OUTLIERS]
-    assert (plain.state, plain.reason, plain.value, plain.limit) == ("DEGRADED", "OUTLIERS", 0.2, 0.4)
-    assert (plain.stamp_ns, plain.quality, plain.age) == (7, 0.8, 0.0)
-    detailed = status_of(State.LOST, 7, Finding(Reason.OUTLIERS, detail="field"), package.REMEDIES)
-    assert detailed.remedy == f"field; {plain.remedy}"
-    advised = status_of(State.LOST, 7, Finding(Reason.BAD_INFO, detail="yuv", advice="send mono8"), package.REMEDIES)
-    assert advised.remedy == "yuv; send mono8"
+def test_a_status_leads_its_remedy_with_the_detail():
+    for package in [dense_localizer.reasons, mcl_depth.status]:
+        plain = status_of(
+            State.DEGRADED, 7, Finding(Reason.OUTLIERS, 0.2, 0.4), package.REMEDIES, quality=0.8, age=-1.0
+        )
+        assert plain.remedy == package.REMEDIES[Reason.OUTLIERS]
+        assert (plain.state, plain.reason, plain.value, plain.limit) == ("DEGRADED", "OUTLIERS", 0.2, 0.4)
+        assert (plain.stamp_ns, plain.quality, plain.age) == (7, 0.8, 0.0)
+        detailed = status_of(State.LOST, 7, Finding(Reason.OUTLIERS, detail="field"), package.REMEDIES)
+        assert detailed.remedy == f"field; {plain.remedy}"
+        advised = status_of(
+            State.LOST, 7, Finding(Reason.BAD_INFO, detail="yuv", advice="send mono8"), package.REMEDIES
+        )
+        assert advised.remedy == "yuv; send mono8"
 
 
-@pytest.mark.parametrize("package", [dense_localizer.reasons, mcl_depth.status], ids=lambda p: p.__name__)
-def test_what_to_do_about_the_input_is_the_same_in_both(package):
-    assert {reason: package.REMEDIES[reason] for reason in INPUT_REMEDIES} == INPUT_REMEDIES
-    assert all(text for reason, text in package.REMEDIES.items() if reason)
+def test_what_to_do_about_the_input_is_the_same_in_both():
+    for package in [dense_localizer.reasons, mcl_depth.status]:
+        assert {reason: package.REMEDIES[reason] for reason in INPUT_REMEDIES} == INPUT_REMEDIES
+        assert all(text for reason, text in package.REMEDIES.items() if reason)
 
 
 def test_a_status_reads_as_one_line():

@@ -33,21 +33,6 @@ def test_nearest_agrees_with_a_search_through_all():
         assert ids(graph.near(point, 0.5)) == within
 
 
-def test_equally_near_spheres_come_by_id():
-    ring = [node(k, np.cos(a), np.sin(a), 0.0) for k, a in zip((5, 3, 8, 1), np.arange(4) * np.pi / 2, strict=True)]
-    graph = SphereGraph([*ring, node(9, 5.0, 0, 0)])
-    assert ids(graph.nearest([0, 0, 0], 4)) == [1, 3, 5, 8]
-    same = SphereGraph([node(k, 1.0, 2.0, 3.0) for k in (4, 2, 7)])
-    assert ids(same.nearest([0, 0, 0], 2)) == [2, 4]
-
-
-def test_a_grown_graph_is_searched_anew():
-    graph = SphereGraph(LINE[:3])
-    assert ids(graph.nearest([9, 0, 0])) == [2]
-    graph.add(LINE[9])
-    assert ids(graph.nearest([9, 0, 0])) == [9]
-
-
 def test_limits_of_number_and_distance():
     graph = SphereGraph(LINE[:3])
     assert ids(graph.nearest([0, 0, 0], 10)) == [0, 1, 2]

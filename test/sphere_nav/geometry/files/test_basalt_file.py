@@ -72,11 +72,6 @@ def test_the_rig_file_holds_the_same(path, tmp_path, frame):
         np.testing.assert_allclose(relative, (POSES[0].inverse() @ pose).matrix, atol=1e-12)
 
 
-def test_a_file_without_its_wrapper_is_read(path):
-    path.write_text(json.dumps(calibration()["value0"]))
-    assert len(read_foreign([path]).cameras) == 5
-
-
 def test_a_recorded_rig_is_two_back_to_back_pairs(shared_data):
     rig = read_foreign([shared_data / "fisheye_rig" / "calibration.json"])
     ahead = np.stack([part.T_rig_camera.rotation[:, 2] for part in rig.cameras])
@@ -112,23 +107,21 @@ DEFECTS = {
 }
 
 
-@pytest.mark.parametrize("name", DEFECTS)
-def test_a_defect_is_one_line_with_its_place(path, name):
-    change, expected = DEFECTS[name]
-    values = calibration()
-    change(values["value0"])
-    path.write_text(json.dumps(values))
-    with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
-        read_basalt(path)
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_a_defect_is_one_line_with_its_place(path):
+    for name in DEFECTS:
+        change, expected = DEFECTS[name]
+        values = calibration()
+        change(values["value0"])
+        path.write_text(json.dumps(values))
+        with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
+            read_basalt(path)
+        assert expected in str(caught.value)
+        assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"), [("{", "expected JSON"), ("[1]", "expected value0 with"), ("{}", "value0")]
-)
-def test_a_file_that_is_none_is_refused(path, text, expected):
-    path.write_text(text)
-    with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
-        read_basalt(path)
-    assert expected in str(caught.value)
+def test_a_file_that_is_none_is_refused(path):
+    for text, expected in [("{", "expected JSON"), ("[1]", "expected value0 with"), ("{}", "value0")]:
+        path.write_text(text)
+        with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
+            read_basalt(path)
+        assert expected in str(caught.value)

@@ -73,18 +73,18 @@ def test_a_recorded_file_of_opencv_is_read(shared_data):
     assert (camera.width, camera.fx, camera.cx) == (640, 535.91573396163199, 342.28315473308373)
 
 
-@pytest.mark.parametrize(("row", "column", "limit"), [(0, 1, MAX_SKEW), (1, 0, 0.0), (2, 0, 0.0), (2, 1, 0.0)])
-def test_a_matrix_of_a_camera_without_skew_is_taken_up_to_the_limit(tmp_path, row, column, limit):
-    for sign in (1.0, -1.0):
-        matrix = K.copy()
-        matrix[row, column] = sign * limit
-        assert (
-            read_foreign([store(tmp_path / "a.yml", **(GOOD | {"camera_matrix": matrix}))]).cameras[0].camera.fx
-            == K[0, 0]
-        )
-        matrix[row, column] = sign * (limit + 1e-7)
-        with pytest.raises(ValueError, match=r"cameramatrix: expected \[fx 0 cx"):
-            read_foreign([store(tmp_path / "a.yml", **(GOOD | {"camera_matrix": matrix}))])
+def test_a_matrix_of_a_camera_without_skew_is_taken_up_to_the_limit(tmp_path):
+    for row, column, limit in [(0, 1, MAX_SKEW), (1, 0, 0.0), (2, 0, 0.0), (2, 1, 0.0)]:
+        for sign in (1.0, -1.0):
+            matrix = K.copy()
+            matrix[row, column] = sign * limit
+            assert (
+                read_foreign([store(tmp_path / "a.yml", **(GOOD | {"camera_matrix": matrix}))]).cameras[0].camera.fx
+                == K[0, 0]
+            )
+            matrix[row, column] = sign * (limit + 1e-7)
+            with pytest.raises(ValueError, match=r"cameramatrix: expected \[fx 0 cx"):
+                read_foreign([store(tmp_path / "a.yml", **(GOOD | {"camera_matrix": matrix}))])
 
 
 GOOD = {"image_width": 640, "image_height": 480, "camera_matrix": K, "distortion_coefficients": D}
@@ -105,17 +105,17 @@ DEFECTS = {
 }
 
 
-@pytest.mark.parametrize("name", DEFECTS)
-def test_a_defect_is_one_line_with_its_place(tmp_path, name):
-    values, expected = DEFECTS[name]
-    if expected is None:
-        values = {key: value for key, value in values.items() if key != "camera_matrix"}
-        expected = "R: rigid motion: expected a rotation"
-    path = store(tmp_path / "a.yml", **values)
-    with pytest.raises(ValueError, match=r"a\.yml: ") as caught:
-        read_opencv([path], None, None, 1.0)
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_a_defect_is_one_line_with_its_place(tmp_path):
+    for name in DEFECTS:
+        values, expected = DEFECTS[name]
+        if expected is None:
+            values = {key: value for key, value in values.items() if key != "camera_matrix"}
+            expected = "R: rigid motion: expected a rotation"
+        path = store(tmp_path / "a.yml", **values)
+        with pytest.raises(ValueError, match=r"a\.yml: ") as caught:
+            read_opencv([path], None, None, 1.0)
+        assert expected in str(caught.value)
+        assert "\n" not in str(caught.value)
 
 
 def test_a_pair_without_poses_is_refused(tmp_path):

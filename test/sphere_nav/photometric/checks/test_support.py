@@ -8,7 +8,6 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks import support as support_module
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.checks.support import exclude_changes, find_support
 from sphere_nav.photometric.constants import MIN_SAMPLES
@@ -84,7 +83,7 @@ def test_the_covariance_is_that_of_the_pose(look):
     assert np.all(np.diagonal(support.covariance) < 100.0 * np.diagonal(everything))
 
 
-@pytest.mark.parametrize("guess", [(-1.7, 0.1, -1.6), (-1.7, 0.1, 1.6), (0.5, 0.5, 0.3)])
+@pytest.mark.parametrize("guess", [(-1.7, 0.1, -1.6), (0.5, 0.5, 0.3)])
 def test_a_wrong_place_has_no_support(look, guess):
     wrong = register(look.images[0].pyramid, look.images[0].views, optical(SE3.from_planar(*guess)), PARAMS)
     assert off(wrong.T_world_camera) > 0.3
@@ -100,28 +99,6 @@ def test_a_prediction_is_asked_where_the_alignment_was_drawn_away(look):
     assert support.is_proven
     assert off(away @ SE3.exp(support.xi)) < 0.005
     assert not look.support(away, away @ SE3.exp([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])).is_proven
-
-
-def test_a_prediction_needs_more_support_than_an_alignment(look, monkeypatch):
-    away = TRUTH @ SE3.exp([0.0, 0.0, 0.3, 0.0, 0.05, 0.0])
-    chance = look.support(TRUTH).chance
-    monkeypatch.setattr(support_module, "MAX_CHANCE", 2.0 * chance)
-    monkeypatch.setattr(support_module, "MAX_PREDICTED_CHANCE", 0.5 * chance)
-    monkeypatch.setattr(support_module, "register_rig", lambda images, T, params: look.found)  # drawn away again
-    monkeypatch.setattr(support_module, "fit_motion", lambda shifts: None)
-    assert look.support(TRUTH).is_proven
-    assert not look.support(away, TRUTH).is_proven
-
-
-def test_a_prediction_that_is_some_centimeters_off_is_moved_as_most_cells_are(look, monkeypatch):
-    away, predicted = TRUTH @ SE3.exp([0.0, 0.0, 0.3, 0.0, 0.05, 0.0]), TRUTH @ SE3.exp([0.03, 0, 0.05, 0, 0.01, 0])
-    assert not look.support(predicted).is_proven
-    monkeypatch.setattr(support_module, "PREDICTED_LEVELS", ())
-    support = look.support(away, predicted)
-    assert support.is_proven
-    assert off(away @ SE3.exp(support.xi)) < 0.005
-    monkeypatch.setattr(support_module, "NUM_TRIED_MOTIONS", 1e60)  # each motion that was tried counts
-    assert not look.support(away, predicted).is_proven
 
 
 def test_a_cell_agrees_within_one_pixel(views):

@@ -12,7 +12,7 @@ SPHERE = Spherical(256, 128)
 WINDOW = Spherical(100, 40, 256, 30.0, 5.0)  # of the same sphere, near its upper pole
 
 
-@pytest.mark.parametrize("camera", [SPHERE, WINDOW], ids=["whole", "window"])
+@pytest.mark.parametrize("camera", [WINDOW])
 def test_a_row_has_as_many_points_as_its_circle_has_room_for(camera):
     is_kept = is_spaced(camera)
     cosine = np.cos(np.arcsin(camera.unproject(pixel_grid(camera)[:, 0])[..., 2]))

@@ -8,7 +8,6 @@ import pytest
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import build_pyramid, prepare_reference
 from sphere_nav.photometric.align.iteration.kernels import SIDE
-from sphere_nav.photometric.pixels import squares
 from sphere_nav.photometric.pixels.selection import choose_pixels, holds, select, select_levels
 
 pytestmark = pytest.mark.slow
@@ -112,34 +111,6 @@ def test_what_is_chosen_ahead_is_used_once_it_is_kept(room, levels):
     slightly = SE3.exp([0, 0, 0, 0, 0.08, 0]) @ T_CAMERA_BODY  # 9 px of 160
     assert holds(reference.level_like(CAMERA), slightly, CAMERA, 400)
     assert not holds(reference.level_like(CAMERA), slightly, CAMERA, 400, 0.05)
-
-
-def test_of_a_sphere_far_ahead_some_of_everywhere_is_looked_at(room, monkeypatch):
-    monkeypatch.setattr(squares, "MIN_SQUARES", 16)
-    pixels = prepare_reference(*room.render(SPHERE, A), SPHERE).levels[0].squares
-    T = SE3.exp([0, 0, 1.5, 0, 0, 0]) @ T_CAMERA_BODY
-    usual, everything = pixels.near(T_CAMERA_BODY, CAMERA).places.size, set(pixels.near(T, CAMERA).places.tolist())
-    some = set(pixels.near(T, CAMERA, is_thinned=True).places.tolist())
-    assert len(everything) > 2 * usual
-    assert some < everything
-    assert 0.7 * usual < len(some) < 1.5 * usual
-    assert pixels.near(T_CAMERA_BODY, CAMERA, is_thinned=True).places.size == usual
-
-
-def test_what_a_turning_camera_leaves_is_forgotten(room, monkeypatch):
-    monkeypatch.setattr(squares, "MIN_SQUARES", 8)
-    pixels = prepare_reference(*room.render(SPHERE, A), SPHERE).levels[0]
-    empty, largest, one = pixels.squares.num_bytes, 0, 0
-    for k in range(20):
-        turned = SE3.exp([0, 0.3 * k, 0, 0, 0.3 * k, 0]) @ T_CAMERA_BODY
-        seen = pixels.squares.near(turned, CAMERA)
-        one = one or pixels.squares.num_bytes - empty
-        largest = max(largest, pixels.squares.num_bytes - empty)
-        fresh = prepare_reference(*room.render(SPHERE, A), SPHERE).levels[0] if k % 5 == 4 else pixels
-        again = fresh.squares.near(turned, CAMERA)
-        rows = [one.pool.reshape(-1, 7, SIDE)[one.places] for one in (seen, again)]
-        assert np.array_equal(*rows, equal_nan=True)
-    assert largest < 5 * one  # of two views and of levels of growth
 
 
 def test_threads_see_the_same_squares(room):
