@@ -8,7 +8,7 @@ from shutil import copy
 import pytest
 
 from sphere_nav.ros import shared_files
-from sphere_nav.ros.shared_files import share_file, software
+from sphere_nav.ros.shared_files import share_file
 
 
 def test_the_profile_for_large_messages():
@@ -44,12 +44,3 @@ def test_wherever_it_was_installed_its_files_are_found_from_the_code(tmp_path, m
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "interpreter"))
     found = run_path(str(code))["share_file"]("config/site.yaml")
     assert found == tmp_path / shared / "config" / "site.yaml"
-
-
-def test_a_file_that_is_nowhere():
-    with pytest.raises(ValueError, match=r"config/none\.yaml: file of sphere_nav not found in /"):
-        share_file("config/none.yaml")
-
-
-def test_the_software_is_named():
-    assert software().startswith("sphere_nav ")
