@@ -123,12 +123,6 @@ def test_a_cloud_by_topic_without_coordinates_is_refused(eye):
     assert "field of numbers 'z'" in next(item.last_refusal for item in bench.node.inputs if item.topic == "cloud")
 
 
-@pytest.mark.parametrize("step", [7.2])
-def test_a_step_of_headings_that_does_not_fit_refuses_to_start(eye, step):
-    with pytest.raises(ValueError, match="alpha step: expected a"):
-        Bench(eye, heading_step_deg=step)
-
-
 @pytest.mark.slow
 def test_odometry_that_stops_degrades_and_is_named(eye, files):
     bench, poses = Bench(eye, files / "room.npy"), drive()

@@ -55,7 +55,7 @@ def started(site):
     return filter_
 
 
-def test_the_pose_is_said_with_its_covariance(site):
+def test_a_pose_is_told_with_how_sure_it_is(site):
     filter_ = started(site)
     for number, pose in enumerate(POSES):
         estimate = filter_.update(observe(site, pose, number))

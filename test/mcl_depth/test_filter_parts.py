@@ -52,13 +52,6 @@ def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk
     assert again.stack.scales[again.find([(9, 9)])[0]] == 9.0
 
 
-def test_a_damaged_cache_is_refused_in_one_line(tmp_path):
-    (tmp_path / "kept").mkdir()
-    (tmp_path / "kept" / "cells.npy").write_bytes(b"nothing")
-    with pytest.raises(ValueError, match="expected a cache of depth features"):
-        DepthCache(1 << 20, empty).load(tmp_path / "kept")
-
-
 def test_homing_samples_are_those_of_the_paper():
     ring = sample_offsets(1.0)
     assert ring.shape == (33, 2)  # 16 directions at 1 m and 2 m, and the waypoint itself

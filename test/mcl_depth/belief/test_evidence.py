@@ -107,7 +107,7 @@ def drive(count):
     return poses, [compose_planar(origin[None], relative_motion(poses[0], pose))[0] for pose in poses]
 
 
-def test_the_place_is_found_along_odometry_and_is_not_chance():
+def test_a_drive_is_found_along_its_odometry_and_not_by_chance():
     grid = grid_of()
     evidence, (poses, odometry) = Evidence(grid, RATE), drive(8)
     found = [

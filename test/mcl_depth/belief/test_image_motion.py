@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.image_motion import ReconciledOdometry, ScaleCheck
+from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry, ScaleCheck, image_covariance
 from mcl_depth.belief.motion_model import MotionModel, planar_pose
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3, Spherical
@@ -39,6 +39,31 @@ class Room:
 
 def observe(image, odometry):
     return Observation(image, CAMERA, 1, np.eye(3), odometry and SE3.from_planar(*odometry))
+
+
+def test_a_turned_camera_is_unsure_along_the_corridor():
+    """Along stripes nothing tells how far it went, whichever way the camera looks."""
+    for yaw in (0.0, np.pi / 2):
+        turn, images = SE3.from_planar(0.0, 0.0, yaw).rotation, []
+        for x, rays in ((0.5, CAMERA.unproject(GRID)), (0.7, CAMERA.unproject(GRID) @ turn.T)):
+            with np.errstate(divide="ignore"):
+                points = rays * np.min((np.sign(rays) * HALF - [x, 0.0, 0.0]) / rays, axis=-1)[..., None] + [
+                    x,
+                    0.0,
+                    0.0,
+                ]
+            stripes = np.sin(points @ [0.1, 3.3, 1.7]) + np.sin(points @ [-0.1, 2.3, 3.9])
+            images.append((128.0 + 50.0 * stripes).astype(np.float32))
+        motion = ImageMotion(Room())
+        motion.keep(images[0], np.ones((90, 180), np.bool_), np.array([0.5, 0.0, 0.0]))
+        step = motion.measure(Observation(images[1], CAMERA, 1, turn), np.array([0.15, 0.0, 0.0]))
+        by_image = np.diag(step.covariance - image_covariance(float(np.hypot(*step.motion[:2]))))
+        assert by_image[0] > 5.0 * by_image[1]
+
+
+def test_a_long_way_by_images_is_less_sure():
+    expected = [0.03**2 + 0.4**2, 0.03**2 + 0.4**2, 101.0 * np.radians(0.3) ** 2]
+    np.testing.assert_allclose(np.diag(image_covariance(10.0)), expected)
 
 
 @pytest.fixture

@@ -69,7 +69,7 @@ def test_drift_is_that_of_steps_of_any_length():
 
 
 @pytest.mark.parametrize(("way", "is_known"), [(8.4, True), (-8.6, False)])
-def test_what_is_faster_than_the_vehicle_and_half_a_metre_more_is_a_leap(way, is_known):
+def test_odometry_faster_than_the_vehicle_by_half_a_metre_leaps(way, is_known):
     model = MotionModel(PARAMS)  # 4 m/s for 2 s
     model.step(SECOND, SE3.identity())
     step = model.step(3 * SECOND, SE3.from_planar(0.0, way, 0.0))

@@ -12,7 +12,6 @@ from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import relative_motion
 from mcl_depth.belief.particles import Particles
 from mcl_depth.belief.resampling import inject_at_places, sample_gaussian, sample_uniform
-from mcl_depth.constants import NEW_SIGMA
 from mcl_depth.geometry.area import Area
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import SE3, Spherical
@@ -62,18 +61,6 @@ def test_new_particles_scatter_around_the_places_of_a_survey():
     new = there[there[:, 0] < 50.0]
     assert len(new) == 3000  # three of ten begin anew
     np.testing.assert_allclose(new.std(axis=0), [0.3, 0.3, np.radians(5.0)], rtol=0.06)  # half a cell, half a step
-
-
-def test_a_share_of_the_particles_goes_where_the_evidence_points():
-    particles = Particles.of_equal_weight(np.tile([100.0, 100.0, 0.0], (1000, 1)))
-    survey = Survey(0.01, np.array([[2.0, 3.0, np.pi / 2], [7.0, 1.0, 0.0]]), np.array([0.75, 0.25]), 1.0)
-    there = inject_at_places(particles, survey, np.random.default_rng(3))
-    new = there.poses[there.poses[:, 0] < 50.0]
-    assert len(new) == NEW_SHARE * 1000
-    at_best = np.hypot(*(new[:, :2] - [2.0, 3.0]).T) < 5 * NEW_SIGMA[0]
-    assert np.mean(at_best) == pytest.approx(0.75, abs=0.1)  # four standard errors
-    np.testing.assert_allclose(new[at_best, 2], np.pi / 2, atol=5 * NEW_SIGMA[2])
-    assert set(there.ages[there.poses[:, 0] < 50.0]) == {NUM_YOUNG}  # they keep their headings
 
 
 def observe(x, second, odometry=True):

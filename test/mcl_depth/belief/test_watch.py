@@ -32,7 +32,7 @@ def test_what_stands_out_at_the_heading_is_found_beside_cells_that_are_missing()
     assert excess(patch, 35) > 5.0
 
 
-def test_what_all_cells_have_in_common_at_a_heading_counts_nothing():
+def test_a_street_that_looks_alike_all_along_proves_no_place():
     patch = patch_of(2)
     raised = patch.copy()
     raised[7] += 30.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.geometry.area import Area, Ground, find_area
+from mcl_depth.geometry.area import Ground, find_area
 from mcl_depth.params import AreaParams
 
 PARAMS = AreaParams()
@@ -56,23 +56,9 @@ def test_a_strip_outside_of_a_wall_that_only_borrows_its_ground_is_no_room():
     assert area_of(points).middles[:, 0].max() < 6.0
 
 
-def test_box_and_limits_both_bound_the_area():
-    area = area_of(floor(0.0, 8.0), AreaParams(step=0.5, limits="1,1,7,3"), box=(2.0, 0.0, 9.0, 9.0))
-    low, high = area.middles.min(axis=0), area.middles.max(axis=0)
-    np.testing.assert_allclose([*low, *high], [2.25, 1.25, 6.75, 2.75])
-
-
 def test_without_a_free_place_there_is_no_area():
     with pytest.raises(ValueError, match="expected a place with ground and free space"):
         area_of(np.concatenate([floor(0.0, 3.0), floor(0.0, 3.0) + UP * 1.2]))
-
-
-def test_draws_are_spread_evenly_over_the_squares():
-    area = Area(np.array([[float(k), 0.0] for k in range(10)]), 0.5)
-    drawn = area.draw(1000, np.random.default_rng(2))
-    counts = np.bincount(np.round(drawn[:, 0]).astype(int), minlength=10)
-    assert np.all(np.abs(counts - 100) <= 1)
-    assert np.abs(drawn[:, 1]).max() <= 0.25
 
 
 def test_the_ground_ends_half_a_square_beyond_the_map():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.files import read_geometry
-from mcl_depth.geometry.survey_frame import declared_unit, find_frame, lonely_share, survey_box
+from mcl_depth.geometry.survey_frame import declared_unit, find_frame, survey_box
 from mcl_depth.params import SurveyParams
 
 UTM = np.array([500_213.4, 5_412_345.6, 212.0])
@@ -79,13 +79,6 @@ def test_feet_are_those_that_the_file_declares(tmp_path: Path, record: str) -> N
         np.testing.assert_allclose(found.points, STREET, atol=2e-3)
 
 
-def test_a_cloud_with_y_up_is_turned(tmp_path: Path) -> None:
-    found = read(tmp_path, STREET[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
-    assert "y is up" in found.warnings[0]
-    np.testing.assert_allclose(found.points, STREET, atol=1e-4)
-    assert read(tmp_path, STREET, up="y").points[:, 2].max() == pytest.approx(STREET[:, 1].max())
-
-
 def test_a_plain_and_degrees_are_refused_in_one_line(tmp_path: Path) -> None:
     plain = STREET * [1.0, 1.0, 0.0] + np.random.default_rng(0).normal(0, 0.02, STREET.shape)
     with pytest.raises(ValueError, match=r"a\.npy: points: expected walls or the like above the ground, found 0\.00%"):
@@ -100,13 +93,7 @@ def test_a_place_to_drive_is_a_metre_to_a_kilometre_wide() -> None:
         assert find_frame(STREET * wide / np.ptp(STREET, axis=0).max(), SurveyParams(), "a", is_mesh=True).unit == unit
 
 
-def test_a_point_is_lonely_where_no_other_is_in_its_cubic_metre() -> None:
-    points = np.array([[0.1, 0.1, 0.1], [0.9, 0.9, 0.9], [1.1, 0.1, 0.1], [0.1, 1.1, 0.1], [0.1, 0.1, 1.1]])
-    assert lonely_share(points) == pytest.approx(0.6)
-    assert lonely_share(points[1:]) == 1.0
-
-
-def test_what_is_far_away_but_on_earth_is_brought_here() -> None:
+def test_a_map_far_from_its_origin_is_driven_in_near_it() -> None:
     for away, origin in [(1.05e5, 105_000.0), (1.05e7, 0.0)]:
         shift = np.array([away, 0.0, 0.0])
         assert find_frame(STREET + shift, SurveyParams(), "a").origin.tolist() == [origin, 0.0, 0.0]

@@ -33,15 +33,6 @@ def write_las(path: Path, points: np.ndarray, unit: int = 0) -> None:
     tile.write(path)
 
 
-def test_few_points_are_kept_as_they_came():
-    points = RNG.normal(size=(1000, 3))
-    kept = Thinner(most=1000)
-    kept.add(points[:400])
-    kept.add(points[400:])
-    assert kept.side == 0.0
-    np.testing.assert_array_equal(kept.points(), points)
-
-
 def test_of_many_points_one_of_every_cube_is_kept_whatever_comes_at_once():
     points = RNG.uniform(0, 50, (40_000, 3)) + ORIGIN
     dense = np.concatenate([points, RNG.uniform(0, 1, (40_000, 3)) + ORIGIN])  # half of them in one corner
@@ -57,14 +48,6 @@ def test_of_many_points_one_of_every_cube_is_kept_whatever_comes_at_once():
     low, high = (found - ORIGIN).min(axis=0), (found - ORIGIN).max(axis=0)
     assert np.all(low < 3.0)
     assert np.all(high > 47.0)
-
-
-def test_far_tiles_are_no_lump():
-    kept = Thinner(most=1000)
-    for step in range(6):  # each a thousand times farther than the first is wide
-        kept.add(RNG.uniform(0, 1, (600, 3)) + 1000.0 * step)
-    reached = np.unique(np.round(kept.points()[:, 0] / 1000.0))
-    np.testing.assert_array_equal(reached, np.arange(6))
 
 
 def test_a_box_bounds_what_counts():

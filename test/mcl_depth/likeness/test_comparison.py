@@ -114,11 +114,6 @@ def test_unknown_pixels_become_the_mean_around_them() -> None:
     np.testing.assert_allclose(image[5, 0], (5 * 4.0 + 3 * 2.0) / 8, rtol=1e-6)  # three of eight lie across the seam
 
 
-def test_an_empty_view_says_nothing() -> None:
-    nothing = depth_features(np.full((H, W), np.nan, np.float32), PARAMS)
-    assert nothing.magnitude.max() == 0.0
-
-
 def test_unseen_pixels_count_nothing(images) -> None:
     gray, range_m = images
     is_seen = np.zeros((H, W), bool)
@@ -188,14 +183,6 @@ def test_a_heading_is_the_top_of_a_parabola_with_its_sign() -> None:
         shift = 0.5 * (before - after) / (before + after - 2.0)
         assert np.degrees(found.yaw) == pytest.approx(yaw_deg, abs=0.2)
         assert np.degrees(found.yaw) == pytest.approx((at + shift) * 5.0 - (360.0 if at > 36 else 0.0), abs=1e-4)
-
-
-def test_a_curve_without_a_top_is_no_heading() -> None:
-    found = heading(np.full(36, 0.5, np.float32))
-    assert (found.yaw, found.contrast, found.margin) == (0.0, 0.0, 0.0)
-    for wrong in (np.zeros(2), np.array([1.0, np.nan, 0.0])):
-        with pytest.raises(ValueError, match="expected at least 3 finite numbers"):
-            heading(wrong.astype(np.float32))
 
 
 def around(mask: np.ndarray, combine) -> np.ndarray:

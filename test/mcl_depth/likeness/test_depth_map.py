@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.likeness import depth_map as depth_map_module
 from mcl_depth.likeness.comparison import visual_features
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.matched_filter import MatchedFilter
@@ -80,17 +79,6 @@ def test_filling_in_advance_leaves_nothing_to_be_made(visual):
     assert sum(map(len, synthesizer.asked)) == count
     depth_map.similarities(visual, [(int(x), int(y)) for x, y in depth_map.cells(places)], HEADINGS)
     assert sum(map(len, synthesizer.asked)) == count
-
-
-def test_what_was_made_before_an_interruption_is_not_made_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(depth_map_module, "BATCH", 4)
-    monkeypatch.setattr(depth_map_module, "SAVE_EVERY", 8)
-    places = np.random.default_rng(2).uniform(-4, 4, (40, 2))
-    _, first = made(folder=str(tmp_path))
-    num_missing = first.fill(places, at_most=10)  # and the process ends here
-    synthesizer, again = made(folder=str(tmp_path))
-    assert again.fill(places) == 0
-    assert sum(map(len, synthesizer.asked)) == num_missing + 2
 
 
 @pytest.mark.slow

@@ -95,13 +95,6 @@ class Dark:
         return np.zeros((self.camera.height, self.camera.width), np.uint8)
 
 
-@pytest.mark.parametrize("frame", ["odom"])
-def test_a_path_of_another_frame_is_refused(eye, cloud, frame):
-    bench = bench_of(eye, cloud)
-    bench.send("/reference_path", path_message(frame))
-    assert bench.node.guide.homing is None
-
-
 @pytest.mark.slow
 def test_the_path_is_followed_to_its_end_by_directions_alone(eye, cloud):
     bench = bench_of(eye, cloud)

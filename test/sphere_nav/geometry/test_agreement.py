@@ -29,7 +29,7 @@ def test_the_distance_is_that_of_the_normal_distribution() -> None:
     assert np.mean([item.is_contradiction for item in found]) < 0.01
 
 
-def test_what_lies_beyond_both_is_a_contradiction() -> None:
+def test_two_localizers_a_metre_apart_contradict_each_other() -> None:
     here = SE3.from_planar(0.0, 0.0, 0.0)
     near = difference(here, CERTAIN, SE3.from_planar(0.3, 0.0, 0.0), CERTAIN)
     far = difference(here, CERTAIN, SE3.from_planar(0.8, 0.0, 0.0), CERTAIN)
@@ -42,7 +42,7 @@ def test_what_lies_beyond_both_is_a_contradiction() -> None:
     assert not difference(here, CERTAIN, SE3.from_planar(0.8, 0, 0), 0.1 * np.eye(6)).is_contradiction
 
 
-def test_what_the_other_is_unsure_of_lies_along_its_own_axes() -> None:
+def test_a_turned_localizer_is_unsure_along_its_own_axes() -> None:
     """It looks to the left and is unsure of its way ahead: along that they may be apart, across it not."""
     unsure = np.diag([1.0, 0.01, 0.01, 0.01, 0.01, 0.01]) ** 2
     sure = np.diag([0.01, 0.01, 0.01, 0.01, 0.01, 2.0]) ** 2

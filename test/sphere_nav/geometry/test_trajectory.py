@@ -51,12 +51,8 @@ GOOD = "1.0 1 2 3 0 0 0 1\n"
 def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path):
     for text, message in [
         ("", "expected poses, found none"),
-        ("# only a comment\n", "expected poses, found none"),
         (GOOD + "2.0 1 2 3 0 0 0\n", r":2: expected 8 columns \(stamp x y z qx qy qz qw\), found 7"),
-        (GOOD + "2.0 1 two 3 0 0 0 1\n", r":2: y: expected a finite number, found 'two'"),
-        (GOOD + "2.0 1 nan 3 0 0 0 1\n", r":2: y: expected a finite number, found 'nan'"),
         ("inf 1 2 3 0 0 0 1\n", r":1: stamp: expected a finite number, found 'inf'"),
-        (GOOD + "2.0 1 2 3 0 0 0 0\n", r":2: quaternion: expected norm 1, found 0"),
         (GOOD + "1.0 1 2 3 0 0 0 1\n", r":2: stamp: expected later than the line before"),
     ]:
         path = tmp_path / "poses.tum"

@@ -6,7 +6,6 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.geometry.trajectory_error import (
-    Statistics,
     absolute_errors,
     align_trajectories,
     directions_of_motion,
@@ -30,13 +29,6 @@ TRUTH = drive()
 
 def disturbed(xi):
     return Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body @ SE3.exp(xi))
-
-
-def test_statistics_are_of_absolute_values():
-    found = Statistics.of(np.array([-3.0, 0.0, 4.0, np.nan]))
-    assert (found.median, found.rmse, found.max) == (3.0, pytest.approx(np.sqrt(25 / 3)), 4.0)
-    assert found.p95 == pytest.approx(3.9)
-    assert Statistics.of(np.array([np.nan])) is None
 
 
 def test_lateral_is_left_and_longitudinal_is_ahead_of_the_motion():
@@ -147,33 +139,12 @@ def noisy(truth, seed, meters, radians):
     return Trajectory(truth.stamps_ns, truth.T_map_body @ SE3.exp(noise))
 
 
-def test_a_straight_way_is_turned_by_its_rotations():
-    """Positions alone leave the turn about the way to their noise: 8 degrees where the error is half of one."""
-    truth = straight()
-    for seed in range(3):
-        estimate = noisy(truth, seed, 0.01, np.radians(0.5)).moved(SE3.exp([0.3, -0.2, 0.1, 0.2, -0.1, 0.4]))
-        errors = {}
-        for kind in ("se3", "poses"):
-            aligned = estimate.moved(align_trajectories(estimate, truth, kind)[0])
-            errors[kind] = truth.T_map_body.distance(aligned.T_map_body)
-        assert np.degrees(np.median(errors["se3"][1])) > 5.0
-        assert np.degrees(np.median(errors["poses"][1])) < 0.9  # of three errors of 0.5 degrees
-        assert np.median(errors["poses"][0]) < 0.017  # of three errors of 10 mm
-
-
 def test_poses_that_agree_are_aligned_exactly():
     for way in [straight(), TRUTH[:1], TRUTH]:
         T_truth_estimate = SE3.exp([1.0, -2.0, 0.5, 0.3, -0.2, 2.0])
         found, scale = align_trajectories(way.moved(T_truth_estimate.inverse()), way, "poses")
         assert scale == 1.0
         np.testing.assert_allclose(found.matrix, T_truth_estimate.matrix, atol=1e-8)
-
-
-def test_a_long_bent_way_is_turned_by_its_positions_where_these_are_better():
-    turns = SE3.exp(np.concatenate([np.zeros((len(TRUTH), 5)), np.full((len(TRUTH), 1), 0.2)], axis=1))
-    estimate = Trajectory(TRUTH.stamps_ns, noisy(TRUTH, 4, 1e-4, 0.02).T_map_body @ turns)  # a wrong mounting
-    found, _ = align_trajectories(estimate, TRUTH, "poses")
-    assert np.degrees(found.distance(SE3.identity())[1]) < 0.1
 
 
 def test_wrong_poses_and_an_anchor_that_is_off_do_not_pull():

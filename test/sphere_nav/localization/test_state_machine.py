@@ -89,7 +89,7 @@ def test_a_pose_given_up_is_lost_and_not_said_to_be_there_after_silence():
     assert machine.after_silence is State.NOT_LOCALISED
 
 
-def test_what_is_not_followed_cannot_be_lost():
+def test_a_pose_that_nobody_follows_cannot_be_lost():
     machine = StateMachine(PARAMS)
     machine.search()
     machine.refuse(is_lost=True)

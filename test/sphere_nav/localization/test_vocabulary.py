@@ -29,7 +29,7 @@ def test_the_fields_are_those_of_the_message():
     assert set(vars(Status(State.LOST))) == fields | {"stamp_ns"}
 
 
-def test_what_is_trusted_is_followed():
+def test_nobody_drives_by_a_pose_that_is_not_followed():
     assert set(TRUSTED) < set(FOLLOWING)
     assert State.LOST not in FOLLOWING
 
@@ -62,7 +62,7 @@ def test_a_status_reads_as_one_line():
     assert describe_status(status_of(State.TRACKING, 0, FINE)) == "TRACKING"
 
 
-def test_what_was_not_measured_reads_as_unknown():
+def test_a_number_that_nobody_measured_reads_as_unknown():
     """A place that was not tested may as well be chance; a pose that nothing confirmed has no quality."""
     for status in (Status(State.SEARCHING), status_of(State.SEARCHING, 0, FINE)):
         assert (status.p_chance, status.quality, status.age, status.overlap, status.references) == (1.0, 0, 0, 0, ())

@@ -73,7 +73,7 @@ def test_a_pause_begins_after_four_tenths_of_a_second_by_looks_of_a_tenth():
     assert watch.is_standing
 
 
-def test_it_is_over_after_its_time_but_never_before_it_is_a_pause():
+def test_a_clock_that_stands_too_long_is_given_up():
     for give_up, end in ((2.0, 2.0), (0.1, 0.4)):
         watch = ClockWatch(give_up)
         now = stand(watch, 5 * SECOND, SECOND, end - 0.05)

@@ -64,7 +64,7 @@ def test_scanners_that_count_the_last_beam_or_do_not_or_turn_the_other_way_are_n
             assert driving.scan_to_points(message)[90] == pytest.approx([0.0, math.copysign(2.0, step), 0.0], abs=1e-5)
 
 
-def test_nothing_in_range_is_a_measurement_and_nothing_measured_is_none():
+def test_a_free_beam_is_a_measurement_and_a_dead_one_is_none():
     ranges = [math.inf, 31.0, 30.0, 0.1001, 0.05, 0.0, -1.0, -math.inf, math.nan]
     assert driving.measured_beams(scan(ranges)).tolist() == [True] * 4 + [False] * 5
     assert driving.measured_beams(scan([0.0, 1.0], range_min=0.0)).tolist() == [False, True]

@@ -68,7 +68,7 @@ def test_two_parents_and_bad_numbers_are_refused(tree):
         tree.add(message)
 
 
-def test_what_moves_is_forgotten_in_time_and_when_the_clock_jumps(tree):
+def test_a_transform_from_before_the_clock_jumped_places_nothing(tree):
     tree.add(se3_to_transform(odom_base(12), 12 * SECOND, "odom", "base_link"))
     with pytest.raises(TransformError, match="found up to"):
         tree.lookup("odom", "base_link", SECOND)
@@ -95,7 +95,7 @@ class Hearer(ManagedNode):
         self.tf = TransformListener(self.endpoints)
 
 
-def test_what_is_told_is_heard(make_bag):
+def test_a_transform_that_one_node_sends_another_looks_up(make_bag):
     bus = OfflineBus()
     teller, hearer = bus.add(Teller), bus.add(Hearer)
     teller.fixed.send(T_BASE_CAMERA, 1, "base_link", "camera")

@@ -9,7 +9,7 @@ from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.reference import in_codes, in_steps
-from sphere_nav.photometric.pixels.squares import Squares, cones_of, curve, kernel_rays
+from sphere_nav.photometric.pixels.squares import Squares, curve, kernel_rays
 from worlds.blocks import in_blocks
 
 CAMERAS = [
@@ -171,61 +171,6 @@ def test_rays_are_those_of_the_camera():
             [kernels.ray_of(tables, v, u, camera.width) for u in range(camera.width)] for v in range(camera.height)
         ]
         np.testing.assert_allclose(found, pixel_rays(camera), atol=1e-6)
-
-
-def test_squares_are_filled_with_points_gray_levels_and_gradients_by_the_point(rng):
-    camera = Pinhole(40, 36, 50.0, 52.0, 19.0, 17.5)
-    image, range_m = rng.uniform(0, 255, (36, 40)).astype(np.float32), rng.uniform(1, 9, (36, 40)).astype(np.float32)
-    range_m[5, 7], range_m[20, 21] = np.nan, np.inf
-    steps, codes, chosen = in_steps(image, 0), in_codes(range_m), np.array([4, 0], np.int32)
-    pool, keys = np.full(3 * BLOCK, 7.0, np.float32), np.full((3 * SIDE, 6), 7, np.uint8)
-    ranges = codes, kernels.RANGES, np.float32(100.0)
-    kernels.fill_squares(chosen, 1, steps, 0, *ranges, kernel_rays(camera), kernel_camera(camera), pool, keys)
-    assert np.all(pool[:BLOCK] == 7.0)
-    assert np.all(keys[:SIDE] == 7)
-    gray = steps / 256.0
-    v, u = np.mgrid[0:16, 0:16].reshape(2, -1)
-    for place, (v0, u0) in ((1, (16, 16)), (2, (0, 0))):
-        found = pool[place * BLOCK : (place + 1) * BLOCK].reshape(7, SIDE)
-        rows, columns = v + v0, u + u0
-        usable = (rows > 0) & (columns > 0) & ~np.isnan(range_m[rows, columns])
-        assert np.array_equal(~np.isnan(found[2]), usable)
-        rows, columns = rows[usable], columns[usable]
-        far = np.minimum(kernels.RANGES[codes[rows, columns]], 100.0)
-        points = pixel_rays(camera)[rows, columns] * far[:, None]
-        gradient = 0.5 * np.stack(
-            [gray[rows, columns + 1] - gray[rows, columns - 1], gray[rows + 1, columns] - gray[rows - 1, columns]], -1
-        )
-        by_point = np.einsum("ni,nij->nj", gradient, camera.J_project(points))
-        np.testing.assert_allclose(found[:3, usable].T, points, rtol=1e-5, atol=1e-5)
-        np.testing.assert_allclose(found[3, usable], gray[rows, columns], atol=1e-4)
-        np.testing.assert_allclose(found[4:, usable].T, by_point, rtol=1e-4, atol=1e-3)
-        assert not found[4:, ~usable].any()
-
-
-def test_bounds_hold_the_points_and_find_squares_those_that_reach_into_the_cone(rng):
-    camera = Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5)
-    range_m = rng.uniform(4.0, 5.0, (48, 64)).astype(np.float32)
-    range_m[16:32, 16:32] = np.nan
-    codes, cones = in_codes(range_m), cones_of(camera)
-    bounds = np.empty((12, 4), np.float32)
-    assert kernels.bound_squares(codes, kernels.RANGES, np.float32(1e3), 0, cones, bounds) == 46 * 62 - 256
-    points = (pixel_rays(camera) * range_m[..., None])[1:-1, 1:-1].reshape(-1, 3)
-    v, u = np.mgrid[1:47, 1:63].reshape(2, -1)
-    square = v // 16 * 4 + u // 16
-    assert [b for b in range(12) if bounds[b, 3] < 0] == [5]
-    off = np.linalg.norm(points - bounds[square, :3], axis=1)
-    assert np.nanmax(off - bounds[square, 3]) < 1e-3
-    order, found = np.arange(11, -1, -1, dtype=np.int32), np.full(12, -1, np.int32)
-    T = SE3.exp([0.5, 0.2, -0.3, 0.1, 0.4, 0.0])
-    cone = np.array([0.0, 0.0, 1.0, 0.05], np.float32)
-    count = kernels.find_squares(bounds, order, kernel_motion(T.matrix), cone, found)
-    center = T.apply(bounds[:, :3].astype(np.float64))
-    distance = np.linalg.norm(center, axis=1)
-    angle = np.arccos(center[:, 2] / distance) - np.arcsin(np.clip(bounds[:, 3] / distance, 0.0, 1.0))
-    expected = [b for b in order.tolist() if bounds[b, 3] >= 0 and (distance[b] <= bounds[b, 3] or angle[b] <= 0.05)]
-    assert found[:count].tolist() == expected
-    assert 0 < count < 11
 
 
 def test_cover_marks_the_cells_that_pixels_fall_into(rng):

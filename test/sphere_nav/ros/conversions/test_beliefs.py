@@ -32,7 +32,7 @@ def test_every_place_is_an_ellipse_an_arrow_and_a_weight():
 
 
 @pytest.mark.parametrize("yaw", [0.3, -3.1])
-def test_the_curve_peaks_where_the_heading_is(yaw):
+def test_a_turned_vehicle_sees_the_curve_peak_where_it_heads(yaw):
     angles = np.arange(36) * np.radians(10.0)
     curve = 1.0 + 0.5 * np.cos(angles - 1.0)
     scan = similarities_to_scan(curve, yaw, 3, "base_link")

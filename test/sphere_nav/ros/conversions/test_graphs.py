@@ -18,7 +18,7 @@ def test_the_region_of_a_key_sphere_comes_back_and_must_be_meters():
             message_to_graph(message)
 
 
-def test_the_covariance_of_an_edge_is_about_the_fixed_axes_of_its_first_sphere():
+def test_an_edge_between_turned_spheres_is_sure_along_the_right_axis():
     """A turn by 90 degrees makes what is certain along x of the second sphere certain along y of the first."""
     T_a_b = SE3.from_planar(1.0, 0.0, np.pi / 2)
     information = np.diag([1e4, 1.0, 1.0, 1.0, 1.0, 1.0])

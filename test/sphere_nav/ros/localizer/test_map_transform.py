@@ -102,7 +102,7 @@ def test_odometry_on_tf_may_come_after_the_image():
     assert [item[:2] for item in world.pass_time(SECOND // 10)] == [("map", "odom")] * 2
 
 
-def test_a_base_that_has_a_parent_on_tf_is_not_given_another():
+def test_no_vehicle_gets_two_parents_in_the_tree():
     world = World()
     world.transform.update(T_MAP_BASE, world.now)
     assert world.sent()[0][:2] == ("map", "base_link")

@@ -49,28 +49,6 @@ def test_normal_equations_are_transformed_to_the_camera_tangent_by_the_adjoint(T
     assert np.abs(turned_g - A.T @ g).max() < 1e-12
 
 
-def test_sums_are_the_upper_triangle_by_rows(system):
-    H, g = system
-    whole = np.block([[H, g[:, None]], [g[None], np.ones((1, 1))]])
-    sums = np.zeros(NUM_SUMS)
-    sums[:45] = whole[np.triu_indices(9)]
-    found, found_g = np.empty((8, 8)), np.empty(8)
-    kernels.unpack_sums(sums, found, found_g)
-    assert np.array_equal(found, H)
-    assert np.array_equal(found_g, g)
-
-
-def test_views_share_the_pose_and_have_a_light_each(system):
-    h, q = system
-    H, g = np.zeros((10, 10)), np.zeros(10)
-    for view, sigma in ((0, 1.0), (1, 2.0)):
-        kernels.join_view(view, h, q, sigma, True, H, g)
-    assert np.allclose(H[:6, :6], 1.25 * h[:6, :6])
-    assert np.allclose(H[:6, 8:], 0.25 * h[:6, 6:])
-    assert np.allclose(H[6:8, 8:], 0.0)
-    assert np.allclose(g, [*1.25 * q[:6], *q[6:], *0.25 * q[6:]])
-
-
 def test_small_views_are_not_sampled():
     for blocks, step, pieces in [(0, 1, 1), (7, 1, 1), (16, 2, 2), (40, 4, 5), (400, 4, 16)]:
         assert kernels.scale_step(blocks) == step
