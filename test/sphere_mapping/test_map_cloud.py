@@ -27,11 +27,6 @@ def test_points_are_in_the_map_frame_at_their_range():
     assert set(values) == {52}
 
 
-def test_far_points_are_left_out_and_steps_thin():
-    assert len(cloud_of(node(0, 60.0), step=1)[0]) == 0
-    assert len(cloud_of(node(0, 3.0), step=4)[0]) == 32
-
-
 def test_the_newest_spheres_come_first_and_the_number_is_limited():
     points, values = cloud_of(node(0, 3.0), node(1, 3.0), step=1, max_points=600)
     assert len(points) == len(values) == 600

@@ -1,6 +1,5 @@
 """Kernels against the same in NumPy."""
 
-import cv2
 import numpy as np
 import pytest
 
@@ -15,53 +14,6 @@ def compiled():
 def texture(rows, columns):
     """Grey levels of places; smooth, so that cubic interpolation is exact to a fraction of a level."""
     return 128 + 50 * np.sin(0.35 * rows + 0.2 * columns) + 40 * np.cos(0.21 * rows - 0.33 * columns)
-
-
-def test_blocks_are_aligned_to_a_hundredth_of_a_pixel():
-    rows, columns = np.mgrid[0:60, 0:50].astype(float)
-    true = 4.3 + 0.02 * columns  # slanted: every column has another disparity
-    top, bottom = (np.rint(texture(r, columns)).astype(np.uint8) for r in (rows - true, rows))
-    start = np.rint(true).astype(np.float32)
-    disparity, information, left, spare = start.copy(), *(np.empty_like(start) for _ in range(3))
-    limits = np.array([0.5, 10, 1.0, 0.3**2], np.float32)
-    for _ in range(4):
-        kernels.align_along_columns(top, bottom, start, limits, 3, disparity, information, left)
-        smoothed = np.empty_like(start)
-        kernels.smooth(disparity, 3, np.float32(1.0), np.float32(0.03), spare, smoothed)
-        disparity = smoothed
-    inner = (slice(14, -8), slice(8, -8))
-    assert np.abs(disparity - true)[inner].max() < 0.05  # rounding of grey levels, and the pull of the match
-    assert np.median(np.abs(disparity - true)[inner]) < 0.01
-    assert left[inner].max() < 0.1
-    # two images with noise of variance 1: 1 / variance of the block is that of its slopes, and of the match
-    slopes = np.gradient(texture(rows - true, columns), axis=0)[27:34, 22:29]
-    expected = np.sum((slopes - slopes.mean()) ** 2) / 2 + 1 / 0.3**2
-    assert information[30, 25] == pytest.approx(expected, rel=0.05)
-
-
-def test_costs_are_compared_over_all_that_is_searched():
-    rng = np.random.default_rng(6)
-    width, height, first, radius, number = 7, 70, -2, 2, kernels.NUM_DISPARITIES
-    top = rng.integers(-300, 300, (width + 2 * radius, height)).astype(np.int16)
-    low = rng.integers(-300, 300, (width + 2 * radius, height + number - 1)).astype(np.int16)
-    high = low + rng.integers(0, 40, low.shape).astype(np.int16)
-    disparities = rng.uniform(first, first + number - 1, (2, width, height)).astype(np.float32)
-    disparities[1, 3] = np.nan
-    ratios = np.empty_like(disparities)
-    kernels.cost_ratios(top, low, high, disparities, first, radius, ratios)
-    seen = height - 1 - np.arange(height)[:, None] + np.arange(number)  # (H, D)
-    level = top[:, :, None]
-    outside = np.maximum(np.maximum(level - high[:, seen], low[:, seen] - level), 0)
-    costs = np.minimum(outside, kernels.COST_CAP).astype(int)
-    costs = sum(costs[k : k + width] for k in range(2 * radius + 1))
-    rows = np.clip(np.arange(height)[:, None] + np.arange(-radius, radius + 1), 0, height - 1)
-    costs = costs[:, rows].sum(axis=2) + kernels.COST_NOISE * (2 * radius + 1) ** 2
-    assert np.isnan(ratios[1, 3]).all()
-    for n, u, v in np.ndindex(*ratios.shape):
-        if not np.isnan(disparities[n, u, v]):
-            far = np.abs(np.arange(number) + first - np.floor(disparities[n, u, v] + np.float32(0.5)))
-            expected = costs[u, v, far > 2].min() / costs[u, v, far <= 1].min()
-            assert ratios[n, u, v] == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("wraps", [True])
@@ -138,27 +90,6 @@ def test_fused_range_is_the_weighted_mean_unless_denied():
     assert np.isnan(fuse((np.nan, np.nan), (np.nan, np.nan))[0])
 
 
-def test_range_is_that_of_the_triangle():
-    rng = np.random.default_rng(3)
-    height, baseline = 180, 0.4
-    per_row = np.pi / height
-    truth = rng.uniform(1.0, 40.0, (height, 8))
-    above = ((np.arange(height) + 0.5) * per_row)[:, None]
-    below = np.arctan2(truth * np.sin(above), truth * np.cos(above) + baseline)
-    disparity = ((above - below) / per_row).astype(np.float32)
-    std = np.full_like(disparity, 0.01)
-    range_m, range_std = np.empty_like(std), np.empty_like(std)
-    kernels.triangulate(disparity, std, per_row, 0.0, baseline, (0.5, 0.1, 1e6), range_m, range_std)
-    known = np.isfinite(range_m)
-    assert known.mean() > 0.9
-    np.testing.assert_allclose(range_m[known], truth[known], rtol=2e-3)  # float32 of a small angle
-    moved, ignored = np.empty_like(std), np.empty_like(std)
-    kernels.triangulate(disparity + np.float32(0.001), std, per_row, 0.0, baseline, (9, 0.1, 1e6), moved, ignored)
-    both = known & np.isfinite(moved) & (truth < 10)
-    slope = np.abs(moved - range_m)[both] / 0.001
-    np.testing.assert_allclose(range_std[both], 0.01 * slope, rtol=0.1)
-
-
 def test_pixels_by_range_are_linear_between_the_tables_entries():
     rng = np.random.default_rng(4)
     levels = np.array([0.0, 0.5, 1.0], np.float32)
@@ -176,27 +107,6 @@ def test_pixels_by_range_are_linear_between_the_tables_entries():
     part = [np.empty((8, 16), np.float32) for _ in range(2)]
     kernels.warp_by_range(grid, levels, 8, inverse, 3, 20, 16, 8, *part)
     np.testing.assert_array_equal(part, [u[16:, 8:24], v[16:, 8:24]])
-
-
-@pytest.mark.parametrize("channels", [3])
-def test_levels_are_changed_as_by_an_image_of_factors(channels):
-    rng = np.random.default_rng(5)
-    part = rng.integers(1, 256, (32, 40 * channels), np.uint8)
-    factor = rng.uniform(0.001, 1.5, (4, 5, channels)).astype(np.float32)
-    wide = cv2.resize(factor, (40, 32), interpolation=cv2.INTER_LINEAR).reshape(part.shape)
-    expected = np.maximum(cv2.multiply(part, wide, dtype=cv2.CV_8U), 1)
-    for place in ((0, 0, 32, 40), (8, 16, 16, 8), (24, 32, 8, 8)):
-        changed = part.copy()
-        kernels.change_levels(changed, factor, 8, *place)
-        rows, columns = (
-            slice(place[0], place[0] + place[2]),
-            slice(place[1] * channels, (place[1] + place[3]) * channels),
-        )
-        off = np.abs(changed[rows, columns].astype(int) - expected[rows, columns])
-        assert off.max() <= 1
-        assert off.mean() < 0.002  # halves are rounded either way
-        changed[rows, columns] = part[rows, columns]
-        np.testing.assert_array_equal(changed, part)
 
 
 def test_inverse_depth_of_a_plane_is_sampled_exactly_and_edges_are_not_mixed():
@@ -225,31 +135,11 @@ def test_splatting_keeps_the_nearest_and_wraps_only_on_request():
         assert image[0, 0] == (3.0 if wraps else np.inf)
 
 
-def random_levels(shape, seed):
-    return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
-
-
 def some_unknown(shape, seed, low, high, share=0.1):
     rng = np.random.default_rng(seed)
     plane = rng.uniform(low, high, shape).astype(np.float32)
     plane[rng.random(shape) < share] = np.nan
     return plane
-
-
-def test_bands_add_up_to_the_levels_of_numpy():
-    """Two bands of two views with weights that sum to one, in sixteenths of a grey level."""
-    views, smooth = [random_levels((6, 9, 3), seed) for seed in (0, 1)], random_levels((6, 9, 3), 2)
-    weight = np.random.default_rng(3).random((6, 9)).astype(np.float32)
-    weight[2] = 0.0
-    total, twin = np.zeros((6, 9, 3), np.int16), np.zeros((6, 9, 3))
-    for view, share in zip(views, (weight, 1 - weight), strict=True):
-        kernels.add_band(view, smooth, share, total)
-        twin += np.floor(16 * share[..., None] * (view.astype(np.float32) - smooth) + np.float32(0.5))
-    np.testing.assert_array_equal(total, twin)
-    total += 16 * smooth.astype(np.int16)
-    image = np.empty((6, 9, 3), np.uint8)
-    kernels.to_levels(total, image)
-    np.testing.assert_array_equal(image, np.clip(np.floor(total / 16 + 0.5), 1, 255))
 
 
 def test_a_step_of_alignment_is_that_of_least_squares():

@@ -34,19 +34,3 @@ def test_a_graph_that_grows_is_at_the_optimum_of_the_whole(rng, monkeypatch):
                 assert [(e.a, e.b) for e in graph.edges] == [(e.a, e.b) for e in whole.edges]
         assert num_loops == sum(edge.is_loop for edge in graph.edges) == 10
         np.testing.assert_allclose(graph[FIRST_ID].T_map_sphere.matrix, np.eye(4), atol=1e-6)
-
-
-def test_what_a_loop_does_not_move_stays_as_it_is(rng, monkeypatch):
-    monkeypatch.setattr(incremental, "LARGE", 1)
-    graph, optimum = SphereGraph([KeySphere(0, 0, SE3.identity())]), IncrementalOptimum()
-    for k in range(1, 10 * LAP):
-        edge = measure(rng, STEP, ends=(k - 1, k))
-        graph.add(KeySphere(k, k, graph[k - 1].T_map_sphere @ edge.T_a_b))
-        graph.connect(edge)
-        if k >= LAP and k % 4 == 0:
-            before = SphereGraph(graph, graph.edges)
-            graph = optimum.with_loop(graph, measure(rng, SE3.identity(), True, (k - LAP, k)))
-    stays = [graph[node.id] is node for node in before]
-    assert sum(stays) > 3 * LAP  # of ten laps; the last loop is of the last one
-    assert all(stays[:LAP])
-    assert not any(stays[-2:])

@@ -60,22 +60,6 @@ def test_every_kind_gives_spheres_with_stamp_and_frame(kind, source, frame_id, i
     assert {wanted.topic for wanted in node.inputs} == {*TOPICS[kind], *([DEPTH_INFO] if kind == "rgbd" else [])}
 
 
-def test_an_image_before_its_camera_info_is_refused():
-    messages = dict(rgbd(0))
-    order = ("image_raw", "depth/image_raw", "camera_info")
-    node = caught("rgbd", *((topic, messages[topic]) for topic in order))
-    assert node.caught == []
-    assert any("expected before the first image" in wanted.last_refusal for wanted in node.inputs)
-
-
-def test_a_right_camera_without_a_baseline_is_refused():
-    messages = dict(stereo(0))
-    messages["right/camera_info"].p[3] = 0.0
-    node = caught("stereo", *messages.items())
-    assert node.caught == []
-    assert any("expected -fx * baseline < 0, or a transform" in wanted.last_refusal for wanted in node.inputs)
-
-
 def test_depth_of_a_camera_beside_gives_the_same_range():
     ((whole, *_),) = caught("rgbd", *rgbd(0)).caught
     messages = dict(rgbd(0))

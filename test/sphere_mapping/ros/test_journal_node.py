@@ -99,23 +99,6 @@ def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told):
         assert len(reader.graph) == len(whole.graph)
 
 
-@pytest.mark.slow
-def test_what_a_disk_never_took_is_told_at_the_end(tmp_path, told):
-    with full_disk():
-        journal = journal_in(tmp_path, told)
-        mapper = drive(journal)
-        journal.close(mapper)
-    assert "File too large" in told[-1]
-    assert f"key spheres are lost; the others are in {tmp_path / 'journal.partial'}" in told[-1]
-    assert [entry.name for entry in tmp_path.iterdir()] == ["journal.partial"]
-
-
-def test_a_run_without_spheres_leaves_nothing(tmp_path, told):
-    journal = journal_in(tmp_path / "maps", told)
-    journal.close(Mapper(store=journal))
-    assert not (tmp_path / "maps").exists()
-
-
 @pytest.mark.dds
 def test_a_killed_process_leaves_a_map_that_is_mended(tmp_path):
     paths = [os.path.dirname(__file__), *(path for path in sys.path if path)]

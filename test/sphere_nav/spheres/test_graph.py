@@ -51,17 +51,6 @@ def test_with_poses_moves_some_and_keeps_the_rest():
     assert graph[1].T_map_sphere.translation[0] == 1.0
 
 
-def test_with_edges_leaves_the_graph_as_it_is():
-    graph = SphereGraph(LINE[:3], [Edge(0, 1, SE3.identity(), np.eye(6))])
-    more = graph.with_edges([Edge(1, 2, SE3.from_planar(3.0, 4.0, 0.0), np.eye(6))])
-    assert [(edge.a, edge.b) for edge in more.edges] == [(0, 1), (1, 2)]
-    assert more.edges[1].length_m == 5.0
-    assert len(graph.edges) == 1
-    assert [node is graph[node.id] for node in more] == [True] * 3
-    with pytest.raises(ValueError, match="expected both ends in the graph, found no 7"):
-        graph.with_edges([Edge(0, 7, SE3.identity(), np.eye(6))])
-
-
 def test_what_does_not_fit_is_refused():
     graph = SphereGraph(LINE[:2])
     with pytest.raises(ValueError, match="expected one of 2 in the graph, found 5"):

@@ -22,12 +22,6 @@ def test_optical_axes_become_body_axes():
     )
 
 
-def test_gray_of_an_rgb_image_weighs_the_colors_as_the_eye_does():
-    image = np.zeros((8, 16, 3), dtype=np.uint8)
-    image[..., 1] = 200
-    np.testing.assert_allclose(Sphere(image, plane(), CAMERA).gray, 0.587 * 200, rtol=1e-6)
-
-
 def test_points_lie_at_their_range_and_unknown_ones_are_left_out():
     range_m = plane(3.0)
     range_m[:, :4] = np.nan

@@ -109,17 +109,6 @@ def test_quads_smaller_than_a_pixel_are_drawn_where_they_hold_one(wraps):
     np.testing.assert_allclose(source, np.stack([(u + 0.4) / side, (v + 0.4) / side], axis=-1), atol=1e-4)
 
 
-def test_only_small_holes_are_closed():
-    weights, image, range_m = np.ones((9, 9), F), np.full((9, 9, 3), 40, np.uint8), np.full((9, 9), 2.0, F)
-    weights[2, 2] = weights[5:8, 5:8] = 0
-    for values, hole in ((image, 0), (range_m, np.nan)):
-        values[weights == 0] = hole
-    kernels.close_pinholes(weights, 5, image, range_m)
-    assert (image[2, 2].tolist(), range_m[2, 2]) == ([40, 40, 40], 2.0)
-    assert np.isnan(range_m[6, 6])
-    assert not image[6, 6].any()
-
-
 def test_colors_are_added_between_pixels_where_a_drawing_is_nearest(rng):
     image = rng.integers(1, 255, (6, 8, 3), dtype=np.uint8)
     shape = (5, 7)
@@ -150,24 +139,3 @@ def test_a_blend_is_finished_by_its_weights():
     kernels.divide_by_weights(total, weights, nearest, image, range_m)
     assert image[0].tolist() == [[200, 100, 101], [1, 255, 1], [0, 0, 0], [8, 8, 8]]  # 0 is kept for holes
     np.testing.assert_array_equal(range_m, np.array([[4.0, 0.5, np.nan, np.inf]], F))
-
-
-def breaks_twin(before, a, b, after, share, floor):
-    """Neighbours are of one surface: alike, no farther apart than a slope beside, or as one of the slopes goes on."""
-    small = np.maximum(floor, share * np.maximum(a, b))
-    sign = np.where(b > a, 1.0, -1.0)
-    is_crease = np.abs(a - b) <= np.maximum(sign * (a - before), sign * (after - b)) + small
-    is_continued = (np.abs(2 * a - before - b) <= small) | (np.abs(2 * b - after - a) <= small)
-    return ~((np.abs(a - b) <= small) | is_crease | is_continued)
-
-
-def test_breaks_are_those_of_their_definition(rng):
-    nearness = np.round(rng.uniform(0.3, 0.6, (40, 60)), 2)  # hundredths: no difference lies on a limit
-    found = breaks_of(nearness, wraps=True)
-    expected = breaks_twin(*(np.roll(nearness, k, axis=1) for k in (1, 0, -1, -2)), 0.03, 0.004)
-    np.testing.assert_array_equal((found & 1).astype(bool), expected)
-    rows = np.clip(np.arange(-1, 42), 0, 39)
-    padded = nearness[rows]
-    below = breaks_twin(padded[:-4], padded[1:-3], padded[2:-2], padded[3:-1], 0.03, 0.004)
-    np.testing.assert_array_equal((found[:39] & 2).astype(bool), below[:39])
-    assert 0.05 < expected.mean() < 0.95

@@ -83,15 +83,6 @@ def test_an_unreadable_sphere_is_told_and_asked_for_again(sphere_map):
     scene.close()
 
 
-def test_an_empty_map_is_refused_and_one_sphere_is_enough(sphere_map):
-    with pytest.raises(ValueError, match="empty"):
-        Scene(MemoryMap([]))
-    node = sphere_map.graph[0]
-    scene = Scene(MemoryMap(SphereGraph([KeySphere(5, 1, node.T_map_sphere, node.sphere)])))
-    assert scene.render(optical(PLACES[0]), PINHOLE).is_known.mean() > 0.97
-    scene.close()
-
-
 class Counting(MemoryMap):
     """A map that counts what is read of it, and lets the key spheres that it holds back wait."""
 

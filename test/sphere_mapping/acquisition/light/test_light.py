@@ -62,24 +62,3 @@ def test_a_color_departs_from_its_camera_by_the_bound_at_most():
     mean = np.log(2.0) / 6  # of the logarithms of three colours, half of it at either camera
     for gain in gains.values():
         assert np.ptp(np.log(gain)) == pytest.approx(mean + np.log(MAX_WHITE_BALANCE), rel=1e-2)
-
-
-def test_a_dark_green_rim_colors_nothing():
-    """Back to back the cameras share their rims only: stray light there is no white balance."""
-    back_to_back = {"a": 0.0, "b": np.pi}
-    images = {name: picture(130.0, colors=(1.0, 1.02, 0.88)) for name in back_to_back}
-    rim = np.clip((ANGLE - 1.6) / 0.1, 0.0, 1.0)[..., None]  # the last degrees fall to a dark green
-    stray = {"a": np.array([6.0, 26.0, 14.0]), "b": np.array([8.0, 9.0, 8.0])}
-    images = {n: np.rint(image * (1 - rim) + stray[n] * rim).astype(np.uint8) for n, image in images.items()}
-    even, gains = light(back_to_back).balance(images)
-    for name in back_to_back:
-        np.testing.assert_allclose(gains[name], 1.0, atol=0.03)
-        np.testing.assert_allclose(even[name][100:140, 100:140], images[name][100:140, 100:140], atol=4)
-
-
-def test_what_differs_by_parallax_says_nothing():
-    """Detail that is not in the other camera: nothing is known, so nothing is changed."""
-    fields = np.where(np.random.default_rng(1).random((80, 80)) < 0.5, 60, 220).astype(np.uint8)
-    images = {"a": np.kron(fields, np.ones((3, 3), np.uint8)), "b": np.full((240, 240), 90, np.uint8)}
-    _, gains = light().balance(images)
-    np.testing.assert_array_equal([gains["a"], gains["b"]], 1.0)

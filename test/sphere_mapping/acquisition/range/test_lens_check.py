@@ -69,17 +69,6 @@ def test_images_that_fit_no_lens_are_of_other_cameras(images):
         check_lenses(wrong, elsewhere)
 
 
-@pytest.mark.slow
-def test_few_and_bare_images_say_nothing(images):
-    rig = ring(PINHOLE)
-    check_lenses(rig, {name: np.full((SIZE, SIZE), 90, np.uint8) for name in rig.names})
-    check_lenses(rig, {"c0": images["fisheye"]["c0"]})
-    rng = np.random.default_rng(0)
-    check_lenses(rig, {name: rng.integers(0, 255, (SIZE, SIZE)).astype(np.uint8) for name in rig.names})
-    with pytest.raises(ValueError, match="found images of a fisheye"):
-        check_lenses(rig, images["fisheye"])  # all of them do say something
-
-
 def test_calibrations_that_bend_rays_alike_are_one_lens():
     check_info("c", PINHOLE, PINHOLE)
     check_info("c", FISHEYE, PINHOLE)  # a driver without a calibration of distortion

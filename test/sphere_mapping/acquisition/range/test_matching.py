@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.params import MatchParams
-from sphere_mapping.acquisition.range import matching
 from sphere_mapping.acquisition.range.matching import Search, match_columns
 
 SHAPE = (512, 400)
@@ -51,30 +50,6 @@ def test_a_pattern_that_is_clear_only_when_blurred_is_denied_by_the_finer_level(
     blurred = texture(6, blur=12.0, contrast=6)
     found = match(columns + blurred, columns + np.roll(blurred, -12, axis=0))  # 12 is no multiple of 8
     assert np.isfinite(found.value[64:]).mean() < 0.02
-
-
-def test_bare_walls_and_independent_noise_are_not_measured():
-    bare = np.full(SHAPE, 120.0)
-    assert np.isfinite(match(bare, bare).value).mean() < 0.01
-    for blur in (0.5, 1.5):
-        found = match(texture(1, blur), texture(2, blur))
-        assert np.isfinite(found.value).mean() < 0.01
-
-
-def test_a_bare_panel_does_not_get_the_range_of_the_wall_around(monkeypatch):
-    wall = texture(7, blur=3.0)
-    images = [wall.copy(), np.roll(wall, -12, axis=0)]
-    for image in images:
-        image[:, 200:216] = 60.0  # at any range: along the columns nothing tells
-    panel, inner = np.s_[60:-60, 204:212], np.s_[60:-60, 240:380]
-    assert np.isfinite(match(*images).value[panel]).mean() > 0.8  # matched at full size: noise is too much there
-    monkeypatch.setattr(matching, "MAX_WIDTH", SHAPE[1] // 2)
-    found = match(*images)
-    assert np.isfinite(found.value[panel]).mean() < 0.1
-    np.testing.assert_array_equal(np.isnan(found.std), np.isnan(found.value))
-    known = np.isfinite(found.value[inner])
-    assert known.mean() > 0.8
-    assert np.abs(found.value[inner][known] - 12).max() < 0.5
 
 
 def test_errors_by_their_deviation_are_of_size_one():

@@ -16,21 +16,6 @@ def pair():
     return top, np.roll(top, -SHIFT, axis=0)
 
 
-def test_a_whole_sphere_has_no_seam():
-    top, bottom = pair()
-    found = find_clear_matches(top, bottom, -2, is_whole=True)
-    at_seam = np.r_[-8:8]
-    known = np.isfinite(found[40:-20][:, at_seam])
-    assert known.mean() > 0.9
-    assert np.abs(found[40:-20][:, at_seam][known] - SHIFT).max() < 0.5
-
-
-def test_the_number_of_threads_changes_nothing():
-    top, bottom = pair()
-    one, two = (find_clear_matches(top, bottom, -2, is_whole=True, jobs=jobs) for jobs in (1, 2))
-    np.testing.assert_array_equal(one, two)
-
-
 def test_smoothness_carries_matches_into_a_bare_wall_where_nothing_is_clear():
     top, bottom = pair()
     top[:, 150:230], bottom[:, 150:230] = 120, 120

@@ -10,7 +10,7 @@ from sphere_nav.geometry import SE3, Pinhole
 CAMERA = Pinhole(640, 400, 500.0, 500.0, 319.5, 199.5)
 BASELINE = 0.4
 NOISE_PX = 0.15
-SEEDS = range(2)
+SEEDS = range(1)
 
 
 def window(rng, columns, num=150, num_wrong=0):
@@ -43,17 +43,6 @@ def test_offset_and_bow_are_recovered_within_their_deviations(seed, num_wrong):
     off = fit.columns - columns
     assert off @ np.linalg.solve(fit.covariance, off) < 13.8
     assert np.abs(off).max() < 0.3
-
-
-@pytest.mark.slow
-def test_what_lenses_leave_is_recovered_within_its_deviations(rng):
-    columns = np.array([0.2, 1.0, 0.3, 0.3, -0.5, -4.5, -1.0, 4.0])
-    fit = fit_columns(CAMERA, BASELINE, [window(rng, columns) for _ in range(16)])
-    assert fit.is_more_than_bow
-    off = fit.columns - columns
-    assert off @ np.linalg.solve(fit.covariance, off) < 26.1  # eight numbers, once in a thousand
-    x, y = np.meshgrid(np.linspace(-0.6, 0.6, 9), np.linspace(-0.35, 0.35, 5))
-    assert np.abs(basis_of_columns(x, y) @ off).max() < 0.2  # px; up to 1.3 px were off
 
 
 @pytest.mark.parametrize("seed", SEEDS)

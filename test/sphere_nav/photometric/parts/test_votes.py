@@ -57,16 +57,6 @@ def test_cells_are_shifted_as_the_motion_that_is_missing_shifts_them(image, view
 
 
 @pytest.mark.slow
-def test_cells_agree_where_the_pose_is_right_and_only_there(image, view):
-    votes = vote(*looked(image, view, TRUTH))
-    assert votes.num_agreeing > 0.85 * votes.num_cells > 30
-    assert votes.chance < 1e-20
-    wrong = vote(*looked(image, view, optical(SE3.from_planar(0.5, 0.5, 0.3))))
-    assert wrong.num_agreeing < 0.2 * wrong.num_cells
-    assert wrong.chance > 1e-2
-
-
-@pytest.mark.slow
 def test_pixels_of_agreeing_cells_are_kept_each_with_its_cell(image, view):
     levels, cameras = looked(image, view, TRUTH)
     votes = vote(levels, cameras)

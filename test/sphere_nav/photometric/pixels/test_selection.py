@@ -7,7 +7,6 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import build_pyramid, prepare_reference
-from sphere_nav.photometric.align.iteration.kernels import SIDE
 from sphere_nav.photometric.pixels.selection import choose_pixels, holds, select, select_levels
 
 pytestmark = pytest.mark.slow
@@ -34,25 +33,6 @@ def test_the_reference_level_matches_the_resolution_of_the_image(reference, leve
     assert reference.level_like(levels[1].camera).camera.width == 256
 
 
-def test_only_pixels_that_the_camera_sees_are_chosen(reference):
-    pixels = reference.levels[1]
-    expected = CAMERA.project(T_CAMERA_BODY.apply(pixels.points.T))
-    inside = np.all((expected[0] >= 0) & (expected[0] <= (159, 119)), axis=-1)
-    chosen = select(pixels, T_CAMERA_BODY, CAMERA, 10**6)
-    assert abs(chosen.num_pixels - inside.sum()) < 1e-3 * pixels.num_pixels  # float32 at the border
-    assert set(map(tuple, points_of(chosen).T)) <= set(map(tuple, pixels.points.T))
-
-
-def test_what_was_seen_before_changes_nothing(room, reference):
-    image, range_m = room.render(SPHERE, A)
-    again = prepare_reference(image, range_m, SPHERE)
-    turned = SE3.exp([0, 0, 0, 0, 1.0, 0]) @ T_CAMERA_BODY
-    before = select(again.levels[1], turned, CAMERA, 500)
-    first, second = (select(one.levels[1], T_CAMERA_BODY, CAMERA, 500) for one in (reference, again))
-    assert np.array_equal(first.blocks, second.blocks, equal_nan=True)
-    assert not np.array_equal(before.blocks, first.blocks, equal_nan=True)
-
-
 def test_only_what_is_seen_is_made(room):
     image, range_m = room.render(SPHERE, A)
     made = prepare_reference(image, range_m, SPHERE)
@@ -63,12 +43,6 @@ def test_only_what_is_seen_is_made(room):
     for level in made.levels:
         level.squares.all()
     assert some - empty < 0.2 * (made.num_bytes - empty)
-
-
-def points_of(selection):
-    """Return the chosen points (3, N)."""
-    points = selection.blocks.reshape(-1, 7, SIDE)[:, :3].transpose(1, 0, 2).reshape(3, -1)
-    return points[:, : selection.num_pixels]
 
 
 def test_a_selection_is_kept_while_the_image_moves_little(reference):

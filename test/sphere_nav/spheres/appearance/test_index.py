@@ -46,14 +46,6 @@ def test_an_ordinary_image_finds_its_sphere(index):
 
 
 @pytest.mark.slow
-def test_spheres_can_be_left_out_and_ids_are_unique(index):
-    image = features_of_sphere(ROOMS[0].sphere(HERE, CAMERA, 77))
-    assert all(one.sphere_id != 100 for one in index.find(image, 5, without=[100]))
-    with pytest.raises(ValueError, match="100 again"):
-        index.add(100, image)
-
-
-@pytest.mark.slow
 def test_an_index_restored_from_its_words_finds_the_same(index):
     again = AppearanceIndex()
     for sphere_id, features in index.features.items():

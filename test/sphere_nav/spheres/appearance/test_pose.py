@@ -3,7 +3,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.appearance.features import Features, features_of_image, features_of_sphere
-from sphere_nav.spheres.appearance.pose import _angles, find_pose, match_features
+from sphere_nav.spheres.appearance.pose import _angles, find_pose
 from worlds.room import optical, sharp_room
 
 # Written out: imported, a change would go unseen.
@@ -107,28 +107,6 @@ def test_a_ray_belongs_to_its_point_within_a_degree():
         angles = np.degrees(_angles(T, rays.astype(np.float64), known.points.astype(np.float64)))
         np.testing.assert_allclose(angles[:6], noise_deg, atol=1e-3)
         assert np.sum(np.radians(angles) < MAX_ANGLE) == num_inliers
-
-
-@pytest.mark.parametrize(("ratio", "num_found"), [(0.84, 1), (0.86, 0)])
-def test_a_match_is_clearly_better_than_the_second(ratio, num_found):
-    """Lowe 2004: the distances to the best and the second best descriptor."""
-    best, second = 0.30, 0.30 / ratio  # chords of unit vectors
-    angles = 2 * np.arcsin(np.array([best, -second]) / 2)
-    descriptors = np.zeros((4, 128))
-    descriptors[0, 0] = 1.0
-    descriptors[1:3, 0], descriptors[1:3, 1] = np.cos(angles), np.sin(angles)
-    descriptors[3, 5] = 1.0
-
-    class Given(Features):  # bytes have no sign, these have
-        def unit_descriptors(self):
-            return self.units
-
-    query, known = (
-        Given(np.eye(3, dtype=np.float32)[:2], np.ones(2, np.float32), np.zeros((2, 128), np.uint8)) for _ in "ab"
-    )
-    object.__setattr__(query, "units", descriptors[[0, 3]])
-    object.__setattr__(known, "units", descriptors[[1, 2]])
-    assert len([row for row in match_features(query, known) if row[0] == 0]) == num_found
 
 
 def test_rays_that_all_look_one_way_are_no_pose():
