@@ -235,11 +235,3 @@ def test_the_player_waits_for_what_the_driver_calls_the_images() -> None:
     player = starts("replay", driver="zed4", image="/front/image")[-1]
     assert player.parameters["wait_for"] == "/front/image:2"  # the recorder listens, too
     assert starts("mapping")[-1].parameters["wait_for"] == "cameras/top_front/image_raw"
-
-
-def test_several_cameras_are_given_to_the_localizer() -> None:
-    given = {"map": "campus", "cameras": "front,back", "rig": "map"}
-    (start,) = COMPOSITIONS["localisation"].starts(given)
-    assert (start.parameters["rig.cameras"], start.parameters["rig.calibration"]) == ("front,back", "map")
-    (alone,) = COMPOSITIONS["localisation"].starts({"map": "campus"})
-    assert not {"rig.cameras", "rig.calibration"} & set(alone.parameters)  # a parameter file may name them

@@ -1,7 +1,5 @@
 """Types by name; definitions and hashes agree with an independent type system."""
 
-import sys
-
 import pytest
 from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -39,17 +37,6 @@ def test_bytes_are_a_message_or_refused():
     assert from_bytes(message, Bool, max_bytes=len(message)).data
     with pytest.raises(ValueError, match=f"expected at most {len(message) - 1} bytes, found {len(message)}"):
         from_bytes(message, Bool, max_bytes=len(message) - 1)
-
-
-def test_definitions_are_found_beside_the_code_where_the_interpreter_has_another_prefix(tmp_path, monkeypatch):
-    for folder in ("yard_msgs", "share/yard_msgs/msg"):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / "yard_msgs" / "__init__.py").touch()
-    (tmp_path / "share/yard_msgs/msg/Gate.msg").write_text("bool is_open\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(sys, "prefix", str(tmp_path / "interpreter"))
-    assert schema_text("yard_msgs/msg/Gate") == "bool is_open\n"
-    assert "yard_msgs" not in sys.modules
 
 
 def test_a_type_that_is_not_installed():

@@ -18,13 +18,6 @@ def test_the_profile_for_large_messages():
     assert min(sizes) > 2048 * 1024 * (3 + 4)  # a sphere of 2048 x 1024, colour and range
 
 
-def test_a_file_in_an_ament_prefix(tmp_path, monkeypatch):
-    (tmp_path / "share/sphere_nav/config").mkdir(parents=True)
-    (tmp_path / "share/sphere_nav/config/site.yaml").touch()
-    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
-    assert share_file("config/site.yaml") == tmp_path / "share/sphere_nav/config/site.yaml"
-
-
 @pytest.mark.parametrize(
     ("package", "shared"),
     [
