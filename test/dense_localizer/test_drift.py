@@ -24,7 +24,7 @@ def test_a_meter_errs_as_the_edges_say():
 
 
 @pytest.mark.slow
-def test_the_covariance_is_that_of_random_maps():
+def test_drift_is_as_large_as_that_of_random_maps():
     poses = [SE3.from_planar(1.0 * k, 0.05 * k * k, 0.1 * k) for k in range(9)]
     drift, rng = MapDrift(graph_of(poses)), np.random.default_rng(2)
     drift.start(poses[0])

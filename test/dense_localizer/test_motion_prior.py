@@ -54,11 +54,6 @@ def test_constant_velocity_is_predicted_exactly():
     assert_same(prior.predict(2 * STEP_NS).T_map_camera, truth[2])
 
 
-def test_velocity_is_per_second_not_per_image():
-    prior, truth = moving()
-    assert_same(prior.predict(4 * STEP_NS).T_map_camera, truth[4])  # two images were dropped
-
-
 def test_a_start_stands_still_and_is_unsure():
     prior = PosePrior(PARAMS)
     prior.start(poses(1)[0], TIGHT, 0)

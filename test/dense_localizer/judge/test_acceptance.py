@@ -106,7 +106,7 @@ def test_outliers_far_from_every_sphere_are_outside_the_region():
     assert (verdict.finding.value, verdict.finding.limit) == (0.3, PARAMS.min_ncc)
 
 
-def test_the_jump_is_measured_in_standard_deviations_of_both():
+def test_a_pose_beside_an_unsure_prediction_is_no_jump():
     moved = replace(GOOD, T_world_camera=SE3.exp([0.01, 0, 0, 0, 0, 0]))
     assert measure_innovation(moved.T_world_camera, TIGHT, HERE) == pytest.approx(0.01 / np.sqrt(2e-6))
 
@@ -135,7 +135,7 @@ def test_a_stretch_counts_by_what_it_surely_exceeds():
     assert assessed(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.04)).is_good
 
 
-def test_the_limits_of_what_images_show():
+def test_a_pose_by_little_of_the_view_is_not_driven_by():
     for change, is_accepted, is_good in [
         ({"overlap": 0.24}, True, False),
         ({"overlap": 0.26}, True, True),
@@ -147,7 +147,7 @@ def test_the_limits_of_what_images_show():
         assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
 
 
-def test_the_limits_of_gradients_and_lens():
+def test_images_of_another_lens_place_nobody():
     for structure, is_accepted, is_good in [
         (Structure(0.19), False, False),
         (Structure(0.24), True, False),
@@ -169,7 +169,7 @@ def test_the_limits_of_gradients_and_lens():
         ("occlusion", 5.1, False, False),
     ],
 )
-def test_the_limits_of_a_bias(kind, factor, is_accepted, is_good):
+def test_a_pose_that_light_or_a_cover_pulls_is_not_driven_by(kind, factor, is_accepted, is_good):
     """By the largest uncertainty: 0.2 m, 0.05 rad; that of an occlusion was removed."""
     for axis in [0, 3]:
         xi = np.zeros(6)
@@ -179,20 +179,20 @@ def test_the_limits_of_a_bias(kind, factor, is_accepted, is_good):
         assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
 
 
-def test_the_limits_of_an_uncertain_attitude():
+def test_a_vehicle_of_which_nobody_knows_where_it_looks_is_not_placed():
     for sigma_rad, is_accepted, is_good in [(0.024, 1, 1), (0.026, 1, 0), (0.049, 1, 0), (0.051, 0, 0)]:
         found = assessed(GOOD, covariance=np.diag([1e-6] * 3 + [1e-7, sigma_rad**2, 1e-7]))
         assert (found.is_accepted, found.is_good) == (bool(is_accepted), bool(is_good))
 
 
-def test_the_limits_of_an_innovation():
+def test_a_pose_far_from_its_prediction_is_not_driven_by():
     for sigmas, is_accepted, is_good in [(5.5, True, True), (5.7, True, False), (8.1, False, False)]:
         jumped = replace(GOOD, T_world_camera=SE3.exp([sigmas * np.sqrt(2e-6), 0, 0, 0, 0, 0]))
         found = assessed(jumped)
         assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
 
 
-def test_the_likely_cause_of_outliers():
+def test_a_refusal_says_what_to_look_at():
     for change, distance_ratio, reason in [
         ({"gains": (1.9, 1.0), "biases": (49.0, -49.0)}, 0.9, "OUTLIERS"),
         ({"gains": (2.1, 1.0)}, 0.9, "LIGHT_CHANGE"),

@@ -12,7 +12,7 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
 from dense_localizer.track.align import align_rig
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import TRUSTED, Reason, State
+from sphere_nav.localization.status import TRUSTED, State
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
@@ -63,7 +63,7 @@ def test_a_jump_that_odometry_does_not_know_is_not_trusted(room, room_map, has_j
 
 
 @pytest.mark.slow
-def test_what_covers_a_part_of_the_view_and_moves_with_the_camera_does_not_drag_the_pose():
+def test_a_bumper_in_the_view_does_not_drag_the_pose():
     room = Room((5.0, 3.0, 1.5), (1.0, 14.0, 30), gain=30.0, seed=42)
     localizer = make_localizer(make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0, 2.0)]))
     run, patch = Run(room, localizer), np.random.default_rng(42).integers(0, 255, (8, 11))
@@ -123,14 +123,3 @@ def test_after_a_slip_the_next_image_is_not_held_to_a_motion_that_never_was():
     assert measure_innovation(poses[3], small, prior.predict(4 * period_ns)) < 3.0
     prior.correct(slipped, small, 3 * period_ns)  # as if it were sure of the slip
     assert measure_innovation(poses[3], small, prior.predict(4 * period_ns)) > 8.0
-
-
-@pytest.mark.slow
-def test_a_camera_that_is_pushed_for_one_image_is_found_in_the_next_one(room, room_map):
-    run = Run(room, make_localizer(room_map))
-    poses = [at(-1.2 + 0.05 * k, 0.043 * (k == 14)) for k in range(16)]
-    run.localizer.relocalize(poses[0])
-    *_, pushed, after = run.follow(poses)
-    assert (pushed.status.state, pushed.status.reason) == (State.DEGRADED, Reason.JUMP_REJECTED)
-    assert 0.035 < np.sqrt(pushed.covariance[:3, :3].trace()) < 0.05  # it may have slipped there
-    assert error(after, poses[-1])[0] < 0.005  # held to the motion of the push, it would be 0.05 m off

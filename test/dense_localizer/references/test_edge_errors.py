@@ -84,7 +84,7 @@ def test_around_a_loop_information_is_that_of_numerical_derivatives():
         np.testing.assert_allclose(motions[k], covariance[at, at], rtol=1e-6, atol=1e-9)
 
 
-def test_it_is_told_in_the_axes_of_the_key_sphere():
+def test_an_error_of_a_turned_key_sphere_lies_along_its_axes():
     turned = SE3.from_planar(0.0, 0.0, np.pi / 2)
     variance = np.array([1e-4, 4e-6, 1e-6, 1e-6, 1e-6, 4e-6])
     one = EdgeErrors(graph_of([Edge(0, 1, turned, np.diag(1 / variance))], {1: turned}))

@@ -107,17 +107,6 @@ def test_another_experience_must_lead_by_a_twentieth_over_three_images():
     assert choice.look(is_followed=False, day=0.61, night=0.6) == "day"  # one image alone decides
 
 
-def test_what_explains_nothing_is_not_gone_on_with():
-    choice = Scripted()
-    choice.look(is_followed=False, day=0.6, night=0.1)
-    for _ in range(9):
-        said = choice.look(is_explained=False, day=0.1, night=0.9)
-    assert said == "night"  # it is asked for
-    assert choice.current == Experience("day")
-    assert choice.look(is_explained=False, snow=0.9, night=0.9) == "night"  # of all, as day is out of reach
-    assert choice.current == Experience("day")
-
-
 def test_a_correlation_is_of_what_is_in_view():
     """Points at the middle of pixels, some of them behind the camera; gain and offset do not count."""
     rng = np.random.default_rng(4)
@@ -135,41 +124,6 @@ def test_a_correlation_is_of_what_is_in_view():
         assert score_poses(part, seen, here, level)[0] == pytest.approx(expected, abs=1e-5)
     other = image[rows, columns[::-1]]
     assert correlate_poses(points, other, here, level)[0][0] == pytest.approx(np.corrcoef(seen, other)[0, 1], abs=1e-5)
-
-
-def test_another_experience_is_asked_where_one_has_not_explained_an_image(days):
-    references = References(days, PARAMS)
-    seen = sight(NIGHT, 0.25, is_followed=False)
-    night = references.choose(at(0.25), PINHOLE, sight=seen)
-    assert night.ids == (10, 11)
-    references.adopt(night)
-    other = references.choose(at(0.25), PINHOLE, sight=seen._replace(instead_of=(NIGHT,)))
-    assert other.ids[0] in (0, 1, 20, 21)
-    tried = NIGHT, references.node(other.ids[0]).experience
-    third = references.choose(at(0.25), PINHOLE, sight=seen._replace(instead_of=tried))
-    assert {references.node(third.ids[0]).experience, *tried} == {DAY, NIGHT, SNOW}
-    assert references.choose(at(0.25), PINHOLE, sight=seen._replace(instead_of=(DAY,))).ids == (10, 11)  # in use
-    assert references.choose(at(0.25), PINHOLE, sight=seen._replace(instead_of=(DAY, NIGHT, SNOW))).ids == ()
-    followed = seen._replace(is_followed=True)
-    assert references.choose(at(0.25), PINHOLE, sight=followed).ids == (10, 11)  # it was asked, no more
-    references.adopt(other)
-    assert references.choose(at(0.25), PINHOLE, sight=followed).ids == other.ids  # not back at once
-    again = [references.choose(at(0.25), PINHOLE, sight=followed).ids for _ in range(10)]
-    assert again[-1] == (10, 11)  # but if it stays more alike
-    references.close()
-
-
-@pytest.mark.slow
-def test_a_localizer_takes_the_experience_that_explains_an_image_better(days, monkeypatch):
-    localizer = Localizer(PARAMS, days)
-    for number in range(6):
-        image = ROOMS[DAY].photograph(PINHOLE, at(0.2 + 0.03 * number), seed=number)
-        localizer.update(image, PINHOLE, 10**9 + number * 10**8)
-    image = ROOMS[NIGHT].photograph(PINHOLE, at(0.38), seed=9)  # the light goes out between two images
-    estimate = localizer.update(image, PINHOLE, 10**9 + 6 * 10**8)
-    assert localizer.references.node(estimate.status.references[0]).experience == NIGHT
-    assert estimate.status.state == "TRACKING"
-    assert estimate.T_map_camera.distance(at(0.38))[0] < 0.01
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ PARAMS = CovarianceParams(map_sigma_m=0.002, map_sigma_rad=0.001)
 NOISE = np.repeat([0.001, 0.0005], 3) ** 2
 
 
-def test_what_is_assumed_gives_way_to_what_is_seen():
+def test_a_good_map_makes_the_pose_surer_as_it_is_driven():
     error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(1)
     at_first = np.sqrt(np.diagonal(error.covariance(0, SE3.identity())) / SHARED_ERROR)
     np.testing.assert_allclose(at_first, np.repeat([0.002, 0.001], 3))

@@ -70,16 +70,6 @@ def test_what_was_begun_is_got_without_another_reading_and_by_another_thread():
     preparation.close()
 
 
-def test_no_more_is_begun_than_there_is_room_for():
-    reader = Reader()
-    preparation = SpherePrefetch(reader, 30)
-    preparation.get(9)
-    preparation.begin(list(range(8)), lambda _: reader)
-    preparation.get(2)
-    preparation.close()
-    assert reader.read == [9, 0, 1, 2]
-
-
 def test_a_sphere_that_cannot_be_read_says_so_each_time():
     reader = Reader()
     reader.fails = {1}

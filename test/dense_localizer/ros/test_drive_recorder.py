@@ -1,9 +1,7 @@
 """What is kept of a drive, beside the map: bounded, named at the end, and nothing where there is nothing to see."""
 
 import errno
-import os
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,8 +11,7 @@ pytest.importorskip("rclpy")
 
 from dense_localizer.inputs import CameraImage
 from dense_localizer.judge.estimate import CameraEstimate
-from dense_localizer.ros import drive_recorder
-from dense_localizer.ros.drive_recorder import DriveRecorder, drives_of, prune
+from dense_localizer.ros.drive_recorder import DriveRecorder, drives_of
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.status import State, Status
 from sphere_nav.ros.bags import BagReader, BagWriter
@@ -90,13 +87,3 @@ def test_a_full_disk_ends_the_drive_and_nothing_else(reader, monkeypatch):
     said = record(reader, 3)
     assert len(said) == 1
     assert "No space left on device" in said[0]
-
-
-def test_the_oldest_drives_make_room(tmp_path, monkeypatch):
-    monkeypatch.setattr(drive_recorder, "MAX_DRIVES_MB", 2.5e-3)
-    for k, name in enumerate(("c", "a", "b.refused", "torn.partial")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "bag").write_bytes(bytes(1000))
-        os.utime(tmp_path / name, (k, k))
-    prune(Path(tmp_path))
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["a", "b.refused", "torn.partial"]

@@ -96,7 +96,7 @@ def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):
 
 
 @pytest.mark.slow
-def test_who_is_lost_for_long_is_searched_for_in_another_light_and_turned_in_turn(asked):
+def test_a_vehicle_lost_for_long_is_searched_for_in_another_light_and_turned(asked):
     _, ask = asked
     rounds = ask(NUM_WHOLE_SEARCHES + 4, SEARCH_PERIOD_S)
     found = [(any(one.T_map_camera is T for one in tried)) for tried in rounds for T in (BY_PARTS, TURNED)]

@@ -7,7 +7,7 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
 from dense_localizer.references.reference import References
-from dense_localizer.start.startup import Startup, candidate_poses, decide, find_attitude
+from dense_localizer.start.startup import Startup, candidate_poses, decide
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason
 from sphere_nav.params import build
@@ -64,13 +64,6 @@ def test_a_camera_is_found_at_once_where_its_mounting_is_known(room, room_map, r
     assert start.candidate.T_map_camera.distance(pose) < (0.015, 0.008)
 
 
-def test_a_mounting_of_optical_axes_says_nothing_of_upright(room):
-    image = RigImage(pyramid_at(room, at(0.0)))
-    np.testing.assert_array_equal(find_attitude(image, SE3.identity()).matrix, np.eye(4))
-    turned = find_attitude(image, SE3.from_angles(0.3, -0.2, 2.0, [1.0, 0.0, 0.0]) @ T_BODY_OPTICAL)
-    np.testing.assert_allclose(turned.angles, [0.3, -0.2, 0.0], atol=1e-12)
-
-
 def about_axis(roll_deg):
     return SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, np.radians(roll_deg)])
 
@@ -100,14 +93,6 @@ def test_two_rooms_that_look_alike_are_ambiguous(room):
     assert start.candidate is None
     assert start.finding.reason is Reason.AMBIGUOUS
     assert start.finding.value < start.finding.limit
-
-
-def test_one_of_two_twins_is_chosen_where_the_pose_is_given(room):
-    sphere = room.sphere(SE3.identity(), Spherical(512, 256))
-    twins = [KeySphere(k, k, SE3.from_planar(40.0 * k, 0.0, 0.0), sphere) for k in range(2)]
-    start = find_start(References(MemoryMap(twins), PARAMS), pyramid_at(room, at(0.1, 0.0, 0.4)), at(40.2, 0.05, 0.35))
-    assert start.candidate is not None
-    assert start.candidate.T_map_camera.distance(at(40.1, 0.0, 0.4))[0] < 0.015
 
 
 def candidate(ncc, x=0.0, yaw=0.0, is_good=True, is_by_range=False, is_by_parts=False):

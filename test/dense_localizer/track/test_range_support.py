@@ -102,19 +102,6 @@ def test_frozen_depth_holds_no_pose(run):
     assert estimate.T_map_camera is None
 
 
-@pytest.mark.slow
-def test_a_start_that_is_given_needs_no_light_and_one_from_nowhere_is_not_by_range(room, room_map):
-    pose = at(-1.0, 0.1, 0.1)
-    for given, state in ((pose @ SE3.exp([0.1, 0.05, 0.1, 0.03, 0.05, 0.0]), State.TRACKING), (None, State.SEARCHING)):
-        run = DepthRun(room, make_localizer(room_map))
-        if given is not None:
-            run.localizer.relocalize(given)
-        for _ in range(6):
-            estimate = run.see(pose, night(room.photograph(PINHOLE, pose, run.count)))
-        assert estimate.status.state == state
-    assert estimate.T_map_camera is None
-
-
 @pytest.fixture
 def support(room_map):
     localizer = make_localizer(room_map)

@@ -39,7 +39,7 @@ class Track:
         return by_map, found
 
 
-def test_the_last_image_places_what_the_map_refuses(room):
+def test_where_the_map_refuses_the_last_image_places(room):
     hidden = make_map(sharp_room((5.0, 3.0, 1.5), seed=3), [SE3.identity()])
     track = Track(room, make_map(room, [SE3.identity()]))
     for k in range(1, 4):

@@ -58,7 +58,7 @@ def test_an_image_that_was_placed_is_a_reference(room):
 
 
 @pytest.mark.slow
-def test_the_covariance_of_a_way_is_that_of_its_steps_and_grows(room):
+def test_a_way_without_the_map_is_the_less_sure_the_longer_it_is(room):
     rng, sigma = np.random.default_rng(3), 1e-3
     poses = [SE3.exp([0.1 * k, 0.0, 0.02 * k, 0.0, 0.05 * k, 0.0]) for k in range(6)]
     found = Way(poses[0], np.zeros((6, 6)), 0)
