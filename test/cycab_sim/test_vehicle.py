@@ -52,11 +52,6 @@ def test_limits_hold_whatever_is_asked_for():
         before = now
 
 
-def test_a_standing_car_cannot_turn_and_keeps_its_wheels():
-    vehicle = drive(VehicleState(steering=0.2), VehicleCommand(0.0, 3.0), 1.0)
-    assert vehicle.state == VehicleState(steering=0.2)
-
-
 def test_actuators_follow_with_their_time_constant():
     slow = ActuatorParams(speed_lag=0.5, steering_lag=0.0)
     gentle = drive(VehicleState(speed=1.0), VehicleCommand(1.2, 0.0), 0.5, actuation=slow)

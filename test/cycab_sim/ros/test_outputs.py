@@ -59,13 +59,6 @@ def test_the_rig_publishes_one_instant_that_fits_its_description(simulator, tmp_
         np.testing.assert_allclose(T_rig_camera.matrix, camera.T_rig_camera.matrix, atol=1e-9)
 
 
-def test_a_camera_that_dropped_out_is_not_published(simulator):
-    simulator.faults.add("rear", "silent", 0.0, 0.0, 0.0, simulator.time_ns)
-    sent = published(simulator, "rig").sent
-    simulator.faults.clear()
-    assert [len(sent[f"cameras/{name}/image_raw"]) for name in simulator.rig_names] == [1, 1, 1, 0, 1, 1]
-
-
 def test_the_imu_and_the_scanner_are_published_in_their_frames(small_params):
     params = replace(small_params, imu=ImuParams(is_on=True), scan=ScanParams(is_on=True))
     simulator = Simulator(params)

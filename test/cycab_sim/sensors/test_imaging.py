@@ -79,11 +79,3 @@ def test_vignetting_takes_its_share_of_the_light_in_the_corners_and_none_in_the_
     assert fall[[0, 0, -1, -1], [0, -1, 0, -1]] ** 2.2 == pytest.approx([0.6] * 4, abs=1e-5)
     assert fall[30, 0] > fall[0, 0]
     assert forward_camera(SimCameraParams(), ImagingParams(vignetting=0.3)).imaging.vignetting == 0.3
-
-
-def test_levels_stay_in_range_and_zero_is_kept_for_the_unseen():
-    levels = np.array([[0.0, 0.4, 254.9, 300.0]], np.float32)
-    assert expose(levels, 0.0, 0.0, ()).tolist() == [[0, 1, 255, 255]]
-    assert expose(levels, 0.0, 0.0, (), bias=-20.0).tolist() == [[0, 1, 235, 255]]
-    noisy = expose(np.zeros((50, 50), np.float32), 20.0, 0.0, (1,))
-    assert not noisy.any()

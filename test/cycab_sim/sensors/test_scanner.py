@@ -26,7 +26,7 @@ def test_a_known_wall_is_where_it_is(measure):
     assert scan.stamp_ns == 7
 
 
-def test_rays_turn_to_the_left_and_with_the_car(measure):
+def test_a_turned_scanner_sees_the_wall_where_it_is(measure):
     scanner = Scanner(1, EXACT)
     scan = scanner.scan(measure, SE3.from_planar(0.0, 0.0, -np.radians(40.0)), 0, 0)
     hit = np.degrees(scanner.angles[np.isfinite(scan.ranges)])

@@ -30,12 +30,3 @@ def test_the_tour_is_490_m_along_street_square_and_lane():
     in_lane = (np.abs(poses[:, 0] - LANE_X) < 0.1) & (poses[:, 1] > y1) & (poses[:, 1] < 110.0 - HALF)
     assert 80.0 < on_square.sum() * 0.1 < 110.0
     assert in_lane.sum() * 0.1 == pytest.approx(49.5, abs=0.3)
-
-
-def test_nothing_stands_in_the_way(renderer):
-    path = tour()
-    for s in np.arange(0.0, path.length, 1.0):
-        x, y, _, _ = path.at(np.array(s))
-        for z in (0.3, 0.9, 1.7):
-            ranges = renderer.measure(np.array([x, y, z]), RAYS)
-            assert ranges.min() > CLEARANCE, f"{s} m, height {z} m"

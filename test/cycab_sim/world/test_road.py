@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from cycab_sim.world.road import HALF_ROAD, WALL, build_road, road_path, square_path
-from cycab_sim.world.traffic.loops import free_loops, road_loops, square_loops
+from cycab_sim.world.road import HALF_ROAD, WALL, build_road, road_path
 
 # Written out: imported, a change would go unseen.
 LANE, SQUARE = 1.75, (-105.0, -85.0, 105.0, 85.0)
@@ -36,16 +35,3 @@ def test_houses_leave_the_road_free_on_both_sides_and_in_its_bends():
         near = across[np.abs(across) < WALL + 12.0]
         assert np.abs(near).min() > HALF_ROAD - 1.9  # trees reach over the kerb
         assert near.min() < -WALL or near.max() > WALL
-
-
-@pytest.mark.slow
-def test_cars_come_towards_the_car_on_the_road_and_people_walk_on_the_square():
-    [loop] = free_loops(road_loops(), road_path(), may_cross=False)
-    steps = np.diff(loop.points, axis=0)
-    assert np.abs(np.hypot(*steps.T) - 0.25).max() < 0.1  # at its corners
-    here = np.argmin(np.linalg.norm(loop.points - road_path(0.0).at(60.0)[:2], axis=1))
-    assert loop.points[here] == pytest.approx([60.0, LANE], abs=0.3)
-    assert steps[here][0] < -0.2  # the car drives along x there
-    kinds = [loop.kind for loop in free_loops(square_loops(), square_path(), may_cross=False)]
-    assert kinds.count("walk") >= 2
-    assert {"road", "cycle"} <= set(kinds)

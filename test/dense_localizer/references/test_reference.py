@@ -26,14 +26,14 @@ def test_whole_spheres_are_chosen_by_distance_alone(room_map):
     assert 0.05 < choice.distance_ratio < 0.2  # walls at 3 m and more
 
 
-def test_a_second_reference_serves_within_its_region(room_map):
+@pytest.mark.parametrize(("region_m", "ids"), [(0.7, (2, 3)), (0.5, (2,)), (0.0, (2, 3))])
+def test_a_second_reference_serves_within_its_region(room_map, region_m, ids):
     """The second one is 0.6 m away; a region of 0 is not known, and the ranges stand in for it."""
-    for region_m, ids in [(0.7, (2, 3)), (0.5, (2,)), (0.0, (2, 3))]:
-        nodes = [replace(node, region_radius_m=region_m) for node in room_map.graph]
-        choice = References(MemoryMap(nodes), PARAMS).choose(at(0.4, 0.0, 2.0), PINHOLE)
-        assert choice.ids == ids
-        if region_m:
-            assert choice.distance_ratio == pytest.approx(0.4 / region_m)
+    nodes = [replace(node, region_radius_m=region_m) for node in room_map.graph]
+    choice = References(MemoryMap(nodes), PARAMS).choose(at(0.4, 0.0, 2.0), PINHOLE)
+    assert choice.ids == ids
+    if region_m:
+        assert choice.distance_ratio == pytest.approx(0.4 / region_m)
 
 
 def test_a_partial_sphere_that_looks_elsewhere_is_passed_over(room):

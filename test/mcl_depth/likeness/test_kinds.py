@@ -9,9 +9,9 @@ from mcl_depth.belief.estimate import Observation
 from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
-from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.localization.status import Reason, State
+from sphere_nav.localization.status import State
 from sphere_nav.params import build
 from worlds.boxes import box
 
@@ -62,14 +62,3 @@ def test_a_start_that_is_given_is_confirmed_and_a_wrong_one_is_not(site):
                 errors.append(np.hypot(*(estimate.T_map_level.translation[:2] - pose[:2])))
         assert (State.TRACKING in states) or not is_right
         assert max(errors, default=0.0) < 0.6
-
-
-@pytest.mark.slow
-def test_a_part_of_the_sphere_is_refused_with_what_to_do(site):
-    camera = Pinhole(320, 240, 160.0, 160.0, 159.5, 119.5)
-    R_level_camera = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    image = np.random.default_rng(1).uniform(0, 255, (240, 320)).astype(np.uint8)
-    estimate = site.filter().update(Observation(image, camera, 10**9, R_level_camera, SE3.identity()))
-    assert estimate.status.reason == Reason.LOW_OVERLAP
-    assert "set likeness.kind to gradients" in estimate.status.remedy
-    assert estimate.T_map_level is None
