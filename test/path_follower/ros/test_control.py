@@ -71,6 +71,14 @@ def test_after_a_jump_of_the_clock_a_command_has_no_stamp_of_before(loop):
     assert loop.follower.mode.verdict.reason is StopReason.CLOCK_STOPPED or not loop.follower.mode.is_armed
 
 
+def test_a_stamp_ahead_of_the_clock_carries_the_loop_on_by_a_tenth_of_a_second_at_most(loop):
+    loop.ask("start")
+    now = loop.times.now()
+    for ahead, counted in ((0, 0), (30_000_000, 30_000_000), (11 * SECOND, 100_000_000)):
+        loop.answer(now + ahead)
+        assert loop.follower.limiter.last_ns == now + counted
+
+
 def test_a_guard_that_lets_nothing_through_stops_the_vehicle_by_its_reason(bus, loop):
     assert loop.ask("start") == ""
     bus.deliver("/command_guard/status", GuardStatus(reason="NO_HEARTBEAT", detail="none for more than 0.25 s"))
