@@ -105,6 +105,8 @@ class Limiter:
         if is_hard:
             self.gain = 0.0
             return sign * max(min(goal, speed), speed - self.params.stop_deceleration * seconds)
+        if goal == 0.0:  # who is told to stop gains no more speed
+            self.gain = min(self.gain, 0.0)
         return sign * self._ease(speed, goal, seconds)
 
     def _ease(self, speed: float, goal: float, seconds: float) -> float:

@@ -23,9 +23,10 @@ MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 FOCAL_LENGTHS = {"pinhole": np.geomspace(0.25, 4.0, 15)}
 FOCAL_LENGTHS |= dict.fromkeys(("fisheye", "omni", "ocam"), np.geomspace(0.12, 1.2, 13))
 NUM_TRIALS = 3  # best of them that are adjusted
+MIN_AHEAD = 0.1  # cosine to the middle ray of a board, from which on a ray says where it is
 
 # Joining cameras and boards (boards/test_assembly)
-NUM_STARTS, NUM_REFINED = 60, 6  # rotations from which two unknown poses are looked for; best of them, and others
+NUM_STARTS, NUM_REFINED = 60, 12  # rotations from which two unknown poses are looked for; best of them
 NUM_ALTERNATIONS = 10  # between both, at most
 MIN_HAND_EYE = 4  # instants
 LOST = 0.1  # rad, or part of the distance, from which on a board is somewhere else: one such outvotes nobody
@@ -67,7 +68,6 @@ MAX_TANGENT = 1.5  # of a ray to the axis of the map's lens, up to which its err
 SAME_ROW = 1e-3  # rows by which a pixel and the instant of its row may differ: sampling errs by more
 HELD = 1e-6  # of those: of a parameter that stays as it was known, in a lens and in a mounting
 LENS_FLOOR = 5e-3  # of those: what sampling of image and map leaves however many images there are
-RELATIVE_STEP = 1e-3  # of numerical derivatives, in those standard deviations
 DEPTH_STEPS, MIN_DEPTH_STEP = 15, 0.05  # as LENS_STEPS, MIN_LENS_STEP
 DEPTH_SIGMA = np.repeat([0.05, np.radians(3.0)], 3)  # (6,) m, rad, before: of a camera that nobody calibrated
 DEPTH_FLOOR = np.repeat([0.001, np.radians(0.03)], 3)  # (6,) m, rad: what sampling leaves however many pairs

@@ -242,9 +242,10 @@ def near_and_other_tests(root: Path, path: Path) -> tuple[list[str], list[str]]:
     files += (root / "test" / "nodes").glob(f"test_{package.partition('/')[0]}*.py")
     words, mirror = (dotted, f"from {dotted.rpartition('.')[0]} import"), f"test_{path.stem.strip('_')}.py"
     near, others = list[str](), list[str]()
-    for file in sorted(files):
+    for file in [*sorted(files), *sorted((root / "test" / "laws").glob("test_*.py"))]:
         is_near = file.name == mirror or any(word in file.read_text(encoding="utf-8") for word in words)
-        (near if is_near else others).append(str(file.relative_to(root)))
+        if is_near or file.parent.name != "laws":  # a law is of those that it imports
+            (near if is_near else others).append(str(file.relative_to(root)))
     return near, others
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import faulthandler
 import gc
-import importlib.util
 import os
 import signal
 import sys
@@ -20,17 +19,8 @@ from architecture.tree import ROOT, differences
 END_S = 30.0  # s for what is left of a process of tests
 
 
-def import_benchmarks() -> None:
-    """Let tests import `benchmarks`, which is not installed, from the checkout, and nothing else of the checkout."""
-    folder = ROOT / "benchmarks"
-    spec = importlib.util.spec_from_file_location("benchmarks", folder / "__init__.py")
-    assert spec is not None
-    sys.modules["benchmarks"] = importlib.util.module_from_spec(spec)
-
-
 # What is tested is what is installed: the checkout leaves the path, here and in every process that a test starts.
 sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != ROOT]
-import_benchmarks()
 pytest_plugins = ["rings"]
 
 

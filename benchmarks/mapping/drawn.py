@@ -40,9 +40,11 @@ def measured(range_m: NDArray[np.floating], rng: np.random.Generator) -> NDArray
     return np.maximum(found, 0.1).astype(np.float32)
 
 
-def draw(renderer: Renderer, pose: SE3, width: int, stamp_ns: int, rng: np.random.Generator) -> Sphere:
-    """Return what a rig sees and measures from a place, in grey."""
+def draw(
+    renderer: Renderer, pose: SE3, width: int, stamp_ns: int, rng: np.random.Generator, *, is_exact: bool = False
+) -> Sphere:
+    """Return what a rig sees and measures from a place, in grey; `is_exact`: range has no noise."""
     camera = Spherical(width, width // 2)
     levels, range_m = renderer.render(camera, pose, is_gray=True)
     image = noisy(levels, rng)
-    return Sphere(image, measured(range_m, rng), camera, stamp_ns)
+    return Sphere(image, range_m.astype(np.float32) if is_exact else measured(range_m, rng), camera, stamp_ns)

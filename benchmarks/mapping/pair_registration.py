@@ -51,7 +51,7 @@ def measure_pairs(seed: int, count: int) -> list[dict[str, Error | None]]:
     world, renderer = town(seed)
     rng = np.random.default_rng([seed, 4])
     poses = [pose_at(world.path, number * SPACING_M) for number in range(NUM_SPHERES)]
-    drawn = [draw(renderer, pose, WIDTH, number, rng) for number, pose in enumerate(poses)]
+    drawn = [draw(renderer, pose, WIDTH, number, rng, is_exact=True) for number, pose in enumerate(poses)]
     spheres = [PreparedSphere(sphere, PARAMS) for sphere in drawn]
     found = []
     for _ in range(count):

@@ -53,9 +53,13 @@ def run(options: argparse.Namespace) -> Report:
     return report
 
 
+def _width(options: argparse.Namespace) -> int:
+    return int(options.width or (1024 if options.size == "quick" else 2048))
+
+
 def _simulated(kind: str, seed: int, options: argparse.Namespace, *, is_timed: bool) -> list[Bound]:
     """Compare spheres of a simulated rig with what is there."""
-    width = 1024 if options.size == "quick" else 2048
+    width = _width(options)
     values = {"rig.kind": kind, "seed": seed, "rig.size": f"{width * 17 // 32},{width * 17 // 32}"}
     simulator = Simulator(build(SimParams, values))
     assert simulator.rig is not None
@@ -133,7 +137,7 @@ def _room(folder: Path, options: argparse.Namespace) -> list[Bound]:
 def _fisheye(folder: Path, options: argparse.Namespace) -> list[Bound]:
     """As the file has it, and with the rig corrected by its own images."""
     rig, images, masks = fisheye_rig(folder)
-    params = build(StitchParams, {"width": 2048, "blend.distance_m": 4.0, "blend.num_passes": 3})
+    params = build(StitchParams, {"width": _width(options), "blend.distance_m": 4.0, "blend.num_passes": 3})
     stitcher = Stitcher(rig, params, masks, options.threads)
     better = rectify(rig, stitcher.matches(images, RectifyParams()))
     corrected = Stitcher(better.rig, params, masks, options.threads)
@@ -151,7 +155,7 @@ def _fisheye(folder: Path, options: argparse.Namespace) -> list[Bound]:
 def _nuscenes(folder: Path, options: argparse.Namespace) -> list[Bound]:
     """As the file has it, and with the rig corrected by its own images; range by LiDAR."""
     rig, images, points_rig = nuscenes(folder)
-    params = build(StitchParams, {"width": 2048, "range": "none", "blend.distance_m": 20.0})
+    params = build(StitchParams, {"width": _width(options), "range": "none", "blend.distance_m": 20.0})
     stitcher = Stitcher(rig, params, jobs=options.threads)
     better = rectify(rig, stitcher.matches(images, RectifyParams(), points_rig))
     corrected = Stitcher(better.rig, params, jobs=options.threads)

@@ -33,39 +33,28 @@ from sphere_nav.geometry.arrays import Array
 def hand_eye(M: SE3, A: SE3, rng: np.random.Generator) -> tuple[SE3, SE3, float]:
     """Return X and Z of X M_i = A_i Z and the RMS of what remains, in metres and radians alike.
 
-    `M` and `A` are batches (N,), N >= 3. Rotations are found by alternation from many starts, then all twelve numbers
-    together. What the motion does not show (a translation along the only axis of rotation) stays near zero.
+    `M` and `A` are batches (N,), N >= 3. All twelve numbers are refined from the best of many starts. What the motion
+    does not show (a translation along the only axis of rotation) stays near zero.
     """
-    starts = [_alternate(M, A, so3.exp(turn)) for turn in _turns(rng)]
-    starts.sort(key=lambda pair: pair[1])
+    starts = [_start(M, A, R_X) for R_X in so3.from_quaternion(rng.normal(size=(NUM_STARTS, 4)))]
     scale = float(np.median(np.linalg.norm(M.translation, axis=-1))) + 1e-9
-    found = [_refine(M, A, R_X, scale) for R_X, _ in starts[:: max(NUM_STARTS // NUM_REFINED, 1)]]
-    found += [_refine(M, A, R_X, scale) for R_X, _ in starts[:NUM_REFINED]]
-    return min(found, key=lambda triple: triple[2])
+    starts.sort(key=lambda start: start[2])
+    return min((_refine(M, A, X, Z, scale) for X, Z, _ in starts[:NUM_REFINED]), key=lambda found: found[2])
 
 
-def _turns(rng: np.random.Generator) -> Array:
-    """Return rotation vectors (NUM_STARTS, 3) spread over all rotations."""
-    xyzw = rng.normal(size=(NUM_STARTS, 4))
-    return so3.log(so3.from_quaternion(xyzw))
-
-
-def _alternate(M: SE3, A: SE3, R_X: Array) -> tuple[Array, float]:
-    R_M, R_A = M.rotation, A.rotation
-    R_Z = np.eye(3)
+def _start(M: SE3, A: SE3, R_X: Array) -> tuple[SE3, SE3, float]:
+    """Return X and Z near a rotation of X, by alternation, their translations by least squares, and what remains."""
     for _ in range(NUM_ALTERNATIONS):
-        R_Z = so3.nearest_rotations(np.sum(np.swapaxes(R_A, 1, 2) @ R_X @ R_M, axis=0))
-        R_X = so3.nearest_rotations(np.sum(R_A @ R_Z @ np.swapaxes(R_M, 1, 2), axis=0))
-    return R_X, float(np.linalg.norm(R_X @ R_M - R_A @ R_Z))
-
-
-def _refine(M: SE3, A: SE3, R_X: Array, scale: float) -> tuple[SE3, SE3, float]:
-    R_Z = so3.nearest_rotations(np.sum(np.swapaxes(A.rotation, 1, 2) @ R_X @ M.rotation, axis=0))
+        R_Z = so3.nearest_rotations(np.sum(np.swapaxes(A.rotation, 1, 2) @ R_X @ M.rotation, axis=0))
+        R_X = so3.nearest_rotations(np.sum(A.rotation @ R_Z @ np.swapaxes(M.rotation, 1, 2), axis=0))
     left = np.concatenate([np.broadcast_to(np.eye(3), M.rotation.shape), -A.rotation], axis=-1).reshape(-1, 6)
     right = (A.translation - np.einsum("ij,nj->ni", R_X, M.translation)).ravel()
     t = np.linalg.lstsq(left, right, rcond=1e-6)[0]
     X, Z = SE3.from_parts(R_X, t[:3]), SE3.from_parts(R_Z, t[3:])
+    return X, Z, float(np.linalg.norm((X @ M).matrix - (A @ Z).matrix))
 
+
+def _refine(M: SE3, A: SE3, X: SE3, Z: SE3, scale: float) -> tuple[SE3, SE3, float]:
     def errors(step: Array) -> Array:
         difference = (A @ Z @ SE3.exp(step[6:])).inverse() @ (X @ SE3.exp(step[:6]) @ M)
         turn = so3.log(difference.rotation)

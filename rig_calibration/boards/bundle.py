@@ -1,22 +1,25 @@
-"""Bundle adjustment: Levenberg-Marquardt over lenses, cameras, boards and rig poses, the latter eliminated first.
+"""Bundle adjustment: Levenberg-Marquardt over lenses, cameras, boards and rig poses.
 
-Each rig pose appears in the views of its own instant only, so that the normal equations
-[A B; B^T C] have C block-diagonal: the Schur complement A - B C^-1 B^T is as small as the rig itself, and it is also
-the information that the images carry about the rig.
+A corner P of board b, seen by camera c at instant i, lies at p = X_c^-1 R_i^-1 B_b P in the camera, with
+X = T_rig_camera, R = T_world_rig, B = T_world_board. With X exp(xi), R exp(xi) and B exp(xi):
+dp/d xi_X = [-I, [p]x],  dp/d xi_R = R_X^T [-I, [X p]x],  dp/d xi_B = R_cb [I, -[P]x].
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 
-from rig_calibration.boards.linearize import Normal, normal_equations, residuals
-from rig_calibration.boards.state import AdjustmentProblem, RigState
+from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
 from rig_calibration.constants import FIRST_DAMPING, MAX_DAMPING, MIN_GAIN
 from sphere_nav.estimation.robust import huber_weights
+from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import TINY, Array
+from sphere_nav.geometry.cameras.lens import NUM_LENS, J_lens
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +42,13 @@ def solve(
     if not np.isfinite(cost):
         raise ValueError("bundle adjustment: expected a start with all boards in front of their cameras")
     for _ in range(max_iterations):
-        weighted = weights * huber_weights(np.linalg.norm(np.nan_to_num(errors), axis=-1), huber_px)
-        normal = normal_equations(problem, state, np.nan_to_num(errors), weighted)
+        known = np.nan_to_num(errors)
+        weighted = weights * huber_weights(np.linalg.norm(known, axis=-1), huber_px)
+        H, gradient = normal_equations(problem, state, known, weighted)
         while damping < MAX_DAMPING:
-            trial = state.moved(*_step(problem, normal, damping))
+            trial = state.moved(_step(H, gradient, damping))
             trial_errors = residuals(problem, trial)
-            trial_cost = _cost(trial_errors, weights, huber_px) if np.all(trial.lenses[:, :2] > 0) else np.inf
+            trial_cost = _cost(trial_errors, weights, huber_px)
             if trial_cost <= cost:
                 break
             damping *= 8.0
@@ -59,10 +63,69 @@ def solve(
 
 
 def information(problem: AdjustmentProblem, state: RigState, weights: Array) -> Array:
-    """Return the information (S, S) about the shared parameters, in units of one pixel; zeros for held ones."""
-    normal = normal_equations(problem, state, np.nan_to_num(residuals(problem, state)), weights)
-    reduced, _, _ = _eliminate(normal, 0.0)
+    """Return the information (S, S) about lenses, cameras and boards, in units of one pixel; zeros for held ones."""
+    H, _ = normal_equations(problem, state, np.nan_to_num(residuals(problem, state)), weights)
+    shared = problem.num_shared
+    poses = H[shared:, shared:] + np.diag(np.where(np.diag(H)[shared:] > 0, TINY, 1.0))
+    reduced: Array = H[:shared, :shared] - H[:shared, shared:] @ np.linalg.solve(poses, H[shared:, :shared])
     return reduced
+
+
+def residuals(problem: AdjustmentProblem, state: RigState) -> Array:
+    """Return projected minus seen pixels (N, 2); NaN where a point is behind a camera, or a lens is none."""
+    seen, (points, _) = problem.seen, _points_camera(problem, state)
+    found = np.full_like(seen.pixels, np.nan)
+    for camera, rows in seen.camera_slices:
+        with suppress(ValueError):
+            found[rows] = problem.camera(state, camera).project(points[rows])[0]
+    return found - seen.pixels
+
+
+def jacobian(problem: AdjustmentProblem, state: RigState) -> tuple[Array, NDArray[np.intp]]:
+    """Return the derivatives (N, 2, 30) of the residuals by lens, camera, board and rig pose of each view.
+
+    Zero for what is held; with the places (V, 30) of these in a step (18 C + 6 B + 6 I,) of the state.
+    """
+    seen, (points, R_camera_board) = problem.seen, _points_camera(problem, state)
+    J = np.empty((len(points), 2, SHARED + 12))
+    for camera, rows in seen.camera_slices:
+        lens, X = problem.camera(state, camera), state.T_rig_camera[camera]
+        J_point = lens.J_project(points[rows])
+        J[rows, :, :NUM_LENS] = J_lens(lens, points[rows])
+        J[rows, :, NUM_LENS:SHARED] = J_point @ J_moved_frame(points[rows])
+        J[rows, :, SHARED:-6] = J_point @ R_camera_board[rows] @ -J_moved_frame(seen.points[rows])
+        J[rows, :, -6:] = J_point @ X.rotation.T @ J_moved_frame(X.apply(points[rows]))
+    boards, poses = SHARED * len(problem.models) + 6 * seen.board, problem.num_shared + 6 * seen.instant
+    blocks = zip((SHARED * seen.camera, boards, poses), (SHARED, 6, 6), strict=True)
+    columns = np.concatenate([first[:, None] + np.arange(size) for first, size in blocks], axis=1)
+    free = np.append(problem.is_free, np.ones(6 * len(state.T_world_rig.matrix), bool))
+    return np.nan_to_num(J) * free[columns][seen.view][:, None], columns
+
+
+def J_moved_frame(points: Array) -> Array:
+    """Return d (exp(-xi) p) / d xi (N, 3, 6) at xi = 0, of points (N, 3) in a frame that moves by exp(xi)."""
+    return np.concatenate([np.broadcast_to(-np.eye(3), (len(points), 3, 3)), so3.hat(points)], axis=2)
+
+
+def normal_equations(problem: AdjustmentProblem, state: RigState, errors: Array, weights: Array) -> tuple[Array, Array]:
+    """Return the weighted J^T J and J^T e of errors (N, 2)."""
+    seen, (J, columns) = problem.seen, jacobian(problem, state)
+    size = problem.num_shared + 6 * len(state.T_world_rig.matrix)
+    H, gradient = np.zeros((size, size)), np.zeros(size)
+    for first, last, own in zip(seen.starts[:-1], seen.starts[1:], columns, strict=True):
+        flat = J[first:last].reshape(-1, J.shape[-1])
+        weighted = flat.T * np.repeat(weights[first:last], 2)
+        H[np.ix_(own, own)] += weighted @ flat
+        gradient[own] += weighted @ errors[first:last].ravel()
+    return H, gradient
+
+
+def _points_camera(problem: AdjustmentProblem, state: RigState) -> tuple[Array, Array]:
+    """Return the corners (N, 3) in the frames of their cameras, and the rotations (N, 3, 3) from their boards."""
+    seen = problem.seen
+    T_camera_world = (state.T_world_rig[seen.instant] @ state.T_rig_camera[seen.camera]).inverse()
+    T: SE3 = (T_camera_world @ state.T_world_board[seen.board])[seen.view]
+    return np.einsum("nij,nj->ni", T.rotation, seen.points) + T.translation, T.rotation
 
 
 def _cost(errors: Array, weights: Array, huber_px: float) -> float:
@@ -74,36 +137,15 @@ def _cost(errors: Array, weights: Array, huber_px: float) -> float:
     return float(weights[weights > 0] @ (quadratic**2 + linear))
 
 
-def _eliminate(normal: Normal, damping: float) -> tuple[Array, Array, Array]:
-    """Return the Schur complement (S, S), its right side (S,), and C^-1 [B^T, g] (I, 6, S + 1)."""
-    identity = np.eye(6)
-    poses = normal.poses * (1.0 + damping * identity)
-    poses = poses + identity * np.where(np.trace(normal.poses, axis1=1, axis2=2) > 0, TINY, 1.0)[:, None, None]
-    right = np.concatenate([normal.mixed.transpose(1, 2, 0), normal.pose_gradients[:, :, None]], axis=-1)
-    solved = np.linalg.solve(poses, right)
-    num_shared = len(normal.gradient)
-    product = normal.mixed.reshape(num_shared, -1) @ solved.reshape(-1, num_shared + 1)
-    shared = normal.shared + damping * np.diag(np.diag(normal.shared))
-    return shared - product[:, :-1], normal.gradient - product[:, -1], solved
-
-
-def _step(problem: AdjustmentProblem, normal: Normal, damping: float) -> tuple[Array, Array]:
-    reduced, right, solved = _eliminate(normal, damping)
-    free = np.flatnonzero(problem.is_free & (np.diag(normal.shared) > 0))
-    shared = np.zeros(len(right))
-    if free.size:
-        inner = reduced[np.ix_(free, free)]
-        scale = 1.0 / np.sqrt(np.diag(normal.shared)[free])
-        scaled = inner * scale * scale[:, None] + TINY * np.eye(len(free))
-        shared[free] = -scale * _solve(scaled, scale * right[free])
-    poses = -(solved[:, :, -1] + solved[:, :, :-1] @ shared)
-    return shared, poses
-
-
-def _solve(matrix: Array, right: Array) -> Array:
-    """Solve by Cholesky, or by the smallest of all solutions where the images leave an axis open."""
+def _step(H: Array, gradient: Array, damping: float) -> Array:
+    """Return the damped step, the smallest of all where the images leave an axis open; zeros where nothing is told."""
+    told = np.flatnonzero(np.diag(H) > 0)
+    scale = 1.0 / np.sqrt(np.diag(H)[told])
+    scaled = H[np.ix_(told, told)] * scale * scale[:, None] + (damping + TINY) * np.eye(len(told))
+    step = np.zeros(len(gradient))
     try:
-        found: Array = linalg.cho_solve(linalg.cho_factor(matrix, check_finite=False), right, check_finite=False)
+        solved = linalg.cho_solve(linalg.cho_factor(scaled, check_finite=False), scale * gradient[told])
     except linalg.LinAlgError:
-        found = linalg.lstsq(matrix, right, check_finite=False)[0]
-    return found
+        solved = linalg.lstsq(scaled, scale * gradient[told])[0]
+    step[told] = -scale * solved
+    return step

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig_calibration.boards.bundle import information
-from rig_calibration.boards.lens import NUM_LENS
 from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
 from rig_calibration.constants import OPEN_EIGENVALUE, OPEN_FACTOR, OPEN_SHARE
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.lens import NUM_LENS
 
 AXES = ("x (forward)", "y (left)", "z (up)", "roll (about x)", "pitch (about y)", "yaw (about z)")
 

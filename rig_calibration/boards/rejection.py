@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig_calibration.boards.bundle import Solution, solve
-from rig_calibration.boards.linearize import residuals
+from rig_calibration.boards.bundle import Solution, residuals, solve
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import FLOOR_RATIO, MAX_ROUNDS, MIN_FITTING

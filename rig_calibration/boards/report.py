@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from rig_calibration.boards.lens import free_parameters
 from rig_calibration.boards.quality import covered_cells, tilt_deg
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import Indices
 from rig_calibration.calibrate import Calibration
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.lens import free_parameters
 
 
 def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:

@@ -9,13 +9,13 @@ import numpy as np
 
 from rig_calibration.boards.assembly import Assembly, Sighting, board_turns
 from rig_calibration.boards.board import Board
+from rig_calibration.boards.bundle import residuals
 from rig_calibration.boards.intrinsics import SingleCamera
-from rig_calibration.boards.lens import lens_of
-from rig_calibration.boards.linearize import residuals
 from rig_calibration.boards.state import AdjustmentProblem, RigState, rig_problem
 from rig_calibration.boards.views import BoardView, Observations, observations
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.lens import lens_of
 
 
 @dataclass(frozen=True, eq=False)

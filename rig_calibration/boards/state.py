@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.boards.lens import NUM_LENS, camera_from_vector, free_parameters
 from rig_calibration.boards.views import Observations
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.lens import NUM_LENS, camera_of, free_parameters
 
 Mask = NDArray[np.bool_]
 
@@ -26,16 +26,15 @@ class RigState:
     T_world_board: SE3
     T_world_rig: SE3
 
-    def moved(self, shared: Array, poses: Array) -> RigState:
-        """Add a step: `shared` (18 C + 6 B,) for cameras and boards, `poses` (I, 6); tangents act from the right."""
-        num_cameras = len(self.lenses)
-        cameras = shared[: SHARED * num_cameras].reshape(num_cameras, SHARED)
-        boards = shared[SHARED * num_cameras :].reshape(-1, 6)
+    def moved(self, step: Array) -> RigState:
+        """Add a step (18 C + 6 B + 6 I,) of cameras, boards and rig poses; tangents act from the right."""
+        lenses, boards = SHARED * len(self.lenses), 6 * len(self.T_world_board.matrix)
+        cameras = step[:lenses].reshape(-1, SHARED)
         return RigState(
             self.lenses + cameras[:, :NUM_LENS],
             self.T_rig_camera @ SE3.exp(cameras[:, NUM_LENS:]),
-            self.T_world_board @ SE3.exp(boards),
-            self.T_world_rig @ SE3.exp(poses),
+            self.T_world_board @ SE3.exp(step[lenses : lenses + boards].reshape(-1, 6)),
+            self.T_world_rig @ SE3.exp(step[lenses + boards :].reshape(-1, 6)),
         )
 
 
@@ -49,21 +48,19 @@ class AdjustmentProblem:
     seen: Observations
     is_free: Mask
 
+    @property
+    def num_shared(self) -> int:
+        """Number of the shared parameters."""
+        return len(self.is_free)
+
     def camera(self, state: RigState, index: int) -> Camera:
         """Return a camera as its model."""
-        return camera_from_vector(self.models[index], self.sizes[index], state.lenses[index], self.num_distortion)
+        return camera_of(self.models[index], self.sizes[index], state.lenses[index], self.num_distortion)
 
-    def fixed(self, *, lenses: bool = False, extrinsics: bool = False, boards: bool = False) -> AdjustmentProblem:
-        """Return the problem with some kinds of parameters held."""
+    def held(self, what: slice = slice(None)) -> AdjustmentProblem:
+        """Return the problem with some of the shared parameters held, or all of them."""
         free = self.is_free.copy()
-        num_cameras = len(self.models)
-        cameras = free[: SHARED * num_cameras].reshape(num_cameras, SHARED)  # a view
-        if lenses:
-            cameras[:, :NUM_LENS] = False
-        if extrinsics:
-            cameras[:, NUM_LENS:] = False
-        if boards:
-            free[SHARED * num_cameras :] = False
+        free[what] = False
         return replace(self, is_free=free)
 
 

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.boards.bundle import solve
-from rig_calibration.boards.lens import focal_lengths
-from rig_calibration.boards.linearize import residuals
+from rig_calibration.boards.bundle import residuals, solve
 from rig_calibration.boards.rejection import noise_px
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.params import CalibrationParams
@@ -36,8 +34,11 @@ def validate(problem: AdjustmentProblem, state: RigState, kept: Array, params: C
     is_held = number % params.held_out_every == params.held_out_every - 1
     held_out = _hold_out(problem, state, kept, is_held, params)
     halves = [_part(problem, state, kept, number % 2 == half, params) for half in (0, 1)]
-    focal = [np.nan if half is None else focal_lengths(problem.models, half.lenses) for half in halves]
-    focal_halves = np.broadcast_to(focal[1] / focal[0] - 1.0, (len(problem.models),))
+    focal = [
+        [np.nan if half is None else problem.camera(half, i).pixels_per_radian for i in range(len(problem.models))]
+        for half in halves
+    ]
+    focal_halves = np.divide(focal[1], focal[0]) - 1.0
     return Validation(held_out, _difference(halves[0], halves[1], len(problem.models)), focal_halves)
 
 
@@ -59,7 +60,7 @@ def _hold_out(
     if rest is None or not is_held.any():
         return np.full(len(problem.models), np.nan)
     weights = kept * is_held[problem.seen.instant[problem.seen.view]]
-    still = problem.fixed(lenses=True, extrinsics=True, boards=True)
+    still = problem.held()
     try:
         huber_px = 3.0 * noise_px(residuals(still, rest), weights)
         found = solve(still, rest, weights, huber_px)

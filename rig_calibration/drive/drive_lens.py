@@ -13,10 +13,10 @@ from rig_calibration.constants import (
     MAP_LENS,
     MAX_TANGENT,
     READOUT_S,
-    RELATIVE_STEP,
 )
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.lens import J_lens, lens_of
 from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
 
 NAMES: dict[str, tuple[str, ...]] = {
@@ -60,8 +60,7 @@ class Lens:
     @property
     def values(self) -> Array:
         """The parameters (P,)."""
-        c = self.camera
-        return np.array([c.fx, c.fy, c.cx, c.cy, *c.distortion, self.readout, *self.map_errors])
+        return np.array([*lens_of(self.camera)[:READOUT], self.readout, *self.map_errors])
 
     @property
     def prior_sigma(self) -> Array:
@@ -102,19 +101,7 @@ class Lens:
 
     def J_lens(self, points: Array, index: int) -> Array:
         """Return the derivative (N, 2, P) of the pixels of points (N, 3) at a level, 0 by the readout and the map."""
-        J, camera, share = np.zeros((len(points), 2, len(self.names))), self.level(index), 0.5**index
-        pixels, _ = camera.project(points)
-        f, c = self.values[:2] * share, self.level_center(index)
-        for k in range(2):  # fx, fy; cx, cy
-            J[:, k, k], J[:, k, 2 + k] = (pixels[:, k] - c[k]) / f[k] * share, share
-        for k, size in enumerate(RELATIVE_STEP * self.prior_sigma[4:READOUT], start=4):
-            step = np.zeros(len(self.names))
-            step[k] = size
-            after, before = (lens.level(index).project(points)[0] for lens in (self.moved(step), self.moved(-step)))
-            J[:, :, k] = (after - before) / (2.0 * size)
+        J = np.zeros((len(points), 2, len(self.names)))
+        J[:, :, :READOUT] = J_lens(self.level(index), points)[:, :, :READOUT]
+        J[:, :, :4] *= 0.5**index
         return J
-
-    def level_center(self, index: int) -> tuple[float, float]:
-        """Return the principal point at a level of the pyramid."""
-        share = 0.5**index
-        return (self.camera.cx + 0.5) * share - 0.5, (self.camera.cy + 0.5) * share - 0.5

@@ -9,10 +9,10 @@ from pathlib import Path
 from tqdm import tqdm
 
 from rig_calibration.boards.board import Board, parse_size, read_boards
-from rig_calibration.boards.lens import MODELS
 from rig_calibration.boards.report import calibration_as_mapping, draw_calibration
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry.cameras.lens import MODELS
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav_tools.offline.board_images import check_board_sizes, detect_boards, find_images
 

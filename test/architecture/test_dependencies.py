@@ -65,7 +65,7 @@ def test_every_wheel_is_pinned() -> None:
     assert {name for name in named if f"\n{name.lower().replace('_', '-')}==" not in pins} == set()
 
 
-def test_what_only_tests_need_is_not_in_the_environment() -> None:
+def test_a_wheel_that_only_tests_need_is_not_in_the_environment() -> None:
     assert wheels() & wheels("requirements-test.txt") == set()
 
 
@@ -79,7 +79,7 @@ def test_wheels_manifest_and_page_agree() -> None:
 
 
 @pytest.mark.slow
-def test_the_manifest_names_every_ros_package_in_use() -> None:
+def test_every_ros_package_in_use_is_in_the_manifest() -> None:
     assert imported() & KNOWN_TO_ROS <= manifest_keys(ROOT / "package.xml")
 
 

@@ -125,7 +125,7 @@ def test_named_benchmarks_and_commands_exist():
             assert any(words[0] in stem for stem in stems) or words[1] in known, cells[0]
 
 
-def test_the_commands_of_the_readme_exist():
+def test_the_readme_names_no_command_that_is_gone():
     text = text_of("README.md")
     known = {command.name for command in COMMANDS}
     named = set(
@@ -137,7 +137,7 @@ def test_the_commands_of_the_readme_exist():
     assert set(re.findall(r"\.venv/bin/(\w+)", text)) - set(EXECUTABLES) == set()
 
 
-def test_the_topics_of_a_map_are_those_of_its_writer():
+def test_no_topic_of_a_map_is_told_that_is_not_written():
     code = text_of("sphere_nav/ros/maps/writer.py")
     told = set(re.findall(r"`(/map/\w+)`", text_of("docs/architecture.md")))
     assert told == set(re.findall(r'"(/map/\w+)"', code)) != set()

@@ -74,7 +74,7 @@ def found_in(modules: Iterable[Path], is_offence: Callable[[Path, str], bool]) -
     return [f"{module}: {name}" for module in modules for name in imports(module) if is_offence(module, name)]
 
 
-def test_the_table_holds_every_room() -> None:
+def test_every_room_is_in_the_table() -> None:
     assert set(MAY_IMPORT) == {room(dotted(module)) for module in MODULES} - {"sphere_nav", "sphere_nav_tools"}
 
 
@@ -87,7 +87,7 @@ def test_modules_import_only_what_lies_below_them() -> None:
 
 
 @pytest.mark.slow
-def test_what_a_package_forbids_within_itself() -> None:
+def test_no_package_imports_what_it_forbids_within_itself() -> None:
     offences = [
         f"{module}: {name}"
         for lower, uppers in FORBIDDEN.items()

@@ -75,7 +75,7 @@ def test_only_the_bounded_readers_read_what_a_user_names() -> None:
     assert sorted(ALLOWED.keys() - found) == []  # what is gone leaves the list
 
 
-def test_what_counts_as_reading():
+def test_a_call_that_reads_a_file_is_noticed():
     for text, calls in [
         ("yaml.safe_load(text)", ["yaml.safe_load"]),
         ("json.loads(path.read_text())", ["json.loads", "path.read_text"]),

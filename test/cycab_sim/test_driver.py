@@ -23,7 +23,7 @@ def drive(name, params):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["two_turns", "block"])
+@pytest.mark.parametrize("name", ["two_turns"])
 def test_the_driver_stays_on_the_path_and_stops_at_its_end(name):
     params = TeachParams()
     path, states = drive(name, params)

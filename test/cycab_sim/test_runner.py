@@ -1,7 +1,6 @@
 import threading
 import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 
@@ -9,7 +8,6 @@ from cycab_sim.params import ClockParams
 from cycab_sim.runner import ANSWER, MEET, PAUSE, LockStep, Runner
 from cycab_sim.simulator import START_NS, Simulator
 from cycab_sim.vehicle import VehicleCommand
-from worlds.patience import Patience
 
 
 def make(params, clock, hand_out):
@@ -67,34 +65,6 @@ def test_a_real_time_factor_slows_time_down(small_params):
     runner.stop()
     # 0.5 s at half speed: 25 steps, 10 more by the lag that may be caught up; slow machines do fewer
     assert 0 < ticks.count("clock") <= 40
-
-
-@pytest.mark.parametrize(
-    ("factor", "is_over", "waited"),
-    [(0.5, False, 2.0), (2.0, False, 0.5), (0.0, False, None), (0.5, True, 2.0), (2.0, True, 1.0), (0.0, True, 1.0)],
-)
-def test_a_taught_drive_that_is_over_goes_on_in_real_time_at_most(monkeypatch, factor, is_over, waited):
-    monkeypatch.setattr("cycab_sim.runner.time", SimpleNamespace(monotonic=lambda: 50.0))
-    waits, clock = [], ClockParams(real_time_factor=factor)
-    runner = Runner(SimpleNamespace(params=SimpleNamespace(clock=clock), is_taught=is_over), LockStep(clock), str)
-    runner._stop = SimpleNamespace(wait=waits.append)
-    runner._due_wall = 50.0
-    runner._keep_pace()
-    assert waits == ([] if waited is None else [pytest.approx(clock.step * waited)])
-
-
-@pytest.mark.slow
-def test_a_runner_runs_again_after_a_stop(small_params):
-    clock = ClockParams(real_time_factor=0.0)
-    runner, simulator, _ = make(small_params, clock, lambda name: None)
-    for _ in range(3):
-        before = simulator.time_ns
-        runner.start()
-        patience = Patience(20.0)
-        while simulator.time_ns == before and patience.is_left():
-            time.sleep(0.001)
-        runner.stop()
-        assert simulator.time_ns > before
 
 
 def strict_drive(params, delays, slow=0.0):

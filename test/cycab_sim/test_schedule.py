@@ -49,10 +49,6 @@ def test_the_rig_comes_with_the_spheres_and_is_off_without_cameras():
     assert "rig" not in [name for _, name in due(Schedule(SimParams(mode="teach")), 500, way=0.02)]
 
 
-def test_a_camera_that_is_off_is_never_due():
-    assert {name for _, name in due(Schedule(SimParams(camera=SimCameraParams(period=0.0))), 500)} == {"odom"}
-
-
 def test_the_imu_and_the_scanner_have_their_rates_where_they_are_on():
     params = SimParams(imu=ImuParams(is_on=True), scan=ScanParams(is_on=True))
     found = due(Schedule(params), 200)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import TRUSTED, State
-from worlds.localizer import FISHEYE, PINHOLE, STEP_NS, Run, at, drive, error, make_localizer, make_map
+from sphere_nav.localization.status import State
+from worlds.localizer import FISHEYE, PINHOLE, STEP_NS, Run, at, drive, error, make_localizer
 
 # Noise of 2 grey levels, pixels of 1/110 rad at 3 m: alignments err by 2 to 4 mm, 1 to 2 mrad; three sigma: 12, 6.
 MAX_M, MAX_RAD = 0.015, 0.008
@@ -36,7 +36,7 @@ def test_a_drive_is_followed_from_the_first_image_on(room, room_map, camera):
 
 
 @pytest.mark.slow
-def test_the_covariance_is_honest(room, room_map):
+def test_a_pose_is_as_far_off_as_its_covariance_says(room, room_map):
     exact = {"covariance__map_sigma_m": 0.0, "covariance__map_sigma_rad": 0.0}
     run, truth = Run(room, make_localizer(room_map, **exact)), drive(63)
     nees = []
@@ -45,34 +45,6 @@ def test_the_covariance_is_honest(room, room_map):
         nees.append(xi @ np.linalg.solve(estimate.covariance, xi))
     # 6 degrees of freedom, half to double; what key spheres disagree by chance is never negative and widens it a little
     assert 2.5 < np.mean(nees) < 12.0
-
-
-@pytest.mark.slow
-def test_two_references_do_not_jump_where_one_does(room):
-    # Neighbouring spheres are misplaced against each other by 8 mm; one reference alone follows each in turn.
-    places = [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0, 2.0)]
-    shifted = {k: SE3.from_planar(x, 0.004 * (-1) ** k, 0.0) for k, x in enumerate((-2.0, -1.0, 0.0, 1.0, 2.0))}
-    wrong = make_map(room, places)
-    wrong.graph = wrong.graph.with_poses(shifted)
-    truth = [at(-1.3 + 0.03 * k, 0.0, 0.3) for k in range(40)]
-    jumps = []
-    for number in (1, 2):
-        estimates = Run(room, make_localizer(wrong, reference__num_references=number)).follow(truth)
-        pairs = zip(estimates[3:], truth[3:], strict=True)
-        off = np.array([(pose.inverse() @ estimate.T_map_camera).translation for estimate, pose in pairs])
-        jumps.append(np.abs(np.diff(off, axis=0)).max())
-    assert jumps[0] > 0.006  # 8 mm less the noise
-    assert jumps[1] < 0.7 * jumps[0]
-
-
-@pytest.mark.slow
-def test_the_same_images_give_the_same_poses_bit_by_bit(room, room_map):
-    runs = [Run(room, make_localizer(room_map)).follow(drive(8)) for _ in range(2)]
-    for one, other in zip(*runs, strict=True):
-        assert one.status == other.status
-        if one.T_map_camera is not None:
-            assert np.array_equal(one.T_map_camera.matrix, other.T_map_camera.matrix)
-            assert np.array_equal(one.covariance, other.covariance)
 
 
 @pytest.mark.slow
@@ -108,45 +80,6 @@ def test_a_blackout_degrades_and_the_covariance_grows_until_the_light_is_back(ro
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("is_left", [False, True])
-def test_half_the_view_hidden_does_not_move_the_pose(room, room_map, is_left):
-    run, truth = Run(room, make_localizer(room_map)), drive(24)
-    run.follow(truth[:12])
-    clutter = np.random.default_rng(5).integers(0, 255, (120, 80), dtype=np.uint8)
-
-    def hide(image):
-        return np.hstack([clutter, image[:, 80:]] if is_left else [image[:, :80], clutter])
-
-    estimates = [run.see(pose, hide) for pose in truth[12:]]
-    for estimate, pose in zip(estimates, truth[12:], strict=True):
-        assert estimate.status.state in TRUSTED
-        assert_near(estimate, pose, 10)  # half the pixels, and what moves with the camera pulls the rest
-    # Correlation is 0.44 to 0.66, about where DEGRADED begins: which of them are is chance, so that all of them count.
-    assert np.sqrt(np.mean([error(*pair)[0] ** 2 for pair in zip(estimates, truth[12:], strict=True)])) < 3 * MAX_M
-
-
-@pytest.mark.slow
-def test_a_step_of_exposure_is_a_gain_and_a_bias(room, room_map):
-    run, truth = Run(room, make_localizer(room_map)), drive(20)
-    run.follow(truth[:10])
-    estimates = [run.see(pose, lambda image: (0.6 * image + 20).astype(np.uint8)) for pose in truth[10:]]
-    for estimate, pose in zip(estimates, truth[10:], strict=True):
-        assert estimate.status.state is State.TRACKING
-        assert_near(estimate, pose, 1.5)  # less contrast, coarser steps of grey
-
-
-@pytest.mark.slow
-def test_dropped_images_are_survived_and_a_long_gap_is_named(room, room_map):
-    run, truth = Run(room, make_localizer(room_map)), drive(40)
-    run.follow(truth[:10])
-    every_third = [run.see(pose, step_ns=3 * STEP_NS) for pose in truth[12:25:3]]
-    assert {estimate.status.state for estimate in every_third} == {State.TRACKING}
-    after_gap = run.see(truth[32], step_ns=8 * STEP_NS)
-    assert (after_gap.status.state, after_gap.status.reason) == (State.DEGRADED, "GAP")
-    assert_near(after_gap, truth[32])
-
-
-@pytest.mark.slow
 def test_silence_loses_the_pose_and_is_told_without_an_image(room, room_map):
     run = started(room, room_map)
     assert run.localizer.silence(0.05) is None
@@ -158,35 +91,6 @@ def test_silence_loses_the_pose_and_is_told_without_an_image(room, room_map):
 
 
 @pytest.mark.slow
-def test_a_bad_stamp_changes_nothing(room, room_map):
-    run = started(room, room_map)
-    image = room.photograph(PINHOLE, drive(11)[10], 77)
-    refused = run.localizer.update(image, PINHOLE, run.stamp_ns)
-    assert (refused.status.state, refused.status.reason) == (State.TRACKING, "BAD_STAMP")
-    assert refused.T_map_camera is None
-    assert run.see(drive(11)[10]).status.state is State.TRACKING
-
-
-@pytest.mark.slow
-def test_a_clock_that_begins_anew_forgets_the_pose(room, room_map):
-    run = started(room, room_map)
-    run.stamp_ns -= 400_000_000
-    states = [estimate.status.state for estimate in run.follow(drive(16)[10:])]
-    assert states[:2] == [State.TRACKING] * 2  # BAD_STAMP: two images are not enough to believe it
-    assert states[2] is State.PROBATION  # searched and found again by the third
-
-
-@pytest.mark.slow
-def test_looking_out_of_the_map_is_lost_not_guessed(room, room_map):
-    run = started(room, room_map)
-    rng = np.random.default_rng(8)
-    states = []
-    for _ in range(16):
-        states.append(run.see(at(0.0), lambda image: rng.integers(0, 255, image.shape, dtype=np.uint8)).status.state)
-    assert states[-1] is State.SEARCHING
-    assert State.TRACKING not in states
-
-
 def test_an_operator_gives_the_pose(room, room_map):
     run = Run(room, make_localizer(room_map, automatic=False))
     assert run.see(at(0.3)).status.state is State.NOT_LOCALISED
@@ -197,12 +101,12 @@ def test_an_operator_gives_the_pose(room, room_map):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("pose", "words"), [(at(30.0), "found 28.0 m"), (SE3(np.full((4, 4), np.nan)), "finite")])
-def test_a_given_pose_off_the_map_is_refused(room, room_map, pose, words):
-    run = started(room, room_map)
-    with pytest.raises(ValueError, match=words):
-        run.localizer.relocalize(pose)
-    assert run.see(drive(11)[10]).status.state is State.TRACKING
+def test_a_given_pose_off_the_map_is_refused(room, room_map):
+    for pose, words in [(at(30.0), "found 28.0 m"), (SE3(np.full((4, 4), np.nan)), "finite")]:
+        run = started(room, room_map)
+        with pytest.raises(ValueError, match=words):
+            run.localizer.relocalize(pose)
+        assert run.see(drive(11)[10]).status.state is State.TRACKING
 
 
 @pytest.mark.slow

@@ -235,7 +235,7 @@ def test_wrong_arguments_are_refused_in_one_line(
     assert LINE + expected in lines[0]
 
 
-def test_the_tools_beside_a_follower(ros2: str, files: Path, tmp_path: Path) -> None:
+def test_a_follower_answers_the_tools_of_ros2(ros2: str, files: Path, tmp_path: Path) -> None:
     """Why it does not start, a parameter that is fixed, a latched path for who comes late, and its lifecycle."""
     name = "/tools/path_follower"
     follower = [ros2, "run", "sphere_nav", "path_follower", "--ros-args", "-r", "__ns:=/tools"]

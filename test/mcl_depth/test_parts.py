@@ -14,30 +14,17 @@ from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.point_index import PointIndex
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.likeness.comparison import heading
 from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.params import SynthesisParams
 
 PARAMS = SynthesisParams(num_columns=72)
 
 
-@pytest.mark.parametrize("read", [read_las, read_pcd, read_ply])
-def test_another_kind_of_file_is_refused(tmp_path: Path, read) -> None:
+def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"something else entirely")
-    with pytest.raises(ValueError, match=r"header: expected .*found"):
-        read(tmp_path / "a")
-
-
-def test_the_heading_lies_between_the_steps() -> None:
-    angles = np.arange(36) * np.radians(10)
-    found = heading(np.cos(angles - np.radians(43)).astype(np.float32))
-    assert abs(np.degrees(found.yaw) - 43) < 0.5  # a parabola is not quite a cosine
-
-
-def test_two_equal_answers_have_no_margin() -> None:
-    s = np.zeros(36, np.float32)
-    s[[3, 21]] = 1.0
-    assert heading(s).margin == 0.0
+    for read in (read_las, read_pcd, read_ply):
+        with pytest.raises(ValueError, match=r"header: expected .*found"):
+            read(tmp_path / "a")
 
 
 def test_a_stack_gives_back_what_was_put() -> None:

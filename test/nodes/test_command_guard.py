@@ -58,7 +58,7 @@ def test_deactivation_leaves_a_zero_command(driving):
     assert last.message.linear.x == 0.0
 
 
-def test_the_follower_is_told_when_it_has_spoken_or_the_base_stands(driving):
+def test_a_guard_tells_the_follower_only_when_the_base_stands(driving):
     """Sending to a process that hangs may take seconds: not before the ramp has ended."""
     order = []
     for _ in range(12):

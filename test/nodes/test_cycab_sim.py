@@ -83,7 +83,7 @@ class Driver:
         """Leave an image unanswered, so that time stands and no command is under way; return the number of images."""
         self.is_answering = False
         count = len(self.heard["image_raw"])
-        assert self.spin_until(lambda: len(self.heard["image_raw"]) > count, 30.0)
+        assert self.spin_until(lambda: len(self.heard["image_raw"]) > count, 60.0)
         self.spin_until(lambda: False, 0.5)
         return len(self.heard["image_raw"])
 
@@ -106,9 +106,9 @@ class Driver:
 
     def call(self, name, kind, request):
         client = self.node.create_client(kind, name)
-        assert client.wait_for_service(10.0)
+        assert self.spin_until(client.service_is_ready, 60.0)
         future = client.call_async(request)
-        assert self.spin_until(future.done, 10.0)
+        assert self.spin_until(future.done, 60.0)
         return future.result()
 
 
@@ -141,14 +141,14 @@ def test_time_passes_with_the_commands_only(driver, process):
     driver.spin_until(lambda: False, 0.7)
     assert len(driver.heard["image_raw"]) == before  # no command, no time
     driver.go_on()
-    assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > before + 3, 30.0)
+    assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > before + 3, 60.0)
     stamps = np.array([stamp_ns(message) for message in driver.heard["image_raw"]])
     assert set(np.diff(stamps)) == {100_000_000}
 
 
 @pytest.mark.dds
 def test_image_calibration_and_frames_belong_together(driver):
-    driver.spin_until(lambda: driver.heard["/tf_static"] and driver.heard["sphere"], 10.0)
+    driver.spin_until(lambda: driver.heard["/tf_static"] and driver.heard["sphere"], 60.0)
     image = driver.heard["image_raw"][0]
     info = next(info for info in driver.heard["camera_info"] if stamp_ns(info) == stamp_ns(image))
     camera = camera_from_info(info)
@@ -163,30 +163,16 @@ def test_image_calibration_and_frames_belong_together(driver):
 
 
 @pytest.mark.dds
-def test_the_truth_moves_as_commanded_and_the_wheels_nearly_so(driver):
-    truth, wheels = driver.heard["ground_truth/odometry"][-1], driver.heard["odom"][-1]
-    T_world_base, twist = odometry_to_se3(truth)
-    first, _ = odometry_to_se3(driver.heard["ground_truth/odometry"][0])
-    way = float(np.linalg.norm(T_world_base.translation - first.translation))
-    assert way > 0.5
-    assert twist[0] == pytest.approx(1.0, abs=0.1)
-    T_odom_base, _ = odometry_to_se3(wheels)
-    driven = float(np.linalg.norm(T_odom_base.translation))
-    assert driven == pytest.approx(way, rel=0.05, abs=0.15)
-    assert (truth.header.frame_id, wheels.header.frame_id, wheels.child_frame_id) == ("world", "odom", "base_link")
-
-
-@pytest.mark.dds
 def test_a_stamp_of_another_clock_and_numbers_that_are_none_are_refused(driver):
     count = driver.stand()
     foreign = Header(stamp=Time(sec=1_700_000_000))
     for header, speed in ((foreign, 1.0), (driver.heard["image_raw"][-1].header, math.nan)):
         before = driver.num_refused()
         driver.command(header, speed)
-        assert driver.spin_until(lambda before=before: driver.num_refused() > before, 30.0)
+        assert driver.spin_until(lambda before=before: driver.num_refused() > before, 60.0)
     assert len(driver.heard["image_raw"]) == count  # neither lets time pass
     driver.go_on()
-    assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > count + 2, 30.0)  # and the drive goes on
+    assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > count + 2, 60.0)  # and the drive goes on
 
 
 @pytest.mark.dds
@@ -205,7 +191,7 @@ def test_services_answer(driver):
     request.pose.position.x, request.pose.position.y, request.pose.orientation.w = 20.0, -0.5, 1.0
     assert driver.call("cycab_sim/teleport", Teleport, request).success
     count = len(driver.heard["ground_truth/odometry"])
-    assert driver.spin_until(lambda: len(driver.heard["ground_truth/odometry"]) > count + 1, 30.0)
+    assert driver.spin_until(lambda: len(driver.heard["ground_truth/odometry"]) > count + 1, 60.0)
     T_world_base, _ = odometry_to_se3(driver.heard["ground_truth/odometry"][-1])
     assert T_world_base.translation[0] == pytest.approx(20.0, abs=0.5)
     request.pose.orientation.w = 0.0
@@ -213,7 +199,7 @@ def test_services_answer(driver):
 
 
 @pytest.mark.dds
-def test_it_ends_in_order(driver, process):
+def test_a_simulator_ends_in_order(driver, process):
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=120.0) == 0
     assert "Traceback" not in process.stderr.read()

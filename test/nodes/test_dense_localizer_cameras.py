@@ -114,7 +114,7 @@ def test_two_cameras_give_one_pose_of_the_base_at_each_instant(map_path, picture
         assert (answers[k]["/pose"].header.frame_id, answers[k]["/odometry"].child_frame_id) == ("map", "base_link")
 
 
-def test_the_rig_of_the_map_takes_the_place_of_camera_info_and_tf(map_path, pictures):
+def test_a_rig_of_the_map_takes_the_place_of_camera_info_and_tf(map_path, pictures):
     values = SMALL_IMAGES | {"rig.calibration": "map", "mounting": "0,0,0,0,0,0"}
     bench = Bench(map_path, values, has_tf=False, infos=())
     answers = [bench.see(pictures, k) for k in range(5)]

@@ -157,7 +157,7 @@ def drive_alone(folder, simulator):
     return truth
 
 
-def test_the_drive_over_dds_is_that_without_whatever_stops_a_process(tmp_path, domain, monkeypatch):
+def test_a_process_that_is_stopped_for_a_while_changes_no_drive_over_dds(tmp_path, domain, monkeypatch):
     monkeypatch.setattr(OfflineShell, "is_time_simulated", True)
     simulator = Simulator(build(SimParams, SIMULATION))
     path = simulator.path.at(np.arange(0.0, 12.0, 0.5))

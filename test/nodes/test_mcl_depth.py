@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sphere_nav_msgs.srv import LoadCloud
 
-from sphere_nav.ros.conversions import cloud_to_message, pose_with_covariance_to_se3, se3_to_pose_with_covariance
+from sphere_nav.ros.conversions import cloud_to_message, pose_with_covariance_to_se3
 from worlds.mcl import COLUMNS, SECOND, T_BASE_EYE, Bench, Eye, drive, room_points
 
 NEAR_M, NEAR_RAD = 0.4, np.radians(8.0)  # cells of the cache are 0.35 m wide, headings are compared every 10 degrees
@@ -28,7 +28,7 @@ def error(answer, truth):
 
 
 @pytest.mark.slow
-def test_the_base_is_found_in_a_cloud(eye, cloud):
+def test_a_base_is_found_in_a_cloud(eye, cloud):
     bench = Bench(eye, cloud)
     poses = drive()
     answers = bench.follow_from(poses)
@@ -74,19 +74,6 @@ def test_viewers_get_places_curve_particles_and_depth(eye, cloud):
 
 
 @pytest.mark.slow
-def test_an_initial_pose_before_the_first_image_waits_for_it(eye, cloud):
-    poses = drive()
-    bench = Bench(eye, cloud)
-    covariance = np.diag([0.2, 0.2, 0.1, 0.1, 0.1, 0.1]) ** 2
-    bench.send("/initialpose", se3_to_pose_with_covariance(poses[0], covariance, SECOND, "map"))
-    bench.see(poses[0])
-    eyes = bench.node.filter.particles.poses[:, :2]
-    away = np.linalg.norm(eyes - (poses[0] @ T_BASE_EYE).translation[:2], axis=1)
-    assert np.median(away) < 0.5  # they were sample_gaussian, not spread over 8 x 5.5 m
-    assert bench.node.given is None
-
-
-@pytest.mark.slow
 def test_a_cloud_may_come_by_topic(eye):
     bench = Bench(eye)
     poses = drive()
@@ -105,7 +92,8 @@ def test_a_cloud_may_come_by_topic(eye):
     assert bench.node.clouds.geometry is before
 
 
-def test_the_voxel_size_of_a_call_is_honoured(eye, cloud):
+@pytest.mark.slow
+def test_a_cloud_is_thinned_to_the_voxels_of_the_call(eye, cloud):
     call = Bench(eye).node.shell.call
     counts = [call("load_cloud", LoadCloud.Request(path=str(cloud), voxel_size=s)).num_points for s in (0.0, 0.2, 0.4)]
     assert counts[0] > 3 * counts[1] > 9 * counts[2] > 0  # surfaces: a quarter each time

@@ -120,7 +120,7 @@ def test_errors_are_published_while_driving(bench):
     assert error.reference.speed == pytest.approx(1.4)
 
 
-def test_the_command_carries_the_stamp_of_the_pose_it_answers(bench):
+def test_a_command_carries_the_stamp_of_the_pose_it_answers(bench):
     bench.now += STEP
     list(bench.bus.advance(bench.now + 30_000_000))
     said = bench.send(("/pose", pose_message(0, 0, 0, bench.now)))
@@ -157,21 +157,6 @@ def test_a_pose_of_another_frame_is_refused_and_stops(bench):
     assert bench.last(said, "/path_follower/status").reason == "BAD_POSE"
     wanted = next(entry for entry in bench.node.inputs if entry.topic == "pose")
     assert wanted.last_refusal == "pose: header.frame_id: expected 'map', found 'odom'"
-
-
-def test_operator_calls(bench):
-    assert bench.call("pause").message == "nothing to pause: IDLE"
-    drive_until(bench, 2.0)
-    assert bench.call("pause").success
-    for _ in range(60):
-        said = bench.step()
-    assert bench.last(said, "/path_follower/status").state == "PAUSED"
-    assert bench.call("resume").success
-    bench.step()
-    assert bench.call("stop").success
-    for _ in range(60):
-        said = bench.step()
-    assert bench.last(said, "/path_follower/status").state == "STOPPED"
 
 
 def test_trajectories_are_loaded_and_shown(bench, tmp_path):
@@ -269,7 +254,7 @@ class Remote:
         self.states = node.create_publisher(LocalizationStatus, "status", qos.STATE)
         self.start = node.create_client(Trigger, "path_follower/start")
 
-    def wait(self, is_done, seconds=20.0):
+    def wait(self, is_done, seconds=60.0):
         patience = Patience(seconds)
         while not is_done() and patience.is_left():
             rclpy.spin_once(self.node, timeout_sec=0.02)
@@ -277,7 +262,7 @@ class Remote:
 
     def greet(self):
         """Speak until the first command comes: what is sent before the node knows the sender is lost."""
-        patience = Patience(20.0)
+        patience = Patience(60.0)
         while not self.commands and patience.is_left():
             self.speak()
             rclpy.spin_once(self.node, timeout_sec=0.5)

@@ -163,7 +163,7 @@ def test_a_new_goal_replaces_the_one_under_way_and_a_cancel_stops(trip):
     assert 2.0 < trip.pose.x < 29.0
 
 
-def test_the_network_is_shown_and_another_map_is_not_driven_in(trip):
+def test_a_vehicle_does_not_drive_in_another_map_than_that_of_the_network(trip):
     trip.live(0.2)
     shown = json.loads(trip.said["/route_navigator/network"].data)
     assert {name for f in shown["features"] for name in f["properties"].get("names", [])} == {"home", "end"}

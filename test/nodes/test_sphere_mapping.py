@@ -65,7 +65,7 @@ class Bench:
     # ideal range: some millimetres; stereo of so small images in a room of 8 m: some centimetres
     [("rgbd", rgbd, 0.005), ("sphere", sphere, 0.005), ("stereo", stereo, 0.05)],
 )
-def test_the_vehicle_is_told_where_it_is(kind, source, tolerance):
+def test_a_vehicle_that_maps_is_told_where_it_is(kind, source, tolerance):
     bench = Bench(input=kind)
     bench.drive(source, range(5))
     odometry = bench.said["/odometry"]
@@ -115,7 +115,7 @@ def test_odometry_is_used_that_comes_before_its_sphere_and_there_is_one_parent_o
     assert parents == {("map", "odom")}
 
 
-def test_the_map_is_saved_and_read_back(tmp_path):
+def test_a_saved_map_is_read_back_as_it_was(tmp_path):
     bench = Bench(input="rgbd", map_folder=str(tmp_path))
     assert "empty" in bench.call("save_map", SaveMap.Request(path="early")).message
     bench.drive(rgbd, range(3))

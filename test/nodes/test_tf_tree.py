@@ -141,7 +141,7 @@ def test_a_map_in_the_making():
     check(edges(said), "map", "sphere_link", "base_link")
 
 
-def test_the_simulator_moves_its_base_and_holds_its_sensors():
+def test_a_simulated_base_carries_its_sensors():
     bus = OfflineBus()
     node = bus.add(Simulated)
     node.say()

@@ -11,7 +11,7 @@ from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Pose2, compose_poses
 from path_follower.reasons import FINE, StopReason
-from path_follower.vehicle import Motion, Predictor
+from path_follower.vehicle import ORIGIN, Motion, Predictor, drive
 
 SECOND, STEP = 1_000_000_000, 100_000_000
 PARAMS = FollowerParams()
@@ -83,7 +83,7 @@ def drift(along, aside):
 
 
 @pytest.mark.parametrize(("has_odometry", "sign", "speed"), [(False, 1.0, 1.4), (True, -1.0, -1.0), (False, -1.0, 0.5)])
-def test_what_is_wrong_is_named_within_meters(has_odometry, sign, speed):
+def test_a_frozen_jumping_or_turning_pose_is_named_within_meters(has_odometry, sign, speed):
     def suffer(fault):
         return Car(motion=Motion(speed, -0.1 * sign), has_odometry=has_odometry).suffer(fault)
 
@@ -173,6 +173,28 @@ def test_a_small_correction_does_not_stop_and_slows_down_only_where_its_covarian
         assert doubts[slow[0]].slow.reason is StopReason.POSE_INCONSISTENT
 
 
+@pytest.mark.parametrize("late_s", [0.0, 0.1], ids=["between messages", "after the last"])
+def test_poses_between_or_after_messages_of_odometry_are_no_fault_of_the_pose(late_s):
+    """In a bend of 0.7 m radius, at any time since the last message, and without noise."""
+    predictor = Predictor(PARAMS.vehicle, PARAMS.actuation)
+    consistency, motion = MotionConsistency(PARAMS, predictor), Motion(1.0, 1.05)
+    shares, begin = [], Pose2(7.0, 7.0, -1.0)
+
+    def at(seconds):
+        return compose_poses(begin, drive(ORIGIN, motion, 1.2, seconds))
+
+    predictor.remember(SECOND, motion)
+    times = np.cumsum(np.tile([0.07, 0.03, 0.05, 0.09, 0.06], 8))
+    for seconds in times:
+        for number in range(100):
+            when = 0.1 * number
+            if when <= seconds + (0.1 if late_s == 0.0 else 0.0):
+                consistency.see_odometry(at(when), 1.0, motion.yaw_rate(1.2), SECOND + round(when * SECOND))
+        doubt = consistency.see_pose(at(seconds), 1e-8 * np.eye(3), SECOND + round(seconds * SECOND), is_driving=True)
+        shares.append(doubt.share)
+    assert max(shares) < 0.02
+
+
 def test_a_jump_of_a_vehicle_that_is_not_driven_is_none():
     car = Car()
     assert car.step(is_driving=False).stop is FINE
@@ -188,7 +210,7 @@ def test_poses_far_apart_in_time_are_not_compared():
         assert car.consistency.see_pose(Pose2(50.0, 0.0, 0.0), STATED, then, is_driving=True).stop.reason is reason
 
 
-def test_it_can_be_switched_off_but_not_the_covariance():
+def test_an_uncertain_pose_stops_though_the_check_of_motion_is_off():
     car = Car(FollowerParams(safety=SafetyParams(is_motion_checked=False)))
     assert car.suffer(beside(0.9, 0, 0.9), seconds=1.0) == (None, math.inf)
     assert car.step(covariance=1e6 * np.eye(3)).stop.reason is StopReason.POSE_UNCERTAIN
@@ -206,7 +228,7 @@ def test_a_standard_deviation_above_the_limit_slows_and_above_twice_that_stops()
                 assert (doubt.stop.value, doubt.stop.limit) == pytest.approx((scale * limit, 2.0 * limit))
 
 
-def test_the_worst_direction_counts_and_what_is_no_covariance_stops():
+def test_a_covariance_counts_by_its_worst_direction_and_stops_where_it_is_none():
     turned = np.array([[0.3, 0.25, 0.0], [0.25, 0.3, 0.0], [0.0, 0.0, 1e-4]])  # 0.74 m along the diagonal
     assert judge_covariance(turned, PARAMS.safety).slow.value == pytest.approx(math.sqrt(0.55))
     for wrong in (np.full((3, 3), np.nan), np.diag([1e-4, -1e-4, 1e-4]), turned + np.diag([-0.29, 0, 0])):
@@ -278,7 +300,7 @@ def test_a_localizer_of_another_map_is_refused_and_one_that_changes_it_stops(kit
 # --- rates
 @pytest.mark.slow
 @pytest.mark.parametrize(("has_odometry", "deviation"), [(False, 0.05), (True, 0.2)])
-def test_the_noise_that_poses_state_raises_no_alarm_and_twice_as_much_does(has_odometry, deviation):
+def test_noise_that_poses_state_raises_no_alarm_and_twice_as_much_does(has_odometry, deviation):
     """A tenth lost, a wheel that turns to and fro; what is allowed grows with what is stated, not with the time."""
     stated, largest = np.diag(np.square([deviation, deviation, 0.4 * deviation])), {}
     for factor in (1.0, 2.0):

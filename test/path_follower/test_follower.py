@@ -91,7 +91,7 @@ def test_a_bend_is_entered_at_the_speed_of_its_lateral_acceleration(kit):
 
 
 @pytest.mark.slow
-def test_the_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit, two_turns):
+def test_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit, two_turns):
     as_printed = FollowerParams(
         steering=SteeringParams(distance=1.0), actuation=ActuationParams(steering_lag=0.0, speed_lag=0.0)
     )
@@ -198,10 +198,3 @@ def test_a_race_track_at_a_quarter_of_its_size_is_driven(kit, shared_data, tmp_p
     assert drive.final.state is FollowerState.DRIVING
     assert drive.final.progress > 120
     assert drive.rmse < 0.02
-
-
-def test_a_recorded_motorway_drive_is_a_path(kit, shared_data):
-    params = FollowerParams(speed=SpeedParams(cruise=3.0), vehicle=VehicleParams(max_speed=4.0))
-    path = read_path(shared_data / "tracks" / "comma2k19_motorway_enu_20hz.csv", params)
-    assert len(path.segments) == 1
-    assert path.max_curvature < 0.1

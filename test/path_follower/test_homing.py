@@ -54,7 +54,7 @@ class Car:
 
 
 @pytest.mark.parametrize("goal", [(8.0, 0.0), (8.0, 3.0), (9.0, -5.0)])
-def test_it_drives_to_where_it_is_told_and_stands_there(goal):
+def test_a_homing_car_drives_to_where_it_is_told_and_stands_there(goal):
     car = Car(goal=goal).begin()
     speeds = [car.step().speed for _ in range(400)]
     assert car.left < 0.7  # it is there within 0.5 m, and brakes on
@@ -64,7 +64,7 @@ def test_it_drives_to_where_it_is_told_and_stands_there(goal):
     assert car.command.speed == 0.0
 
 
-def test_what_was_turned_since_the_direction_was_measured_is_taken_off():
+def test_a_late_direction_is_less_by_as_much_as_the_car_has_turned_since():
     """By the yaw rate of the last command, for half a second at most."""
     for later_s, counted_s in [(0.0, 0.0), (0.2, 0.2), (0.45, 0.45), (3.0, 0.5)]:
         car = Car(goal=(4.0, 4.0)).begin()
@@ -114,7 +114,7 @@ def test_a_direction_too_far_aside_cannot_be_driven():
     assert (car.command.speed, car.command.status.verdict.reason) == (0.0, StopReason.OFF_PATH)
 
 
-def test_the_widest_direction_is_the_same_to_both_sides():
+def test_a_direction_too_wide_is_refused_to_both_sides():
     for angle, is_drivable in [(1.1, True), (1.3, False), (-1.1, True), (-1.3, False)]:
         follower = HomingFollower(PARAMS)
         follower.see_source(is_trusted=True, is_there=False, way=(1.0, 5.0), now_ns=SECOND)

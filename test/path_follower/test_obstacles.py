@@ -27,21 +27,21 @@ def count(path, points, pose=HERE, distance=2.0):
     return points_in_way(np.array(points, dtype=float), pose, path, location, distance, PARAMS)
 
 
-def test_the_swept_footprint_ends_where_the_vehicle_would_stand(straight):
+def test_a_vehicle_does_not_stop_for_what_stands_beyond_where_it_would_stand(straight):
     assert count(straight, [(FRONT + 1.9, 0.0)]) == 1
     assert count(straight, [(FRONT + 2.3, 0.0)]) == 0
     assert count(straight, [(2.0, HALF - 0.02), (2.0, HALF + 0.02), (2.0, -HALF + 0.02)]) == 2
 
 
-def test_the_vehicle_does_not_see_itself(straight):
+def test_a_vehicle_does_not_stop_for_its_own_body(straight):
     assert count(straight, [(1.5, 0.0), (-0.3, 0.5)]) == 0
 
 
-def test_what_is_behind_does_not_matter_forward(straight):
+def test_a_vehicle_ahead_does_not_stop_for_what_is_behind(straight):
     assert count(straight, [(-1.0, 0.0)]) == 0
 
 
-def test_the_footprint_bends_with_the_path(kit):
+def test_a_vehicle_in_a_bend_stops_for_what_stands_in_the_bend(kit):
     ring = kit.course((20, 1 / 5))
     path = kit.make_path(ring[:, :2], PARAMS, ring[:, 2])
     pose = Pose2(*ring[100])
@@ -82,12 +82,12 @@ def test_backwards_a_turned_car_sweeps_to_the_side_of_the_path_behind_it(kit, tu
     assert count(path, [mirrored], Pose2(-5, 0, turned)) == 0
 
 
-def test_the_stopping_distance_is_reaction_braking_and_one_step():
+def test_a_vehicle_needs_reaction_braking_and_one_step_to_stand():
     assert stopping_distance(2.0, PARAMS) == pytest.approx(2.0 * 0.3 + 2.0**2 / (2 * 1.1) + 0.2)
     assert stopping_distance(-1.0, PARAMS) == pytest.approx(1.0 * 0.3 + 1.0 / (2 * 1.1) + 0.2)
 
 
-def test_the_places_that_beams_must_have_measured_lie_on_the_way_ahead():
+def test_a_scanner_has_to_see_the_way_ahead_as_wide_and_far_as_it_is_driven():
     for speed, angle in [(1.4, 0.0), (1.4, 0.3), (-1.0, 0.0), (0.0, 0.0), (-0.0, 0.0)]:
         places = swept_places(Motion(speed, angle), PARAMS)
         sign = math.copysign(1.0, speed)

@@ -51,7 +51,7 @@ def test_reference_interpolates_and_ends_at_its_segment(kit):
     assert path.at(-1.0, 0).arc_length == 0.0
 
 
-def test_the_yaw_rate_is_speed_times_curvature(kit):
+def test_a_bend_is_turned_by_speed_times_curvature(kit):
     ring = kit.course((2 * math.pi * 4, 1 / 4))
     path = kit.make_path(ring[:, :2], PARAMS, ring[:, 2])
     point = path.at(8.0, 0)
@@ -114,7 +114,7 @@ def test_a_start_at_a_flat_crossing_takes_the_pass_that_heads_as_the_vehicle_doe
             assert path.locate(pose, 1.0).arc_length == pytest.approx(s, abs=0.05)
 
 
-def test_the_foot_stays_before_a_cusp(kit):
+def test_a_vehicle_does_not_skip_a_cusp(kit):
     there_and_back = kit.course((5, 0), (-5, 0))
     path = kit.make_path(there_and_back[:, :2], PARAMS, there_and_back[:, 2])
     assert [segment.direction for segment in path.segments] == [1, -1]

@@ -119,7 +119,7 @@ def test_geojson_holds_lines_forward_and_backward(tmp_path):
 EARTH = {"crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}}
 
 
-def test_what_is_wrong_with_yaml_or_geojson_is_one_line(tmp_path):
+def test_a_wrong_yaml_or_geojson_is_refused_in_one_line(tmp_path):
     for ending, found, message in [
         ("geojson", line(AHEAD), "crs.properties.name: expected that of a frame in metres, as 'local', found none"),
         ("geojson", line(AHEAD) | EARTH, "found 'urn:ogc:def:crs:OGC:1.3:CRS84': longitude and latitude"),

@@ -74,7 +74,7 @@ def test_a_scan_that_was_there_and_has_gone_stops():
     assert watch.judge_inputs(10 * SECOND).reason is StopReason.SCAN_TIMEOUT
 
 
-def test_the_emergency_stop_comes_first_and_survives_a_reset():
+def test_an_emergency_stop_comes_first_and_survives_a_reset():
     watch = SafetyMonitor(PARAMS)
     watch.is_emergency = True
     watch.reset()
@@ -88,7 +88,7 @@ def test_leaving_the_path_stops():
         assert is_fine or verdict.reason is StopReason.OFF_PATH
 
 
-def test_what_others_do_stops():
+def test_a_second_commander_stops_the_vehicle():
     watch = good_watch()
     watch.outside = StopVerdict(StopReason.POSE_SOURCE, 2, 1)
     assert watch.judge_inputs(10 * SECOND) is watch.outside

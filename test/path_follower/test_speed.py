@@ -27,7 +27,7 @@ def test_a_vehicle_that_is_ahead_is_slower_by_what_equation_25_says():
         assert speed_law(reference(1.4), ahead, SPEED) == pytest.approx(speed)
 
 
-def test_the_longitudinal_error_falls_by_a_factor_e_within_the_time_that_the_gain_says():
+def test_an_error_along_the_path_falls_by_a_factor_e_in_the_time_of_the_gain():
     virtual, vehicle, step = 0.0, 0.5, 0.001
     seconds = 1 / 1.2  # error' = -k_x (U* + epsilon) error
     for _ in range(round(seconds / step)):
@@ -40,7 +40,7 @@ def test_backwards_the_law_mirrors():
     assert speed_law(reference(-1.0, -1), 0.2, SPEED) == pytest.approx(-speed_law(reference(1.0), -0.2, SPEED))
 
 
-def test_the_law_never_drives_against_the_direction_and_lives_at_zero_speed():
+def test_a_vehicle_far_ahead_stands_and_does_not_drive_back():
     assert speed_law(reference(0.5), 10.0, SPEED) == 0.0
     assert speed_law(reference(-0.5, -1), -10.0, SPEED) == 0.0
     assert speed_law(reference(0.0), -0.5, SPEED) == pytest.approx(0.04)  # it creeps to where it should stand
@@ -62,7 +62,7 @@ def test_changes_of_curvature_are_slow_by_the_steering_rate():
     assert speed.min() < SPEED.cruise
 
 
-def test_the_profile_keeps_limits_and_accelerations():
+def test_a_profile_never_asks_for_more_than_the_car_gives():
     for is_closed in [False, True]:
         limits = np.interp(WAY, [0, 19, 20, 25, 26, 60], [1.4, 1.4, 0.4, 0.4, 1.4, 1.4])
         speed = speed_profile(WAY, limits, CAR, is_closed=is_closed)
@@ -99,7 +99,7 @@ def tracking(remaining, direction=1):
     return TrackingError(Errors(0, 0, 0), reference(1.0 * direction, direction), Location(0, 0, 0, 0, 0, 0), remaining)
 
 
-def test_the_last_steps_creep_and_then_stand():
+def test_a_vehicle_creeps_the_last_steps_and_then_stands():
     for direction in [1, -1]:
         params = FollowerParams()
         far = bounded_speed(direction * 0.01, tracking(0.3, direction), params, slow=2.0, is_starting=False)
@@ -130,7 +130,7 @@ def test_errors_are_measured_in_the_axes_of_the_reference():
     assert errors.yaw == pytest.approx(0.1)
 
 
-def test_the_yaw_error_wraps():
+def test_a_heading_across_the_half_turn_is_no_large_error():
     assert errors_of(Pose2(0, 0, -3.1), turned(yaw=3.1)).yaw == pytest.approx(2 * math.pi - 6.2)
 
 
@@ -152,7 +152,7 @@ def closed_loop(direction, k_y_sign=1.0):
     return np.linalg.eigvals([[0, speed], [law(step, 0) / step, law(0, step) / step]])
 
 
-def test_the_poles_are_those_of_the_docstring_forward_and_backward():
+def test_a_heading_or_offset_dies_out_forward_and_backward():
     for direction in [1, -1]:
         np.testing.assert_allclose(closed_loop(direction).real, -math.sqrt(PARAMS.k_y), rtol=1e-3)
         assert PARAMS.k_psi / (2 * math.sqrt(PARAMS.k_y)) == pytest.approx(1.0)
@@ -162,7 +162,7 @@ def test_backwards_the_lateral_term_as_printed_in_eq_25_would_be_unstable():
     assert closed_loop(-1, k_y_sign=-1.0).real.max() > 0.3
 
 
-def test_the_bandwidth_in_time_is_bounded_and_keeps_the_damping():
+def test_a_fast_vehicle_steers_no_faster_than_the_loop_allows():
     slow, fast = 1.0, 10.0
     omega = math.sqrt(PARAMS.k_y)
     lateral = -curvature_law(turned(fast), Errors(0, 1.0, 0), PARAMS, fast)
@@ -179,7 +179,7 @@ def test_large_heading_errors_stay_finite_and_turn_the_right_way():
         assert found == pytest.approx(-math.copysign(PARAMS.k_psi * factor * math.tan(1.0), yaw))
 
 
-def test_the_law_exists_at_zero_reference_speed():
+def test_a_vehicle_at_rest_steers_by_finite_numbers():
     assert curvature_law(turned(speed=0.0, curvature=0.1), Errors(0, 0.2, 0), PARAMS, 0.0) == pytest.approx(
         0.1 - PARAMS.k_y * 0.2
     )

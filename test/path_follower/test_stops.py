@@ -14,7 +14,6 @@ from path_follower.reasons import StopReason, StopVerdict
 
 SECOND = 1_000_000_000
 PARAMS = FollowerParams()
-UNCHECKED = FollowerParams(safety=SafetyParams(is_motion_checked=False))
 FAULT = 6.0  # s into the drive, at full speed
 
 
@@ -48,16 +47,6 @@ def test_a_stop_is_a_ramp_with_wheels_held(kit):
     assert len(speeds) >= 4
     assert all(0.15 < a - b <= 0.2 + 1e-9 for a, b in itertools.pairwise(speeds))  # 4 m/s^2, 50 ms
     assert len({c.steering_angle for c in ramp}) == 1
-
-
-def test_a_kidnapped_vehicle_stops_although_it_stands_on_the_path(kit, straight):
-    def kidnap(now, follower, car):
-        if car.pose.x < 20:
-            car.pose = Pose2(car.pose.x + 20, car.pose.y, car.pose.yaw)
-
-    for params, reason in ((PARAMS, StopReason.POSE_JUMP), (UNCHECKED, StopReason.OFF_PATH)):
-        drive = kit.follow(straight, params=params, each=after_fault(kidnap))
-        assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, reason)
 
 
 def scan_of(wall_x):
@@ -138,15 +127,6 @@ def test_a_start_beside_the_path_or_facing_the_wrong_way_is_refused(kit, straigh
     assert follower.mode.state is FollowerState.IDLE
 
 
-def test_calls_that_make_no_sense_say_so(kit, straight):
-    follower = Follower(PARAMS)
-    assert follower.start(0) == "no path is loaded"
-    assert follower.pause() == "nothing to pause: NO_PATH"
-    assert follower.resume(0) == "nothing to resume: NO_PATH"
-    follower.stop()
-    assert follower.mode.state is FollowerState.NO_PATH
-
-
 def test_a_loss_while_paused_changes_nothing_and_its_end_moves_nothing(kit, straight):
     """A pause is an operator's: it does not become a stop that ends by itself."""
 
@@ -160,7 +140,7 @@ def test_a_loss_while_paused_changes_nothing_and_its_end_moves_nothing(kit, stra
     assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.PAUSED, StopReason.OPERATOR)
 
 
-def test_the_operator_stops_gently(kit, straight):
+def test_an_operators_stop_is_gentle(kit, straight):
     params = FollowerParams(vehicle=VehicleParams(max_acceleration=0.7, max_deceleration=1.1))
     drive = kit.follow(straight, params=params, each=after_fault(lambda n, f, c: f.stop()))
     assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.OPERATOR)
@@ -265,7 +245,7 @@ def test_standing_for_two_seconds_in_tracking_goes_on_where_the_rule_says_so(kit
     assert (max(speeds) > 0.0) == moves
 
 
-def test_what_was_wrong_waits_for_the_call_under_every_rule(kit, long_way):
+def test_a_released_emergency_stop_waits_for_the_call_under_every_rule(kit, long_way):
     params = FollowerParams(safety=SafetyParams(resume="standing"))
     follower = Follower(params, kit.make_path(long_way[:, :2], params, long_way[:, 2]))
     drive = kit.run(follower, (0, 0, 0), seconds=20, each=lambda now, f, car: f.emergency(is_pressed=6 < now < 7))
@@ -273,9 +253,8 @@ def test_what_was_wrong_waits_for_the_call_under_every_rule(kit, long_way):
     assert max(go_on(follower, drive.poses[-1], drive.commands[-1].stamp_ns, 5.0)) == 0.0
 
 
-@pytest.mark.slow
 def test_noise_does_not_add_up_to_progress_while_the_vehicle_stands_paused(kit):
-    """Progress only goes forward: of a minute of poses with 2 cm of noise it would take the furthest."""
+    """Progress only goes forward: of a quarter of a minute of poses with 2 cm of noise it would take the furthest."""
     path = kit.course((8, 0))
     params = FollowerParams()
     follower = Follower(params, kit.make_path(path[:, :2], params, path[:, 2]))
@@ -286,11 +265,11 @@ def test_noise_does_not_add_up_to_progress_while_the_vehicle_stands_paused(kit):
             follower.pause()
         if follower.mode.state is FollowerState.PAUSED and car.speed < 0.001:
             progress.append(follower.location.arc_length)
-            if len(progress) == 1200:
+            if len(progress) == 300:
                 follower.resume(round(now * SECOND) + SECOND)
 
     drive = kit.run(follower, (0, 0, 0), kit.World(position_noise=0.02), seconds=100.0, each=interfere)
-    assert len(progress) >= 1200
+    assert len(progress) >= 300
     assert max(progress) - progress[3] < 1e-9  # 0.03 m where each pose counts
     assert drive.final.state is FollowerState.FINISHED
     assert drive.poses[-1].x > 7.93  # a tolerance of 0.05 m, and 0.01 m that it rolls less

@@ -68,7 +68,7 @@ def test_backward_driving_can_be_forbidden(kit):
 NAN_AT_3 = np.array([[0, 0], [1, 0], [2, 0], [np.nan, 0], [4, 0]])
 
 
-def test_what_cannot_be_driven_is_refused_in_one_line(kit):
+def test_a_path_that_cannot_be_driven_is_refused_in_one_line(kit):
     for points, yaw, message in [
         (np.empty((0, 2)), None, r"expected 2 to 1000000 points \(x, y\), found shape \(0, 2\)"),
         ([[1.0, 2.0]], None, r"found shape \(1, 2\)"),
@@ -88,7 +88,7 @@ def test_what_cannot_be_driven_is_refused_in_one_line(kit):
         assert "\n" not in str(caught.value)
 
 
-def test_what_is_no_round_is_refused_as_a_closed_path(kit):
+def test_a_path_that_is_no_round_is_refused_as_a_closed_one(kit):
     for points, found in [
         ([(0, 0), (5, 0), (5, 0), (0, 0)], "expected three points or more of a closed path, found 2"),
         (
@@ -109,7 +109,7 @@ def test_taught_speeds_come_from_stamps_and_do_not_see_noise(kit):
     assert np.abs(speeds[20:-20] - 1.1).max() < 0.14
 
 
-def test_the_taught_speed_is_an_upper_bound_unless_switched_off(kit):
+def test_a_vehicle_is_not_faster_than_it_was_taught_unless_switched_off(kit):
     poses = kit.course((30, 0))
     slow = np.full(len(poses), 0.7)
     assert kit.make_path(poses[:, :2], PARAMS, poses[:, 2], slow).speed.max() == pytest.approx(0.7)
@@ -162,7 +162,7 @@ def test_noise_of_two_centimeters_does_not_reach_the_curvature():
     assert curve.way[-1] == pytest.approx(30.0, abs=0.1)  # zigzags would lengthen it
 
 
-def test_the_filter_halves_bends_of_the_smoothing_length():
+def test_a_wave_of_the_smoothing_length_is_halved():
     for wavelength, gain in [(2.0, 0.5), (20.0, 1.0), (0.7, 0.0)]:
         x = np.arange(0, 60, MIN_SPACING + 1e-9)  # wide enough not to be averaged
         wave = 1e-3 * np.sin(2 * np.pi * x / wavelength)
@@ -172,7 +172,7 @@ def test_the_filter_halves_bends_of_the_smoothing_length():
         assert found == pytest.approx(gain, abs=0.03)
 
 
-def test_the_filter_is_independent_of_the_spacing():
+def test_a_path_of_close_points_is_smoothed_as_one_of_wide_ones():
     # For wavelengths far above the spacing the weight grows as its inverse sixth power.
     assert cutoff_weight(4.0, 0.05) / cutoff_weight(4.0, 0.1) == pytest.approx(2**6, rel=0.02)
 

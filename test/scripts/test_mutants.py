@@ -75,7 +75,7 @@ def test_each_kind_of_fault():
         assert sorted(found) == sorted(expected)
 
 
-def test_what_no_test_could_notice_is_left_alone():
+def test_a_fault_that_no_test_could_notice_is_not_made():
     for text in [
         '"""a - b < 3"""',
         "def f(a: X[-1]) -> Y[-2]: ...",
@@ -142,7 +142,7 @@ def project(tmp_path):
     return tmp_path
 
 
-def test_the_mirror_and_the_importers_run_first_then_the_rest(project):
+def test_tests_that_mirror_or_import_a_module_run_first(project):
     near, rest = near_and_other_tests(project, Path("car/law.py"))
     assert near == [f"test/car/test_{name}.py" for name in ("law", "steering", "wrong")]
     assert rest == ["test/car/test_a_page.py", "test/car/test_follower.py", "test/nodes/test_car_driver_speed.py"]
@@ -204,7 +204,7 @@ KILLED, LATE, PASSED = ("killed", "t.py::a[1]"), ("timed out", "t.py::b"), ("sur
         ([LATE, LATE, PASSED], PASSED),
     ],
 )
-def test_what_counts_as_noticed(tmp_path, outcomes, expected):
+def test_a_fault_is_noticed_only_by_a_test_that_passes_without_it(tmp_path, outcomes, expected):
     stage = Scripted(tmp_path, outcomes)
     assert stage.judge(Mutant("a.py", 1, "sign", 6, 7, "+"), ["t.py"], 60.0) == expected
     assert (tmp_path / "site" / "a.py").read_bytes() == b"x = a - b\n"

@@ -26,7 +26,7 @@ def samples(rng, R_world_imu, *, force=(0.0, 0.0, 9.81), rate=0.0, has_orientati
     return [ImuSample(k, forces[k], rates[k], up if has_orientation else None) for k in range(count)]
 
 
-@pytest.mark.parametrize("roll", [0.0, np.pi / 2, np.pi])
+@pytest.mark.parametrize("roll", [np.pi / 2, np.pi])
 def test_an_imu_at_rest_says_which_way_is_up_however_it_is_mounted(rng, roll):
     R_base_imu = so3.exp([roll, 0.0, 0.0]) @ so3.exp([0.0, 0.0, 0.7])
     level = find_gravity(samples(rng, LEAN @ R_base_imu), R_base_imu)
@@ -41,10 +41,6 @@ def test_in_motion_only_the_orientation_of_an_imu_counts(rng):
         level = find_gravity(samples(rng, LEAN, has_orientation=True, **moving), np.eye(3))
         assert level.source == BY_ORIENTATION
         np.testing.assert_allclose(level.up_base, LEAN.T @ UP, atol=1e-9)
-
-
-def test_few_samples_say_nothing(rng):
-    assert find_gravity(samples(rng, LEAN, count=5), np.eye(3)) is None
 
 
 def test_the_map_begins_at_the_base_level_and_ahead():

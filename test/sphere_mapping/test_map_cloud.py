@@ -27,11 +27,6 @@ def test_points_are_in_the_map_frame_at_their_range():
     assert set(values) == {52}
 
 
-def test_far_points_are_left_out_and_steps_thin():
-    assert len(cloud_of(node(0, 60.0), step=1)[0]) == 0
-    assert len(cloud_of(node(0, 3.0), step=4)[0]) == 32
-
-
 def test_the_newest_spheres_come_first_and_the_number_is_limited():
     points, values = cloud_of(node(0, 3.0), node(1, 3.0), step=1, max_points=600)
     assert len(points) == len(values) == 600
@@ -49,12 +44,3 @@ def test_pictures_are_asked_for_once_and_points_move_with_their_spheres():
     assert asked == [0, 1]
     np.testing.assert_allclose(after[32:] - before[32:], np.tile([0.0, 5.0, 0.0], (32, 1)), atol=1e-5)
     assert np.array_equal(after[:32], before[:32])
-
-
-def test_color_is_kept_and_gray_wins_over_a_mixture():
-    assert cloud_of(node(0, 3.0, True))[1].shape[1:] == (3,)
-    assert cloud_of(node(0, 3.0, True), node(1, 3.0))[1].ndim == 1
-
-
-def test_without_pictures_there_is_nothing():
-    assert cloud_of()[0].shape == (0, 3)

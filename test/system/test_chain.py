@@ -88,7 +88,7 @@ def processes():
     for process in started:
         if process.poll() is None:
             process.kill()
-        process.communicate(timeout=120.0)
+        process.communicate(timeout=600.0)
 
 
 def wait_until_said(process: subprocess.Popen, texts: list[str]) -> None:
@@ -107,7 +107,7 @@ def wait_until_said(process: subprocess.Popen, texts: list[str]) -> None:
 def stopped(process: subprocess.Popen) -> str:
     """Ask a node to end, and return what it said; it must end well."""
     process.terminate()
-    said, _ = process.communicate(timeout=120.0)
+    said, _ = process.communicate(timeout=600.0)
     assert process.returncode == 0, said
     return said
 

@@ -79,7 +79,7 @@ def recordings(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["your_recording", "your_camera", "calibration"])
-def test_the_commands_of_a_page_run_one_after_the_other(page, recordings, tmp_path, monkeypatch, capsys):
+def test_a_page_tells_no_command_that_fails(page, recordings, tmp_path, monkeypatch, capsys):
     for item in recordings.iterdir():
         (tmp_path / item.name).symlink_to(item)
     monkeypatch.chdir(tmp_path)

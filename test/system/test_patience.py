@@ -36,7 +36,7 @@ def test_a_machine_without_time_for_us_is_no_loss_of_patience(monkeypatch):
 
 
 @pytest.mark.dds
-def test_what_our_processes_ran_is_seen():
+def test_a_process_of_ours_that_works_is_seen():
     with subprocess.Popen(BUSY) as child:
         seen = wait_until(
             lambda: any(str(child.pid) in path.parts and ran for path, (ran, _) in ran_and_waited().items())

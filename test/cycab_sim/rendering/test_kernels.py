@@ -3,7 +3,6 @@ import pytest
 
 from cycab_sim.rendering import kernels
 from cycab_sim.world.mesh import moved, placed
-from sphere_nav.geometry import SE3
 
 
 def test_edges_are_where_surfaces_or_ranges_change_and_the_light_with_them():
@@ -18,33 +17,6 @@ def test_edges_are_where_surfaces_or_ranges_change_and_the_light_with_them():
     assert found.tolist() == [[0, 1, 1, 1], [1, 1, 1, 1], [1, 1, 0, 0]]
 
 
-def test_rays_are_turned_as_by_the_matrix(rng):
-    R = SE3.exp([0.0, 0.0, 0.0, 0.3, -1.2, 0.7]).rotation
-    rays = rng.normal(size=(50, 3)).astype(np.float32)
-    rays[7] = np.nan  # outside the lens
-    out = np.empty_like(rays)
-    kernels.turn_rays(rays, R.astype(np.float32), out)
-    np.testing.assert_allclose(out, rays @ R.T, atol=2e-6)
-
-
-def test_split_rays_fill_their_pixel(rng):
-    u, v = np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.1, 0.1, 5))
-    rays = np.stack([u, v, np.ones_like(u)], axis=-1).astype(np.float32)
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    out = np.empty((4, 3), np.float32)
-    kernels.split_rays(rays, np.array([2 * 9 + 4]), 2, out)
-    np.testing.assert_allclose(np.linalg.norm(out, axis=1), 1.0, atol=1e-6)
-    at = out[:, :2] / out[:, 2:] / 0.05  # in pixels around the middle
-    np.testing.assert_allclose(at, [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]], atol=2e-3)
-
-
-def test_samples_are_averaged():
-    color = np.zeros((6, 3), np.float32)
-    kernels.merge_samples(np.arange(24, dtype=np.float32).reshape(8, 3), np.array([1, 4]), 2, color)
-    np.testing.assert_allclose(color[[1, 4]], [[4.5, 5.5, 6.5], [16.5, 17.5, 18.5]])
-    assert not color[[0, 2, 3, 5]].any()
-
-
 def test_tone_is_the_curve_and_gray_its_luma(rng):
     curve = (255.0 * np.linspace(0, 1, 4096) ** (1 / 2.2)).astype(np.float32)
     light = rng.uniform(0.02, 1.4, (50, 3)).astype(np.float32)
@@ -53,19 +25,6 @@ def test_tone_is_the_curve_and_gray_its_luma(rng):
     kernels.tone(light, np.full(3, 0.8), curve, gray)
     np.testing.assert_allclose(color, 255.0 * np.minimum(0.8 * light, 1.0) ** (1 / 2.2), atol=0.05)
     np.testing.assert_allclose(gray[:, 0], color @ [0.299, 0.587, 0.114], atol=1e-3)
-
-
-@pytest.mark.parametrize(("depth", "expected"), [(4.0, 1.0), (6.0, 0.0)])
-def test_a_point_is_lit_in_front_of_what_the_sun_meets(depth, expected):
-    shadow = np.full((4, 4), 5.0, np.float32)
-    assert kernels._lit(shadow, 1.5, 1.5, depth, 0.1) == expected
-    assert kernels._lit(shadow, 1.5, 1.5, depth, 2.0) == expected
-    assert kernels._lit(shadow, 9.0, 1.5, depth, 0.1) == 1.0  # beyond the map
-
-
-def test_the_edge_of_a_shadow_is_a_ramp():
-    shadow = np.array([[5.0, 5.0, 9.0, 9.0]] * 4, np.float32)
-    assert [kernels._lit_once(shadow, a, 1.0, 7.0) for a in (1.0, 1.25, 1.75, 2.0)] == [0.0, 0.25, 0.75, 1.0]
 
 
 def test_parts_are_placed_with_their_texture(rng):
@@ -95,12 +54,3 @@ def test_a_shadow_is_drawn_and_taken_away():
     assert (shadow < 9.0).sum() == pytest.approx(200, rel=0.2)  # 2 m^2 in texels, and a fringe
     kernels.erase_shadows(windows, still, shadow)
     np.testing.assert_array_equal(shadow, still)
-
-
-def test_what_lies_beyond_the_map_has_no_shadow_there():
-    shadow, windows = np.full((20, 20), 9.0, np.float32), np.empty((2, 4), np.int32)
-    triangle = np.array([[[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]]], np.float32)
-    both = np.concatenate([triangle + np.float32([50.0, 0, 0]), triangle - np.float32([0.0, 50, 0])])
-    kernels.cast_shadows(both, np.eye(3), np.zeros(2), 0.1, windows, shadow)
-    assert np.all(shadow == 9.0)
-    kernels.erase_shadows(windows, shadow.copy(), shadow)

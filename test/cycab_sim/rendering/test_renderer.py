@@ -1,5 +1,3 @@
-from itertools import pairwise
-
 import cv2
 import numpy as np
 import pytest
@@ -8,7 +6,6 @@ from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.rendering.sky import light_at
 from cycab_sim.sensors.cameras import OPTICAL
-from cycab_sim.world.town import taught_path
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
@@ -22,11 +19,6 @@ NEAR = (-14.0, -14.0, 14.0, 14.0)  # of the box: shadows no further
 @pytest.fixture(scope="module")
 def renderer(box_mesh):
     return Renderer(box_mesh, QUICK, LightParams(), bounds=NEAR)
-
-
-def pose_on(path, s, z=1.8):
-    x, y, yaw, _ = path.at(np.array(s))
-    return SE3.from_planar(x, y, yaw) @ SE3.from_parts(np.eye(3), [0, 0, z])
 
 
 CAMERAS = [
@@ -63,27 +55,6 @@ def test_outside_the_lens_there_is_nothing(renderer, looking_along_x):
     assert np.all(image[~outside] > 0.0)
 
 
-def test_the_image_is_the_same_for_one_thread_and_two(box_mesh, looking_along_x):
-    images = []
-    for num in (1, 2):
-        drawn = Renderer(box_mesh, QUICK, LightParams(), bounds=NEAR, num_threads=num)
-        images.append(drawn.render(PINHOLE, looking_along_x)[0])
-    np.testing.assert_array_equal(*images)
-
-
-def test_gray_is_the_luma_of_the_colors(renderer, looking_along_x):
-    color, _ = renderer.render(PINHOLE, looking_along_x)
-    gray, _ = renderer.render(PINHOLE, looking_along_x, is_gray=True)
-    np.testing.assert_allclose(gray, color @ np.array([0.299, 0.587, 0.114]), atol=1e-2)
-
-
-def test_exposure_is_a_factor_on_the_radiance(renderer, looking_along_x):
-    bright, _ = renderer.render(PINHOLE, looking_along_x, is_gray=True)
-    dark, _ = renderer.render(PINHOLE, looking_along_x, is_gray=True, gain=0.5**2.2)
-    middling = (bright > 60) & (bright < 200)
-    np.testing.assert_allclose(dark[middling] / bright[middling], 0.5, atol=0.01)
-
-
 def test_a_box_casts_its_shadow_away_from_the_sun(box_mesh):
     light = LightParams(sun="0,45")
     lit = Renderer(box_mesh, RenderParams(shadow_texel=0.05), light, bounds=NEAR)
@@ -99,83 +70,6 @@ def test_a_box_casts_its_shadow_away_from_the_sun(box_mesh):
     # the box is 3 m high and begins at x = 5: at 45 degrees its shadow ends at x = 2
     assert level(3.0, 0.0) < 0.75 * level(3.0, 2.0)
     assert level(2.5, 0.5) < 0.75 * level(1.3, 0.5)
-
-
-def test_supersampling_comes_close_to_very_many_rays(box_mesh, looking_along_x):
-    def draw(n):
-        params = RenderParams(shadow_texel=0.5, supersampling=n)
-        return Renderer(box_mesh, params, LightParams(), bounds=NEAR).render(PINHOLE, looking_along_x, is_gray=True)[0]
-
-    truth = draw(8)
-    errors = [np.sqrt(np.mean((draw(n) - truth)[np.abs(draw(1) - truth) > 2.0] ** 2)) for n in (1, 2)]
-    assert errors[1] < 0.6 * errors[0]
-
-
-def test_neighbouring_spheres_agree(town_renderer, town):
-    """A sphere warped by its range to a place 0.5 m away looks as seen from there: PSNR of at least 27 dB."""
-    camera, path = Spherical(512, 256), taught_path(town[1], "two_turns")
-    for s in (8.0, 50.0):
-        T_world_a, T_world_b = pose_on(path, s), pose_on(path, s + 0.5)
-        seen_a, range_a = town_renderer.render(camera, T_world_a, is_gray=True)
-        seen_b, range_b = town_renderer.render(camera, T_world_b, is_gray=True)
-        warped, is_valid = warp(seen_b, range_b, camera, T_world_b.inverse() @ T_world_a, range_a)
-        psnr = 10 * np.log10(255.0**2 / np.mean((warped - seen_a)[is_valid] ** 2))
-        unwarped = 10 * np.log10(255.0**2 / np.mean((seen_b - seen_a)[is_valid] ** 2))
-        assert is_valid.sum() > 0.9 * np.isfinite(range_a).sum()  # the rest is occluded
-        assert psnr > 30.0  # 27 dB are asked for at any size; here 33 dB and more were found
-        assert psnr > unwarped + 6.0
-
-
-def test_images_have_the_spectrum_of_natural_ones(town_renderer, town):
-    camera, path = Pinhole(256, 256, 190.0, 190.0, 127.5, 127.5), taught_path(town[1], "two_turns")
-    slopes = []
-    for s in np.arange(3.0, 100.0, 16.0):
-        T_world_camera = pose_on(path, s, 1.6) @ SE3.from_parts(OPTICAL, np.zeros(3))
-        image, _ = town_renderer.render(camera, T_world_camera, is_gray=True)
-        slopes.append(spectrum_slope(image))
-    assert np.mean(slopes) == pytest.approx(-2.0, abs=0.5)  # power over frequency, as in photographs of towns
-
-
-def test_a_view_from_a_little_further_agrees(town_renderer, town):
-    """From d and from 1.05 d, warped: what is filtered by the width of its ray is the same in both."""
-    camera, path = Pinhole(256, 192, 190.0, 190.0, 127.5, 95.5), taught_path(town[1], "two_turns")
-    for s in (12.0, 45.0, 85.0):
-        T_world_a = pose_on(path, s, 1.6) @ SE3.from_parts(OPTICAL, np.zeros(3))
-        seen_a, range_a = town_renderer.render(camera, T_world_a, is_gray=True)
-        back = 0.05 * float(np.median(range_a[np.isfinite(range_a)]))
-        T_world_b = T_world_a @ SE3.from_parts(np.eye(3), [0.0, 0.0, -back])
-        seen_b, range_b = town_renderer.render(camera, T_world_b, is_gray=True)
-        warped, is_valid = warp(seen_b, range_b, camera, T_world_b.inverse() @ T_world_a, range_a)
-        error = (warped - seen_a)[is_valid]
-        detail = seen_a[is_valid].std()
-        assert is_valid.sum() > 0.75 * np.isfinite(range_a).sum()
-        # 33 dB and more found; aliased texture of a contrast of 15 % would bring 24 dB
-        assert 10 * np.log10(255.0**2 / np.mean(error**2)) > 30.0
-        assert error.std() < 0.2 * detail
-
-
-def test_an_image_is_the_mean_of_a_finer_one(town_renderer, town):
-    """One ray a pixel, filtered, comes to what sixteen rays would see: nothing is aliased."""
-    path = taught_path(town[1], "two_turns")
-    coarse, fine = Pinhole(128, 96, 95.0, 95.0, 63.5, 47.5), Pinhole(512, 384, 380.0, 380.0, 255.5, 191.5)
-    for s in (12.0, 45.0):
-        T_world_camera = pose_on(path, s, 1.6) @ SE3.from_parts(OPTICAL, np.zeros(3))
-        seen, _ = town_renderer.render(coarse, T_world_camera, is_gray=True)
-        truth, _ = town_renderer.render(fine, T_world_camera, is_gray=True)
-        mean = (truth**2.2).reshape(96, 4, 128, 4).mean(axis=(1, 3)) ** (1 / 2.2)
-        error = seen - mean
-        single = truth[1::4, 1::4] - mean  # what a pixel would be without a filter
-        assert error.std() < 0.6 * single.std()
-        assert abs(error.mean()) < 1.5  # grey levels
-
-
-def test_no_region_is_without_texture(town_renderer, town):
-    camera, path = Pinhole(320, 240, 190.0, 190.0, 159.5, 119.5), taught_path(town[1], "two_turns")
-    for s in (5.0, 45.0, 80.0):
-        T_world_camera = pose_on(path, s, 1.6) @ SE3.from_parts(OPTICAL, np.zeros(3))
-        image, _ = town_renderer.render(camera, T_world_camera, is_gray=True)
-        tiles = image.reshape(15, 16, 20, 16).transpose(0, 2, 1, 3).reshape(300, -1)
-        assert np.percentile(tiles.std(axis=1), 2) > 0.7  # grey levels, above the noise of a good camera
 
 
 def warp(image, ranges, camera, T_image_here, range_here):
@@ -195,15 +89,3 @@ def warp(image, ranges, camera, T_image_here, range_here):
     height, width = image.shape
     is_inside = camera.model == "spherical" or np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=-1)
     return sample(image, cv2.INTER_LINEAR), is_near & is_same & is_inside
-
-
-def spectrum_slope(image):
-    """Return the slope of log power over log frequency, from 3 cycles an image to half of Nyquist."""
-    n = len(image)
-    window = np.outer(np.hanning(n), np.hanning(n))
-    power = np.abs(np.fft.fftshift(np.fft.fft2((image - image.mean()) * window))) ** 2
-    v, u = np.mgrid[-n // 2 : n // 2, -n // 2 : n // 2]
-    radius = np.hypot(u, v)
-    edges = np.geomspace(3.0, n / 4, 13)
-    mean = [power[(radius >= a) & (radius < b)].mean() for a, b in pairwise(edges)]
-    return np.polyfit(np.log(edges[:-1]), np.log(mean), 1)[0]

@@ -29,28 +29,6 @@ def test_three_pairs_stand_back_to_back_one_above_the_other():
     assert np.degrees(np.arccos(axes(rig)[0] @ axes(rig)[1])) == pytest.approx(120.0)
 
 
-def test_the_ring_diverges_and_neighbours_are_one_baseline_apart():
-    rig = make_rig(CameraRigParams(kind="ring", tolerance=0.0), 1)
-    there, towards = places(rig), axes(rig)
-    np.testing.assert_allclose(np.linalg.norm(there - np.roll(there, 1, axis=0), axis=1), 0.3, atol=1e-12)
-    np.testing.assert_allclose(towards * 0.3, there, atol=1e-12)  # looking away from the middle
-    np.testing.assert_allclose(np.sum(towards * np.roll(towards, 1, axis=0), axis=1), 0.5, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_direction_of_the_sphere_is_seen(kind, rng):
-    rig = make_rig(CameraRigParams(kind=kind), 3)
-    directions = rng.normal(size=(2000, 3))
-    far = 1e4 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    seen = {"top": 0, "bottom": 0, "": 0}
-    for camera in rig.cameras:
-        points = camera.T_rig_camera.inverse().apply(far)
-        seen[camera.level] = seen[camera.level] + camera.camera.project(points)[1].astype(int)
-    for level in {camera.level for camera in rig.cameras}:
-        # once to stitch; the ring's ranges need two cameras
-        assert np.min(seen[level]) >= (2 if kind == "ring" else 1)
-
-
 def test_cameras_are_mounted_nearly_as_planned_and_each_seed_otherwise():
     params = CameraRigParams(kind="ring")
     rig, again, other = make_rig(params, 3), make_rig(params, 3), make_rig(params, 4)
@@ -76,13 +54,13 @@ def test_mounts_are_the_rig_on_the_car():
     assert rig_mounts(CameraRigParams(), ImagingParams(), None) == ()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_rig_file_says_what_is_mounted(kind, tmp_path):
-    rig = make_rig(CameraRigParams(kind=kind), 3)
-    path = tmp_path / "rig.yaml"
-    text = rig_file_text(rig, str(path))
-    assert text == path.read_text() == rig_file_text(rig)
-    read = read_rig(path)
-    for a, b in zip(rig.cameras, read.cameras, strict=True):
-        assert (a.name, a.camera, a.level) == (b.name, b.camera, b.level)
-        np.testing.assert_allclose(a.T_rig_camera.matrix, b.T_rig_camera.matrix, atol=1e-12)
+def test_the_rig_file_says_what_is_mounted(tmp_path):
+    for kind in KINDS:
+        rig = make_rig(CameraRigParams(kind=kind), 3)
+        path = tmp_path / "rig.yaml"
+        text = rig_file_text(rig, str(path))
+        assert text == path.read_text() == rig_file_text(rig)
+        read = read_rig(path)
+        for a, b in zip(rig.cameras, read.cameras, strict=True):
+            assert (a.name, a.camera, a.level) == (b.name, b.camera, b.level)
+            np.testing.assert_allclose(a.T_rig_camera.matrix, b.T_rig_camera.matrix, atol=1e-12)

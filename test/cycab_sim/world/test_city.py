@@ -30,26 +30,3 @@ def test_the_tour_is_490_m_along_street_square_and_lane():
     in_lane = (np.abs(poses[:, 0] - LANE_X) < 0.1) & (poses[:, 1] > y1) & (poses[:, 1] < 110.0 - HALF)
     assert 80.0 < on_square.sum() * 0.1 < 110.0
     assert in_lane.sum() * 0.1 == pytest.approx(49.5, abs=0.3)
-
-
-def test_nothing_stands_in_the_way(renderer):
-    path = tour()
-    for s in np.arange(0.0, path.length, 1.0):
-        x, y, _, _ = path.at(np.array(s))
-        for z in (0.3, 0.9, 1.7):
-            ranges = renderer.measure(np.array([x, y, z]), RAYS)
-            assert ranges.min() > CLEARANCE, f"{s} m, height {z} m"
-
-
-def test_the_square_is_wide_and_the_lane_is_narrow(renderer):
-    x0, y0, x1, y1 = SQUARE
-    assert (x1 - x0, y1 - y0) == (100.0, 100.0)
-    across = renderer.measure(np.array([LANE_X, 80.0, 1.6]), np.array([[1, 0, 0], [-1, 0, 0]], np.float32))
-    assert 2.7 < across.sum() < 3.8  # houses stand back by up to 0.35 m, sills come out
-    on_square = renderer.measure(np.array([LANE_X, 5.0, 2.0]), RAYS)
-    assert np.median(on_square) > 35.0
-
-
-def test_a_seed_is_a_city(fingerprint):
-    numbers = [1.01483, 1.06271, -1.61872, 0.67821, -0.16835, -1.1304, 1.00263, 0.87477, 0.85479, -1.48947, -0.01068]
-    assert fingerprint(build_city(2)) == pytest.approx(numbers, abs=2e-5)

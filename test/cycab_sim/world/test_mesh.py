@@ -31,16 +31,6 @@ def test_a_frame_maps_its_panel_to_u_along_and_v_up():
     np.testing.assert_allclose(local, [[0, 0, 0], [3, 0, 0], [3, 2, 0], [0, 2, 0]], atol=1e-5)
 
 
-def test_a_sheet_is_one_surface_and_panels_are_many():
-    quads = np.array([[[x, 0, 0], [x + 1, 0, 0], [x + 1, 0, 1], [x, 0, 1]] for x in range(5)], float)
-    mesh = builder()
-    mesh.sheet(quads, PLAIN, quads[0][[0, 1, 3]])
-    mesh.panels(quads + np.array([0, 1, 0]), PLAIN)
-    built = mesh.build()
-    assert built.surface_of.tolist() == [0] * 10 + [s for s in range(1, 6) for _ in range(2)]
-    assert len(np.unique(built.kinds[:, 1])) == 6  # each surface has its own noise
-
-
 def test_triangles_without_area_are_left_out_and_params_are_filled_up():
     mesh = builder()
     mesh.panels([[[0, 0, 0], [1, 0, 0], [0.5, 0, 1], [0.5, 0, 1]]], PLAIN)

@@ -14,25 +14,11 @@ def test_an_arc_is_exact_and_can_be_cut_anywhere(rng):
     np.testing.assert_allclose(arc((0, 0, 0), np.pi * 5, 0.2), (0, 10, np.pi), atol=1e-12)  # half a circle
 
 
-def test_points_follow_each_other_at_their_distance():
-    s = np.linspace(0.0, SNAKE.length, 4001)
-    poses = SNAKE.at(s)
-    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-    np.testing.assert_allclose(steps, s[1] - s[0], rtol=1e-5)
-    heading = np.arctan2(*np.diff(poses[:, :2], axis=0).T[::-1])
-    np.testing.assert_allclose(np.unwrap(heading), (poses[1:, 2] + poses[:-1, 2]) / 2, atol=5e-4)  # a step over a joint
-
-
 def test_beyond_its_ends_a_path_goes_straight_on():
     before, after = SNAKE.at(np.array([-1.0, SNAKE.length + 2.0]))
     np.testing.assert_allclose(before[:2], [1.0 - np.cos(0.3), 2.0 - np.sin(0.3)], atol=1e-12)
     end = SNAKE.at(np.array(SNAKE.length))
     np.testing.assert_allclose(after[:2], end[:2] + 2.0 * np.array([np.cos(end[2]), np.sin(end[2])]), atol=1e-12)
-
-
-def test_a_closed_path_comes_back():
-    circle = Path((0.0, 0.0, 0.0), (turn(3.0, 180), turn(3.0, 180)), is_closed=True)
-    np.testing.assert_allclose(circle.at(np.array(circle.length + 1.0))[:2], circle.at(np.array(1.0))[:2], atol=1e-9)
 
 
 def test_projection_finds_the_distance_again(rng):

@@ -3,17 +3,11 @@ import pytest
 
 from cycab_sim.params import SeasonParams
 from cycab_sim.world.season import change_season
-from cycab_sim.world.texture import kernels as materials
 
 
 def faces(mesh, keep):
     """Return the triangles of some surfaces."""
     return mesh.triangles[keep[mesh.surface_of]]
-
-
-@pytest.mark.slow
-def test_nothing_changes_where_nothing_is_asked_for(town):
-    assert change_season(town[0], SeasonParams(wet=1.0, snow=1.0), 5) is town[0]
 
 
 @pytest.mark.slow
@@ -29,44 +23,3 @@ def test_other_cars_are_parked_and_nothing_else_moves(town):
     middles = one.triangles[one.is_parked[one.surface_of]].mean(axis=1)
     near = np.linalg.norm(middles[:, None, :2] - mesh.slots[None, :, :2, 3], axis=2).min(axis=1)
     assert near.max() < 2.8  # half a car, and the shift along the kerb
-
-
-@pytest.mark.slow
-def test_bare_trees_have_branches_for_leaves_and_houses_stay(town):
-    mesh, bare = town[0], change_season(town[0], SeasonParams(leaves="none"), 5)
-    is_leaf = mesh.kinds[:, 0] == materials.FOLIAGE
-    assert (bare.kinds[is_leaf, 0] == materials.BARK).mean() > 0.5  # the others are hedges
-    np.testing.assert_array_equal(mesh.kinds[~is_leaf], bare.kinds[~is_leaf])
-    np.testing.assert_array_equal(faces(mesh, ~is_leaf), faces(bare, ~is_leaf))
-    assert len(bare.triangles) < len(mesh.triangles)
-    twigs = bare.triangles[(bare.kinds[:, 0] == materials.BARK)[bare.surface_of] & is_leaf[bare.surface_of]]
-    assert twigs[..., 2].min() > 1.5
-    assert np.all(np.isfinite(bare.normals))
-
-
-def test_autumn_changes_colors_alone(town):
-    mesh, autumn = town[0], change_season(town[0], SeasonParams(leaves="yellow"), 5)
-    is_leaf = mesh.kinds[:, 0] == materials.FOLIAGE
-    assert autumn.triangles is mesh.triangles
-    np.testing.assert_array_equal(mesh.colors[~is_leaf], autumn.colors[~is_leaf])
-    red_over_green = autumn.colors[is_leaf, 1, 0] / autumn.colors[is_leaf, 1, 1]
-    assert np.median(red_over_green) > 1.2 > np.median(mesh.colors[is_leaf, 1, 0] / mesh.colors[is_leaf, 1, 1])
-
-
-@pytest.mark.parametrize(
-    ("season", "numbers"),
-    [
-        ({"parked": 1}, [-1.24989, -0.51611, 0.58967, 0.1036, 0.48409, 0.9884, 0.82519, -1.40084, -1.46852]),
-        ({"leaves": "none"}, [-0.43877, 0.19685, -1.05775, -0.90022, 0.13586, 0.68555, 1.97768]),
-        ({"leaves": "yellow"}, [-0.19449, -1.58757, 0.26226, -0.90022, 0.13586, 0.68526, 1.95335]),
-    ],
-)
-def test_a_season_of_a_seed_is_one_world(town, fingerprint, season, numbers):
-    found = fingerprint(change_season(town[0], SeasonParams(**season), 5))
-    assert found[: len(numbers)] == pytest.approx(numbers, abs=2e-5)
-
-
-@pytest.mark.parametrize("leaves", ["yellow", "none"])
-def test_a_world_without_trees_has_every_season(box_mesh, leaves):
-    changed = change_season(box_mesh, SeasonParams(leaves=leaves, parked=3), 1)
-    np.testing.assert_array_equal(changed.triangles, box_mesh.triangles)

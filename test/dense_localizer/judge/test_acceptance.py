@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dense_localizer.judge.acceptance import Check, assess, measure_innovation
+from dense_localizer.judge.acceptance import assess, measure_innovation
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
 from dense_localizer.reasons import REMEDIES
@@ -43,45 +43,36 @@ def test_a_good_alignment_is_accepted_without_a_word():
     assert 0.5 < verdict.quality <= 1.0
 
 
-@pytest.mark.parametrize("by_contrast", [False, True])
 @pytest.mark.parametrize("prediction", [HERE, None])
-def test_local_contrast_of_a_followed_camera_is_good_as_soon_as_it_is_used(by_contrast, prediction):
+def test_local_contrast_of_a_followed_camera_is_good_as_soon_as_it_is_used(prediction):
     """A start may be anywhere: it is held to those of grey levels."""
-    how = {"by_contrast": by_contrast, "prediction": prediction}
-    is_free = by_contrast and prediction is not None
-    for value, expected in ((0.19, (False, False)), (0.21, (True, is_free)), (0.26, (True, True))):
-        verdict = assessed(GOOD, structure=Structure(agreement=value), **how)
-        assert (verdict.is_accepted, verdict.is_good) == expected
-    for value, expected in ((0.39, (False, False)), (0.41, (True, is_free)), (0.51, (True, True))):
-        verdict = assessed(replace(GOOD, ncc=value), **how)
-        assert (verdict.is_accepted, verdict.is_good) == expected
+    for by_contrast in [False, True]:
+        how = {"by_contrast": by_contrast, "prediction": prediction}
+        is_free = by_contrast and prediction is not None
+        for value, expected in ((0.19, (False, False)), (0.21, (True, is_free)), (0.26, (True, True))):
+            verdict = assessed(GOOD, structure=Structure(agreement=value), **how)
+            assert (verdict.is_accepted, verdict.is_good) == expected
+        for value, expected in ((0.39, (False, False)), (0.41, (True, is_free)), (0.51, (True, True))):
+            verdict = assessed(replace(GOOD, ncc=value), **how)
+            assert (verdict.is_accepted, verdict.is_good) == expected
 
 
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
+def test_each_cause_refuses_with_its_reason_and_remedy():
+    for change, reason in [
         ({"overlap": 0.1}, "LOW_OVERLAP"),
         ({"num_pixels": 100}, "LOW_TEXTURE"),
         ({"inlier_share": 0.3}, "OUTLIERS"),
-        ({"ncc": 0.3}, "OUTLIERS"),
         ({"ncc": np.nan}, "OUTLIERS"),
-        ({"ncc": 0.3, "gains": (1.0, 3.5)}, "LIGHT_CHANGE"),
         ({"ncc": 0.3, "gains": (0.2, 1.0)}, "LIGHT_CHANGE"),
         ({"inlier_share": 0.3, "biases": (-90.0, 0.0)}, "LIGHT_CHANGE"),
         ({"T_world_camera": SE3(np.full((4, 4), np.nan))}, "NO_CONVERGENCE"),
         ({"T_world_camera": SE3.exp([0.1, 0, 0, 0, 0, 0])}, "JUMP_REJECTED"),
-        ({"reason": "LOW_OVERLAP"}, "LOW_OVERLAP"),
-        ({"reason": "LOW_TEXTURE"}, "LOW_TEXTURE"),
-        ({"reason": "OUTLIERS"}, "OUTLIERS"),
         ({"reason": "NO_CONVERGENCE"}, "NO_CONVERGENCE"),
-    ],
-    ids=str,
-)
-def test_each_cause_refuses_with_its_reason_and_remedy(change, reason):
-    verdict = assessed(replace(GOOD, **change))
-    assert (verdict.is_accepted, verdict.is_good, verdict.quality) == (False, False, 0.0)
-    assert verdict.finding.reason == reason
-    assert verdict.finding.reason in REMEDIES
+    ]:
+        verdict = assessed(replace(GOOD, **change))
+        assert (verdict.is_accepted, verdict.is_good, verdict.quality) == (False, False, 0.0)
+        assert verdict.finding.reason == reason
+        assert verdict.finding.reason in REMEDIES
 
 
 @pytest.mark.parametrize(("meters", "is_accepted"), [(0.15, True), (0.25, False)])
@@ -104,13 +95,9 @@ def test_three_standard_deviations_of_a_good_pose_are_within_the_promise():
         assert (verdict.is_accepted, verdict.is_good) == (True, is_good)
 
 
-@pytest.mark.parametrize("change", [{"gains": (4.0, 5.0)}, {"gains": (0.2, 0.2)}, {"biases": (-120.0, 90.0)}], ids=str)
-def test_no_change_of_light_alone_makes_a_pose_doubtful(change):
-    assert assessed(replace(GOOD, **change)).is_good
-
-
-def test_no_distance_alone_makes_a_pose_doubtful():
-    assert assessed(GOOD, distance_ratio=3.0).is_good
+def test_no_change_of_light_alone_makes_a_pose_doubtful():
+    for change in [{"gains": (4.0, 5.0)}, {"biases": (-120.0, 90.0)}]:
+        assert assessed(replace(GOOD, **change)).is_good
 
 
 def test_outliers_far_from_every_sphere_are_outside_the_region():
@@ -119,31 +106,9 @@ def test_outliers_far_from_every_sphere_are_outside_the_region():
     assert (verdict.finding.value, verdict.finding.limit) == (0.3, PARAMS.min_ncc)
 
 
-def test_between_the_limits_a_pose_is_used_with_care():
-    verdict = assessed(replace(GOOD, ncc=0.45))
-    assert (verdict.is_accepted, verdict.is_good) == (True, False)
-    assert (verdict.finding.reason, verdict.finding.limit) == ("OUTLIERS", 0.5)
-    assert 0.0 < verdict.quality < 0.5
-
-
-def test_a_start_may_be_anywhere():
-    far = replace(GOOD, T_world_camera=SE3.exp([10.0, 0, 0, 0, 0, 2.0]))
-    assert assessed(far, prediction=None).is_good
-
-
-def test_the_jump_is_measured_in_standard_deviations_of_both():
+def test_a_pose_beside_an_unsure_prediction_is_no_jump():
     moved = replace(GOOD, T_world_camera=SE3.exp([0.01, 0, 0, 0, 0, 0]))
     assert measure_innovation(moved.T_world_camera, TIGHT, HERE) == pytest.approx(0.01 / np.sqrt(2e-6))
-
-
-def test_a_check_without_a_range_of_care_is_a_plain_bound():
-    assert Check(Reason.LOW_TEXTURE, 5.0, 5.0, 5.0).margin == 1.0
-    assert Check(Reason.LOW_TEXTURE, 4.9, 5.0, 5.0).margin < 0
-
-
-def test_gradients_that_do_not_agree_refuse_what_gray_levels_confirm():
-    assert not assessed(GOOD, structure=Structure(0.13)).is_accepted
-    assert assessed(GOOD, structure=Structure(0.3)).is_good
 
 
 @pytest.mark.parametrize(("chance", "is_good"), [(1e-6, True), (1e-4, False)])
@@ -153,7 +118,7 @@ def test_parts_of_the_view_that_agree_more_than_by_chance_stand_for_all_of_it(ch
     assert (verdict.is_accepted, verdict.is_good) == (is_good, is_good)
 
 
-@pytest.mark.parametrize("change", [{"ncc": -0.1}, {"inlier_share": 0.2}, {"ncc": 0.45}])
+@pytest.mark.parametrize("change", [{"ncc": -0.1}, {"ncc": 0.45}])
 def test_where_parts_have_proven_a_pose_the_whole_only_says_how_much_has_changed(change):
     for chance, is_good in ((1e-6, True), (1e-4, False)):
         structure = Structure(agreement=0.3, support=Support(40, 15, chance))
@@ -170,90 +135,72 @@ def test_a_stretch_counts_by_what_it_surely_exceeds():
     assert assessed(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.04)).is_good
 
 
-@pytest.mark.parametrize(
-    ("change", "is_accepted", "is_good"),
-    [
+def test_a_pose_by_little_of_the_view_is_not_driven_by():
+    for change, is_accepted, is_good in [
         ({"overlap": 0.24}, True, False),
         ({"overlap": 0.26}, True, True),
         ({"inlier_share": 0.39}, False, False),
         ({"inlier_share": 0.49}, True, False),
         ({"inlier_share": 0.51}, True, True),
-    ],
-    ids=str,
-)
-def test_the_limits_of_what_images_show(change, is_accepted, is_good):
-    found = assessed(replace(GOOD, **change))
-    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+    ]:
+        found = assessed(replace(GOOD, **change))
+        assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
 
 
-@pytest.mark.parametrize(
-    ("structure", "is_accepted", "is_good"),
-    [
+def test_images_of_another_lens_place_nobody():
+    for structure, is_accepted, is_good in [
         (Structure(0.19), False, False),
         (Structure(0.24), True, False),
         (Structure(0.26), True, True),
         (Structure(0.9, stretch=-0.101, stretch_sigma=0.01), False, False),  # surely beyond 0.06
         (Structure(0.9, stretch=0.099, stretch_sigma=0.01), True, False),
         (Structure(0.9, stretch=0.069, stretch_sigma=0.01), True, True),
-    ],
-    ids=str,
-)
-def test_the_limits_of_gradients_and_lens(structure, is_accepted, is_good):
-    found = assessed(GOOD, structure=structure)
-    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+    ]:
+        found = assessed(GOOD, structure=structure)
+        assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
 
 
-@pytest.mark.parametrize("axis", [0, 3], ids=["m", "rad"])
 @pytest.mark.parametrize(
     ("kind", "factor", "is_accepted", "is_good"),
     [
-        ("light", 0.49, True, True),
         ("light", 0.99, True, False),
         ("light", 1.01, False, False),
-        ("occlusion", 0.49, True, True),
         ("occlusion", 4.9, True, False),
         ("occlusion", 5.1, False, False),
     ],
 )
-def test_the_limits_of_a_bias(axis, kind, factor, is_accepted, is_good):
+def test_a_pose_that_light_or_a_cover_pulls_is_not_driven_by(kind, factor, is_accepted, is_good):
     """By the largest uncertainty: 0.2 m, 0.05 rad; that of an occlusion was removed."""
-    xi = np.zeros(6)
-    xi[axis] = factor * (0.2, 0.05)[axis // 3]
-    bias = type(Structure().illumination)(0.5, xi)
-    found = assessed(GOOD, structure=Structure(**{{"light": "illumination", "occlusion": "occlusion"}[kind]: bias}))
-    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+    for axis in [0, 3]:
+        xi = np.zeros(6)
+        xi[axis] = factor * (0.2, 0.05)[axis // 3]
+        bias = type(Structure().illumination)(0.5, xi)
+        found = assessed(GOOD, structure=Structure(**{{"light": "illumination", "occlusion": "occlusion"}[kind]: bias}))
+        assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
 
 
-@pytest.mark.parametrize(
-    ("sigma_rad", "is_accepted", "is_good"), [(0.024, 1, 1), (0.026, 1, 0), (0.049, 1, 0), (0.051, 0, 0)]
-)
-def test_the_limits_of_an_uncertain_attitude(sigma_rad, is_accepted, is_good):
-    found = assessed(GOOD, covariance=np.diag([1e-6] * 3 + [1e-7, sigma_rad**2, 1e-7]))
-    assert (found.is_accepted, found.is_good) == (bool(is_accepted), bool(is_good))
+def test_a_vehicle_of_which_nobody_knows_where_it_looks_is_not_placed():
+    for sigma_rad, is_accepted, is_good in [(0.024, 1, 1), (0.026, 1, 0), (0.049, 1, 0), (0.051, 0, 0)]:
+        found = assessed(GOOD, covariance=np.diag([1e-6] * 3 + [1e-7, sigma_rad**2, 1e-7]))
+        assert (found.is_accepted, found.is_good) == (bool(is_accepted), bool(is_good))
 
 
-@pytest.mark.parametrize(
-    ("sigmas", "is_accepted", "is_good"), [(5.5, True, True), (5.7, True, False), (8.1, False, False)]
-)
-def test_the_limits_of_an_innovation(sigmas, is_accepted, is_good):
-    jumped = replace(GOOD, T_world_camera=SE3.exp([sigmas * np.sqrt(2e-6), 0, 0, 0, 0, 0]))
-    found = assessed(jumped)
-    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+def test_a_pose_far_from_its_prediction_is_not_driven_by():
+    for sigmas, is_accepted, is_good in [(5.5, True, True), (5.7, True, False), (8.1, False, False)]:
+        jumped = replace(GOOD, T_world_camera=SE3.exp([sigmas * np.sqrt(2e-6), 0, 0, 0, 0, 0]))
+        found = assessed(jumped)
+        assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
 
 
-@pytest.mark.parametrize(
-    ("change", "distance_ratio", "reason"),
-    [
+def test_a_refusal_says_what_to_look_at():
+    for change, distance_ratio, reason in [
         ({"gains": (1.9, 1.0), "biases": (49.0, -49.0)}, 0.9, "OUTLIERS"),
         ({"gains": (2.1, 1.0)}, 0.9, "LIGHT_CHANGE"),
         ({"gains": (1.0, 0.47)}, 0.9, "LIGHT_CHANGE"),
         ({"biases": (0.0, -51.0)}, 0.9, "LIGHT_CHANGE"),
         ({}, 1.1, "OUTSIDE_REGION"),
-    ],
-    ids=str,
-)
-def test_the_likely_cause_of_outliers(change, distance_ratio, reason):
-    assert assessed(replace(GOOD, ncc=0.3, **change), distance_ratio=distance_ratio).finding.reason == reason
+    ]:
+        assert assessed(replace(GOOD, ncc=0.3, **change), distance_ratio=distance_ratio).finding.reason == reason
 
 
 def test_every_reason_has_its_remedy():

@@ -34,23 +34,12 @@ def test_in_a_chain_it_is_the_mean_of_the_edges():
     assert sigma2(edges, 2) == pytest.approx((3e-4 + 1.0) / 2)
 
 
-def test_two_measurements_of_one_motion_are_one_surer_one():
-    assert sigma2([edge(0, 1, 1e-4), edge(0, 1, 3e-4, is_loop=True)], 0) == pytest.approx(0.75e-4)
-
-
 def test_a_wide_edge_is_as_sure_as_the_way_around_it():
     around = [edge(0, 2, TIGHT), edge(2, 3, TIGHT), edge(3, 1, TIGHT)]
     expected = 1 / (1 / LOOSE + 1 / (3 * TIGHT))
     motions = relative_covariances(*graph_and_edges([edge(0, 1, LOOSE), *around]), 0)
     np.testing.assert_allclose(np.diagonal(motions[1]), expected, rtol=1e-6)
     assert sigma2([edge(0, 1, LOOSE)], 0) == pytest.approx(LOOSE)
-
-
-def test_a_way_over_far_key_spheres_does_not_count():
-    around = [edge(0, 2, TIGHT), edge(2, 3, TIGHT), edge(3, 4, TIGHT), edge(4, 5, TIGHT), edge(5, 6, TIGHT),
-              edge(6, 1, TIGHT)]  # fmt: skip
-    motions = relative_covariances(*graph_and_edges([edge(0, 1, LOOSE), *around]), 0)
-    assert motions[1][0, 0] == pytest.approx(LOOSE)
 
 
 def test_a_refuted_loop_makes_nothing_sure():
@@ -70,21 +59,6 @@ def test_a_refuted_loop_makes_nothing_sure():
 )
 def test_a_key_sphere_that_nothing_holds_makes_the_others_no_surer(lost):
     assert sigma2([edge(0, 1, LOOSE), lost], 0) == pytest.approx(LOOSE)
-
-
-def test_along_a_way_covariances_are_carried_by_the_adjoint():
-    rng = np.random.default_rng(3)
-    T_0_1, T_1_2 = (SE3.exp([1.0, 0.3, -0.2, 0.1, 0.2, angle]) for angle in (0.7, -0.4))
-    first, second = (np.diag(rng.uniform(1.0, 9.0, 6)) * 1e-6 for _ in range(2))
-    poses = {0: HERE, 1: T_0_1, 2: T_0_1 @ T_1_2}
-    edges = [Edge(0, 1, T_0_1, np.linalg.inv(first)), Edge(1, 2, T_1_2, np.linalg.inv(second))]
-    motions = relative_covariances(*graph_and_edges(edges, poses), 0)
-    adjoint = T_1_2.inverse().adjoint()
-    np.testing.assert_allclose(motions[2], adjoint @ first @ adjoint.T + second, rtol=1e-6, atol=1e-12)
-    # seen from the other end it is the same motion, carried there
-    back = relative_covariances(*graph_and_edges(edges, poses), 2)
-    to_first = (T_0_1 @ T_1_2).adjoint()
-    np.testing.assert_allclose(back[0], to_first @ motions[2] @ to_first.T, rtol=1e-6, atol=1e-12)
 
 
 def test_around_a_loop_information_is_that_of_numerical_derivatives():
@@ -110,27 +84,11 @@ def test_around_a_loop_information_is_that_of_numerical_derivatives():
         np.testing.assert_allclose(motions[k], covariance[at, at], rtol=1e-6, atol=1e-9)
 
 
-def test_it_is_told_in_the_axes_of_the_key_sphere():
+def test_an_error_of_a_turned_key_sphere_lies_along_its_axes():
     turned = SE3.from_planar(0.0, 0.0, np.pi / 2)
     variance = np.array([1e-4, 4e-6, 1e-6, 1e-6, 1e-6, 4e-6])
     one = EdgeErrors(graph_of([Edge(0, 1, turned, np.diag(1 / variance))], {1: turned}))
     np.testing.assert_allclose(np.diagonal(one.covariance(0)), variance[[1, 0, 2, 4, 3, 5]], rtol=1e-9)
-
-
-def test_what_another_drive_added_later_widens_only_its_own():
-    day, night = Experience("day"), Experience("night")
-    edges = [edge(0, 1, TIGHT), edge(0, 2, LOOSE, is_loop=True)]
-    kinds = {0: day, 1: day, 2: night}
-    assert sigma2(edges, 0, experiences=kinds) == pytest.approx(TIGHT)
-    assert sigma2(edges, 2, experiences=kinds) == pytest.approx(LOOSE)
-
-
-def test_where_nothing_is_known_nothing_is_said():
-    graph = SphereGraph([KeySphere(0, 0, HERE), KeySphere(1, 1, HERE)], [Edge(0, 1, HERE, np.zeros((6, 6)))])
-    errors = EdgeErrors(graph)
-    assert errors.covariance(0) is None
-    assert errors.covariance(7) is None
-    assert EdgeErrors(SphereGraph([KeySphere(0, 0, HERE)])).covariance(0) is None
 
 
 def graph_and_edges(edges, poses=None):

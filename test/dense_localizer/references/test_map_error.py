@@ -12,7 +12,7 @@ PARAMS = CovarianceParams(map_sigma_m=0.002, map_sigma_rad=0.001)
 NOISE = np.repeat([0.001, 0.0005], 3) ** 2
 
 
-def test_what_is_assumed_gives_way_to_what_is_seen():
+def test_a_good_map_makes_the_pose_surer_as_it_is_driven():
     error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(1)
     at_first = np.sqrt(np.diagonal(error.covariance(0, SE3.identity())) / SHARED_ERROR)
     np.testing.assert_allclose(at_first, np.repeat([0.002, 0.001], 3))
@@ -24,26 +24,7 @@ def test_what_is_assumed_gives_way_to_what_is_seen():
     np.testing.assert_allclose(np.sqrt(np.mean(seen[50:], axis=0)), sigma, rtol=0.15)
 
 
-def test_an_exact_map_leaves_the_noise_of_the_image():
-    error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(2)
-    for _ in range(100):
-        error.add(rng.normal(size=6) * np.sqrt(NOISE), NOISE)
-    assert np.all(np.diagonal(error.covariance(0, SE3.identity())) < 2 * SHARED_ERROR * NOISE)
-    assert np.all(np.diagonal(error.covariance(0, SE3.identity())) >= 0)
-
-
-def test_an_image_that_tells_nothing_changes_nothing():
-    error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(4)
-    for _ in range(30):
-        error.add(rng.normal(size=6) * np.sqrt(NOISE), NOISE)
-    before = np.diagonal(error.covariance(0, SE3.identity())).copy()
-    for _ in range(3):
-        error.add(np.zeros(6), 1e4 * NOISE)  # most of the view is covered
-    after = np.diagonal(error.covariance(0, SE3.identity()))
-    assert np.all((before > 0.1 * NOISE) & (after > 0.9 * before) & (after < 3.0 * before))
-
-
-@pytest.mark.parametrize("size", [0.0, 0.2, 1.0, 5.0])
+@pytest.mark.parametrize("size", [0.0, 1.0])
 def test_a_pose_is_as_far_off_as_is_told(size):
     sigma, nees = size * np.sqrt(NOISE), []
     for seed in range(20):

@@ -46,17 +46,6 @@ def test_spheres_are_read_once_while_there_is_room():
     preparation.close()
 
 
-@pytest.mark.parametrize(("is_live", "expected"), [(False, [0, 1, 2, 3, 4]), (True, [0, 1, 2])])
-def test_what_a_live_camera_has_seen_of_a_sphere_counts(is_live, expected):
-    reader = Reader()
-    preparation = SpherePrefetch(reader, 50, is_live=is_live)
-    preparation.get(0).num_bytes = 16
-    preparation.begin([0, 1, 2, 3, 4], lambda _: reader)
-    preparation.get(expected[-1])
-    preparation.close()
-    assert reader.read == expected
-
-
 def test_two_in_use_and_the_next_are_kept_whatever_they_take():
     reader = Reader()
     preparation = SpherePrefetch(reader, 5)
@@ -79,37 +68,6 @@ def test_what_was_begun_is_got_without_another_reading_and_by_another_thread():
     assert reader.read == [3, 4]
     assert threading.current_thread().name not in reader.threads
     preparation.close()
-
-
-def test_no_more_is_begun_than_there_is_room_for():
-    reader = Reader()
-    preparation = SpherePrefetch(reader, 30)
-    preparation.get(9)
-    preparation.begin(list(range(8)), lambda _: reader)
-    preparation.get(2)
-    preparation.close()
-    assert reader.read == [9, 0, 1, 2]
-
-
-@pytest.mark.parametrize("is_live", [False, True])
-def test_what_a_live_camera_does_not_want_any_more_is_not_read(is_live):
-    gate, reader = threading.Event(), Reader()
-
-    def wait(sphere_id):
-        assert gate.wait(20.0)
-        return reader(sphere_id)
-
-    preparation = SpherePrefetch(wait, 1000, is_live=is_live)
-    preparation._largest = 10
-    preparation._future(0)
-    preparation.begin([1, 2], lambda _: reader)
-    preparation.begin([2, 3], lambda _: reader)
-    assert not preparation.is_ready(0)
-    assert not is_live or preparation.find(0) is None
-    gate.set()
-    preparation.get(3)
-    preparation.close()
-    assert reader.read == ([0, 2, 3] if is_live else [0, 1, 2, 3])
 
 
 def test_a_sphere_that_cannot_be_read_says_so_each_time():

@@ -1,9 +1,7 @@
-import numpy as np
 import pytest
 
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.recognition import Recognition
 from dense_localizer.references.reference import References
 from dense_localizer.start.startup import Startup, decide
 from sphere_nav.geometry import SE3, Pinhole, Spherical
@@ -46,20 +44,13 @@ def find_start(references, pyramid):
     )
 
 
-@pytest.mark.parametrize(("number", "yaw"), [(0, 0.4), (7, -2.0), (15, 3.0)])
+@pytest.mark.parametrize(("number", "yaw"), [(0, 0.4), (15, 3.0)])
 def test_a_large_map_is_searched_by_what_it_looks_like(references, number, yaw):
     pose = at(0.2, 0.1, yaw)
     start = find_start(references, pyramid_of(ROOMS[number], pose))
     assert start.candidate is not None
     distance, angle = start.candidate.T_map_camera.distance(SE3.from_planar(GAP * number, 0, 0) @ pose)
     assert (distance, angle) < (0.02, 0.01)
-
-
-def test_features_place_the_camera_and_only_so_many_spheres_are_looked_at(references):
-    found = Recognition(references.appearance, pyramid_of(ROOMS[4], at(0.2, 0.1, 1.0)))
-    assert len(found.alike) <= NUM_RETRIEVED < len(ROOMS)
-    poses = dict(found.match_poses())
-    assert poses[4].distance(at(0.2, 0.1, 1.0))[0] < 0.1
 
 
 def test_a_room_that_is_not_in_the_map_is_not_found(references):
@@ -73,11 +64,3 @@ def test_two_of_many_rooms_alike_are_ambiguous(references):
     start = find_start(References(MemoryMap(twins), PARAMS), pyramid_of(ROOMS[3], at(0.1, 0.0, 0.4)))
     assert start.candidate is None
     assert start.finding.reason is Reason.AMBIGUOUS
-
-
-def test_a_panorama_is_recognised_in_body_axes(references):
-    camera = Spherical(512, 256)
-    image = ROOMS[2].sphere(SE3.from_planar(0.3, 0.2, 2.0), camera, 9).gray
-    found = Recognition(references.appearance, build_pyramid(np.asarray(image), camera, PARAMS.registration.pyramid))
-    assert found.alike[0].sphere_id == 2
-    assert dict(found.match_poses())[2].distance(SE3.from_planar(0.3, 0.2, 2.0))[0] < 0.1

@@ -1,9 +1,7 @@
 """What is kept of a drive, beside the map: bounded, named at the end, and nothing where there is nothing to see."""
 
 import errno
-import os
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,8 +11,7 @@ pytest.importorskip("rclpy")
 
 from dense_localizer.inputs import CameraImage
 from dense_localizer.judge.estimate import CameraEstimate
-from dense_localizer.ros import drive_recorder
-from dense_localizer.ros.drive_recorder import DriveRecorder, drives_of, prune
+from dense_localizer.ros.drive_recorder import DriveRecorder, drives_of
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.status import State, Status
 from sphere_nav.ros.bags import BagReader, BagWriter
@@ -82,23 +79,6 @@ def test_the_cameras_of_a_rig_are_kept_where_each_was(reader):
     assert poses[0].orientation.z == pytest.approx(np.sqrt(0.5))
 
 
-def test_a_drive_that_shows_too_little_is_dropped(reader):
-    assert record(reader, MIN_KEY_IMAGES - 1) == []
-    assert list(drives_of(reader.path).iterdir()) == []
-
-
-def test_a_drive_that_was_explained_is_kept_to_judge_by(reader):
-    (line,) = record(reader, MIN_KEY_IMAGES, ncc=0.9)
-    assert line.endswith(f"the map explained {MIN_KEY_IMAGES} of {MIN_KEY_IMAGES} key images")
-
-
-def test_a_drive_is_bounded(reader, monkeypatch):
-    monkeypatch.setattr(drive_recorder, "MAX_DRIVE_MB", 1e-4)
-    monkeypatch.setattr(BagWriter, "position", 200)
-    said = record(reader, 2 * MIN_KEY_IMAGES)
-    assert said == [f"{drives_of(reader.path)}/19700101_000001: 0 MB: the rest of the drive is not kept"]
-
-
 def test_a_full_disk_ends_the_drive_and_nothing_else(reader, monkeypatch):
     def write(self, topic, message, stamp, **_):
         raise OSError(errno.ENOSPC, "No space left on device", str(self.partial))
@@ -107,19 +87,3 @@ def test_a_full_disk_ends_the_drive_and_nothing_else(reader, monkeypatch):
     said = record(reader, 3)
     assert len(said) == 1
     assert "No space left on device" in said[0]
-
-
-def test_what_a_camera_cannot_tell_ends_the_drive_in_words(reader):
-    said = record(reader, 3, camera=SimpleNamespace(model="omni"))
-    assert len(said) == 1
-    assert "CameraInfo" in said[0]
-
-
-def test_the_oldest_drives_make_room(tmp_path, monkeypatch):
-    monkeypatch.setattr(drive_recorder, "MAX_DRIVES_MB", 2.5e-3)
-    for k, name in enumerate(("c", "a", "b.refused", "torn.partial")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "bag").write_bytes(bytes(1000))
-        os.utime(tmp_path / name, (k, k))
-    prune(Path(tmp_path))
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["a", "b.refused", "torn.partial"]

@@ -95,19 +95,8 @@ def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):
     assert find(pyramid_at(room, pose), 1_950_000_000).candidate is not None
 
 
-def test_of_the_poses_near_a_given_one_each_image_asks_parts_of_another(asked):
-    search, ask = asked
-    search._is_automatic = False
-    search.start_near(at(0.0), LocalizerInput(10**9))
-    rounds = ask(8, 0.1)
-    turns = [[guess.asks_parts for guess in tried].index(True) for tried in rounds]
-    assert all(sum(guess.asks_parts for guess in tried) == 1 for tried in rounds)
-    assert all(guess.is_near for tried in rounds for guess in tried)
-    assert turns == [number % len(rounds[0]) for number in range(8)]
-    assert len(rounds[0]) > 1
-
-
-def test_who_is_lost_for_long_is_searched_for_in_another_light_and_turned_in_turn(asked):
+@pytest.mark.slow
+def test_a_vehicle_lost_for_long_is_searched_for_in_another_light_and_turned(asked):
     _, ask = asked
     rounds = ask(NUM_WHOLE_SEARCHES + 4, SEARCH_PERIOD_S)
     found = [(any(one.T_map_camera is T for one in tried)) for tried in rounds for T in (BY_PARTS, TURNED)]
@@ -115,44 +104,3 @@ def test_who_is_lost_for_long_is_searched_for_in_another_light_and_turned_in_tur
     assert pairs[:NUM_WHOLE_SEARCHES] == [(True, True)] * NUM_WHOLE_SEARCHES
     assert sorted(pairs[-2:]) == sorted(pairs[-4:-2]) == [(False, True), (True, False)]
     assert all(len(tried) > 1 for tried in rounds)  # upright ones each time
-
-
-def test_of_two_cameras_each_is_asked_both_ways(asked, room, monkeypatch):
-    search, _ = asked
-    monkeypatch.setattr(search._startup, "propose", lambda *_: [])
-    frame = LocalizerInput(10**9, images=(RigImage(pyramid_at(room, at(0.3))),) * 2)
-    search._num_whole = 2 * NUM_WHOLE_SEARCHES
-    told = [[one.T_map_camera for part in search._propose_anywhere(frame) for one in part] for _ in range(4)]
-    assert [one is TURNED for (one,) in told] == [True, True, False, False]
-
-
-def test_a_new_request_asks_everything_again(asked):
-    search, ask = asked
-    ask(NUM_WHOLE_SEARCHES + 1, SEARCH_PERIOD_S)
-    search.request(None)
-    (tried,) = ask(1, SEARCH_PERIOD_S)
-    assert {id(BY_PARTS), id(TURNED)} <= {id(one.T_map_camera) for one in tried}
-
-
-def test_a_lost_pose_moves_with_the_odometry(asked, room, monkeypatch):
-    search, _ = asked
-    search._is_automatic, tried = False, []
-    monkeypatch.setattr(search._startup, "propose_near", lambda images, T: tried.append(T) or [])
-    step, lost, odom = SE3.from_planar(0.4, 0.1, 0.2), at(0.5, 0.0, 0.3), SE3.from_planar(7.0, 1.0, 2.0)
-    pyramid = pyramid_at(room, at(0.3))
-    nowhere = locate([RigImage(pyramid)], search._references, PARAMS, Prediction.guess(at(50.0)))
-
-    def find(number, T_odom):
-        frame = LocalizerInput(10**9 + number * 10**8, images=(RigImage(pyramid),), T_odom_camera=T_odom)
-        search.find(frame, lambda frame, guess: nowhere)
-
-    search.start_near(lost, LocalizerInput(10**9, T_odom_camera=odom))
-    for number, T_odom in enumerate([odom @ step, None, odom @ step @ step]):
-        find(number, T_odom)
-    expected = [lost @ step, lost @ step, lost @ step @ step]
-    assert [one.distance(other) < (1e-9, 1e-9) for one, other in zip(tried, expected, strict=True)] == [True] * 3
-    search.request(lost)  # by an operator: it moves from the next image on
-    for number, T_odom in enumerate([odom, odom @ step], start=3):
-        find(number, T_odom)
-    assert tried[3] is lost
-    assert tried[4].distance(lost @ step) < (1e-9, 1e-9)

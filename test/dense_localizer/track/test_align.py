@@ -3,13 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from dense_localizer.constants import CONTRAST_COVARIANCE
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import Choice, References
-from dense_localizer.track.align import align_rig, find_first_level, start_at
+from dense_localizer.track.align import align_rig, find_first_level
 from sphere_nav.geometry import SE3
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
@@ -20,21 +19,12 @@ from worlds.localizer import PINHOLE, SMALL_IMAGES, at
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
 
 
-@pytest.mark.parametrize(
-    ("sigma_m", "sigma_rad", "level"),
-    [(0.0, 0.9 / 110, 0), (0.0, 1.1 / 110, 1), (0.0, 3.9 / 110, 2), (4.4 / 110, 0.0, 2), (2.2 / 110, 3.1 / 110, 3)],
-)
-def test_the_first_level_is_that_at_which_the_uncertainty_is_a_pixel(room, sigma_m, sigma_rad, level):
+def test_the_first_level_is_that_at_which_the_uncertainty_is_a_pixel(room):
     """110 pixels per radian, the scene at 2 m; position and attitude add up."""
-    prediction = Prediction(SE3.identity(), np.diag([sigma_m**2, 0, 0, 0, 0, sigma_rad**2]), 0)
-    choice = Choice((0,), (), 1.0, 0.0, typical_range_m=2.0, region_m=2.0)
-    assert find_first_level(prediction, choice, build_pyramid(room.photograph(PINHOLE, at(0.0)), PINHOLE)) == level
-
-
-def test_an_alignment_never_begins_above_the_coarsest_level():
-    params = replace(PARAMS.registration, pyramid=replace(PARAMS.registration.pyramid, coarsest=2))
-    assert start_at(1, params).pyramid.coarsest == 1
-    assert start_at(5, params).pyramid.coarsest == 2
+    for sigma_m, sigma_rad, level in [(0.0, 1.1 / 110, 1), (0.0, 3.9 / 110, 2), (2.2 / 110, 3.1 / 110, 3)]:
+        prediction = Prediction(SE3.identity(), np.diag([sigma_m**2, 0, 0, 0, 0, sigma_rad**2]), 0)
+        choice = Choice((0,), (), 1.0, 0.0, typical_range_m=2.0, region_m=2.0)
+        assert find_first_level(prediction, choice, build_pyramid(room.photograph(PINHOLE, at(0.0)), PINHOLE)) == level
 
 
 def test_by_local_contrast_an_alignment_is_less_sure(room, room_map):

@@ -102,32 +102,6 @@ def test_frozen_depth_holds_no_pose(run):
     assert estimate.T_map_camera is None
 
 
-@pytest.mark.slow
-def test_a_camera_that_is_not_to_trust_takes_its_depth_along(run):
-    """A frozen driver repeats both; that depth is new is not known of an image of another size, either."""
-    way = drive(12, speed=0.5)
-    for pose in way[:8]:
-        run.see(pose)
-    small = np.zeros((4, 4), np.uint8)
-    for pose in way[8:]:
-        estimate = run.see(pose, small)
-    assert estimate.candidate is None
-    assert estimate.status.reason == Reason.BAD_INFO
-
-
-@pytest.mark.slow
-def test_a_start_that_is_given_needs_no_light_and_one_from_nowhere_is_not_by_range(room, room_map):
-    pose = at(-1.0, 0.1, 0.1)
-    for given, state in ((pose @ SE3.exp([0.1, 0.05, 0.1, 0.03, 0.05, 0.0]), State.TRACKING), (None, State.SEARCHING)):
-        run = DepthRun(room, make_localizer(room_map))
-        if given is not None:
-            run.localizer.relocalize(given)
-        for _ in range(6):
-            estimate = run.see(pose, night(room.photograph(PINHOLE, pose, run.count)))
-        assert estimate.status.state == state
-    assert estimate.T_map_camera is None
-
-
 @pytest.fixture
 def support(room_map):
     localizer = make_localizer(room_map)
@@ -150,58 +124,6 @@ def test_a_pose_with_care_is_joined_or_geometry_holds(run, support, off_m, is_jo
     assert (found.acceptance.is_good, found.is_by_range) == (True, not is_joined)
     assert found.T_map_camera.distance(pose)[0] < 0.5 * 0.03
     assert np.trace(found.covariance) < np.trace(given.covariance)
-
-
-@pytest.mark.slow
-def test_a_pose_that_is_good_needs_no_depth(run, support):
-    pose = at(0.2, 0.1, 0.2)
-    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
-    good = replace(candidate_at(pose), acceptance=Acceptance(True, is_good=True, finding=FINE, quality=1.0))
-    assert support.support(frame, good) is good
-
-
-@pytest.mark.slow
-def test_a_prediction_that_cannot_be_is_not_followed_there(run, support):
-    """The range places it 0.5 m away, where the vehicle cannot be: ten deviations."""
-    pose = at(0.2, 0.1, 0.2)
-    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
-    given = candidate_at(pose @ SE3.exp([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]), is_accepted=False)
-    assert not support.support(frame, given).is_accepted
-    near = candidate_at(pose @ SE3.exp([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), is_accepted=False)
-    found = support.support(frame, near)
-    assert found.is_by_range
-    assert found.T_map_camera.distance(pose)[0] < 0.02
-    assert not support.support(frame, candidate_at(pose, is_accepted=False, is_guess=True)).is_accepted
-
-
-@pytest.mark.slow
-def test_errors_of_the_map_are_in_the_covariance(run, support, monkeypatch):
-    pose = at(0.2, 0.1, 0.2)
-    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE, depth=run.depth(pose)),), 10**9)
-    before = support.support(frame, candidate_at(pose, is_accepted=False)).covariance
-    by_map = support._references.error.covariance(1, pose)
-    monkeypatch.setattr(support._references.error, "covariance", lambda *_: by_map + 1e-4 * np.eye(6))
-    added = support.support(frame, candidate_at(pose, is_accepted=False)).covariance - before
-    Ad = T_IMAGE_DEPTH.adjoint()
-    np.testing.assert_allclose(added, 1e-4 * Ad @ Ad.T, atol=1e-9)
-
-
-@pytest.mark.slow
-def test_the_last_images_do_not_judge_a_pose_by_range(run):
-    """By night they know nothing; and its correlation, which is none, is not what is usual."""
-    way = drive(8, speed=0.5)
-    for pose in way:
-        estimate = run.see(pose)
-    odometry = run.localizer._visual_odometry
-    usual = odometry.usual_ncc(False)
-    odometry._way = replace(odometry._way, meters=1.0)
-    assert odometry.is_needed
-    frame = run.localizer._inputs.check((CameraImage(BLACK, PINHOLE),), run.stamp_ns + STEP_NS)
-    by_range = replace(estimate.candidate, is_by_range=True, acceptance=Acceptance(True, True, FINE, 1.0))
-    assert odometry.verify(frame, by_range, is_trusted=True) is by_range
-    assert not odometry.is_needed
-    odometry.verify(frame, by_range, is_trusted=True)
-    assert odometry.usual_ncc(False) == usual > 0.0
 
 
 def test_two_poses_are_joined_as_information_adds():

@@ -39,19 +39,7 @@ class Track:
         return by_map, found
 
 
-def test_the_map_places_images_and_another_room_is_refused_by_both(room, room_map):
-    track, other = Track(room, room_map), sharp_room((5.0, 3.0, 1.5), seed=3)
-    poses = [at(0.01 * k) for k in range(1, 8)]
-    for pose in poses[:3]:
-        by_map, found = track.see(pose)
-        assert found is by_map
-        assert (found.is_accepted, found.is_by_map) == (True, True)
-    by_map, found = track.see(poses[3], other)  # another room: neither map nor last image
-    assert found is by_map
-    assert not found.is_accepted
-
-
-def test_the_last_image_places_what_the_map_refuses(room):
+def test_where_the_map_refuses_the_last_image_places(room):
     hidden = make_map(sharp_room((5.0, 3.0, 1.5), seed=3), [SE3.identity()])
     track = Track(room, make_map(room, [SE3.identity()]))
     for k in range(1, 4):

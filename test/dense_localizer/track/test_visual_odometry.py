@@ -1,8 +1,6 @@
 """The last image as a reference (M15 section 5.3): range, covariance of a way, other light, a hidden map."""
 
-from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ from dense_localizer.judge import integrity
 from dense_localizer.params import LocalizerParams
 from dense_localizer.track.visual_odometry import Way, make_view
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.localization.status import Finding, Reason, State
+from sphere_nav.localization.status import Reason, State
 from sphere_nav.params import build
 from sphere_nav.photometric import View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
@@ -60,7 +58,7 @@ def test_an_image_that_was_placed_is_a_reference(room):
 
 
 @pytest.mark.slow
-def test_the_covariance_of_a_way_is_that_of_its_steps_and_grows(room):
+def test_a_way_without_the_map_is_the_less_sure_the_longer_it_is(room):
     rng, sigma = np.random.default_rng(3), 1e-3
     poses = [SE3.exp([0.1 * k, 0.0, 0.02 * k, 0.0, 0.05 * k, 0.0]) for k in range(6)]
     found = Way(poses[0], np.zeros((6, 6)), 0)
@@ -87,25 +85,7 @@ def test_the_covariance_of_a_way_is_that_of_its_steps_and_grows(room):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("is_half", [True, False], ids=["half", "all"])
-def test_a_lamp_that_is_switched_changes_little_of_local_contrast(room_map, is_half):
-    run, other = Run(wide_room(), make_localizer(room_map)), RelitRoom(is_half)
-    day, poses = run.room, way(12 + NUM_DARK + 8)
-    nees = []
-    for k, pose in enumerate(poses):
-        run.room = other if 12 <= k < 12 + NUM_DARK else day
-        estimate = run.see(pose, step_ns=STEP_NS)
-        if k > 11:
-            assert estimate.status.state is State.TRACKING
-            assert error(estimate, pose)[0] < 0.07
-            xi = (estimate.T_map_camera.inverse() @ pose).log()
-            nees.append(xi @ np.linalg.solve(estimate.covariance, xi))
-    assert max(nees) < 25.0
-    assert np.mean(nees) < 12.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("is_half", [True, False], ids=["half", "all"])
+@pytest.mark.parametrize("is_half", [False])
 def test_a_lamp_that_is_switched_is_driven_through(room_map, is_half):
     run, other = Run(wide_room(), make_localizer(room_map, alignment__contrast=False)), RelitRoom(is_half)
     day, poses = run.room, way(12 + NUM_DARK + 8)
@@ -161,70 +141,6 @@ def test_a_lamp_that_pulls_the_map_itself_is_told_or_changes_little(has_contrast
     for one, pose in zip(told[10:], poses[10:], strict=True):  # grey: 0.37 m off in TRACKING without that evidence
         assert one.status.state is (State.TRACKING if has_contrast else State.DEGRADED)
         assert error(one, pose)[0] < 0.05
-
-
-@pytest.mark.slow
-def test_without_the_last_images_and_parts_the_lamp_ends_the_drive(room_map, monkeypatch):
-    monkeypatch.setattr(integrity, "align_by_parts", lambda alignment, *_: (alignment, 1.0))
-    monkeypatch.setattr(structure, "find_support", lambda *_: NO_SUPPORT)
-    run, told = Run(wide_room(), make_localizer(room_map, prior__max_blind_m=0.0, alignment__contrast=False)), []
-    for k, pose in enumerate(way(20)):
-        run.room = RelitRoom(False) if k >= 12 else run.room
-        told.append(run.see(pose, step_ns=STEP_NS).status.state)
-    assert told[11] is State.TRACKING
-    assert State.LOST in told[12:]
-
-
-@pytest.mark.slow
-def test_the_last_image_is_compared_as_the_map_placed_it(room_map):
-    """By local contrast, then the map is hidden: with its grey levels the next images would be compared wrongly."""
-    localizer = make_localizer(room_map, prior__max_blind_m=2.0)
-    run, poses, told = Run(wide_room(), localizer), way(34), []
-    for k, pose in enumerate(poses):
-        run.room = RelitRoom(False) if 12 <= k < 24 else run.room
-        told.append(run.see(pose, step_ns=STEP_NS))
-    placed = told[23]
-    assert placed.candidate.choice.by_contrast
-    odometry = localizer._visual_odometry
-    image = RigImage(build_pyramid(RelitRoom(False).photograph(PINHOLE, poses[24], 24), PINHOLE, PARAMS.pyramid))
-    before = replace(placed.candidate.prediction, T_map_camera=poses[24], by_contrast=False)
-    prediction = replace(before, growth=1e-4 * np.eye(6))
-    found = odometry._propagate([image], prediction, Finding(Reason.OUTLIERS))
-    assert found.choice.by_contrast
-    assert found.T_map_camera.distance(poses[24])[0] < 0.1
-    localizer.references.close()
-
-
-@pytest.mark.slow
-def test_where_images_say_nothing_good_contrast_is_believed_and_grey_levels_are_not(room_map, monkeypatch):
-    localizer = make_localizer(room_map)
-    run = Run(RelitRoom(False), localizer)
-    told = [run.see(pose, step_ns=STEP_NS) for pose in way(24)]
-    placed, odometry = told[-1].candidate, localizer._visual_odometry
-    localizer.references.close()
-    assert placed.choice.by_contrast
-    assert placed.acceptance.is_good
-    less = 0.8 * odometry.usual_ncc(True)  # another wall, which looks less like the map
-    unlike = replace(placed, alignment=replace(placed.alignment, ncc=less))
-    by_gray = replace(unlike, choice=replace(placed.choice, by_contrast=False))
-    odometry._usual_ncc[False] = odometry.usual_ncc(True)
-    poor = replace(unlike, acceptance=replace(placed.acceptance, is_good=False))
-    elsewhere = replace(placed, T_map_camera=placed.T_map_camera @ SE3.from_planar(0.5, 0.0, 0.0))
-    odometry._way = replace(odometry._way, meters=0.1)
-    for candidate, by_images, is_believed in (
-        (unlike, None, True),
-        (by_gray, None, False),
-        (poor, None, False),
-        (unlike, elsewhere, False),
-        (by_gray, placed, True),
-    ):
-        assert odometry._supports(candidate, by_images) is is_believed
-    frame = SimpleNamespace(images=placed.images, stamp_ns=placed.prediction.stamp_ns)
-    for by_images, said in ((None, "the last images say nothing"), (elsewhere, "elsewhere than the last images say")):
-        monkeypatch.setattr(odometry, "_propagate", lambda *_, found=by_images: found)
-        refused = odometry.verify(frame, by_gray, is_trusted=False)
-        assert not refused.is_accepted
-        assert said in refused.finding.detail
 
 
 @pytest.mark.slow

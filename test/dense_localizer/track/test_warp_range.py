@@ -23,8 +23,3 @@ def test_it_is_that_of_the_room(room):
     known = ~np.isnan(found)
     assert known.mean() > 0.1
     assert np.median(np.abs(found[known] / truth[known] - 1.0)) < 0.01
-
-
-def test_without_references_nothing_is_known(room):
-    pyramid = build_pyramid(room.photograph(CAMERA, MOUNT), CAMERA, PARAMS.pyramid)
-    assert np.all(np.isnan(warp_range(RigImage(pyramid, MOUNT), SE3.identity(), PARAMS)))

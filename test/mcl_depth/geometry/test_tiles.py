@@ -8,7 +8,6 @@ import laspy
 import numpy as np
 import pytest
 
-from mcl_depth.geometry import files, las
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.tiles import Thinner
 from mcl_depth.params import SurveyParams
@@ -34,15 +33,6 @@ def write_las(path: Path, points: np.ndarray, unit: int = 0) -> None:
     tile.write(path)
 
 
-def test_few_points_are_kept_as_they_came():
-    points = RNG.normal(size=(1000, 3))
-    kept = Thinner(most=1000)
-    kept.add(points[:400])
-    kept.add(points[400:])
-    assert kept.side == 0.0
-    np.testing.assert_array_equal(kept.points(), points)
-
-
 def test_of_many_points_one_of_every_cube_is_kept_whatever_comes_at_once():
     points = RNG.uniform(0, 50, (40_000, 3)) + ORIGIN
     dense = np.concatenate([points, RNG.uniform(0, 1, (40_000, 3)) + ORIGIN])  # half of them in one corner
@@ -58,33 +48,6 @@ def test_of_many_points_one_of_every_cube_is_kept_whatever_comes_at_once():
     low, high = (found - ORIGIN).min(axis=0), (found - ORIGIN).max(axis=0)
     assert np.all(low < 3.0)
     assert np.all(high > 47.0)
-
-
-def test_far_tiles_are_no_lump():
-    kept = Thinner(most=1000)
-    for step in range(6):  # each a thousand times farther than the first is wide
-        kept.add(RNG.uniform(0, 1, (600, 3)) + 1000.0 * step)
-    reached = np.unique(np.round(kept.points()[:, 0] / 1000.0))
-    np.testing.assert_array_equal(reached, np.arange(6))
-
-
-def test_points_that_are_equal_and_ones_that_are_none_end():
-    kept = Thinner(most=100)
-    kept.add(np.ones((1000, 3)))
-    kept.add(np.full((1000, 3), np.nan))
-    kept.add(np.full((1000, 3), np.inf))
-    assert len(kept.points()) <= 100
-    np.testing.assert_array_equal(np.unique(kept.points(), axis=0)[0], np.ones(3))
-    kept.add(RNG.normal(size=(1000, 3)))
-    assert len(kept.points()) > 10
-
-
-def test_no_two_cubes_have_one_number():
-    kept = Thinner(most=100)
-    kept.add(np.repeat([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]], 60, axis=0))
-    step, far = 2.0**-15, 64.0  # the next cube along x, and as many cubes along y as have a number
-    kept.add(np.repeat([[step, 0.0, 0.0], [0.0, far, 0.0]], 60, axis=0))
-    assert [0.0, far, 0.0] in kept.points().tolist()
 
 
 def test_a_box_bounds_what_counts():
@@ -107,30 +70,6 @@ def test_tiles_of_a_folder_are_one_cloud_with_one_origin(tmp_path: Path):
     assert (len(cloud.points), cloud.origin) == (75_000, (500_000.0, 5_400_000.0, 0.0))
     assert len(cloud.warnings) == 1  # the origin
     np.testing.assert_allclose(cloud.points[:25_000], parts[0] - ORIGIN, atol=2e-3)
-
-
-def test_of_large_tiles_as_much_is_kept_as_memory_allows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    for module in (las, files):
-        monkeypatch.setattr(module, "Thinner", lambda box=None: Thinner(box, 8000))
-    write_las(tmp_path / "a.las", walls())
-    cloud = read_geometry(tmp_path)
-    assert 2000 < len(cloud.points) <= 8000
-    assert cloud.warnings[-1] == f"{tmp_path}: {len(cloud)} of 25000 points, evenly over space"
-    assert read_geometry(tmp_path / "a.las").warnings[-1].endswith("of 25000 points, evenly over space")
-    assert np.ptp(cloud.points, axis=0) == pytest.approx([100.0, 100.0, 20.0], abs=1.0)
-
-
-@pytest.mark.dds
-def test_only_what_the_area_needs_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    for number in range(3):
-        write_las(tmp_path / f"{number}.laz", walls(100.0 * number), 9001)
-    read, around = [], read_geometry.__globals__["read_las"].__globals__["read_isolated"]
-    monkeypatch.setattr(las, "read_isolated", lambda *words: read.append(words[1].name) or around(*words))
-    survey = SurveyParams(origin="500000,5400000,0")
-    cloud = read_geometry(tmp_path, survey, np.array([20.0, 30.0, 80.0, 90.0]))
-    assert read == ["0.laz"]  # the others lie beside it, as their headers tell
-    np.testing.assert_allclose(cloud.box[0][:2], [20, 30], atol=0.5)
-    np.testing.assert_allclose(cloud.box[1][:2], [80, 90], atol=0.5)
 
 
 def test_tiles_of_two_units_and_a_folder_without_any_are_refused(tmp_path: Path):

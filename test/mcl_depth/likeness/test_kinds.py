@@ -7,13 +7,11 @@ import pytest
 
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.geometry.mesh import mesh_from_faces
-from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.likeness.kinds import GradientLikeness, LearnedLikeness, check_likeness, likeness_of
-from mcl_depth.params import FilterParams, SynthesisParams
+from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
-from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.localization.status import Reason, State
+from sphere_nav.localization.status import State
 from sphere_nav.params import build
 from worlds.boxes import box
 
@@ -21,29 +19,6 @@ LEARNED = {"likeness.kind": "learned"}
 SETTINGS = LEARNED | {"camera_height": 1.2, "resampling.num_particles": 400, "input.min_way": 0.05}
 LAMP = np.array([0.3, 0.2, 1.2])
 POSES = [np.array([-2.0 + 0.25 * k, -1.0 + 0.05 * k, 0.1]) for k in range(14)]
-
-
-def test_the_parameters_say_which():
-    window = panorama_window(SynthesisParams())
-    assert isinstance(likeness_of(FilterParams(), window), GradientLikeness)
-    assert isinstance(likeness_of(build(FilterParams, LEARNED), window), LearnedLikeness)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{"synthesis.num_columns": 360}, {"synthesis.elevation_max_deg": 60.0}, {"synthesis.elevation_min_deg": -9.0}],
-)
-def test_a_panorama_that_it_was_not_trained_for_is_refused(change):
-    with pytest.raises(ValueError, match=r"likeness.kind learned: expected synthesis of 180 columns from -42.5"):
-        check_likeness(build(FilterParams, LEARNED | change))
-    check_likeness(build(FilterParams, change))  # gradients take any
-
-
-def test_weights_that_are_none_are_refused(tmp_path):
-    path = tmp_path / "weights.npz"
-    path.write_text("none")
-    with pytest.raises(ValueError, match="weights of the learned likeness"):
-        check_likeness(build(FilterParams, LEARNED | {"likeness.weights": str(path)}))
 
 
 @pytest.fixture(scope="module")
@@ -87,23 +62,3 @@ def test_a_start_that_is_given_is_confirmed_and_a_wrong_one_is_not(site):
                 errors.append(np.hypot(*(estimate.T_map_level.translation[:2] - pose[:2])))
         assert (State.TRACKING in states) or not is_right
         assert max(errors, default=0.0) < 0.6
-
-
-@pytest.mark.slow
-def test_a_part_of_the_sphere_is_refused_with_what_to_do(site):
-    camera = Pinhole(320, 240, 160.0, 160.0, 159.5, 119.5)
-    R_level_camera = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    image = np.random.default_rng(1).uniform(0, 255, (240, 320)).astype(np.uint8)
-    estimate = site.filter().update(Observation(image, camera, 10**9, R_level_camera, SE3.identity()))
-    assert estimate.status.reason == Reason.LOW_OVERLAP
-    assert "set likeness.kind to gradients" in estimate.status.remedy
-    assert estimate.T_map_level is None
-
-
-@pytest.mark.slow
-def test_a_panorama_that_lacks_a_little_is_taken(site):
-    window = site.depth_map.camera
-    cut = Spherical(window.width, window.height - 3, window.full_width, 0.0, window.offset_v)
-    image = observe(site, POSES[0], 0).image[: cut.height]
-    estimate = site.filter().update(Observation(image, cut, 10**9, np.eye(3), SE3.from_planar(*POSES[0])))
-    assert estimate.belief is not None

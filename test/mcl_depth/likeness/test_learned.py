@@ -72,14 +72,6 @@ def test_the_survey_is_the_circular_correlation_of_the_features(features):
     assert np.corrcoef(found[:, 12], wanted[:, -30])[0, 1] > 0.8 > np.corrcoef(found[:, 12], wanted[:, 30])[0, 1]
 
 
-def test_a_cell_without_ground_fits_nothing(features):
-    slots = np.arange(NUM_CELLS)
-    slots[4] = -1
-    curves = LearnedFilter.of(LearnedStack.of(features), slots).curves(Seen(features[9]), NUM_HEADINGS)
-    np.testing.assert_array_equal(curves[4], 0.0)
-    assert np.argmax(curves.max(axis=1)) == 9
-
-
 def test_bytes_keep_the_features_and_a_filter_survives_on_disk(features, tmp_path):
     stack = LearnedStack.of(features)
     assert np.abs(stack.features - features).max() <= 0.51 * stack.scales.max()

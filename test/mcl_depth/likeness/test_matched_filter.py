@@ -31,12 +31,3 @@ def test_place_and_heading_are_those_of_eq_2():
         assert best == np.unravel_index(np.argmax(eq_2), eq_2.shape) == (cell, heading)
         lead, lead_of_eq_2 = ((c.max() - np.delete(c, cell, 0).max()) / c.std() for c in (found, eq_2))
         assert lead > lead_of_eq_2  # what all rooms have in common is weighed down
-
-
-def test_a_cell_without_ground_fits_nothing():
-    stack = depth_features_many(rooms(square_room(), NUM_CELLS, 5), ComparisonParams())
-    slots = np.arange(NUM_CELLS)
-    slots[4] = -1
-    curves = MatchedFilter.of(stack, slots).curves(image_of(rooms(square_room(), NUM_CELLS, 5), 9, 0), NUM_HEADINGS)
-    np.testing.assert_array_equal(curves[4], 0.0)
-    assert np.argmax(curves.max(axis=1)) == 9

@@ -56,12 +56,6 @@ def bench_of(eye, cloud, **more):
     return Bench(eye, cloud, **{name.replace(".", "__"): value for name, value in (SETTINGS | more).items()})
 
 
-def test_without_a_path_nothing_is_said(eye, cloud):
-    answer = bench_of(eye, cloud).see(PATH[0])
-    assert "/homing/direction" not in answer
-    assert "/homing/status" not in answer
-
-
 @pytest.mark.slow
 def test_beside_a_waypoint_the_direction_leads_to_the_path_beyond_it(eye, cloud):
     bench = bench_of(eye, cloud)
@@ -99,13 +93,6 @@ class Dark:
 
     def picture(self, _):
         return np.zeros((self.camera.height, self.camera.width), np.uint8)
-
-
-@pytest.mark.parametrize("frame", ["odom"])
-def test_a_path_of_another_frame_is_refused(eye, cloud, frame):
-    bench = bench_of(eye, cloud)
-    bench.send("/reference_path", path_message(frame))
-    assert bench.node.guide.homing is None
 
 
 @pytest.mark.slow

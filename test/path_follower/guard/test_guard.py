@@ -70,9 +70,12 @@ def test_commands_without_a_heartbeat_do_not_pass(driving):
 def test_an_emergency_stop_stops_at_once(driving):
     driving.guard.is_emergency = True
     assert driving.run(1.0) <= 1.0 / PARAMS.max_deceleration + 2 * STEP
+    driving.guard.is_emergency = False
+    driving.run(0.2)
+    assert (driving.speeds[-1], driving.guard.reason) == (0.0, "WAITS_FOR_ZERO")
 
 
-def test_what_comes_back_must_begin_at_zero(driving):
+def test_a_sender_that_comes_back_must_begin_at_zero(driving):
     driving.run(1.0, None)
     assert driving.run(1.0) == pytest.approx(STEP)
     assert driving.speeds[-1] == 0.0
@@ -81,7 +84,7 @@ def test_what_comes_back_must_begin_at_zero(driving):
     assert driving.speeds[-1] == 1.0
 
 
-def test_the_ramp_keeps_to_the_curve_and_the_limits(driving):
+def test_a_guard_that_brakes_keeps_to_the_curve_and_the_limits(driving):
     driving.run(1.0, None)
     for (before, after), rate in zip(itertools.pairwise(driving.speeds), driving.rates[1:], strict=True):
         assert after - before <= PARAMS.max_acceleration * STEP + 1e-9

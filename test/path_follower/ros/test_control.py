@@ -63,7 +63,15 @@ def test_before_the_first_answer_a_command_has_the_time_of_the_clock(loop):
     assert loop.stamp_at(SECOND + SECOND // 20) == SECOND
 
 
-def test_what_the_guard_says_is_a_reason(bus, loop):
+def test_after_a_jump_of_the_clock_a_command_has_no_stamp_of_before(loop):
+    loop.heard_ns = loop.answered.stamp_ns = SECOND
+    assert loop.stamp_at(SECOND + SECOND // 20) == SECOND
+    loop.clock_jumped()
+    assert (loop.heard_ns, loop.stamp_at(SECOND // 20)) == (0, SECOND // 20)
+    assert loop.follower.mode.verdict.reason is StopReason.CLOCK_STOPPED or not loop.follower.mode.is_armed
+
+
+def test_a_guard_that_lets_nothing_through_stops_the_vehicle_by_its_reason(bus, loop):
     assert loop.ask("start") == ""
     bus.deliver("/command_guard/status", GuardStatus(reason="NO_HEARTBEAT", detail="none for more than 0.25 s"))
     assert loop.follower.mode.state is FollowerState.DRIVING
@@ -105,7 +113,7 @@ def test_an_emergency_stop_does_not_wait_for_the_looks_that_a_leap_of_the_clock_
     assert set(looks) == {"emergency_stop"}
 
 
-def test_the_worst_cycle_is_told_for_ten_seconds():
+def test_a_late_cycle_is_told_for_ten_seconds():
     cycle = Cycle()
     assert cycle.worst == 0.0
     for now in (SECOND, SECOND + 30_000_000, SECOND + 50_000_000):
@@ -178,5 +186,5 @@ def test_a_front_ends_with_its_loop(monkeypatch):
     assert LOOP not in os.environ
     assert not told.wait(0.05)
     os.close(watched)
-    assert told.wait(5.0)
+    assert told.wait(60.0)
     theirs.close()

@@ -379,7 +379,7 @@ def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required():
         assert is_required == ("expected beams where the vehicle drives" in answer.message)
 
 
-def test_the_wheels_are_compared_with_the_pose_and_those_of_another_frame_refused():
+def test_wheels_of_another_frame_are_refused():
     bus, node = follower_bus()
     drive(bus, node, 1)
     twist = [1.0, 0, 0, 0, 0, 0.2]
@@ -396,7 +396,7 @@ def test_the_wheels_are_compared_with_the_pose_and_those_of_another_frame_refuse
     assert not told.is_required
 
 
-def test_the_covariance_of_a_pose_is_judged_in_its_own_axes():
+def test_a_covariance_is_judged_in_the_axes_of_a_vehicle_that_heads_along_y():
     """Large along the map's x axis: on a vehicle that heads along y that is to its side."""
     for source in ["pose", "odometry"]:
         bus, node = follower_bus(source=source)
@@ -412,7 +412,7 @@ def test_the_covariance_of_a_pose_is_judged_in_its_own_axes():
         assert (stop.reason, stop.value, stop.limit) == ("POSE_UNCERTAIN", pytest.approx(1.5), 1.0)
 
 
-def test_the_status_names_the_map_of_the_pose():
+def test_a_pose_is_of_the_map_that_its_status_names():
     bus, node = follower_bus()
     bus.deliver("/status", status_to_message(Status(State.TRACKING, map_id="yard"), bus.now_ns, "map"))
     pose(bus, 0.0, bus.now_ns)
@@ -454,7 +454,7 @@ def test_where_time_is_simulated_a_pose_is_answered_once_its_status_is_known(mon
 
 
 @pytest.mark.parametrize("lag", [3, 19])
-def test_the_same_drive_gives_the_same_commands_however_late_the_clock_is_looked_at(monkeypatch, lag):
+def test_a_clock_that_is_looked_at_late_changes_no_command(monkeypatch, lag):
     """Poses 0.2 s apart, ticks of the wall before, between and after them; one pose is missing, and then several."""
 
     def commands(looks):

@@ -107,7 +107,7 @@ def hear(bench, *pressed):
     return bench.pressed[-1]
 
 
-def test_what_one_pressed_that_has_gone_holds_until_who_is_left_presses_and_releases(bench):
+def test_a_stop_pressed_by_one_that_has_gone_holds_until_another_presses_and_releases(bench):
     bench.publishers["emergency_stop"] = ["/button"]
     assert hear(bench, False) is False
     bench.publishers["emergency_stop"] = ["/button", "/page"]
@@ -129,7 +129,7 @@ def test_who_pressed_or_who_comes_later_releases(bench):
     assert hear(bench, False) is False
 
 
-def test_what_a_start_mends_at_the_guard_does_not_refuse_it(bench):
+def test_a_guard_that_waits_for_zero_does_not_refuse_a_start(bench):
     for reason in ["NO_COMMAND", "WAITS_FOR_ZERO"]:
         guard_says(bench, reason)
         assert bench.peers.begin() is FINE
@@ -140,7 +140,7 @@ def test_what_a_start_mends_at_the_guard_does_not_refuse_it(bench):
         assert f"{reason}: found" in verdict.detail
 
 
-def test_what_it_does_not_mend_refuses(bench):
+def test_a_guard_without_a_heartbeat_refuses_a_start(bench):
     for reason in ["EMERGENCY_STOP", "NO_HEARTBEAT", "COMMAND_SOURCE"]:
         guard_says(bench, reason)
         assert bench.peers.begin().reason is StopReason.COMMAND_GUARD

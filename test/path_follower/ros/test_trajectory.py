@@ -41,7 +41,7 @@ def test_a_path_with_stamps_is_driven_as_it_was_taught(intake):
     assert intake.loop.follower.path.speed.max() == pytest.approx(0.6, rel=0.02)
 
 
-def test_the_same_path_is_taken_once(intake):
+def test_a_path_that_comes_again_does_not_disturb_the_drive(intake):
     intake.on_path(taught())
     first = intake.loop.follower.path
     intake.on_path(taught())

@@ -125,7 +125,7 @@ def test_a_small_circle_meets_itself_after_one_round(drive):
     assert edge.length == pytest.approx(2 * math.pi * 2.4, abs=0.3)
 
 
-def test_what_drives_say_of_an_edge(drive):
+def test_an_edge_is_as_wide_and_as_well_localised_as_its_drives(drive):
     """Heading anywhere: how many, how wide they are together, and what 95 % of the points are better localised than."""
     start = (3.0, -4.0, 2.0)
     first, *others = (drive((60, 0), start=start, left=left) for left in (0.0, 0.1, -0.2))
@@ -144,7 +144,7 @@ def test_rounds_of_one_drive_are_one_ring(ring):
     assert_sound(ring)
 
 
-def test_the_same_way_backwards_makes_an_edge_reversible(drive):
+def test_an_edge_that_was_driven_backwards_is_reversible(drive):
     network = build_network([drive((60, 0)), drive((20, 0), start=(20, 0, 0), direction=-1)])
     assert_sound(network)
     both = [edge for edge in network.edges.values() if edge.is_reverse]
@@ -153,7 +153,7 @@ def test_the_same_way_backwards_makes_an_edge_reversible(drive):
     assert all(edge.is_forward for edge in network.edges.values())
 
 
-def test_the_fastest_and_the_worst_localised_drive_count(drive):
+def test_an_edge_counts_by_its_fastest_and_its_worst_localised_drive(drive):
     slow, fast = drive((60, 0), speed=0.5), drive((60, 0), speed=1.5)
     good, bad = (replace(d, deviation=np.full(len(d.curve), v)) for d, v in ((slow, 0.01), (fast, 0.04)))
     (edge,) = build_network([good, bad]).edges.values()

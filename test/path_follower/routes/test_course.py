@@ -81,7 +81,7 @@ def test_a_join_is_feasible_and_short(drive, rng, direction, rear_steering):
     assert max(bends) == pytest.approx(limit, rel=1e-3)
 
 
-def test_the_wheel_turns_no_faster_than_it_can(drive):
+def test_a_join_turns_the_wheel_no_faster_than_it_can(drive):
     """Where the path begins to bend before it is reached."""
     (edge,) = build_network([drive((2, 0), (8, 1 / 4))]).edges.values()
     poses, _ = join_curve(edge.curve, 1, Pose2(0.0, 1.0, 0.0), VEHICLE, JOIN_WITHIN)
@@ -165,7 +165,7 @@ def test_a_course_from_beside_has_the_speeds_of_where_it_is(direction):
         make_course(network, short, Pose2(start, 0.6, 0.1), VEHICLE)
 
 
-def test_what_cannot_be_joined_is_refused(drive):
+def test_a_path_that_cannot_be_joined_is_refused(drive):
     network = build_network([drive((60, 0))])
     (edge,) = network.edges.values()
     with pytest.raises(

@@ -40,7 +40,7 @@ def test_a_place_cuts_its_edge_or_takes_a_node_that_is_there(fork):
     assert named.name_of(named.node_of("gate")) == "gate"
 
 
-def test_what_is_no_place(fork):
+def test_a_place_without_a_proper_name_is_refused(fork):
     with pytest.raises(ValueError, match="expected one of home, found 'gate'"):
         fork.node_of("gate")
     for name in ("", "a\nb", 65 * "x"):
@@ -68,7 +68,7 @@ def test_a_curve_bends_to_the_left():
     np.testing.assert_allclose(curve.bend, 0.25, rtol=1e-3)
 
 
-def test_the_closest_of_several_edges_comes_first_whichever_side_it_is_on():
+def test_a_vehicle_is_on_the_closest_of_several_edges_whichever_side_it_is_on():
     x = np.linspace(0.0, 20.0, 201)
     edges = {i: RouteEdge(i, 0, 1, EdgeCurve(x, np.full(201, y), 0 * x + turned, 0 * x + 1))
              for i, y, turned in ((5, 0.5, 0.0), (6, -0.4, 0.0), (7, -0.1, 0.5))}  # fmt: skip

@@ -65,7 +65,7 @@ def test_route_server_finds_what_it_wants(drive):
     )
 
 
-def test_what_is_known_of_an_edge_comes_back_however_it_may_be_driven():
+def test_an_edge_comes_back_from_its_file_however_it_may_be_driven():
     """An edge that is only driven backwards is a line from its end to its start for others."""
     x = np.linspace(0.0, 3.1, 32)
     curve = EdgeCurve(x, 0.1 * x, np.full(32, 0.0997), np.where(x > 2.0, np.nan, 0.5 + 0.1 * x))
@@ -122,7 +122,7 @@ BROKEN = {
 }
 
 
-def test_what_is_no_network_is_refused_in_one_line(named):
+def test_a_file_that_is_no_network_is_refused_in_one_line(named):
     for text in BROKEN:
         whole = json.loads(to_geojson(named))
         BROKEN[text](whole)
@@ -161,7 +161,7 @@ def test_a_mission_comes_back_as_it_was(file, fork):
     assert [path.name for path in file.parent.iterdir()] == ["mission.json"]
 
 
-def test_what_is_left_of_a_mission_comes_back(fork, tmp_path):
+def test_a_mission_goes_on_with_the_laps_that_are_left(fork, tmp_path):
     mission = mission_of(fork)
     mission.begin(Goal("home", laps=3, wait=1.5), 0.0)
     (first, *_), legs = fork.edges.values(), [Leg(min(fork.edges), -1, 7.0, 2.0), Leg(min(fork.edges), 1, 2.0, 9.0)]
@@ -188,7 +188,7 @@ BROKEN_MISSIONS = {
 }
 
 
-def test_what_is_no_mission_is_refused(file, fork):
+def test_a_file_that_is_no_mission_is_refused(file, fork):
     whole = json.loads(file.read_text())
     for text, change in BROKEN_MISSIONS.items():
         file.write_text(json.dumps(whole | change))

@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rig_calibration.boards.assembly import Assembly, Sighting, _apart, _majority, assemble, board_turns, hand_eye
+from rig_calibration.boards.assembly import Assembly, Sighting, assemble, board_turns, hand_eye
 from rig_calibration.boards.board import Board
 from sphere_nav.geometry import SE3
-
-# Written out: imported, a change would go unseen.
-LOST = 0.1
 
 CAMERAS = [SE3.exp([0.1 * k, -0.2 * k, 0.05, 0.1, 0.3 * k, -0.2]) for k in range(3)]
 BOARDS = [SE3.exp([1.0 + k, 0.3 * k, -0.4, 0.2, -0.3 * k, 0.1 * k]) for k in range(3)]
@@ -92,25 +89,6 @@ def test_what_only_one_end_of_is_known_joins_nothing():
 def test_without_a_view_of_the_first_camera_nothing_is_joined():
     found = assemble([sighting(1, 0, 0, rigs(1)[0])], CAMERAS[0], 2, np.random.default_rng(0))
     assert (found.cameras, found.boards) == ({}, {})
-
-
-def test_poses_are_apart_by_their_way_in_reaches_and_their_angle():
-    T = SE3.exp([0.3, -0.4, 0.0, 0.0, 0.0, 0.0]) @ SE3.exp([0, 0, 0, 0.0, 0.2, 0.0])
-    found = _apart(np.eye(4)[None], np.stack([np.eye(4), T.matrix]), 2.0)
-    np.testing.assert_allclose(found, [[0.0, 0.5 / 2.0 + 0.2]], atol=1e-7)
-
-
-def test_the_majority_is_the_middle_of_those_that_agree():
-    near = [SE3.exp([1.0 + d, 2.0, 3.0, 0.1, 0.0, d]) for d in (-0.01, 0.0, 0.01)]
-    far = SE3.exp([3.0, 0.0, 0.0, 0.0, 1.0, 0.0])
-    pose, count = _majority([batch([T]) for T in [*near, far]], 1.0)
-    assert count == 3
-    assert float(pose.distance(near[1])[0]) < 1e-3
-    edge = [near[1], SE3(near[1].matrix) @ SE3.exp([0.9 * LOST, 0, 0, 0, 0, 0])]
-    assert _majority([batch([T]) for T in edge], 1.0)[1] == 2
-    edge[1] = near[1] @ SE3.exp([1.1 * LOST, 0, 0, 0, 0, 0])
-    assert _majority([batch([T]) for T in edge], 1.0)[1] == 1
-    assert _majority([batch([T]) for T in edge], 2.0)[1] == 2  # seen from twice as far it is half as much
 
 
 @pytest.mark.parametrize("size", [(6, 4), (5, 5), (4, 4), (5, 4)])

@@ -53,10 +53,3 @@ def test_a_candidate_that_the_border_cuts_is_passed_over(seen, monkeypatch):
     cut = truth["wide"] - [truth["wide"][:, 0].min() + 1.0, 0.0]  # as the detectors do now and then: guessed corners
     monkeypatch.setattr(chessboard, "candidates", lambda gray, boards: [(boards[0], [cut])])
     assert detect_all(image, BOARDS) == {}
-
-
-def test_a_sweep_finds_grids_of_every_size(seen):
-    """It looks for no more than the smallest side of any board."""
-    image, _ = seen
-    grids = {frozenset(grid.shape[:2]) for grid in chessboard._sweep(image, BOARDS)}
-    assert {frozenset((7, 4)), frozenset((5, 6))} <= grids

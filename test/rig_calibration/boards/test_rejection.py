@@ -37,13 +37,6 @@ def test_some_false_corners_cost_only_themselves(seen, errors):
     np.testing.assert_array_equal(np.flatnonzero(kept == 0), [3, 5, 7, 9])
 
 
-def test_a_view_of_mostly_false_corners_goes(seen, errors):
-    errors[:12] += 40.0
-    _, dropped = reject(seen, errors, np.ones(480), PARAMS)
-    assert list(dropped) == [0]
-    assert "median residual" in dropped[0]
-
-
 def test_of_one_instant_only_the_worst_view_goes_at_a_time(seen, errors):
     errors[seen.view == 0] += 9.0  # cause
     errors[seen.view == 1] += 5.0  # pulled by it: the same instant
@@ -87,13 +80,6 @@ def test_a_corner_goes_beyond_five_deviations_of_its_camera(seen, times, is_kept
     np.testing.assert_array_equal(np.flatnonzero(kept == 0), [] if is_kept else [7, 477])
 
 
-@pytest.mark.parametrize(("size", "is_kept"), [(0.09, True), (0.11, False)])
-def test_no_corner_goes_below_a_tenth_of_a_pixel(seen, size, is_kept):
-    errors = even(seen, 1e-3)
-    errors[7] = [0.0, size]
-    assert (reject(seen, errors, np.ones(480), PARAMS)[0][7] > 0) == is_kept
-
-
 @pytest.mark.parametrize(
     ("usual", "size", "is_kept"), [(1.0, 3.9, True), (1.0, 4.1, False), (1e-3, 0.29, True), (1e-3, 0.31, False)]
 )
@@ -120,12 +106,6 @@ def test_half_of_its_corners_must_fit_for_a_view_to_count(seen, errors, num_fals
     assert (0 not in dropped) == is_kept
     if not is_kept:
         assert dropped[0] == "9 of 20 corners fit"
-
-
-@pytest.mark.parametrize(("num_kept", "is_dropped"), [(12, False), (11, True)])
-def test_a_view_has_a_least_number_of_corners(seen, errors, num_kept, is_dropped):
-    errors[num_kept:20] = 9.0
-    assert (0 in reject(seen, errors, np.ones(480), CalibrationParams(min_corners=12))[1]) == is_dropped
 
 
 @pytest.fixture(scope="module")
@@ -158,14 +138,6 @@ def scattered(view, board):
     return replace(view, pixels=view.pixels + noise)
 
 
-def shifted(view, board):
-    """Return the grid of the board one square too far to the right: its last column is something else."""
-    moved = view.pixels.reshape(board.rows, board.columns, 2).copy()
-    moved[:, :-1] = moved[:, 1:]
-    moved[:, -1] += moved[:, -1] - moved[:, -2]
-    return replace(view, pixels=moved.reshape(-1, 2))
-
-
 def crowded(views):
     """Return the indices of views, one an instant, of instants with three or more."""
     of_instant = {}
@@ -175,7 +147,7 @@ def crowded(views):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", [swapped, mirrored, scattered, shifted])
+@pytest.mark.parametrize("fault", [swapped, mirrored, scattered])
 def test_a_false_view_is_named_and_does_not_move_the_rig(world, views, fault):
     boards = {board.name: board for board in world.boards if (board.columns + board.rows) % 2}
     spoiled, false = list(views), []

@@ -27,5 +27,5 @@ def test_rows_of_one_camera():
 def test_a_step_moves_poses_from_the_right():
     step = np.array([[0.1, 0.2, 0.3, 0.01, 0.02, 0.03]])
     T = SE3.exp(np.ones((1, 6)))
-    moved = camera_state(np.zeros(12), T.inverse()).moved(np.zeros(24), step)
+    moved = camera_state(np.zeros(12), T.inverse()).moved(np.append(np.zeros(24), step))
     np.testing.assert_allclose(moved.T_world_rig.matrix, (T @ SE3.exp(step)).matrix, atol=1e-12)

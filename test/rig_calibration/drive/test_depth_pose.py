@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig_calibration.drive.depth_pair import DepthPair, _move, differentiate_pair
+from rig_calibration.drive.depth_pair import DepthPair, differentiate_pair
 from rig_calibration.drive.depth_pixels import make_frame, without_hidden
 from rig_calibration.drive.depth_pose import refine_depth_pose
 from rig_calibration.drive.drive_image import ImageState
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.geometry.cameras.rolling_shutter import row_share
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import sharp_room
 
@@ -126,20 +125,3 @@ def test_where_it_has_settled_it_stays():
     again = refine_depth_pose(settled, CAMERA, first.T_image_depth, START, levels=(2,))
     moved = (again.T_image_depth @ first.T_image_depth.inverse()).log()
     assert np.sqrt(moved @ np.linalg.solve(first.covariance, moved)) < 0.3
-
-
-@pytest.mark.parametrize(("here", "there"), [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, -0.5)])
-def test_points_are_seen_as_the_rows_of_both_images_are_read(here, there):
-    """A row is read by its share of the readout, from the middle; during it either camera may move."""
-    rng, twist = np.random.default_rng(0), np.array([0.05, -0.03, 0.02, 0.01, 0.02, -0.015])
-    points = np.column_stack([rng.uniform(-0.8, 0.8, (40, 2)), rng.uniform(2.0, 4.0, 40)])
-    T = SE3.exp([0.1, 0.05, -0.1, 0.02, -0.03, 0.04])
-    pixels, _ = CAMERA.project(points)
-    R, moved, pixels_there = _move(points, pixels, here * twist, there * twist, T, CAMERA)
-    for k, point in enumerate(points):
-        at_middle = T.apply(SE3.exp(row_share(pixels[k, 1], CAMERA.height) * here * twist).apply(point[None]))
-        from_middle = SE3.exp(-row_share(pixels_there[k, 1], CAMERA.height) * there * twist)
-        np.testing.assert_allclose(moved[k], from_middle.apply(at_middle)[0], atol=1e-9)
-        whole = from_middle @ T @ SE3.exp(row_share(pixels[k, 1], CAMERA.height) * here * twist)
-        np.testing.assert_allclose(R[k], whole.rotation, atol=1e-9)
-    np.testing.assert_allclose(CAMERA.project(moved)[0], pixels_there, atol=0.01)

@@ -84,13 +84,13 @@ def test_another_room_confirms_nothing():
     assert measure_motion(A, other, MOTION, PARAMS) is None
 
 
-@pytest.mark.parametrize(("num_inliers", "is_wrong"), [(4, False), (60, True)])
-def test_features_are_heard_only_where_there_are_enough(num_inliers, is_wrong):
-    found = measure_motion(A, B, MOTION, PARAMS)
-    assert found is not None
-    elsewhere = FeaturePose(SE3.identity(), num_inliers)
-    assert is_denied(found.T_a_b, elsewhere) == is_wrong
-    assert not is_denied(found.T_a_b, None)
+def test_features_are_heard_only_where_there_are_enough():
+    for num_inliers, is_wrong in [(4, False), (60, True)]:
+        found = measure_motion(A, B, MOTION, PARAMS)
+        assert found is not None
+        elsewhere = FeaturePose(SE3.identity(), num_inliers)
+        assert is_denied(found.T_a_b, elsewhere) == is_wrong
+        assert not is_denied(found.T_a_b, None)
 
 
 FAR = SE3.exp([-0.9, 0.7, 0.1, 0.0, 0.05, 1.9])  # a stride and a half turn, of which nothing is known
@@ -107,12 +107,6 @@ def test_a_motion_of_which_nothing_is_known_is_found_and_proven():
     assert found.T_a_b.distance(FAR)[1] < np.radians(0.2)
     wrong = replace(c.sphere, range_m=(1.5 * c.sphere.range_m).astype(np.float32))
     assert find_motion(a, PreparedSphere(wrong, PARAMS), PARAMS) is None  # the way back goes elsewhere
-
-
-@pytest.mark.slow
-def test_features_of_another_room_prove_no_motion():
-    other = PreparedSphere(sharp_room(seed=5).sphere(HERE @ MOTION, Spherical(512, 256)), PARAMS)
-    assert find_motion(PreparedSphere(ROOM.sphere(HERE, Spherical(512, 256)), PARAMS), other, PARAMS) is None
 
 
 def test_what_nothing_foretold_is_held_against_the_way_back_and_against_features():

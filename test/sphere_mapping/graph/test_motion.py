@@ -20,16 +20,6 @@ def moving(odometry=(None, None)):
     return prior
 
 
-def test_nothing_is_known_before_the_first_sphere():
-    close(DriveMotion().predict(5), SE3.identity())
-
-
-def test_one_sphere_stays_where_it_is():
-    prior = DriveMotion()
-    prior.update(Placed(0, STEP))
-    close(prior.predict(100), STEP)
-
-
 def test_velocity_is_carried_on_in_proportion_to_time():
     close(moving().predict(200), STEP @ STEP)
     close(moving().predict(150), STEP @ SE3.exp(STEP.log() / 2))
@@ -37,14 +27,6 @@ def test_velocity_is_carried_on_in_proportion_to_time():
 
 def test_a_long_gap_is_not_extrapolated_without_end():
     close(moving().predict(100_000), STEP @ SE3.exp(STEP.log() * MAX_EXTRAPOLATION))
-
-
-def test_a_stamp_of_the_past_or_repeated_gives_the_last_pose():
-    close(moving().predict(50), STEP)
-    same = DriveMotion()
-    same.update(Placed(7, SE3.identity()))
-    same.update(Placed(7, STEP))
-    close(same.predict(8), STEP)
 
 
 def test_odometry_goes_before_velocity_whatever_its_frame():

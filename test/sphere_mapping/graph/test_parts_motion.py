@@ -1,11 +1,7 @@
 """The motion between two spheres where other boxes stand and light turns the contrast."""
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
 
-from sphere_mapping.graph import parts_motion
 from sphere_mapping.graph.parts_motion import measure_motion_by_parts
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MapperParams
@@ -32,52 +28,6 @@ def test_a_motion_is_measured_where_gray_levels_lead_away():
     assert motion.chance <= 1e-7
     xi = (motion.T_a_b.inverse() @ true).log()
     assert xi @ np.linalg.solve(motion.covariance, xi) < 22.5  # chi^2 of 6 at 0.001
-
-
-@pytest.mark.slow
-def test_both_ways_must_be_proven_and_be_one_motion(monkeypatch):
-    a, b = prepared_pair()
-    align = parts_motion.align_parts
-    for way in (0, 1):  # either way not proven
-        calls = []
-
-        def doubtful(*args, way=way, calls=calls):
-            calls.append(0)
-            found = align(*args)
-            return replace(found, chance=1e-6) if len(calls) - 1 == way else found
-
-        monkeypatch.setattr(parts_motion, "align_parts", doubtful)
-        assert measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION) is None
-    calls = []
-
-    def aside(*args):
-        calls.append(0)
-        found = align(*args)
-        moved = found.T_world_body @ SE3.exp([0.0, 0.2, 0.0, 0.0, 0.0, 0.0])
-        return replace(found, T_world_body=moved) if len(calls) == 2 else found
-
-    monkeypatch.setattr(parts_motion, "align_parts", aside)
-    assert measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION) is None
-    assert len(calls) == 2
-
-
-def test_it_is_half_way_between_both_ways_and_surely_no_nearer(monkeypatch):
-    a, b = prepared_pair()
-    apart = SE3.exp([0.004, -0.002, 0.001, 0.0, 0.001, 0.002])
-    align, calls = parts_motion.align_parts, []
-
-    def moved(*args):
-        found = align(*args)
-        calls.append(found.T_world_body)
-        return replace(found, T_world_body=calls[0].inverse() @ apart) if len(calls) == 2 else found
-
-    monkeypatch.setattr(parts_motion, "align_parts", moved)
-    motion = measure_motion_by_parts(a, b, SE3.identity(), REGISTRATION)
-    there, back = calls[0], (calls[0].inverse() @ apart).inverse()
-    away = [motion.T_a_b.distance(one)[0] for one in (there, back)]
-    assert away[0] == pytest.approx(away[1], rel=1e-3)
-    assert away[0] < 0.6 * there.distance(back)[0]
-    assert np.all(np.diagonal(motion.covariance)[:3] > away[0] ** 2 / 3)
 
 
 def test_an_edge_says_what_was_measured():

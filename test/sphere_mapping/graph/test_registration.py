@@ -2,11 +2,10 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
-from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.photometric.align.alignment import OUTLIERS
 from sphere_nav.spheres.sphere import Sphere
 from worlds.room import optical, sharp_room
 
@@ -46,43 +45,6 @@ def test_what_the_camera_did_not_see_is_not_in_the_image_that_is_aligned():
     np.testing.assert_array_equal(np.isnan(prepared.pyramid.images[0]), ~is_seen)
 
 
-def test_the_residual_at_the_truth_is_far_below_that_at_the_guess():
-    current, view = partial(AT @ MOTION), partial(AT).at(AT)
-    before, after = residual_at(current, view, AT, PARAMS), residual_at(current, view, AT @ MOTION, PARAMS)
-    assert after.mad < 0.3 * before.mad
-    assert after.ncc > 0.95 > before.ncc
-
-
-def test_a_second_guess_is_tried_only_where_the_first_fails():
-    current, view = partial(AT @ MOTION), partial(AT).at(AT)
-    asked = []
-
-    def guesses(first):
-        for T_world_sphere in (first, AT):
-            asked.append(T_world_sphere)
-            yield T_world_sphere
-
-    assert align_sphere(current, [view], guesses(AT), PARAMS).is_converged
-    assert len(asked) == 1
-    behind = AT @ SE3.exp([0, 0, 0, 0, 0, np.pi])
-    assert align_sphere(current, [view], guesses(behind), PARAMS).is_converged
-    assert len(asked) == 3
-
-
-def test_no_guess_is_misuse():
-    with pytest.raises(ValueError, match="expected at least one guess"):
-        align_sphere(partial(AT), [partial(AT).at(AT)], [], PARAMS)
-
-
-def test_a_covered_lens_is_refused():
-    sphere = partial(AT).sphere
-    covered = PreparedSphere(Sphere(np.full_like(sphere.image, 90), sphere.range_m, sphere.camera), PARAMS)
-    found = align_sphere(covered, [partial(AT).at(AT)], [AT], PARAMS)
-    assert not found.is_converged
-    strict = MappingRegistrationParams(min_ncc=1.0)
-    assert align_sphere(partial(AT @ MOTION), [partial(AT).at(AT)], [AT], strict).reason == OUTLIERS
-
-
 def test_a_turn_is_guessed_from_the_images_alone():
     turn = SE3.exp([0, 0, 0, 0.02, -0.03, 0.12])
     guess = guess_by_rotation(partial(AT @ turn), partial(AT), AT, PARAMS)
@@ -99,14 +61,3 @@ def test_coverage_is_the_overlap_with_itself():
     half[:, : half.shape[1] // 2] = np.nan
     seen = PreparedSphere(Sphere(prepared.sphere.image, half, prepared.sphere.camera), PARAMS)
     assert seen.coverage == pytest.approx(prepared.coverage / 2, rel=0.15)  # counted in cells of some pixels
-
-
-def test_median_range_ignores_what_is_not_finite():
-    sphere = partial(AT).sphere
-    range_m = sphere.range_m.copy()
-    range_m[::2] = np.nan
-    range_m[1::4] = np.inf
-    expected = np.median(range_m[np.isfinite(range_m)])
-    assert PreparedSphere(Sphere(sphere.image, range_m, sphere.camera), PARAMS).median_range == expected
-    none = Sphere(sphere.image, np.full_like(range_m, np.nan), sphere.camera)
-    assert PreparedSphere(none, PARAMS).median_range == np.inf

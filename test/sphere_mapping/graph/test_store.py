@@ -2,8 +2,6 @@ import numpy as np
 import pytest
 
 from sphere_mapping.graph.store import SphereCache
-from sphere_mapping.mapper import Mapper
-from sphere_mapping.params import KeySphereParams, MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.room import sharp_room
@@ -51,25 +49,3 @@ def test_without_a_store_they_stay_in_the_graph():
     assert [cache.load(node) for node in graph] == spheres
     with pytest.raises(ValueError, match="key sphere 5: expected its picture in memory"):
         cache.load(KeySphere(5, 5, SE3.identity()))
-
-
-@pytest.mark.slow
-def test_a_mapper_with_a_store_makes_the_same_map_and_holds_no_pictures():
-    room, params = sharp_room(), MapperParams(key=KeySphereParams(max_parallax_whole=0.05))
-    steps = [*range(8), *range(6, -1, -1)]  # there and back, so that a loop is loaded from the store
-    graphs = []
-    for store in (None, Shelf()):
-        mapper = Mapper(params, store=store)
-        for number, step in enumerate(steps):
-            sphere = room.sphere(SE3.from_planar(0.1 * step, 0, 0), Spherical(256, 128), number)
-            object.__setattr__(sphere, "stamp_ns", number * 100_000_000)
-            mapper.add(sphere)
-        mapper.close_loops()
-        graphs.append((mapper.graph, store))
-    (in_memory, _), (stored, shelf) = graphs
-    assert any(edge.is_loop for edge in stored.edges)
-    assert [(e.a, e.b) for e in stored.edges] == [(e.a, e.b) for e in in_memory.edges]
-    for a, b in zip(in_memory, stored, strict=True):
-        np.testing.assert_array_equal(a.T_map_sphere.matrix, b.T_map_sphere.matrix)
-        assert a.sphere is shelf.spheres[b.id] or np.array_equal(a.sphere.image, shelf.spheres[b.id].image)
-        assert b.sphere is None

@@ -42,7 +42,3 @@ def test_each_pass_takes_part_of_the_error_away():
 
 def test_an_expectation_that_was_right_needs_one_pass():
     assert len(aligned(TRUTH)) == 1
-
-
-def test_nothing_is_learnt_of_an_alignment_that_failed():
-    assert len(aligned(np.zeros(6), is_converged=False)) == 1

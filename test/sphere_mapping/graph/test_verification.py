@@ -1,7 +1,6 @@
 from concurrent.futures import Future
 
 import numpy as np
-import pytest
 
 from sphere_mapping.graph.verification import Lookup, LoopTrial, find_candidates, run_in, verify
 from sphere_mapping.params import MapperParams
@@ -53,8 +52,3 @@ def test_a_place_is_found_by_features_and_the_first_that_holds_is_the_loop():
     assert edge.T_a_b.distance(MOTION)[0] < 0.01
     assert np.all(np.linalg.eigvalsh(edge.information) > 0)
     assert verify(LoopTrial(9, newer, trial.older[:1], trial.params)) is None
-
-
-@pytest.mark.parametrize("num_ahead", [1, 5])
-def test_nothing_is_lost_whatever_is_under_way(num_ahead):
-    assert list(run_in(Later(), num_ahead)(abs, [-1, -2, -3])) == [1, 2, 3]

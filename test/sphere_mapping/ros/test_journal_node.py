@@ -18,7 +18,7 @@ from sphere_mapping.ros.saving import Journal, journal_path
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.params import build
 from sphere_nav.ros.maps.check import salvage_map
-from sphere_nav.ros.maps.reader import open_map, save_map
+from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.cli.main import main
 from worlds.room import wide_room
 
@@ -54,27 +54,6 @@ def drive(journal):
 @pytest.fixture
 def told():
     return []
-
-
-@pytest.mark.slow
-def test_pictures_leave_the_memory_and_come_back(tmp_path, told):
-    mapper = drive(journal_in(tmp_path, told))
-    assert len(mapper.graph) >= 4
-    assert all(node.sphere is None for node in mapper.graph)
-    assert np.array_equal(mapper.load_sphere(1).image.shape, (128, 256))
-    assert told == [f"key spheres are written to {tmp_path / 'journal.partial'} until save_map"]
-
-
-@pytest.mark.slow
-def test_what_was_saved_leaves_no_journal(tmp_path, told):
-    journal = journal_in(tmp_path, told)
-    mapper = drive(journal)
-    path = save_map(tmp_path / "room", mapper.graph, load_sphere=mapper.load_sphere, appearance=mapper.appearance)
-    journal.saved()
-    journal.close(mapper)
-    assert [entry.name for entry in tmp_path.iterdir()] == ["room"]
-    with open_map(path) as reader:
-        assert len(reader.graph) == len(mapper.graph)
 
 
 @pytest.mark.slow
@@ -118,23 +97,6 @@ def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told):
     assert [entry.name for entry in (tmp_path / "second").iterdir()] == ["journal_2"]
     with open_map(tmp_path / "second" / "journal_2") as reader:
         assert len(reader.graph) == len(whole.graph)
-
-
-@pytest.mark.slow
-def test_what_a_disk_never_took_is_told_at_the_end(tmp_path, told):
-    with full_disk():
-        journal = journal_in(tmp_path, told)
-        mapper = drive(journal)
-        journal.close(mapper)
-    assert "File too large" in told[-1]
-    assert f"key spheres are lost; the others are in {tmp_path / 'journal.partial'}" in told[-1]
-    assert [entry.name for entry in tmp_path.iterdir()] == ["journal.partial"]
-
-
-def test_a_run_without_spheres_leaves_nothing(tmp_path, told):
-    journal = journal_in(tmp_path / "maps", told)
-    journal.close(Mapper(store=journal))
-    assert not (tmp_path / "maps").exists()
 
 
 @pytest.mark.dds

@@ -5,7 +5,6 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.stereo.stereo_field import RowFit, StereoField
 from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
@@ -55,25 +54,6 @@ def test_a_rectified_pair_is_taken_as_it_is():
     geometry = open_pair(camera_to_info(camera, 1, "l"), camera_to_info(camera, 1, "l", baseline=0.3), unknown)
     assert geometry.is_rectified
     assert geometry.baseline_m == pytest.approx(0.3)
-
-
-def test_what_is_lacking_is_named():
-    with pytest.raises(
-        ValueError, match=r"P\[3\]: expected -fx \* baseline < 0, or a transform .* no transform from r"
-    ):
-        open_pair(*infos(is_told=False), unknown)
-    left, right = infos(is_told=False)
-    right.header.frame_id = "l"
-    with pytest.raises(ValueError, match="both images are in frame 'l'"):
-        open_pair(left, right, unknown)
-    left, right = infos(is_told=True)
-    right.r = [2.0] + 8 * [0.0]
-    with pytest.raises(ValueError, match="R: expected a rotation"):
-        open_pair(left, right, unknown)
-    left, right = infos(is_told=False)
-    blank = CameraInfo(width=320, height=240, header=left.header)
-    with pytest.raises(ValueError, match=r"K\[0\]: expected a calibrated camera"):
-        open_pair(blank, right, lambda *_: T_LEFT_RIGHT)
 
 
 def test_rows_beyond_the_calibration_are_warned_of():

@@ -21,9 +21,9 @@ def test_newton_step_finds_the_minimum_of_the_quadratic(system):
     assert np.abs(H[3:, 3:] @ rest + g[3:]).max() < 1e-9 * np.abs(g).max()
 
 
-@pytest.mark.parametrize("spoil", [0.0, -1.0, np.nan, np.inf])
-def test_newton_step_refuses_what_is_not_positive_definite(system, spoil):
-    H, g = system
-    H[3, :] = H[:, 3] = 0.0
-    H[3, 3] = spoil
-    assert not kernels.newton_step(H, g, 0)[1]
+def test_newton_step_refuses_what_is_not_positive_definite(system):
+    for spoil in [0.0, -1.0, np.nan, np.inf]:
+        H, g = system
+        H[3, :] = H[:, 3] = 0.0
+        H[3, 3] = spoil
+        assert not kernels.newton_step(H, g, 0)[1]

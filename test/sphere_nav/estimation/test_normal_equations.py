@@ -28,13 +28,6 @@ def test_the_step_takes_the_residuals_away(J, rng):
     np.testing.assert_allclose(scaled_step(J.T @ J, -J.T @ (J @ x)), x, rtol=1e-6)
 
 
-def test_a_residual_without_weight_says_nothing(J):
-    x, weight = np.array([1.0, -2.0, 3.0]) / UNITS, np.ones(50)
-    residual = -J @ x
-    residual[7], weight[7] = 100.0, 0.0
-    np.testing.assert_allclose(weighted_step(J, residual, weight), x, rtol=1e-6)
-
-
 def test_what_is_not_seen_stays_where_it_is(J):
     J[:, 1] = 0.0
     step = weighted_step(J, J @ (1.0 / UNITS), np.ones(50))
@@ -70,16 +63,11 @@ def test_the_inverse_is_the_covariance_of_the_step(J, rng):
     np.testing.assert_allclose(inverse_and_condition(H)[0] * np.outer(UNITS, UNITS), covariance, rtol=1e-5, atol=1e-9)
 
 
-def test_the_condition_is_that_of_the_scaled_matrix():
-    H = np.array([[1.0, 0.6], [0.6, 1.0]]) * np.outer([1e3, 1e-3], [1e3, 1e-3])
-    assert inverse_and_condition(H)[1] == pytest.approx(1.6 / 0.4)
-
-
-@pytest.mark.parametrize("H", [np.diag([1.0, np.nan]), np.array([[1.0, 2.0], [2.0, 1.0]])])
-def test_what_is_not_positive_definite_is_unknown(H):
-    inverse, condition = inverse_and_condition(H)
-    assert np.all(np.diagonal(inverse) == np.inf)
-    assert condition == np.inf
+def test_what_is_not_positive_definite_is_unknown():
+    for H in [np.diag([1.0, np.nan]), np.array([[1.0, 2.0], [2.0, 1.0]])]:
+        inverse, condition = inverse_and_condition(H)
+        assert np.all(np.diagonal(inverse) == np.inf)
+        assert condition == np.inf
 
 
 def test_a_symmetric_inverse_is_symmetric_to_the_last_bit(J):

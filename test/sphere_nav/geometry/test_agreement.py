@@ -29,7 +29,7 @@ def test_the_distance_is_that_of_the_normal_distribution() -> None:
     assert np.mean([item.is_contradiction for item in found]) < 0.01
 
 
-def test_what_lies_beyond_both_is_a_contradiction() -> None:
+def test_two_localizers_a_metre_apart_contradict_each_other() -> None:
     here = SE3.from_planar(0.0, 0.0, 0.0)
     near = difference(here, CERTAIN, SE3.from_planar(0.3, 0.0, 0.0), CERTAIN)
     far = difference(here, CERTAIN, SE3.from_planar(0.8, 0.0, 0.0), CERTAIN)
@@ -42,17 +42,27 @@ def test_what_lies_beyond_both_is_a_contradiction() -> None:
     assert not difference(here, CERTAIN, SE3.from_planar(0.8, 0, 0), 0.1 * np.eye(6)).is_contradiction
 
 
-@pytest.mark.parametrize("first", [0, 1])
-def test_poses_are_compared_at_one_time(first: int) -> None:
+def test_a_turned_localizer_is_unsure_along_its_own_axes() -> None:
+    """It looks to the left and is unsure of its way ahead: along that they may be apart, across it not."""
+    unsure = np.diag([1.0, 0.01, 0.01, 0.01, 0.01, 0.01]) ** 2
+    sure = np.diag([0.01, 0.01, 0.01, 0.01, 0.01, 2.0]) ** 2
+    ahead, across = np.array([np.cos(1.5), np.sin(1.5)]), np.array([-np.sin(1.5), np.cos(1.5)])
+    for way, is_contradiction in ((ahead, False), (across, True)):
+        other = SE3.exp([*(0.8 * way), 0.0, 0.0, 0.0, 1.5])
+        assert difference(SE3.identity(), sure, other, unsure).is_contradiction == is_contradiction
+
+
+def test_poses_are_compared_at_one_time() -> None:
     """Two vehicles' worth of stamps, 5 Hz and 2 Hz, one drive at 2 m/s: no difference, whoever comes first."""
-    agreement = Agreement()
-    news = [(0, k * SECOND // 5) for k in range(1, 20)] + [(1, k * SECOND // 2 + 7) for k in range(1, 8)]
-    found = []
-    for source, stamp in sorted(news, key=lambda item: (item[1] // SECOND, item[0] != first, item[1])):
-        found.append(agreement.add(source, stamp, SE3.from_planar(2.0 * stamp / SECOND, 0.0, 0.0), CERTAIN))
-    known = [item for item in found if item is not None]
-    assert len(known) > 8
-    assert max(item.meters for item in known) < 1e-6
+    for first in [0, 1]:
+        agreement = Agreement()
+        news = [(0, k * SECOND // 5) for k in range(1, 20)] + [(1, k * SECOND // 2 + 7) for k in range(1, 8)]
+        found = []
+        for source, stamp in sorted(news, key=lambda item: (item[1] // SECOND, item[0] != first, item[1])):
+            found.append(agreement.add(source, stamp, SE3.from_planar(2.0 * stamp / SECOND, 0.0, 0.0), CERTAIN))
+        known = [item for item in found if item is not None]
+        assert len(known) > 8
+        assert max(item.meters for item in known) < 1e-6
 
 
 def test_old_poses_say_nothing_of_now() -> None:

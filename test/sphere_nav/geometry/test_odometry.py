@@ -20,15 +20,15 @@ def buffer():
     return buffer
 
 
-@pytest.mark.parametrize("stamp_ns", [-75_000_000, 0, STEP_NS, 45_000_000, 99_000_000, 100_000_000, 150_000_000])
-def test_a_steady_motion_is_interpolated_and_carried_on_and_back(buffer, stamp_ns):
-    assert len(buffer) == 5
-    np.testing.assert_allclose(buffer.at(stamp_ns).matrix, pose(stamp_ns).matrix, atol=1e-12)
+def test_a_steady_motion_is_interpolated_and_carried_on_and_back(buffer):
+    for stamp_ns in [-75_000_000, 0, STEP_NS, 45_000_000, 99_000_000, 100_000_000, 150_000_000]:
+        assert len(buffer) == 5
+        np.testing.assert_allclose(buffer.at(stamp_ns).matrix, pose(stamp_ns).matrix, atol=1e-12)
 
 
-@pytest.mark.parametrize("stamp_ns", [-81_000_000, 201_000_000])
-def test_long_before_the_first_and_long_after_the_last_nothing_is_known(buffer, stamp_ns):
-    assert buffer.at(stamp_ns) is None
+def test_long_before_the_first_and_long_after_the_last_nothing_is_known(buffer):
+    for stamp_ns in [-81_000_000, 201_000_000]:
+        assert buffer.at(stamp_ns) is None
 
 
 def test_a_stamp_that_does_not_grow_is_refused(buffer):

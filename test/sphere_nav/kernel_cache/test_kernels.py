@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from sphere_nav.kernel_cache import kernels
@@ -16,10 +15,6 @@ from sphere_nav.photometric.align.descent import kernels as descent
 def test_kernels_of_the_project_are_kept_in_the_folder_of_their_text():
     path = Path(descent.exponential._cache.cache_path)
     assert path == cache_folder("sphere_nav") / "sphere_nav.photometric.align.descent"
-
-
-def test_functions_of_others_are_left_to_numba(tmp_path):
-    assert kernels.TextLocator.from_function(lambda: None, str(tmp_path / "other.py")) is None
 
 
 def test_a_folder_that_cannot_be_written_is_left_to_numba(monkeypatch, tmp_path):
@@ -52,35 +47,3 @@ def test_a_kernel_gives_the_same_bits_where_it_is_compiled_and_where_it_is_loade
     assert list(tmp_path.rglob("*visual_gradients*.nbc"))
     assert run() == compiled
     assert run("after another") == compiled
-
-
-@pytest.mark.slow
-def test_no_copy_of_another_kernel_is_open_to_the_linker(monkeypatch):
-    options, written = kernels.OPTIONS | {"cache": False}, {}
-    write = kernels.JITCodeLibrary._finalize_final_module
-
-    def note_and_write(library):
-        written[library.name] = [(function.name, function.linkage.name) for function in library.get_defined_functions()]
-        write(library)
-
-    monkeypatch.setattr(kernels.JITCodeLibrary, "_finalize_final_module", note_and_write)
-
-    @kernels.njit(**options)
-    def add_up(row):
-        total = 0.0
-        for value in row:
-            total += value
-        return total
-
-    @kernels.njit(parallel=True, **options)
-    def add_up_many(rows):
-        out = np.empty(len(rows))
-        for i in kernels.prange(len(rows)):
-            out[i] = add_up(rows[i])
-        return out
-
-    assert add_up_many(np.ones((3, 4))).tolist() == [4.0, 4.0, 4.0]
-    (compiled,) = add_up_many.overloads.values()
-    theirs = {name: linkage for name, linkage in written[compiled.library.name] if "11add_up_many" not in name}
-    assert set(theirs.values()) == {"internal"}
-    assert any("gufunc" in name for name in theirs)  # the loop is a kernel of its own

@@ -1,6 +1,5 @@
 """One vocabulary: the words of the package are those of the message, and each localiser has advice for what it says."""
 
-import pytest
 from sphere_nav_msgs.msg import LocalizationStatus
 
 import dense_localizer.reasons
@@ -30,27 +29,31 @@ def test_the_fields_are_those_of_the_message():
     assert set(vars(Status(State.LOST))) == fields | {"stamp_ns"}
 
 
-def test_what_is_trusted_is_followed():
+def test_nobody_drives_by_a_pose_that_is_not_followed():
     assert set(TRUSTED) < set(FOLLOWING)
     assert State.LOST not in FOLLOWING
 
 
-@pytest.mark.parametrize("package", [dense_localizer.reasons, mcl_depth.status], ids=lambda p: p.__name__)
-def test_a_status_leads_its_remedy_with_the_detail(package):
-    plain = status_of(State.DEGRADED, 7, Finding(Reason.OUTLIERS, 0.2, 0.4), package.REMEDIES, quality=0.8, age=-1.0)
-    assert plain.remedy == package.REMEDIES[Reason.OUTLIERS]
-    assert (plain.state, plain.reason, plain.value, plain.limit) == ("DEGRADED", "OUTLIERS", 0.2, 0.4)
-    assert (plain.stamp_ns, plain.quality, plain.age) == (7, 0.8, 0.0)
-    detailed = status_of(State.LOST, 7, Finding(Reason.OUTLIERS, detail="field"), package.REMEDIES)
-    assert detailed.remedy == f"field; {plain.remedy}"
-    advised = status_of(State.LOST, 7, Finding(Reason.BAD_INFO, detail="yuv", advice="send mono8"), package.REMEDIES)
-    assert advised.remedy == "yuv; send mono8"
+def test_a_status_leads_its_remedy_with_the_detail():
+    for package in [dense_localizer.reasons, mcl_depth.status]:
+        plain = status_of(
+            State.DEGRADED, 7, Finding(Reason.OUTLIERS, 0.2, 0.4), package.REMEDIES, quality=0.8, age=-1.0
+        )
+        assert plain.remedy == package.REMEDIES[Reason.OUTLIERS]
+        assert (plain.state, plain.reason, plain.value, plain.limit) == ("DEGRADED", "OUTLIERS", 0.2, 0.4)
+        assert (plain.stamp_ns, plain.quality, plain.age) == (7, 0.8, 0.0)
+        detailed = status_of(State.LOST, 7, Finding(Reason.OUTLIERS, detail="field"), package.REMEDIES)
+        assert detailed.remedy == f"field; {plain.remedy}"
+        advised = status_of(
+            State.LOST, 7, Finding(Reason.BAD_INFO, detail="yuv", advice="send mono8"), package.REMEDIES
+        )
+        assert advised.remedy == "yuv; send mono8"
 
 
-@pytest.mark.parametrize("package", [dense_localizer.reasons, mcl_depth.status], ids=lambda p: p.__name__)
-def test_what_to_do_about_the_input_is_the_same_in_both(package):
-    assert {reason: package.REMEDIES[reason] for reason in INPUT_REMEDIES} == INPUT_REMEDIES
-    assert all(text for reason, text in package.REMEDIES.items() if reason)
+def test_what_to_do_about_the_input_is_the_same_in_both():
+    for package in [dense_localizer.reasons, mcl_depth.status]:
+        assert {reason: package.REMEDIES[reason] for reason in INPUT_REMEDIES} == INPUT_REMEDIES
+        assert all(text for reason, text in package.REMEDIES.items() if reason)
 
 
 def test_a_status_reads_as_one_line():
@@ -59,7 +62,7 @@ def test_a_status_reads_as_one_line():
     assert describe_status(status_of(State.TRACKING, 0, FINE)) == "TRACKING"
 
 
-def test_what_was_not_measured_reads_as_unknown():
+def test_a_number_that_nobody_measured_reads_as_unknown():
     """A place that was not tested may as well be chance; a pose that nothing confirmed has no quality."""
     for status in (Status(State.SEARCHING), status_of(State.SEARCHING, 0, FINE)):
         assert (status.p_chance, status.quality, status.age, status.overlap, status.references) == (1.0, 0, 0, 0, ())

@@ -7,7 +7,6 @@ from sphere_nav.ros.clocks import (
     SimulatedTicks,
     Times,
     ahead_s,
-    check_stamp,
 )
 
 # Written out: imported, a change would go unseen.
@@ -23,30 +22,6 @@ def stand(watch, clock, begin, seconds):
     for k in range(int(seconds * 40) + 1):
         watch.observe(clock, begin + k * SECOND // 40)
     return begin + int(seconds * SECOND)
-
-
-def test_a_clock_that_advances_is_not_standing():
-    watch = ClockWatch(GIVE_UP)
-    for k in range(1, 100):
-        watch.observe(k * SECOND // 10, k * SECOND // 10)
-        assert not watch.is_standing
-
-
-def test_before_the_first_time_nothing_stands():
-    watch = ClockWatch(GIVE_UP)
-    stand(watch, 0, SECOND, 10.0)
-    assert not watch.is_standing
-
-
-def test_a_clock_that_stands_is_noticed_and_after_long_it_is_over():
-    watch = ClockWatch(GIVE_UP)
-    now = stand(watch, 5 * SECOND, SECOND, CLOCK_PATIENCE_S - 0.05)
-    assert not watch.is_standing
-    now = stand(watch, 5 * SECOND, now, 0.1)
-    assert watch.is_standing
-    assert not watch.is_over
-    stand(watch, 5 * SECOND, now, GIVE_UP)
-    assert watch.is_over
 
 
 def test_a_clock_that_goes_on_was_a_pause_whatever_it_leaps():
@@ -66,28 +41,16 @@ def test_a_process_that_was_not_served_did_not_see_the_clock_stand():
     assert not watch.is_standing
 
 
-@pytest.mark.parametrize(
-    ("lead", "expected"), [(-(10**12) + 1, 0.0), (0, 0.0), (MAX_AHEAD_NS, 0.0), (3600 * 10**9, 3600.0)]
-)
-def test_only_what_is_far_ahead_of_the_clock_counts(lead, expected):
-    assert ahead_s(NOW + lead, NOW) == expected
-
-
-def test_without_a_clock_nothing_is_ahead():
-    assert ahead_s(NOW, 0) == 0.0
-
-
-def test_the_refusal_names_who_and_how_far():
-    check_stamp(NOW, NOW, "odom")
-    with pytest.raises(ValueError, match=r"odom: stamp: expected at most 0\.1 s ahead, found 2\.000 s"):
-        check_stamp(NOW + 2 * 10**9, NOW, "odom")
+def test_only_what_is_far_ahead_of_the_clock_counts():
+    for lead, expected in [(-(10**12) + 1, 0.0), (0, 0.0), (MAX_AHEAD_NS, 0.0), (3600 * 10**9, 3600.0)]:
+        assert ahead_s(NOW + lead, NOW) == expected
 
 
 def times(clock, own):
     return Times(lambda: clock, lambda: own)
 
 
-def test_a_message_counts_from_its_stamp_but_never_from_later_than_now():
+def test_no_message_counts_as_younger_than_the_present():
     assert times(100 * SECOND, 7 * SECOND).of(99 * SECOND) == 6 * SECOND
     assert times(100 * SECOND, 7 * SECOND).of(100 * SECOND + SECOND // 20) == 7 * SECOND
 
@@ -110,7 +73,7 @@ def test_a_pause_begins_after_four_tenths_of_a_second_by_looks_of_a_tenth():
     assert watch.is_standing
 
 
-def test_it_is_over_after_its_time_but_never_before_it_is_a_pause():
+def test_a_clock_that_stands_too_long_is_given_up():
     for give_up, end in ((2.0, 2.0), (0.1, 0.4)):
         watch = ClockWatch(give_up)
         now = stand(watch, 5 * SECOND, SECOND, end - 0.05)

@@ -29,9 +29,8 @@ def shell(publishers=()):
     return SimpleNamespace(get_publishers_info_by_topic=lambda topic: publishers, log=log, said=said)
 
 
-@pytest.mark.parametrize(
-    ("counts", "publishers", "level", "text"),
-    [
+def test_an_input_is_judged_by_its_counts():
+    for counts, publishers, level, text in [
         ({}, (), OK, "receiving"),
         ({}, ("other",), OK, "receiving"),  # what is received is compatible
         ({"num_received": 0}, (), OK, "optional, nothing received"),
@@ -46,12 +45,10 @@ def shell(publishers=()):
             "last 1 messages refused: too late",
         ),
         ({"num_lost": 7, "num_lost_lately": 2}, (), WARN, "2 messages lost in the last second"),
-    ],
-)
-def test_an_input_is_judged_by_its_counts(counts, publishers, level, text):
-    input_, asked = wanted(**counts), shell(publishers)
-    found = examine_input(asked, input_)
-    assert found[:2] == (level, text)
-    assert found[2] == {"received": input_.num_received, "refused": input_.num_refused, "lost": input_.num_lost}
-    assert input_.num_lost_lately == 0  # told once
-    assert asked.said == ([(text, 10.0, "waiting /a")] if text.startswith("waiting") else [])
+    ]:
+        input_, asked = wanted(**counts), shell(publishers)
+        found = examine_input(asked, input_)
+        assert found[:2] == (level, text)
+        assert found[2] == {"received": input_.num_received, "refused": input_.num_refused, "lost": input_.num_lost}
+        assert input_.num_lost_lately == 0  # told once
+        assert asked.said == ([(text, 10.0, "waiting /a")] if text.startswith("waiting") else [])

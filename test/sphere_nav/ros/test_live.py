@@ -142,6 +142,7 @@ def test_what_is_refused_is_told(make_desk):
     assert desk.doubled == []
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_explained(make_desk):
     desk = make_desk()
     desk.shell.start()
@@ -160,16 +161,6 @@ def test_what_is_missing_is_explained(make_desk):
     desk.until(lambda: desk.text("input latched") == "receiving")
     desk.send(1)
     desk.until(lambda: "no message for" in desk.text("input number"))  # after 2 s of silence
-
-
-def test_an_optional_input_that_cannot_be_connected_is_named(make_desk):
-    desk = make_desk()
-    desk.shell.start()
-    assert len(list(desk.shell.waitables)) <= 4  # of rclpy's own publishers: none for a topic of the node
-    desk.peer.create_publisher(Int32, "hint", 10)
-    desk.until(lambda: desk.text("input hint") == "optional, nothing received")
-    desk.peer.create_publisher(Int32, "hint", qos.SENSOR)
-    desk.until(lambda: "/peer is incompatible: it offers best effort, asked is reliable" in desk.text("input hint"))
 
 
 def test_the_lifecycle_is_that_of_ros(make_desk):
@@ -200,16 +191,6 @@ def test_the_lifecycle_is_that_of_ros(make_desk):
     assert change(Transition.TRANSITION_ACTIVATE)
     desk.send(3)
     desk.until(lambda: desk.doubled[-1] == 6)
-
-
-def test_a_service_answers(make_desk):
-    desk = make_desk()
-    desk.shell.start()
-    client = desk.peer.create_client(Trigger, "doubler/reset")
-    desk.until(client.service_is_ready)
-    future = client.call_async(Trigger.Request())
-    desk.until(future.done)
-    assert future.result().success
 
 
 def test_a_node_that_cannot_configure_stays_unconfigured(make_desk):
@@ -280,7 +261,7 @@ def test_what_is_latched_between_configure_and_activate_is_not_lost(make_desk):
     for word in ("first", "last"):
         latched.publish(String(data=word))
     desk.send(1)
-    pause = time.monotonic() + 3.0
+    pause = time.monotonic() + 0.5
     desk.until(lambda: wanted.kept and time.monotonic() > pause)
     assert (wanted.num_received, desk.doubled) == (0, [])
     desk.shell.trigger_activate()
@@ -289,6 +270,7 @@ def test_what_is_latched_between_configure_and_activate_is_not_lost(make_desk):
     desk.until(lambda: desk.doubled == [4])  # what is not latched and came too early is gone
 
 
+@pytest.mark.slow
 def test_messages_that_a_queue_could_not_hold_are_counted(make_desk):
     desk = make_desk()
     desk.shell.start()

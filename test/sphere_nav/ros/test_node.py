@@ -7,19 +7,11 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.node import ManagedNode, NoParams
+from sphere_nav.ros.node import ManagedNode
 
 
 class Plain(ManagedNode):
     NAME = "plain"
-
-
-def test_a_node_needs_to_override_nothing():
-    bus = OfflineBus()
-    node = bus.add(Plain)
-    assert node.params == NoParams()
-    assert node.now_ns() == 0
-    bus.close()
 
 
 def test_what_is_forgotten_is_not_heard(make_bag):
@@ -31,13 +23,6 @@ def test_what_is_forgotten_is_not_heard(make_bag):
     bus.deliver("/text", String(data="b"))
     assert [message.data for message in heard] == ["a"]
     assert node.inputs == []
-
-
-def test_reports_are_kept_by_name():
-    node = OfflineBus().add(Plain)
-    node.report("disk", 1, "nearly full", free=3)
-    node.report("disk", 0, "fine", free=30)
-    assert node.reports == {"disk": (0, "fine", {"free": 30})}
 
 
 def test_requests_that_fail_alike_are_answered_each_and_told_once_a_second(caplog):

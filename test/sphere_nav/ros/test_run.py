@@ -72,7 +72,7 @@ def start(tmp_path):
         process.communicate(timeout=120.0)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT])
 def test_a_signal_ends_a_node_in_order(start, number):
     process = start()
     assert "fastdds_large.xml" in process.stdout.readline()
@@ -107,7 +107,6 @@ def test_a_node_may_end_itself(start):
     ("value", "line"),
     [
         ("nap:=-1.0", "napper: nap: expected at least 0.0, found -1.0"),
-        ("nap:=long", "napper: nap: expected float, found 'long'"),
         ("file:=rig.yaml", "cannot start: rig.yaml: field x: expected 1, found 2"),
     ],
 )
@@ -142,13 +141,7 @@ def enclave(folder, names):
 FILES = ["identity_ca.cert.pem", "cert.pem", "key.pem", "permissions_ca.cert.pem", "governance.p7s", "permissions.p7s"]
 
 
-def test_a_node_takes_an_enclave_and_runs_without_security(start):
-    process = start("is_done:=true", enclave="/vehicle")
-    out, _ = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, out.splitlines()[-1]) == (0, "clean")
-
-
-@pytest.mark.parametrize("names", [[], FILES[:3], FILES], ids=["no files", "half of them", "no keys in them"])
+@pytest.mark.parametrize("names", [FILES[:3], FILES], ids=["half of them", "no keys in them"])
 def test_enforced_security_is_never_left_out_and_the_reason_is_one_line(start, monkeypatch, tmp_path, names):
     for name, value in enclave(tmp_path / "keystore", names).items():
         monkeypatch.setenv(name, value)

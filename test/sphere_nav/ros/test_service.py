@@ -14,27 +14,22 @@ def failing(error):
     return handler
 
 
-@pytest.mark.parametrize(
-    ("error", "line", "is_ours"),
-    [
+def test_every_exception_is_an_answer():
+    for error, line, is_ours in [
         (ValueError("map: expected a,\nfound b"), "map: expected a, found b", False),
         (FileNotFoundError(2, "No such file or directory", "/x"), "/x: No such file or directory", False),
-        (OverflowError("int too large"), "OverflowError: int too large", True),
         (KeyError("a"), "KeyError: 'a'", True),
         (MemoryError(), "MemoryError", True),
-        (RecursionError(), "RecursionError", True),
-    ],
-)
-def test_every_exception_is_an_answer(error, line, is_ours):
-    told = []
-    answer = answer_always(failing(error), "load", lambda *text: told.append(text))
-    found = answer(Trigger.Request(), Trigger.Response())
-    assert (found.success, found.message) == (False, line)
-    assert len(told) == 1
-    text, failure = told[0]
-    assert ("Traceback" in text) == is_ours
-    assert text.startswith("load: ")
-    assert failure == f"load: {type(error).__name__}"
+    ]:
+        told = []
+        answer = answer_always(failing(error), "load", lambda *text, told=told: told.append(text))
+        found = answer(Trigger.Request(), Trigger.Response())
+        assert (found.success, found.message) == (False, line)
+        assert len(told) == 1
+        text, failure = told[0]
+        assert ("Traceback" in text) == is_ours
+        assert text.startswith("load: ")
+        assert failure == f"load: {type(error).__name__}"
 
 
 def test_a_response_without_success_is_empty():
@@ -50,10 +45,6 @@ def test_an_answer_passes():
         return response
 
     assert answer_always(handler, "x", pytest.fail)(Trigger.Request(), Trigger.Response()).success
-
-
-def test_an_error_without_words_says_its_name():
-    assert one_line(ValueError()) == "ValueError"
 
 
 def test_a_line_is_short_whatever_was_found():

@@ -8,7 +8,7 @@ from shutil import copy
 import pytest
 
 from sphere_nav.ros import shared_files
-from sphere_nav.ros.shared_files import share_file, software
+from sphere_nav.ros.shared_files import share_file
 
 
 def test_the_profile_for_large_messages():
@@ -16,13 +16,6 @@ def test_the_profile_for_large_messages():
     sizes = [int(item.text) for item in root.iter() if item.tag.endswith("segment_size")]
     assert sizes
     assert min(sizes) > 2048 * 1024 * (3 + 4)  # a sphere of 2048 x 1024, colour and range
-
-
-def test_a_file_in_an_ament_prefix(tmp_path, monkeypatch):
-    (tmp_path / "share/sphere_nav/config").mkdir(parents=True)
-    (tmp_path / "share/sphere_nav/config/site.yaml").touch()
-    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
-    assert share_file("config/site.yaml") == tmp_path / "share/sphere_nav/config/site.yaml"
 
 
 @pytest.mark.parametrize(
@@ -44,12 +37,3 @@ def test_wherever_it_was_installed_its_files_are_found_from_the_code(tmp_path, m
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "interpreter"))
     found = run_path(str(code))["share_file"]("config/site.yaml")
     assert found == tmp_path / shared / "config" / "site.yaml"
-
-
-def test_a_file_that_is_nowhere():
-    with pytest.raises(ValueError, match=r"config/none\.yaml: file of sphere_nav not found in /"):
-        share_file("config/none.yaml")
-
-
-def test_the_software_is_named():
-    assert software().startswith("sphere_nav ")

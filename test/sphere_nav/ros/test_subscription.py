@@ -87,15 +87,3 @@ def test_only_what_is_latched_is_kept_and_only_as_much_as_the_queue_holds():
     assert (latched.kept, volatile.kept) == ([Int32(data=2)], [])
     latched.deliver_kept()
     assert (latched.num_received, latched.kept) == (1, [])
-
-
-def test_refusals_in_a_row_end_with_a_message_that_is_accepted():
-    def callback(message):
-        if message.data < 0:
-            raise ValueError("negative")
-
-    wanted, found = make(callback), []
-    for number in (-1, -1, 1, -1):
-        wanted.deliver(Int32(data=number))
-        found.append(wanted.num_refused_in_row)
-    assert found == [1, 2, 0, 1]

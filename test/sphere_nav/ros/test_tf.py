@@ -6,8 +6,7 @@ from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.bags.replay import OfflineBus, replay
+from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.node import WARN, ManagedNode
 from sphere_nav.ros.tf import TransformBroadcaster, TransformError, TransformListener, TransformTree
@@ -31,7 +30,7 @@ def tree():
     return tree
 
 
-@pytest.mark.parametrize("seconds", [0.0, 1.0, 2.25, 3.9, 4.0])
+@pytest.mark.parametrize("seconds", [2.25, 4.0])
 def test_a_transform_is_the_product_along_the_tree(tree, seconds):
     found = tree.lookup("map", "camera", round(seconds * SECOND))
     expected = T_MAP_ODOM @ odom_base(seconds) @ T_BASE_CAMERA  # constant twist: interpolation is exact
@@ -39,11 +38,6 @@ def test_a_transform_is_the_product_along_the_tree(tree, seconds):
     np.testing.assert_allclose(
         (found @ tree.lookup("camera", "map", round(seconds * SECOND))).matrix, np.eye(4), atol=1e-12
     )
-
-
-def test_without_a_stamp_the_newest_holds(tree):
-    np.testing.assert_allclose(tree.lookup("odom", "base_link").matrix, odom_base(4).matrix, atol=1e-12)
-    np.testing.assert_allclose(tree.lookup("camera", "camera").matrix, np.eye(4))
 
 
 def test_a_stamp_outside_of_what_was_heard(tree):
@@ -73,7 +67,7 @@ def test_two_parents_and_bad_numbers_are_refused(tree):
         tree.add(message)
 
 
-def test_what_moves_is_forgotten_in_time_and_when_the_clock_jumps(tree):
+def test_a_transform_from_before_the_clock_jumped_places_nothing(tree):
     tree.add(se3_to_transform(odom_base(12), 12 * SECOND, "odom", "base_link"))
     with pytest.raises(TransformError, match="found up to"):
         tree.lookup("odom", "base_link", SECOND)
@@ -100,7 +94,7 @@ class Hearer(ManagedNode):
         self.tf = TransformListener(self.endpoints)
 
 
-def test_what_is_told_is_heard(make_bag):
+def test_a_transform_that_one_node_sends_another_looks_up(make_bag):
     bus = OfflineBus()
     teller, hearer = bus.add(Teller), bus.add(Hearer)
     teller.fixed.send(T_BASE_CAMERA, 1, "base_link", "camera")
@@ -181,30 +175,6 @@ def test_of_a_loop_what_moves_gives_way_before_what_is_static():
     assert [tree.root(frame) for frame in ("mast", "base_link", "camera")] == ["camera"] * 3
 
 
-@pytest.mark.slow
-def test_edges_in_any_order_form_neither_a_loop_nor_a_deep_or_endless_tree(rng, monkeypatch):
-    monkeypatch.setattr("sphere_nav.ros.tf.MAX_FRAMES", 150)
-    tree, num_refused = TransformTree(), 0
-    for step in range(5000):
-        parent, child = rng.integers(0, 200, 2)
-        seconds = None if step % 5 == 0 else 10.0 + step * 0.1 + rng.uniform(-5.0, 5.0)
-        try:
-            tree.add(**edge(f"f{parent}", f"f{child}", seconds))
-        except ValueError:
-            num_refused += 1
-        frame, depth = f"f{child}", 0
-        while frame in tree._parents:
-            frame, depth = tree._parents[frame], depth + 1
-            assert depth <= 200, "a loop"
-    assert 0 < num_refused < 5000
-    assert len(tree._parents) <= 150
-    chain = TransformTree()
-    for number in range(99):
-        chain.add(**edge(f"f{number}", f"f{number + 1}"))
-    with pytest.raises(ValueError, match="at most 100 frames up to the root"):
-        chain.add(**edge("f99", "f100"))
-
-
 class Contradictor(ManagedNode):
     NAME = "contradictor"
 
@@ -225,14 +195,3 @@ def test_a_change_of_parent_is_reported_and_a_second_parent_that_moves_is_refuse
     assert hearer.reports["tf parents"] == (WARN, change, {"changes": 1})
     assert hearer.inputs[0].last_refusal == "transform: base_link: expected parent odom, found a second one, wrong"
     assert [wanted.num_refused for wanted in hearer.inputs] == [1, 0]
-
-
-@pytest.mark.slow
-def test_a_real_recording(shared_data):
-    bus = OfflineBus()
-    hearer = bus.add(Hearer)
-    with BagReader(shared_data / "bags" / "nav2_turtlebot.mcap") as bag:
-        assert list(replay(bag, bus)) == []
-    assert hearer.inputs[0].num_refused == 0
-    T_odom_scan = hearer.tf.lookup("odom", "rplidar_link")
-    assert np.isfinite(T_odom_scan.matrix).all()

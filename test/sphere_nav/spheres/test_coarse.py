@@ -20,13 +20,13 @@ def test_it_shows_the_room_as_its_own_camera_sees_it(camera):
     assert np.median(np.abs(small.range_m / range_m - 1.0)) < 0.02
 
 
-@pytest.mark.parametrize(("width", "expected"), [(2048, 256), (1024, 256), (512, 256), (300, 300)])
-def test_every_size_becomes_about_a_hundred_rows(width, expected):
-    camera = Spherical(width, width // 2)
-    image, range_m = np.full((width // 2, width), 9, np.uint8), np.ones((width // 2, width), np.float32)
-    small = coarse_sphere(Sphere(image, range_m, camera))
-    assert small.camera.is_whole
-    assert (small.camera.width, small.image.min(), small.range_m.max()) == (expected, 9, 1.0)
+def test_every_size_becomes_about_a_hundred_rows():
+    for width, expected in [(2048, 256), (1024, 256), (512, 256), (300, 300)]:
+        camera = Spherical(width, width // 2)
+        image, range_m = np.full((width // 2, width), 9, np.uint8), np.ones((width // 2, width), np.float32)
+        small = coarse_sphere(Sphere(image, range_m, camera))
+        assert small.camera.is_whole
+        assert (small.camera.width, small.image.min(), small.range_m.max()) == (expected, 9, 1.0)
 
 
 def test_the_nearest_surface_of_a_block_counts_and_the_unknown_does_not():

@@ -33,21 +33,6 @@ def test_nearest_agrees_with_a_search_through_all():
         assert ids(graph.near(point, 0.5)) == within
 
 
-def test_equally_near_spheres_come_by_id():
-    ring = [node(k, np.cos(a), np.sin(a), 0.0) for k, a in zip((5, 3, 8, 1), np.arange(4) * np.pi / 2, strict=True)]
-    graph = SphereGraph([*ring, node(9, 5.0, 0, 0)])
-    assert ids(graph.nearest([0, 0, 0], 4)) == [1, 3, 5, 8]
-    same = SphereGraph([node(k, 1.0, 2.0, 3.0) for k in (4, 2, 7)])
-    assert ids(same.nearest([0, 0, 0], 2)) == [2, 4]
-
-
-def test_a_grown_graph_is_searched_anew():
-    graph = SphereGraph(LINE[:3])
-    assert ids(graph.nearest([9, 0, 0])) == [2]
-    graph.add(LINE[9])
-    assert ids(graph.nearest([9, 0, 0])) == [9]
-
-
 def test_limits_of_number_and_distance():
     graph = SphereGraph(LINE[:3])
     assert ids(graph.nearest([0, 0, 0], 10)) == [0, 1, 2]
@@ -64,17 +49,6 @@ def test_with_poses_moves_some_and_keeps_the_rest():
     assert moved[0] is not None
     assert moved.edges == graph.edges
     assert graph[1].T_map_sphere.translation[0] == 1.0
-
-
-def test_with_edges_leaves_the_graph_as_it_is():
-    graph = SphereGraph(LINE[:3], [Edge(0, 1, SE3.identity(), np.eye(6))])
-    more = graph.with_edges([Edge(1, 2, SE3.from_planar(3.0, 4.0, 0.0), np.eye(6))])
-    assert [(edge.a, edge.b) for edge in more.edges] == [(0, 1), (1, 2)]
-    assert more.edges[1].length_m == 5.0
-    assert len(graph.edges) == 1
-    assert [node is graph[node.id] for node in more] == [True] * 3
-    with pytest.raises(ValueError, match="expected both ends in the graph, found no 7"):
-        graph.with_edges([Edge(0, 7, SE3.identity(), np.eye(6))])
 
 
 def test_what_does_not_fit_is_refused():

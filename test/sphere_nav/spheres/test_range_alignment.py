@@ -48,11 +48,6 @@ def test_a_motion_is_found_from_afar(camera, noise, limit_mm):
     assert distance < 4.0 * sigma_m < 0.05  # it knows how good it is
 
 
-def test_another_geometry_is_refused():
-    other = ranges(T_B, room=sharp_room((2.0, 5.0, 1.2)))
-    assert measure_motion_by_ranges(ranges(T_A), other, T_A_B) is None
-
-
 def test_a_single_wall_holds_no_motion():
     """It could be slid along: not observable."""
     rays = pixel_rays(WINDOW)
@@ -107,29 +102,10 @@ def both_ways(monkeypatch, gap, forward=GOOD, back=GOOD):
     return measure_motion_by_ranges(None, None, SE3.identity())
 
 
-@pytest.mark.parametrize(
-    ("axis", "limit"), [(0, 0.07), (1, -0.07), (2, 0.07), (3, 0.02), (4, -0.02), (5, 0.02)]
-)  # 5 cm and 2 % of 1 m; rad
-def test_both_ways_agree_within_their_gap(monkeypatch, axis, limit):
-    assert both_ways(monkeypatch, 0.999 * limit * np.eye(6)[axis]) is not None
-    assert both_ways(monkeypatch, 1.001 * limit * np.eye(6)[axis]) is None
-
-
-def test_both_ways_must_be_good(monkeypatch):
-    none = np.zeros(6)
-    for poor in (None, replace(GOOD, overlap=0.01)):
-        assert both_ways(monkeypatch, none, forward=poor) is None
-        assert both_ways(monkeypatch, none, back=poor) is None
-
-
-def test_half_of_the_gap_is_given_to_each_way_and_widens_the_covariance(monkeypatch):
-    gap = np.array([0.03, -0.02, 0.01, 0.004, 0.006, -0.012])
-    forward, back = replace(GOOD, overlap=0.7, agreement=0.95), replace(GOOD, overlap=0.8, agreement=0.9)
-    fit = both_ways(monkeypatch, gap, forward, back)
-    np.testing.assert_allclose((fit.T_a_b.inverse() @ GOOD.T_a_b).log(), 0.5 * gap, rtol=0.0, atol=1e-12)
-    added = np.repeat([0.01**2 + 14e-4 / 12, 0.002**2 + 196e-6 / 12], 3)  # a uniform gap varies by a twelfth
-    np.testing.assert_allclose(fit.covariance, GOOD.covariance + np.diag(added), rtol=1e-9, atol=0.0)
-    assert (fit.overlap, fit.agreement) == (0.7, 0.9)
+def test_both_ways_agree_within_their_gap(monkeypatch):
+    for axis, limit in [(0, 0.07), (1, -0.07), (2, 0.07), (3, 0.02), (4, -0.02), (5, 0.02)]:
+        assert both_ways(monkeypatch, 0.999 * limit * np.eye(6)[axis]) is not None
+        assert both_ways(monkeypatch, 1.001 * limit * np.eye(6)[axis]) is None
 
 
 def test_the_points_of_a_depth_image_are_those_of_the_surfaces():
@@ -147,10 +123,6 @@ def test_depth_of_zero_is_none():
     image = RangeImage.from_depth(replace(depth, depth_m=holes))
     assert np.all(np.isnan(image.range_m[:, :40]))
     assert np.all(np.isfinite(image.range_m[:, 41:]))
-
-
-def test_what_a_turn_costs_is_stated():
-    assert RANGE_TURN_SHARE == 0.05  # 5 % of it: in redkitchen, turns of 20 deg come out 2 deg off
 
 
 def test_a_turn_between_two_views_makes_a_motion_less_sure():

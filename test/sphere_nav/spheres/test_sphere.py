@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import Spherical
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth, continued, to_gray
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth, continued
 
 CAMERA = Spherical(16, 8)
 
@@ -20,12 +20,6 @@ def test_optical_axes_become_body_axes():
     np.testing.assert_array_equal(
         T_BODY_OPTICAL.apply(np.array([z_forward, x_right, y_down])), [[1, 0, 0], [0, -1, 0], [0, 0, -1]]
     )
-
-
-def test_gray_of_an_rgb_image_weighs_the_colors_as_the_eye_does():
-    image = np.zeros((8, 16, 3), dtype=np.uint8)
-    image[..., 1] = 200
-    np.testing.assert_allclose(Sphere(image, plane(), CAMERA).gray, 0.587 * 200, rtol=1e-6)
 
 
 def test_points_lie_at_their_range_and_unknown_ones_are_left_out():
@@ -53,9 +47,8 @@ def test_a_pixel_is_seen_if_it_is_lit_or_measured():
     np.testing.assert_array_equal(Sphere(image, range_m, CAMERA).is_seen[0, :4], [True, False, False, True])
 
 
-@pytest.mark.parametrize(
-    ("image", "range_m", "message"),
-    [
+def test_bad_images_are_refused_in_one_line():
+    for image, range_m, message in [
         (gray()[:4], plane(), "sphere image: expected 16 x 8 uint8, grey or RGB, found 16 x 4 uint8"),
         (gray().astype(np.float32), plane(), "sphere image: .* found 16 x 8 float32"),
         (np.zeros((8, 16, 4), np.uint8), plane(), "sphere image: .* found 16 x 8 x 4 uint8"),
@@ -64,27 +57,15 @@ def test_a_pixel_is_seen_if_it_is_lit_or_measured():
         (gray(), plane(0.0), "sphere range: expected positive metres"),
         (gray(), plane(-np.inf), "sphere range: expected positive metres"),
         (np.zeros((), np.uint8), plane(), "sphere image: .* found a scalar uint8"),
-    ],
-)
-def test_bad_images_are_refused_in_one_line(image, range_m, message):
-    with pytest.raises(ValueError, match=message) as caught:
-        Sphere(image, range_m, CAMERA)
-    assert "\n" not in str(caught.value)
+    ]:
+        with pytest.raises(ValueError, match=message) as caught:
+            Sphere(image, range_m, CAMERA)
+        assert "\n" not in str(caught.value)
 
 
 def test_a_stamp_that_is_not_an_integer_is_refused():
     with pytest.raises(ValueError, match="integer nanoseconds"):
         Sphere(gray(), plane(), CAMERA, stamp_ns=1.5)
-
-
-def test_a_sphere_without_any_range_is_a_sphere():
-    assert not Sphere(gray(), plane(np.nan), CAMERA).measured.any()
-
-
-def test_all_rows_of_a_color_image_are_weighed_alike():
-    rgb = np.random.default_rng(0).integers(0, 256, (50, 16, 3), dtype=np.uint8)  # ITU-R BT.601
-    np.testing.assert_allclose(to_gray(rgb), rgb @ np.array([0.299, 0.587, 0.114]), atol=1e-3)
-    np.testing.assert_array_equal(to_gray(rgb[..., 0]), rgb[..., 0])
 
 
 def test_the_unknown_continues_the_nearest_known():
@@ -106,19 +87,16 @@ def test_points_are_where_their_pixels_look():
     np.testing.assert_allclose(CAMERA.project(points)[0], np.stack([u.ravel(), v.ravel()], axis=1), atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("depth_m", "found"),
-    [
+def test_a_depth_of_another_kind_or_size_is_refused():
+    for depth_m, found in [
         (np.ones((8, 16), np.uint16), "16 x 8 uint16"),
         (np.ones((8, 15), np.float32), "15 x 8 float32"),
         (np.ones((8, 16, 1), np.float32), "16 x 8 x 1 float32"),
-    ],
-)
-def test_a_depth_of_another_kind_or_size_is_refused(depth_m, found):
-    with pytest.raises(ValueError, match=f"depth: expected 16 x 8 metres, found {found}"):
-        check_depth(depth_m, CAMERA)
-    for kind in (np.float32, np.float64):
-        check_depth(np.ones((8, 16), kind), CAMERA)
+    ]:
+        with pytest.raises(ValueError, match=f"depth: expected 16 x 8 metres, found {found}"):
+            check_depth(depth_m, CAMERA)
+        for kind in (np.float32, np.float64):
+            check_depth(np.ones((8, 16), kind), CAMERA)
 
 
 def test_the_deviation_fits_the_range():

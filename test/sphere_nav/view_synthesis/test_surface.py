@@ -1,7 +1,6 @@
 """What a sphere saw, as quads."""
 
 import numpy as np
-import pytest
 
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.sphere import Sphere
@@ -50,32 +49,31 @@ def sides(surface):
     return np.where(right < left, right + surface.camera.width, right) - left, left
 
 
-@pytest.mark.parametrize(
-    ("near", "change", "is_cut"),
-    [(0.5, 0.025, False), (0.5, 0.035, True), (0.05, 0.0035 / 0.05, False), (0.05, 0.0045 / 0.05, True)],
-)
-def test_a_step_of_three_per_cent_or_of_the_floor_ends_a_surface(near, change, is_cut):
-    nearness = np.full((64, 128), near)
-    nearness[:, 64:96] *= 1 - change
-    width, left = sides(surface_of_nearness(nearness))
-    across = (left <= 63) & (left + width >= 64)
-    assert across.any() != is_cut
+def test_a_step_of_three_per_cent_or_of_the_floor_ends_a_surface():
+    for near, change, is_cut in [
+        (0.5, 0.025, False),
+        (0.5, 0.035, True),
+        (0.05, 0.0035 / 0.05, False),
+        (0.05, 0.0045 / 0.05, True),
+    ]:
+        nearness = np.full((64, 128), near)
+        nearness[:, 64:96] *= 1 - change
+        width, left = sides(surface_of_nearness(nearness))
+        across = (left <= 63) & (left + width >= 64)
+        assert across.any() != is_cut
 
 
-@pytest.mark.parametrize(
-    ("near", "change", "size"),
-    [(0.5, 0.002 * 0.5, 2), (0.5, 0.004 * 0.5, 1), (0.05, 4e-4, 2), (0.05, 6e-4, 1)],
-)
-def test_large_quads_are_flat_within_three_per_mille_or_the_floor(near, change, size):
-    nearness = np.full((256, 512), near)
-    nearness[:, 201] += change  # the middle of a quad of two
-    width, left = sides(surface_of_nearness(nearness))
-    assert width[(left >= 200) & (left <= 201)].max() == size
+def test_large_quads_are_flat_within_three_per_mille_or_the_floor():
+    for near, change, size in [(0.5, 0.002 * 0.5, 2), (0.5, 0.004 * 0.5, 1), (0.05, 4e-4, 2), (0.05, 6e-4, 1)]:
+        nearness = np.full((256, 512), near)
+        nearness[:, 201] += change  # the middle of a quad of two
+        width, left = sides(surface_of_nearness(nearness))
+        assert width[(left >= 200) & (left <= 201)].max() == size
 
 
-@pytest.mark.parametrize(("width", "largest"), [(128, 1), (256, 1), (512, 2), (1024, 4)])
-def test_the_largest_quads_are_a_256th_of_a_turn(width, largest):
-    assert sides(surface_of_nearness(np.full((width // 2, width), 0.5)))[0].max() == largest
+def test_the_largest_quads_are_a_256th_of_a_turn():
+    for width, largest in [(128, 1), (256, 1), (512, 2), (1024, 4)]:
+        assert sides(surface_of_nearness(np.full((width // 2, width), 0.5)))[0].max() == largest
 
 
 def test_colors_are_kept_and_gray_is_three_alike():

@@ -9,7 +9,7 @@ import pytest
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav_tools.cli import evaluate
-from sphere_nav_tools.offline.evaluation import error_table, evaluate_poses, read_trajectory
+from sphere_nav_tools.offline.evaluation import error_table, evaluate_poses
 
 SECOND = 10**9
 OFFSET = np.array([0.03, -0.04, 0.0, 0.0, 0.0, 0.02])
@@ -174,7 +174,7 @@ def test_truth_is_interpolated_over_gaps_of_a_second_at_most():
     assert found.report["translation_m"]["max"] < 1e-9
 
 
-def test_the_table_says_what_was_found():
+def test_an_error_stands_in_its_row_of_the_table():
     errors = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
     covariances = np.repeat(np.diag([0.01, 1, 1, 1, 1, 1.0])[None], 50, axis=0)
     lines = error_table(evaluate_poses(off(errors, covariances)[:25], STRAIGHT).report).splitlines()
@@ -189,12 +189,3 @@ def test_the_table_says_what_was_found():
     short = error_table(evaluate_poses(off(errors)[:3], STRAIGHT).report)
     assert "rpe" not in short  # too short a way
     assert "NEES" not in short
-
-
-def test_what_is_no_trajectory_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"none\.tum: expected a TUM file or a bag, found none"):
-        read_trajectory(tmp_path / "none.tum", None, ("pose",))
-    (tmp_path / "a.tum").write_text("1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n")
-    assert len(read_trajectory(tmp_path / "a.tum", None, ("pose",))) == 2
-    with pytest.raises(ValueError, match=r"as a topic \(/pose\) is named"):
-        read_trajectory(tmp_path / "a.tum", "/pose", ("pose",))

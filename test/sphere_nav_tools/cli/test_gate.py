@@ -65,7 +65,7 @@ def test_another_page_is_refused_with_the_right_token():
         assert judge("localhost:8081", Origin=origin)[1].startswith("Origin: ")
 
 
-def test_what_another_page_embeds_is_refused_though_it_names_no_origin():
+def test_a_page_embedded_in_another_is_refused_though_it_names_no_origin():
     for site, is_in in (("none", True), ("same-origin", True), ("same-site", False), ("cross-site", False)):
         assert (judge(Sec_Fetch_Site=site, Sec_Fetch_Dest="image") is None) == is_in
         assert judge(Sec_Fetch_Site=site, Sec_Fetch_Dest="document") is None  # a link in a mail
@@ -126,7 +126,7 @@ def test_a_token_is_the_given_one_or_one_that_nobody_guesses(monkeypatch):
         token_for("short")
 
 
-def test_the_link_leads_there(monkeypatch):
+def test_a_printed_link_leads_to_the_machine(monkeypatch):
     monkeypatch.setattr(socket, "gethostname", lambda: "car7")
     assert link_to("127.0.0.1", 8081, TOKEN) == f"http://127.0.0.1:8081{LINK}"
     assert link_to("0.0.0.0", 8081, "t/?#") == "http://car7:8081/t%2F%3F%23"
@@ -148,7 +148,7 @@ def served():
 def ask(served, path=LINK, host=None, *lines):
     """Return status and body of a request, as a browser would send it."""
     port = served.get_port()
-    with socket.create_connection(("127.0.0.1", port), timeout=10.0) as line:
+    with socket.create_connection(("127.0.0.1", port), timeout=60.0) as line:
         head = [f"GET {path} HTTP/1.1", f"Host: {host or f'127.0.0.1:{port}'}", *lines, "", ""]
         line.sendall("\r\n".join(head).encode())
         answer = b"".join(iter(lambda: line.recv(1 << 16), b""))
@@ -179,7 +179,7 @@ def test_page_and_socket_are_served_to_who_has_the_token(served):
     port = served.get_port()
     words = {"subprotocols": [f"viser-v{viser.__version__}"], "origin": f"http://127.0.0.1:{port}"}
     with websockets.connect(f"ws://127.0.0.1:{port}{LINK}", **words) as page:
-        assert page.recv(timeout=10.0)
+        assert page.recv(timeout=60.0)
 
 
 def test_all_else_is_refused_before_the_handshake(served):

@@ -198,7 +198,7 @@ def test_permissions_follow_the_arguments() -> None:
 
 
 @pytest.mark.dds
-def test_the_keystore_is_of_ros2_security(ros2_security: None, tmp_path: Path, capsys: Any) -> None:
+def test_a_keystore_grants_each_enclave_what_the_policy_says(ros2_security: None, tmp_path: Path, capsys: Any) -> None:
     """Each enclave has its keys, and a signed file of permissions that says what the policy says."""
     words = ["navigation", "map:=campus", "guard:=true", "routes:=campus", "namespace:=car2"]
     assert main(["keystore", str(tmp_path / "keys"), *words]) == 0, capsys.readouterr().err

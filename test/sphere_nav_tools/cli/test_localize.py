@@ -186,7 +186,7 @@ def test_a_clock_that_is_set_back_costs_no_pose(tmp_path, caplog):
 IMAGE = "sensor_msgs/msg/Image"
 
 
-def test_the_time_out_is_that_of_several_images(caplog):
+def test_a_slow_camera_is_waited_for_as_long_as_four_images_take(caplog):
     for rate_hz, timeout_s in [(1.0, 4.0), (2.0, 2.0), (30.0, None), (8.0, None)]:
         streams = [Stream("/image", IMAGE, 20, rate_hz), Stream("/other", IMAGE, 20, 0.1)]
         assert patience(streams, ["/image"]) == ({"input.timeout_s": timeout_s} if timeout_s else {})
@@ -194,7 +194,7 @@ def test_the_time_out_is_that_of_several_images(caplog):
         caplog.clear()
 
 
-def test_the_slowest_of_several_cameras_counts():
+def test_a_slow_camera_beside_a_fast_one_is_waited_for():
     streams = [Stream("/a", IMAGE, 20, 10.0), Stream("/b", IMAGE, 20, 1.0), Stream("/c", IMAGE, 1, 0.1)]
     assert patience(streams, ["/a", "/b", "/c"]) == {"input.timeout_s": 4.0}
     assert patience([Stream("/a", IMAGE, 20, 0.0), streams[0]], ["/a"]) == {}

@@ -2,10 +2,12 @@
 
 import argparse
 import types
+from functools import partial
 
 import pytest
 
 from sphere_nav_tools.cli import main as command
+from sphere_nav_tools.cli import warm_up
 from sphere_nav_tools.cli.main import COMMANDS, main
 from sphere_nav_tools.offline.settings import add_settings
 
@@ -26,7 +28,7 @@ def raising(error):
     return run
 
 
-def test_the_overview_lists_them(capsys):
+def test_a_command_that_is_not_in_the_overview_is_not_found(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     for entry in COMMANDS:
@@ -45,7 +47,7 @@ def test_every_command_has_help_with_examples(capsys):
         assert f"  sphere_nav {name} " in out  # an example
 
 
-def test_the_status_of_the_command_is_passed_on(stand_in):
+def test_a_command_that_failed_is_not_taken_for_done(stand_in):
     for status in [0, 1]:
         stand_in.run = lambda arguments, status=status: status
         assert main(["play", "x"]) == status
@@ -111,3 +113,9 @@ def test_values_are_read_as_yaml():
 def test_a_word_that_is_no_pair_is_refused_by_its_option():
     with pytest.raises(ValueError, match="--set-other: expected NAME=VALUE, found 'a'"):
         parse(("--set-other", "a"))
+
+
+def test_a_package_whose_kernels_do_not_compile_is_not_passed_over(monkeypatch):
+    monkeypatch.setattr(warm_up, "PARTS", (partial(float, "none"),))
+    with pytest.raises(ValueError, match="none"):
+        warm_up.main()

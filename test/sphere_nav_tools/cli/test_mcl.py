@@ -89,7 +89,7 @@ def locate(folder, output, *words) -> int:
 
 
 @pytest.mark.slow
-def test_the_base_is_found(recorded, tmp_path, capsys):
+def test_a_base_is_found_from_panoramas_in_bare_walls(recorded, tmp_path, capsys):
     assert locate(recorded, tmp_path / "poses.tum", "--json", tmp_path / "s.json", "--bag", tmp_path / "out") == 0
     found = read_tum(tmp_path / "poses.tum")
     assert len(found) >= 3

@@ -109,7 +109,7 @@ def test_runs_of_equal_states_last_until_the_next_begins():
 
 
 @pytest.mark.slow
-def test_it_is_told_which_experience_placed_an_image(tmp_path):
+def test_an_image_is_counted_for_the_experience_that_placed_it(tmp_path):
     sphere = Sphere(np.full((4, 8), 9, np.uint8), np.full((4, 8), 2.0, np.float32), Spherical(8, 4))
     looks = [Experience("night"), Experience("night", drive="other"), Experience(drive="monday")]
     nodes = [KeySphere(k, 0, SE3.identity(), sphere, experience=one) for k, one in enumerate(looks)]

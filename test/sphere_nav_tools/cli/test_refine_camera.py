@@ -98,7 +98,7 @@ def options(folder, mounting=""):
 
 
 @pytest.mark.slow
-def test_the_file_says_where_the_camera_sits(tmp_path):
+def test_a_camera_is_mounted_where_odometry_finds_it(tmp_path):
     camera = drive(tmp_path / "bag", 400)
     found, _ = mounting_by_odometry(options(tmp_path / "bag", "0.5,0,1.1,0,0,0"), "optical", "/wheels", camera)
     assert found.unobserved == ("z",)
@@ -180,7 +180,7 @@ def test_a_wrong_pose_is_named_found_and_mapped_with(bags, tmp_path, capsys):
         ("stereo", "expected images with depth where no MAP is given, found stereo"),
     ],
 )
-def test_what_tells_nothing_is_one_line_and_nothing_is_written(name, message, bags, tmp_path, capsys):
+def test_a_drive_without_motion_or_depth_refines_nothing(name, message, bags, tmp_path, capsys):
     assert call("refine-camera", bags[name], "-o", tmp_path / "depth.yaml") == 2
     error = capsys.readouterr().err.strip()
     assert message in error

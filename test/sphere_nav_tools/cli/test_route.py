@@ -77,7 +77,7 @@ def test_from_drives_to_a_way(drives, capsys):
         (("export", "good.geojson", "-o", "x.csv"), "x.csv: expected .geojson, or .csv with --from and --to"),
     ],
 )
-def test_what_cannot_be_is_one_line(drives, capsys, words, text):
+def test_a_network_place_or_way_that_cannot_be_is_refused_in_one_line(drives, capsys, words, text):
     (drives / "old.geojson").write_text("no network")
     (drives / "d.csv").write_text((drives / "a.csv").read_text().replace("campus", "hall"))
     assert run(capsys, "build", "good.geojson", "a.csv")[0] == 0

@@ -10,7 +10,7 @@ from sphere_nav_msgs.msg import ReferenceTrajectory
 
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros import qos
-from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
+from sphere_nav.ros.compositions import NodeStart
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav_tools.cli.main import main
@@ -21,14 +21,6 @@ from worlds.room import wide_room
 
 PATIENCE = 60.0  # s of a loaded machine
 NODES = ("dense_localizer", "path_follower")
-
-
-def test_arguments_are_shown(capsys):
-    assert main(["up", "navigation", "-s"]) == 0
-    shown = capsys.readouterr().out
-    for name in COMPOSITIONS["navigation"].arguments:
-        assert f"  {name} " in shown
-    assert "map to localise in (must be given)" in shown
 
 
 def test_misuse_is_one_line(capsys):

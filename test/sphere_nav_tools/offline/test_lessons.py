@@ -38,8 +38,6 @@ from sphere_nav_tools.offline.lessons import (
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
 
-pytestmark = pytest.mark.slow
-
 START_NS = 1_000_000_000
 NUM_IMAGES = 16
 # The light of these lessons is one that local contrast would explain.
@@ -103,7 +101,8 @@ def campus(taught, tmp_path):
     return tmp_path / taught.name
 
 
-def test_the_drives_are_found_and_the_bad_one_is_the_lesson(taught, pictures):
+@pytest.mark.slow
+def test_a_drive_that_the_map_did_not_explain_is_the_lesson(taught, pictures):
     drives = list_drives(taught)
     assert [one.name for one in drives] == ["19700101_000001", "19700101_000140"]
     assert [one.explanation.is_lesson for one in drives] == [False, True]
@@ -114,7 +113,8 @@ def test_the_drives_are_found_and_the_bad_one_is_the_lesson(taught, pictures):
     assert np.array_equal(images[0].image, in_light(pictures[3]))  # after probation
 
 
-def test_the_range_of_an_image_is_that_of_the_map(taught, room):
+@pytest.mark.slow
+def test_an_image_that_is_learned_has_the_range_of_the_map(taught, room):
     image = next(iter(list_drives(taught)[1].images()))
     with open_map(taught) as base:
         sphere, T_map_sphere, covariance = make_sphere(base, image)
@@ -127,6 +127,7 @@ def test_the_range_of_an_image_is_that_of_the_map(taught, room):
     np.testing.assert_allclose(np.trace(covariance), np.trace(image.covariance))
 
 
+@pytest.mark.slow
 def test_a_map_learns_a_light_and_forgets_it_again(campus, capsys):
     before = {file.name: file.read_bytes() for file in campus.iterdir()}
     with open_map(campus) as base:
@@ -161,6 +162,7 @@ def see_marks(monkeypatch, *marks):
     monkeypatch.setattr(lessons, "count_explained", lambda *_: next(counts))
 
 
+@pytest.mark.slow
 def test_a_map_that_makes_another_drive_worse_is_refused(campus, monkeypatch):
     before = (campus / "map.mcap").read_bytes()
     see_marks(monkeypatch, [0, 1], [1, 0])

@@ -10,7 +10,7 @@ import pytest
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.samples import ODOMETRY, SPHERE, SPHERE_INFO
+from sphere_nav.ros.bags.samples import ODOMETRY, SPHERE_INFO
 from sphere_nav.ros.bags.streams import CAMERA_INFO, IMAGE, RGBD, STEREO, Stream
 from sphere_nav.ros.camera.drivers import driver_names, read_driver
 from sphere_nav.ros.conversions import se3_to_transform
@@ -88,7 +88,7 @@ def streams_of(driver, root=None, skip=()):
     return found
 
 
-def test_what_a_driver_publishes_is_found_as_its_preset_says():
+def test_a_driver_publishes_the_topics_of_its_preset():
     for name in driver_names():
         driver = read_driver(name)
         kinds = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info"), "panorama": ("image_raw",)}
@@ -170,7 +170,7 @@ def recording(*streams, tree=None, **values):
 MOUNTED = frames(*(("base_link", name) for name in NAMES))
 
 
-def test_the_cameras_of_a_rig_are_called_by_their_names():
+def test_a_rig_is_mapped_by_the_names_of_its_cameras():
     found = offer_map(recording(*RIG))
     assert found.command[-5:] == ["--rig", "rig.yaml", *(f"--camera={name}=/{name}/image_raw" for name in NAMES)]
     assert "that has these names" in found.note
@@ -214,12 +214,6 @@ def test_bare_geometry_needs_odometry_and_the_height_of_the_camera():
     assert recording(*one, tree=moving).odometry == "/tf (odom to base_link)"
 
 
-def test_two_jobs_do_not_write_the_same_file():
-    one = recording(RIG[0], INFOS[0], ODOM, tree=MOUNTED)
-    outputs = [offer.command[offer.command.index("-o") + 1] for offer in (offer_localize(one), offer_mcl(one))]
-    assert outputs == ["drive.tum", "drive_mcl.tum"]
-
-
 def test_a_panorama_is_offered_with_what_it_needs():
     for info, words in [
         ([Stream("/theta/sphere_info", SPHERE_INFO, 9, 30.0, "front")], ["--remap", "sphere_info:=/theta/sphere_info"]),
@@ -231,11 +225,6 @@ def test_a_panorama_is_offered_with_what_it_needs():
             assert found.command[-2:] == words
             assert ("whole spheres" in found.note) == (not info)
         assert offer_localize(recording(RIG[0])).missing  # no panorama: not twice as wide as high
-
-
-def test_spheres_of_another_name_are_named():
-    found = offer_map(recording(Stream("/car/sphere", SPHERE, 9, 2.0, "sphere_link")))
-    assert found.command[-2:] == ["--remap", "sphere:=/car/sphere"]
 
 
 def test_images_of_different_instants_are_no_pair(monkeypatch):

@@ -1,4 +1,3 @@
-from collections import Counter
 from dataclasses import replace
 from functools import cache
 
@@ -9,7 +8,7 @@ from cycab_sim.params import TrafficParams
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
-from cycab_sim.world.traffic.traffic import AWAY, Traffic
+from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3, Pinhole
 
@@ -34,31 +33,6 @@ def simulator(small_params):
     return Simulator(replace(small_params, traffic=PARAMS))
 
 
-def test_all_that_is_asked_for_is_there_and_moves_at_its_pace(traffic):
-    assert len(traffic.actors) == 12 + 1 + 6 + 40  # cars, tram, cyclists, pedestrians
-    a, b = traffic.poses(20 * SECOND)[:, :2, 3], traffic.poses(21 * SECOND)[:, :2, 3]
-    ways = np.linalg.norm(b - a, axis=1)
-    assert np.median(ways) == pytest.approx(1.3, rel=0.2)  # most are pedestrians
-    assert ways.max() < 5.0 * 1.15 + 0.1
-
-
-def test_a_seed_is_who_is_under_way_and_where(traffic, fingerprint):
-    mesh = [-0.42361, 0.00772, 0.40383, -0.06604, 0.74951, 1.03352, 0.24559, -0.36937, 0.0, 0.0, 0.0]
-    found = fingerprint(traffic.mesh, traffic.poses(0), traffic.poses(77_700_000_000))
-    assert found == pytest.approx([*mesh, 0.1461, -0.10565], abs=2e-5)
-
-
-def test_where_it_is_busy_more_are_under_way():
-    counts = Counter(loop.kind for loop in who_goes(replace(PARAMS, density="busy")))
-    assert counts == {"road": 20 + 1, "cycle": 10, "walk": 80}
-
-
-def who_goes(params):
-    """The loop of each."""
-    traffic = Traffic(world(), params, 5)
-    return [traffic.loops[actor.loop] for actor in traffic.actors]
-
-
 def test_where_they_are_depends_on_the_stamp_and_the_seed_alone(traffic):
     late = traffic.poses(777 * STEP)
     traffic.poses(3 * STEP)
@@ -66,40 +40,6 @@ def test_where_they_are_depends_on_the_stamp_and_the_seed_alone(traffic):
     np.testing.assert_array_equal(Traffic(world(), PARAMS, 5).poses(777 * STEP), late)
     other = Traffic(world(), replace(PARAMS, seed=1), 5).poses(777 * STEP)
     assert other.shape != late.shape or not np.array_equal(other, late)
-
-
-def test_nobody_meets_anybody_or_anything(traffic):
-    """Places of one actor and another never come closer than both are wide; nothing static stands where they go."""
-    widths = np.array([a.figure.half_width for a in traffic.actors])[traffic._actor_of]
-    other = traffic._actor_of[:, None] != traffic._actor_of[None]
-    for t in range(0, 400, 7):
-        places = traffic.poses(t * SECOND)[:, :3, 3]
-        distance = np.linalg.norm(places[:, None, :2] - places[None, :, :2], axis=2)
-        assert np.all(distance[other] > (widths[:, None] + widths[None])[other])
-
-
-def test_nothing_is_in_the_way_of_the_taught_path(traffic):
-    points = world().path.at(np.arange(0.0, world().path.length, 0.5))[:, :2]
-    for t in range(0, 300, 11):
-        T = traffic.poses(t * SECOND)[traffic.part_of_triangle]
-        corners = np.einsum("tij,tkj->tki", T[:, :2, :3], traffic.mesh.triangles) + T[:, None, :2, 3]
-        off = np.linalg.norm(corners.reshape(-1, 1, 2)[::7] - points[None], axis=2).min()
-        assert off > 0.9  # half a car is 0.6 m
-
-
-def test_who_would_be_inside_the_car_is_not_there(traffic):
-    T = traffic.poses(0)
-    on_it = T[3, :2, 3][None]
-    cleared = traffic.poses(0, on_it, 0.6)
-    gone = cleared[:, 2, 3] == AWAY
-    assert gone[3]
-    np.testing.assert_array_equal(np.unique(traffic._actor_of[gone]), [traffic._actor_of[3]])  # whole, and alone
-    np.testing.assert_array_equal(cleared[~gone], T[~gone])
-
-
-def test_worlds_without_streets_have_no_traffic():
-    with pytest.raises(ValueError, match=r"traffic\.density: expected a world with streets"):
-        Traffic(build_world("corridor", 3), PARAMS, 3)
 
 
 def beside_someone(simulator):
@@ -130,29 +70,6 @@ def test_traffic_is_seen_and_measured_and_throws_shadows(simulator):
     simulator.step(VehicleCommand(), 20 * SECOND)
     later, _ = simulator.render(camera, T_world_camera)
     assert np.mean(np.abs(later.astype(float) - image) > 10.0) > 0.05
-
-
-def test_the_laser_scanner_sees_traffic(simulator):
-    simulator.teleport(-1.0, 14.0, 0.0)  # across the street on which cars and the tram go
-    measured = []
-    for _ in range(12):
-        simulator.step(VehicleCommand(), 50 * STEP)
-        measured.append(np.minimum(simulator.scan().ranges, 30.0))
-    assert (np.ptp(measured, axis=0) > 0.5).any()  # noise is 0.01 m
-
-
-def test_the_same_instant_gives_the_same_bits(small_params, simulator):
-    images = []
-    for one in (simulator, Simulator(simulator.params)):
-        one.teleport(20.0, -0.5, 0.0)
-        one.time_ns = 40 * SECOND
-        images.append(one.capture("camera").image)
-    np.testing.assert_array_equal(*images)
-
-
-def test_traffic_is_no_part_of_the_world(simulator):
-    assert len(simulator.renderer.mesh.triangles) > len(simulator.world.mesh.triangles)
-    assert simulator.world.mesh.triangles[..., 2].min() > AWAY / 2
 
 
 def test_somebody_stands_in_the_way_where_he_is_put():

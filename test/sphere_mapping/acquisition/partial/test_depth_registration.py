@@ -10,8 +10,8 @@ from worlds.box_and_wall import depth_of_box_and_wall
 DEPTH = Pinhole(320, 240, 290.0, 290.0, 160.0, 120.0)
 
 
-@pytest.mark.parametrize("focal_length", [260.0, 290.0, 400.0])
-@pytest.mark.parametrize("offset", [(-0.025, 0.0, 0.0), (0.05, 0.02, -0.01)])
+@pytest.mark.parametrize("focal_length", [260.0, 400.0])
+@pytest.mark.parametrize("offset", [(0.05, 0.02, -0.01)])
 def test_every_pixel_that_both_see_is_right(focal_length, offset):
     """Also where the target is finer than the depth camera: no holes; and at the edge of the box: no bleeding."""
     target = Pinhole(320, 240, focal_length, focal_length, 160.0, 120.0)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, roll, sphere_from_views
 from sphere_mapping.acquisition.partial.window import window_of
@@ -53,8 +52,3 @@ def test_a_sphere_is_straightened():
     bent, straight = difference(moving, still), difference(replace(moving, twist=TWIST), still)
     assert straight[0] < 0.2 * bent[0]
     assert straight[1] < 0.25 * bent[1]
-
-
-def test_depth_of_another_camera_is_refused():
-    with pytest.raises(ValueError, match="rolling shutter: expected depth registered to the image"):
-        replace(rgbd(OPTICAL_TWIST), twist=TWIST, depth_camera=CAMERA)

@@ -23,23 +23,6 @@ def test_what_agrees_is_weighed_by_its_variance():
     np.testing.assert_allclose(std_m, 0.1 / np.sqrt(2), rtol=1e-5)
 
 
-def test_a_surer_source_counts_more():
-    range_m, _ = fuse_sources([(plane(10.0), plane(0.1)), (plane(10.3), plane(0.2))], WHOLE)
-    np.testing.assert_allclose(range_m, 10.06, atol=1e-5)
-
-
-def test_far_holds_only_where_nothing_is_measured():
-    far = (plane(np.inf), plane(np.nan))
-    np.testing.assert_array_equal(fuse_sources([far, (plane(np.nan), plane(np.nan))], WHOLE)[0], np.inf)
-    np.testing.assert_allclose(fuse_sources([far, (plane(5.0), plane(0.1))], WHOLE)[0], 5.0)
-
-
-def test_without_a_source_nothing_is_known():
-    for values in fuse_sources([], WHOLE):
-        assert values.shape == (WHOLE.height, WHOLE.width)
-        assert np.isnan(values).all()
-
-
 def test_the_nearest_point_of_a_cloud_hides_the_others():
     cloud = np.array([[5.0, 0.0, 0.0], [9.0, 0.0, 0.0], [np.nan, 0, 0]])
     range_m, _ = range_from_cloud(cloud, WHOLE, FusionParams())
@@ -82,9 +65,3 @@ def test_filling_goes_on_around_the_seam():
     found = fill(values.astype(np.float32), known)
     assert np.abs(found[:, 0] - found[:, -1]).max() < 0.01
     assert np.abs(found - values).max() < 0.06  # 20 columns of a cosine are off its chord by 0.03
-
-
-def test_without_gaps_or_without_anything_nothing_is_filled():
-    values = np.ones((4, 8), np.float32)
-    assert fill(values, np.ones((4, 8), np.bool_)) is values
-    assert fill(values, np.zeros((4, 8), np.bool_)) is values

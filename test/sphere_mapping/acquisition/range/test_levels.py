@@ -6,7 +6,6 @@ import pytest
 
 from sphere_mapping.acquisition.range.levels import (
     fit,
-    halve_image,
     has_texture_around,
     interpolate,
     is_borrowed,
@@ -20,11 +19,6 @@ from sphere_mapping.acquisition.range.levels import (
 def waves(height, width, phase=0.0):
     v, u = np.mgrid[0:height, 0:width]
     return 128 + 50 * np.sin(2 * np.pi * u / width + phase) * np.cos(2 * np.pi * v / height)
-
-
-def test_a_pixel_of_a_half_lies_on_the_even_pixels_of_the_whole():
-    image = np.rint(waves(64, 128)).astype(np.uint8)
-    assert np.abs(halve_image(image, True)[2:-2].astype(float) - image[4:-4:2, ::2]).max() <= 2
 
 
 @pytest.mark.parametrize("is_whole", [True, False])
@@ -62,12 +56,6 @@ def test_beside_an_edge_a_bare_wall_has_no_texture_around():
     assert found[8:-8, 44:47].mean() < 0.05
 
 
-def test_faint_texture_is_texture_where_there_is_no_stronger_one():
-    rng = np.random.default_rng(0)
-    image = 120 + 4 * cv2.GaussianBlur(rng.normal(0, 4, (96, 96)), (0, 0), 2.0)
-    assert has_texture_around(np.rint(image).astype(np.uint8), False)[8:-8, 8:-8].mean() > 0.95
-
-
 def test_the_spread_is_that_of_what_is_known_around_and_wraps_around():
     plane = np.full((16, 32), 5.0, np.float32)
     plane[8, 0], plane[8, 10], plane[2, 20] = 9.0, np.nan, 4.0
@@ -82,7 +70,7 @@ def test_the_spread_is_that_of_what_is_known_around_and_wraps_around():
     np.testing.assert_array_equal(twice(plane)[1::2, 1::2], plane)
 
 
-@pytest.mark.parametrize("exposure", [1.0, 50.0])
+@pytest.mark.parametrize("exposure", [1.0])
 def test_unlike_is_what_differs_by_far_more_than_usual_less_of_it_where_the_range_varies(exposure):
     unlike, spread, found = (np.full((32, 64), value, np.float32) for value in (0.02 * exposure, 0.0, 7.0))
     found[:, 32:], unlike[:, 32:] = np.nan, 1e6  # what is not measured does not say what is usual

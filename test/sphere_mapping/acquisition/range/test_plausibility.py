@@ -14,7 +14,7 @@ def texture(seed, blur=1.2):
     return np.clip(128 + 40 * image / image.std(), 1, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("shift", [4, 20])
+@pytest.mark.parametrize("shift", [20])
 def test_exchanged_images_are_refused_by_name_and_ordered_ones_are_not(shift):
     top = texture(0)
     bottom = np.roll(top, -shift, axis=0)  # a point is higher in the lower image

@@ -5,11 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.params import RectifyParams
-from sphere_mapping.acquisition.range.rectification import Matches, epipolar_errors, matches_of, rectify
-from sphere_mapping.acquisition.stitching.views import RigView
+from sphere_mapping.acquisition.range.rectification import Matches, epipolar_errors, rectify
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
-from sphere_nav.params import build
 from worlds.rig import BASELINE, OPTICAL
 
 pytestmark = pytest.mark.slow
@@ -54,7 +51,7 @@ def disturbed(rig, rng, degrees=0.3):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("num_wrong", [0, 90])
+@pytest.mark.parametrize("num_wrong", [90])
 def test_turned_cameras_are_turned_back(rng, num_wrong):
     rig = make_rig()
     matches = matches_in(rig, rng, num_wrong)
@@ -69,43 +66,6 @@ def test_turned_cameras_are_turned_back(rng, num_wrong):
     # as good as the true rig, within what 24 numbers fitted to a thousand matches can do
     assert np.median(np.abs(after)) < 1.1 * np.median(np.abs(right))
     assert set(found.angle_deg) == {"a", "b", "c", "d"}
-
-
-@pytest.mark.slow
-def test_a_right_rig_stays_as_it_is(rng):
-    rig = make_rig()
-    found = rectify(rig, matches_in(rig, rng))
-    assert found.after_deg == pytest.approx(found.before_deg, rel=0.1)
-    assert max(found.angle_deg.values()) < 0.25  # noise; a turn and a shifted principal point look nearly the same
-
-
-def test_without_matches_nothing_changes():
-    rig = make_rig()
-    found = rectify(rig, [])
-    assert found.rig is rig
-    assert set(found.angle_deg.values()) == {0.0}
-
-
-@pytest.mark.slow
-def test_features_that_two_cameras_share_are_found(rng):
-    """A far textured world: matches lie in the same direction from both."""
-    params = build(RectifyParams, {"width": 512})
-    rig = make_rig()
-    world = rng.normal(size=(40, 3)) * 25
-    rig_views, images = [], {}
-    for part in rig.cameras[:2]:
-        rays = np.nan_to_num(LENS.unproject(np.stack(np.meshgrid(*[np.arange(800.0)] * 2), axis=-1)))
-        levels = np.sum(np.sin(rays @ part.T_rig_camera.rotation.T @ world.T + np.arange(40)), axis=-1)
-        images[part.name] = np.clip(128 + 12 * levels, 1, 255).astype(np.uint8)
-        rig_views.append(RigView(part.name, LENS, part.T_rig_camera, np.ones((800, 800), np.float32)))
-    [match] = matches_of(rig_views, images, params)
-    assert len(match.pixels_first) > 50
-    rays = [
-        LENS.unproject(pixels) @ rig_view.T_sphere_camera.rotation.T
-        for rig_view, pixels in zip(rig_views, (match.pixels_first, match.pixels_second), strict=True)
-    ]
-    angles = np.degrees(np.arccos(np.clip(np.sum(rays[0] * rays[1], axis=1), -1, 1)))
-    assert np.median(angles) < 0.2  # a third of a pixel of the sphere
 
 
 @pytest.mark.slow

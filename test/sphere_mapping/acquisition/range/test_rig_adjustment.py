@@ -36,16 +36,18 @@ def rig_and_matches(lens, rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.model)
-def test_slopes_are_those_of_the_errors(rng, lens):
-    rig, matches = rig_and_matches(lens, rng)
-    values = rng.normal(0, 0.02, 3 * NUM_VALUES)
-    found = slopes(rig, values, matches, SCALE)
-    steps = 1e-6 * np.eye(values.size)
-    sides = [[match_angles(correct(rig, values + sign * step), matches, SCALE) for sign in (1, -1)] for step in steps]
-    numerical = np.stack([(up - down) / 2e-6 for up, down in sides], axis=1)
-    assert found.shape == numerical.shape == (160, 18)
-    np.testing.assert_allclose(found, numerical, atol=1e-6 * np.abs(numerical).max())
+def test_slopes_are_those_of_the_errors(rng):
+    for lens in LENSES:
+        rig, matches = rig_and_matches(lens, rng)
+        values = rng.normal(0, 0.02, 3 * NUM_VALUES)
+        found = slopes(rig, values, matches, SCALE)
+        steps = 1e-6 * np.eye(values.size)
+        sides = [
+            [match_angles(correct(rig, values + sign * step), matches, SCALE) for sign in (1, -1)] for step in steps
+        ]
+        numerical = np.stack([(up - down) / 2e-6 for up, down in sides], axis=1)
+        assert found.shape == numerical.shape == (160, 18)
+        np.testing.assert_allclose(found, numerical, atol=1e-6 * np.abs(numerical).max())
 
 
 def test_a_match_whose_range_is_unknown_counts_by_its_plane_alone(rng):

@@ -1,11 +1,9 @@
 """Matches of one level: clear ones only, and no seam in a whole sphere."""
 
-import threading
-
 import cv2
 import numpy as np
 
-from sphere_mapping.acquisition.range.semi_global import find_clear_matches, in_threads, match_semi_globally
+from sphere_mapping.acquisition.range.semi_global import find_clear_matches, match_semi_globally
 
 WIDTH, HEIGHT, SHIFT = 384, 192, 9
 
@@ -16,33 +14,6 @@ def pair():
     smooth = cv2.GaussianBlur(noise, (0, 0), 1.5)[:, WIDTH : 2 * WIDTH]
     top = np.clip(128 + 40 * smooth / smooth.std(), 1, 255).astype(np.uint8)
     return top, np.roll(top, -SHIFT, axis=0)
-
-
-def test_a_whole_sphere_has_no_seam():
-    top, bottom = pair()
-    found = find_clear_matches(top, bottom, -2, is_whole=True)
-    at_seam = np.r_[-8:8]
-    known = np.isfinite(found[40:-20][:, at_seam])
-    assert known.mean() > 0.9
-    assert np.abs(found[40:-20][:, at_seam][known] - SHIFT).max() < 0.5
-
-
-def test_the_number_of_threads_changes_nothing():
-    top, bottom = pair()
-    one, two = (find_clear_matches(top, bottom, -2, is_whole=True, jobs=jobs) for jobs in (1, 2))
-    np.testing.assert_array_equal(one, two)
-
-
-def test_threads_stay_for_the_next_instant():
-    def who(_):
-        barrier.wait(5.0)  # both threads are asked
-        return threading.current_thread()
-
-    barrier = threading.Barrier(2)
-    first, again = (set(in_threads(who, range(2), 2)) for _ in range(2))
-    assert len(first) == 2
-    assert again == first
-    assert in_threads(lambda _: threading.current_thread(), range(2), 1) == [threading.current_thread()] * 2
 
 
 def test_smoothness_carries_matches_into_a_bare_wall_where_nothing_is_clear():

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.range import kernels, sweep
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Rig, RigCamera
-from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 from worlds.rig import LENS, OPTICAL, WIDTH, seen, truth
 
@@ -54,19 +52,6 @@ def test_range_is_that_of_the_scene_and_so_is_its_deviation(stitcher, found):
     assert (std_m[known] <= 0.08 * range_m[known] * 1.001).all()
 
 
-def test_the_same_twice_and_whatever_the_number_of_threads(ring, images, found):
-    again = Stitcher(ring, PARAMS, jobs=3).stereo
-    for other in (again.find(images).measured[0], again.find(images).measured[0]):
-        np.testing.assert_array_equal(other[0], found[0])
-        np.testing.assert_array_equal(other[1], found[1])
-
-
-def test_no_seam_where_the_columns_wrap_around(found):
-    known = np.isfinite(found[0])[WIDTH // 8 : 3 * WIDTH // 8]
-    shares = [np.roll(known, 4 - first, axis=1)[:, :8].mean() for first in range(0, WIDTH, 8)]
-    assert shares[0] > np.median(shares) - 0.2  # four columns to either side of the seam
-
-
 def test_a_camera_that_is_missing_or_masked_measures_nothing(ring, stitcher, images, found):
     rest = {name: image for name, image in images.items() if name in ("c0", "c1", "c2")}
     fewer = np.isfinite(stitcher.stereo.find(rest).measured[0][0])
@@ -78,41 +63,3 @@ def test_a_camera_that_is_missing_or_masked_measures_nothing(ring, stitcher, ima
     known = np.isfinite(Stitcher(ring, PARAMS, masks).stereo.find(images).measured[0][0])
     assert not known[85:].any()
     assert known[40:60].mean() > 0.4
-
-
-def test_a_thin_thing_before_one_camera_is_not_measured(ring, stitcher, images, found):
-    """Its block is that of the background, which all other cameras see there."""
-    post = images["c1"].copy()
-    post[:, 78:81] = np.clip(post[:, 78:81].astype(int) + 40, 1, 255)
-    known = np.isfinite(stitcher.stereo.find(images | {"c1": post}).measured[0][0])
-    view = stitcher.stereo._views[1]
-    points = pixel_rays(stitcher.whole) * truth(stitcher)[1][..., None]
-    u, v, border = view.project(points)
-    beside = (border > 0) & np.isfinite(found[0]) & (np.abs(v - 80) < 30)
-    off = np.abs(u - 79)
-    assert beside.sum() > 1000
-    assert known[beside & (off < 1.5)].mean() < 0.15
-    assert known[beside & (off > 12) & (off < 40)].mean() > 0.9
-
-
-def test_what_is_bare_or_noise_is_not_measured(stitcher, images):
-    bare = {name: np.full_like(image, 120) for name, image in images.items()}
-    assert np.isnan(stitcher.stereo.find(bare).measured[0][0]).all()
-    rng = np.random.default_rng(2)
-    noise = {name: rng.integers(60, 190, image.shape).astype(np.uint8) for name, image in images.items()}
-    assert np.isfinite(stitcher.stereo.find(noise).measured[0][0]).mean() < 0.01
-
-
-def test_other_exposures_change_little(stitcher, images, found):
-    """Levels count beside the mean around them, so that a brighter camera does not measure otherwise."""
-    bright = {name: (image * (1.0 if name != "c1" else 0.9) + 5).astype(np.uint8) for name, image in images.items()}
-    other = stitcher.stereo.find(bright).measured[0][0]
-    both = np.isfinite(other) & np.isfinite(found[0])
-    assert both.sum() > 0.7 * np.isfinite(found[0]).sum()
-    assert np.median(np.abs(other[both] / found[0][both] - 1)) < 0.01
-
-
-def test_the_first_image_compiles_nothing_after_the_warm_up(found):
-    sweep.warm_up()
-    used = (kernels.sweep, kernels.sum_blocks, kernels.sum_paths, kernels.choose, kernels.align)
-    assert [len(kernel.signatures) for kernel in used] == [1] * len(used)

@@ -89,16 +89,6 @@ def test_who_is_masked_or_absent_does_not_see(views):
     assert half.numbers[64, 116] == 3
 
 
-def test_runs_are_the_columns_that_each_camera_sees(views):
-    finer = level_of(Spherical(512, 256), views)
-    sight = sight_of(sharpness(views, WHOLE), np.ones(3, np.bool_), [finer, level_of(WHOLE, views)])
-    for runs, first_runs, row, scale in zip(sight.runs, sight.first_runs, (129, 64), (2, 1), strict=True):
-        seen = np.zeros((3, 256 * scale), np.bool_)
-        for camera, begin, end in runs[first_runs[row] : first_runs[row + 1]]:
-            seen[camera, begin:end] = True
-        np.testing.assert_array_equal(seen.sum(axis=0)[::scale], sight.numbers[64])
-
-
 def test_cameras_that_cannot_measure_are_told_why(views):
     def rig_of(*poses):
         return Rig(tuple(RigCamera(name, LENSES[2], T) for name, T in zip("ab", poses, strict=False)), name="test")

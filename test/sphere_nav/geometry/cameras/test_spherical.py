@@ -25,25 +25,19 @@ def test_backward_lies_on_the_seam_from_both_sides():
     assert right == pytest.approx(511.5, abs=1e-6)
 
 
-def test_every_direction_is_visible_in_a_whole_sphere():
-    points = np.random.default_rng(0).normal(size=(1000, 3))
-    points[:4] = [[0, 0, 1], [0, 0, -1], [-1, 0, 0], [-1, -0.0, 0]]
-    assert SPHERE.project(points)[1].all()
-
-
 def test_columns_beyond_the_seam_are_the_columns_of_the_other_side():
     np.testing.assert_allclose(SPHERE.unproject([[-3.0, 100.0]]), SPHERE.unproject([[509.0, 100.0]]), atol=1e-12)
 
 
-@pytest.mark.parametrize("offset_u", [0.0, 100.5, 420.0, 511.0])
-def test_a_window_is_a_cut_of_the_whole_sphere(offset_u):
-    window = Spherical(200, 100, 512.0, offset_u, 80.0)
-    grid = pixel_grid(window)
-    whole = grid + np.array([offset_u, 80.0])
-    np.testing.assert_allclose(window.unproject(grid), SPHERE.unproject(whole), atol=1e-12)
-    found, visible = window.project(SPHERE.unproject(whole))
-    assert visible.all()
-    np.testing.assert_allclose(found, grid, atol=1e-9)
+def test_a_window_is_a_cut_of_the_whole_sphere():
+    for offset_u in [0.0, 100.5, 420.0, 511.0]:
+        window = Spherical(200, 100, 512.0, offset_u, 80.0)
+        grid = pixel_grid(window)
+        whole = grid + np.array([offset_u, 80.0])
+        np.testing.assert_allclose(window.unproject(grid), SPHERE.unproject(whole), atol=1e-12)
+        found, visible = window.project(SPHERE.unproject(whole))
+        assert visible.all()
+        np.testing.assert_allclose(found, grid, atol=1e-9)
 
 
 def test_a_window_does_not_see_what_is_outside():
@@ -59,15 +53,10 @@ def test_halving_keeps_a_window_inside_the_same_sphere():
     assert SPHERE.halve().is_whole
 
 
-@pytest.mark.parametrize("arguments", [(512, 512), (200, 100, 100.0), (4, 2, np.nan), (4, 2, 8.0, np.inf)])
-def test_impossible_spheres_are_refused(arguments):
-    with pytest.raises(ValueError, match="sphere"):
-        Spherical(*arguments)
-
-
-def test_a_whole_sphere_with_odd_sides_cannot_be_halved():
-    with pytest.raises(ValueError, match="expected even sides, found 6 x 3"):
-        Spherical(6, 3).halve()
+def test_impossible_spheres_are_refused():
+    for arguments in [(512, 512), (200, 100, 100.0), (4, 2, np.nan), (4, 2, 8.0, np.inf)]:
+        with pytest.raises(ValueError, match="sphere"):
+            Spherical(*arguments)
 
 
 def test_the_derivative_stays_finite_at_the_poles():

@@ -72,11 +72,6 @@ def test_the_rig_file_holds_the_same(path, tmp_path, frame):
         np.testing.assert_allclose(relative, (POSES[0].inverse() @ pose).matrix, atol=1e-12)
 
 
-def test_a_file_without_its_wrapper_is_read(path):
-    path.write_text(json.dumps(calibration()["value0"]))
-    assert len(read_foreign([path]).cameras) == 5
-
-
 def test_a_recorded_rig_is_two_back_to_back_pairs(shared_data):
     rig = read_foreign([shared_data / "fisheye_rig" / "calibration.json"])
     ahead = np.stack([part.T_rig_camera.rotation[:, 2] for part in rig.cameras])
@@ -92,19 +87,8 @@ def lens(index, field, value):
 
 DEFECTS = {
     "eucm": (lens(1, "camera_type", "eucm"), "intrinsics[1].camera_type: expected ds, ucm, kb4"),
-    "fov": (lens(0, "camera_type", "fov"), "found 'fov', which is not supported"),
-    "no number": (lens(0, "intrinsics", {"fx": 1.0}), "value0.intrinsics[0].intrinsics.fy: expected a value, found"),
     "fewer poses": (lambda inner: inner["T_imu_cam"].pop(), "found 4 of T_imu_cam, 5 of intrinsics, 5 of resolution"),
-    "no list": (
-        lambda inner: inner.__setitem__("resolution", 640),
-        "found 5 of T_imu_cam, 5 of intrinsics, no list of",
-    ),
     "no size": (lambda inner: inner.pop("resolution"), "value0.resolution: expected a value, found none"),
-    "quaternion": (
-        lambda inner: inner["T_imu_cam"][0].__setitem__("qw", 9),
-        "T_imu_cam[0]: expected a unit quaternion",
-    ),
-    "odd size": (lambda inner: inner["resolution"].__setitem__(0, [0, 3]), "resolution[0]: expected a positive number"),
     "alpha": (
         lens(0, "intrinsics", {**dict.fromkeys(("fx", "fy", "cx", "cy"), 300.0), "xi": 0.0, "alpha": 2.0}),
         "alpha",
@@ -112,23 +96,21 @@ DEFECTS = {
 }
 
 
-@pytest.mark.parametrize("name", DEFECTS)
-def test_a_defect_is_one_line_with_its_place(path, name):
-    change, expected = DEFECTS[name]
-    values = calibration()
-    change(values["value0"])
-    path.write_text(json.dumps(values))
-    with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
-        read_basalt(path)
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_a_defect_is_one_line_with_its_place(path):
+    for name in DEFECTS:
+        change, expected = DEFECTS[name]
+        values = calibration()
+        change(values["value0"])
+        path.write_text(json.dumps(values))
+        with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
+            read_basalt(path)
+        assert expected in str(caught.value)
+        assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"), [("{", "expected JSON"), ("[1]", "expected value0 with"), ("{}", "value0")]
-)
-def test_a_file_that_is_none_is_refused(path, text, expected):
-    path.write_text(text)
-    with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
-        read_basalt(path)
-    assert expected in str(caught.value)
+def test_a_file_that_is_none_is_refused(path):
+    for text, expected in [("{", "expected JSON"), ("[1]", "expected value0 with"), ("{}", "value0")]:
+        path.write_text(text)
+        with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
+            read_basalt(path)
+        assert expected in str(caught.value)

@@ -7,22 +7,17 @@ import pytest
 from sphere_nav.geometry.files.encoded import decode_file, encoded_size, read_image_file
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg"])
-@pytest.mark.parametrize("shape", [(1, 1), (17, 300), (9, 5, 3)])
-def test_the_size_of_a_file(suffix, shape):
-    data = cv2.imencode(suffix, np.zeros(shape, np.uint8))[1].tobytes()
-    assert encoded_size(data) == (shape[1], shape[0])
+def test_the_size_of_a_file():
+    for suffix in [".png", ".jpg"]:
+        for shape in [(1, 1), (17, 300), (9, 5, 3)]:
+            data = cv2.imencode(suffix, np.zeros(shape, np.uint8))[1].tobytes()
+            assert encoded_size(data) == (shape[1], shape[0])
 
 
-def test_a_progressive_jpeg():
-    data = cv2.imencode(".jpg", np.zeros((12, 34, 3), np.uint8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
-    assert encoded_size(data) == (34, 12)
-
-
-@pytest.mark.parametrize("data", [b"", b"\xff\xd8", b"\xff\xd8\xff\xe0\x00", b"\x89PNG\r\n\x1a\n", b"GIF89a"])
-def test_anything_else_is_refused(data):
-    with pytest.raises(ValueError, match="image data: expected"):
-        encoded_size(data)
+def test_anything_else_is_refused():
+    for data in [b"", b"\xff\xd8", b"\xff\xd8\xff\xe0\x00", b"\x89PNG\r\n\x1a\n", b"GIF89a"]:
+        with pytest.raises(ValueError, match="image data: expected"):
+            encoded_size(data)
 
 
 def test_a_picture_stays_as_the_sensor_made_it():
@@ -58,18 +53,18 @@ FRAMES = [
 ]  # SOF0 to SOF15
 
 
-@pytest.mark.parametrize("marker", range(0xC0, 0xD0))
-def test_every_kind_of_frame_tells_its_size_and_tables_do_not(marker):
-    if marker in FRAMES:
-        assert encoded_size(jpeg(marker)) == (300, 20)
-    else:  # DHT, JPG and DAC are segments: what follows is read
-        assert encoded_size(jpeg(0xC0, bytes([0xFF, marker]) + b"\x00\x05abc")) == (300, 20)
+def test_every_kind_of_frame_tells_its_size_and_tables_do_not():
+    for marker in range(0xC0, 0xD0):
+        if marker in FRAMES:
+            assert encoded_size(jpeg(marker)) == (300, 20)
+        else:  # DHT, JPG and DAC are segments: what follows is read
+            assert encoded_size(jpeg(0xC0, bytes([0xFF, marker]) + b"\x00\x05abc")) == (300, 20)
 
 
-@pytest.mark.parametrize("marker", [0x01, *range(0xD0, 0xD9)])
-def test_markers_without_a_segment_are_passed_over(marker):
+def test_markers_without_a_segment_are_passed_over():
     """TEM, RST0 to RST7 and SOI of the standard have no length."""
-    assert encoded_size(jpeg(0xC0, bytes([0xFF, marker]))) == (300, 20)
+    for marker in [0x01, *range(0xD0, 0xD9)]:
+        assert encoded_size(jpeg(0xC0, bytes([0xFF, marker]))) == (300, 20)
 
 
 def test_the_size_may_be_known_before_and_may_be_as_large_as_allowed():

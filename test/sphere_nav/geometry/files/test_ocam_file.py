@@ -55,18 +55,15 @@ def test_the_camera_is_the_polynomial_with_its_affine_part(tmp_path):
     assert (camera.width, camera.height) == (640, 480)
 
 
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
+def test_a_defect_is_one_line(tmp_path):
+    for change, expected in [
         (lambda text: text.replace("5 -220.0", "6 -220.0"), "polynomial: expected 6 coefficients, found 5"),
         (lambda text: text.replace("-220.0", "x"), "expected a finite number, found 'x'"),
         (lambda text: text.replace("480 640", ""), "centre, c d e and size, found 4 lines"),
         (lambda text: text.replace("-220.0", "220.0"), "expected positive fx, fy"),
-    ],
-)
-def test_a_defect_is_one_line(tmp_path, change, expected):
-    path = write(tmp_path / "calib_results.txt")
-    path.write_text(change(path.read_text()))
-    with pytest.raises(ValueError, match=r"calib_results\.txt: ") as caught:
-        read_ocam(path)
-    assert expected in str(caught.value)
+    ]:
+        path = write(tmp_path / "calib_results.txt")
+        path.write_text(change(path.read_text()))
+        with pytest.raises(ValueError, match=r"calib_results\.txt: ") as caught:
+            read_ocam(path)
+        assert expected in str(caught.value)

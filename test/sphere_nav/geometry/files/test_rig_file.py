@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, OCam, Omni, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, OCam, Omni, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
 
 
@@ -61,13 +61,6 @@ def test_a_file_is_not_overwritten_unless_told(rig, path):
     assert [file.name for file in path.parent.iterdir() if file.is_file()] == ["rig.yaml"]
 
 
-def test_a_camera_without_file_format_is_refused(tmp_path):
-    rig = Rig((RigCamera("a", Spherical(64, 32), SE3.identity()),))
-    with pytest.raises(ValueError, match="a: expected a camera of pinhole"):
-        write_rig(tmp_path / "rig.yaml", rig)
-    assert not list(tmp_path.iterdir())
-
-
 def drop(*keys):
     def change(values):
         inner = values
@@ -95,66 +88,39 @@ MIRRORED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
 STRETCHED = np.diag([1.0, 1.1, 1.0, 1.0]).tolist()
 DEFECTS = {
     "missing camera": (drop("cameras", "b"), "cameras: expected 6 (num_cameras), found 5 (a, c, d, e, f)"),
-    "no cameras": (put("cameras", None), "cameras: expected camera names with their fields, found None"),
-    "other format": (put("format_version", 2), "expected sphere_nav_rig 1, found sphere_nav_rig 2"),
     "missing field": (drop(*A, "model"), "cameras.a.model: expected a value, found none"),
-    "misspelt field": (put(*A, "msak", "x.png"), "cameras.a.msak: expected only model, width"),
-    "missing number": (drop(*A, "intrinsics", "fy"), "cameras.a.intrinsics.fy: expected a value, found none"),
-    "text for a number": (
-        put(*A, "intrinsics", "fy", "wide"),
-        "cameras.a.intrinsics.fy: expected a finite number, fou",
-    ),
     "unknown model": (
         put(*A, "model", "mei"),
         "cameras.a.model: expected pinhole, fisheye, double_sphere, omni, ocam, found 'mei'",
     ),
-    "uncalibrated": (put(*A, "intrinsics", "fx", 0), "cameras.a: focal length: expected positive fx, fy"),
-    "no size": (put(*A, "width", 0), "cameras.a.width: expected a positive number of pixels, at most 65536, found 0"),
     "other size": (
         put(*A, "width", 300),
         "cameras.a.intrinsics: expected the centre inside the 300 x 480 image, found",
     ),
-    "mirror": (put(*A, "T_rig_camera", MIRRORED), "cameras.a.T_rig_camera: rigid motion: expected a rotation"),
-    "stretched": (put(*A, "T_rig_camera", STRETCHED), "cameras.a.T_rig_camera: rigid motion: expected a rotation"),
     "short matrix": (put(*A, "T_rig_camera", [[1, 2], [3]]), "cameras.a.T_rig_camera: expected 4 rows of 4 numbers"),
-    "not finite": (put(*A, "T_rig_camera", np.full((4, 4), np.nan).tolist()), "T_rig_camera: expected a finite number"),
-    "vast": (put(*A, "width", 10**11), "cameras.a.width: expected a positive number of pixels, at most 65536"),
     "a list for a model": (put(*A, "model", ["pinhole"]), "cameras.a.model: expected pinhole"),
-    "too long for a float": (put(*A, "intrinsics", "fx", 10**400), "cameras.a.intrinsics.fx: expected a finite number"),
-    "missing mask": (put(*A, "mask", "none.png"), "cameras.a.mask: expected an image file, found no none.png"),
-    "short distortion": (put("cameras", "c", "distortion", [0.1]), "cameras.c.distortion: expected 4 numbers, found 1"),
     "ocam without polynomial": (put("cameras", "f", "polynomial", []), "cameras.f: ocam: polynomial: expected 1 to 20"),
-    "polynomial of another": (put(*A, "polynomial", [1.0]), "cameras.a.polynomial: expected none for pinhole, found 1"),
-    "lonely level": (put(*A, "level", ""), "level: expected top and bottom, or none for every camera, found a none"),
     "unknown level": (put(*A, "level", "up"), "cameras.a: a: level: expected top, bottom or nothing, found 'up'"),
 }
 
 
-@pytest.mark.parametrize("name", DEFECTS)
-def test_a_defect_is_one_line_with_its_place(path, name):
-    change, expected = DEFECTS[name]
-    values = yaml.safe_load(path.read_text())
-    change(values)
-    path.write_text(yaml.safe_dump(values, sort_keys=False))
-    with pytest.raises(ValueError, match=r"rig\.yaml") as caught:
-        read_rig(path)
-    assert expected in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_a_defect_is_one_line_with_its_place(path):
+    good = path.read_text()
+    for name in DEFECTS:
+        change, expected = DEFECTS[name]
+        values = yaml.safe_load(good)
+        change(values)
+        path.write_text(yaml.safe_dump(values, sort_keys=False))
+        with pytest.raises(ValueError, match=r"rig\.yaml") as caught:
+            read_rig(path)
+        assert expected in str(caught.value)
+        assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "found"), [("a: [", "expected YAML"), ("", "rig: expected the fields"), ("x: 1\nx: 2", "twice")]
-)
-def test_a_file_that_is_no_rig_is_refused(tmp_path, text, found):
-    (tmp_path / "rig.yaml").write_text(text)
-    with pytest.raises(ValueError, match=r"rig\.yaml: ") as caught:
-        read_rig(tmp_path / "rig.yaml")
-    assert found in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_no_file_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="expected a rig file, found no such file"):
-        read_rig(tmp_path / "rig.yaml")
-    with pytest.raises(ValueError, match="expected a rig file, found a folder"):
-        read_rig(tmp_path)
+def test_a_file_that_is_no_rig_is_refused(tmp_path):
+    for text, found in [("a: [", "expected YAML"), ("", "rig: expected the fields"), ("x: 1\nx: 2", "twice")]:
+        (tmp_path / "rig.yaml").write_text(text)
+        with pytest.raises(ValueError, match=r"rig\.yaml: ") as caught:
+            read_rig(tmp_path / "rig.yaml")
+        assert found in str(caught.value)
+        assert "\n" not in str(caught.value)

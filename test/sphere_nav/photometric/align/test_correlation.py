@@ -32,22 +32,13 @@ def test_independent_noise_is_correlated_by_interpolation_alone(room, rng):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sigma_px", [2.0, 4.0])
+@pytest.mark.parametrize("sigma_px", [2.0])
 def test_smooth_noise_counts_the_pixels_that_err_together(room, rng, sigma_px):
     smooth = [cv2.GaussianBlur(rng.normal(0, 1.0, (240, 320)), (0, 0), sigma_px) for _ in range(8)]
     found = np.mean([measured(room, 3.0 * noise / noise.std()) for noise in smooth])
     together = 4.0 * np.pi * sigma_px**2  # integral of the autocorrelation of a Gaussian blur
     # The Jacobian's own waves are as short as the blur is wide, so that less of the correlation adds up.
     assert together / 8.0 < found < 2.0 * together
-
-
-def test_few_pixels_cannot_tell(room):
-    small = Pinhole(40, 30, 30.0, 30.0, 19.5, 14.5)
-    gray, range_m = room.render(small, SE3.identity())
-    views = [View(prepare_reference(gray, range_m, small, PARAMS), SE3.identity())]
-    pyramid = build_pyramid(gray, small, PARAMS.pyramid)
-    problem = Problem.choose_pixels(pyramid.levels[0], views, SE3.identity(), PARAMS)
-    assert correlated_pixels(problem.compare(AlignmentState.start(SE3.identity(), 1)), 99.0) == 99.0
 
 
 def test_the_covariance_grows_with_the_correlation(room, rng):
@@ -59,12 +50,3 @@ def test_the_covariance_grows_with_the_correlation(room, rng):
         image = (gray + 3.0 * noise / noise.std()).astype(np.float32)
         sigmas.append(np.trace(register(build_pyramid(image, CAMERA), views, SE3.identity()).covariance) ** 0.5)
     assert sigmas[1] > 2.0 * sigmas[0]
-
-
-def test_a_view_of_nothing_cannot_tell(room):
-    gray, range_m = room.render(CAMERA, SE3.identity())
-    views = [View(prepare_reference(gray, range_m, CAMERA, PARAMS), SE3.identity())]
-    pyramid = build_pyramid(gray, CAMERA, PARAMS.pyramid)
-    problem = Problem.choose_pixels(pyramid.levels[0], views, SE3.identity(), PARAMS)
-    behind = AlignmentState.start(SE3.exp([0.0, 0.0, 0.0, 0.0, np.pi, 0.0]), 1)
-    assert correlated_pixels(problem.compare(behind), 99.0) >= 1.0

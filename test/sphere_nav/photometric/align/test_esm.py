@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.photometric import RegistrationParams, View, build_pyramid, evaluate, prepare_reference, register
+from sphere_nav.photometric import View, build_pyramid, evaluate, prepare_reference, register
 
 PINHOLE = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 SPHERE = Spherical(512, 256)
@@ -43,34 +42,6 @@ def test_every_camera_is_registered_with_a_sphere(room, sphere_view, kind):
     assert angle < 0.003
     assert found.ncc > 0.97
     assert found.overlap > 0.9
-
-
-def photograph_boards(room, T_room_camera):
-    """Return image and range (120, 160) of boards half way to the wall ahead; every pixel is the mean of 4 rays."""
-    edges = np.sort(np.random.default_rng(2).uniform(-3.0, 3.0, 16))
-
-    def cast(camera):
-        rays = pixel_rays(camera) @ T_room_camera.rotation.T
-        gray, range_m = room.cast(T_room_camera.translation, rays)
-        to_board = (2.0 - T_room_camera.translation[0]) / rays[..., 0]
-        points = T_room_camera.translation + to_board[..., None] * rays
-        is_board = (np.searchsorted(edges, points[..., 1]) % 2 == 1) & (to_board < range_m)
-        return np.where(is_board, room.gray(points + 10.0), gray), np.where(is_board, to_board, range_m)
-
-    mean = cast(Pinhole(320, 240, 220.0, 220.0, 159.5, 119.5))[0].reshape(120, 2, 160, 2).mean(axis=(1, 3))
-    return np.rint(mean).astype(np.uint8), cast(PINHOLE)[1].astype(np.float32)
-
-
-@pytest.mark.slow
-def test_edges_of_near_things_do_not_lengthen_the_way(room):
-    """Pixels beside an edge show both sides of it, and what is behind would have it move less than it does."""
-    start = SE3.from_planar(0.0, -0.4, 0.1) @ T_BODY_OPTICAL
-    view, longer = View(prepare_reference(*photograph_boards(room, start), PINHOLE), start), []
-    for way in (0.1, 0.2, -0.1, -0.2):
-        truth = start @ SE3.from_parts(np.eye(3), [0.0, 0.0, way])
-        found = register(build_pyramid(photograph_boards(room, truth)[0], PINHOLE), [view], start)
-        longer.append(np.sign(way) * (truth.inverse() @ found.T_world_camera).translation[2])
-    assert abs(np.mean(longer)) < 0.0015  # 0.0007; with the pixels behind edges 0.0027
 
 
 def test_what_no_camera_saw_is_not_compared(room, sphere_view):
@@ -151,51 +122,12 @@ def test_looking_elsewhere_is_low_overlap(room):
     assert np.isinf(np.diag(found.covariance)).all()
 
 
-def test_an_even_wall_is_low_texture(room):
-    camera = PINHOLE
-    image = np.full((120, 160), 128.0, np.float32)
-    view = View(prepare_reference(image, np.full((120, 160), 2.0, np.float32), camera), SE3.identity())
-    found = register(build_pyramid(image, camera), [view], SE3.identity())
-    assert found.reason == "LOW_TEXTURE"
-    assert np.isfinite(found.T_world_camera.matrix).all()
-
-
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [0, 1])
 def test_noise_instead_of_an_image_is_refused(sphere_view, seed):
     noise = np.random.default_rng(seed).integers(0, 255, (120, 160)).astype(np.uint8)
     found = register(build_pyramid(noise, PINHOLE), [sphere_view], AT @ T_BODY_OPTICAL)
     assert found.reason in ("OUTLIERS", "NO_CONVERGENCE")
     assert np.isfinite(found.T_world_camera.matrix).all()
-
-
-def test_a_reference_without_range_is_low_overlap(room):
-    image, range_m = room.render(PINHOLE, AT @ T_BODY_OPTICAL)
-    view = View(prepare_reference(image, np.full_like(range_m, np.nan), PINHOLE), AT @ T_BODY_OPTICAL)
-    found = register(build_pyramid(image, PINHOLE), [view], AT @ T_BODY_OPTICAL)
-    assert found.reason == "LOW_OVERLAP"
-
-
-def test_no_reference_is_misuse(room):
-    image, _ = room.render(PINHOLE, AT @ T_BODY_OPTICAL)
-    with pytest.raises(ValueError, match="at least one reference"):
-        register(build_pyramid(image, PINHOLE), [], AT)
-
-
-def test_the_same_input_gives_the_same_bits(room, sphere_view):
-    truth = AT @ SE3.exp([0.1, 0.05, 0.0, 0.0, 0.0, 0.05]) @ T_BODY_OPTICAL
-    image, _ = room.render(PINHOLE, truth)
-    runs = [register(build_pyramid(image, PINHOLE), [sphere_view], AT @ T_BODY_OPTICAL) for _ in range(2)]
-    assert np.array_equal(runs[0].T_world_camera.matrix, runs[1].T_world_camera.matrix)
-    assert np.array_equal(runs[0].covariance, runs[1].covariance)
-
-
-def test_fewer_pixels_still_find_the_motion(room, sphere_view):
-    truth = AT @ SE3.exp([0.1, 0.05, 0.0, 0.0, 0.0, 0.05]) @ T_BODY_OPTICAL
-    image, _ = room.render(PINHOLE, truth)
-    few = RegistrationParams(max_pixels=2000)
-    found = register(build_pyramid(image, PINHOLE), [sphere_view], AT @ T_BODY_OPTICAL, few)
-    assert found.num_pixels <= 2000
-    assert error_of(found, truth)[0] < 0.02
 
 
 def test_evaluating_a_pose_says_what_registering_would_and_moves_nothing(room, sphere_view):
@@ -208,9 +140,3 @@ def test_evaluating_a_pose_says_what_registering_would_and_moves_nothing(room, s
     assert same.iterations == 0
     assert same.ncc == pytest.approx(found.ncc, abs=0.01)
     assert off.mad > 3.0 * same.mad
-
-
-def test_more_references_than_the_kernels_hold_are_misuse(room, sphere_view):
-    image, _ = room.render(PINHOLE, AT @ T_BODY_OPTICAL)
-    with pytest.raises(ValueError, match="at most 4, found 5"):
-        register(build_pyramid(image, PINHOLE), [sphere_view] * 5, AT)

@@ -32,31 +32,23 @@ def test_a_good_end_is_good(room):
     assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
 
 
-def test_more_noise_gives_a_larger_covariance(room):
-    quiet, loud = judged(room, noise=3.0), judged(room, noise=12.0)
-    assert np.trace(loud.covariance[:3, :3]) > 4.0 * np.trace(quiet.covariance[:3, :3])
-
-
-@pytest.mark.parametrize(
-    ("reason", "arguments"),
-    [
+def test_every_cause_has_its_name(room):
+    for reason, arguments in [
         ("LOW_OVERLAP", {"overlap": 0.05}),
         ("NO_CONVERGENCE", {"motion": 3.0}),
         ("OUTLIERS", {"noise": 80.0}),
         ("LOW_TEXTURE", {"params": RegistrationParams(max_condition=1.5)}),
         ("LOW_OVERLAP", {"params": RegistrationParams(min_pixels=10**6)}),
-    ],
-)
-def test_every_cause_has_its_name(room, reason, arguments):
-    found = judged(room, **arguments)
-    assert found.reason == reason
-    assert not found.is_converged
+    ]:
+        found = judged(room, **arguments)
+        assert found.reason == reason
+        assert not found.is_converged
 
 
-@pytest.mark.parametrize(("share", "reason"), [(0.99, ""), (1.01, "NO_CONVERGENCE")])
-def test_an_increment_of_25_smallest_ones_is_no_convergence(room, share, reason):
-    params = RegistrationParams(min_step=0.03)
-    assert judged(room, params, motion=share * 25.0 * params.min_step).reason == reason
+def test_an_increment_of_25_smallest_ones_is_no_convergence(room):
+    for share, reason in [(0.99, ""), (1.01, "NO_CONVERGENCE")]:
+        params = RegistrationParams(min_step=0.03)
+        assert judged(room, params, motion=share * 25.0 * params.min_step).reason == reason
 
 
 def test_the_correlation_is_that_of_the_pixels(room):

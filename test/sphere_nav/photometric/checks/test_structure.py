@@ -6,7 +6,6 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks import structure
 from sphere_nav.photometric.checks.structure import _stretch, find_rig_structure
 from sphere_nav.photometric.pixels.samples import Sample
 
@@ -44,7 +43,7 @@ def test_a_right_lens_leaves_no_stretch(room, views, camera):
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.model)
-@pytest.mark.parametrize("share", [-0.03, 0.03])
+@pytest.mark.parametrize("share", [-0.03])
 def test_the_stretch_of_a_wrong_focal_length_is_found(room, views, camera, share):
     lens = replace(camera, fx=(1 + share) * camera.fx, fy=(1 + share) * camera.fy)
     found = [seen(room, views, lens, camera, seed=seed) for seed in range(4)]
@@ -90,17 +89,3 @@ def test_the_deviation_of_the_stretch_is_the_scatter_of_24_pieces():
     stretch, sigma = _stretch([sample], PARAMS, has_lens=True)
     assert sigma == pytest.approx(24**-0.5, rel=0.03)
     assert abs(stretch) < 3.0 * number**-0.5
-
-
-@pytest.mark.parametrize(("number", "is_told"), [(99, False), (100, True)])
-def test_a_view_of_a_hundred_pixels_tells_something(room, views, monkeypatch, number, is_told):
-    pyramid = build_pyramid(room.photograph(CAMERAS[0], SOMEWHERE, 1), CAMERAS[0], PARAMS.pyramid)
-    alignment = register(pyramid, views, SOMEWHERE, PARAMS)
-    usual = structure.sample_views
-
-    def few(*args):
-        return [one.where(np.arange(len(one.residual)) < number) for one in usual(*args)]
-
-    monkeypatch.setattr(structure, "sample_views", few)
-    images = [RigImage(pyramid, views=tuple(views))]
-    assert (find_rig_structure(images, alignment, PARAMS).agreement > 0.5) == is_told

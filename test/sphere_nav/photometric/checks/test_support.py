@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks import support as support_module
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
-from sphere_nav.photometric.checks.support import exclude_changes, find_support
+from sphere_nav.photometric.checks.support import find_support
 from sphere_nav.photometric.constants import MIN_SAMPLES
 from sphere_nav.photometric.pixels.samples import CameraSamples, sample_views
 from worlds.parked import ParkingRoom, boxes_along
@@ -84,7 +83,7 @@ def test_the_covariance_is_that_of_the_pose(look):
     assert np.all(np.diagonal(support.covariance) < 100.0 * np.diagonal(everything))
 
 
-@pytest.mark.parametrize("guess", [(-1.7, 0.1, -1.6), (-1.7, 0.1, 1.6), (0.5, 0.5, 0.3)])
+@pytest.mark.parametrize("guess", [(-1.7, 0.1, -1.6), (0.5, 0.5, 0.3)])
 def test_a_wrong_place_has_no_support(look, guess):
     wrong = register(look.images[0].pyramid, look.images[0].views, optical(SE3.from_planar(*guess)), PARAMS)
     assert off(wrong.T_world_camera) > 0.3
@@ -102,28 +101,6 @@ def test_a_prediction_is_asked_where_the_alignment_was_drawn_away(look):
     assert not look.support(away, away @ SE3.exp([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])).is_proven
 
 
-def test_a_prediction_needs_more_support_than_an_alignment(look, monkeypatch):
-    away = TRUTH @ SE3.exp([0.0, 0.0, 0.3, 0.0, 0.05, 0.0])
-    chance = look.support(TRUTH).chance
-    monkeypatch.setattr(support_module, "MAX_CHANCE", 2.0 * chance)
-    monkeypatch.setattr(support_module, "MAX_PREDICTED_CHANCE", 0.5 * chance)
-    monkeypatch.setattr(support_module, "register_rig", lambda images, T, params: look.found)  # drawn away again
-    monkeypatch.setattr(support_module, "fit_motion", lambda shifts: None)
-    assert look.support(TRUTH).is_proven
-    assert not look.support(away, TRUTH).is_proven
-
-
-def test_a_prediction_that_is_some_centimeters_off_is_moved_as_most_cells_are(look, monkeypatch):
-    away, predicted = TRUTH @ SE3.exp([0.0, 0.0, 0.3, 0.0, 0.05, 0.0]), TRUTH @ SE3.exp([0.03, 0, 0.05, 0, 0.01, 0])
-    assert not look.support(predicted).is_proven
-    monkeypatch.setattr(support_module, "PREDICTED_LEVELS", ())
-    support = look.support(away, predicted)
-    assert support.is_proven
-    assert off(away @ SE3.exp(support.xi)) < 0.005
-    monkeypatch.setattr(support_module, "NUM_TRIED_MOTIONS", 1e60)  # each motion that was tried counts
-    assert not look.support(away, predicted).is_proven
-
-
 def test_a_cell_agrees_within_one_pixel(views):
     same = Looked(room(1, (0.0, 2.0, 4.0)).photograph(CAMERA, TRUTH, 1), views)
     turned = [same.support(TRUTH @ SE3.exp([0, 0, 0, 0, px / CAMERA.fx, 0])) for px in (0.0, 0.9, 2.5)]
@@ -133,23 +110,6 @@ def test_a_cell_agrees_within_one_pixel(views):
     assert turned[1].is_proven
     assert turned[1].xi[4] == pytest.approx(-0.9 / CAMERA.fx, abs=0.1 / CAMERA.fx)
     assert not turned[2].is_proven
-
-
-def test_no_other_pixels_are_left(look):
-    kept, every = exclude_changes(look.images, look.sample, PARAMS)(TRUTH), look.sample(TRUTH)
-    number = [sum(len(part.residual) for part in cameras[0][1]) for cameras in (kept, every)]
-    assert 0.4 < number[0] / number[1] < 0.8
-    scatter = [np.mean(np.abs(np.concatenate([part.residual for part in c[0][1]]))) for c in (kept, every)]
-    assert scatter[0] < 0.7 * scatter[1]
-
-
-def test_a_wide_lens_and_a_whole_sphere_are_asked_alike(views):
-    day = room(1, (0.0, 2.0, 4.0))
-    for camera in (Fisheye(240, 180, 90.0, 90.0, 119.5, 89.5, (0.02, -0.01, 0.0, 0.0)), SPHERE):
-        same = Looked(day.photograph(camera, TRUTH, 1), views, camera=camera)
-        support = same.support(TRUTH)
-        assert support.num_agreeing > 0.8 * support.num_cells
-        assert support.num_cells > 20
 
 
 def test_the_parts_are_asked_only_where_the_whole_agrees_little(look, views):

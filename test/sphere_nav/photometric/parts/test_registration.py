@@ -1,17 +1,12 @@
 """Images of another day aligned by their parts: where grey levels lead away, and a wrong place has no support."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.params import PyramidParams
-from sphere_nav.photometric.parts import registration
 from sphere_nav.photometric.parts.registration import register_parts
-from sphere_nav.photometric.parts.votes import Votes
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import optical
 
@@ -57,13 +52,7 @@ def test_another_day_is_aligned_by_its_parts_where_grey_levels_lead_away(night, 
     assert xi @ np.linalg.solve(found.covariance, xi) < 22.5  # chi^2 of 6 at 0.001
 
 
-def test_all_motions_count_that_were_tried(night, view):
-    found = register_parts([RigImage(night, views=(view,))], FAR, PARAMS)
-    alone = Votes(found.num_cells, found.num_agreeing, [], np.zeros(0, np.int64)).chance
-    assert found.chance / alone == pytest.approx(300 * 3)  # sets of cells, and levels that are begun with
-
-
-@pytest.mark.parametrize("guess", [(0.5, 0.5, 0.3), (-1.7, 0.1, 1.6), (2.0, -0.5, -0.1)])
+@pytest.mark.parametrize("guess", [(0.5, 0.5, 0.3), (-1.7, 0.1, 1.6)])
 def test_a_wrong_place_has_no_support(night, view, guess):
     found = register_parts([RigImage(night, views=(view,))], optical(SE3.from_planar(*guess)), PARAMS)
     assert off(found.T_world_body)[0] > 0.3
@@ -74,41 +63,3 @@ def test_a_camera_on_a_body_gives_the_pose_of_the_body(night, view):
     mount = SE3.exp([0.4, -0.2, 0.1, 0.3, -0.1, 0.7])
     found = register_parts([RigImage(night, mount, (view,))], FAR @ mount.inverse(), PARAMS)
     assert off(found.T_world_body @ mount)[0] < 0.02
-
-
-def test_coarse_levels_reach_farther(night, view, monkeypatch):
-    images = [RigImage(night, views=(view,))]
-    assert register_parts(images, FAR, PARAMS).chance < 1e-7
-    monkeypatch.setattr(registration, "MIN_PARTS_SIDE", 170)  # px: the finest level alone
-    assert register_parts(images, FAR, PARAMS).chance > 1e-2
-    assert register_parts(images, TRUTH @ SE3.exp([0.0, 0.0, 0.02, 0.0, 0.02, 0.0]), PARAMS).chance < 1e-7
-
-
-def test_where_coarse_levels_lead_away_finer_ones_are_begun_with(night, view, monkeypatch):
-    images, begun = [RigImage(night, views=(view,))], []
-    descend = registration._descend
-
-    def note(images, T_world_body, params, levels, num_begun):
-        begun.append(list(levels))
-        found = descend(images, T_world_body, params, levels, num_begun)
-        return replace(found, chance=1.0) if len(levels) == 3 else found
-
-    monkeypatch.setattr(registration, "_descend", note)
-    found = register_parts(images, TRUTH @ SE3.exp([0.0, 0.0, 0.05, 0.0, 0.03, 0.0]), PARAMS)
-    assert begun[:2] == [[0, 1, 2], [0, 1]]
-    assert found.chance < 1e-7
-
-
-def test_levels_are_used_while_their_sides_are_long_enough(night, view, monkeypatch):
-    images = [RigImage(night, views=(view,))]
-    sides = [min(level.camera.width, level.camera.height) for level in night.levels]
-    assert [sides[level] for level in registration._usable_levels(images, PARAMS)] == [180, 90, 45]
-    assert registration._usable_levels(images, replace(PARAMS, pyramid=PyramidParams(finest=2))) == [2]
-    monkeypatch.setattr(registration, "MIN_PARTS_SIDE", 1000)
-    assert registration._usable_levels(images, PARAMS) == [0]  # at least the finest
-
-
-def test_no_reference_is_no_support(night):
-    found = register_parts([RigImage(night)], TRUTH, PARAMS)
-    assert (found.num_cells, found.chance) == (0, 1.0)
-    assert np.isinf(np.diagonal(found.covariance)).all()

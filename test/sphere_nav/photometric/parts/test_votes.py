@@ -41,16 +41,10 @@ def looked(image, view, T_world_body, T_body_camera=None):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mount", [None, SE3.exp([0.3, -0.2, 0.1, 0.2, -0.3, 0.5])])
+@pytest.mark.parametrize("mount", [SE3.exp([0.3, -0.2, 0.1, 0.2, -0.3, 0.5])])
 @pytest.mark.parametrize(
     "xi",
-    [
-        (0, 0, 0, 0.0, 0.03, 0),
-        (0, 0, 0, 0.02, 0.0, 0),
-        (0, 0, 0, 0, 0, 0.04),
-        (0.1, 0, 0, 0, 0, 0),
-        (0, 0, 0.15, 0, 0, 0),
-    ],
+    [(0, 0, 0, 0.02, 0.0, 0), (0.1, 0, 0, 0, 0, 0), (0, 0, 0.15, 0, 0, 0)],
 )
 def test_cells_are_shifted_as_the_motion_that_is_missing_shifts_them(image, view, mount, xi):
     T_body = TRUTH if mount is None else TRUTH @ mount.inverse()
@@ -63,16 +57,6 @@ def test_cells_are_shifted_as_the_motion_that_is_missing_shifts_them(image, view
 
 
 @pytest.mark.slow
-def test_cells_agree_where_the_pose_is_right_and_only_there(image, view):
-    votes = vote(*looked(image, view, TRUTH))
-    assert votes.num_agreeing > 0.85 * votes.num_cells > 30
-    assert votes.chance < 1e-20
-    wrong = vote(*looked(image, view, optical(SE3.from_planar(0.5, 0.5, 0.3))))
-    assert wrong.num_agreeing < 0.2 * wrong.num_cells
-    assert wrong.chance > 1e-2
-
-
-@pytest.mark.slow
 def test_pixels_of_agreeing_cells_are_kept_each_with_its_cell(image, view):
     levels, cameras = looked(image, view, TRUTH)
     votes = vote(levels, cameras)
@@ -81,22 +65,14 @@ def test_pixels_of_agreeing_cells_are_kept_each_with_its_cell(image, view):
     assert len(np.unique(votes.owner)) == votes.num_agreeing
 
 
-@pytest.mark.parametrize(("agreeing", "chance"), [(9, 1.4e-3), (12, 3.1e-6), (14, 2.7e-8)])
-def test_the_chance_is_binomial_but_for_what_six_numbers_fit(agreeing, chance):
-    votes = Votes(43, agreeing, [], np.zeros(0, np.int64))
-    expected = sum(comb(40, k) * P_CHANCE**k * (1 - P_CHANCE) ** (40 - k) for k in range(agreeing - 3, 41))
-    assert votes.chance == pytest.approx(expected, rel=1e-9)
-    assert votes.chance == pytest.approx(chance, rel=0.1)
+def test_the_chance_is_binomial_but_for_what_six_numbers_fit():
+    for agreeing, chance in [(9, 1.4e-3), (12, 3.1e-6), (14, 2.7e-8)]:
+        votes = Votes(43, agreeing, [], np.zeros(0, np.int64))
+        expected = sum(comb(40, k) * P_CHANCE**k * (1 - P_CHANCE) ** (40 - k) for k in range(agreeing - 3, 41))
+        assert votes.chance == pytest.approx(expected, rel=1e-9)
+        assert votes.chance == pytest.approx(chance, rel=0.1)
 
 
-@pytest.mark.parametrize(("number", "agreeing"), [(0, 0), (3, 3), (40, 0), (40, 3)])
-def test_what_a_fit_brings_alone_says_nothing(number, agreeing):
-    assert Votes(number, agreeing, [], np.zeros(0, np.int64)).chance == 1.0
-
-
-@pytest.mark.slow
-def test_no_samples_are_no_cells(image):
-    images = [RigImage(image, None, ())]
-    levels = finest_levels(images, PARAMS)
-    assert vote(levels, [(None, [])]).num_cells == 0
-    assert find_shifts(levels, [(None, [])]).number == 0
+def test_what_a_fit_brings_alone_says_nothing():
+    for number, agreeing in [(0, 0), (3, 3), (40, 0), (40, 3)]:
+        assert Votes(number, agreeing, [], np.zeros(0, np.int64)).chance == 1.0

@@ -68,13 +68,6 @@ def test_a_sphere_has_no_seam():
     assert np.abs(np.roll(turned, -by, axis=1) - local_contrast(image, camera, 0.1)).max() <= 1
 
 
-def test_floats_serve_as_bytes_do():
-    image = to_bytes(texture(CAMERA, 3))
-    as_floats = local_contrast(image.astype(np.float32), CAMERA, WINDOW)
-    np.testing.assert_array_equal(as_floats, local_contrast(image, CAMERA, WINDOW))
-    assert as_floats.dtype == np.uint8
-
-
 def test_the_window_is_an_angle_and_some_pixels_at_least():
     assert contrast_window(Spherical(4096, 2048, 4096.0)) == CONTRAST_ANGLE
     coarse = Spherical(256, 128, 256.0)

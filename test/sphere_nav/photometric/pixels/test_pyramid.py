@@ -25,12 +25,7 @@ def test_turning_a_whole_sphere_turns_every_level(rng):
         assert np.allclose(a, np.roll(b, shift, axis=1), atol=1e-4)
 
 
-def test_small_images_have_fewer_levels():
-    camera = Pinhole(40, 30, 30.0, 30.0, 19.5, 14.5)
-    assert len(build_pyramid(np.zeros((30, 40), np.uint8), camera).levels) == 1
-
-
-@pytest.mark.parametrize("image", [np.zeros((30, 41), np.uint8), np.zeros((30, 40, 3), np.uint8), np.zeros((30, 40))])
-def test_an_image_of_another_size_or_kind_is_refused(image):
-    with pytest.raises(ValueError, match="image: expected"):
-        build_pyramid(image, Pinhole(40, 30, 30.0, 30.0, 19.5, 14.5))
+def test_an_image_of_another_size_or_kind_is_refused():
+    for image in [np.zeros((30, 41), np.uint8), np.zeros((30, 40, 3), np.uint8), np.zeros((30, 40))]:
+        with pytest.raises(ValueError, match="image: expected"):
+            build_pyramid(image, Pinhole(40, 30, 30.0, 30.0, 19.5, 14.5))

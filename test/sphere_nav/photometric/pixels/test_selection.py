@@ -7,8 +7,6 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import build_pyramid, prepare_reference
-from sphere_nav.photometric.align.iteration.kernels import SIDE
-from sphere_nav.photometric.pixels import squares
 from sphere_nav.photometric.pixels.selection import choose_pixels, holds, select, select_levels
 
 pytestmark = pytest.mark.slow
@@ -35,25 +33,6 @@ def test_the_reference_level_matches_the_resolution_of_the_image(reference, leve
     assert reference.level_like(levels[1].camera).camera.width == 256
 
 
-def test_only_pixels_that_the_camera_sees_are_chosen(reference):
-    pixels = reference.levels[1]
-    expected = CAMERA.project(T_CAMERA_BODY.apply(pixels.points.T))
-    inside = np.all((expected[0] >= 0) & (expected[0] <= (159, 119)), axis=-1)
-    chosen = select(pixels, T_CAMERA_BODY, CAMERA, 10**6)
-    assert abs(chosen.num_pixels - inside.sum()) < 1e-3 * pixels.num_pixels  # float32 at the border
-    assert set(map(tuple, points_of(chosen).T)) <= set(map(tuple, pixels.points.T))
-
-
-def test_what_was_seen_before_changes_nothing(room, reference):
-    image, range_m = room.render(SPHERE, A)
-    again = prepare_reference(image, range_m, SPHERE)
-    turned = SE3.exp([0, 0, 0, 0, 1.0, 0]) @ T_CAMERA_BODY
-    before = select(again.levels[1], turned, CAMERA, 500)
-    first, second = (select(one.levels[1], T_CAMERA_BODY, CAMERA, 500) for one in (reference, again))
-    assert np.array_equal(first.blocks, second.blocks, equal_nan=True)
-    assert not np.array_equal(before.blocks, first.blocks, equal_nan=True)
-
-
 def test_only_what_is_seen_is_made(room):
     image, range_m = room.render(SPHERE, A)
     made = prepare_reference(image, range_m, SPHERE)
@@ -64,12 +43,6 @@ def test_only_what_is_seen_is_made(room):
     for level in made.levels:
         level.squares.all()
     assert some - empty < 0.2 * (made.num_bytes - empty)
-
-
-def points_of(selection):
-    """Return the chosen points (3, N)."""
-    points = selection.blocks.reshape(-1, 7, SIDE)[:, :3].transpose(1, 0, 2).reshape(3, -1)
-    return points[:, : selection.num_pixels]
 
 
 def test_a_selection_is_kept_while_the_image_moves_little(reference):
@@ -112,34 +85,6 @@ def test_what_is_chosen_ahead_is_used_once_it_is_kept(room, levels):
     slightly = SE3.exp([0, 0, 0, 0, 0.08, 0]) @ T_CAMERA_BODY  # 9 px of 160
     assert holds(reference.level_like(CAMERA), slightly, CAMERA, 400)
     assert not holds(reference.level_like(CAMERA), slightly, CAMERA, 400, 0.05)
-
-
-def test_of_a_sphere_far_ahead_some_of_everywhere_is_looked_at(room, monkeypatch):
-    monkeypatch.setattr(squares, "MIN_SQUARES", 16)
-    pixels = prepare_reference(*room.render(SPHERE, A), SPHERE).levels[0].squares
-    T = SE3.exp([0, 0, 1.5, 0, 0, 0]) @ T_CAMERA_BODY
-    usual, everything = pixels.near(T_CAMERA_BODY, CAMERA).places.size, set(pixels.near(T, CAMERA).places.tolist())
-    some = set(pixels.near(T, CAMERA, is_thinned=True).places.tolist())
-    assert len(everything) > 2 * usual
-    assert some < everything
-    assert 0.7 * usual < len(some) < 1.5 * usual
-    assert pixels.near(T_CAMERA_BODY, CAMERA, is_thinned=True).places.size == usual
-
-
-def test_what_a_turning_camera_leaves_is_forgotten(room, monkeypatch):
-    monkeypatch.setattr(squares, "MIN_SQUARES", 8)
-    pixels = prepare_reference(*room.render(SPHERE, A), SPHERE).levels[0]
-    empty, largest, one = pixels.squares.num_bytes, 0, 0
-    for k in range(20):
-        turned = SE3.exp([0, 0.3 * k, 0, 0, 0.3 * k, 0]) @ T_CAMERA_BODY
-        seen = pixels.squares.near(turned, CAMERA)
-        one = one or pixels.squares.num_bytes - empty
-        largest = max(largest, pixels.squares.num_bytes - empty)
-        fresh = prepare_reference(*room.render(SPHERE, A), SPHERE).levels[0] if k % 5 == 4 else pixels
-        again = fresh.squares.near(turned, CAMERA)
-        rows = [one.pool.reshape(-1, 7, SIDE)[one.places] for one in (seen, again)]
-        assert np.array_equal(*rows, equal_nan=True)
-    assert largest < 5 * one  # of two views and of levels of growth
 
 
 def test_threads_see_the_same_squares(room):

@@ -31,8 +31,8 @@ def test_every_place_is_an_ellipse_an_arrow_and_a_weight():
     assert min(markers[3].scale.x, markers[3].scale.y) > 0.0
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.3, 3.1, -3.1, -1.7])
-def test_the_curve_peaks_where_the_heading_is(yaw):
+@pytest.mark.parametrize("yaw", [0.3, -3.1])
+def test_a_turned_vehicle_sees_the_curve_peak_where_it_heads(yaw):
     angles = np.arange(36) * np.radians(10.0)
     curve = 1.0 + 0.5 * np.cos(angles - 1.0)
     scan = similarities_to_scan(curve, yaw, 3, "base_link")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import Fisheye, Pinhole, Spherical
-from sphere_nav.ros.conversions import camera_from_info, camera_to_info, check_image_size, stereo_baseline
+from sphere_nav.ros.conversions import camera_from_info, camera_to_info, stereo_baseline
 from sphere_nav.ros.conversions.cameras import has_baseline, rectification_of
 
 PINHOLE = Pinhole(640, 480, 525.0, 520.0, 319.5, 241.0, (0.1, -0.2, 0.001, 0.002, 0.03))
@@ -16,24 +16,9 @@ CAMERAS = [
 ]
 
 
-@pytest.mark.parametrize("camera", CAMERAS)
-def test_a_camera_comes_back(camera):
-    info = camera_to_info(camera, 5, "camera_optical")
-    assert camera_from_info(info) == camera
-    assert info.header.frame_id == "camera_optical"
-
-
 def test_the_rectified_camera_is_that_of_the_projection_matrix():
     info = camera_to_info(PINHOLE, 0, "left")
     assert camera_from_info(info, is_rectified=True) == Pinhole(640, 480, 525.0, 520.0, 319.5, 241.0)
-
-
-def test_a_baseline():
-    info = camera_to_info(CAMERAS[0], 0, "right", baseline=0.54)
-    assert info.p[3] == pytest.approx(-525.0 * 0.54)
-    assert stereo_baseline(info) == pytest.approx(0.54)
-    with pytest.raises(ValueError, match=r"left: P\[3\]: expected -fx \* baseline < 0, found 0\.0"):
-        stereo_baseline(camera_to_info(CAMERAS[0], 0, "left"))
 
 
 def changed(**fields):
@@ -43,27 +28,16 @@ def changed(**fields):
     return info
 
 
-@pytest.mark.parametrize(
-    ("fields", "reason"),
-    [
+def test_what_cannot_be_a_camera_is_refused():
+    for fields, reason in [
         ({"k": [0.0] * 9}, r"front: K\[0\]: expected a calibrated camera, found focal length 0"),
-        ({"k": [5.0, 1.0, 3.0, 0.0, 5.0, 3.0, 0.0, 0.0, 1.0]}, "front: K: expected no skew"),
         ({"k": [float("nan"), 0.0, 3.0, 0.0, 5.0, 3.0, 0.0, 0.0, 1.0]}, "front: focal length: expected positive"),
         ({"distortion_model": "omni"}, "distortion_model: expected plumb_bob, .*equidistant, found 'omni'"),
-        ({"distortion_model": ""}, "distortion_model: expected"),
         ({"distortion_model": "equidistant"}, "D: expected 4 coefficients of equidistant, found 5"),
-        ({"d": [0.1] * 6}, "D: expected at most 5 coefficients of plumb_bob, found 6"),
-        ({"width": 0}, "front: camera size: expected at least 1 x 1"),
         ({"width": 2**32 - 1}, "front: camera size: .* found 4294967295 x 4"),
-        ({"width": 65536, "height": 65536}, "front: camera size: .* found 65536 x 65536"),
-        ({"k": [5.0, 0.0, float("nan"), 0.0, 5.0, 3.0, 0.0, 0.0, 1.0]}, "front: centre: expected finite cx, cy"),
-        ({"k": [5.0, 0.0, 3.0, 0.0, 5.0, float("inf"), 0.0, 0.0, 1.0]}, "front: centre: expected finite cx, cy"),
-        ({"k": [1e300, 0.0, 3.0, 0.0, 5.0, 3.0, 0.0, 0.0, 1.0]}, "front: focal length: expected positive"),
-    ],
-)
-def test_what_cannot_be_a_camera_is_refused(fields, reason):
-    with pytest.raises(ValueError, match=reason):
-        camera_from_info(changed(**fields))
+    ]:
+        with pytest.raises(ValueError, match=reason):
+            camera_from_info(changed(**fields))
 
 
 def test_no_distortion_needs_no_name():
@@ -87,21 +61,15 @@ def test_a_sphere_has_no_camera_info():
         camera_to_info(Spherical(64, 32), 0, "")
 
 
-def test_an_image_of_another_size():
-    check_image_size(PINHOLE, 640, 480)
-    with pytest.raises(ValueError, match=r"image size: expected 640 x 480 \(camera_info\), found 320 x 240"):
-        check_image_size(PINHOLE, 320, 240)
-
-
-@pytest.mark.parametrize(("stretch", "is_rotation"), [(1.0004, True), (1.0006, False), (0.9994, False)])
-def test_a_rectification_is_a_rotation_to_a_thousandth(stretch, is_rotation):
-    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    info = changed(r=(stretch * turn).ravel().tolist())
-    if is_rotation:
-        np.testing.assert_allclose(rectification_of(info), stretch * turn)
-    else:
-        with pytest.raises(ValueError, match="front: R: expected a rotation"):
-            rectification_of(info)
+def test_a_rectification_is_a_rotation_to_a_thousandth():
+    for stretch, is_rotation in [(1.0004, True), (1.0006, False), (0.9994, False)]:
+        turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        info = changed(r=(stretch * turn).ravel().tolist())
+        if is_rotation:
+            np.testing.assert_allclose(rectification_of(info), stretch * turn)
+        else:
+            with pytest.raises(ValueError, match="front: R: expected a rotation"):
+                rectification_of(info)
 
 
 def test_no_rectification_is_no_turn_and_a_mirror_is_none():

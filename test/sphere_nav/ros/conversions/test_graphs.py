@@ -2,25 +2,10 @@
 
 import numpy as np
 import pytest
-from sphere_nav_msgs.msg import KeySphereEdge
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import graph_to_message, message_to_graph
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
-
-
-def test_a_graph_comes_back(sphere_graph):
-    message = graph_to_message(sphere_graph, "map", map_id="yard", version=3, software="test")
-    assert (message.header.frame_id, message.map_id, message.version, message.format_version) == ("map", "yard", 3, 1)
-    assert [edge.kind for edge in message.edges] == [KeySphereEdge.ODOMETRY, KeySphereEdge.LOOP]
-    found = message_to_graph(message)
-    for before, after in zip(sphere_graph, found, strict=True):
-        assert (after.id, after.stamp_ns, after.sphere) == (before.id, before.stamp_ns, None)
-        np.testing.assert_allclose(after.T_map_sphere.matrix, before.T_map_sphere.matrix, atol=1e-12)
-    for before, after in zip(sphere_graph.edges, found.edges, strict=True):
-        assert (after.a, after.b, after.is_loop) == (before.a, before.b, before.is_loop)
-        np.testing.assert_allclose(after.T_a_b.matrix, before.T_a_b.matrix, atol=1e-12)
-        np.testing.assert_allclose(after.information, before.information, rtol=1e-6)
 
 
 def test_the_region_of_a_key_sphere_comes_back_and_must_be_meters():
@@ -33,7 +18,7 @@ def test_the_region_of_a_key_sphere_comes_back_and_must_be_meters():
             message_to_graph(message)
 
 
-def test_the_covariance_of_an_edge_is_about_the_fixed_axes_of_its_first_sphere():
+def test_an_edge_between_turned_spheres_is_sure_along_the_right_axis():
     """A turn by 90 degrees makes what is certain along x of the second sphere certain along y of the first."""
     T_a_b = SE3.from_planar(1.0, 0.0, np.pi / 2)
     information = np.diag([1e4, 1.0, 1.0, 1.0, 1.0, 1.0])
@@ -69,11 +54,6 @@ def test_what_is_no_graph_is_refused(sphere_graph):
     message.edges[0].pose.covariance[0] = float("nan")
     with pytest.raises(ValueError, match="edge 10-11 covariance: expected finite"):
         message_to_graph(message)
-
-
-def test_an_id_must_fit_the_message():
-    with pytest.raises(ValueError, match="key sphere id: expected 0 to"):
-        graph_to_message(SphereGraph([KeySphere(-1, 0, SE3.identity())]), "map")
 
 
 def test_the_head_has_the_stamp_of_the_newest_and_vertices_come_by_id():

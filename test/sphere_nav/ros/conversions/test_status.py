@@ -15,19 +15,11 @@ def words():
     return sorted(name.removeprefix("CODE_") for name in codes)
 
 
-@pytest.mark.parametrize("word", words())
-def test_every_word_has_its_code(word):
-    message = status_to_message(Status(word, word), 0, "map")
-    assert message.state_code == message.reason_code == getattr(LocalizationStatus, f"CODE_{word}")
-    assert getattr(LocalizationStatus, word) == word
-
-
-def test_a_status_comes_back():
-    status = Status(
-        "DEGRADED", "OUTLIERS", 0.25, 0.5, "look", 0.5, (3, 7), 0.75, 0.25, 4.5, 12, 6.5, 0.125, 9, 0.25, "yard"
-    )
-    message = status_to_message(status, 9, "map")
-    assert message_to_status(message) == status
+def test_every_word_has_its_code():
+    for word in words():
+        message = status_to_message(Status(word, word), 0, "map")
+        assert message.state_code == message.reason_code == getattr(LocalizationStatus, f"CODE_{word}")
+        assert getattr(LocalizationStatus, word) == word
 
 
 def test_an_enum_is_its_word_and_nan_is_zero():

@@ -102,7 +102,7 @@ def test_odometry_on_tf_may_come_after_the_image():
     assert [item[:2] for item in world.pass_time(SECOND // 10)] == [("map", "odom")] * 2
 
 
-def test_a_base_that_has_a_parent_on_tf_is_not_given_another():
+def test_no_vehicle_gets_two_parents_in_the_tree():
     world = World()
     world.transform.update(T_MAP_BASE, world.now)
     assert world.sent()[0][:2] == ("map", "base_link")
@@ -135,7 +135,7 @@ def test_nothing_is_sent_while_nobody_knows_the_pose():
     assert world.pass_time(SECOND) == []
 
 
-@pytest.mark.parametrize("age_ms", [0, 900, 1100, -50])
+@pytest.mark.parametrize("age_ms", [900, 1100, -50])
 def test_an_image_of_this_time_is_sent_ahead_of_now_and_one_of_another_ahead_of_itself(age_ms):
     """Up to a second late it is of this time; later, or of the future, it is of another clock."""
     world = World()
@@ -150,11 +150,11 @@ def test_an_image_of_this_time_is_sent_ahead_of_now_and_one_of_another_ahead_of_
     assert len(later) in (9, 10)
 
 
-@pytest.mark.parametrize(("waited_ms", "is_told"), [(450, False), (550, True)])
-def test_odometry_is_waited_for_half_a_second(waited_ms, is_told):
-    world = World()
-    world.tf()
-    list(world.bus.advance(world.now))
-    world.transform.update(T_MAP_BASE, world.now + SECOND // 100)
-    world.pass_time(waited_ms * 10**6)
-    assert (world.node.reports.get("tf", (OK, ""))[0] == ERROR) == is_told
+def test_odometry_is_waited_for_half_a_second():
+    for waited_ms, is_told in [(450, False), (550, True)]:
+        world = World()
+        world.tf()
+        list(world.bus.advance(world.now))
+        world.transform.update(T_MAP_BASE, world.now + SECOND // 100)
+        world.pass_time(waited_ms * 10**6)
+        assert (world.node.reports.get("tf", (OK, ""))[0] == ERROR) == is_told

@@ -129,7 +129,7 @@ def test_silence_is_told_in_time_and_ends_with_the_next_image():
     assert bench.see()["/status"].state == "TRACKING"
 
 
-@pytest.mark.parametrize("lead_s", [0.2, 5.0, 3600.0])
+@pytest.mark.parametrize("lead_s", [0.2, 3600.0])
 def test_no_stamp_of_the_future_is_believed_or_delays_the_loss(lead_s):
     bench, said = Bench(), []
     bench.see()
@@ -215,6 +215,7 @@ def test_reset_accepts_another_camera_and_a_jump_of_the_clock_another_time():
 
 
 # --- over DDS
+@pytest.mark.slow
 def test_a_clock_that_stands_is_told_once_nobody_publishes_it_and_the_pose_goes_on_with_it(ros):
     overrides = [Parameter("use_sim_time", value=True), Parameter("base_frame", value="")]
     shell, peer, statuses = LiveShell(Parrot, parameter_overrides=overrides), Node("peer"), []

@@ -72,10 +72,3 @@ def test_what_cannot_be_used_is_refused_in_words(bus):
     other(bus, 1.0, 3 * SECOND, "odom")
     assert "frame_id" in told.last_refusal
     assert node.offers == []
-
-
-def test_a_jump_of_the_clock_forgets_it_all(bus):
-    node = other(bus, 0.0, 9 * SECOND)
-    node.peer.clear()
-    node.peer.add_own(9 * SECOND, SE3.identity(), CERTAIN)
-    assert node.reports == {}

@@ -30,16 +30,18 @@ class World:
         return {record.topic: record.message for record in self.bus.settle()}
 
 
-@pytest.mark.parametrize(
-    ("state", "reason", "level"),
-    [("TRACKING", "", OK), ("TRACKING", "OVERRUN", WARN), ("DEGRADED", "", WARN), ("LOST", "", ERROR)],
-)
-def test_the_diagnostics_follow_the_state(state, reason, level):
-    world = World()
-    world.outputs.tell(Status(State(state), reason, stamp_ns=STAMP_NS), lost_images=3)
-    found, _, values = world.node.reports["localisation"]
-    assert (found, values["lost_images"]) == (level, 3)
-    assert world.outputs.state is State(state)
+def test_a_lost_vehicle_is_an_error_in_the_diagnostics():
+    for state, reason, level in [
+        ("TRACKING", "", OK),
+        ("TRACKING", "OVERRUN", WARN),
+        ("DEGRADED", "", WARN),
+        ("LOST", "", ERROR),
+    ]:
+        world = World()
+        world.outputs.tell(Status(State(state), reason, stamp_ns=STAMP_NS), lost_images=3)
+        found, _, values = world.node.reports["localisation"]
+        assert (found, values["lost_images"]) == (level, 3)
+        assert world.outputs.state is State(state)
 
 
 def test_without_trust_only_the_status_goes_out():
@@ -50,7 +52,7 @@ def test_without_trust_only_the_status_goes_out():
     assert said["/status"].map_id == "yard"
 
 
-def test_the_covariance_goes_out_about_the_fixed_axes_of_the_map():
+def test_a_turned_vehicle_is_unsure_along_the_axes_of_the_map():
     world, T_map_base = World(), SE3.exp([1.0, 2.0, 0.5, 0.4, -0.8, 1.2])
     local = np.diag([4e-4, 1e-4, 1e-6, 1e-6, 4e-6, 9e-6])  # sure along the view, unsure across
     world.outputs.publish(BaseEstimate(Status(State.TRACKING, stamp_ns=STAMP_NS), T_map_base, local))

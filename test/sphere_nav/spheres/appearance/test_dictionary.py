@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from sphere_nav.spheres.appearance import dictionary
 from sphere_nav.spheres.appearance.dictionary import Dictionary
 
 # Written out: imported, a change would go unseen.
@@ -30,15 +29,6 @@ def test_the_same_word_twice_in_one_image_is_one_word(rng):
     words = random_units(rng, 3)
     found = Dictionary().learn(np.concatenate([words, near(rng, words, 0.1)]))
     np.testing.assert_array_equal(found, [0, 1, 2, 0, 1, 2])
-
-
-def test_a_full_dictionary_gives_the_most_like_word(rng, monkeypatch):
-    monkeypatch.setattr(dictionary, "MAX_WORDS", 10)
-    book, words = Dictionary(), random_units(rng, 15)
-    found = book.learn(words)
-    assert len(book) == 10
-    np.testing.assert_array_equal(found[:10], np.arange(10))
-    np.testing.assert_array_equal(found[10:], np.argmax(words[10:] @ words[:10].T, axis=1))
 
 
 def test_words_are_restored_from_what_was_stored(rng):

@@ -22,7 +22,7 @@ def index():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turn_deg", [0.0, 90.0, 180.0, -137.0])
+@pytest.mark.parametrize("turn_deg", [90.0, -137.0])
 def test_a_place_is_found_at_any_heading_with_the_turn(index, turn_deg):
     for number in (0, 5, 11):
         there = HERE @ SE3.exp([0.3, 0.2, 0.0, 0.0, 0.0, np.radians(turn_deg)])
@@ -43,21 +43,6 @@ def test_an_ordinary_image_finds_its_sphere(index):
         alike = index.find(Features(rays, image.range_m, image.descriptors), 3)
         found += 100 + number in [one.sphere_id for one in alike]
     assert found >= 11  # of 12 rooms, in the first three: a view holds a sixth of a sphere
-
-
-@pytest.mark.slow
-def test_spheres_can_be_left_out_and_ids_are_unique(index):
-    image = features_of_sphere(ROOMS[0].sphere(HERE, CAMERA, 77))
-    assert all(one.sphere_id != 100 for one in index.find(image, 5, without=[100]))
-    with pytest.raises(ValueError, match="100 again"):
-        index.add(100, image)
-
-
-@pytest.mark.slow
-def test_an_empty_index_and_an_empty_image_find_nothing(index):
-    blank = features_of_image(np.full((256, 512), 90, np.uint8), CAMERA)
-    assert index.find(blank, 3) == []
-    assert AppearanceIndex().find(features_of_sphere(ROOMS[0].sphere(HERE, CAMERA)), 3) == []
 
 
 @pytest.mark.slow

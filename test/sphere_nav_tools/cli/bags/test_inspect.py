@@ -108,7 +108,7 @@ def as_millimeters(topic, message):
     ],
     ids=["realsense", "compressed", "16UC1", "zed"],
 )
-def test_the_command_that_inspect_tells_makes_the_same_map(
+def test_a_recording_of_a_driver_makes_the_same_map_by_the_command_that_inspect_tells(
     kind, names, change, limit, own, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)

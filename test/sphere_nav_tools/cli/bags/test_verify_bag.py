@@ -1,7 +1,6 @@
 """`sphere_nav verify-bag`, `record` and `play`."""
 
 import argparse
-import json
 
 import pytest
 from std_msgs.msg import String
@@ -27,14 +26,6 @@ def test_a_good_bag(bag, capsys):
     assert main(["verify-bag", str(bag)]) == 0
     out = capsys.readouterr().out
     assert out == f"{bag}: good, 20 messages in 19.0 s\n  /text       20  std_msgs/msg/String\n"
-
-
-def test_as_json(bag, capsys):
-    assert main(["verify-bag", str(bag), "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
-    assert report["messages"] == 20
-    assert report["topics"] == {"/text": {"type": "std_msgs/msg/String", "count": 20}}
-    assert report["problems"] == []
 
 
 def test_a_damaged_bag(bag, capsys):

@@ -2,7 +2,6 @@
 
 import os
 
-import cv2
 import numpy as np
 import pytest
 import yaml
@@ -26,7 +25,7 @@ from sphere_nav_tools.cli.demo.demo import (
     result_table,
 )
 from sphere_nav_tools.cli.demo.domains import FOR_DRIVES, FOR_TESTS, claim_domain
-from sphere_nav_tools.cli.demo.plots import exaggerate, plot_errors, plot_top_view
+from sphere_nav_tools.cli.demo.plots import exaggerate
 from sphere_nav_tools.cli.demo.report import DriveErrors, _crop_to_motion, distances_from_path, drive_errors
 
 
@@ -67,7 +66,7 @@ def test_a_clock_that_was_held_up_is_no_end():
     assert not has_ended("DRIVING")
 
 
-def test_the_last_result_is_kept(tmp_path):
+def test_a_new_demo_keeps_the_last_result(tmp_path):
     (tmp_path / "demo").mkdir()
     (tmp_path / "demo" / "mine").touch()
     new_folder(tmp_path / "demo")
@@ -76,7 +75,7 @@ def test_the_last_result_is_kept(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_second_drive_alone_has_a_condition(tmp_path):
+def test_a_map_is_taught_by_day_though_the_second_drive_is_at_night(tmp_path):
     demo = Demo(tmp_path / "demo", 1, "straight", 46, {}, "night_lamps")
     assert "condition" not in demo.simulation
     params = in_condition(build(SimParams, demo.simulation | demo.other_day))
@@ -105,20 +104,6 @@ def test_a_process_claims_each_domain_once():
     assert {claim_domain(range(210, 212)), claim_domain(range(210, 212))} == {210, 211}
     with pytest.raises(RuntimeError, match=r"expected one of range\(210, 212\) that is free, found all in use"):
         claim_domain(range(210, 212))
-
-
-@pytest.mark.slow
-def test_both_pictures_hold_curves(tmp_path):
-    s = np.linspace(0, 10, 60)
-    path = np.stack([s, np.sin(s)], axis=-1)
-    errors = DriveErrors(path, path + np.array([0.0, 0.05]), s, 0.05 * np.ones(60), 0.01 * np.cos(s), 1.0)
-    poses = Trajectory(np.arange(60) * 10**8, SE3(np.tile(np.eye(4), (60, 1, 1))))
-    plot_top_view(tmp_path / "top.png", errors, path[::20])
-    plot_errors(tmp_path / "errors.png", errors, poses)
-    for name in ("top.png", "errors.png"):
-        picture = cv2.imread(str(tmp_path / name))
-        colored = np.ptp(picture.astype(int), axis=-1) > 60
-        assert colored.sum() > 200
 
 
 def test_distances_from_the_path_are_exaggerated_to_their_side():

@@ -86,7 +86,7 @@ def test_a_service_that_refuses_is_asked_again_a_moment_later(tmp_path, monkeypa
 def test_a_node_that_cannot_start_is_told_by_its_last_words(tmp_path, domain):
     with Processes(tmp_path, domain) as processes:
         processes.start("bag_recorder", {"output": ""})  # it needs an output
-        patience = Patience(30.0)
+        patience = Patience(60.0)
         with pytest.raises(RuntimeError, match=r"bag_recorder ended with status 2: .*output"):  # noqa: PT012
             while patience.is_left():
                 processes.check()
@@ -98,7 +98,7 @@ def test_a_running_node_is_ended_in_order_and_completes_its_bag(tmp_path, domain
     bag = tmp_path / "bag"
     with Processes(tmp_path, domain) as processes:
         processes.start("bag_recorder", {"output": str(bag), "topics": "/nothing"})
-        patience = Patience(30.0)
+        patience = Patience(60.0)
         while "recording into" not in (tmp_path / "bag_recorder.log").read_text() and patience.is_left():
             time.sleep(0.1)
         processes.check()
@@ -118,7 +118,7 @@ with Processes(Path(sys.argv[1]), int(os.environ["ROS_DOMAIN_ID"])) as processes
 @pytest.mark.dds
 def test_children_end_with_a_parent_that_is_killed(tmp_path):
     parent = subprocess.Popen([sys.executable, "-c", PARENT, str(tmp_path)])
-    log, patience = tmp_path / "sleeper.log", Patience(30.0)
+    log, patience = tmp_path / "sleeper.log", Patience(60.0)
     while not (log.is_file() and log.read_text().endswith("\n")) and patience.is_left():
         time.sleep(0.05)
     child = Path(f"/proc/{log.read_text().strip()}")

@@ -2,6 +2,7 @@
 
 import json
 from contextlib import redirect_stdout
+from dataclasses import replace
 from io import StringIO
 
 import cv2
@@ -11,6 +12,7 @@ from sensor_msgs.msg import Imu
 from tf2_msgs.msg import TFMessage
 
 from mcl_depth.geometry.ply import read_ply
+from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_map_id, read_tum
 from sphere_nav.ros import qos
@@ -18,6 +20,8 @@ from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import header
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.registering import describe_refusal, register_spheres
+from worlds.localizer import make_map
 from worlds.recordings import (
     BASELINE,
     CAMERA,
@@ -34,7 +38,7 @@ from worlds.recordings import (
     truth_of_base,
     write_bag,
 )
-from worlds.room import optical
+from worlds.room import optical, wide_room
 
 NUM_FRAMES = 6
 
@@ -255,3 +259,18 @@ def test_two_pairs_of_files_are_registered(second, options, limit, tmp_path, cap
     assert status == 0
     assert motion_of(found).distance(pose(0).inverse() @ pose(2))[0] < limit
     assert json.loads((tmp_path / "out.json").read_text()) == found
+
+
+@pytest.mark.slow
+def test_a_motion_may_be_large_and_a_wrong_one_is_not_converged():
+    T = SE3.from_planar(1.2, -0.7, 1.3)
+    a, b = (node.sphere for node in make_map(wide_room(), [SE3.identity(), T]).graph)
+    found = register_spheres(a, b, SE3.identity(), MapperParams())
+    assert found["is_converged"]
+    assert found["T_a_b"]["translation_m"] == pytest.approx(T.translation, abs=0.01)
+    wrong = replace(b, range_m=(2.0 * b.range_m).astype(np.float32))
+    refused = register_spheres(a, wrong, SE3.identity(), MapperParams())
+    assert not refused["is_converged"]
+    assert refused["reason"]
+    assert "odometry" in describe_refusal(refused["reason"])
+    assert describe_refusal("ONE_WAY").startswith("refused (ONE_WAY): the way back disagrees; smaller steps")

@@ -21,7 +21,6 @@ from sphere_nav_tools.cli.operate.words import (
     Place,
     banner,
     ellipse,
-    health,
     places_of,
 )
 
@@ -74,22 +73,13 @@ def test_state_reason_and_remedy_are_told_and_what_is_old_is_unknown(monkeypatch
 
 
 @pytest.mark.parametrize(("later", "is_told"), [(1.4, True), (1.6, False)])
-def test_what_was_said_holds_for_a_second_and_a_half(monkeypatch, later, is_told):
+def test_an_old_state_is_shown_as_unknown_after_a_second_and_a_half(monkeypatch, later, is_told):
     seen = Heard()
     seen.hear("follower", STOPPED)
     now = words.time.monotonic()
     monkeypatch.setattr(words.time, "monotonic", lambda: now + later)
     text = banner(seen)
     assert ("OFF_PATH" in text, "3.0 m driven" in text, "silent for 2 s" in text) == (is_told, is_told, not is_told)
-
-
-def test_diagnostics_show_first_what_is_wrong(monkeypatch):
-    seen, now = Heard(), words.time.monotonic()
-    assert "nothing heard" in health(seen)
-    seen.hear("diagnostics", {"a": (0, "fine", now), "b": (2, "no images", now), "c": (0, "fine", now - 60.0)})
-    text = health(seen)
-    assert text.index("STALE") < text.index("ERROR") < text.index("OK")
-    assert "b: no images" in text
 
 
 def test_places_are_the_points_with_a_name():
@@ -103,7 +93,7 @@ def test_places_are_the_points_with_a_name():
         places_of("{")
 
 
-def test_the_ellipse_has_two_deviations_along_its_axes():
+def test_an_uncertain_pose_is_drawn_two_deviations_wide_along_its_axes():
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     points = ellipse(5.0, 3.0, turn @ np.diag([0.09, 0.01]) @ turn.T) - (5.0, 3.0)
     along, across = np.abs(points @ turn).max(axis=0)
@@ -123,7 +113,7 @@ OLD, NEW = 1000.0, 0.0  # s since it was heard
     ],
     ids=["after", "before", "another"],
 )
-def test_what_the_follower_said_before_a_command_does_not_confirm_it(monkeypatch, state, ages, told):
+def test_an_old_status_does_not_confirm_a_new_command(monkeypatch, state, ages, told):
     monkeypatch.setattr("sphere_nav_tools.cli.operate.link.CONFIRMED_S", 60.0 if told == "STANDS OPERATOR" else 0.2)
     link, heard = Link.__new__(Link), []
 
@@ -180,7 +170,7 @@ def desk():
     return desk
 
 
-def test_the_vehicle_stands_before_its_rear_axle_and_heads_as_it_does(desk):
+def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(desk):
     covariance = np.diag([0.09, 0.01])
     desk._show_car((5.0, 3.0, np.pi / 2, covariance), 0.2)
     assert desk._car.position == pytest.approx((5.0, 3.6, 0.3))

@@ -1,12 +1,12 @@
 """Recording and mapping by buttons: names, one job at a time, how it ended. The programs have tests of their own."""
 
 import sys
-import time
 
 import pytest
 
 from sphere_nav_tools.cli.operate import teaching
 from sphere_nav_tools.cli.operate.teaching import Teaching
+from worlds.patience import wait_until
 
 RECORDER = """
 import pathlib, signal, sys, time
@@ -24,10 +24,7 @@ time.sleep(60)
 
 
 def wait_for(holds):
-    end = time.monotonic() + 10.0
-    while not holds():
-        assert time.monotonic() < end
-        time.sleep(0.05)
+    assert wait_until(holds, 60.0)
 
 
 @pytest.fixture
@@ -80,7 +77,7 @@ def test_paths_are_the_files_that_a_follower_reads(desk):
     assert desk.paths == ["a.csv", "b.tum", "c.geojson"]
 
 
-def test_what_leads_out_of_the_folder_is_not_there(desk, tmp_path_factory):
+def test_a_link_out_of_the_folder_is_neither_mapped_nor_driven(desk, tmp_path_factory):
     there = tmp_path_factory.mktemp("there")
     (there / "drive").mkdir()
     (there / "drive" / "a.mcap").write_bytes(b"")

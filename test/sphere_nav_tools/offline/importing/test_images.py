@@ -1,6 +1,7 @@
-"""Folders of images and videos become bags that the other commands read."""
+"""Folders of images, videos, rings of sensors and recorded sets become bags that the other commands read."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,8 +11,12 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags import BagReader
+from sphere_nav.ros.conversions import depth_to_meters, image_to_gray, message_to_sphere, pose_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
+from sphere_nav_tools.offline.importing.kitti import open_kitti
+from sphere_nav_tools.offline.importing.rgbd import open_seven_scenes
+from sphere_nav_tools.offline.importing.spherical import SENSOR, T_BODY_RIG
 from worlds.rig import WAVES, seen, vertical_rig
 
 LENS = Pinhole(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -44,8 +49,7 @@ def write(path, image):
     assert cv2.imwrite(str(path), image)
 
 
-@pytest.mark.slow
-def test_the_folders_of_a_rig_become_its_topics_and_a_map(tmp_path):
+def test_a_folder_of_a_rig_becomes_the_topic_of_its_camera(tmp_path):
     rig = vertical_rig()
     write_rig(tmp_path / "rig.yaml", rig)
     for part in rig.cameras:
@@ -55,8 +59,6 @@ def test_the_folders_of_a_rig_become_its_topics_and_a_map(tmp_path):
     stamps = headers(tmp_path / "bag")
     assert set(stamps) == {f"cameras/{name}/image_raw" for name in rig.names}
     assert all(np.diff(found) == [100_000_000] for found in stamps.values())  # 10 Hz, where nothing tells
-    words = ("--rig", tmp_path / "rig.yaml", "--set-stitcher", "stitch.width=256", "--no-loops")
-    assert call("map", tmp_path / "bag", "-o", tmp_path / "map", *words) == 0
 
 
 def test_a_camera_may_lack_an_image_where_names_are_stamps(tmp_path):
@@ -73,17 +75,13 @@ def test_a_camera_may_lack_an_image_where_names_are_stamps(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("has_rig", [False, True])
-def test_a_stereo_pair_is_registered(capsys, tmp_path, has_rig):
+def test_a_stereo_pair_by_its_rig_is_registered(capsys, tmp_path):
     for number in range(2):
         write(tmp_path / "in" / "left" / f"{number}.png", wall(0.05 * number))
         write(tmp_path / "in" / "right" / f"{number}.png", wall(0.05 * number + 0.3))
-    words = ("--camera", "300,300,159.5,119.5", "--baseline", 0.3)
-    if has_rig:
-        poses = [SE3.from_parts(T_BODY_OPTICAL.rotation, [0.0, y, 0.0]) for y in (0.0, -0.3)]
-        write_rig(tmp_path / "rig.yaml", Rig(tuple(map(RigCamera, ("left", "right"), (LENS, LENS), poses))))
-        words = ("--rig", tmp_path / "rig.yaml")
-    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", *words) == 0
+    poses = [SE3.from_parts(T_BODY_OPTICAL.rotation, [0.0, y, 0.0]) for y in (0.0, -0.3)]
+    write_rig(tmp_path / "rig.yaml", Rig(tuple(map(RigCamera, ("left", "right"), (LENS, LENS), poses))))
+    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--rig", tmp_path / "rig.yaml") == 0
     capsys.readouterr()
     assert call("register", f"{tmp_path / 'bag'}:0", f"{tmp_path / 'bag'}:1") == 0
     found = json.loads(capsys.readouterr().out)["T_a_b"]["translation_m"]
@@ -113,10 +111,119 @@ def test_a_video_of_one_camera_keeps_its_rate(tmp_path):
         (("--camera", "300,300,159.5,119.5"), "expected images, or one video, found left, right"),
     ],
 )
-def test_what_does_not_fit_is_one_line(capsys, tmp_path, words, expected):
+def test_images_without_a_lens_a_base_line_or_a_partner_are_refused(capsys, tmp_path, words, expected):
     for side, number in (("left", 0), ("right", 0), ("right", 1)):
         write(tmp_path / "in" / side / f"{number}.png", wall(0.0))
     assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", *words) == 2
     error = capsys.readouterr().err.strip().splitlines()
     assert len(error) == 1
     assert expected in error[0]
+
+
+RADIUS = 2.0  # m, of a cylinder around the rig's vertical axis
+
+
+def range_of_cylinder(directions):
+    return RADIUS / np.linalg.norm(directions[..., :2], axis=-1)
+
+
+@pytest.fixture
+def ring(tmp_path):
+    """Eight sensors, 45 degrees apart, in a cylinder whose grey level tells the azimuth."""
+    folder = tmp_path / "ring"
+    (folder / "Extrinsics").mkdir(parents=True)
+    for name in ("sphere_1", "sphere_2"):
+        (folder / name).mkdir()
+    rays = SENSOR.unproject(pixel_grid(SENSOR))
+    for number in range(1, 9):
+        T_rig_sensor = SE3.exp([0, 0, 0, np.pi / 4 * (number - 1), 0, 0])
+        np.savetxt(folder / "Extrinsics" / f"Rt_0{number}.txt", T_rig_sensor.matrix)
+        directions = rays @ (T_BODY_RIG @ T_rig_sensor).rotation.T
+        depth = range_of_cylinder(directions) * rays[..., 2]
+        azimuth = np.arctan2(directions[..., 1], directions[..., 0])
+        gray = np.rint(128 + 100 * np.sin(azimuth)).astype(np.uint8)
+        for name in ("sphere_1", "sphere_2"):
+            cv2.imwrite(str(folder / name / f"rgb_{number}.png"), np.dstack([gray, gray // 2, gray]))
+            cv2.imwrite(str(folder / name / f"depth_{number}.png"), np.rint(depth * 1000).astype(np.uint16))
+    np.savetxt(folder / "gicp_T_sphere1_sphere2.txt", SE3.exp([0.1, 0.2, 0.3, 0, 0, 0]).matrix)
+    return folder
+
+
+def spheres_of(path):
+    with BagReader(path) as bag:
+        return [message_to_sphere(item.message) for item in bag.messages(["sphere"])], [
+            pose_to_se3(item.message.pose) for item in bag.messages(["ground_truth/pose"])
+        ]
+
+
+@pytest.mark.slow
+def test_a_ring_becomes_a_sphere_with_z_up(ring, tmp_path):
+    assert main(["import", "spherical", str(ring), "-o", str(tmp_path / "bag")]) == 0
+    spheres, poses = spheres_of(tmp_path / "bag")
+    assert len(spheres) == 2
+    sphere = spheres[0]
+    directions = sphere.camera.unproject(pixel_grid(sphere.camera))
+    seen = np.isfinite(sphere.range_m)
+    rows = np.abs(directions[..., 2]) < np.sin(np.radians(25))  # the sensors lie on their side: 63 degrees high
+    assert seen[rows].mean() > 0.99
+    np.testing.assert_allclose(sphere.range_m[seen], range_of_cylinder(directions)[seen], atol=0.01)
+    azimuth = np.arctan2(directions[..., 1], directions[..., 0])
+    gray = 128 + 100 * np.sin(azimuth)
+    assert (
+        np.abs(sphere.image[..., 0].astype(float) - gray)[seen].max() < 4
+    )  # 100 grey levels a radian, a pixel is 4 mrad
+    assert np.abs(sphere.image[..., 1].astype(float) - gray / 2)[seen].max() < 4
+    np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(poses[1].translation, [0.3, -0.2, 0.1], atol=1e-9)  # the rig's x is up, its z forward
+
+
+COLOR = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)
+
+
+def residual(first, second, camera, is_moved=True):
+    """Mean grey difference of two frames (pose of the body, image, depth), the first warped into the second."""
+    T_body_first, image_first, depth = first
+    T_body_second, image_second, _ = second
+    if not is_moved:
+        T_body_second = T_body_first
+    rays = camera.unproject(pixel_grid(camera))
+    points = (rays / rays[..., 2:] * depth[..., None])[::4, ::4].reshape(-1, 3)
+    gray = image_first[::4, ::4].ravel()[np.isfinite(points[:, 2])]
+    points = points[np.isfinite(points[:, 2])]
+    T_second_first = T_BODY_OPTICAL.inverse() @ T_body_second.inverse() @ T_body_first @ T_BODY_OPTICAL
+    pixels, visible = camera.project(T_second_first.apply(points))
+    u, v = np.rint(pixels[visible]).astype(int).T
+    return np.mean(np.abs(image_second[np.clip(v, 0, 479), np.clip(u, 0, 639)].astype(float) - gray[visible]))
+
+
+def frame(recording, index):
+    messages = dict(recording.frame(index))
+    pose = pose_to_se3(messages["ground_truth/pose"].pose)
+    return pose, image_to_gray(messages["image_raw"]), depth_to_meters(messages["depth/image_raw"])
+
+
+@pytest.mark.slow
+def test_a_depth_camera_left_where_it_is_does_not_fit_the_kitchen(shared_data):
+    """The true motion explains the images, with depth moved into the colour camera better than without."""
+    folder = shared_data / "rgbd" / "redkitchen"
+    kinect = replace(COLOR, fx=585.0, fy=585.0), SE3.exp([-0.025, 0, 0, 0, 0, 0])
+    moved = open_seven_scenes(folder, COLOR, kinect, is_truth_of_depth=True)
+    one = Pinhole(640, 480, 585.0, 585.0, 320.0, 240.0)
+    unmoved = open_seven_scenes(folder, one, None, is_truth_of_depth=True)
+    first, second = frame(moved, 0), frame(moved, 20)
+    with_motion = residual(first, second, COLOR)
+    assert with_motion < 0.6 * residual(first, second, COLOR, is_moved=False)
+    assert with_motion < residual(frame(unmoved, 0), frame(unmoved, 20), one)
+    assert np.isfinite(first[2]).mean() > 0.6
+
+
+def test_a_car_of_kitti_drives_forward(shared_data):
+    recording = open_kitti(shared_data / "driving" / "kitti_06")
+    assert recording.num_frames == 51
+    assert recording.views["right"].baseline_m == pytest.approx(0.5371, abs=1e-4)
+    poses = [pose_to_se3(dict(recording.frame(index))["ground_truth/pose"].pose) for index in (0, 50)]
+    np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-6)
+    x, y, z = poses[1].translation
+    assert x == pytest.approx(59.9, abs=0.5)  # README of the data: 59.9 m straight
+    assert abs(y) < 5.0
+    assert abs(z) < 2.0

@@ -76,7 +76,7 @@ def test_a_session(tmp_path):
 
 
 @pytest.mark.dds
-def test_the_rig_looks_ahead_and_up(tmp_path):
+def test_a_rig_of_nclt_looks_ahead_and_up(tmp_path):
     main(["import", "nclt", str(session(tmp_path / "2012-01-08")), "-o", str(tmp_path / "bag")])
     rig = read_rig(tmp_path / "bag" / "rig.yaml")
     assert rig.names == ("cam5", "cam0")

@@ -38,7 +38,7 @@ def locate(reader, *rooms):
     return mapper, locator
 
 
-def test_what_the_map_explains_is_placed_and_adds_nothing(taught):
+def test_a_drive_that_the_map_explains_is_placed_and_adds_nothing(taught):
     with open_map(taught) as reader:
         mapper, locator = locate(reader, sharp_room())
         images = locator.images(mapper)
@@ -62,7 +62,7 @@ class HalfNew:
         return replace(known, image=mixed.astype(np.uint8))
 
 
-def test_what_is_tracked_but_looks_different_is_new(taught):
+def test_a_place_that_is_tracked_but_looks_different_is_new(taught):
     with open_map(taught) as reader:
         mapper, locator = locate(reader, HalfNew())
         assert sum(image.located is not None and image.located.is_sure for image in locator.images(mapper)) >= 4

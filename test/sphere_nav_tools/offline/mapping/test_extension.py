@@ -174,7 +174,7 @@ def test_a_budget_is_kept_by_condensing_first(joint):
             assert told[1:] == ([f"{number - len(graph)} key spheres left for the budget"] if is_left else [])
 
 
-def test_what_cannot_be_joined_is_one_line_before_anything_is_mapped(drives, tmp_path, capsys):
+def test_a_map_that_cannot_be_extended_is_refused_before_anything_is_mapped(drives, tmp_path, capsys):
     west, taught = drives / "west", drives / "taught"
     words = (west, "-o", tmp_path / "both", "--extend")
     said = refused(capsys, west, "-o", taught, "--overwrite", "--extend", taught)

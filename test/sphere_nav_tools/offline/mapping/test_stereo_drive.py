@@ -27,7 +27,7 @@ def test_a_right_pair_is_left_alone(tmp_path):
 @pytest.mark.parametrize(
     ("columns", "words"), [(None, "as told"), ([2.5, 1.0], "too small"), ([0.01, 0.02], "as told")]
 )
-def test_the_disparity_is_corrected_where_chance_would_hardly_give_what_is_off(tmp_path, monkeypatch, columns, words):
+def test_a_disparity_is_corrected_only_where_chance_would_hardly_give_its_error(tmp_path, monkeypatch, columns, words):
     write_bag(tmp_path / "bag", stereo, numbers=range(2))
     fit = None if columns is None else ColumnFit(np.array(columns), np.diag([0.01, 0.04]), 300)
     monkeypatch.setattr(stereo_drive, "fit_columns", lambda camera, baseline_m, windows: fit)

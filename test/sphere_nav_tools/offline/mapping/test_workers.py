@@ -84,7 +84,7 @@ def test_a_sphere_is_published_some_instants_later():
     assert published == [1, 2, 3, 4]
 
 
-def test_what_cannot_be_stitched_is_told_where_its_sphere_is_due():
+def test_an_instant_that_cannot_be_stitched_is_told_where_its_sphere_is_due():
     def stitch(images, stamp, points, depths):
         raise ValueError("top_left: image: expected 416 x 416")
 
@@ -106,7 +106,7 @@ def test_cameras_need_the_file_of_their_rig():
         stitcher_values(SimpleNamespace(path="drive"), {}, arguments())
 
 
-def test_the_stitcher_of_a_bag_has_the_processes_of_the_command_and_waits_for_late_images(tmp_path, monkeypatch):
+def test_a_replayed_stitcher_waits_for_late_images_and_shares_its_processes(tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
     monkeypatch.setattr(plan.topics, "find_rig_topics", lambda bag, names, chosen: dict.fromkeys(names, "/x"))
     given = arguments(rig=tmp_path / "rig.yaml", set_stitcher={"stitch.width": 256, "jobs": 9})

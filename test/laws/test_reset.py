@@ -1,0 +1,189 @@
+"""After `reset()`, or a clock that was set back, an object is as a new one: nothing of the last drive steers the next.
+
+All that an object holds is spoiled first, whatever it is called, so that what a change adds is asked, too.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dense_localizer.inputs import Inputs
+from dense_localizer.judge.integrity import Integrity
+from dense_localizer.judge.odometry_check import OdometryCheck
+from dense_localizer.motion_prior import PosePrior
+from dense_localizer.params import LocalizerParams, PriorParams
+from dense_localizer.references.likeness import ExperienceChoice
+from dense_localizer.start.search import PoseSearch
+from dense_localizer.track.inter_frame import InterFrame
+from dense_localizer.track.visual_odometry import VisualOdometry
+from mcl_depth.belief.dead_reckoning import DeadReckoning
+from mcl_depth.belief.evidence import Evidence
+from mcl_depth.belief.hypotheses import Lineage
+from mcl_depth.belief.image_motion import ImageMotion, ReconciledOdometry
+from mcl_depth.belief.joint_evidence import ControlDrives, JointEvidence
+from mcl_depth.belief.motion_model import MotionModel
+from mcl_depth.belief.watch import CusumTest
+from mcl_depth.homing import Homing
+from mcl_depth.likeness.depth_cache import DepthCache
+from mcl_depth.params import DirectionParams, MclInputParams, MotionParams
+from path_follower.arming import Arming
+from path_follower.consistency import NO_VARIANCE, Comparison, MotionConsistency
+from path_follower.params import FollowerParams, PathFollowerParams
+from path_follower.ros.control import ControlLoop
+from path_follower.ros.intake import Answered
+from path_follower.safety import SafetyMonitor
+from path_follower.vehicle import Limiter, Predictor
+from sphere_mapping.acquisition.ros.rig_intake import Clouds
+from sphere_nav.geometry.agreement import Agreement
+from sphere_nav.geometry.odometry import OdometryBuffer
+from sphere_nav.localization import InputCheck
+from sphere_nav.localization.params import InputParams, NodeParams, StateParams
+from sphere_nav.localization.state_machine import StateMachine
+from sphere_nav.photometric import RegistrationParams
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.camera.odometry_input import OdometryInput
+from sphere_nav.ros.camera.stream import CameraStream, Fixture
+from sphere_nav.ros.camera.synchronizer import CameraHealth, Synchronizer
+from sphere_nav.ros.clocks import SimulatedTicks
+from sphere_nav.ros.localizer.map_transform import MapTransform
+from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
+from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.tf import TransformTree
+
+SPOILED = object()
+FOLLOWER = FollowerParams()
+
+
+def endpoints() -> Any:
+    return OfflineBus().add(ManagedNode).endpoints
+
+
+def odometry_input() -> OdometryInput:
+    return OdometryInput(endpoints(), TransformTree(), "base_link", is_used=False)
+
+
+def camera_stream() -> CameraStream:
+    ignored: Any = SimpleNamespace()
+    return CameraStream(endpoints(), NodeParams(), ignored, odometry_input(), Fixture(), print, print)
+
+
+# How one is made, how it is reset, and what it keeps by intent: what it was made with, what no drive changes.
+RESETS: dict[str, tuple[Any, Any, str]] = {
+    "Agreement": (Agreement, "clear", "max_gap_ns"),
+    "Answered": (lambda: Answered(None, print, print), "forget", "times answer catch_up is_patient"),
+    "Arming": (lambda: Arming(FOLLOWER), "reset", "params mode resumption path location measured_speed"),
+    "CameraStream": (camera_stream, "forget_camera",
+                     "endpoints params tf odometry on_picture on_refusal fixture waiting images"),
+    "Clouds": (lambda: Clouds(1.0), "clear", "max_age_ns"),
+    "Comparison": (Comparison, lambda one: one.reset(NO_VARIANCE), ""),
+    "ControlDrives": (lambda: ControlDrives(0.5, 1.0), "reset", ""),
+    "ControlLoop": (lambda: ControlLoop(endpoints(), PathFollowerParams(), None), "clock_jumped",
+                    "endpoints params times clock_watch cycle ticks told cmd_vel sent sent_ns ackermann tracking "
+                    "status heartbeat beats intake scans peers"),
+    "CusumTest": (CusumTest, "reset", ""),
+    "DeadReckoning": (lambda: DeadReckoning(MclInputParams(), MotionParams()), "reset", "params noise"),
+    "DepthCache": (lambda: DepthCache(64, lambda count: SimpleNamespace(nbytes=8)), "clear", "capacity stack"),
+    "Evidence": (lambda: Evidence(SimpleNamespace(edge=0.5, diagonal=0.7, positions=()), 1e-3), "reset",
+                 "grid max_chance is_small"),
+    "ExperienceChoice": (lambda: ExperienceChoice(None), "reset", "coarse"),
+    "Homing": (lambda: Homing(np.array([[0.0, 0.0], [9.0, 0.0]]), DirectionParams()), "restart",
+               "waypoints way params offsets"),
+    "ImageMotion": (lambda: ImageMotion(None), "reset", "map"),
+    "InputCheck": (lambda: InputCheck(InputParams()), "reset", "params"),
+    "Inputs": (lambda: Inputs(LocalizerParams()), "reset", "params"),
+    # the map stays known, and what the image before the reset says of it
+    "Integrity": (lambda: Integrity(SimpleNamespace(error=None), LocalizerParams()), "reset",
+                  "references map_error params is_refused"),
+    "InterFrame": (lambda: InterFrame(RegistrationParams()), "reset", "params"),
+    "JointEvidence": (lambda: JointEvidence(0.5, 1.0), "reset", "edge new_way"),
+    "Lineage": (Lineage, "clear", "scores"),  # of the images that are forgotten
+    "MapTransform": (lambda: MapTransform(endpoints(), odometry_input(), "map", "base"), "clear",
+                     "endpoints odometry map_frame base_frame broadcaster"),
+    "MotionConsistency": (lambda: MotionConsistency(FOLLOWER, None), "reset", "params predictor errors"),
+    "MotionModel": (lambda: MotionModel(MotionParams()), "reset", "params"),
+    "OdometryBuffer": (lambda: OdometryBuffer(0.5), "clear", "max_age_s"),
+    "OdometryCheck": (lambda: OdometryCheck(0.05), "reset", "error"),
+    "OdometryInput": (odometry_input, "reset", "endpoints tree base_frame topic"),
+    "PeerLocalizer": (lambda: PeerLocalizer(endpoints(), "map", bool, print), "clear",
+                      "endpoints frame is_wanted search"),
+    "PosePrior": (lambda: PosePrior(PriorParams()), "reset", "params drift inter_frame"),  # drift: from each start on
+    "PoseSearch": (lambda: PoseSearch(SimpleNamespace(), LocalizerParams()), "reset",
+                   "references params is_automatic startup T_base_body"),
+    "Predictor": (lambda: Predictor(FOLLOWER.vehicle, FOLLOWER.actuation), "reset", "vehicle actuation"),
+    "ReconciledOdometry": (lambda: ReconciledOdometry(None, MotionModel(MotionParams())), "reset", ""),
+    "SafetyMonitor": (lambda: SafetyMonitor(FOLLOWER), "reset", "params is_emergency outside"),
+    "SimulatedTicks": (lambda: SimulatedTicks(0.1, 0.1), lambda one: one.restart(0), "silence_ns period_ns"),
+    "StateMachine": (lambda: StateMachine(StateParams()), "reset", "params"),
+    "Synchronizer": (lambda: Synchronizer(("left", "right"), 0.1), "clear",
+                     "names slack_s policy slack_ns deadline_ns is_ready num_first"),
+    "TransformTree": (TransformTree, "clear", "memory_ns parents static"),  # what does not move holds at any time
+    "VisualOdometry": (lambda: VisualOdometry(None, LocalizerParams()), "reset", "references params"),
+}  # fmt: skip
+# Parts of the above that have no reset of their own.
+PARTS = {
+    CameraHealth.__name__: {"num_images", "num_missing", "num_refused", "problem"},
+    Limiter.__name__: {"params", "is_launch", "last", "gain"},
+    "Follower": set(RESETS["Arming"][2].split()),
+}
+KEPT = {name: set(kept.split()) for name, (_, _, kept) in RESETS.items()} | PARTS
+
+
+def spoil(value: Any) -> Any:
+    """Return another value in place of one; what has parts is spoiled as it is."""
+    kind = type(value)
+    if kind.__name__ in KEPT:
+        for name, part in vars(value).items():
+            if name.lstrip("_") not in KEPT[kind.__name__]:
+                setattr(value, name, spoil(part))
+        return value
+    if isinstance(value, deque | list):
+        value.append(SPOILED)
+        return value
+    if isinstance(value, dict | OrderedDict):
+        spoiled = {key: spoil(part) for key, part in value.items()}
+        if not any(type(part).__name__ in KEPT for part in spoiled.values()):
+            spoiled[SPOILED] = SPOILED
+        value.update(spoiled)
+        return value
+    if isinstance(value, tuple) and any(isinstance(part, deque) for part in value):
+        return tuple(map(spoil, value))
+    if isinstance(value, bool):
+        return not value
+    return value + 7 if isinstance(value, int | float | np.ndarray) else SPOILED
+
+
+def state(value: Any) -> Any:
+    """Return all that an object holds, but what it keeps, to be compared."""
+    name = type(value).__name__
+    if name in KEPT:
+        held = {key: state(part) for key, part in vars(value).items() if key.lstrip("_") not in KEPT[name]}
+        return name, held
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {key: state(part) for key, part in value.items()}
+    if isinstance(value, deque | list | tuple):
+        return [state(part) for part in value]
+    if hasattr(value, "__dict__") and not callable(value) and type(value).__eq__ is object.__eq__:
+        return name, {key: state(part) for key, part in vars(value).items()}
+    return value
+
+
+@pytest.mark.parametrize("name", RESETS)
+def test_nothing_of_the_last_drive_steers_the_next(name: str) -> None:
+    make, reset, kept = RESETS[name]
+    used, new = make(), make()
+    assert {key.lstrip("_") for key in vars(used)} >= set(kept.split())
+    if vars(used):
+        spoil(used)
+        assert state(used) != state(new)
+    if isinstance(reset, str):
+        getattr(used, reset)()
+    else:
+        reset(used)
+    assert state(used) == state(new)
