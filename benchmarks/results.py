@@ -19,7 +19,7 @@ MAX_ROWS = 45
 INTRODUCTION = """\
 # Results
 
-Written by `make bench-report` from what `make bench` left in `out/bench/`; why a figure is as it is stands on
+Written by `make bench-report` from what `make bench` left in out/bench; why a figure is as it is stands on
 docs/notes/. RED: the bound is not met. Worlds are drawn by the seed, which no parameter was chosen by. Recordings are
 read from `../shared/data`. Redkitchen is judged by COLMAP's poses, right to about 5 mm and 0.2°; its recorded ones are
 wrong ([why](notes/ground_truth.md)).
