@@ -65,7 +65,7 @@ class Integrity:
     def reset(self) -> None:
         """Forget the stream: it is another, or an operator has said where the camera is; the map stays known."""
         self._odometry.reset()
-        self._count, self._is_biased = 0, False
+        self._count, self._is_biased, self._is_refused = 0, False, False
 
     def begin(self, frame: LocalizerInput, state: State) -> None:
         """Note odometry, whatever becomes of the image; `state` is what the image before has led to."""

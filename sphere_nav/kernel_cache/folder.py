@@ -40,6 +40,7 @@ def with_callees(package: str) -> set[str]:
     return found
 
 
+@cache
 def imports(path: Path) -> set[str]:
     """Return the packages of ours that one file imports."""
     nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))

@@ -96,9 +96,8 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "ImageMotion": (lambda: ImageMotion(None), "reset", "map"),
     "InputCheck": (lambda: InputCheck(InputParams()), "reset", "params"),
     "Inputs": (lambda: Inputs(LocalizerParams()), "reset", "params"),
-    # the map stays known, and what the image before the reset says of it
     "Integrity": (lambda: Integrity(SimpleNamespace(error=None), LocalizerParams()), "reset",
-                  "references map_error params is_refused"),
+                  "references map_error params"),  # the map stays known
     "InterFrame": (lambda: InterFrame(RegistrationParams()), "reset", "params"),
     "JointEvidence": (lambda: JointEvidence(0.5, 1.0), "reset", "edge new_way"),
     "Lineage": (Lineage, "clear", "scores"),  # of the images that are forgotten
