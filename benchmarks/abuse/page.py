@@ -17,8 +17,8 @@ from pathlib import Path
 
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav_tools.cli.constants import GUESS_S
-from sphere_nav_tools.cli.demo.processes import python_command
 from sphere_nav_tools.cli.operate.teaching import Teaching
+from sphere_nav_tools.cli.processes import python_command
 
 HELP = "abuse of the operator's page: foreign pages and hosts, guesses, a gigabyte of noise, paths out of the folder"
 COMMAND = "from sphere_nav_tools.cli.main import main; sys.exit(main(sys.argv[1:]))"

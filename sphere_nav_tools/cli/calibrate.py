@@ -15,6 +15,7 @@ from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.cameras.lens import MODELS
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav_tools.offline.board_images import check_board_sizes, detect_boards, find_images
+from sphere_nav_tools.offline.settings import add_overwrite, check_free
 
 HELP = "lenses and poses of all cameras of a rig from images of boards"
 EXAMPLES = """\
@@ -39,14 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--boards", type=Path, metavar="FILE", help="several boards, in YAML")
     parser.add_argument("--model", choices=MODELS, default="pinhole", help="of the lenses (pinhole)")
     parser.add_argument("-o", "--output", type=Path, required=True, help="rig file to write")
-    parser.add_argument("--force", action="store_true", help="replace an existing rig file")
+    add_overwrite(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Detect, calibrate, write rig and report."""
     boards = _boards(arguments)
-    if arguments.output.exists() and not arguments.force:
-        raise ValueError(f"{arguments.output}: expected no such file, found one (--force replaces it)")
+    check_free(arguments, arguments.output)
     cameras = find_images(arguments.images)
     sizes, views = detect_boards(cameras, boards)
     wrong_size = check_board_sizes(cameras, boards, views)
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     specs = [CameraSpec(name, arguments.model, sizes[name]) for name in cameras]
     with tqdm(desc="calibrating", bar_format="{desc} {elapsed}", leave=False) as bar:
         found = calibrate(specs, boards, views, CalibrationParams(), progress=bar.set_description_str)
-    write_rig(arguments.output, found.rig, is_overwriting=arguments.force)
+    write_rig(arguments.output, found.rig, is_overwriting=True)
     report, stem = calibration_as_mapping(found), arguments.output.with_suffix("")
     Path(f"{stem}_report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     draw_calibration(found, Path(f"{stem}_report.png"))

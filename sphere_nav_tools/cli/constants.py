@@ -26,7 +26,6 @@ MIN_WORK_SHARE = 0.8  # of the time on a processor, or waiting for one; idle nod
 STALL = 30.0  # s of simulated time without motion of the car that end a drive
 SILENCE = 240.0  # s of wall time without news after which it matters whether any process works
 LOOK = 0.1  # s between two looks at what still runs
-MAX_CALLS = 600  # of a service that refuses
 MOVING = 0.05  # m/s, slower is standing
 TRUTH_SPACING = 0.02  # m between the points of the taught path that distances are measured to
 

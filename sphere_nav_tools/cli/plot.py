@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.offline.settings import add_overwrite, check_free
 
 HELP = """\
 Draw what a localiser said: top view, errors against a truth, states with their reasons, and the time for an image.
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth", type=Path, metavar="F", help="true poses: TUM file, or a bag (those in BAG)")
     parser.add_argument("--align", choices=ALIGNED, default="none", help="move the truth to the map (default: none)")
     parser.add_argument("--map", type=Path, metavar="MAP", help="the map it was localised in: show its experiences")
-    parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
+    add_overwrite(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -46,8 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     output = arguments.output
     if output.suffix not in ENDINGS:
         raise ValueError(f"{output}: expected a file {', '.join(ENDINGS)}, found ending {output.suffix!r}")
-    if output.exists() and not arguments.overwrite:
-        raise ValueError(f"{output}: expected no such file, found one: --overwrite replaces it")
+    check_free(arguments, output)
     from sphere_nav_tools.offline import plot_figure  # matplotlib takes half a second to import
 
     with BagReader(arguments.bag) as bag:

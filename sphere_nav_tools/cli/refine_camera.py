@@ -16,7 +16,7 @@ from sphere_nav_tools.offline.refine_camera import (
     run_depth,
     text_of,
 )
-from sphere_nav_tools.offline.settings import add_settings
+from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free
 
 HELP = """\
 Correct the calibration of a camera by a recorded drive, without boards.
@@ -49,15 +49,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="YAML", help="calibration to write")
     parser.add_argument("--images", type=int, default=40, metavar="N", help="images that are compared (%(default)s)")
     parser.add_argument("--readout", type=float, default=0.0, metavar="S", help="where to start, s (%(default)s)")
-    parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
+    add_overwrite(parser)
     topics.add_options(parser)
     add_settings(parser, "dense_localizer, without MAP of sphere_mapper")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Localise and refine in turn; 1, with nothing written, if the drive does not prove a better lens."""
-    if arguments.output.exists() and not arguments.overwrite:
-        raise ValueError(f"{arguments.output}: expected no such file, found one: --overwrite replaces it")
+    check_free(arguments, arguments.output)
     if arguments.map is None:
         return run_depth(arguments)
     drive = RecordedDrive(arguments)

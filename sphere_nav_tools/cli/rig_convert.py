@@ -15,6 +15,7 @@ from sphere_nav.geometry.cameras.rig import Rig
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.foreign_rig import FORMATS, FRAMES, place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav_tools.offline.settings import add_overwrite
 
 HELP = "a calibration of Kalibr, basalt, OpenCV or OCamCalib to rig.yaml"
 EXAMPLES = """\
@@ -49,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(f"--{option}", action="append", default=[], metavar="CAMERA=" + option.upper(), help=what)
     parser.add_argument("--exposure-group", action="append", default=[], metavar="CAMERA=GROUP", help="of one exposure")
     parser.add_argument("-o", "--output", type=Path, required=True, help="rig file to write")
-    parser.add_argument("--force", action="store_true", help="replace an existing rig file")
+    add_overwrite(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -66,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     rig = place_rig(found, arguments.frame, arguments.files[0])
     rig = _with_options(rig, arguments)
-    write_rig(arguments.output, rig, is_overwriting=arguments.force)
+    write_rig(arguments.output, rig, is_overwriting=arguments.overwrite)
     for part in rig.cameras:
         position = np.array2string(part.T_rig_camera.translation, precision=4, suppress_small=True)
         ahead = part.T_rig_camera.rotation[:, 2]

@@ -15,6 +15,7 @@ from path_follower.routes.network import Network
 from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
 from path_follower.routes.planning import Route, plan
 from sphere_nav.geometry.files.untrusted import number
+from sphere_nav_tools.offline.settings import add_overwrite, check_free
 
 HELP = """\
 Make a network of taught paths: what drives share is one edge, where they part or meet is a branch. The network is
@@ -49,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--width", type=float, default=VehicleParams().width, metavar="M", help="of the vehicle (%(default)s)"
     )
     build.add_argument("--dry-run", action="store_true", help="show what would be made, write nothing but the plot")
-    build.add_argument("--overwrite", action="store_true", help="replace the network that is there")
+    add_overwrite(build)
     name = words.add_parser("name", help="give a name to a place")
     name.add_argument("name", metavar="NAME", help="of the place")
     _add_network(name)
@@ -101,8 +102,8 @@ def make_network(arguments: argparse.Namespace) -> int:
     output = network_path(arguments.map)
     if output.suffix != ".geojson":
         raise ValueError(f"{arguments.map}: expected a map, or a .geojson file to write, found neither")
-    if output.exists() and not (arguments.overwrite or arguments.dry_run):
-        raise ValueError(f"{output}: expected no network, found one: --overwrite replaces it, its places with it")
+    if not arguments.dry_run:
+        check_free(arguments, output)
     reverse = arguments.drives if arguments.reversible else ()
     network = routes.read_network_of(arguments.drives, routes.map_id_of(arguments.map), arguments.width, reverse)
     print("\n".join(routes.describe(network)))

@@ -18,7 +18,7 @@ import yaml
 from sphere_nav.ros.compositions import COMPOSITIONS, Composition, NodeStart, after_exit
 from sphere_nav.ros.constants import END_PATIENCE_S
 from sphere_nav_tools.cli.constants import LOOK
-from sphere_nav_tools.cli.demo.processes import node_command
+from sphere_nav_tools.cli.processes import node_command
 
 LISTING = "\n".join(f"  {name:<13} {composition.purpose}" for name, composition in COMPOSITIONS.items())
 HELP = f"""\

@@ -27,7 +27,7 @@ from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.recorded_camera import patience
-from sphere_nav_tools.offline.settings import add_settings
+from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free
 
 UNUSABLE = (Reason.BAD_INFO, Reason.MAP_ERROR, Reason.BAD_STAMP, Reason.TF_STALE)  # an image that was not compared
 
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
     parser.add_argument("--json", metavar="FILE", help="also write the summary as JSON")
     topics.add_options(parser)
     add_settings(parser, node)
-    parser.add_argument("--overwrite", action="store_true", help="replace the files that are there")
+    add_overwrite(parser)
     parser.add_argument(
         "--initial-pose", metavar="x,y,z,qx,qy,qz,qw", help="pose of base_link in the map to start near"
     )
@@ -48,9 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
 def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) -> int:
     """Write the poses and the summary of what a node published; 1 if there is no pose. ValueError for files there."""
     output = Path(arguments.output)
-    for path in (output, arguments.json and Path(arguments.json)):
-        if path and path.exists() and not arguments.overwrite:
-            raise ValueError(f"{path}: expected no such file, found one: --overwrite replaces it")
+    check_free(arguments, output, arguments.json and Path(arguments.json))
     summary = Summary()
     for item in published:
         summary.take(item)

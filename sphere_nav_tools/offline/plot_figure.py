@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
 
@@ -10,8 +12,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.geometry.trajectory_error import AbsoluteErrors
 from sphere_nav.localization.status import TRUSTED, Reason, State, Status
@@ -127,10 +131,15 @@ def draw_localization(
     """
     stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
     start = int(min(stamps))
-    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
-        figure = Figure(figsize=(13, 7), layout="constrained")
+    lines = {} if errors is None else {"truth": errors[0].positions[:, :2]}
+    marks = {}
+    if poses is not None and len(poses):
+        lines["pose"] = poses.positions[:, :2]
+        by = [(served or {}).get(int(stamp)) for stamp in poses.stamps_ns]
+        marks = {f"by {name}": lines["pose"][[one == name for one in by]] for name in dict.fromkeys(filter(None, by))}
+    with drawn(path, (13, 7)) as figure:
         cells = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.4), height_ratios=(1.0, 1.0, 1.0))
-        _draw_top(figure.add_subplot(cells[:, 0]), poses, errors, served or {})
+        top_view(figure.add_subplot(cells[:, 0]), lines, marks)
         rows = [figure.add_subplot(cells[row, 1]) for row in range(3)]
         for axes in rows[1:]:
             axes.sharex(rows[0])
@@ -138,7 +147,34 @@ def draw_localization(
         _draw_states(rows[1], statuses, start)
         _draw_times(rows[2], statuses, start)
         rows[2].set_xlabel("time [s]")
+
+
+@contextmanager
+def drawn(path: Path, size: tuple[float, float]) -> Iterator[Figure]:
+    """Give a figure of a size in inches to draw in, then write it; the ending chooses the format."""
+    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure
         figure.savefig(path, dpi=120)
+
+
+def top_view(axes: Axes, lines: Mapping[str, Array], marks: Mapping[str, Array]) -> None:
+    """Draw paths (N, 2) from above by name, the true one before the last, marked places, and where the last begins."""
+    for number, (name, path) in enumerate(reversed(list(lines.items()))):
+        color, width, size = (TRUTH, 4, 0) if number else (ESTIMATE, 1, 2)
+        axes.plot(*path.T, ".-", label=name, color=color, lw=width, ms=size, zorder=2 - number)
+    for number, (name, places) in enumerate(marks.items()):
+        axes.plot(*places.T, "o", color=f"C{number + 1}", ms=4, label=name)
+    for path in list(lines.values())[-1:]:
+        axes.plot(*path[0], "o", color="black", ms=5, label="start")
+        axes.legend(loc="best")
+    in_meters(axes)
+
+
+def in_meters(axes: Axes) -> None:
+    """Let both axes of a view from above have one scale."""
+    axes.set(xlabel="x [m]", ylabel="y [m]")
+    axes.set_aspect("equal", adjustable="datalim")
 
 
 def runs_of(statuses: list[Status], start: int) -> list[tuple[State, str, float, float]]:
@@ -152,30 +188,17 @@ def runs_of(statuses: list[Status], start: int) -> list[tuple[State, str, float,
     return [(state, reason, first, end) for (state, reason, first, _), end in zip(runs, ends, strict=True)]
 
 
-def _draw_top(axes: Axes, poses: Trajectory | None, errors: Errors | None, served: dict[int, str]) -> None:
-    if errors is not None:
-        axes.plot(*errors[0].positions[:, :2].T, color=TRUTH, lw=4, label="truth")
-    if poses is not None and len(poses):
-        axes.plot(*poses.positions[:, :2].T, ".-", color=ESTIMATE, lw=1, ms=2, label="pose")
-        for number, name in enumerate(dict.fromkeys(served.values())):
-            is_its = [served.get(int(stamp)) == name for stamp in poses.stamps_ns]
-            axes.plot(*poses.positions[is_its, :2].T, "o", color=f"C{number + 1}", ms=4, label=f"by {name}")
-        axes.plot(*poses.positions[0, :2], "o", color="black", ms=5, label="start")
-        axes.legend(loc="best")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-
-
 def _draw_errors(axes: Axes, errors: Errors | None, start: int) -> None:
     axes.set_ylabel("error [m]")
     if errors is None:
         axes.text(0.5, 0.5, "no truth", transform=axes.transAxes, ha="center", va="center", color=TRUTH)
         return
-    true, found = errors
-    seconds = (true.stamps_ns - start) * 1e-9
-    axes.plot(seconds, found.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
-    axes.plot(seconds, found.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+    _draw_sides(axes, (errors[0].stamps_ns - start) * 1e-9, errors[1])
+
+
+def _draw_sides(axes: Axes, seconds: NDArray[np.floating], errors: AbsoluteErrors) -> None:
+    axes.plot(seconds, errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
+    axes.plot(seconds, errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
     axes.legend(loc="upper right")
 
 
@@ -207,18 +230,17 @@ def draw_evaluation(
     estimate: Trajectory, truth: Trajectory, all_truth: Trajectory, errors: AbsoluteErrors, path: Path
 ) -> None:
     """Draw paired trajectories (N,) and their errors into a file; the ending chooses the format."""
-    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
-        figure = Figure(figsize=(12, 6), layout="constrained")
+    with drawn(path, (12, 6)) as figure:
         cells = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.3))
-        _top_view(figure.add_subplot(cells[:, 0]), estimate, all_truth)
+        lines = {"truth": all_truth.positions[:, :2], "estimate": estimate.positions[:, :2]}
+        top_view(figure.add_subplot(cells[:, 0]), lines, {})
         upper, lower = figure.add_subplot(cells[0, 1]), figure.add_subplot(cells[1, 1])
         seconds = (truth.stamps_ns - truth.stamps_ns[0]) / 1e9
-        upper.plot(seconds, errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
-        upper.plot(seconds, errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+        _draw_sides(upper, seconds, errors)
         upper.set_ylabel("error [m]")
         turned = lower.twinx()
-        drawn = lower.plot(seconds, errors.translation_m, color=ESTIMATE, lw=1, label="translation")
-        drawn += turned.plot(seconds, np.degrees(errors.rotation_rad), color=ROTATION, lw=1, label="rotation")
+        both = lower.plot(seconds, errors.translation_m, color=ESTIMATE, lw=1, label="translation")
+        both += turned.plot(seconds, np.degrees(errors.rotation_rad), color=ROTATION, lw=1, label="rotation")
         for axes, name, color in ((lower, "translation [m]", ESTIMATE), (turned, "rotation [°]", ROTATION)):
             axes.set_ylabel(f"error of {name}", color=color)
             axes.tick_params(axis="y", labelcolor=color)
@@ -226,16 +248,4 @@ def draw_evaluation(
             axes.set_ylim(bottom=0.0)
         turned.grid(visible=False)
         lower.set_xlabel("time [s]")
-        upper.legend(loc="upper right")
-        lower.legend(handles=drawn, loc="upper right")
-        figure.savefig(path, dpi=120)
-
-
-def _top_view(axes: mpl.axes.Axes, estimate: Trajectory, truth: Trajectory) -> None:
-    axes.plot(*truth.positions[:, :2].T, color=TRUTH, lw=4, label="truth")
-    axes.plot(*estimate.positions[:, :2].T, ".-", color=ESTIMATE, lw=1, ms=2, label="estimate")
-    axes.plot(*truth.positions[0, :2], "o", color="black", ms=5, label="start")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.legend(loc="best")
+        lower.legend(handles=both, loc="upper right")

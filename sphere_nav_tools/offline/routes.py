@@ -7,10 +7,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
@@ -20,6 +18,7 @@ from path_follower.routes.network import Network, RouteEdge, Spot
 from path_follower.routes.planning import Route
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.offline.constants import NETWORK_REACH
+from sphere_nav_tools.offline.plot_figure import drawn, in_meters
 
 ONE_WAY, BOTH, REVERSE, WAY = "#1f77b4", "#2ca02c", "#8c564b", "#d62728"
 
@@ -98,8 +97,7 @@ def describe_route(network: Network, route: Route) -> list[str]:
 
 def draw_network(path: Path, network: Network, route: Route | None = None) -> None:
     """Draw edges with their numbers and directions, branches, places, and a way."""
-    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
-        figure = Figure(figsize=(10, 8), layout="constrained")
+    with drawn(path, (10, 8)) as figure:
         axes = figure.add_subplot()
         for edge in network.edges.values():
             _draw_edge(axes, edge)
@@ -118,10 +116,7 @@ def draw_network(path: Path, network: Network, route: Route | None = None) -> No
         if route is not None:
             axes.plot([], [], color=WAY, lw=5, alpha=0.35, label=f"{route.length:.0f} m, {route.seconds:.0f} s")
         axes.legend(loc="best")
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel("y [m]")
-        figure.savefig(path, dpi=120)
+        in_meters(axes)
 
 
 def _color(edge: RouteEdge) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from sphere_nav.geometry.files.untrusted import load_yaml
@@ -44,3 +45,15 @@ def _budget(text: str) -> Any:
         return Budget.parse(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def add_overwrite(parser: argparse.ArgumentParser) -> None:
+    """Declare --overwrite."""
+    parser.add_argument("--overwrite", action="store_true", help="replace what is there")
+
+
+def check_free(arguments: argparse.Namespace, *outputs: Path | None) -> None:
+    """Raise ValueError where a file or folder to write is there already, without --overwrite."""
+    for path in outputs:
+        if path and path.exists() and not arguments.overwrite:
+            raise ValueError(f"{path}: expected no such file, found one: --overwrite replaces it")

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 from sphere_nav.ros.shared_files import share_file
-from sphere_nav_tools.cli.demo.processes import node_command
+from sphere_nav_tools.cli.processes import node_command
 
 PATIENCE, SILENCE = 60, 10  # s of a loaded machine; s without an answer
 ALONE = ("unshare", "--mount", "sh", "-c", 'mount -t tmpfs none /dev/shm && exec "$@"', "sh")  # with memory of its own

@@ -34,7 +34,7 @@ from sphere_nav.ros.conversions import (
     stamp_ns,
     status_to_message,
 )
-from sphere_nav_tools.cli.demo.processes import Processes
+from sphere_nav_tools.cli.processes import Processes
 from worlds.patience import Patience
 
 pytestmark = pytest.mark.dds

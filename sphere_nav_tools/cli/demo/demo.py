@@ -17,16 +17,13 @@ from tqdm import tqdm
 from cycab_sim.params import CONDITIONS, SimParams
 from cycab_sim.sensors.rigs import rig_camera_names
 from cycab_sim.world.worlds import build_world
-from sphere_nav.geometry import SE3
-from sphere_nav.geometry.files.untrusted import load_yaml, read_text, required
-from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.cli.constants import MAX_LATERAL, MIN_DRIVEN, PAUSE_AT
 from sphere_nav_tools.cli.demo.domains import claim_domain
-from sphere_nav_tools.cli.demo.processes import Processes
-from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, read_estimate, read_truth
+from sphere_nav_tools.cli.demo.report import DriveErrors, drive_errors, find_map
 from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
+from sphere_nav_tools.cli.processes import Processes
 
 HELP = """\
 Teach, map and drive: a simulated Cycab is driven once along a path with two 90 degree turns while the six cameras on
@@ -70,7 +67,6 @@ OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and
 }
 LOCK_STEP = {"clock.is_strict": True, "clock.real_time_factor": 0.0}  # time waits, however slow the computer
 TEACHING = {"mode": "teach", "camera.period": 0.0}  # the rig sees what is mapped, the camera drives later
-SEE_ALL = {"use_sim_time": True, "every_image": True}
 WARM_UP = (
     "from sphere_nav import photometric; photometric.warm_up(); "
     "from sphere_mapping.acquisition import kernels; kernels.warm_up()"
@@ -116,34 +112,17 @@ def run(arguments: argparse.Namespace) -> int:
 class Demo:
     """One run: its folder, its domain, and how long each stage took."""
 
-    localizer: Mapping[str, Any] = {}  # parameters that are not those of every drive
-    follower: Mapping[str, Any] = {}
-    topics: Mapping[str, Mapping[str, str]] = {}  # by node: other names of its topics
-    recorded = DRIVE_TOPICS
-
     def __init__(
-        self,
-        output: Path,
-        seed: int,
-        path: str,
-        domain: int | None,
-        more: Mapping[str, Any],
-        condition: str = "",
-        taught: Path | None = None,
+        self, output: Path, seed: int, path: str, domain: int | None, more: Mapping[str, Any], condition: str = ""
     ) -> None:
-        """`more`: parameters of the simulator that are not those of every demo; `condition`: of the second drive.
-
-        `taught`: output of an earlier run of the same seed and path, whose teaching drive and map are used again.
-        """
+        """`more`: parameters of the simulator that are not those of every demo; `condition`: of the second drive."""
         self.domain = claim_domain() if domain is None else domain
         place = TOUR if path == "tour" else {"path": path}
         self.other_day = OTHER_DAY | {"condition": condition}
         self.simulation = SIMULATION | {"seed": seed} | place | dict(more)
         params = build(SimParams, self.simulation)
         self.length = build_world(params.world, params.seed, params.path).path.length
-        known = check_taught(taught, self.simulation) if taught is not None else None
         self.folder = new_folder(output)
-        self.taught = known or self.folder  # where the teaching drive and its map are
         self.seconds: dict[str, float] = {}
         self.cpu_seconds: dict[str, float] = {}
 
@@ -183,51 +162,22 @@ class Demo:
 
     def drive(self) -> None:
         """Drive the path again: camera, localiser, follower, cmd_vel, over DDS in lock-step."""
+        clock = {"use_sim_time": True}
         with self.stage("drive"), self.processes("drive") as processes, DriveMonitor(processes, self.domain) as watch:
-            processes.start(
-                "bag_recorder",
-                {"output": str(self.folder / "drive"), "topics": self.recorded, "use_sim_time": True},
-            )
-            for node, values in self.localizers().items():
-                processes.start(node, SEE_ALL | dict(values), self.topics.get(node, {}))
-                watch.wait_for(f"{node}/reset")
-            processes.start(
-                "cycab_sim",
-                self.simulation | LOCK_STEP | {"mode": "drive", "clock.pause_at": PAUSE_AT} | self.other_day,
-            )
-            self.place(watch)
-            processes.start(  # time stands until it is there
-                "path_follower",
-                {"trajectory": str(self.reference()), "enable_stamped_cmd_vel": True, "use_sim_time": True}
-                | dict(self.follower),
-                self.topics.get("path_follower", {}),
-            )
-            self.depart(watch)
-            self.accompany(watch)
+            processes.start("bag_recorder", clock | {"output": str(self.folder / "drive"), "topics": DRIVE_TOPICS})
+            processes.start("dense_localizer", clock | {"map": str(self.folder / "map"), "every_image": True})
+            watch.wait_for("dense_localizer/reset")
+            paused = {"mode": "drive", "clock.pause_at": PAUSE_AT}
+            processes.start("cycab_sim", self.simulation | LOCK_STEP | paused | self.other_day)
+            taught = {"trajectory": str(self.folder / "taught.tum"), "enable_stamped_cmd_vel": True}
+            processes.start("path_follower", clock | taught)  # time stands until it is there
+            watch.wait("localisation", lambda: watch.is_paused, is_moving=False)
+            watch.call("path_follower/start")
+            watch.call("cycab_sim/resume")
+            self.follow(watch, "drive by the camera", lambda: has_ended(watch.follower))
             self.has_finished = watch.follower.startswith("FINISHED")
             self.end = watch.describe()
             processes.stop("bag_recorder")
-
-    def localizers(self) -> dict[str, Mapping[str, Any]]:
-        """Return the parameters of each localiser of the drive."""
-        return {"dense_localizer": {"map": str(self.taught / "map")} | dict(self.localizer)}
-
-    def reference(self) -> Path:
-        """Return the file of the path to drive: the taught one."""
-        return self.taught / "taught.tum"
-
-    def place(self, watch: DriveMonitor) -> None:
-        """Prepare the world before time passes: the car stands at the beginning of the path, nothing is to be done."""
-
-    def depart(self, watch: DriveMonitor) -> None:
-        """Start the follower once the place is found."""
-        watch.wait("localisation", lambda: watch.is_paused, is_moving=False)
-        watch.call("path_follower/start")
-        watch.call("cycab_sim/resume")
-
-    def accompany(self, watch: DriveMonitor) -> None:
-        """See the drive to its end."""
-        self.follow(watch, "drive by the camera", lambda: has_ended(watch.follower))
 
     def follow(self, watch: DriveMonitor, what: str, has_ended: Callable[[], bool]) -> None:
         """Show how far the car is until the drive has ended."""
@@ -242,69 +192,37 @@ class Demo:
 
     def judge(self) -> int:
         """Compare with the taught drive, draw, write result.json; 1 where the drive left the path."""
-        result = self.result(self.measure())
+        from sphere_nav_tools.cli.demo import plots  # matplotlib takes half a second to import
+
+        with self.stage("judge"):
+            T_world_map = find_map(self.folder)
+            errors = drive_errors(self.folder / "teach", self.folder / "drive", T_world_map)
+            with open_map(self.folder / "map") as made:
+                keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
+            plots.plot_top_view(self.folder / "top_view.png", errors, keys)
+            plots.plot_errors(self.folder / "errors.png", errors)
+        result = self.result(errors, len(keys))
         (self.folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
         print(result_table(result, self.folder))
         return 0 if result["has_followed"] else 1
 
-    def measure(self) -> DriveErrors:
-        """Compare with the path that was to be driven, and draw."""
-        from sphere_nav_tools.cli.demo import plots  # matplotlib takes half a second to import
-
-        with self.stage("judge"):
-            T_world_map = self.anchor()
-            errors = self.errors(T_world_map)
-            with open_map(self.taught / "map") as made:
-                keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
-            self.num_key_spheres = len(keys)
-            plots.plot_top_view(self.folder / "top_view.png", errors, keys)
-            plots.plot_errors(self.folder / "errors.png", errors, read_estimate(self.folder / "drive"))
-        return errors
-
-    def errors(self, T_world_map: SE3) -> DriveErrors:
-        """Return how far the drive was from the taught one."""
-        return drive_errors(self.taught / "teach", self.folder / "drive", T_world_map)
-
-    def anchor(self) -> SE3:
-        """Return T_world_map: the map begins where the teaching drive truly began."""
-        truth, taught = read_truth(self.taught / "teach"), read_tum(self.taught / "taught.tum")
-        first = np.maximum(taught.stamps_ns[:1], truth.stamps_ns[0])  # the car still stands when recording begins
-        at, known = truth.at(first)
-        if not known.all():
-            raise ValueError("teaching drive: expected a true pose of the first sphere, found none")
-        return at.T_map_body[0] @ taught.T_map_body[0].inverse()
-
-    def result(self, errors: DriveErrors) -> dict[str, Any]:
+    def result(self, errors: DriveErrors, num_key_spheres: int) -> dict[str, Any]:
         """Return what result.json holds."""
         worst = float(np.abs(errors.lateral).max())
         return {
-            "lateral_rmse_m": rms(errors.lateral),
+            "lateral_rmse_m": float(np.sqrt(np.mean(errors.lateral**2))),
             "lateral_max_m": worst,
-            "longitudinal_rmse_m": rms(errors.longitudinal),
+            "longitudinal_rmse_m": float(np.sqrt(np.mean(errors.longitudinal**2))),
             "share_driven": errors.share_driven,
             "has_finished": self.has_finished,
             "has_followed": self.has_finished and worst <= MAX_LATERAL and errors.share_driven >= MIN_DRIVEN,
             "end": self.end,
             "length_m": self.length,
-            "num_key_spheres": self.num_key_spheres,
+            "num_key_spheres": num_key_spheres,
             "seed": self.simulation["seed"],
             "seconds": self.seconds,
             "cpu_seconds": self.cpu_seconds,
         }
-
-
-def check_taught(taught: Path, simulation: dict[str, Any]) -> Path:
-    """Return the folder of a teaching drive; ValueError where it was not made in a simulation of these parameters."""
-    told = taught / "teach_logs" / "cycab_sim.yaml"
-    if not (taught / "map").is_dir() or not told.is_file():
-        raise ValueError(f"{taught}: expected the output of an experiment with a taught map, found none")
-    values = load_yaml(told, read_text(told, "file of parameters"))
-    node = required(values, f"{told}", ["cycab_sim"])["cycab_sim"]
-    made = required(node, f"{told}: cycab_sim", ["ros__parameters"])["ros__parameters"]
-    for key, value in (simulation | TEACHING).items():
-        if made.get(key) != value:
-            raise ValueError(f"{taught}: {key}: expected {value!r} as in this experiment, found {made.get(key)!r}")
-    return taught
 
 
 def has_ended(follower: str) -> bool:
@@ -316,11 +234,6 @@ def cpu_seconds() -> float:
     """Return the processor time of this process and of all children that have ended, s."""
     own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
-
-
-def rms(values: np.ndarray) -> float:
-    """Return the root of the mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def result_table(result: dict[str, Any], folder: Path) -> str:

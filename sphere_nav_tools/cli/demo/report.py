@@ -9,7 +9,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.geometry.trajectory_error import absolute_errors, directions_of_motion
 from sphere_nav_tools.cli.constants import MOVING, TRUTH_SPACING
 from sphere_nav_tools.offline.pose_bags import read_poses
@@ -21,55 +21,52 @@ TRUTH, ESTIMATE = "/ground_truth/odometry", "/pose"
 class DriveErrors:
     """lateral (N,) m: true distance from the taught path, left positive, at path lengths `along` (N,) m.
 
-    `longitudinal` (M,) m: estimated minus true place along the direction of motion, for each pose of the localiser.
+    `longitudinal` (M,) m: estimated minus true place along the direction of motion, for each pose of the localiser, at
+    `seconds` (M,).
     """
 
     taught: Array
     driven: Array
     along: Array
     lateral: Array
+    seconds: Array
     longitudinal: Array
     share_driven: float
 
 
-def drive_errors(teach: Path, drive: Path, T_world_map: SE3, path: Array | None = None) -> DriveErrors:
-    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world.
+def find_map(folder: Path) -> SE3:
+    """Return T_world_map: the map begins where the teaching drive truly began."""
+    truth, taught = read_truth(folder / "teach"), read_tum(folder / "taught.tum")
+    first = np.maximum(taught.stamps_ns[:1], truth.stamps_ns[0])  # the car still stands when recording begins
+    at, known = truth.at(first)
+    if not known.all():
+        raise ValueError("teaching drive: expected a true pose of the first sphere, found none")
+    return at.T_map_body[0] @ taught.T_map_body[0].inverse()
 
-    `path` (M, 3) m, rad: poses in the world that were to be driven, where they are not those of the teaching drive.
-    """
+
+def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
+    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world."""
     truth = read_truth(drive)
-    driven = _crop_to_motion(truth)
-    xy = _crop_to_motion(read_truth(teach)).positions[:, :2] if path is None else path[:, :2]
-    along, lateral = distances_from_path(driven.positions[:, :2], xy, None if path is None else path[:, 2])
-    estimate = read_estimate(drive).moved(T_world_map)
+    driven, taught = (_crop_to_motion(one).positions[:, :2] for one in (truth, read_truth(teach)))
+    along, lateral = distances_from_path(driven, taught)
+    estimate = read_poses(drive, (ESTIMATE,)).moved(T_world_map)
     at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(2e8))
-    found = absolute_errors(estimate[known], at, directions_of_motion(at))
-    length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
-    return DriveErrors(
-        xy,
-        driven.positions[:, :2],
-        along,
-        lateral,
-        found.longitudinal_m,
-        float(along.max() / length),
-    )
+    found = absolute_errors(estimate[known], at, directions_of_motion(at)).longitudinal_m
+    seconds = (estimate.stamps_ns[known] - estimate.stamps_ns[0]) / 1e9
+    length = float(np.hypot(*np.diff(taught, axis=0).T).sum())
+    return DriveErrors(taught, driven, along, lateral, seconds, found, float(along.max() / length))
 
 
-def distances_from_path(points: Array, path: Array, yaw: Array | None = None) -> tuple[Array, Array]:
+def distances_from_path(points: Array, path: Array) -> tuple[Array, Array]:
     """Return where along a path (M, 2) each point (N, 2) is, and how far to the left of it, both in metres.
 
-    The place only moves forward, at most 2 m a point, so that a path may cross itself. `yaw` (M,) rad: headings of the
-    vehicle, where the path has cusps, at which its points have no direction.
+    The place only moves forward, at most 2 m a point, so that a path may cross itself.
     """
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     distinct = np.concatenate([[True], np.diff(length) > 0])
     s = np.arange(0.0, length[-1], TRUTH_SPACING)
     dense = np.stack([np.interp(s, length[distinct], path[distinct, axis]) for axis in (0, 1)], axis=-1)
     ahead = np.gradient(dense, axis=0)
-    if yaw is not None:
-        there = np.interp(s, length[distinct], np.unwrap(yaw)[distinct])
-        heading = np.stack([np.cos(there), np.sin(there)], axis=-1)
-        ahead = heading * np.where(np.sum(ahead * heading, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     place, places, lateral = 0, [], []
     reach = round(2.0 / TRUTH_SPACING)
@@ -85,11 +82,6 @@ def distances_from_path(points: Array, path: Array, yaw: Array | None = None) ->
 def read_truth(bag: Path) -> Trajectory:
     """Return the true poses of the vehicle in a bag of the simulator."""
     return read_poses(bag, (TRUTH,))
-
-
-def read_estimate(bag: Path) -> Trajectory:
-    """Return the poses of the vehicle that the localiser published."""
-    return read_poses(bag, (ESTIMATE,))
 
 
 def _crop_to_motion(trajectory: Trajectory) -> Trajectory:

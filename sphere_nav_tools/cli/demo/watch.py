@@ -13,26 +13,16 @@ from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
-from sphere_nav_msgs.srv import LoadTrajectory, SetFault, Teleport
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import stamp_ns
-from sphere_nav_tools.cli.constants import LOOK, MAX_CALLS, SILENCE, STALL
-from sphere_nav_tools.cli.demo.processes import Processes
+from sphere_nav_tools.cli.constants import LOOK, SILENCE, STALL
+from sphere_nav_tools.cli.processes import Processes
 
-SERVICES = {
-    "path_follower/start": Trigger,
-    "path_follower/stop": Trigger,
-    "path_follower/load_trajectory": LoadTrajectory,
-    "cycab_sim/resume": Trigger,
-    "cycab_sim/teleport": Teleport,
-    "cycab_sim/set_fault": SetFault,
-    "dense_localizer/reset": Trigger,
-    "mcl_depth/reset": Trigger,
-}
+SERVICES = ("path_follower/start", "cycab_sim/resume", "dense_localizer/reset")
 
 
 class DriveFailed(RuntimeError):
@@ -60,7 +50,7 @@ class DriveMonitor:
         subscribe(LocalizationStatus, "status", self._on_localizer, qos.STATE)
         subscribe(FollowerStatus, "path_follower/status", self._on_follower, qos.STATE)
         subscribe(Bool, "paused", self._on_paused, qos.LATCHED)
-        self._clients = {name: self.node.create_client(kind, name) for name, kind in SERVICES.items()}
+        self._clients = {name: self.node.create_client(Trigger, name) for name in SERVICES}
 
     def wait(self, what: str, holds: Callable[[], bool], is_moving: bool, bar: tqdm[Any] | None = None) -> None:
         """Spin until `holds`; DriveFailed where the car stands though it should move, by simulated time.
@@ -88,29 +78,15 @@ class DriveMonitor:
         """Wait until a service is there."""
         self.wait(name, self._clients[name].service_is_ready, is_moving=False)
 
-    def call(self, name: str, request: Any = None) -> None:
-        """Call a service, a Trigger where no request is given; DriveFailed says why it was refused."""
-        refusal = self.ask(name, request)
-        if refusal:
-            raise DriveFailed(f"{name} refused: {refusal}; {self.describe()}")
-
-    def insist(self, name: str) -> None:
-        """Call a Trigger again and again until it is done; DriveFailed says why it was refused for too long."""
-        for _ in range(MAX_CALLS):
-            if not (refusal := self.ask(name)):
-                return
-            self.executor.spin_once(timeout_sec=LOOK)
-        raise DriveFailed(f"{name} refused: {refusal}; {self.describe()}")
-
-    def ask(self, name: str, request: Any = None) -> str:
-        """Call a service; return why it was refused, empty where it was done."""
+    def call(self, name: str) -> None:
+        """Call a service; DriveFailed says why it was refused."""
         self.wait_for(name)
-        future = self._clients[name].call_async(request or SERVICES[name].Request())
+        future = self._clients[name].call_async(Trigger.Request())
         self.wait(name, future.done, is_moving=False)
         response = future.result()
-        if response is None:
-            return "no answer"
-        return "" if response.success else response.message or "no reason given"
+        if response is None or not response.success:
+            refusal = "no answer" if response is None else response.message or "no reason given"
+            raise DriveFailed(f"{name} refused: {refusal}; {self.describe()}")
 
     def describe(self) -> str:
         """Return what the nodes said last."""

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from sphere_nav.ros.bags.writer import PARTIAL
-from sphere_nav_tools.cli.demo.processes import node_command, python_command
+from sphere_nav_tools.cli.processes import node_command, python_command
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 MAPPING = "from sphere_nav_tools.cli.main import main; sys.exit(main(sys.argv[1:]))"

@@ -19,7 +19,7 @@ from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.view.drive import Drive
 from sphere_nav_tools.cli.view.server import Page, encoded, shown
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.settings import add_settings
+from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free
 
 HELP = """\
 Show a map in a web browser: its graph, its key spheres, and what a camera would see from anywhere near them. The mouse
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--screenshot", type=Path, metavar="F", help="write the first view (.png, .jpg) and end")
     parser.add_argument("--size", default="800x600", metavar="WxH", help="of the screenshot (%(default)s)")
     parser.add_argument("--fov", type=float, default=75.0, metavar="DEG", help="its width (%(default)g)")
-    parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
+    add_overwrite(parser)
     parser.add_argument("--bag", type=Path, metavar="BAG", help="drive to localise and show")
     topics.add_options(parser, has_cameras=False)
     add_settings(parser, "dense_localizer")
@@ -118,8 +118,7 @@ def write_view(scene: Scene, T_map_camera: SE3, arguments: argparse.Namespace) -
     output: Path = arguments.screenshot
     if output.suffix not in ENDINGS:
         raise ValueError(f"{output}: expected a file {', '.join(ENDINGS)}, found ending {output.suffix!r}")
-    if output.exists() and not arguments.overwrite:
-        raise ValueError(f"{output}: expected no such file, found one: --overwrite replaces it")
+    check_free(arguments, output)
     experience = find_experience(scene, arguments.experience)
     view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience)
     output.write_bytes(encoded(shown(view), output.suffix))

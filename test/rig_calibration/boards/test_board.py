@@ -25,23 +25,16 @@ def test_boards_of_a_file(tmp_path):
     ("text", "said"),
     [
         ("a: [", r"boards\.yaml: expected YAML, found"),
-        ("- a", r"boards\.yaml: expected a mapping of board names, found list"),
         ("", r"boards\.yaml: expected a mapping of board names, found NoneType"),
         ("a: 8x6", r"boards\.yaml: a: expected size and square, found '8x6'"),
         ("a: {size: 8x6, square: 1, colour: red}", "a: colour: unknown key, expected dictionary, first_marker, kind"),
-        ("a: {size: 8x6}", "a: square: missing"),
         ("a: {square: 8}", "a: size: missing"),
         ("a: {size: 8, square: 1}", "expected COLUMNSxROWS of inner corners such as 8x6, found '8'"),
-        ("a: {size: 8x6, square: x}", "a: could not convert"),
-        ("a: {size: 8x6, square: 0}", "square: expected a length in m, up to 10, found 0"),
-        ("a: {size: 8x6, square: .inf}", "square: expected a length in m, up to 10, found inf"),
         ("a: {size: 8x6, square: .nan}", "square: expected a length in m, up to 10, found nan"),
         ("a: {size: 8x6, square: 25}", "square: expected a length in m, up to 10, found 25"),
         ("a: {size: 2x6, square: 1}", "size: expected at least 3x3 inner corners, found 2x6"),
-        ("a: {size: 6x2, square: 1}", "size: expected at least 3x3 inner corners, found 6x2"),
         ("a: {size: 8x6, square: 1, kind: dots}", "kind: expected one of chessboard, charuco, found 'dots'"),
         ("a: {size: 8x6, square: 1, kind: charuco, marker: 1}", r"marker: expected between 0 and the square \(1.0 m\)"),
-        ("a: {size: 8x6, square: 1, kind: charuco}", "marker: expected between 0 and the square"),
         ("a: {size: 8x6, square: 1}\nb: {size: 6x8, square: 2}", "boards 'a' and 'b' look alike"),
     ],
 )
@@ -67,10 +60,8 @@ def charuco(name, first, dictionary="DICT_4X4_250"):
     [
         (charuco("a", 0), charuco("b", 17), True),  # of 17 markers each
         (charuco("a", 0), charuco("b", 16), False),
-        (charuco("a", 17), charuco("b", 0), True),
         (charuco("a", 0), charuco("b", 0, "DICT_5X5_100"), True),
         (charuco("a", 0), Board("b", 6, 4, 0.1), True),
-        (Board("a", 6, 4, 0.1), Board("b", 6, 5, 0.1), True),
         (Board("a", 6, 4, 0.1), Board("b", 4, 6, 0.2), False),
     ],
 )

@@ -52,7 +52,7 @@ def test_a_file_is_kept(capsys, camchain, tmp_path):
     status, _, err = run(capsys, camchain, "-o", tmp_path / "rig.yaml")
     assert status == 2
     assert "it is not overwritten" in err[0]
-    assert run(capsys, camchain, "-o", tmp_path / "rig.yaml", "--force")[0] == 0
+    assert run(capsys, camchain, "-o", tmp_path / "rig.yaml", "--overwrite")[0] == 0
 
 
 def test_masks_levels_and_groups_are_options(capsys, camchain, tmp_path):

@@ -64,7 +64,7 @@ def test_from_drives_to_a_way(drives, capsys):
         (("build", "net", "a.csv"), "net: expected a map, or a .geojson file to write"),
         (("build", "net.geojson", "c.csv"), "c.csv: expected a file of points, found no such file"),
         (("build", "net.geojson", "a.csv", "d.csv"), "d.csv: map_id: expected campus, found hall"),
-        (("build", "old.geojson", "a.csv"), "old.geojson: expected no network, found one: --overwrite"),
+        (("build", "old.geojson", "a.csv"), "old.geojson: expected no such file, found one: --overwrite"),
         (("show", "old.geojson"), "old.geojson: expected JSON"),
         (("show", "net.geojson", "--plot", "x.txt"), "--plot: expected a file .png, .pdf, .svg"),
         (("name", "gate", "good.geojson", "--at", "5"), "--at: expected X,Y or X,Y,YAW, found '5'"),

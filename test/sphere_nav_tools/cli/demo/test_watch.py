@@ -11,10 +11,10 @@ import pytest
 from nav_msgs.msg import Odometry
 from tqdm import tqdm
 
-from sphere_nav_tools.cli.demo import processes as processes_module
+from sphere_nav_tools.cli import processes as processes_module
 from sphere_nav_tools.cli.demo import watch as module
-from sphere_nav_tools.cli.demo.processes import Processes
 from sphere_nav_tools.cli.demo.watch import DriveFailed, DriveMonitor
+from sphere_nav_tools.cli.processes import Processes
 from worlds.patience import Patience
 
 
@@ -68,20 +68,6 @@ def test_a_car_that_stands_for_half_a_minute_of_simulated_time_has_failed(tmp_pa
     assert (shown[:4], shown[-1]) == (([0, 0, 1, 2], 20) if speed else ([0, 0, 0, 0], 0))
 
 
-def test_a_service_that_refuses_is_asked_again_a_moment_later(tmp_path, monkeypatch, domain):
-    pauses = []
-    with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
-        monkeypatch.setattr(watch.executor, "spin_once", lambda timeout_sec: pauses.append(timeout_sec))
-        answers = iter(["not yet", "not yet", ""])
-        monkeypatch.setattr(watch, "ask", lambda name: next(answers))
-        watch.insist("start")
-        monkeypatch.setattr(watch, "ask", lambda name: "no path")
-        with pytest.raises(DriveFailed, match="start refused: no path; localiser silent"):
-            watch.insist("start")
-    assert 0.01 <= min(pauses) == max(pauses) <= 1.0  # it hears what is said, and does not hang
-    assert len(pauses) == 2 + module.MAX_CALLS
-
-
 @pytest.mark.dds
 def test_a_node_that_cannot_start_is_told_by_its_last_words(tmp_path, domain):
     with Processes(tmp_path, domain) as processes:
@@ -108,7 +94,7 @@ def test_a_running_node_is_ended_in_order_and_completes_its_bag(tmp_path, domain
 PARENT = """
 import os, sys, time
 from pathlib import Path
-from sphere_nav_tools.cli.demo.processes import Processes
+from sphere_nav_tools.cli.processes import Processes
 with Processes(Path(sys.argv[1]), int(os.environ["ROS_DOMAIN_ID"])) as processes:
     processes.run("sleeper", "import os, time; print(os.getpid(), flush=True); time.sleep(60)")
     time.sleep(60)
@@ -128,17 +114,3 @@ def test_children_end_with_a_parent_that_is_killed(tmp_path):
     while child.is_dir() and patience.is_left():
         time.sleep(0.05)
     assert not child.is_dir()
-
-
-def test_topics_have_other_names_where_they_are_given(tmp_path, monkeypatch, domain):
-    said = []
-    monkeypatch.setattr(Processes, "run", lambda self, name, code, *words: said.append((name, words)))
-    processes = Processes(tmp_path, domain)
-    processes.start("bag_recorder", {"output": "x"}, {"pose": "mcl/pose", "other/pose": "pose"})
-    processes.start("bag_recorder", {"output": "x"})
-    file = str(tmp_path / "bag_recorder.yaml")
-    plain = ("--ros-args", "--params-file", file)
-    assert said == [
-        ("bag_recorder", (*plain, "-r", "pose:=mcl/pose", "-r", "other/pose:=pose")),
-        ("bag_recorder", plain),
-    ]

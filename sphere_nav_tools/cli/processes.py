@@ -72,16 +72,12 @@ class Processes:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._nodes: set[str] = set()  # of these: they end when they are told to
 
-    def start(self, node: str, values: Mapping[str, Any], topics: Mapping[str, str] | None = None) -> None:
-        """Start a node with parameters by dotted name; they are kept in a file beside what it prints.
-
-        `topics`: other names of its topics.
-        """
+    def start(self, node: str, values: Mapping[str, Any]) -> None:
+        """Start a node with parameters by dotted name; they are kept in a file beside what it prints."""
         parameters = self.folder / f"{node}.yaml"
         parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
         self._nodes.add(node)
-        remapped = [word for name, other in (topics or {}).items() for word in ("-r", f"{name}:={other}")]
-        self.run(node, NODE.format(module=module_of(node)), "--ros-args", "--params-file", str(parameters), *remapped)
+        self.run(node, NODE.format(module=module_of(node)), "--ros-args", "--params-file", str(parameters))
 
     def run(self, name: str, code: str, *words: str) -> None:
         """Run Python code as a process."""
