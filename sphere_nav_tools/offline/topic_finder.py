@@ -33,7 +33,6 @@ from sphere_nav_tools.offline.topics import (
     DEPTH,
     TF_STATIC_TOPIC,
     TF_TOPIC,
-    Role,
     camera_names,
     chosen_topics,
     role_of,
@@ -271,7 +270,7 @@ class TopicFinder:
         stream, role = self.by_name[topic], role_of(ours)
         if not _is_usable(stream):
             raise BagError(f"{ours}: {_names([stream])}")
-        if role and stream.type not in role.types:
+        if role.types and stream.type not in role.types:
             raise BagError(f"{ours}: {topic}: expected {role.meaning}, found {stream.type}")
         return topic
 
@@ -285,7 +284,7 @@ class TopicFinder:
         """Return the streams that can be what we call so."""
         if ours == "image_raw":
             return self.views()
-        role = _role(ours)
+        role = role_of(ours)
         return _without_twins(s for s in self.streams if s.type in role.types and not s.problem and role.fits(s))
 
     def _choose(self, group: tuple[str, ...], found: Mapping[str, str]) -> tuple[Candidate, str]:
@@ -301,7 +300,10 @@ class TopicFinder:
         if len(candidates) != 1:
             lacking = [ours for ours, pool in zip(group, pools, strict=True) if not pool][:1] or group
             wanted = group if candidates else lacking
-            what, options = " with ".join(_role(o).meaning for o in wanted), ", ".join(_role(o).option for o in wanted)
+            what, options = (
+                " with ".join(role_of(o).meaning for o in wanted),
+                ", ".join(role_of(o).option for o in wanted),
+            )
             if not candidates:
                 raise BagError(f"expected {what} ({options}), found {_names(self.streams)}")
             offered = "; ".join(" with ".join(stream.topic for stream in candidate) for candidate in candidates)
@@ -320,7 +322,7 @@ class TopicFinder:
         if len(fitting) != 1:
             sizes = ", ".join(f"{info.topic} ({info.width} x {info.height})" for info in fitting or infos) or "none"
             expected = f"camera_info of {image.topic} ({image.width} x {image.height})"
-            raise BagError(f"expected one topic with {expected}, found {sizes}; choose it by {_role(ours).option}")
+            raise BagError(f"expected one topic with {expected}, found {sizes}; choose it by {role_of(ours).option}")
         check_calibration(fitting[0], image, is_pair=ours.startswith(("left", "right")))
         return fitting[0]
 
@@ -419,12 +421,6 @@ def _without_twins(streams: Iterable[Stream]) -> list[Stream]:
         if known is None or (stream.type == IMAGE and known.type != IMAGE):
             best[stream.base] = stream
     return list(best.values())
-
-
-def _role(ours: str) -> Role:
-    role = role_of(ours)
-    assert role is not None  # only what the table has is looked for
-    return role
 
 
 def _names(streams: Iterable[Stream]) -> str:

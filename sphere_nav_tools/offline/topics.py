@@ -46,16 +46,15 @@ ROLES = {
 }
 
 
-def role_of(ours: str) -> Role | None:
-    """Return what a topic of ours is, those of the cameras of a rig by their name; None: nothing that is looked for."""
-    if not ours.startswith("cameras/"):
-        return ROLES.get(ours)
+def role_of(ours: str) -> Role:
+    """Return what a topic of ours is; those of the cameras of a rig by their name, and one of no type for all else."""
     name, _, kind = ours.removeprefix("cameras/").rpartition("/")
+    if not ours.startswith("cameras/") or kind not in ROLES:
+        return ROLES.get(ours, Role(f"--remap {ours}:=TOPIC", ours, ()))
     if kind != "image_raw":
-        return Role(f"--remap {ours}:=TOPIC", f"{kind} of camera {name}", ROLES[kind].types) if kind in ROLES else None
-    return Role(
-        f"--camera {name}=TOPIC", f"images of camera {name}", PICTURES, lambda s: s.is_picture and name in words(s)
-    )
+        return Role(f"--remap {ours}:=TOPIC", f"{kind} of camera {name}", ROLES[kind].types)
+    option, meaning = f"--camera {name}=TOPIC", f"images of camera {name}"
+    return Role(option, meaning, PICTURES, lambda s: s.is_picture and name in words(s))
 
 
 def words(stream: Stream) -> set[str]:
