@@ -32,7 +32,7 @@ from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_camera
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.ros import conversions
-from sphere_nav.ros.bags.mcap_salvage import Salvage
+from sphere_nav.ros.bags.mcap_file import McapFile
 from sphere_nav.ros.bags.reader import BagReader, deserialize
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.bags.streams import read_streams
@@ -158,7 +158,8 @@ def _bag_targets(samples: Samples) -> list[Target]:
         assert set(found) <= messages, "accepted messages that were never written"
 
     def read_salvage(path: Path) -> None:
-        found = [(channel.topic, item.log_time, item.data) for channel, _, item in Salvage(path).messages()]
+        file = McapFile(path, damages=[], is_cut=True)
+        found = [(channel.topic, item.log_time, item.data) for channel, item in file.messages()]
         assert set(found) <= messages, "salvaged messages that were never written"
 
     def read_map(path: Path) -> None:

@@ -432,7 +432,7 @@ def _names() -> list[Exhibit]:
         Exhibit("stereo_only_p", partial(stereo, has_k=False), ros2(), ("map",), "found focal length 0"),
         Exhibit("stereo_no_baseline", partial(stereo, baseline=0.0), ros2(), ONLY, "expected -fx * baseline"),
         Exhibit("infra_names", partial(stereo, names=INFRA), ros2(), NO_ODOMETRY),
-        Exhibit("rig", six_cameras, ros2(), NO_ODOMETRY, "choose it by --image"),
+        Exhibit("rig", six_cameras, ros2(), NO_ODOMETRY, "choose by --image"),
         Exhibit("rig_deep_names", deep, ros2(), NO_ODOMETRY),
         Exhibit("rig_jpeg", packed, ros2(), NO_ODOMETRY),
         Exhibit("rig_with_lenses", partial(six_cameras, has_lenses=True), ros2(), NO_ODOMETRY),

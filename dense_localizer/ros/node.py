@@ -16,8 +16,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, BaseEstimate, Finding, State, Status, status_of
 from sphere_nav.photometric import warm_up
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.depth_intake import DepthCameraIntake
-from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake
+from sphere_nav.ros.camera.intake import Cameras
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.maps.reader import MapReader
@@ -53,16 +52,15 @@ class DenseLocalizerNode(LocalizerNode):
         self.maps.close()
         self.localizer = None
 
-    def make_intake(self) -> CameraIntake | MultiCameraIntake:
+    def make_intake(self) -> Cameras:
         """Subscribe to the camera, or to those of a rig."""
         p, callbacks = self.params, (self.on_picture, self.on_refusal)
         if not self.has_rig:
-            kind = DepthCameraIntake if p.use_depth else CameraIntake
-            return kind(self.endpoints, p, *callbacks, has_sphere_info=True)
+            return Cameras(self.endpoints, p, *callbacks, has_depth=p.use_depth, has_sphere_info=True)
         if p.use_depth:
             raise ValueError(f"use_depth: expected one camera, found several: {p.rig.cameras or p.rig.calibration}")
         calibration = read_calibration(p.rig.calibration, self.maps.reader)
-        return MultiCameraIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
+        return Cameras(self.endpoints, p, *callbacks, rig=p.rig, calibration=calibration, has_sphere_info=True)
 
     @property
     def has_rig(self) -> bool:

@@ -15,6 +15,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.sphere_source import LensOptions, read_sphere
 from sphere_nav_tools.offline.registering import describe_refusal, register_spheres
+from sphere_nav_tools.offline.topic_finder import TopicFinder
 
 HELP = """\
 Align B with A and print the pose of B in A as JSON: T_a_b, covariance of (v, omega) in T_a_b @ exp(xi), residual.
@@ -53,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     params = MapperParams()
     lens = LensOptions(arguments.camera, arguments.baseline, arguments.depth_units)
     a, b = (
-        read_sphere(word, lens, params, lambda bag: topics.choose_topics(bag, arguments))
+        read_sphere(word, lens, params, lambda bag: TopicFinder.of(bag, arguments))
         for word in (arguments.a, arguments.b)
     )
     guess = arguments.guess

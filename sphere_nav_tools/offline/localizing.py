@@ -23,11 +23,11 @@ from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, Recorded
 from sphere_nav.ros.bags.replay import OfflineBus, record, replay
-from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.recorded_camera import patience
 from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free
+from sphere_nav_tools.offline.topic_finder import TopicFinder
 
 UNUSABLE = (Reason.BAD_INFO, Reason.MAP_ERROR, Reason.BAD_STAMP, Reason.TF_STALE)  # an image that was not compared
 
@@ -73,13 +73,14 @@ def replay_localizer(
         bag = stack.enter_context(BagReader(arguments.source))
         bus = OfflineBus(set(published_topics), start_ns=bag.time_range[0])
         stack.callback(bus.close)
-        remap = topics.find_localizer_topics(bag, arguments)
+        finder = TopicFinder.of(bag, arguments)
+        remap = finder.require(finder.find_localizer(arguments.settings))
         mounting = arguments.mounting
         if not mounting and "image_raw" in remap:
-            mounting = topics.note_mounting(bag, remap["image_raw"], arguments)
+            mounting = finder.note_mounting(remap["image_raw"], arguments.settings)
         images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
-        given = {"mounting": mounting, "camera_frame": topics.odd_frame(bag, remap)}
-        add_node(bus, remap, given | patience(read_streams(bag), images))
+        given = {"mounting": mounting, "camera_frame": finder.odd_frame(remap)}
+        add_node(bus, remap, given | patience(finder.streams, images))
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
         bar = stack.enter_context(tqdm(total=total, desc="localise", unit="msg", disable=None))
         published = usable(replay(bag, bus, progress=bar.update), arguments.source)

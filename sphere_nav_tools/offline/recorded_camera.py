@@ -15,10 +15,10 @@ from sensor_msgs.msg import CompressedImage, Image
 from sphere_nav.localization.params import InputParams
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.bags.streams import Stream, read_streams
+from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.conversions import camera_from_info
-from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.constants import SILENT_PERIODS
+from sphere_nav_tools.offline.topic_finder import TopicFinder
 
 TIMEOUT = "input.timeout_s"
 
@@ -44,10 +44,10 @@ class RecordedCamera:
     def __init__(self, path: str | Path, arguments: argparse.Namespace) -> None:
         self._path = path
         with BagReader(path) as bag:
-            chosen = topics.choose_topics(bag, arguments)
-            self._topics = topics.find_topics(bag, ("image_raw", "camera_info"), chosen)
+            finder = TopicFinder.of(bag, arguments)
+            self._topics = finder.require(finder.find(("image_raw", "camera_info")))
             info = next(iter(bag.messages([self._topics["camera_info"]]))).message
-            self.patience = patience(read_streams(bag), [self._topics["image_raw"]])
+            self.patience = patience(finder.streams, [self._topics["image_raw"]])
         self.camera, self.frame_id = camera_from_info(info), str(info.header.frame_id)
         self.odometry = self._topics.get("odom", "")
 

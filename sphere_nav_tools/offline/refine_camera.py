@@ -36,13 +36,13 @@ from sphere_nav.ros.camera.mounting import NAMES as POSE
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import camera_to_info
 from sphere_nav.ros.maps.reader import MapDetails, MapReader
-from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S, REFINE_ROUNDS, SETTLED_PX
 from sphere_nav_tools.offline.mapping.depth_drive import describe_components, refine_depth
 from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, replay_mapper
-from sphere_nav_tools.offline.mapping.sphere_source import find_input
 from sphere_nav_tools.offline.pose_bags import read_poses
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
+from sphere_nav_tools.offline.topic_finder import TopicFinder
+from sphere_nav_tools.offline.topics import BASE_FRAME
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +172,9 @@ def mounting_by_odometry(
         return None, "the bag has no odometry"
     given = read_mounting(arguments.mounting)
     with BagReader(arguments.source) as bag:
-        tree = topics.read_frames(bag)
-    if given is None and tree.is_connected(topics.BASE_FRAME, frame_id):
-        given = tree.lookup(topics.BASE_FRAME, frame_id) @ T_BODY_OPTICAL.inverse()
+        tree = TopicFinder(bag).frames
+    if given is None and tree.is_connected(BASE_FRAME, frame_id):
+        given = tree.lookup(BASE_FRAME, frame_id) @ T_BODY_OPTICAL.inverse()
     base, is_known = read_poses(bag.path, (odometry,)).at(camera.stamps_ns, MAX_ODOMETRY_GAP_NS)
     T_map_body: SE3 = camera.T_map_body[is_known] @ T_BODY_OPTICAL.inverse()
     try:
@@ -192,7 +192,7 @@ def mounting_values(found: Mounting) -> dict[str, dict[str, float]]:
 def mounting_lines(found: Mounting) -> Iterator[str]:
     """Yield what is printed."""
     left = "{:.3f} m, {:.4f} rad".format(*found.rms)
-    yield f"mounting on {topics.BASE_FRAME}: {found.num_pieces} pieces of the drive, left of each {left}"
+    yield f"mounting on {BASE_FRAME}: {found.num_pieces} pieces of the drive, left of each {left}"
     for name, value, sigma in zip(NAMES, found.values, found.deviations, strict=True):
         note = "  NOT OBSERVED by this drive: as it was given" if name in found.unobserved else ""
         yield f"{name:<15}{value:10.4f} +- {sigma:.4f}{note}"
@@ -205,12 +205,12 @@ def run_depth(arguments: argparse.Namespace) -> int:
     given = {"camera.readout": arguments.readout, "mapper.loop.automatic": False}
     values = given | arguments.settings | {"input": "rgbd"}
     with BagReader(arguments.source) as bag:
-        chosen = topics.choose_topics(bag, arguments)
-        kind = find_input(bag, chosen)
+        finder = TopicFinder.of(bag, arguments)
+        kind = finder.find_kind()
         if kind != "rgbd":
             raise BagError(f"{arguments.source}: expected images with depth where no MAP is given, found {kind}")
-        found = topics.find_topics(bag, TOPICS["rgbd"], chosen)
-        values = {"slack_s": topics.pairing_slack(bag, found["image_raw"])} | values
+        found = finder.require(finder.find(TOPICS["rgbd"]))
+        values = {"slack_s": finder.slack_s(found["image_raw"])} | values
         drive = replay_mapper(Recipe(arguments.source, values, found, MapDetails()), Mapper)
         if not drive.mapper.tracks:
             raise BagError(f"{arguments.source}: expected images to align, found none: {drive.refusal}")

@@ -13,9 +13,10 @@ import reprlib
 import stat
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal, InvalidOperation
+from io import BufferedReader
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import yaml
@@ -28,7 +29,7 @@ MAX_ARRAY_BYTES = 1 << 32
 NPY_MAGIC = b"\x93NUMPY"
 
 
-def open_file(path: str | os.PathLike[str], what: str, max_bytes: int) -> BinaryIO:
+def open_file(path: str | os.PathLike[str], what: str, max_bytes: int) -> BufferedReader:
     """Open a regular file for reading; ValueError in one line where it is none, or larger than `max_bytes`.
 
     `what` names the kind of file that was expected. What is checked is what is opened, also behind a link.

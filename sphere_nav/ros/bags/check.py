@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import SALVAGE, SQLITE
-from sphere_nav.ros.bags.mcap_salvage import Salvage
+from sphere_nav.ros.bags.mcap_file import McapFile
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, TopicInfo
-from sphere_nav.ros.bags.writer import BagWriter, is_being_written
+from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.interfaces import message_class
 
 Progress = Callable[[int], None]
@@ -62,24 +62,24 @@ def verify_bag(path: str | Path, progress: Progress = lambda step: None) -> BagR
 def salvage(source: str | Path, target: str | Path, progress: Progress = lambda step: None) -> int:
     """Copy what is whole of a damaged bag into a new bag; return the number of messages."""
     source = Path(source)
-    if is_being_written(source if source.is_dir() else source.parent):
-        raise BagError(f"{source}: is being written by another process: nothing to salvage while that runs")
     files = [source] if source.is_file() else sorted(source.glob("*.mcap"))
     if any(file.suffix == SQLITE for file in files or source.glob(f"*{SQLITE}")):
         raise BagError(f"{source}: expected an .mcap file to salvage, found sqlite3: {SALVAGE}")
     if not files:
         raise BagError(f"{source}: expected an .mcap file or a folder with one, found none")
-    readers = [Salvage(file) for file in files]
-    if not any(True for reader in readers for _ in islice(reader.messages(), 1)):
-        raise BagError(f"{source}: expected a whole chunk to salvage, found none")
-    with BagWriter(target, suffix=SALVAGING) as bag:
-        for reader in readers:
-            for channel, schema, message in reader.messages():
-                if bag.type_of(channel.topic) in ("", schema.name):  # two types on one topic: the first one is kept
+    with ExitStack() as stack, BagWriter(target, suffix=SALVAGING) as bag:
+        for file in files:
+            reader = McapFile(file, damages=[], is_cut=True)
+            stack.callback(reader.close)
+            for channel, message in reader.messages():
+                schema = reader.summary.schemas.get(channel.schema_id)
+                if schema and bag.type_of(channel.topic) in ("", schema.name):  # of two types on a topic the first one
                     offers = qos.from_yaml(channel.metadata.get("offered_qos_profiles", ""))
                     bag.add_topic(channel.topic, schema.name, *offers, schema=schema)
                     bag.write_bytes(channel.topic, message.data, message.log_time, published=message.publish_time)
                     progress(1)
+        if not bag.num_messages:
+            raise BagError(f"{source}: expected a whole chunk to salvage, found none")
         bag.annotate("salvaged_from", os.fspath(source))
         count = bag.num_messages
     with BagReader(target, is_empty_allowed=True) as bag_read:

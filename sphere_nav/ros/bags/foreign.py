@@ -1,21 +1,14 @@
 """Bags in other storages than MCAP, read by `rosbags`: sqlite3 and ROS 1.
 
-A database with a write-ahead log or a journal beside it, as a crash leaves it, is read from a temporary copy into which
-SQLite has merged that; the bag itself is never written to.
 What ROS 1 recorded becomes the ROS 2 message of the same name: the header loses its `seq`.
 """
 
 from __future__ import annotations
 
 import io
-import os
-import shutil
-import sqlite3
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -30,13 +23,12 @@ from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import ROS1, SALVAGE, SQLITE
-from sphere_nav.ros.bags.mcap_records import MAX_CHUNK
+from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, BoundedFile
 from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
-from sphere_nav.ros.bags.unpack import FREE_SHARE, unpack
+from sphere_nav.ros.bags.unpack import unpack
 
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 SIDE_FILES = ("-wal", "-journal")  # of SQLite: what is not yet, or not to be, in the database
-MAX_TOPICS = 10_000
 
 
 class ForeignBag:
@@ -44,7 +36,6 @@ class ForeignBag:
 
     def __init__(self, path: Path) -> None:
         self._path, self._is_open = path, False
-        self._merged: MergedCopy | None = None
         try:
             self._open(path)
             self.topics = self._guard(self._read_topics)
@@ -56,12 +47,7 @@ class ForeignBag:
     def _open(self, path: Path) -> None:
         files = sorted(path.glob(f"*{SQLITE}")) if path.is_dir() else [path] * (path.suffix == SQLITE)
         for file in files or [path] * (path.suffix == ROS1):
-            self._guard(partial(_check_regular, file))
-        if any(side_files(file) for file in files):
-            self._merged = MergedCopy(path, files)
-            path, files = self._merged.path, self._merged.files
-        for file in files:
-            self._guard(partial(_check_sqlite, file))
+            self._guard(partial(_check_file, file))
         reader = Ros1Reader if path.suffix == ROS1 else Ros2Reader
         self._reader: Any = self._guard(lambda: reader(_BoundedPath(path)))
         self._guard(self._reader.open)
@@ -90,21 +76,20 @@ class ForeignBag:
             if found is None:
                 return
             connection, stamp_ns, data = found
+            stamp_ns, data = self._guard(partial(_plain, stamp_ns, data))
             if len(data) > MAX_CHUNK:
                 raise BagError(
                     f"{self._path}: {connection.topic}: expected at most {MAX_CHUNK} bytes, found {len(data)}"
                 )
             if self._path.suffix == ROS1:
                 data = self._guard(partial(self._convert, connection.msgtype, data))
-            yield Recorded(_topic_of(connection), int(stamp_ns), bytes(data))
+            yield Recorded(_topic_of(connection), stamp_ns, data)
 
     def close(self) -> None:
         """Close the files."""
         if self._is_open:
             self._reader.close()
             self._is_open = False
-        if self._merged is not None:
-            self._merged.close()
 
     def _read_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}
@@ -123,21 +108,10 @@ class ForeignBag:
             raise
         except Exception as error:
             text = " ".join(str(error).split()) or type(error).__name__
-            if self._merged is not None:
-                text = text.replace(self._merged.folder, str(self._path if self._path.is_dir() else self._path.parent))
             if isinstance(error, BagError) and text.startswith(str(self._path)):
                 raise BagError(text) from None
-            raise BagError(f"{self._path}: expected a readable bag, found: {text[:200]}") from None
-
-
-class _BoundedFile(io.BufferedReader):
-    """A file that never asks for memory beyond its end, whatever size is written in it."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """Return up to `size` bytes, all where it is negative."""
-        if size is not None and size > io.DEFAULT_BUFFER_SIZE:
-            size = max(0, min(size, os.fstat(self.fileno()).st_size - self.tell()))
-        return super().read(size)
+            remedy = "" if self._path.suffix == ROS1 else f"; {SALVAGE}"
+            raise BagError(f"{self._path}: expected a readable bag, found: {text[:200]}{remedy}") from None
 
 
 class _BoundedPath(type(Path())):  # type: ignore[misc]  # PosixPath: the library opens what it is given by `open`
@@ -145,7 +119,7 @@ class _BoundedPath(type(Path())):  # type: ignore[misc]  # PosixPath: the librar
 
     def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
         """Open as Path does."""
-        return _BoundedFile(io.FileIO(self)) if mode == "rb" else super().open(mode, *args, **options)
+        return BoundedFile(io.FileIO(self)) if mode == "rb" else super().open(mode, *args, **options)
 
 
 def _bound_chunk(chunk: Any) -> Any:
@@ -190,101 +164,20 @@ def _profiles(connection: Connection) -> list[QoSProfile]:
     return [qos.LATCHED] if is_latched else []
 
 
-def _check_regular(file: Path) -> None:
-    """Refuse a pipe or a device, which a library would wait for."""
+def _plain(stamp_ns: Any, data: Any) -> tuple[int, bytes]:
+    """Return time and bytes of a message; TypeError or ValueError where a database has something else there."""
+    return int(stamp_ns), bytes(memoryview(data))
+
+
+def _check_file(file: Path) -> None:
+    """Refuse a pipe or a device, which a library would wait for, and a database of which a part lies beside it."""
     try:
         open_file(file, "bag", LIMITS["bag"]).close()
         if not file.stat().st_size:  # also a file of /proc, which may have no end
             raise ValueError(f"{file}: expected a bag, found an empty file")
     except ValueError as error:
         raise BagError(str(error)) from None
-
-
-def side_files(database: Path) -> list[Path]:
-    """Return the log and the journal beside a database, where they hold anything."""
-    beside = [database.with_name(f"{database.name}{end}") for end in SIDE_FILES]
-    return [file for file in beside if file.exists() and file.stat().st_size]
-
-
-class MergedCopy:
-    """A temporary copy of a bag: its databases with what lies beside them merged in, links to all else."""
-
-    def __init__(self, path: Path, databases: list[Path]) -> None:
-        """Raise BagError where there is no room for the copy, or where the bag is being written."""
-        self._folder = TemporaryDirectory(prefix="sphere_nav_")
-        self.folder = self._folder.name
-        folder = Path(self.folder)
-        try:
-            self.files = [self._merge(file, folder) if side_files(file) else self._link(file) for file in databases]
-            if path.is_dir() and (path / "metadata.yaml").is_file():
-                self._link(path / "metadata.yaml")
-        except BaseException as error:
-            self.close()
-            if isinstance(error, (OSError, ValueError, sqlite3.Error)) and not isinstance(error, BagError):
-                text = " ".join(str(error).split())[:200]
-                raise BagError(f"{path}: expected a database whose log can be merged, found: {text}") from None
-            raise
-        self.path = folder if path.is_dir() else self.files[0]
-
-    def _link(self, file: Path) -> Path:
-        link = Path(self.folder, file.name)
-        link.symlink_to(file.resolve())
-        return link
-
-    def _merge(self, file: Path, folder: Path) -> Path:
-        sources = [file, *side_files(file)]
-        before = [(source.stat().st_size, source.stat().st_mtime_ns) for source in sources]
-        total, free = sum(size for size, _ in before), shutil.disk_usage(folder).free
-        if total > FREE_SHARE * free:
-            names = ", ".join(source.name for source in sources[1:])
-            expected = f"{total} bytes free in {folder.parent} for a copy into which {names} is merged"
-            remedy = f"merge it in place: sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
-            raise BagError(f"{file}: expected {expected}, found {free}; set TMPDIR, or {remedy}")
-        for source in sources:
-            with open_file(source, "database", LIMITS["bag"]) as read, (folder / source.name).open("wb") as written:
-                shutil.copyfileobj(read, written, 1 << 20)
-        if before != [(source.stat().st_size, source.stat().st_mtime_ns) for source in sources]:
-            raise BagError(f"{file}: expected a bag that is complete, found one that is being written")
-        with closing(sqlite3.connect(folder / file.name)) as database:
-            database.execute("PRAGMA trusted_schema=OFF")
-            database.execute("PRAGMA journal_mode=DELETE").fetchone()
-        return folder / file.name
-
-    def close(self) -> None:
-        """Remove it."""
-        self._folder.cleanup()
-
-
-def _check_sqlite(path: Path) -> None:
-    """Refuse what a recorder does not write, before anything is allocated.
-
-    A view may compute without end, a column may be generated, a topic may be there many times, a message absurd.
-    """
-    odd = "typeof(data) <> 'blob' OR typeof(timestamp) <> 'integer' OR typeof(topic_id) <> 'integer'"
-    try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
-            database.execute("PRAGMA trusted_schema=OFF")
-            _check_tables(path, database)
-            largest, num_odd = database.execute(f"SELECT max(length(data)), sum({odd}) FROM messages").fetchone()
-            num_topics, num_ids = database.execute("SELECT count(*), count(DISTINCT id) FROM topics").fetchone()
-    except (sqlite3.Error, OSError) as error:
-        raise BagError(f"{path}: expected a rosbag2 database, found: {error}; {SALVAGE}") from None
-    if largest is not None and int(largest) > MAX_CHUNK:
-        raise BagError(f"{path}: expected messages of at most {MAX_CHUNK} bytes, found one of {largest}")
-    if num_odd:
-        raise BagError(f"{path}: expected messages of bytes with a stamp and a topic, found {num_odd} others")
-    if num_topics != num_ids or num_topics > MAX_TOPICS:
-        raise BagError(f"{path}: expected up to {MAX_TOPICS} topics, found {num_topics} with {num_ids} ids")
-
-
-def _check_tables(path: Path, database: sqlite3.Connection) -> None:
-    tables = []
-    for kind, name, text in database.execute("SELECT type, name, sql FROM sqlite_master").fetchall():
-        is_virtual = "virtual" in str(text).lower().split("(")[0]
-        if kind not in ("table", "index") or is_virtual:
-            raise BagError(f"{path}: expected tables alone, found the {'virtual ' * is_virtual}{kind} {name!r}")
-        tables += [name] * (kind == "table")
-    for name in tables:
-        columns = database.execute("SELECT name, hidden FROM pragma_table_xinfo(?)", (name,)).fetchall()
-        if hidden := [column for column, is_hidden in columns if is_hidden]:
-            raise BagError(f"{path}: {name}: expected columns that are stored, found {hidden[0]!r}")
+    for beside in (file.with_name(f"{file.name}{end}") for end in SIDE_FILES):
+        if beside.exists() and beside.stat().st_size:
+            remedy = f"sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)' merges it"
+            raise BagError(f"{file}: expected a whole database, found {beside.name} beside it: {remedy}")

@@ -1,47 +1,107 @@
-"""One MCAP file as an untrusted input: sizes are checked before anything is allocated, checksums always."""
+"""One MCAP file, read by `mcap`: sizes are bounded before anything is allocated, checksums are checked always."""
 
 from __future__ import annotations
 
 import heapq
+import io
+import os
+import struct
+import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from mcap.records import Channel, ChunkIndex, Message
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Message, Schema, Statistics
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import open_file
-from sphere_nav.ros.bags.mcap_records import FOOTER, MAGIC, Loose, read_summary, record_at, records_at, scan
-from sphere_nav.ros.bags.mcap_salvage import readable_part
 from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.unpack import unpack
 
+MAX_CHUNK = 1 << 28  # bytes of a record, packed or not; one message of a chunk is the least that is read at once
 MAX_HELD = 1 << 29  # bytes of messages that wait for their turn, where chunks overlap in time
 OVERHEAD = 300  # bytes of memory of a message beside its data
+IN_CHUNK = -1  # place of a chunk among the messages at its beginning
+MAGIC = b"\x89MCAP0\r\n"
+FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, CRC
+
+
+class BoundedFile(io.BufferedReader):
+    """A file that never asks for memory beyond its end, whatever size is written in it."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return up to `size` bytes, all where it is negative."""
+        if size is not None and size > io.DEFAULT_BUFFER_SIZE:
+            size = max(0, min(size, os.fstat(self.fileno()).st_size - self.tell()))
+        return super().read(size)
+
+
+@contextmanager
+def told(what: str) -> Iterator[None]:
+    """Whatever a library raises about a damaged bag becomes BagError, in one line."""
+    try:
+        yield
+    except (MemoryError, BagError):
+        raise
+    except Exception as error:
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise BagError(f"expected {what}, found: {text[:200]}") from None
+
+
+def read_chunk(stream: BinaryIO, place: int) -> list[Any]:
+    """Return messages and definitions of the chunk at a place; BagError where it is damaged, or none."""
+    with told("a whole chunk"):
+        chunk = next(_records(stream, place))
+        if not isinstance(chunk, Chunk):
+            raise BagError(f"expected a chunk, found {type(chunk).__name__}")
+        return unpack_chunk(chunk)
+
+
+def unpack_chunk(chunk: Chunk) -> list[Any]:
+    """Return messages and definitions of a chunk; BagError where it is damaged, or larger than the limit."""
+    if chunk.uncompressed_size > MAX_CHUNK:
+        raise BagError(f"expected at most {MAX_CHUNK} bytes, found {chunk.uncompressed_size}")
+    plain = unpack(chunk.data, chunk.compression, chunk.uncompressed_size)
+    if len(plain) != chunk.uncompressed_size:
+        raise BagError(f"expected {chunk.uncompressed_size} bytes after decompression, found {len(plain)}")
+    with told("whole records"):
+        return breakup_chunk(replace(chunk, compression="", data=plain), validate_crc=True)
+
+
+def _records(stream: BinaryIO, place: int) -> Iterator[Any]:
+    """Yield the records from a place on, chunks as they are."""
+    stream.seek(place)
+    reader = StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=MAX_CHUNK)
+    return iter(reader.records)
 
 
 class McapFile:
     """An MCAP file with its summary; BagError if it is none, or not complete.
 
     `damages` takes a line for each chunk that cannot be read, which is passed over then; without it that is a BagError.
+    With `is_cut` a file without its end is read as far as it goes, too.
     """
 
-    def __init__(self, path: Path, damages: list[str] | None = None) -> None:
-        self.path, self._damages = path, damages
+    def __init__(self, path: Path, damages: list[str] | None = None, *, is_cut: bool = False) -> None:
+        self.path, self._damages, self._is_cut = path, damages, is_cut
         try:
-            self.stream = open_file(path, "bag", LIMITS["bag"])
+            self.stream = BoundedFile(open_file(path, "bag", LIMITS["bag"]).detach())
         except OSError as error:
             raise BagError(f"{path}: cannot be read: {error.strerror}") from None
         except ValueError as error:
             raise BagError(str(error)) from None
         self.size = self.stream.seek(0, 2)
-        self._loose: list[Loose] = []
+        self._loose: list[tuple[int, int]] = []  # log time and place of messages outside of chunks
         try:
-            self._check_ends()
             self.summary = self._read_summary()
         except BagError as error:
             self.stream.close()
-            raise self._name(error) from None
+            raise BagError(f"{self.path}: {error}") from None
         except BaseException:
             self.stream.close()
             raise
@@ -49,6 +109,12 @@ class McapFile:
     def close(self) -> None:
         """Close the file."""
         self.stream.close()
+
+    @property
+    def statistics(self) -> Statistics:
+        """Numbers and times of the messages."""
+        assert self.summary.statistics is not None  # of a file without it they are counted
+        return self.summary.statistics
 
     def messages(
         self, channels: set[int] | None = None, start_ns: int | None = None, end_ns: int | None = None
@@ -58,57 +124,63 @@ class McapFile:
         try:
             yield from self._sort(channels, *stamps)
         except BagError as error:
-            raise self._name(error) from None
+            raise self._named(error) from None
 
     def chunk(self, index: ChunkIndex) -> list[tuple[Channel, Message]]:
-        """Return the messages of one chunk in the order of the file, not copied; BagError if it is damaged."""
+        """Return the messages of one chunk in the order of the file; BagError if it is damaged."""
         try:
-            return list(self._chunk(index.chunk_start_offset, is_view=True))
+            return self._chunk(index.chunk_start_offset)
         except BagError as error:
-            raise self._name(error) from None
+            raise self._named(error) from None
 
     def _sort(self, channels: set[int] | None, start: int, end: int) -> Iterator[tuple[Channel, Message]]:
         indexes = {index.chunk_start_offset: index for index in self.summary.chunk_indexes}
         queue: list[tuple[int, int, int, Any]] = [
-            (index.message_start_time, offset, -1, index)
+            (index.message_start_time, offset, IN_CHUNK, None)
             for offset, index in indexes.items()
             if index.message_end_time >= start and index.message_start_time <= end and _may_hold(index, channels)
         ]
-        queue += [(loose.log_time, loose.begin, 0, loose) for loose in self._loose if start <= loose.log_time <= end]
+        queue += [(stamp, place, 0, None) for stamp, place in self._loose if start <= stamp <= end]
         heapq.heapify(queue)
         held = 0
         while queue:
-            _, offset, _, item = heapq.heappop(queue)
-            if isinstance(item, ChunkIndex):
-                for place, (channel, message) in enumerate(self._readable(offset)):
-                    if (channels is None or channel.id in channels) and start <= message.log_time <= end:
-                        heapq.heappush(queue, (message.log_time, offset, place, (channel, message)))
-                        held += len(message.data) + OVERHEAD
-                    if held > MAX_HELD:
-                        raise BagError(f"expected chunks in order of time, found {MAX_HELD} bytes that overlap")
+            _, offset, place, item = heapq.heappop(queue)
+            if item is not None:
+                held -= len(item[1].data) + OVERHEAD
+                yield item
                 continue
-            if isinstance(item, Loose):
-                message = record_at(self.stream, item.begin, item.end)
-                channel = self._channel(message)
-            else:
-                channel, message = item
-                held -= len(message.data) + OVERHEAD
-            if channels is None or channel.id in channels:
-                yield channel, message
+            found = self._readable(offset) if place == IN_CHUNK else [self._single(offset)]
+            for number, (channel, message) in enumerate(found):
+                if (channels is None or channel.id in channels) and start <= message.log_time <= end:
+                    heapq.heappush(queue, (message.log_time, offset, number, (channel, message)))
+                    held += len(message.data) + OVERHEAD
+                if held > MAX_HELD:
+                    raise BagError(f"expected chunks in order of time, found {MAX_HELD} bytes that overlap")
 
-    def _readable(self, place: int) -> Iterator[tuple[Channel, Message]]:
+    def _readable(self, place: int) -> list[tuple[Channel, Message]]:
         try:
-            yield from self._chunk(place)
+            return self._chunk(place)
         except BagError as error:
-            if self._damages is None:
-                raise
-            if (told := str(self._name(error))) not in self._damages:
-                self._damages.append(told)
+            self._note(error)
+            return []
 
-    def _chunk(self, place: int, *, is_view: bool = False) -> Iterator[tuple[Channel, Message]]:
-        for record in records_at(self.stream, place, self.size, is_view=is_view):
-            if isinstance(record, Message):
-                yield self._channel(record), record
+    def _note(self, error: BagError) -> None:
+        if self._damages is None:
+            raise error
+        if (line := str(self._named(error))) not in self._damages:
+            self._damages.append(line)
+
+    def _chunk(self, place: int) -> list[tuple[Channel, Message]]:
+        try:
+            records = read_chunk(self.stream, place)
+        except BagError as error:
+            raise BagError(f"chunk at byte {place}: {error}") from None
+        return [(self._channel(record), record) for record in records if isinstance(record, Message)]
+
+    def _single(self, place: int) -> tuple[Channel, Message]:
+        with told(f"a message at byte {place}"):
+            message = next(_records(self.stream, place))
+        return self._channel(message), message
 
     def _channel(self, message: Message) -> Channel:
         channel = self.summary.channels.get(message.channel_id)
@@ -116,44 +188,105 @@ class McapFile:
             raise BagError(f"message: expected a channel of the summary, found channel {message.channel_id}")
         return channel
 
-    def _check_ends(self) -> None:
+    def _read_summary(self) -> Summary:
+        """Return the summary; of a file without, or without its end where that is no damage, what is in the file."""
         if self.size == 0:
             raise BagError("expected an MCAP file, found an empty file")
-        first = self._read(0, len(MAGIC))
-        if first != MAGIC:
+        first = self._read_at(0, len(MAGIC))
+        if first != MAGIC and not self._is_cut:
             raise BagError(f"expected an MCAP file, found one that begins with {first.hex(' ')}")
-        if self.size < 2 * len(MAGIC) + FOOTER.size or self._read(self.size - len(MAGIC), len(MAGIC)) != MAGIC:
-            found = readable_part(self.path)
-            seconds = (found.end_ns - found.start_ns) / 1e9
-            raise BagError(
-                f"truncated MCAP: {found.num_messages} messages ({seconds:.1f} s) in {found.num_bytes} of"
-                f" {self.size} bytes are readable and can be salvaged"
-            )
+        begin = self.size - len(MAGIC) - FOOTER.size
+        if begin < len(MAGIC) or self._read_at(self.size - len(MAGIC), len(MAGIC)) != MAGIC:
+            if self._is_cut:
+                return self._scan()
+            raise BagError("truncated MCAP: expected its end, found none: verify-bag --salvage saves what is readable")
+        try:
+            with told("a whole summary"):
+                self._check_summary(begin)
+                self.stream.seek(0)
+                summary = SeekingReader(self.stream, record_size_limit=MAX_CHUNK).get_summary()
+        except BagError as error:
+            if self._is_cut:
+                return self._scan()
+            raise BagError(f"damaged summary: {error}") from None
+        return summary if summary is not None and _is_complete(summary) else self._scan()  # some writers do without
 
-    def _read(self, place: int, num_bytes: int) -> bytes:
+    def _check_summary(self, begin: int) -> None:
+        footer = self._read_at(begin, FOOTER.size)
+        _, _, start, _, crc = FOOTER.unpack(footer)
+        if (start and not len(MAGIC) <= start <= begin) or (begin - start > MAX_CHUNK and start):
+            raise BagError(f"expected it before byte {begin}, found it at {start}")
+        found = zlib.crc32(footer[:-4], zlib.crc32(self._read_at(start, begin - start))) if start and crc else crc
+        if found != crc:
+            raise BagError(f"checksum: expected {crc:08x}, found {found:08x}")
+
+    def _scan(self) -> Summary:
+        """Read the whole file; BagError where it is damaged, unless it is read as far as it goes."""
+        summary, place = Summary(), len(MAGIC)
+        summary.statistics = Statistics(0, 0, {}, 0, 0, 0, 0, 0, 0)
+        try:
+            with told(f"a whole record after byte {place}"):
+                for record in _records(self.stream, place):
+                    if isinstance(record, DataEnd):  # behind it a summary repeats what was told
+                        break
+                    begin, place = place, self.stream.tell()
+                    if isinstance(record, Message):
+                        self._loose.append((record.log_time, begin))
+                    _add(summary, self._parts(record, begin, summary))
+        except BagError as error:
+            if not self._is_cut:
+                raise
+            self._note(error)
+        return summary
+
+    def _parts(self, record: Any, begin: int, summary: Summary) -> list[Any]:
+        """Return what a record holds; a chunk is added to the index."""
+        if not isinstance(record, Chunk):
+            return [record]
+        try:
+            parts = unpack_chunk(record)
+        except BagError as error:
+            if not self._is_cut:
+                raise BagError(f"chunk at byte {begin}: {error}") from None
+            self._note(BagError(f"chunk at byte {begin}: {error}"))
+            return []
+        messages = [part for part in parts if isinstance(part, Message)]
+        own, stamps = {message.channel_id: 0 for message in messages}, [message.log_time for message in messages]
+        first, last = min(stamps, default=0), max(stamps, default=0)
+        summary.chunk_indexes.append(ChunkIndex(0, begin, "", 0, last, 0, own, first, 0))
+        return parts
+
+    def _read_at(self, place: int, num_bytes: int) -> bytes:
         self.stream.seek(place)
         return self.stream.read(num_bytes)
 
-    def _read_summary(self) -> Summary:
-        summary = read_summary(self.stream, self.size)
-        if summary is None or not (summary.chunk_indexes or _is_empty(summary)) or _lacks_channels(summary):
-            summary, self._loose = scan(self.stream, self.size)  # some writers do without
-        return summary
-
-    def _name(self, error: BagError) -> BagError:
+    def _named(self, error: BagError) -> BagError:
         text = str(error)
         return error if text.startswith(str(self.path)) else BagError(f"{self.path}: {text}")
 
 
-def _is_empty(summary: Summary) -> bool:
-    return summary.statistics is not None and summary.statistics.message_count == 0
+def _add(summary: Summary, parts: list[Any]) -> None:
+    statistics = summary.statistics
+    assert statistics is not None
+    for part in parts:
+        if isinstance(part, Schema):
+            summary.schemas[part.id] = part
+        elif isinstance(part, Channel):
+            summary.channels[part.id] = part
+        elif isinstance(part, Message):
+            counts, stamp, is_first = statistics.channel_message_counts, part.log_time, not statistics.message_count
+            counts[part.channel_id] = counts.get(part.channel_id, 0) + 1
+            statistics.message_count += 1
+            statistics.message_start_time = stamp if is_first else min(statistics.message_start_time, stamp)
+            statistics.message_end_time = max(statistics.message_end_time, stamp)
 
 
-def _lacks_channels(summary: Summary) -> bool:
-    """Whether a writer has left channels or types where they were first used, and does not repeat them at the end."""
-    counted = summary.statistics.channel_message_counts if summary.statistics is not None else {}
-    kinds = {channel.schema_id for channel in summary.channels.values()} - {0}
-    return bool(counted.keys() - summary.channels.keys() or kinds - summary.schemas.keys())
+def _is_complete(summary: Summary) -> bool:
+    """Whether messages, channels and types are all told; some writers leave them where they were first used."""
+    if summary.statistics is None or (summary.statistics.message_count and not summary.chunk_indexes):
+        return False
+    counted, kinds = summary.statistics.channel_message_counts, {one.schema_id for one in summary.channels.values()}
+    return counted.keys() <= summary.channels.keys() and kinds - {0} <= summary.schemas.keys()
 
 
 def _may_hold(index: ChunkIndex, channels: set[int] | None) -> bool:

@@ -12,8 +12,7 @@ from typing import Any, Self
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_text, required, short
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import PlainView, compression_of, is_foreign, lone_file
-from sphere_nav.ros.bags.mcap_file import McapFile
-from sphere_nav.ros.bags.mcap_records import MAX_CHUNK
+from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, McapFile
 from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 from sphere_nav.ros.bags.unpack import unpack
 from sphere_nav.ros.bags.writer import absolute
@@ -89,8 +88,9 @@ class BagReader:
         """Time of the first and of the last message in ns; (0, 0) for an empty bag."""
         if self._foreign is not None:
             return self._foreign.time_range or (0, 0)
-        spans = [span for span in (_span(file) for file in self.files) if span is not None]
-        return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (0, 0)
+        spans = [file.statistics for file in self.files if file.statistics.message_count]
+        first = min((span.message_start_time for span in spans), default=0)
+        return first, max((span.message_end_time for span in spans), default=0)
 
     def require(self, topic: str, kind: type[Any] | None = None) -> TopicInfo:
         """Return a topic; BagError, naming those that are there, unless the bag has messages of that type on it."""
@@ -171,7 +171,7 @@ class BagReader:
     def _read_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}
         for file in self.files:
-            counts = _counts(file)
+            counts = file.statistics.channel_message_counts
             for channel in file.summary.channels.values():
                 schema = file.summary.schemas.get(channel.schema_id)
                 kind = schema.name if schema else ""
@@ -194,24 +194,6 @@ def deserialize(data: bytes, kind: type[Any], where: str) -> Any:
 def _topic_info(name: str, kind: str, metadata: dict[str, str]) -> TopicInfo:
     profiles = qos.from_yaml(metadata.get("offered_qos_profiles", ""))
     return TopicInfo(name, kind, 0, profiles, metadata.get("topic_type_hash", ""))
-
-
-def _counts(file: McapFile) -> dict[int, int]:
-    statistics = file.summary.statistics
-    if statistics is not None:
-        return dict(statistics.channel_message_counts)
-    counts: dict[int, int] = {}
-    for channel, _ in file.messages():
-        counts[channel.id] = counts.get(channel.id, 0) + 1
-    return counts
-
-
-def _span(file: McapFile) -> tuple[int, int] | None:
-    statistics = file.summary.statistics
-    if statistics is not None:
-        return (statistics.message_start_time, statistics.message_end_time) if statistics.message_count else None
-    stamps = [message.log_time for _, message in file.messages()]
-    return (min(stamps), max(stamps)) if stamps else None
 
 
 def _mcap_files(path: Path, information: dict[str, Any] | None) -> list[Path]:

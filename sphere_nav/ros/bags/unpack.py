@@ -7,7 +7,6 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import zstandard
 
 from sphere_nav.geometry.files.untrusted import short
@@ -38,22 +37,6 @@ def unpack(data: bytes, compression: str, max_size: int) -> bytes:
     if compression:
         raise BagError(f"compression: expected zstd, lz4, bz2 or none, found {short(compression)}")
     return data
-
-
-def unpack_large(data: bytes, compression: str, size: int) -> memoryview:
-    """Return `unpack` of so many bytes, in an array: NumPy asks for large pages, which halves the time of 7 MB."""
-    if compression != "zstd":
-        return memoryview(unpack(data, compression, size))
-    plain, found = np.empty(size, np.uint8), 0
-    try:
-        with zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(data) as reader:
-            while found < size and (more := reader.readinto(plain[found:].data)):
-                found += more
-            if found == size and reader.read(1):
-                raise BagError(f"expected at most {size} bytes after decompression, found more")
-    except zstandard.ZstdError as error:
-        raise BagError(f"expected zstd data, found damage: {' '.join(str(error).split())}") from None
-    return plain[:found].data
 
 
 def unpack_file(source: Path, target: Path) -> None:

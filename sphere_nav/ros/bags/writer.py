@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shlex
 import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -17,13 +15,10 @@ from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 import yaml
-from mcap.data_stream import ReadDataStream, RecordBuilder
-from mcap.records import ChunkIndex, Schema
+from mcap.records import Schema
 from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
 
-from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import serialize_to_store
@@ -59,33 +54,11 @@ class _Span:
         self.count += 1
 
 
-class _IndexFile:
-    """The index of the chunks, in a file without a name: as objects it takes 0.6 kB of memory a second, or more."""
-
-    def __init__(self, folder: Path) -> None:
-        self._file: Any = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  # closed with the bag
-        self.close = self._file.close
-
-    def append(self, index: ChunkIndex) -> None:
-        """Keep one."""
-        record = RecordBuilder()
-        index.write(record)
-        self._file.write(record.end())
-
-    def __iter__(self) -> Iterator[ChunkIndex]:
-        self._file.seek(0)
-        stream = ReadDataStream(self._file)
-        while self._file.peek(1):
-            stream.read(9)  # the kind of the record, its length
-            yield ChunkIndex.read(stream)
-
-
 class BagWriter:
     """A bag being written; it is called `path` only when it is complete.
 
-    Until `close` it is the folder `<path>.partial`: a killed process leaves that behind, readable by `salvage`. While
-    its writer lives, its file is locked, by the kernel. Nothing is overwritten. As a context manager it closes at the
-    end of the block and discards everything on an exception.
+    Until `close` it is the folder `<path>.partial`: a killed process leaves that behind, readable by `salvage`. Nothing
+    is overwritten. As a context manager it closes at the end of the block and discards everything on an exception.
     """
 
     def __init__(
@@ -104,13 +77,8 @@ class BagWriter:
         self.partial.mkdir(parents=True)
         self.file_name = file_name or f"{self.path.name}_0.mcap"
         self._file: BinaryIO = (self.partial / self.file_name).open("wb")
-        self._lock: BinaryIO = os.fdopen(os.dup(self._file.fileno()), "wb")  # kept until the bag has its name
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(self._lock, fcntl.LOCK_EX)
         compression = CompressionType.ZSTD if is_compressed else CompressionType.NONE
         self._mcap = Writer(self._file, chunk_size=chunk_size, compression=compression, enable_crcs=True)
-        self._index = _IndexFile(self.partial)
-        self._mcap._Writer__chunk_indices = self._index  # type: ignore[attr-defined]  # appended to, read at the end
         self._mcap.start(profile="ros2", library="sphere_nav")
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[str, int] = {}
@@ -200,7 +168,6 @@ class BagWriter:
         self._refuse_to_overwrite(but_partial=True)
         self.partial.rename(self.path)
         self.is_complete = True
-        self._lock.close()
         return self.path
 
     @property
@@ -213,7 +180,6 @@ class BagWriter:
         text = yaml.safe_dump({"rosbag2_bagfile_information": description}, sort_keys=False)
         self._mcap.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(description, sort_keys=False)})
         self._mcap.finish()
-        self._index.close()
         _sync_and_close(self._file)
         with (self.partial / METADATA).open("wb") as metadata:
             metadata.write(text.encode())
@@ -236,9 +202,8 @@ class BagWriter:
     def leave(self) -> None:
         """Write no more; what was written stays, for `salvage`."""
         self._is_open = False
-        for file in (self._file, self._index, self._lock):
-            with suppress(OSError):  # of a full disk, which has been told
-                file.close()
+        with suppress(OSError):  # of a full disk, which has been told
+            self._file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -299,24 +264,9 @@ def free_path(path: str | Path) -> Path:
     return next(p for p in paths if not os.path.lexists(p) and not os.path.lexists(p.with_name(p.name + PARTIAL)))
 
 
-def is_being_written(partial: Path) -> bool:
-    """Whether a living process writes the bag of a partial folder."""
-    for file in partial.glob("*.mcap"):
-        try:
-            with open_file(file, "bag", LIMITS["bag"]) as found:
-                fcntl.flock(found, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except (OSError, ValueError):
-            continue
-    return False
-
-
 def describe_partial(partial: Path, command: str) -> str:
-    """Return what a partial folder is, and what to do: nothing while it is written, else the command."""
-    if is_being_written(partial):
-        return f"{partial}: is being written by another process: choose another name"
-    return f"{partial}: the remains of an interrupted run: '{command}' rescues them, or delete it"
+    """Return what a partial folder is, and the command that makes a bag of it."""
+    return f"{partial}: a run that is still writing, or the remains of one: '{command}' rescues them, or delete it"
 
 
 def _topic_description(entry: _Topic) -> dict[str, Any]:

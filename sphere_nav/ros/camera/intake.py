@@ -1,93 +1,31 @@
-"""The camera of a localizer, or several that are fixed to one another, and odometry at their stamps."""
+"""The cameras of a localizer, one or several that are fixed to one another, with depth or without, and odometry."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
+
+from sensor_msgs.msg import CameraInfo
 
 from sphere_nav.geometry import SE3, Camera, Rig
 from sphere_nav.localization.params import NodeParams, RigParams
 from sphere_nav.localization.status import FINE, Finding, Reason
-from sphere_nav.ros import qos
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.camera.stream import CameraStream, Fixture, Picture
-from sphere_nav.ros.camera.synchronizer import Synchronizer
-from sphere_nav.ros.constants import SILENCE_NS
+from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
+from sphere_nav.ros.constants import DEPTH_SLACK_S, SILENCE_NS
 from sphere_nav.ros.endpoints import ERROR, OK, Endpoints
-from sphere_nav.ros.subscription import Subscription
-from sphere_nav.ros.tf import TransformListener, TransformTree
+from sphere_nav.ros.tf import TransformListener
+from sphere_nav.spheres.range_alignment import DepthImage
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-
-def make_odometry(endpoints: Endpoints, tree: TransformTree, params: NodeParams) -> OdometryInput:
-    """Return the input of odometry; where every image is answered, none of it is lost, either."""
-    profile = qos.DEEP if params.every_image else qos.SENSOR
-    return OdometryInput(endpoints, tree, params.base_frame, is_used=params.use_odometry, profile=profile)
-
-
-class CameraIntake:
-    """Hands every image of one camera on, in order, as a `Picture` or with what is wrong with it."""
-
-    def __init__(
-        self,
-        endpoints: Endpoints,
-        params: NodeParams,
-        on_picture: Callable[[Picture], None],
-        on_refusal: Callable[[int, Finding], None],
-        *,
-        has_sphere_info: bool = False,
-    ) -> None:
-        """`on_refusal(stamp_ns, finding)` gets the images that cannot be used; `has_sphere_info` allows panoramas."""
-        self._params, self._tf = params, TransformListener(endpoints, ignored=params.map_frame)
-        self.odometry = make_odometry(endpoints, self._tf.tree, params)
-        mounting = read_mounting(params.mounting)
-        T_base_camera = mounting @ T_BODY_OPTICAL if mounting is not None else None
-        fixture = Fixture(T_base_camera=(lambda: T_base_camera) if T_base_camera is not None else None)
-        shared = endpoints, params, self._tf, self.odometry, fixture
-        self._stream = CameraStream(*shared, on_picture, on_refusal, has_sphere_info=has_sphere_info)
-
-    def clear(self) -> None:
-        """Forget what has a stamp: the clock jumped."""
-        self.odometry.clear()
-        self._tf.tree.clear()
-        self._stream.clear()
-
-    def forget_camera(self) -> None:
-        """Accept the next calibration, frames and odometry as new ones."""
-        self._stream.forget_camera()
-        self.odometry.reset()
-
-    def find_pose(self, frame: str) -> SE3:
-        """Return where a frame is, seen from the camera; ValueError while nobody says it."""
-        image_frame = self._params.camera_frame or self._stream.image_frame
-        return SE3.identity() if frame in ("", image_frame) else self._tf.lookup(image_frame, frame)
-
-    @property
-    def images(self) -> Subscription:
-        """The topic of the images: how many came, were refused, were lost."""
-        return self._stream.images
-
-    @property
-    def fault(self) -> Finding:
-        """Nothing: what is wrong with the only camera is the answer to its images."""
-        return FINE
-
-    @property
-    def camera(self) -> Camera | None:
-        """The camera, once it is known."""
-        return self._stream.camera
-
-    @property
-    def is_mounted(self) -> bool:
-        """Whether it is known where the camera is on the base."""
-        return self._stream.T_base_camera is not None
-
-    @property
-    def T_base_camera(self) -> SE3:
-        """The camera on the base, optical axes; identity before it is known."""
-        return self._stream.T_base_camera or SE3.identity()
+DEPTH, DEPTH_INFO = "depth/image_raw", "depth/camera_info"
+ONLY = ("",)  # the name of the only camera
 
 
 @dataclass(frozen=True)
@@ -98,32 +36,47 @@ class Losses:
     num_refused: int
 
 
-class MultiCameraIntake:
-    """Hands on the images of each instant as one `Picture` of the first camera, `others` with it."""
+class Cameras:
+    """Hands on the images of each instant as one `Picture` of the first camera, `others` and depth with it.
+
+    An image of the only camera waits for nothing but its depth, and that until the next one comes. Depth is of that
+    camera where it has no calibration of its own, else of one beside it by /tf_static.
+    """
 
     def __init__(
         self,
         endpoints: Endpoints,
         params: NodeParams,
-        rig: RigParams,
-        calibration: Rig | None,
         on_picture: Callable[[Picture], None],
         on_refusal: Callable[[int, Finding], None],
         *,
+        rig: RigParams | None = None,
+        calibration: Rig | None = None,
+        has_depth: bool = False,
         has_sphere_info: bool = False,
     ) -> None:
-        """`calibration` gives lenses and poses on `rig.frame`; None: camera_info and /tf_static do."""
-        if not params.base_frame:
+        """`on_refusal(stamp_ns, finding)` gets the images that cannot be used; `has_sphere_info` allows panoramas.
+
+        `rig`: of several cameras; `calibration` gives their lenses and poses, else camera_info and /tf_static do.
+        """
+        if rig is not None and not params.base_frame:
             raise ValueError("base_frame: expected a frame, which several cameras share, found none")
-        names = rig_names(rig, calibration)
-        self._endpoints, self._params, self._frame = endpoints, params, rig.frame
+        names = ONLY if rig is None else rig_names(rig, calibration)
+        self._endpoints, self._params, self._rig_frame = endpoints, params, rig.frame if rig is not None else ""
         self._on_picture, self._on_refusal, self._handed_ns = on_picture, on_refusal, -SILENCE_NS
+        self._profile = qos.DEEP if params.every_image else qos.SENSOR  # where every image is answered, none is lost
         self._tf = TransformListener(endpoints, ignored=params.map_frame)
-        self.odometry = make_odometry(endpoints, self._tf.tree, params)
+        is_used = params.use_odometry
+        self.odometry = OdometryInput(
+            endpoints, self._tf.tree, params.base_frame, is_used=is_used, profile=self._profile
+        )
         self._mounting = read_mounting(params.mounting)
-        self._synchronizer = Synchronizer(names, rig.slack)
+        slack_s = DEPTH_SLACK_S if rig is None else rig.slack
+        self._synchronizer = Synchronizer((*names, *[DEPTH] * has_depth), slack_s)
         self._faults: dict[str, Finding] = {}
         self._streams = {name: self._stream(name, calibration, has_sphere_info=has_sphere_info) for name in names}
+        if has_depth:
+            self._subscribe_depth()
 
     def clear(self) -> None:
         """Forget what has a stamp: the clock jumped."""
@@ -148,7 +101,7 @@ class MultiCameraIntake:
 
     @property
     def fault(self) -> Finding:
-        """What is wrong with a camera that took no part in the last instant."""
+        """What is wrong with a camera that took no part in the last instant; of the only one its images tell it."""
         return next(iter(self._faults.values()), FINE)
 
     @property
@@ -158,30 +111,72 @@ class MultiCameraIntake:
 
     @property
     def T_base_camera(self) -> SE3:
-        """The pose of the base is what all cameras share."""
-        return SE3.identity()
+        """The only camera on the base, optical axes; of several, or before it is known, the base itself."""
+        only = self._streams.get(ONLY[0])
+        return (only.T_base_camera if only else None) or SE3.identity()
 
     def _stream(self, name: str, calibration: Rig | None, *, has_sphere_info: bool) -> CameraStream:
-        fixture = Fixture(name)
+        fixture, mounting = Fixture(name), self._mounting
         if calibration is not None:
             camera = calibration.camera(name)
             fixture = Fixture(name, lambda: self._T_base_rig() @ camera.T_rig_camera, camera.camera)
+        elif not name and mounting is not None:
+            fixture = Fixture(name, lambda: mounting @ T_BODY_OPTICAL)
         callbacks = partial(self._on_camera, name), partial(self._on_fault, name)
         shared = self._endpoints, self._params, self._tf, self.odometry, fixture
         return CameraStream(*shared, *callbacks, has_sphere_info=has_sphere_info)
+
+    def _subscribe_depth(self) -> None:
+        self._depth_info: CameraInfo | None = None
+        take, add = partial(setattr, self, "_depth_info"), self._endpoints.add_subscription
+        add(DEPTH_INFO, CameraInfo, take, self._profile, is_required=False)
+        topic, kind = image_topic(DEPTH, self._params.transport, is_depth=True)
+        add(topic, kind, lambda message: self._put(DEPTH, conversions.stamp_ns(message), message), self._profile)
 
     def _T_base_rig(self) -> SE3:
         """Return where the rig is; ValueError while nobody says it."""
         if self._mounting is not None:
             return self._mounting
-        return self._tf.lookup(self._params.base_frame, self._frame)
+        return self._tf.lookup(self._params.base_frame, self._rig_frame)
 
     def _on_camera(self, name: str, picture: Picture) -> None:
-        for instant in self._synchronizer.put(name, picture.stamp_ns, picture):
-            self._on_instant(instant.images)
+        if self._synchronizer.names == ONLY:
+            self._on_picture(picture)
+        else:
+            self._put(name, picture.stamp_ns, picture)
 
-    def _on_instant(self, pictures: dict[str, Picture]) -> None:
+    def _put(self, name: str, stamp_ns: int, what: Any) -> None:
+        for instant in self._synchronizer.put(name, stamp_ns, what):
+            self._on_instant(instant)
+
+    def _on_instant(self, instant: Instant) -> None:
+        """Hand images on; ValueError for depth that cannot be used, after they have gone on."""
+        pictures: dict[str, Picture] = {name: instant.images[name] for name in self._streams if name in instant.images}
+        if not pictures:
+            return
         self._handed_ns = self._endpoints.own_ns()
+        if ONLY[0] not in self._streams:
+            self._note_faults(pictures)
+        first, *others = pictures.values()
+        picture, message = replace(first, others=tuple(others)), instant.images.get(DEPTH)
+        try:
+            depth = self._convert(message, picture.camera) if message is not None else None
+        except ValueError:
+            self._on_picture(picture)
+            raise
+        self._on_picture(replace(picture, depth=depth))
+
+    def _convert(self, message: AnyImage, camera: Camera) -> DepthImage:
+        depth_m, info, T_image_depth = read_depth(message), self._depth_info, SE3.identity()
+        if info is not None:
+            camera = conversions.camera_from_info(info, is_rectified=self._params.is_rectified)
+            frame, own = info.header.frame_id or message.header.frame_id, self._streams[ONLY[0]].image_frame
+            own = self._params.camera_frame or own
+            T_image_depth = SE3.identity() if frame in ("", own) else self._tf.lookup(own, frame)
+        conversions.check_image_size(camera, depth_m.shape[1], depth_m.shape[0])
+        return DepthImage(depth_m, camera, T_image_depth)
+
+    def _note_faults(self, pictures: dict[str, Picture]) -> None:
         for name in self._streams:
             if name in pictures:
                 self._faults.pop(name, None)
@@ -189,8 +184,6 @@ class MultiCameraIntake:
                 self._faults.setdefault(name, self._find_lack(name))
             fault = self._faults.get(name, FINE)
             self._endpoints.report(f"camera {name}", ERROR if name in self._faults else OK, fault.detail or "delivers")
-        first, *others = pictures.values()
-        self._on_picture(replace(first, others=tuple(others)))
 
     def _find_lack(self, name: str) -> Finding:
         """Return why a camera takes no part in an instant."""
@@ -200,11 +193,12 @@ class MultiCameraIntake:
         return replace(lack, detail=f"camera {name}: {lack.detail}")
 
     def _on_fault(self, name: str, stamp_ns: int, finding: Finding) -> None:
-        """Keep what is wrong with one camera; it is the answer where no other camera delivers."""
-        finding = replace(finding, detail=f"camera {name}: {finding.detail}")
-        self._faults[name] = finding
-        self._endpoints.report(f"camera {name}", ERROR, finding.detail)
-        if self._endpoints.own_ns() - self._handed_ns >= SILENCE_NS:
+        """Answer an image by what is wrong with it; of several cameras, only where no other one delivers."""
+        if name:
+            finding = replace(finding, detail=f"camera {name}: {finding.detail}")
+            self._faults[name] = finding
+            self._endpoints.report(f"camera {name}", ERROR, finding.detail)
+        if not name or self._endpoints.own_ns() - self._handed_ns >= SILENCE_NS:
             self._on_refusal(stamp_ns, finding)
 
 

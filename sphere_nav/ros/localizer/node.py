@@ -31,7 +31,7 @@ from sphere_nav.localization.status import (
     status_of,
 )
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake
+from sphere_nav.ros.camera.intake import Cameras
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.clocks import ClockWatch
 from sphere_nav.ros.constants import FIRST_IMAGE_S, MAX_LOST_SHARE, NUM_COUNTED, STANDSTILL_S, WATCH_PERIOD_S
@@ -90,10 +90,10 @@ class LocalizerNode(ManagedNode):
     def prepare(self, picture: Picture) -> None:
         """Make what needs to know the camera's place, before the first image."""
 
-    def make_intake(self) -> CameraIntake | MultiCameraIntake:
+    def make_intake(self) -> Cameras:
         """Subscribe to the camera."""
         callbacks = self.on_picture, self.on_refusal
-        return CameraIntake(self.endpoints, self.params, *callbacks, has_sphere_info=self.HAS_SPHERE_INFO)
+        return Cameras(self.endpoints, self.params, *callbacks, has_sphere_info=self.HAS_SPHERE_INFO)
 
     # --- what they share
     def configure(self) -> None:

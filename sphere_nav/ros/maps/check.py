@@ -10,7 +10,7 @@ from typing import Any
 from sphere_nav_msgs.msg import MapExperience, MapInfo
 
 from sphere_nav.geometry.files.untrusted import load_yaml
-from sphere_nav.ros.bags.mcap_salvage import Salvage
+from sphere_nav.ros.bags.mcap_file import McapFile
 from sphere_nav.ros.bags.reader import deserialize
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.conversions import message_to_sphere
@@ -90,9 +90,10 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
 
 def _readable(file: Path) -> Iterator[tuple[str, Any]]:
     """Yield topic and message of all that is whole in a map and of this format."""
-    for channel, schema, record in Salvage(file).messages():
-        kind = KINDS.get(channel.topic)
-        if kind is None or schema.name != type_name(kind):
+    reader = McapFile(file, damages=[], is_cut=True)
+    for channel, record in reader.messages():
+        kind, schema = KINDS.get(channel.topic), reader.summary.schemas.get(channel.schema_id)
+        if kind is None or schema is None or schema.name != type_name(kind):
             continue
         with suppress(BagError, ValueError):  # what is damaged is left out
             message = deserialize(record.data, kind, str(file))

@@ -19,7 +19,7 @@ from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.mcap_records import records_at
+from sphere_nav.ros.bags.mcap_file import read_chunk
 from sphere_nav.ros.bags.reader import deserialize
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import serialize_to_store
@@ -174,8 +174,7 @@ class MapWriter:
     def _message_at(self, place: int) -> AugmentedSphere:
         folder = self._bag.partial if self._bag.partial.exists() else self.path
         with (folder / FILE_NAME).open("rb") as file:
-            size = file.seek(0, 2)
-            records = list(records_at(file, place, size))
+            records = read_chunk(file, place)
         data = next(record.data for record in records if isinstance(record, Message))
         message: AugmentedSphere = deserialize(data, AugmentedSphere, str(self.path))
         return message

@@ -15,6 +15,7 @@ from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.offers import OpenedBag, find_offers
+from sphere_nav_tools.offline.topic_finder import TopicFinder
 
 HELP = """\
 Tell what a bag offers: its topics with type, rate, frame and size; then for mapping, localising and mcl what is
@@ -39,31 +40,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the topics and the offers; 1 if the bag is good for none of the jobs."""
     with BagReader(arguments.bag) as bag:
-        chosen = topics.choose_topics(bag, arguments)
-        recording = OpenedBag.of(bag, chosen, arguments.rig, arguments.mounting)
-        streams, (first, last) = recording.streams, bag.time_range
-        mounting = describe_mountings(recording.frames, streams, arguments.mounting)
-        offers = find_offers(recording)
+        finder = TopicFinder.of(bag, arguments)
+        streams, (first, last) = finder.streams, bag.time_range
+        mounting = describe_mountings(finder.frames, streams, arguments.mounting)
+        offers = find_offers(OpenedBag(finder, arguments.rig, arguments.mounting))
     if arguments.mounting:
         for offer in offers:
             offer.command += ["--mounting", arguments.mounting] if offer.command else []
     print(f"{arguments.bag}: {(last - first) * 1e-9:.1f} s, {sum(stream.count for stream in streams)} messages")
     print("\n".join(topic_table(streams)))
-    print("\n".join([*driver_lines(streams), *mounting]))
+    print("\n".join([*driver_lines(finder), *mounting]))
     for offer in offers:
         print(f"\n{offer.job}: {offer.note or 'ready'}" if offer.command else f"\n{offer.job}: {offer.missing}")
         if offer.command:
             print(f"  {shlex.join(offer.command)}")
+        if offer.reason:
+            print(f"  topics: {offer.reason}")
     if arguments.json:
         content = {"topics": [asdict(stream) for stream in streams], "jobs": [asdict(offer) for offer in offers]}
         arguments.json.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return 0 if any(offer.command for offer in offers) else 1
 
 
-def driver_lines(streams: Sequence[Stream]) -> list[str]:
+def driver_lines(finder: TopicFinder) -> list[str]:
     """Return which drivers are known by their topics, and what they publish otherwise than usual."""
-    by_name, lines = {stream.topic: stream for stream in streams}, []
-    for driver in topics.find_drivers(streams):
+    by_name, lines = finder.by_name, []
+    for driver in finder.drivers():
         lines.append(f"driver: {driver.title}: --driver {driver.name}")
         for ours, theirs in driver.find(by_name).items():
             usual, found = driver.encodings.get(ours, ()), by_name[theirs].encoding

@@ -8,8 +8,8 @@ from pathlib import Path
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.mapping.learning import learn
-from sphere_nav_tools.offline.mapping.sphere_source import CAMERAS
 from sphere_nav_tools.offline.settings import add_budget, add_settings
+from sphere_nav_tools.offline.topic_finder import CAMERAS
 
 HELP = """\
 Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the cameras of a rig.

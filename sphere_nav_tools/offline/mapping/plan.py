@@ -11,15 +11,14 @@ from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.params import build
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.writer import MapDetails
-from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.constants import OFFLINE_DEADLINE_S
 from sphere_nav_tools.offline.mapping.depth_drive import judge_depth
 from sphere_nav_tools.offline.mapping.drive import MappedDrive
 from sphere_nav_tools.offline.mapping.replay_mapper import Recipe
-from sphere_nav_tools.offline.mapping.sphere_source import CAMERAS, find_input
 from sphere_nav_tools.offline.mapping.stereo_drive import find_field
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
 from sphere_nav_tools.offline.mapping.workers import NUM_THREADS
+from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +49,15 @@ def make_plan(arguments: argparse.Namespace, rig: str) -> MappingPlan:
     values = given | arguments.settings
     details = MapDetails(source=arguments.bag.name, rig=rig)
     with BagReader(arguments.bag, damages=[]) as bag:
-        chosen, kind = topics.choose_topics(bag, arguments), arguments.input
-        imu, stitcher, pair, stereo = topics.find_imu(bag, chosen), None, None, ""
+        finder, kind = TopicFinder.of(bag, arguments), arguments.input
+        imu, stitcher, pair, stereo = finder.imu, None, None, ""
         if kind == "auto":
-            kind = find_input(bag, chosen, has_rig=arguments.rig is not None)
+            kind = finder.find_kind(has_rig=arguments.rig is not None)
         if kind == CAMERAS:
-            stitcher, remap, values = stitcher_values(bag, chosen, arguments), imu, values | {"input": "sphere"}
+            stitcher, remap, values = stitcher_values(finder, arguments), imu, values | {"input": "sphere"}
         else:
-            found = topics.find_topics(bag, TOPICS[kind], chosen)
-            values = {"slack_s": topics.pairing_slack(bag, found[TOPICS[kind][0]])} | values | {"input": kind}
+            found = finder.require(finder.find(TOPICS[kind]))
+            values = {"slack_s": finder.slack_s(found[TOPICS[kind][0]])} | values | {"input": kind}
             pair, stereo = find_field(bag, values, found) if kind == "stereo" else (None, "")
             remap = imu | found
         build(SphereMapperParams, values)  # refused before anything is written
@@ -66,12 +65,14 @@ def make_plan(arguments: argparse.Namespace, rig: str) -> MappingPlan:
     return MappingPlan(recipe, kind, stereo)
 
 
-def stitcher_values(bag: BagReader, chosen: dict[str, str], arguments: argparse.Namespace) -> Node:
+def stitcher_values(finder: TopicFinder, arguments: argparse.Namespace) -> Node:
     """Return parameters and topics of the stitcher for a bag with cameras; BagError where bag and rig do not fit."""
     if arguments.rig is None:
-        raise BagError(f"{bag.path}: expected --rig with the rig file of its cameras, found none")
-    remap = topics.find_rig_topics(bag, read_rig(arguments.rig).names, chosen)
+        raise BagError(f"{finder.bag.path}: expected --rig with the rig file of its cameras, found none")
+    choice = finder.find_rig(read_rig(arguments.rig).names)
+    if not choice.topics:
+        raise BagError(f"{finder.bag.path}: topics: {choice.reason}")
     values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | arguments.set_stitcher
     is_alone = arguments.jobs == 1 and not arguments.scheduler
     fixed = {"rig": str(arguments.rig.resolve()), "transport": "raw", "jobs": NUM_THREADS if is_alone else 1}
-    return values | fixed, remap
+    return values | fixed, choice.topics

@@ -24,8 +24,8 @@ from sphere_nav.ros.maps.reader import FILE_NAME, open_map
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
-from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.importing.recording import read_image
+from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class LensOptions:
     depth_units: float = 1000.0
 
 
-Choose = Callable[[BagReader], dict[str, str]]  # the topics that the user named, by ours
+Choose = Callable[[BagReader], TopicFinder]  # with the topics that the user named
 
 
-def read_sphere(word: str, lens: LensOptions, params: MapperParams, choose: Choose = lambda bag: {}) -> Sphere:
+def read_sphere(word: str, lens: LensOptions, params: MapperParams, choose: Choose = TopicFinder) -> Sphere:
     """Return the sphere that a word names: PATH:NUMBER, IMAGE,DEPTH or LEFT,RIGHT."""
     if "," in word:
         return _from_files(*_two(word), lens, params)
@@ -71,16 +71,16 @@ class Collector(ManagedNode):
         self.last, self.count = sphere, self.count + 1
 
 
-def sphere_of_bag(path: Path, number: int, choose: Choose = lambda bag: {}) -> Sphere:
+def sphere_of_bag(path: Path, number: int, choose: Choose = TopicFinder) -> Sphere:
     """Return the sphere of the instant with this number, counted from 0."""
     bus = OfflineBus(captured=set())
     with BagReader(path) as bag:
-        chosen = choose(bag)
-        kind = find_input(bag, chosen)
+        finder = choose(bag)
+        kind = finder.find_kind()
         if kind == CAMERAS:
             raise BagError(f"{path}: topics: expected spheres, RGB-D or stereo images, found the cameras of a rig")
-        found = topics.find_topics(bag, TOPICS[kind], chosen)
-        slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
+        found = finder.require(finder.find(TOPICS[kind]))
+        slack_s = finder.slack_s(found[TOPICS[kind][0]])
         node: Any = bus.add(Collector, {"input": kind, "slack_s": slack_s}, found)
 
         def stop_there(step: int) -> None:
@@ -97,20 +97,6 @@ def sphere_of_bag(path: Path, number: int, choose: Choose = lambda bag: {}) -> S
         reason = f" ({refusals[0]})" if refusals else ""
         raise BagError(f"{path}: expected instant {number}, found {node.count}{reason}")
     return node.last
-
-
-CAMERAS = "cameras"  # images of a rig, which the stitcher makes spheres of
-
-
-def find_input(bag: BagReader, chosen: dict[str, str] | None = None, *, has_rig: bool = False) -> str:
-    """Return the kind of input a bag has: by our names of topics, else by types, frames and names; BagError: none."""
-    have = {name for name, info in bag.topics.items() if info.count}
-    for kind, wanted in TOPICS.items():
-        if not chosen and not has_rig and all("/" + topic in have for topic in wanted):
-            return kind
-    if any(name.startswith("/cameras/") and "/image_raw" in name for name in have):
-        return CAMERAS
-    return topics.guess_kind(bag, chosen or {}, has_rig=has_rig)
 
 
 def _from_files(first: Path, second: Path, lens: LensOptions, params: MapperParams) -> Sphere:

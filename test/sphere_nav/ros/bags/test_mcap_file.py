@@ -1,85 +1,225 @@
-"""An MCAP file cut anywhere, or with any byte flipped, gives a clear line and never other messages than written."""
+"""An MCAP file cut or damaged anywhere gives a clear line, never what was not written; `salvage` saves the rest."""
 
+import resource
+import struct
+import zlib
 from pathlib import Path
 
+import lz4.frame
+import numpy as np
 import pytest
-from mcap.writer import Writer
+import zstandard
+from mcap.writer import CompressionType, Writer
 
-from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav.ros.bags.mcap_file import McapFile
-from sphere_nav.ros.bags.mcap_salvage import readable_part
+from sphere_nav.ros.bags import BagError, BagReader, salvage
+from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, McapFile
 
-CUTS = (9, 60, 0.2, 0.5, 0.8, -400, -100, -9, -1)
-
-
-def test_a_truncated_file_says_how_much_is_readable(make_bag, tmp_path):
-    whole = (make_bag() / "bag_0.mcap").read_bytes()
-    counts = []
-    for cut in CUTS:
-        length = int(cut * len(whole)) if isinstance(cut, float) else cut
-        path = tmp_path / "cut.mcap"
-        path.write_bytes(whole[:length])
-        found = readable_part(path)
-        expected = rf"cut\.mcap: truncated MCAP: {found.num_messages} messages .* of {path.stat().st_size} bytes"
-        with pytest.raises(BagError, match=expected):
-            McapFile(path)
-        counts.append(found.num_messages)
-    assert counts[:2] == [0, 0]
-    assert counts[-3:] == [81, 81, 81]  # only the summary is lost
-    assert counts[2:5] == sorted(counts[2:5])
-    assert set(counts[2:5]) <= {0, 21, 41, 61, 81}  # whole chunks
+HUGE = 1 << 30
+PREFIX = struct.Struct("<BQ")
 
 
-def test_a_flipped_byte_is_found(make_bag, tmp_path, rng):
-    whole = (make_bag() / "bag_0.mcap").read_bytes()
-    with BagReader(make_bag("other")) as bag:
-        expected = list(bag.raw())
-    lines = []
-    for place in rng.integers(0, len(whole), 60):
-        damaged = bytearray(whole)
-        damaged[place] ^= 0x10
-        (tmp_path / "damaged.mcap").write_bytes(damaged)
-        try:
-            with BagReader(tmp_path / "damaged.mcap") as bag:
-                assert list(bag.raw()) == expected  # a byte that carries no message
-        except BagError as error:
-            lines.append(str(error))
-    assert not any("\n" in line for line in lines)
-    assert len(lines) >= 50  # nearly all bytes of this bag are in chunks, whose checksum covers them
-
-
-def test_a_file_without_index_is_read_through(tmp_path):
-    path = tmp_path / "plain.mcap"
+def write(path, compression=CompressionType.ZSTD, *, num=40, size=300, **options):
+    """Messages in chunks of ten or so; only the first chunk tells their channels."""
+    noise = np.random.default_rng(7)
     with path.open("wb") as file:
-        writer = Writer(file, use_chunking=False)
-        writer.start("ros2")
+        writer = Writer(file, chunk_size=10 * size, compression=compression, **options)
+        writer.start("ros2", "test")
         schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
-        channel = writer.register_channel("/text", "cdr", schema)
-        for stamp in (3, 1, 2):
-            writer.add_message(channel, stamp, bytes([stamp]), stamp)
+        channels = [writer.register_channel(name, "cdr", schema) for name in ("/one", "/two")]
+        for number in range(num):
+            writer.add_message(channels[number % 2], number, noise.bytes(size), number)
         writer.finish()
-    with BagReader(path) as bag:
-        assert [item.message for item in bag.raw()] == [b"\x01", b"\x02", b"\x03"]
-        assert bag.num_messages == 3
+    return path
 
 
-def test_absurd_sizes_are_refused_before_allocation(make_bag, tmp_path):
-    path = make_bag() / "bag_0.mcap"
+def salvaged(path):
+    file = McapFile(path, damages=[], is_cut=True)
+    try:
+        return [(channel.topic, message.log_time, message.data) for channel, message in file.messages()]
+    finally:
+        file.close()
+
+
+def chunks(path):
     file = McapFile(path)
-    index = file.summary.chunk_indexes[0]
-    data = bytearray(path.read_bytes())
-    place = index.chunk_start_offset + 9 + 16  # after opcode, length and two times: the uncompressed size
-    assert int.from_bytes(data[place : place + 8], "little") == index.uncompressed_size
-    data[place : place + 8] = (1 << 60).to_bytes(8, "little")
-    (tmp_path / "bomb.mcap").write_bytes(data)
-    with BagReader(tmp_path / "bomb.mcap") as bag, pytest.raises(BagError, match="expected at most"):
-        list(bag.raw())
-    data[place : place + 8] = (index.uncompressed_size + 1).to_bytes(8, "little")
-    (tmp_path / "lie.mcap").write_bytes(data)
-    with BagReader(tmp_path / "lie.mcap") as bag, pytest.raises(BagError, match="bytes after decompression"):
-        list(bag.raw())
+    file.close()
+    return sorted(file.summary.chunk_indexes, key=lambda index: index.chunk_start_offset)
 
 
-def test_a_file_that_cannot_be_opened():
+def flipped(data, place, bit):
+    return data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_a_flipped_bit_costs_no_more_than_the_chunk_that_it_hit_and_no_reader_makes_anything_up(
+    tmp_path, rng, compression
+):
+    path = write(tmp_path / "whole.mcap", compression)
+    data, expected, indexes = path.read_bytes(), salvaged(path), chunks(path)
+    assert len(expected) == 40
+    assert len(indexes) >= 4
+    heads = [index.chunk_start_offset + n for index in indexes for n in range(60)]
+    end = range(indexes[-1].chunk_start_offset + indexes[-1].chunk_length, len(data))
+    damaged, num_refused, places = tmp_path / "damaged.mcap", 0, {*range(40), *heads, *end}
+    for place in sorted({*places, *rng.integers(0, len(data), 100).tolist()}):
+        damaged.write_bytes(flipped(data, place, int(rng.integers(8))))
+        hit = [i for i in indexes if i.chunk_start_offset <= place < i.chunk_start_offset + i.chunk_length]
+        others = [
+            item for item in expected if not any(i.message_start_time <= item[1] <= i.message_end_time for i in hit)
+        ]
+        assert salvaged(damaged) in (expected, others), f"byte {place}"
+        try:
+            with BagReader(damaged) as bag:
+                assert [(item.stamp_ns, item.message) for item in bag.raw()] == [item[1:] for item in expected]
+        except BagError as error:
+            num_refused += "\n" not in str(error)
+    assert num_refused > 300
+
+
+def test_a_cut_at_every_record(tmp_path):
+    path = write(tmp_path / "whole.mcap")
+    data, expected, indexes = path.read_bytes(), salvaged(path), chunks(path)
+    cuts, place = [], 8
+    while place < len(data) - 8:
+        place += PREFIX.size + PREFIX.unpack_from(data, place)[1]
+        cuts += [place - 1, place, place + 1]
+    assert len(cuts) > 40
+    for cut in cuts:
+        path.write_bytes(data[:cut])
+        whole = [index for index in indexes if index.chunk_start_offset + index.chunk_length <= cut]
+        last = max((index.message_end_time for index in whole), default=-1)
+        assert salvaged(path) == [item for item in expected if item[1] <= last]
+        with pytest.raises(BagError, match=r"whole\.mcap: truncated MCAP: expected its end, found none: verify-bag"):
+            BagReader(path)
+
+
+def test_a_salvaged_bag_is_a_bag_again(tmp_path):
+    path = write(tmp_path / "whole.mcap")
+    data, index = path.read_bytes(), chunks(path)[1]
+    path.write_bytes(flipped(data, index.chunk_start_offset + index.chunk_length // 2, 0)[:-1])
+    count = salvage(path, tmp_path / "saved")
+    assert 20 < count < 40
+    with BagReader(tmp_path / "saved") as bag:
+        assert bag.num_messages == count
+        assert set(bag.topics) == {"/one", "/two"}
+
+
+def test_types_that_are_not_installed_are_salvaged_with_their_definition(tmp_path):
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        schema = writer.register_schema("acme_msgs/msg/Anvil", "ros2idl", b"an anvil")
+        writer.add_message(writer.register_channel("/anvil", "cdr", schema), 5, b"abc", 5)
+        writer.finish()
+    path.write_bytes(path.read_bytes()[:-1])
+    assert salvage(path, tmp_path / "saved") == 1
+    with BagReader(tmp_path / "saved") as bag:
+        (found,) = bag.files[0].summary.schemas.values()
+        assert (found.name, found.encoding, found.data) == ("acme_msgs/msg/Anvil", "ros2idl", b"an anvil")
+
+
+@pytest.mark.parametrize("data", [b"", b"hello", bytes(1000)])
+def test_a_file_of_another_kind_is_refused(data, tmp_path):
+    (tmp_path / "other.mcap").write_bytes(data)
+    with pytest.raises(BagError, match=r"other\.mcap: expected an MCAP file, found"):
+        McapFile(tmp_path / "other.mcap")
+    if data:
+        assert salvaged(tmp_path / "other.mcap") == []
     with pytest.raises(BagError, match="expected a bag, found no such file"):
         McapFile(Path("/nowhere/bag.mcap"))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"use_chunking": False}, {"use_statistics": False}, {"repeat_channels": False, "repeat_schemas": False}],
+    ids=lambda options: next(iter(options)),
+)
+def test_a_file_without_a_whole_index_is_read_through_and_gives_the_same(options, tmp_path):
+    told = McapFile(write(tmp_path / "whole.mcap"))
+    found = McapFile(write(tmp_path / "bare.mcap", **options))
+    assert [m.data for _, m in found.messages()] == [m.data for _, m in told.messages()]
+    assert (found.summary.channels, found.summary.schemas) == (told.summary.channels, told.summary.schemas)
+    for name in ("channel_message_counts", "message_count", "message_start_time", "message_end_time"):
+        assert getattr(found.statistics, name) == getattr(told.statistics, name)
+    assert [m.log_time for _, m in found.messages({1}, 5, 9)] == [6, 8]
+
+
+def test_absurd_sizes_and_places_are_refused(make_bag, tmp_path):
+    whole = (make_bag() / "bag_0.mcap").read_bytes()
+    index, path = chunks(tmp_path / "bag" / "bag_0.mcap")[0], tmp_path / "absurd.mcap"
+    place = index.chunk_start_offset + 9 + 16  # after opcode, length and two times: the uncompressed size
+    for size, line in ((1 << 60, "expected at most"), (index.uncompressed_size + 1, "bytes after decompression")):
+        path.write_bytes(whole[:place] + size.to_bytes(8, "little") + whole[place + 8 :])
+        with BagReader(path) as bag, pytest.raises(BagError, match=rf"chunk at byte \d+: .*{line}"):
+            list(bag.raw())
+    for start in (3, len(whole), 2**63):
+        path.write_bytes(whole[:-28] + start.to_bytes(8, "little") + whole[-20:])
+        with pytest.raises(BagError, match="damaged summary: expected it before"):
+            McapFile(path)
+    path.write_bytes(flipped(whole, len(whole) - 60, 3))
+    with pytest.raises(BagError, match="damaged summary: checksum: expected"):
+        McapFile(path)
+
+
+def bomb(compression, told):
+    """A chunk of some kilobytes that unpacks to 1 GB of zeros."""
+    if compression == "zstd":
+        packer = zstandard.ZstdCompressor(level=3).compressobj(size=HUGE)
+        data = b"".join(packer.compress(bytes(1 << 24)) for _ in range(HUGE >> 24)) + packer.flush()
+    else:
+        packer = lz4.frame.LZ4FrameCompressor(block_size=lz4.frame.BLOCKSIZE_MAX4MB)
+        data = packer.begin() + b"".join(packer.compress(bytes(1 << 24)) for _ in range(HUGE >> 24)) + packer.flush()
+    head = struct.pack("<QQQII", 0, 1, told, 0, len(compression)) + compression.encode()
+    content = head + struct.pack("<Q", len(data)) + data
+    return PREFIX.pack(6, len(content)) + content
+
+
+def file_with(chunk, num_index=0):
+    """An MCAP file with one chunk, without a summary or with so many index entries for it."""
+    magic = b"\x89MCAP0\r\n"
+    body = magic + PREFIX.pack(1, 8) + bytes(8)
+    place = len(body)
+    body += chunk + struct.pack("<BQI", 15, 4, 0)
+    index = struct.pack("<QQQQIQIQQ", 0, 1, place, len(chunk), 0, 0, 0, 0, 0)
+    statistics = PREFIX.pack(11, 46) + struct.pack("<QHIIIIQQI", 1, 0, 0, 0, 0, 1, 0, 0, 0)
+    summary = (PREFIX.pack(8, len(index)) + index) * num_index + statistics * bool(num_index)
+    start = len(body) if summary else 0
+    footer = struct.pack("<BQQQ", 2, 20, start, 0)
+    crc = zlib.crc32(summary + footer) if summary else 0
+    return body + summary + footer + struct.pack("<I", crc) + magic
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_bomb_is_refused_before_memory_is_asked_for(tmp_path, compression):
+    path = tmp_path / "bomb.mcap"
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    right = bomb(compression, HUGE)
+    for told in (HUGE, MAX_CHUNK // 2, 100):
+        chunk = right[:25] + struct.pack("<Q", told) + right[33:]
+        for num_index in (0, 200):
+            path.write_bytes(file_with(chunk, num_index))
+            with pytest.raises(BagError, match="expected"), BagReader(path, is_empty_allowed=True) as bag:
+                list(bag.raw())
+        assert salvaged(path) == []
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 700_000  # KB
+
+
+def test_chunks_that_overlap_in_time_are_held_up_to_a_limit(tmp_path, monkeypatch):
+    path = tmp_path / "overlap.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=1000)
+        writer.start("ros2")
+        channel = writer.register_channel("/x", "cdr", writer.register_schema("std_msgs/msg/String", "ros2msg", b""))
+        for number in range(100):
+            writer.add_message(channel, number % 2 * 10**9 + number, bytes(400), 0)
+        writer.finish()
+    with BagReader(path) as bag:
+        stamps = [item.stamp_ns for item in bag.raw()]
+        assert stamps == sorted(stamps)
+        assert len(stamps) == 100
+        monkeypatch.setattr("sphere_nav.ros.bags.mcap_file.MAX_HELD", 10_000)
+        with pytest.raises(BagError, match="expected chunks in order of time, found 10000 bytes that overlap"):
+            list(bag.raw())

@@ -1,7 +1,5 @@
 """A written bag is a rosbag2 bag, and nothing is overwritten or half there."""
 
-import tracemalloc
-
 import pytest
 import yaml
 from mcap.reader import make_reader
@@ -10,7 +8,7 @@ from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import String
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags import BagError, BagReader, BagWriter
+from sphere_nav.ros.bags import BagError, BagWriter, salvage
 
 
 def test_an_independent_reader_agrees(make_bag):
@@ -90,7 +88,7 @@ def test_nothing_is_overwritten(make_bag, tmp_path):
         BagWriter(path)
     assert (path / "bag_0.mcap").read_bytes() == before
     BagWriter(tmp_path / "cut")
-    with pytest.raises(BagError, match=r"cut\.partial: the remains of an interrupted run"):
+    with pytest.raises(BagError, match=r"cut\.partial: a run that is still writing, or the remains of one"):
         BagWriter(tmp_path / "cut")
 
 
@@ -100,8 +98,7 @@ def test_what_was_flushed_survives_a_crash(tmp_path):
     for number in range(30):
         now[0] = number * 0.1
         bag.write("text", String(data=str(number)), number)
-    with pytest.raises(BagError, match="21 messages"):
-        BagReader(tmp_path / "bag.partial" / "bag_0.mcap")  # the last flush was at 2.0 s, with message 20
+    assert salvage(tmp_path / "bag.partial", tmp_path / "saved") == 21  # the last flush was at 2.0 s, with message 20
 
 
 def test_a_topic_has_one_type(tmp_path):
@@ -111,24 +108,3 @@ def test_a_topic_has_one_type(tmp_path):
             bag.add_topic("a", "std_msgs/msg/Header")
         with pytest.raises(ValueError, match="no_such_msgs/msg/Thing: definition not found"):
             bag.add_topic("b", "no_such_msgs/msg/Thing")
-
-
-def test_a_long_recording_takes_no_memory_for_its_index(tmp_path):
-    with BagWriter(tmp_path / "bag") as bag:
-
-        def write(begin, end):
-            for number in range(begin, end):
-                bag.write("text", String(data=str(number)), number)
-                bag.end_chunk()
-
-        write(0, 200)
-        tracemalloc.start()
-        before, _ = tracemalloc.get_traced_memory()
-        write(200, 1000)
-        after, _ = tracemalloc.get_traced_memory()
-        tracemalloc.stop()
-    assert after - before < 800 * 20  # bytes; as objects they take 1000 each
-    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
-        chunks = make_reader(file, validate_crcs=True).get_summary().chunk_indexes
-    assert [chunk.message_start_time for chunk in chunks] == list(range(1000))
-    assert all(len(chunk.message_index_offsets) == 1 for chunk in chunks)

@@ -12,7 +12,7 @@ from tf2_msgs.msg import TFMessage
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.camera.depth_intake import DepthCameraIntake
+from sphere_nav.ros.camera.intake import Cameras
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav.ros.node import ManagedNode
 
@@ -29,9 +29,8 @@ class Gate:
         self.bus, self.pictures, self.refused = OfflineBus(), [], []
         self.node = self.bus.add(ManagedNode)
         values = {"mounting": "0,0,1,0,0,0"} | values
-        self.intake = DepthCameraIntake(
-            self.node.endpoints, NodeParams(**values), self.pictures.append, lambda *told: self.refused.append(told)
-        )
+        callbacks = self.pictures.append, lambda *told: self.refused.append(told)
+        self.intake = Cameras(self.node.endpoints, NodeParams(**values), *callbacks, has_depth=True)
         self.send("camera_info", camera_to_info(CAMERA, 1, "optical"))
 
     def send(self, topic, message):

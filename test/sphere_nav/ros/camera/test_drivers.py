@@ -11,17 +11,17 @@ pytest.importorskip("rclpy")
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 
+from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.params import param, parameters
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.bags.streams import RGBD, STEREO
 from sphere_nav.ros.camera.drivers import FIELDS, INPUTS, OPTIONAL, driver_names, read_driver, topics_by_driver
 from sphere_nav.ros.conversions.images import ENCODINGS
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
 
 FILES = Path(__file__).resolve().parents[4] / "config" / "cameras"
-WANTED = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info"), "panorama": ("image_raw",)}
+WANTED = TOPICS | {"mono": ("image_raw", "camera_info"), "panorama": ("image_raw",)}
 DEPTH_INFO = "depth/camera_info"
 METRES = {"16UC1": 0.001, "32FC1": 1.0}  # REP 118
 VENDORS = ("realsense", "zed", "oak", "kinect", "usb_cam")

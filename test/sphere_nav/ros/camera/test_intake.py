@@ -13,7 +13,7 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.localization.params import NodeParams, RigParams
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.camera.intake import CameraIntake, rig_names
+from sphere_nav.ros.camera.intake import Cameras, rig_names
 from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
@@ -36,7 +36,7 @@ class Gate:
     def __init__(self, *, has_sphere_info=False, **values):
         self.bus, self.pictures, self.refusals = OfflineBus(), [], []
         self.node = self.bus.add(ManagedNode)
-        self.intake = CameraIntake(
+        self.intake = Cameras(
             self.node.endpoints,
             NodeParams(**values),
             self.pictures.append,

@@ -11,7 +11,7 @@ import pytest
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav.ros.bags.mcap_salvage import Salvage
+from sphere_nav.ros.bags.mcap_file import McapFile
 from sphere_nav.ros.maps import writer as map_writer
 from sphere_nav.ros.maps.check import salvage_map, verify_map
 from sphere_nav.ros.maps.reader import COARSE, FILE_NAME, GRAPH, MapDetails, MapWriter, open_map, save_map
@@ -25,7 +25,7 @@ DETAILS = MapDetails(map_id="yard", source="drive", parameters={"mapper.levels":
 
 
 def topics_of(file):
-    return [channel.topic for channel, _, _ in Salvage(file).messages()]
+    return [channel.topic for channel, _ in McapFile(file, damages=[], is_cut=True).messages()]
 
 
 def grow(writer, graph):
@@ -103,7 +103,7 @@ def test_an_existing_map_is_replaced_only_by_a_complete_one(sphere_graph, tmp_pa
         MapWriter(path)
     writer = MapWriter(path, is_overwriting=True)
     grow(writer, sphere_graph)
-    with pytest.raises(BagError, match=r"map\.new\.partial: is being written by another process"):
+    with pytest.raises(BagError, match=r"map\.new\.partial: a run that is still writing"):
         MapWriter(path, is_overwriting=True)
     assert len(open_map(path).graph) == 3
     assert writer.finish(sphere_graph) == path

@@ -14,6 +14,7 @@ from sphere_nav_tools.offline.mapping import plan
 from sphere_nav_tools.offline.mapping.plan import stitcher_values
 from sphere_nav_tools.offline.mapping.stitcher_ahead import StitcherAhead
 from sphere_nav_tools.offline.mapping.workers import Workers
+from worlds.streams import finder_of, image
 
 HERE = os.path.realpath("/proc/self")
 ASKED = ["/proc/self"] * 6
@@ -103,19 +104,19 @@ def arguments(**values):
 
 def test_cameras_need_the_file_of_their_rig():
     with pytest.raises(BagError, match="drive: expected --rig with the rig file of its cameras, found none"):
-        stitcher_values(SimpleNamespace(path="drive"), {}, arguments())
+        stitcher_values(finder_of([]), arguments())
 
 
 def test_a_replayed_stitcher_waits_for_late_images_and_shares_its_processes(tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
-    monkeypatch.setattr(plan.topics, "find_rig_topics", lambda bag, names, chosen: dict.fromkeys(names, "/x"))
+    finder = finder_of([image(f"/{name}/image_raw", frame=name) for name in ("a", "b")])
     given = arguments(rig=tmp_path / "rig.yaml", set_stitcher={"stitch.width": 256, "jobs": 9})
-    values, remap = stitcher_values(SimpleNamespace(path="drive"), {}, given)
-    assert remap == {"a": "/x", "b": "/x"}
+    values, remap = stitcher_values(finder, given)
+    assert remap == {"cameras/a/image_raw": "/a/image_raw", "cameras/b/image_raw": "/b/image_raw"}
     assert values == {
         "sync.deadline_s": 10.0, "stitch.width": 256, "rig": str(tmp_path / "rig.yaml"), "transport": "raw", "jobs": 2,
     }  # fmt: skip
     given.set_stitcher = {"sync.deadline_s": 3.0}
-    assert stitcher_values(SimpleNamespace(path="drive"), {}, given)[0]["sync.deadline_s"] == 3.0
+    assert stitcher_values(finder, given)[0]["sync.deadline_s"] == 3.0
     given.jobs = 2
-    assert stitcher_values(SimpleNamespace(path="drive"), {}, given)[0]["jobs"] == 1  # beside another process
+    assert stitcher_values(finder, given)[0]["jobs"] == 1  # beside another process

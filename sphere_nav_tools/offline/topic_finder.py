@@ -1,0 +1,436 @@
+"""Which topics of anybody's bag a job reads, and why: named by the user, a driver or us, else the only ones that fit.
+
+`TopicFinder` answers all commands alike, by the table of `topics`. What cannot be used is never found, but told with
+its reason.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice, product
+from typing import Any
+
+import numpy as np
+
+from sphere_mapping.ros.intake import TOPICS
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.samples import CAMERA_INFO, IMAGE, SPHERE, SPHERE_INFO, VIDEO
+from sphere_nav.ros.bags.streams import Stream, read_streams
+from sphere_nav.ros.bags.writer import absolute
+from sphere_nav.ros.camera.drivers import INPUTS, Driver, driver_names, read_driver
+from sphere_nav.ros.conversions import stamp_ns
+from sphere_nav.ros.tf import TransformTree
+from sphere_nav_tools.offline.constants import NUM_PAIRED, NUM_TF_MESSAGES, SLACK_S
+from sphere_nav_tools.offline.topics import (
+    BASE_FRAME,
+    DEPTH,
+    TF_STATIC_TOPIC,
+    TF_TOPIC,
+    camera_names,
+    chosen_topics,
+    role_of,
+)
+
+CAMERAS = "cameras"  # images of a rig, which the stitcher makes spheres of
+CAMERA_IS_VEHICLE = "0,0,0,0,0,0"  # a mounting
+SIDES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"))
+INFRARED = ("ir", "infra", "infra1", "infra2")  # names of cameras whose light a projector makes
+RGBD, STEREO = ("image_raw", DEPTH), ("left/image_raw", "right/image_raw")  # images that are chosen together
+Candidate = tuple[Stream, ...]
+Keep = Callable[[list[Candidate]], list[Candidate]]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The bag's topic for each of ours and how they were told from others; no topics, and why there are none."""
+
+    topics: dict[str, str]
+    reason: str
+
+
+class TopicFinder:
+    """What an open bag offers; `chosen` are the topics that the user named, by ours."""
+
+    def __init__(self, bag: BagReader, chosen: Mapping[str, str] | None = None) -> None:
+        self.bag, self.chosen = bag, dict(chosen or {})
+
+    @classmethod
+    def of(cls, bag: BagReader, arguments: argparse.Namespace) -> TopicFinder:
+        """Take what the user named, and what the driver that he named calls the rest."""
+        finder = cls(bag, chosen_topics(arguments))
+        if arguments.driver:
+            finder.chosen = finder.of_driver(arguments.driver) | finder.chosen
+        return finder
+
+    @cached_property
+    def streams(self) -> Sequence[Stream]:
+        """What there is, in the order of the names."""
+        return read_streams(self.bag)
+
+    @cached_property
+    def by_name(self) -> dict[str, Stream]:
+        """The same by topic."""
+        return {stream.topic: stream for stream in self.streams}
+
+    @cached_property
+    def frames(self) -> TransformTree:
+        """The frames: those that stand still, and as the first moving ones are."""
+        tree = TransformTree()
+        for topic, kind in ((TF_STATIC_TOPIC, True), (TF_TOPIC, False)):
+            found = self.bag.messages([topic]) if topic in self.bag.topics else ()
+            for _, _, message in islice(found, NUM_TF_MESSAGES):
+                for transform in message.transforms:
+                    with suppress(ValueError):
+                        tree.add(transform, is_static=kind)
+        return tree
+
+    @property
+    def lens(self) -> str:
+        """What tells the lens of a single camera: its camera_info, or the sphere_info of a panorama."""
+        is_panorama = any(stream.type == SPHERE_INFO for stream in self.streams) and "camera_info" not in self.chosen
+        return "sphere_info" if is_panorama else "camera_info"
+
+    @property
+    def odometry(self) -> dict[str, str]:
+        """Wheel or visual odometry, the one with most messages; nothing where there is none."""
+        return self._beside("odom", lambda s: (s.topic == "/odom", s.count))
+
+    @property
+    def imu(self) -> dict[str, str]:
+        """The IMU, one that /tf has on the vehicle before others; nothing where there is none."""
+        return self._beside("imu", lambda s: (self.frames.is_connected(BASE_FRAME, s.frame_id), "raw" not in s.topic))
+
+    def require(self, choice: Choice) -> dict[str, str]:
+        """Return the topics of a choice, and odometry where there is any; BagError, with the reason, of none."""
+        if not choice.topics:
+            raise BagError(f"{self.bag.path}: topics: {choice.reason}")
+        return self.odometry | choice.topics
+
+    def find(self, wanted: Sequence[str]) -> Choice:
+        """Return the bag's topic for each of ours."""
+        try:
+            found, reasons = self._given(wanted)
+            for group in _groups(wanted):
+                images, reason = self._choose(group, found)
+                found |= {ours: image.topic for ours, image in zip(group, images, strict=True)}
+                reasons += [reason]
+                for ours, image in zip(group, images, strict=True):
+                    info = ours.removesuffix("image_raw") + "camera_info"
+                    if info in wanted or (ours == DEPTH and not _is_registered(images)):
+                        found[info] = self._calibration(info, image, found).topic
+                    elif "sphere_info" in wanted and "sphere_info" not in found:
+                        found["sphere_info"] = self._panorama(image).topic
+        except BagError as error:
+            return Choice({}, str(error))
+        reason = ", ".join(dict.fromkeys(filter(None, reasons))) or "the only ones"
+        return Choice({ours: found[ours] for ours in (*wanted, *found) if ours in found}, reason)
+
+    def find_rig(self, names: Sequence[str]) -> Choice:
+        """Return the images of those cameras of a rig file that the bag has; none where it has none."""
+        named = dict.fromkeys(f"cameras/{name}/image_raw" for name in camera_names(self.chosen))
+        wanted = {ours: None for name in names if self._offered(ours := f"cameras/{name}/image_raw")} | named
+        if wanted:
+            return self.find([*wanted])
+        have = ", ".join(stream.topic for stream in self.streams if stream.is_image) or "none"
+        return Choice({}, f"expected images of {', '.join(names)} (rig file; or --camera NAME=TOPIC), found {have}")
+
+    def find_localizer(self, settings: Mapping[str, Any]) -> Choice:
+        """Return what a localiser with these parameters hears."""
+        names, is_panorama = camera_names(self.chosen), bool(settings.get("is_panorama"))
+        if names:
+            images = [f"cameras/{name}/image_raw" for name in names]
+            told = is_panorama or settings.get("rig.calibration")
+            infos = [f"cameras/{n}/camera_info" for n in names if f"cameras/{n}/sphere_info" not in self.chosen]
+            return self.find(images if told else [*images, *infos])
+        if is_panorama:
+            return self.find(["image_raw"])
+        return self.find(TOPICS["rgbd"] if settings.get("use_depth") else ("image_raw", self.lens))
+
+    def find_kind(self, *, has_rig: bool = False) -> str:
+        """Return what spheres are made of, by our names of topics, else by what is found; BagError: nothing."""
+        for kind, wanted in TOPICS.items():
+            if not self.chosen and not has_rig and all(absolute(topic) in self.by_name for topic in wanted):
+                return kind
+        images = [topic for topic in self.by_name if topic.startswith("/cameras/") and "/image_raw" in topic]
+        if images or has_rig or any(ours.startswith("cameras/") for ours in self.chosen):
+            return CAMERAS
+        for kind, word in (("stereo", "left"), ("rgbd", "depth")):
+            if any(ours.startswith(word) for ours in self.chosen):
+                return kind
+        if any(stream.type == SPHERE for stream in self.streams):
+            return "sphere"
+        reasons = ["no spheres"]
+        for kind in ("rgbd", "stereo"):
+            choice = self.find(TOPICS[kind])
+            if choice.topics:
+                return kind
+            reasons.append(choice.reason)
+        raise BagError(f"{self.bag.path}: topics: {'; '.join(dict.fromkeys(reasons))}")
+
+    def drivers(self) -> list[Driver]:
+        """Return the presets whose topics are all there under their usual names, those with registered depth first."""
+        drivers = [read_driver(name) for name in driver_names()]
+        found = [driver for driver in drivers if driver.root and not driver.missing(self.by_name)]
+        return sorted(found, key=lambda d: (INPUTS.index(d.input), "depth/camera_info" in d.topics, d.name))
+
+    def views(self, *, has_pairs: bool = False) -> list[Stream]:
+        """Return one topic for each camera that sees the world's own light, the left one of a pair; or both of a pair.
+
+        A driver tells a camera's images under several names: the one with colour counts, the first where all have it.
+        """
+        pictures = _without_twins(stream for stream in self.streams if stream.is_picture and not stream.problem)
+        colored = [p for p in pictures if not set(p.base.split("/")) & set(INFRARED)] or pictures
+        lefts = [p for p in colored if not any(_is_pair((other, p)) for other in pictures)]
+        seen = colored if has_pairs else lefts or colored
+        best: dict[tuple[str, tuple[int, int]], Stream] = {}
+        for view in sorted(seen, key=lambda stream: (stream.is_gray, stream.topic)):
+            best.setdefault((view.frame_id or view.topic, view.size), view)
+        return list(best.values())
+
+    def calibration_of(self, image: Stream) -> Stream:
+        """Return the CameraInfo of an image; BagError where that is not one."""
+        return self._calibration("camera_info", image, {})
+
+    def slack_s(self, topic: str) -> float:
+        """Return how far apart in s the stamps of one instant may be: a third of the period, as drivers jitter."""
+        return float(np.clip(0.33 / max(self.by_name[absolute(topic)].rate_hz, 1e-3), *SLACK_S))
+
+    def nearest_pair_s(self, one: str, other: str) -> float:
+        """Return by how many s the stamps of two topics differ at least, as far as the beginning of the bag tells."""
+        stamps: dict[str, list[int]] = {one: [], other: []}
+        nearest_ns = np.iinfo(np.int64).max
+        for topic, _, message in self.bag.messages(stamps):
+            stamp, partner = stamp_ns(message), stamps[other if topic == one else one]
+            nearest_ns = min([nearest_ns, *(abs(stamp - there) for there in partner[-NUM_PAIRED:])])
+            stamps[topic].append(stamp)
+            if nearest_ns <= SLACK_S[0] * 1e9 or min(map(len, stamps.values())) >= NUM_PAIRED:
+                break
+        return float(nearest_ns * 1e-9)
+
+    def note_mounting(self, image: str, settings: Mapping[str, Any]) -> str:
+        """Return no mounting where the bag tells it, else that the camera is the vehicle, and say so."""
+        frame = self.by_name[absolute(image)].frame_id if absolute(image) in self.by_name else ""
+        base, frame = str(settings.get("base_frame", BASE_FRAME)), str(settings.get("camera_frame") or frame)
+        if not base or self.frames.is_connected(base, frame):
+            return ""
+        text = "%s: not above the camera on /tf_static: the camera is taken as the vehicle; --mounting tells otherwise"
+        logging.getLogger("sphere_nav.mounting").warning(text, BASE_FRAME)
+        return CAMERA_IS_VEHICLE
+
+    def odd_frame(self, found: Mapping[str, str]) -> str:
+        """Return the frame of the images where their camera_info, found beside them, is of another; else nothing."""
+        frames = {stream.topic: stream.frame_id for stream in self.streams}
+        image, info = (frames.get(absolute(found.get(name, name)), "") for name in ("image_raw", "camera_info"))
+        if not (image and info) or image == info:
+            return ""
+        text = "camera_info is of frame %s, images are of frame %s: one camera by the names of the topics"
+        logging.getLogger("sphere_nav.frames").warning(text, info, image)
+        return image
+
+    def of_driver(self, name: str) -> dict[str, str]:
+        """Return the topics of a driver, below the one namespace where the bag has them; BagError: none, or several."""
+        driver, have = read_driver(name), list(self.by_name)
+        roots, where = driver.roots(have), f"{self.bag.path}: driver {name}"
+        if not roots:
+            missing = ", ".join(driver.missing(have))
+            raise BagError(f"{where}: expected {missing}, found {', '.join(have) or 'none'}")
+        if len(roots) > 1:
+            cameras = ", ".join(f"/{root}" for root in roots)
+            raise BagError(f"{where}: expected one camera, found {cameras}: name topics (--image)")
+        return driver.find(have, roots[0])
+
+    def _given(self, wanted: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+        """Return what needs no search: what the user named, or a driver is known to call so, and our own names."""
+        firsts = {ours.split("/")[0] for ours in wanted} | {"camera_info", "odom", "imu"}
+        others = {ours.split("/")[0] for kind in (*TOPICS.values(), (CAMERAS,)) for ours in kind} - firsts
+        checked = {ours: self._checked(ours, absolute(topic)) for ours, topic in self.chosen.items()}
+        named = {ours: topic for ours, topic in checked.items() if ours.split("/")[0] not in others}
+        reasons = ["as named"] if named else []
+        drivers = [driver for driver in self.drivers() if set(wanted) <= {*driver.topics, "sphere_info"}]
+        if not self.chosen and drivers:
+            have = [stream.topic for stream in self.streams if _is_usable(stream)]
+            firsts = {ours.split("/")[0] for ours in wanted}
+            named = {o: topic for o, topic in drivers[0].find(have).items() if o.split("/")[0] in firsts}
+            reasons = [f"as {drivers[0].name} calls them"]
+        own = {ours: absolute(ours) for ours in wanted if _is_usable(self.by_name.get(absolute(ours)))}
+        return own | named, reasons + ["by their names"] * (not own.keys() <= named.keys())
+
+    def _checked(self, ours: str, topic: str) -> str:
+        if topic not in self.by_name:
+            near = difflib.get_close_matches(topic, self.by_name, n=1)
+            found = f"no such one (is {near[0]} meant?)" if near else ", ".join(self.by_name) or "none"
+            raise BagError(f"{ours}: expected topic {topic}, found {found}")
+        stream, role = self.by_name[topic], role_of(ours)
+        if not _is_usable(stream):
+            raise BagError(f"{ours}: {_names([stream])}")
+        if role.types and stream.type not in role.types:
+            raise BagError(f"{ours}: {topic}: expected {role.meaning}, found {stream.type}")
+        return topic
+
+    def _beside(self, ours: str, rank: Callable[[Stream], Any]) -> dict[str, str]:
+        if ours in self.chosen:
+            return {ours: absolute(self.chosen[ours])}
+        offered = self._offered(ours)
+        return {ours: max(offered, key=rank).topic} if offered else {}
+
+    def _offered(self, ours: str) -> list[Stream]:
+        """Return the streams that can be what we call so."""
+        if ours == "image_raw":
+            return self.views()
+        role = role_of(ours)
+        return _without_twins(s for s in self.streams if s.type in role.types and not s.problem and role.fits(s))
+
+    def _choose(self, group: tuple[str, ...], found: Mapping[str, str]) -> tuple[Candidate, str]:
+        """Return the only streams for topics of ours that belong together, and what decided; BagError: not one."""
+        pools = [[self.by_name[found[ours]]] if ours in found else self._offered(ours) for ours in group]
+        candidates, decisive = list(product(*pools)), []
+        if group == STEREO and not set(STEREO) <= set(found):
+            candidates = list(filter(_is_pair, candidates))
+        for word, keep in _preferences(group):
+            kept = keep(candidates)
+            decisive += [word] * (len(kept) < len(candidates))
+            candidates = kept
+        if len(candidates) != 1:
+            lacking = [ours for ours, pool in zip(group, pools, strict=True) if not pool][:1] or group
+            wanted = group if candidates else lacking
+            what, options = (
+                " with ".join(role_of(o).meaning for o in wanted),
+                ", ".join(role_of(o).option for o in wanted),
+            )
+            if not candidates:
+                raise BagError(f"expected {what} ({options}), found {_names(self.streams)}")
+            offered = "; ".join(" with ".join(stream.topic for stream in candidate) for candidate in candidates)
+            raise BagError(f"expected one choice of {what}, found {len(candidates)}: {offered}; choose by {options}")
+        return candidates[0], ", ".join(decisive)
+
+    def _calibration(self, ours: str, image: Stream, found: Mapping[str, str]) -> Stream:
+        """Return the CameraInfo of an image: of its namespace, else of its frame and size."""
+        infos = [stream for stream in self.streams if stream.type == CAMERA_INFO]
+        beside = [info for info in infos if info.topic == image.base.rsplit("/", 1)[0] + "/camera_info"]
+        fitting = [self.by_name[found[ours]]] if ours in found else beside
+        if not fitting:
+            fitting = [info for info in infos if info.size == image.size or not image.width]
+            fitting = [info for info in fitting if info.frame_id == image.frame_id] or fitting
+            fitting = [info for info in fitting if not info.problem] or fitting
+        if len(fitting) != 1:
+            sizes = ", ".join(f"{info.topic} ({info.width} x {info.height})" for info in fitting or infos) or "none"
+            expected = f"camera_info of {image.topic} ({image.width} x {image.height})"
+            raise BagError(f"expected one topic with {expected}, found {sizes}; choose it by {role_of(ours).option}")
+        check_calibration(fitting[0], image, is_pair=ours.startswith(("left", "right")))
+        return fitting[0]
+
+    def _panorama(self, image: Stream) -> Stream:
+        """Return the SphereInfo of an image: of its frame, and of its namespace."""
+        folder = image.base.rpartition("/")[0]
+        return max(
+            (stream for stream in self.streams if stream.type == SPHERE_INFO),
+            key=lambda info: (info.frame_id == image.frame_id, info.topic.rpartition("/")[0] == folder),
+        )
+
+
+def check_calibration(info: Stream, image: Stream, *, is_pair: bool = False) -> None:
+    """Raise BagError where a calibration is none, or is that of images of another size; `is_pair`: P may do for K."""
+    if info.problem and not (is_pair and info.is_projected):
+        raise BagError(f"{info.topic}: {info.problem}")
+    if image.width and info.width and info.size != image.size:
+        sizes = f"expected {info.width} x {info.height} ({info.topic}), found {image.width} x {image.height}"
+        raise BagError(f"{image.topic}: image size: {sizes}")
+
+
+def names_of_cameras(views: Sequence[Stream]) -> list[str]:
+    """Return a name for each of several cameras: the first part by which their topics differ, else all that differ."""
+    parts = [view.base.strip("/").split("/") for view in views]
+    differing = [place for place in range(min(map(len, parts))) if len({part[place] for part in parts}) > 1]
+    for places in [*([place] for place in differing), differing]:
+        names = ["_".join(part[place] for place in places) for part in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f"camera{number}" for number in range(len(views))]
+
+
+def _groups(wanted: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the images that are wanted, those together that must be of one device."""
+    images = tuple(ours for ours in wanted if ours == "sphere" or ours.endswith("image_raw"))
+    return [images] if images in (RGBD, STEREO) else [(image,) for image in images]
+
+
+def _is_registered(pair: Candidate) -> bool:
+    """Whether depth is given for the very pixels of the image."""
+    image, depth = pair
+    has_size = depth.size == image.size or not (depth.width and image.width)
+    return has_size and depth.frame_id == image.frame_id
+
+
+def _is_pair(pair: Candidate) -> bool:
+    """Whether the names are those of the left and the right side of one device."""
+    left, right = (stream.base for stream in pair)
+    return any(a in left and left.replace(a, b) == right for a, b in SIDES)
+
+
+def _nearness(pair: Candidate) -> float:
+    """Return how near depth is to its image: registered to it, else how many parts their topics begin with alike."""
+    parts = [stream.base.split("/") for stream in pair]
+    alike = next((i for i, (a, b) in enumerate(zip(*parts, strict=False)) if a != b), min(map(len, parts)))
+    return np.inf if _is_registered(pair) else alike
+
+
+def _with_most_frames(candidates: list[Candidate]) -> list[Candidate]:
+    """Keep those with more than half of the images of the one that has most."""
+    counts = [min(stream.count for stream in candidate) for candidate in candidates]
+    return [candidate for candidate, count in zip(candidates, counts, strict=True) if 2 * count > max(counts)]
+
+
+def _best_by(rank: Callable[[Candidate], float]) -> Keep:
+    """Return what keeps the candidates whose rank is highest."""
+
+    def keep(candidates: list[Candidate]) -> list[Candidate]:
+        ranks = [rank(candidate) for candidate in candidates]
+        return [candidate for candidate, found in zip(candidates, ranks, strict=True) if found == max(ranks)]
+
+    return keep
+
+
+_OF_PAIRS = ("more frames", _with_most_frames), ("colour", _best_by(lambda pair: not pair[0].is_gray))
+# By what streams that could be chosen together are told apart, in this order; a word for each.
+PREFERENCES: dict[tuple[str, ...], tuple[tuple[str, Keep], ...]] = {
+    RGBD: (("depth of that camera", _best_by(_nearness)), *_OF_PAIRS),
+    STEREO: (("rectified", _best_by(lambda pair: "rect" in pair[0].base)), *_OF_PAIRS),
+}
+
+
+def _preferences(group: tuple[str, ...]) -> tuple[tuple[str, Keep], ...]:
+    """Return those of a group; of the camera of a rig, a topic that has its name for a part goes before others."""
+    if not group[0].startswith("cameras/"):
+        return PREFERENCES.get(group, ())
+    name = group[0].split("/")[1]
+    return (("its name", _best_by(lambda one: name in one[0].base.split("/"))),)
+
+
+def _without_twins(streams: Iterable[Stream]) -> list[Stream]:
+    """Leave out the compressed copy of a raw topic."""
+    best: dict[str, Stream] = {}
+    for stream in streams:
+        known = best.get(stream.base)
+        if known is None or (stream.type == IMAGE and known.type != IMAGE):
+            best[stream.base] = stream
+    return list(best.values())
+
+
+def _names(streams: Iterable[Stream]) -> str:
+    """Return the topics; what is wrong with those that cannot be used goes before all that are something else."""
+    streams = list(streams)
+    broken = [f"{stream.topic} ({stream.problem})" for stream in streams if stream.problem and stream.is_image]
+    broken += [f"{stream.topic} (video: {stream.type})" for stream in streams if stream.type in VIDEO]
+    return ", ".join(broken or [stream.topic for stream in streams]) or "none"
+
+
+def _is_usable(stream: Stream | None) -> bool:
+    """Whether there is a topic that is neither a video nor images of no use."""
+    return stream is not None and stream.type not in VIDEO and not (stream.problem and stream.is_image)

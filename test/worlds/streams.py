@@ -1,0 +1,30 @@
+"""Topics of bags as their first messages show them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+from sphere_nav.ros.bags.samples import CAMERA_INFO, COMPRESSED, IMAGE
+from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.ros.tf import TransformTree
+from sphere_nav_tools.offline.topic_finder import TopicFinder
+
+
+def image(topic, encoding="rgb8", frame="color_optical", size=(640, 480), count=100):
+    return Stream(topic, IMAGE, count, 30.0, frame, *size, encoding)
+
+
+def compressed(topic, format_="rgb8; jpeg compressed bgr8", frame="color_optical", count=100):
+    return Stream(topic, COMPRESSED, count, 30.0, frame, encoding=f"compressed: {format_}")
+
+
+def info(topic, frame="color_optical", size=(640, 480)):
+    return Stream(topic, CAMERA_INFO, 100, 30.0, frame, *size, "plumb_bob")
+
+
+def finder_of(streams, chosen=None, tree=None):
+    """Return what looks for topics in a bag of these."""
+    finder = TopicFinder(SimpleNamespace(path=Path("drive")), chosen)
+    finder.streams, finder.frames = list({stream.topic: stream for stream in streams}.values()), tree or TransformTree()
+    return finder
