@@ -30,6 +30,7 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import ListParameters
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -52,6 +53,7 @@ SHARE_OF_REQUESTS = 0.3  # of the lies; the others are messages
 SHARE_OF_BYTES = 0.2  # of the messages, that are no message
 RARE = {"lifecycle_msgs/srv/ChangeState": 0.05}  # shares of what makes a node deaf to other lies
 DOMAIN = "48"
+RCLError = rclpy_implementation.RCLError
 
 
 @dataclass
@@ -218,7 +220,7 @@ class Interrogation:
             message = mutate_message(sends[topic], self._rng)
         try:
             publisher.publish(self._liar.raw(message) if self._rng.random() < SHARE_OF_BYTES else message)
-        except (SystemError, OverflowError, AssertionError, TypeError, ValueError):  # too wrong to be sent
+        except (RCLError, SystemError, OverflowError, AssertionError, TypeError, ValueError):  # too wrong to be sent
             publisher.publish(self._liar.message(publisher.msg_type))
 
     def _pick(self, found: dict[str, Any]) -> tuple[str, Any]:

@@ -43,9 +43,9 @@ def test_every_command_that_inspect_prints_succeeds(name, keeper):
 @pytest.mark.slow
 def test_a_command_that_fails_and_an_offer_that_is_missing_are_seen(keeper, monkeypatch):
     """A calibration that is none, taken for good: the command is offered, and refused when it is carried out."""
-    from sphere_nav.ros.bags import streams
+    from sphere_nav_tools.offline import topic_finder
 
-    monkeypatch.setattr(streams, "check_calibration", lambda *_, **__: None)
+    monkeypatch.setattr(topic_finder, "check_calibration", lambda *_, **__: None)
     faults = keeper.visit(replace(ZOO["k_is_0"], name="trusted")).faults
     assert any(fault.startswith("inspect: expected nothing, found map, localize, mcl") for fault in faults)
     assert any(fault.startswith("map: expected status 0, found status 2") for fault in faults)
