@@ -37,7 +37,8 @@ class Follower(Arming):
         self._follow_verdict(self._judge(inputs, tracking), now_ns)
         self._finish_segment(tracking)
         speed, curvature = self._law(tracking if inputs is FINE else None)
-        motion = self.limiter.limit(speed, curvature, now_ns, is_hard=self.mode.is_stopping_hard)
+        how = {"is_hard": self.mode.is_stopping_hard, "is_stop": not self.mode.is_driving}
+        motion = self.limiter.limit(speed, curvature, now_ns, **how)
         self.predictor.remember(now_ns, motion)
         self.mode.settle(is_standing=motion.speed == 0.0, slow=self._why_slow())
         return self._command(now_ns, motion, tracking, self.report)

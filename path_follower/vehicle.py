@@ -64,10 +64,13 @@ class Limiter:
         self.last_ns: int | None = None
         self.gain = 0.0  # m/s^2 of the magnitude of the speed, in the last command
 
-    def limit(self, speed: float, curvature: float | None, now_ns: int, *, is_hard: bool) -> Motion:
+    def limit(
+        self, speed: float, curvature: float | None, now_ns: int, *, is_hard: bool, is_stop: bool = False
+    ) -> Motion:
         """Return the nearest motion that is allowed: m/s, 1/m (None: the wheels stay); `is_hard`: a stop for safety.
 
-        At standstill the wheels do not turn; a change of direction passes through standstill.
+        `is_stop`: any other stop; no more speed is gained, whatever the jerk. At standstill the wheels do not turn; a
+        change of direction passes through standstill.
         """
         limits = self.params
         if self.last_ns is not None and now_ns < self.last_ns:
@@ -75,6 +78,8 @@ class Limiter:
         seconds = 0.0 if self.last_ns is None else min(max(now_ns - self.last_ns, 0), MAX_STEP_NS) / 1e9
         wanted = self.last.steering_angle if curvature is None else self._angle(curvature)
         goal = _clip(speed, limits.max_speed) if math.isfinite(speed) else 0.0
+        if is_stop:
+            self.gain = min(self.gain, 0.0)
         new_speed = self._towards(goal, seconds, is_hard=is_hard)
         angle = self.last.steering_angle
         if new_speed != 0.0:
@@ -105,8 +110,6 @@ class Limiter:
         if is_hard:
             self.gain = 0.0
             return sign * max(min(goal, speed), speed - self.params.stop_deceleration * seconds)
-        if goal == 0.0:  # who is told to stop gains no more speed
-            self.gain = min(self.gain, 0.0)
         return sign * self._ease(speed, goal, seconds)
 
     def _ease(self, speed: float, goal: float, seconds: float) -> float:

@@ -204,6 +204,7 @@ def test_a_vehicle_that_is_stopped_while_it_accelerates_gains_no_more_speed():
         limiter.limit(1.4, 0.0, tick * 100_000_000, is_hard=False)
     assert limiter.gain > 0.5
     speeds = [limiter.last.speed]
-    speeds += [limiter.limit(0.0, None, (7 + tick) * 100_000_000, is_hard=False).speed for tick in range(20)]
+    for tick in range(7, 27):
+        speeds.append(limiter.limit(0.0, 0.0, tick * 100_000_000, is_hard=False, is_stop=True).speed)
     assert np.all(np.diff(speeds) <= 0.0)
     assert speeds[-1] == 0.0

@@ -50,7 +50,7 @@ BAGS = {
 NO_BAGS = {
     "absent": ("expected a", "found none"),
     "empty": ("expected messages", "found an empty bag"),
-    "truncated": ("mcap: truncated MCAP: ", "can be salvaged"),
+    "truncated": ("mcap: truncated MCAP: ", "saves what is readable"),
 }
 NO_POSES = {
     "no_images": ("expected", "image_raw", "found"),
@@ -65,7 +65,7 @@ NO_RANGE = {
 NO_MAPS = {
     "absent": ("absent", "expected", "found none"),
     "empty_map": ("map.mcap", "expected a map", "found no such file"),
-    "truncated_map": ("map.mcap: truncated MCAP: ", "can be salvaged"),
+    "truncated_map": ("map.mcap: truncated MCAP: ", "saves what is readable"),
     "future_map": ("format_version: expected 1, found 2",),
     "good": ("map.mcap", "expected a map", "found no such file"),  # a bag, but no map
 }
@@ -88,7 +88,7 @@ COMMANDS = {  # what takes the input in question, and what may be wrong with it
         "mapper.num_references=9": ("expected 1 to 4, found 9",),
         "word": ("--set: expected NAME=VALUE, found 'word'",),
     },
-    "map good -o out --input {}": {"stereo": ("topics: expected a left and a right camera (--left, --right)",)},
+    "map good -o out --input {}": {"stereo": ("topics: expected images of a left camera", "(--left, --right)")},
     "localize map good -o out.tum {}": {
         "--initial-pose=90,0,0,0,0,0,1": ("initial pose: expected at most 10 m from a key sphere, found 90.0 m",),
         "--image=/front/image_raw": ("expected topic /front/image_raw",),

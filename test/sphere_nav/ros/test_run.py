@@ -91,7 +91,7 @@ def test_a_busy_callback_does_not_hold_up_the_end(start):
     began = time.monotonic()
     process.send_signal(signal.SIGTERM)
     _, err = process.communicate(timeout=PATIENCE)
-    assert time.monotonic() - began < LIMIT
+    assert time.monotonic() - began < 30.0  # half of the nap, also on a busy machine
     assert process.returncode == 0
     assert "Traceback" not in err
 
