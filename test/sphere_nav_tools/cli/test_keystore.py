@@ -128,6 +128,16 @@ def opened(observer: Any, name: str) -> Iterator[tuple[str, str]]:
             yield from as_dds(kind, way, topic)
 
 
+def settled(observer: Any, name: str) -> Names:
+    """Return what a node has open once nothing new was told for half a second: DDS tells it bit by bit."""
+    found, quiet = set(opened(observer, name)), 0
+    while quiet < 10:
+        time.sleep(0.05)
+        more = found | set(opened(observer, name))
+        quiet, found = quiet + 1 if more == found else 0, more
+    return found
+
+
 def allowed(patterns: Names, wanted: tuple[str, str]) -> bool:
     return any(way == wanted[0] and fnmatchcase(wanted[1], name) for way, name in patterns)
 
@@ -146,7 +156,7 @@ def test_each_node_may_open_what_it_opens_and_nothing_else(files: Path) -> None:
             overrides = [Parameter(name, value=value) for name, value in {**values, "use_sim_time": True}.items()]
             shell = LiveShell(node_class, parameter_overrides=overrides)
             assert shell.start(), (node_class.NAME, values)
-            seen.setdefault(f"/{node_class.NAME}", set()).update(opened(shell, node_class.NAME))
+            seen.setdefault(f"/{node_class.NAME}", set()).update(settled(shell, node_class.NAME))
             shell.stop()
             shell.destroy_node()
     finally:
