@@ -147,12 +147,19 @@ def states_table() -> str:
     return "\n".join(lines)
 
 
-def between(path: Path, mark: str, text: str) -> str:
-    """Return a page with a text between its two marks; `text` empty: what stands there."""
+def parts_at(path: Path, mark: str) -> tuple[str, str, str]:
+    """Return a page up to a mark, what stands between its two marks, and the rest; ValueError where they are not."""
     begin, end = f"<!-- {mark}: begin -->\n", f"<!-- {mark}: end -->"
-    before, _, rest = path.read_text(encoding="utf-8").partition(begin)
-    old, _, after = rest.partition(end)
-    return f"{before}{begin}{text}{end}{after}" if text else old
+    found = re.fullmatch(f"(.*{begin})(.*)({end}.*)", path.read_text(encoding="utf-8"), re.DOTALL)
+    if found is None:
+        raise ValueError(f"{path}: expected {begin.strip()} and {end}, found none: nothing is written between them")
+    return found[1], found[2], found[3]
+
+
+def between(path: Path, mark: str, text: str) -> str:
+    """Return a page with a text between its two marks."""
+    before, _, after = parts_at(path, mark)
+    return f"{before}{text}{after}"
 
 
 def files() -> dict[Path, str]:
@@ -164,7 +171,7 @@ def files() -> dict[Path, str]:
         "something_is_wrong.md": trouble_page(),
     }
     pages |= {ROOT / "docs" / name: text for name, text in docs.items()}
-    stops = between(ROOT / "docs" / "faults.md", "stops", "")  # as `benchmarks faults` measured it
+    _, stops, _ = parts_at(ROOT / "docs" / "faults.md", "stops")  # as `benchmarks faults` measured it
     marked = [(ROOT / name, "stops", stops) for name in ("README.md", "docs/on_a_vehicle.md")]
     marked += [(ROOT / "docs" / "path_follower.md", "states and requests", states_table() + "\n")]
     return pages | {path: between(path, mark, text) for path, mark, text in marked}

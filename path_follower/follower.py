@@ -37,11 +37,15 @@ class Follower(Arming):
         self._follow_verdict(self._judge(inputs, tracking), now_ns)
         self._finish_segment(tracking)
         speed, curvature = self._law(tracking if inputs is FINE else None)
-        how = {"is_hard": self.mode.is_stopping_hard, "is_stop": not self.mode.is_driving}
-        motion = self.limiter.limit(speed, curvature, now_ns, **how)
+        motion = self._limited(speed, curvature, now_ns)
         self.predictor.remember(now_ns, motion)
         self.mode.settle(is_standing=motion.speed == 0.0, slow=self._why_slow())
         return self._command(now_ns, motion, tracking, self.report)
+
+    def _limited(self, speed: float, curvature: float | None, now_ns: int) -> Motion:
+        """Return the nearest motion that the car can do and a stop that is going on allows."""
+        how = {"is_hard": self.mode.is_stopping_hard, "is_stop": not self.mode.is_driving}
+        return self.limiter.limit(speed, curvature, now_ns, **how)
 
     def hold(self, now_ns: int, seconds: float) -> Command:
         """Return the command of a stop that began `seconds` ago because the clock stands; nothing is remembered.

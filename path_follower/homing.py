@@ -56,8 +56,7 @@ class HomingFollower(Follower):
         if self.is_there and self.limiter.last.speed == 0.0:
             self.mode.take(Event.END, StopVerdict(StopReason.END_OF_PATH))
         speed, curvature = self._steer(now_ns)
-        how = {"is_hard": self.mode.is_stopping_hard, "is_stop": not self.mode.is_driving}
-        motion = self.limiter.limit(speed, curvature, now_ns, **how)
+        motion = self._limited(speed, curvature, now_ns)
         slow = SLOWLY if self.watch.state == State.DEGRADED else FINE
         self.mode.settle(is_standing=motion.speed == 0.0, slow=slow)
         return self._command(now_ns, motion, None, self.report)

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.geometry.cameras.rig import Rig, RigCamera
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
 
 SUBSAMPLES = 32
-OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+OPTICAL = T_BODY_OPTICAL.rotation
 BORDER_SQUARES = 1.0  # white paper around the outer squares
 BLUR_PX, NOISE = 0.7, 2.0
 

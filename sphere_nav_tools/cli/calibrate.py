@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     specs = [CameraSpec(name, arguments.model, sizes[name]) for name in cameras]
     with tqdm(desc="calibrating", bar_format="{desc} {elapsed}", leave=False) as bar:
         found = calibrate(specs, boards, views, CalibrationParams(), progress=bar.set_description_str)
-    write_rig(arguments.output, found.rig, is_overwriting=True)
+    write_rig(arguments.output, found.rig, is_overwriting=arguments.overwrite)
     report, stem = calibration_as_mapping(found), arguments.output.with_suffix("")
     Path(f"{stem}_report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     draw_calibration(found, Path(f"{stem}_report.png"))

@@ -103,7 +103,7 @@ def make_network(arguments: argparse.Namespace) -> int:
     if output.suffix != ".geojson":
         raise ValueError(f"{arguments.map}: expected a map, or a .geojson file to write, found neither")
     if not arguments.dry_run:
-        check_free(arguments, output)
+        check_free(arguments, output, loss=", its places with it")
     reverse = arguments.drives if arguments.reversible else ()
     network = routes.read_network_of(arguments.drives, routes.map_id_of(arguments.map), arguments.width, reverse)
     print("\n".join(routes.describe(network)))

@@ -52,8 +52,8 @@ def add_overwrite(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace what is there")
 
 
-def check_free(arguments: argparse.Namespace, *outputs: Path | None) -> None:
-    """Raise ValueError where a file or folder to write is there already, without --overwrite."""
+def check_free(arguments: argparse.Namespace, *outputs: Path | None, loss: str = "") -> None:
+    """Raise ValueError where a file or folder to write is there, without --overwrite; `loss`: what goes with it."""
     for path in outputs:
         if path and path.exists() and not arguments.overwrite:
-            raise ValueError(f"{path}: expected no such file, found one: --overwrite replaces it")
+            raise ValueError(f"{path}: expected no such file, found one: --overwrite replaces it{loss}")

@@ -248,15 +248,14 @@ class TopicFinder:
 
     def _given(self, wanted: Sequence[str]) -> tuple[dict[str, str], list[str]]:
         """Return what needs no search: what the user named, or a driver is known to call so, and our own names."""
-        firsts = {ours.split("/")[0] for ours in wanted} | {"camera_info", "odom", "imu"}
-        others = {ours.split("/")[0] for kind in (*TOPICS.values(), (CAMERAS,)) for ours in kind} - firsts
+        firsts, beside = {ours.split("/")[0] for ours in wanted}, {"camera_info", "odom", "imu"}
+        others = {ours.split("/")[0] for kind in (*TOPICS.values(), (CAMERAS,)) for ours in kind} - firsts - beside
         checked = {ours: self._checked(ours, absolute(topic)) for ours, topic in self.chosen.items()}
         named = {ours: topic for ours, topic in checked.items() if ours.split("/")[0] not in others}
         reasons = ["as named"] if named else []
         drivers = [driver for driver in self.drivers() if set(wanted) <= {*driver.topics, "sphere_info"}]
         if not self.chosen and drivers:
             have = [stream.topic for stream in self.streams if _is_usable(stream)]
-            firsts = {ours.split("/")[0] for ours in wanted}
             named = {o: topic for o, topic in drivers[0].find(have).items() if o.split("/")[0] in firsts}
             reasons = [f"as {drivers[0].name} calls them"]
         own = {ours: absolute(ours) for ours in wanted if _is_usable(self.by_name.get(absolute(ours)))}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -69,8 +69,7 @@ def salvage(source: str | Path, target: str | Path, progress: Progress = lambda 
         raise BagError(f"{source}: expected an .mcap file or a folder with one, found none")
     with ExitStack() as stack, BagWriter(target, suffix=SALVAGING) as bag:
         for file in files:
-            reader = McapFile(file, damages=[], is_cut=True)
-            stack.callback(reader.close)
+            reader = stack.enter_context(closing(McapFile(file, damages=[], is_cut=True)))
             for channel, message in reader.messages():
                 schema = reader.summary.schemas.get(channel.schema_id)
                 if schema and bag.type_of(channel.topic) in ("", schema.name):  # of two types on a topic the first one

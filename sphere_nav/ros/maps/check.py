@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -90,13 +90,17 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
 
 def _readable(file: Path) -> Iterator[tuple[str, Any]]:
     """Yield topic and message of all that is whole in a map and of this format."""
-    reader = McapFile(file, damages=[], is_cut=True)
+    with closing(McapFile(file, damages=[], is_cut=True)) as reader:
+        yield from _readable_parts(reader)
+
+
+def _readable_parts(reader: McapFile) -> Iterator[tuple[str, Any]]:
     for channel, record in reader.messages():
         kind, schema = KINDS.get(channel.topic), reader.summary.schemas.get(channel.schema_id)
         if kind is None or schema is None or schema.name != type_name(kind):
             continue
         with suppress(BagError, ValueError):  # what is damaged is left out
-            message = deserialize(record.data, kind, str(file))
+            message = deserialize(record.data, kind, str(reader.path))
             if channel.topic == SPHERE:
                 message_to_sphere(message)
             elif channel.topic == GRAPH:
