@@ -49,6 +49,23 @@ def test_a_stop_is_a_ramp_with_wheels_held(kit):
     assert len({c.steering_angle for c in ramp}) == 1
 
 
+def test_a_vehicle_that_is_stopped_while_it_accelerates_is_commanded_no_faster(kit, straight):
+    """What it gains is dropped at once, at more than the jerk of driving; the brakes are eased in from there."""
+
+    def stop(now, follower, car):
+        if now >= 1.0:
+            follower.stop()
+
+    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS))
+    drive = kit.run(follower, straight[0], each=stop)
+    first = next(k for k, c in enumerate(drive.commands) if c.status.state is FollowerState.STOPPING)
+    speeds = np.array([command.speed for command in drive.commands])
+    assert 0.3 < speeds[first - 2] < speeds[first - 1] < 1.2  # in the midst of it
+    assert np.all(np.diff(speeds[first - 1 :]) <= 0.0)
+    assert np.abs(np.diff(speeds[first:], 2)).max() <= PARAMS.vehicle.max_jerk * 0.05**2 + 1e-9
+    assert drive.final.verdict.reason is StopReason.OPERATOR
+
+
 def scan_of(wall_x):
     """A wall across the way, seen in the vehicle's frame."""
 

@@ -61,6 +61,14 @@ def test_an_image_goes_on_with_the_depth_of_its_instant(order):
     np.testing.assert_array_equal(gate.pictures[0].depth.T_image_depth.matrix, np.eye(4))
 
 
+def test_depth_a_hundredth_of_a_second_and_a_half_later_is_of_no_image():
+    gate = Gate()
+    for second in (1, 2):
+        gate.image(second)
+        gate.depth(second + 1.5 * SLACK_S * (second == 1), 2.0 + second)
+    assert gate.seen() == [(1, None), (2, 4.0)]
+
+
 def test_an_image_without_depth_waits_for_the_next_one_and_after_some_for_none():
     gate = Gate()
     gate.image(1)
