@@ -33,10 +33,10 @@ class Fragile(ManagedNode):
 
     def configure(self):
         self.add_subscription("text", String, self.on_text)
-        self.add_subscription("number", UInt8, lambda message: 1 // message.data)
+        self.add_subscription("number", UInt8, lambda message: 1 // (message.data // 200))
 
     def on_text(self, message):
-        if len(message.data) > 100:
+        if len(message.data) > 40:
             os._exit(3)
 
 def main():
@@ -50,8 +50,8 @@ def test_a_death_is_seen_and_told_and_the_node_starts_again(tmp_path, monkeypatc
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     case = Case(importlib.import_module("fragile_node").Fragile)
-    (outcome,) = interrogate([(case, False)], 96, seed=3)
-    assert outcome.num_lies >= 96
+    (outcome,) = interrogate([(case, False)], 144, seed=3)
+    assert outcome.num_lies >= 144
     assert 1 <= len(outcome.deaths) <= outcome.num_starts <= len(outcome.deaths) + 1
     assert all(death.startswith("fragile: ended with 3") for death in outcome.deaths)
     assert any(line.startswith("ZeroDivisionError") for line in outcome.mistakes)
