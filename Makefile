@@ -49,9 +49,11 @@ check: env $(STAMPS)/test_wheels
 	$(RUN)/pytest -q -n 0 test/architecture test/config
 	PATH="$(CURDIR)/$(RUN):$$PATH" scripts/check_colcon.sh
 
-# config/*.yaml and docs/parameters.md from the parameters classes
-docs: env
+# config/*.yaml and docs/parameters.md from the parameters classes; out/api/index.html from the docstrings of the library
+docs: env $(STAMPS)/test_wheels
 	$(RUN)/python docs/generate.py
+	$(RUN)/pdoc --docformat google --no-show-source --output-directory out/api \
+		sphere_nav_tools.library sphere_nav.geometry sphere_nav.spheres.sphere
 
 clean:
 	rm -rf $(VENV) build *.egg-info

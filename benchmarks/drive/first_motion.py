@@ -185,8 +185,8 @@ def count_neighbors(
             proven = find_motion(spheres[i], spheres[i + step], PARAMS.registration)
             told = register_spheres(street.spheres[i], street.spheres[i + step], SE3.identity(), PARAMS)
             answers = {"proven": proven.T_a_b} if proven is not None else {}
-            if told["is_converged"]:
-                answers["register"] = SE3(np.array(told["T_a_b"]["matrix"]))
+            if told.is_converged:
+                answers["register"] = told.T_a_b
             counts["pairs"] += 1
             for name, T_a_b in answers.items():
                 counts[name] += 1

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from typing import Any
 
 from dense_localizer.ros.node import DenseLocalizerNode
+from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav_tools.offline import localizing
 from sphere_nav_tools.offline.topics import camera_names
@@ -36,6 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
+    return localizing.write_poses(arguments, replayed(arguments))
+
+
+def replayed(arguments: argparse.Namespace) -> Iterator[Recorded]:
+    """Yield what the node publishes."""
 
     def add_node(bus: OfflineBus, remap: dict[str, str], given: dict[str, Any]) -> None:
         cameras = camera_names(remap)
@@ -47,4 +54,4 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.initial_pose:
             localizing.give_initial_pose(node, arguments.initial_pose)
 
-    return localizing.write_poses(arguments, localizing.replay_localizer(arguments, TOPICS, add_node))
+    return localizing.replay_localizer(arguments, TOPICS, add_node)

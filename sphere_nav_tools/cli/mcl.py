@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from typing import Any
 
 from mcl_depth.ros.node import MclDepthNode
 from mcl_depth.site import PRESETS
+from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav_tools.cli.constants import MAX_LEAP_S
 from sphere_nav_tools.offline import localizing
@@ -43,6 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
+    return localizing.write_poses(arguments, replayed(arguments))
+
+
+def replayed(arguments: argparse.Namespace) -> Iterator[Recorded]:
+    """Yield what the node publishes."""
     if arguments.camera:
         raise ValueError(f"--camera: expected one camera (--image TOPIC), found {', '.join(arguments.camera)}")
 
@@ -58,4 +65,4 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.initial_pose:
             localizing.give_initial_pose(node, arguments.initial_pose)
 
-    return localizing.write_poses(arguments, localizing.replay_localizer(arguments, TOPICS, add_node))
+    return localizing.replay_localizer(arguments, TOPICS, add_node)

@@ -60,13 +60,13 @@ def run(arguments: argparse.Namespace) -> int:
     guess = arguments.guess
     T_a_b = SE3.from_quaternion(guess[3:], guess[:3]) if guess else SE3.identity()
     found = register_spheres(a, b, T_a_b, params)
-    text = json.dumps(found, indent=2)
+    text = json.dumps(found.values(), indent=2)
     print(text)
     if arguments.json:
         arguments.json.write_text(text + "\n", encoding="utf-8")
-    if not found["is_converged"]:
+    if not found.is_converged:
         print(f"sphere_nav register: {arguments.b}: {describe_refusal(found['reason'])}", file=sys.stderr)
-    return 0 if found["is_converged"] else 1
+    return 0 if found.is_converged else 1
 
 
 def numbers_argument(count: int) -> Any:

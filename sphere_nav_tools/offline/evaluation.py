@@ -55,6 +55,8 @@ def evaluate_poses(
     `aligned_by`: another estimate in the same frame and its truth, such as those of the drive that made the map. The
     alignment is found on these alone; else on the estimate itself.
     """
+    if not (len(estimate) and len(truth)):
+        raise ValueError(f"poses: expected some to measure and true ones, found {len(estimate)} and {len(truth)}")
     tolerance_ns = round(tolerance_s * 1e9)
     directions = directions_of_motion(truth)
     covered, _ = associate(truth.stamps_ns, estimate.stamps_ns, tolerance_ns)

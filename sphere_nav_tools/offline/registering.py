@@ -1,11 +1,12 @@
-"""The motion between two spheres by direct registration, as plain values."""
+"""The motion between two spheres by direct registration, as one result."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sphere_mapping.graph.both_ways import FEATURES, ONE_WAY, find_motion, why_denied
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
@@ -17,8 +18,43 @@ from sphere_nav.spheres.sphere import Sphere
 REMEDY = "smaller steps between the images (slower, more a second), more range in them"
 
 
-def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> dict[str, Any]:
-    """Return the alignment of b with a, and the residual at the guess, as plain values.
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """The motion between two spheres.
+
+    covariance (6, 6), m and rad, is that of xi = (v, omega) in T_a_b @ exp(xi). Where `is_converged` is false, `reason`
+    says why, and the pose is the best that was found.
+    """
+
+    T_a_b: SE3
+    covariance: NDArray[np.float64]
+    is_converged: bool
+    reason: str
+    alignment: Alignment
+    at_guess: Alignment
+
+    def values(self) -> dict[str, Any]:
+        """Return all as plain values, for JSON."""
+        return {
+            "is_converged": self.is_converged,
+            "reason": self.reason,
+            "T_a_b": {
+                "translation_m": self.T_a_b.translation.tolist(),
+                "quaternion_xyzw": self.T_a_b.quaternion.tolist(),
+                "matrix": self.T_a_b.matrix.tolist(),
+                "angle_deg": float(np.degrees(SE3.identity().distance(self.T_a_b)[1])),
+            },
+            "covariance": finite(self.covariance),
+            "residual": residual(self.alignment),
+            "residual_at_guess": residual(self.at_guess),
+            "iterations": self.alignment.iterations,
+            "gain": self.alignment.gains[0],
+            "bias": self.alignment.biases[0],
+        }
+
+
+def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> Registration:
+    """Return the alignment of b with a, and the residual at the guess.
 
     The motion may be any: features with range give the first guess, the one given and none at all come after it. What
     the way back or features contradict is not converged.
@@ -39,22 +75,7 @@ def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParam
     else:
         found = align_sphere(current, [view], guesses(), params.registration, check)
     before = residual_at(current, view, T_a_b_guess, params.registration)
-    return {
-        "is_converged": found.is_converged,
-        "reason": found.reason,
-        "T_a_b": {
-            "translation_m": found.T_world_camera.translation.tolist(),
-            "quaternion_xyzw": found.T_world_camera.quaternion.tolist(),
-            "matrix": found.T_world_camera.matrix.tolist(),
-            "angle_deg": float(np.degrees(SE3.identity().distance(found.T_world_camera)[1])),
-        },
-        "covariance": finite(found.covariance),
-        "residual": residual(found),
-        "residual_at_guess": residual(before),
-        "iterations": found.iterations,
-        "gain": found.gains[0],
-        "bias": found.biases[0],
-    }
+    return Registration(found.T_world_camera, found.covariance, found.is_converged, found.reason, found, before)
 
 
 def describe_refusal(reason: str) -> str:

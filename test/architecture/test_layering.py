@@ -32,6 +32,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 }
 MAY_IMPORT[TOOLS + "offline"] = {*MAY_IMPORT}  # the roof: nothing below imports it
 MAY_IMPORT[TOOLS + "cli"] = {*MAY_IMPORT}
+MAY_IMPORT[TOOLS + "library"] = {*MAY_IMPORT}
 FORBIDDEN = {  # within a package
     "sphere_mapping.acquisition": ("sphere_mapping.graph", "sphere_mapping.mapper", "sphere_mapping.ros"),
 }
@@ -53,7 +54,7 @@ ROS = {
     "tf2_msgs",
     "visualization_msgs",
 }
-WITH_ROS = {L + "ros", TOOLS + "offline", TOOLS + "cli"}
+WITH_ROS = {L + "ros", TOOLS + "offline", TOOLS + "cli", TOOLS + "library"}
 
 
 def rooms_below(module: Path) -> set[str]:

@@ -266,11 +266,11 @@ def test_a_motion_may_be_large_and_a_wrong_one_is_not_converged():
     T = SE3.from_planar(1.2, -0.7, 1.3)
     a, b = (node.sphere for node in make_map(wide_room(), [SE3.identity(), T]).graph)
     found = register_spheres(a, b, SE3.identity(), MapperParams())
-    assert found["is_converged"]
-    assert found["T_a_b"]["translation_m"] == pytest.approx(T.translation, abs=0.01)
+    assert found.is_converged
+    assert found.T_a_b.translation == pytest.approx(T.translation, abs=0.01)
     wrong = replace(b, range_m=(2.0 * b.range_m).astype(np.float32))
     refused = register_spheres(a, wrong, SE3.identity(), MapperParams())
-    assert not refused["is_converged"]
-    assert refused["reason"]
-    assert "odometry" in describe_refusal(refused["reason"])
+    assert not refused.is_converged
+    assert refused.reason
+    assert "odometry" in describe_refusal(refused.reason)
     assert describe_refusal("ONE_WAY").startswith("refused (ONE_WAY): the way back disagrees; smaller steps")
