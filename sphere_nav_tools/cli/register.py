@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         arguments.json.write_text(text + "\n", encoding="utf-8")
     if not found.is_converged:
-        print(f"sphere_nav register: {arguments.b}: {describe_refusal(found['reason'])}", file=sys.stderr)
+        print(f"sphere_nav register: {arguments.b}: {describe_refusal(found.reason)}", file=sys.stderr)
     return 0 if found.is_converged else 1
 
 
