@@ -262,6 +262,19 @@ def test_two_pairs_of_files_are_registered(second, options, limit, tmp_path, cap
 
 
 @pytest.mark.slow
+def test_a_pair_that_cannot_be_one_is_refused_in_a_line(tmp_path, capsys):
+    for number in (0, 2):
+        files(tmp_path, number)
+    cv2.imwrite(str(tmp_path / "i2.png"), np.full((CAMERA.height, CAMERA.width), 90, np.uint8))
+    a, b = (f"{tmp_path}/i{number}.png,{tmp_path}/d{number}.npy" for number in (0, 2))
+    camera = ",".join(str(value) for value in (CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy))
+    assert call("register", a, b, "--camera", camera) == 1
+    captured = capsys.readouterr()
+    assert not json.loads(captured.out)["is_converged"]
+    assert captured.err.startswith(f"sphere_nav register: {b}: refused (")
+
+
+@pytest.mark.slow
 def test_a_motion_may_be_large_and_a_wrong_one_is_not_converged():
     T = SE3.from_planar(1.2, -0.7, 1.3)
     a, b = (node.sphere for node in make_map(wide_room(), [SE3.identity(), T]).graph)
