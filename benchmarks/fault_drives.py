@@ -127,7 +127,7 @@ class Drive:
 
     def start(self) -> str:
         """Arm; return why not."""
-        answer = self.follower.shell.call("start")
+        answer = self.follower.endpoints.call("start")
         return "" if answer.success else str(answer.message).partition(":")[0]
 
     def teleport(self, along: float, left: float = 0.0, turned: float = 0.0) -> None:

@@ -139,7 +139,7 @@ def _speak(drive: Drive) -> None:
 
 def _publishers(*names: str, topic: str = "pose") -> Callable[[Drive], None]:
     def set_them(drive: Drive) -> None:
-        drive.follower.shell.publishers_of = lambda asked: list(names) if asked == topic else []
+        drive.follower.endpoints.publishers_of = lambda asked: list(names) if asked == topic else []
 
     return set_them
 
@@ -196,7 +196,7 @@ def _damaged_maps(drive: Drive) -> None:
         if content is not None:
             shutil.copytree(drive.course.map, folder, dirs_exist_ok=True)
             (folder / FILE_NAME).write_bytes(content)
-        if drive.localizer.shell.call("load_map", LoadMap.Request(path=str(folder))).success:
+        if drive.localizer.endpoints.call("load_map", LoadMap.Request(path=str(folder))).success:
             raise RuntimeError(f"load_map {folder.name}: expected a refusal, found success")
 
 

@@ -73,7 +73,7 @@ class Drive:
 
     def start(self) -> str:
         """Arm; return why not."""
-        answer = self.node.shell.call("start")  # type: ignore[attr-defined]
+        answer = self.node.endpoints.call("start")  # type: ignore[attr-defined]
         return "" if answer.success else str(answer.message).partition(":")[0]
 
 

@@ -294,13 +294,13 @@ def _service_targets(samples: Samples) -> list[Target]:
 def _service_target(
     node: ManagedNode, name: str, kind: Any, sample: Path, in_force: Callable[[], Any], weight: float = 0.5
 ) -> Target:
-    service = next(full for full in node.shell.services if full.split("/")[-1] == name)  # type: ignore[attr-defined]
+    service = next(full for full in node.endpoints.services if full.split("/")[-1] == name)  # type: ignore[attr-defined]
     data = sample.read_bytes()
 
     def attempt(rng: np.random.Generator, folder: Path) -> None:
         path, before = folder / f"called{sample.suffix}", in_force()
         path.write_bytes(mutate_bytes(data, rng))
-        answer = node.shell.call(service, kind.Request(path=str(path)))  # type: ignore[attr-defined]
+        answer = node.endpoints.call(service, kind.Request(path=str(path)))  # type: ignore[attr-defined]
         if not answer.success:
             assert in_force() is before, "a refused request changed what is in force"
             assert "Error:" not in answer.message, f"no refusal but a mistake: {answer.message}"

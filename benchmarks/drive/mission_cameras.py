@@ -49,7 +49,6 @@ from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell, record
 from sphere_nav.ros.conversions import pose_to_se3, stamp_ns
-from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, SIMULATION, TEACHING
 from sphere_nav_tools.cli.demo.report import read_truth
 from sphere_nav_tools.offline.routes import map_id_of, read_network_of
@@ -111,7 +110,7 @@ class City:
 
 def publish_on(bus: OfflineBus, simulator: Simulator) -> Outputs:
     """Return the simulator's outputs on a bus; its cameras' places are told."""
-    outputs = Outputs(Endpoints(OfflineShell(bus, "cycab_sim", {}, {})), simulator)
+    outputs = Outputs(OfflineShell(bus, "cycab_sim", {}, {}), simulator)
     outputs.publish_statics()
     return outputs
 
@@ -169,7 +168,7 @@ class CameraTown(Town):
         """Put the car down, and wait until it has found the place by itself."""
         self.simulator.teleport(*self.placed(pose))
         self.car = self.simulator.vehicle
-        cast("OfflineShell", self.localizer.shell).call("reset")
+        cast("OfflineShell", self.localizer.endpoints).call("reset")
         self.state, end = "", self.bus.now_ns + WAIT_NS
         while self.state != State.TRACKING and self.bus.now_ns < end:
             self.step(Driven("", ""), may_walk=False)

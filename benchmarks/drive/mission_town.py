@@ -82,7 +82,7 @@ class Town:
         values = {"network": str(folder / "city.geojson"), "state": str(folder), "mission.cruise": CRUISE}
         values |= {"mission.memory": 60.0}
         self.navigator = self.bus.add(RouteNavigator, values)
-        self.shell = cast("OfflineShell", self.navigator.shell)
+        self.shell = cast("OfflineShell", self.navigator.endpoints)
         mounted = se3_to_transform(SE3.identity(), self.bus.now_ns, "base_link", "scan")
         self.bus.publish("/tf_static", TFMessage(transforms=[mounted]))
         edge, pose = self._spot("square")

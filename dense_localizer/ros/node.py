@@ -69,7 +69,7 @@ class DenseLocalizerNode(LocalizerNode):
 
     def use_map(self, reader: MapReader) -> None:
         """Localize in a map from now on."""
-        is_live, before = self.shell.is_live and not self.params.every_image, self.localizer
+        is_live, before = self.endpoints.is_live and not self.params.every_image, self.localizer
         self.localizer = Localizer(self.params, reader, is_live=is_live)
         self.end_drive()
         if self.params.learn:

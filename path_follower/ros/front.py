@@ -71,7 +71,7 @@ class FrontNode(ManagedNode):
         if self.remote is None:
             self.loop: LoopRequests = self.LOOP_CLASS(self.endpoints, self.params, self.transforms)
             return
-        shell = cast("Any", self.shell)
+        shell = cast("Any", self.endpoints)
         shell.health_name = name = shell.get_fully_qualified_name().lstrip("/")
         overrides = {key: value.value for key, value in shell._parameter_overrides.items() if key.startswith("qos_")}
         self.loop = self.remote

@@ -27,10 +27,10 @@ from rclpy.task import Future
 
 from path_follower.ros.front import LOOP, FrontNode
 from sphere_nav.geometry import SE3
-from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.interfaces import from_bytes
-from sphere_nav.ros.node import Log, ThrottledLog
+from sphere_nav.ros.node import ThrottledLog
+from sphere_nav.ros.qos import STATE
 from sphere_nav.ros.rclpy_shell import LivePublisher, RclpyShell
 from sphere_nav.ros.run import help_text, in_context, run, until_signal
 from sphere_nav.ros.service import one_line
@@ -187,17 +187,11 @@ class LoopShell(RclpyShell):
             start_parameter_services=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in setup["overrides"].items()],
         )
-        self.log: Log = ThrottledLog(self.get_logger())
+        self.begin(ThrottledLog(self.get_logger()))
         self.failures = failures
         self.health_name, self.transforms = setup["health_name"], GivenTransforms()
-        self.endpoints = Endpoints(self)
         self.open_shell()
-        self.loop = front_class.LOOP_CLASS(self.endpoints, setup["params"], self.transforms)
-
-    @property
-    def opened(self) -> Endpoints:
-        """What the loop has open."""
-        return self.endpoints
+        self.loop = front_class.LOOP_CLASS(self, setup["params"], self.transforms)
 
     def ask(self, name: str, *values: Any) -> Any:
         """Carry out a request of the front."""
@@ -221,18 +215,18 @@ class LoopShell(RclpyShell):
         """Return the name that the front has resolved."""
         return self.topics.get(topic) or super().resolve_topic_name(topic, only_expand=only_expand)
 
-    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> LivePublisher:
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = STATE) -> LivePublisher:
         """Publish under the resolved name."""
         return super().add_publisher(self.topics.get(topic, topic), kind, profile)
 
     def _source_of(self, wanted: Subscription) -> str:
         return self.topics.get(wanted.topic, wanted.topic)
 
-    def add_subscription(self, wanted: Subscription) -> None:
+    def listen(self, wanted: Subscription) -> None:
         """Subscribe to bytes; a message is converted if it is of a reasonable size."""
         convert, kind, wanted.raw = wanted.callback, wanted.kind, True
         wanted.callback = lambda data: convert(from_bytes(data, kind, MAX_BYTES))
-        super().add_subscription(wanted)
+        super().listen(wanted)
 
 
 class GivenTransforms:

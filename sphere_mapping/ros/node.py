@@ -45,7 +45,7 @@ class SphereMapper(ManagedNode):
         warm_up()
         kernels.warm_up()
         self.params = with_driver_input(self.params)
-        self.journal = Journal(self.params, self.log.info) if self.shell.is_live else None
+        self.journal = Journal(self.params, self.log.info) if self.endpoints.is_live else None
         self.mapper = Mapper(self.params.mapper, store=self.journal)
         self.points = MapCloud(self.params.cloud, lambda sphere_id: self.mapper.load_sphere(sphere_id))
         self.num_lost, self.num_changes, self.mount = 0, 0, CameraMount("", False, SE3.identity())
@@ -57,7 +57,7 @@ class SphereMapper(ManagedNode):
         self.tf = TransformListener(self.endpoints, ignored=map_frame)
         self.odom = OdometryInput(self.endpoints, self.tf.tree, base_frame, is_used=True)
         self.transform = MapTransform(self.endpoints, self.odom, map_frame, base_frame)
-        self.vehicle = VehicleFrame(self.endpoints, self.params, self.tf, is_live=self.shell.is_live)
+        self.vehicle = VehicleFrame(self.endpoints, self.params, self.tf, is_live=self.endpoints.is_live)
         self.intake = Intake(self.params, self.on_sphere, self.tf.lookup, self.report, find_mount=self.vehicle.find)
         self.intake.subscribe(self.endpoints)
         self.add_service("~/close_loops", Trigger, self.on_close_loops)

@@ -1,12 +1,14 @@
 """What a node, or a part of one, has open towards ROS: topics, services, timers, clocks, log and diagnostics.
 
-A part of a node gets these, values and callbacks; it never gets the node.
+A part of a node gets these, values and callbacks; it never gets the node. Two backends open them: DDS
+(`rclpy_shell.RclpyShell`) and a bag (`bags.replay.OfflineShell`).
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from rclpy.qos import QoSProfile
 
@@ -55,78 +57,15 @@ class Client(Protocol):
         """Ask; `answer` gets the response and an empty text, or None and why there is none. It may come at once."""
 
 
-class Shell(Protocol):
-    """What is beneath a node: DDS (`live.LiveShell`) or a bag (`replay.OfflineShell`)."""
-
-    log: Log
-    is_live: bool  # messages come when they come; of a bag they wait until the node is done
-
-    def now_ns(self) -> int:
-        """Return the time of the node's clock; simulated or recorded time where that is used."""
-
-    def steady_ns(self) -> int:
-        """Return the time of a clock that nobody can set."""
-
-    def own_ns(self) -> int:
-        """Return the time by which silence is judged: steady, or that of /clock where time is simulated."""
-
-    @property
-    def is_time_simulated(self) -> bool:
-        """Whether the node's clock is /clock."""
-        ...
-
-    def publishers_of(self, topic: str) -> list[str]:
-        """Return the full names of the nodes that publish on a topic, as far as known."""
-
-    def take_waiting(self, wanted: Subscription) -> None:
-        """Deliver at once the messages of a topic that have come and wait for their turn."""
-
-    def add_subscription(self, wanted: Subscription) -> None:
-        """Start to deliver messages."""
-
-    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> Publisher:
-        """Open a topic for publishing."""
-
-    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
-        """Offer a service."""
-
-    def add_client(self, name: str, kind: type[Any]) -> Client:
-        """Call a service of another node."""
-        ...
-
-    def add_action(
-        self,
-        name: str,
-        kind: type[Any],
-        check: Callable[[Any], None],
-        begin: Callable[[Any], None],
-        cancel: Callable[[Any], None],
-    ) -> None:
-        """Offer an action."""
-
-    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
-        """Call back regularly."""
-
-    def remove_subscription(self, wanted: Subscription) -> None:
-        """Stop to deliver messages."""
-
-
-class NodeShell(Shell, Protocol):
-    """What is beneath a node as a whole."""
-
-    def read_parameters(self, cls: type[Any]) -> Any:
-        """Return the parameters object."""
-
-    def finish(self, status: int) -> None:
-        """End the process, or the replay, in order."""
-
-
-class Endpoints:
+class Endpoints(ABC):
     """Opens them, and remembers inputs and diagnostic entries for whoever tells about the node's health."""
 
-    def __init__(self, shell: Shell) -> None:
-        self._shell = shell
-        self.log = shell.log
+    log: Log
+    is_live: ClassVar[bool]  # messages come when they come; of a bag they wait until the node is done
+
+    def begin(self, log: Log) -> None:
+        """Begin with nothing open."""
+        self.log = log
         self.driver_topics: dict[str, str] = {}  # of a camera's driver, by ours
         self.inputs: list[Subscription] = []
         self.reports: dict[str, tuple[int, str, dict[str, Any]]] = {}
@@ -136,6 +75,81 @@ class Endpoints:
         self.inputs.clear()
         self.reports.clear()
 
+    # --- what a backend does
+    @abstractmethod
+    def now_ns(self) -> int:
+        """Return the node's time in nanoseconds, simulated or recorded where that is used; 0 before /clock is heard."""
+
+    @abstractmethod
+    def steady_ns(self) -> int:
+        """Return nanoseconds of a clock that nobody can set."""
+
+    @abstractmethod
+    def own_ns(self) -> int:
+        """Return nanoseconds of a clock that no stamp and no time server moves, by which silence is judged.
+
+        It is steady time, or the time of /clock where that is used: then `steady_ns` tells whether /clock stands.
+        """
+
+    @property
+    @abstractmethod
+    def is_time_simulated(self) -> bool:
+        """Whether the node's clock is /clock; a replay has but one clock, which is none of these."""
+
+    @abstractmethod
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return the full names of the nodes that publish on a topic, each as often as it does; none in a replay."""
+
+    @abstractmethod
+    def listen(self, wanted: Subscription) -> None:
+        """Start to deliver messages."""
+
+    @abstractmethod
+    def unlisten(self, wanted: Subscription) -> None:
+        """Stop to deliver messages."""
+
+    @abstractmethod
+    def take_waiting(self, wanted: Subscription) -> None:
+        """Deliver at once the messages of a topic that have come and wait for their turn.
+
+        What was published before a message on another topic is then known when that one is answered, whichever of the
+        two an executor happens to serve first.
+        """
+
+    @abstractmethod
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> Publisher:
+        """Publish on a topic."""
+
+    @abstractmethod
+    def serve(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+        """Offer a service whose handler never raises."""
+
+    @abstractmethod
+    def add_client(self, name: str, kind: type[Any]) -> Client:
+        """Call a service of another node, `name` relative and remappable; never waits."""
+
+    @abstractmethod
+    def add_action(
+        self,
+        name: str,
+        kind: type[Any],
+        *,
+        check: Callable[[Any], None],
+        begin: Callable[[Any], None],
+        cancel: Callable[[Any], None],
+    ) -> None:
+        """Offer an action.
+
+        `check(request)` raises ValueError for a goal that is rejected; `begin(goal)` starts one, of which another may
+        be under way; `cancel(goal)` asks for its end. A goal is ended by `goal.finish`, told of by `goal.publish`
+        (see `sphere_nav.ros.actions.ActionGoal`).
+        """
+
+    @abstractmethod
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
+        """Call back every so many seconds of the node's clock, or of the wall's."""
+
+    # --- what is the same for all
     def add_subscription(
         self,
         topic: str,
@@ -159,7 +173,7 @@ class Endpoints:
         if base in self.driver_topics:
             wanted.source = self.driver_topics[base] + topic[len(base) :]
         self.inputs.append(wanted)
-        self._shell.add_subscription(wanted)
+        self.listen(wanted)
         return wanted
 
     def hear_always(
@@ -173,12 +187,8 @@ class Endpoints:
         live.is_always = True
         latched = Subscription(topic, kind, callback, qos.LATCHED, is_required=False, silence=0.0, log=self.log)
         latched.is_always, latched.entity_id = True, "latched"  # else rclpy gives it the QoS of the first
-        self._shell.add_subscription(latched)
+        self.listen(latched)
         return live, latched
-
-    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> Publisher:
-        """Publish on a topic."""
-        return self._shell.add_publisher(topic, kind, profile)
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Offer a service, `~/name`; `handler(request, response)` returns the response; errors become one line."""
@@ -186,56 +196,12 @@ class Endpoints:
         def report(text: str, failure: str) -> None:
             self.log.error(text, every=REQUEST_PERIOD, key=f"service {failure}")
 
-        self._shell.add_service(name, kind, answer_always(handler, name, report))
-
-    def add_client(self, name: str, kind: type[Any]) -> Client:
-        """Call a service of another node, `name` relative and remappable; never waits."""
-        return self._shell.add_client(name, kind)
-
-    def add_action(
-        self,
-        name: str,
-        kind: type[Any],
-        *,
-        check: Callable[[Any], None],
-        begin: Callable[[Any], None],
-        cancel: Callable[[Any], None],
-    ) -> None:
-        """Offer an action.
-
-        `check(request)` raises ValueError for a goal that is rejected; `begin(goal)` starts one, of which another may
-        be under way; `cancel(goal)` asks for its end. A goal is ended by `goal.finish`, told of by `goal.publish`
-        (see `sphere_nav.ros.actions.ActionGoal`).
-        """
-        self._shell.add_action(name, kind, check, begin, cancel)
-
-    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
-        """Call back every so many seconds of the node's clock, or of the wall's."""
-        self._shell.add_timer(seconds, callback, is_wall=is_wall)
+        self.serve(name, kind, answer_always(handler, name, report))
 
     def remove_subscription(self, wanted: Subscription) -> None:
         """Unsubscribe."""
         self.inputs.remove(wanted)
-        self._shell.remove_subscription(wanted)
-
-    def now_ns(self) -> int:
-        """Return the node's time in nanoseconds; 0 while a simulated clock has not been heard."""
-        return self._shell.now_ns()
-
-    def steady_ns(self) -> int:
-        """Return nanoseconds of a clock that nobody can set."""
-        return self._shell.steady_ns()
-
-    def own_ns(self) -> int:
-        """Return nanoseconds of a clock that no stamp and no time server moves, by which silence is judged.
-
-        It is steady time, or the time of /clock where that is used: then `steady_ns` tells whether /clock stands.
-        """
-        return self._shell.own_ns()
-
-    def publishers_of(self, topic: str) -> list[str]:
-        """Return the full names of the nodes that publish on a topic, each as often as it does; none in a replay."""
-        return self._shell.publishers_of(topic)
+        self.unlisten(wanted)
 
     def speakers_of(self, topic: str) -> list[str]:
         """Return who publishes a topic that this node hears; those of one name are one where only one of them speaks.
@@ -246,19 +212,18 @@ class Endpoints:
         is_of_one = any(wanted.topic == topic and wanted.is_of_one for wanted in self.inputs)
         return sorted(set(names)) if is_of_one else names
 
-    @property
-    def is_time_simulated(self) -> bool:
-        """Whether the node's clock is /clock; a replay has but one clock, which is none of these."""
-        return self._shell.is_time_simulated
-
-    def take_waiting(self, wanted: Subscription) -> None:
-        """Deliver at once the messages of a topic that have come and wait for their turn.
-
-        What was published before a message on another topic is then known when that one is answered, whichever of the
-        two an executor happens to serve first.
-        """
-        self._shell.take_waiting(wanted)
-
     def report(self, name: str, level: int, message: str, **values: Any) -> None:
         """Set the diagnostic entry `name`: OK, WARN, ERROR or STALE, one line, and named values."""
         self.reports[name] = (level, message, values)
+
+
+class NodeShell(Endpoints):
+    """What is beneath a node as a whole."""
+
+    @abstractmethod
+    def read_parameters(self, cls: type[Any]) -> Any:
+        """Return the parameters object."""
+
+    @abstractmethod
+    def finish(self, status: int) -> None:
+        """End the process, or the replay, in order."""

@@ -14,9 +14,9 @@ from sphere_nav.params import leaves, param
 from sphere_nav.params import parameters as params_class
 from sphere_nav.ros import parameters
 from sphere_nav.ros.constants import EXPLAIN_PERIOD
-from sphere_nav.ros.endpoints import OK, WARN, Endpoints
+from sphere_nav.ros.endpoints import OK, WARN, NodeShell
 from sphere_nav.ros.executor import CallbackFailures
-from sphere_nav.ros.node import Log, ManagedNode, ThrottledLog
+from sphere_nav.ros.node import ManagedNode, ThrottledLog
 from sphere_nav.ros.rclpy_shell import RclpyShell
 from sphere_nav.ros.service import one_line
 
@@ -28,12 +28,12 @@ class ShellParams:
     autostart: bool = param(True, "configure and activate at once instead of waiting for a lifecycle manager")
 
 
-class LiveShell(RclpyShell, LifecycleNode):
+class LiveShell(RclpyShell, NodeShell, LifecycleNode):
     """A lifecycle node that carries out what its ManagedNode asks for."""
 
     def __init__(self, node_class: type[ManagedNode], **options: Any) -> None:
         super().__init__(node_class.NAME, enable_logger_service=True, **options)
-        self.log: Log = ThrottledLog(self.get_logger())
+        self.begin(ThrottledLog(self.get_logger()))
         self.failures = CallbackFailures(self.log)
         self.is_configured = False
         self.on_finish: Callable[[int], None] = lambda status: None
@@ -46,11 +46,6 @@ class LiveShell(RclpyShell, LifecycleNode):
             self.log.warning(line)
         self.node = node_class(self)
         self.open_shell()
-
-    @property
-    def opened(self) -> Endpoints:
-        """What the node has open."""
-        return self.node.endpoints
 
     def start(self) -> bool:
         """Configure and activate if `autostart` says so; whether the node is where it should be."""

@@ -32,7 +32,7 @@ from typing import Any, ClassVar
 
 from sphere_nav.params import parameters
 from sphere_nav.ros.camera.drivers import topics_by_driver
-from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, Endpoints, Log, NodeShell, Publisher
+from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, Log, NodeShell, Publisher
 
 __all__ = ["ERROR", "OK", "STALE", "WARN", "Log", "ManagedNode", "NoParams", "NodeShell", "Publisher"]
 
@@ -53,9 +53,8 @@ class ManagedNode:
 
     def __init__(self, shell: NodeShell) -> None:
         """`shell` is given by `run` (live) or by `replay` (offline); the parameters are read and checked here."""
-        self.shell = shell
-        self.log = shell.log
-        self.endpoints = endpoints = Endpoints(shell)  # what the parts of a node get
+        self.endpoints = endpoints = shell  # what the parts of a node get
+        self.log = endpoints.log
         self.add_subscription, self.remove_subscription = endpoints.add_subscription, endpoints.remove_subscription
         self.add_publisher, self.add_service = endpoints.add_publisher, endpoints.add_service
         self.add_timer, self.report = endpoints.add_timer, endpoints.report
@@ -91,7 +90,7 @@ class ManagedNode:
 
     def finish(self, status: int = 0) -> None:
         """Ask for the end of the process: the work is done (0), or cannot be done (1)."""
-        self.shell.finish(status)
+        self.endpoints.finish(status)
 
 
 class ThrottledLog:

@@ -21,7 +21,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.actions import GuardedActionServer
 from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
-from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints, Log
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
@@ -63,11 +63,10 @@ class LiveClient:
         self._client.call_async(request).add_done_callback(lambda done: answer(done.result(), ""))
 
 
-class RclpyShell(Node):
+class RclpyShell(Endpoints, Node):
     """Opens and closes what a node asks for, and tells once a second how it is; base of the shells of processes."""
 
     is_live = True
-    log: Log
     failures: CallbackFailures
     health_name = ""  # in front of the entries in /diagnostics; empty: the node's own name
     callbacks_name = "callbacks"  # of the entry that counts what failed
@@ -82,11 +81,6 @@ class RclpyShell(Node):
         self.create_timer(HEALTH_PERIOD, self._tell_health, clock=self._steady)
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_jump)
-
-    @property
-    def opened(self) -> Endpoints:
-        """What is open, for the diagnostics."""
-        raise NotImplementedError
 
     def clock_jumped(self) -> None:
         """Forget everything with a stamp: the clock went backwards."""
@@ -118,7 +112,7 @@ class RclpyShell(Node):
         infos = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
         return sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
 
-    def add_subscription(self, wanted: Subscription) -> None:
+    def listen(self, wanted: Subscription) -> None:
         """Subscribe; while the node is inactive messages are dropped, latched ones kept until it is active.
 
         rclpy's own warnings of what DDS does not connect are off: they cost the executor more than all the rest
@@ -160,7 +154,7 @@ class RclpyShell(Node):
         is_remapped = self.resolve_topic_name(wanted.topic) != self.resolve_topic_name(wanted.topic, only_expand=True)
         return wanted.topic if is_remapped or not wanted.source else wanted.source
 
-    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> LivePublisher:
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> LivePublisher:
         """Make a publisher that follows the lifecycle."""
         options = QoSOverridingOptions.with_default_policies()
         publisher = self.create_publisher(
@@ -174,7 +168,7 @@ class RclpyShell(Node):
         self._entities.append(lambda: self.destroy_publisher(publisher))
         return LivePublisher(self, publisher)
 
-    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+    def serve(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Make a service, `~/name` below the node's own name; it answers while the node is inactive, too."""
         service = self.create_service(kind, name, handler)
         self._entities.append(lambda: self.destroy_service(service))
@@ -189,6 +183,7 @@ class RclpyShell(Node):
         self,
         name: str,
         kind: type[Any],
+        *,
         check: Callable[[Any], None],
         begin: Callable[[Any], None],
         cancel: Callable[[Any], None],
@@ -204,11 +199,11 @@ class RclpyShell(Node):
         server = GuardedActionServer(self, kind, name, check=check, begin=begin, cancel=cancel, report=report)
         self._entities.append(server.destroy)
 
-    def remove_subscription(self, wanted: Subscription) -> None:
+    def unlisten(self, wanted: Subscription) -> None:
         """Unsubscribe."""
         self.destroy_subscription(wanted.handle)
 
-    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
         """Make a timer on the node's clock, or the steady one; it is silent while the node is inactive."""
 
         def tick() -> None:
@@ -222,7 +217,7 @@ class RclpyShell(Node):
         while self._entities:
             self._entities.pop()()
         self._own_publishers.clear()
-        self.opened.clear()
+        self.clear()
 
     # --- health
     def _tell_health(self) -> None:
@@ -237,11 +232,11 @@ class RclpyShell(Node):
         return ()
 
     def _lacks(self) -> list[DiagnosticStatus]:
-        inputs = self.opened.inputs if self.is_active else ()
+        inputs = self.inputs if self.is_active else ()
         return [self._status(f"input {wanted.topic}", *examine_input(self, wanted)) for wanted in inputs]
 
     def _reported(self) -> list[DiagnosticStatus]:
-        return [self._status(name, *entry) for name, entry in self.opened.reports.items()]
+        return [self._status(name, *entry) for name, entry in self.reports.items()]
 
     def _status(self, name: str, level: int, message: str, values: dict[str, Any]) -> DiagnosticStatus:
         pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]

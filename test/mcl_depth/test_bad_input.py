@@ -108,7 +108,7 @@ def test_the_command_refuses_a_recording_without_calibration(files, tmp_path, ca
 def test_a_call_for_a_cloud_that_is_none_is_refused(eye, files, name, caplog):
     bench = Bench(eye, files / "room.npy")
     before = bench.node.clouds.geometry
-    answer = bench.node.shell.call("load_cloud", LoadCloud.Request(path=str(files / f"{name}.npy")))
+    answer = bench.node.endpoints.call("load_cloud", LoadCloud.Request(path=str(files / f"{name}.npy")))
     assert not answer.success
     assert CLOUDS[name][1] in caplog.text
     assert bench.node.clouds.geometry is before

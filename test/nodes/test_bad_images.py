@@ -33,7 +33,7 @@ class Car:
 
     def begin(self):
         """Forget what was seen; see a good image."""
-        assert self.node.shell.call("reset").success
+        assert self.node.endpoints.call("reset").success
         self.wait(20 * SECOND)
         self.calibrate(CAMERA)
         assert self.see().reason not in INPUT_REASONS

@@ -211,7 +211,7 @@ def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activatio
     node = CycabSim(OfflineShell(bus, "cycab_sim", {"camera.period": 0.0, "clock.real_time_factor": 0.0}, {}))
     node.configure()
     request = SetFault.Request(fault=SimulationFault(target="odom", kind="silent"))
-    assert node.shell.call("set_fault", request).success
+    assert node.endpoints.call("set_fault", request).success
     for _ in range(3):
         before = node.simulator.time_ns
         node.activate()
@@ -220,4 +220,4 @@ def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activatio
             time.sleep(0.001)
         node.deactivate()
         assert node.simulator.time_ns > before
-        assert node.shell.call("set_fault", SetFault.Request(clear=True)).success
+        assert node.endpoints.call("set_fault", SetFault.Request(clear=True)).success

@@ -178,7 +178,7 @@ def test_an_image_that_waits_too_long_is_answered_with_the_reason(map_path, pict
 @pytest.mark.slow
 def test_relocalize_answers_with_the_pose_it_found(map_path, pictures):
     bench = Bench(map_path, automatic=False)
-    call = bench.node.shell.call
+    call = bench.node.endpoints.call
     assert "next image" in call("relocalize").message
     bench.see(pictures[0])
     answer = call("relocalize")
@@ -194,7 +194,7 @@ def test_relocalize_answers_with_the_pose_it_found(map_path, pictures):
 @pytest.mark.slow
 def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_path, pictures, tmp_path):
     bench = Bench()
-    call = bench.node.shell.call
+    call = bench.node.endpoints.call
     answer = call("load_map", LoadMap.Request(path=str(map_path)))
     assert answer.success, answer.message
     assert answer.num_spheres == 4

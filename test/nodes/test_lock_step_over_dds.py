@@ -152,7 +152,7 @@ def drive_alone(folder, simulator):
             (twist,) = [m.message for m in bus.settle() if m.topic == "/cmd_vel" and stamp_ns(m.message) == now]
             command = VehicleCommand(twist.twist.linear.x, twist.twist.angular.z)
         if now == PAUSE_NS and "camera" in due:
-            assert follower.shell.call("start").success
+            assert follower.endpoints.call("start").success
         simulator.step(command, 10_000_000)
     return truth
 

@@ -94,7 +94,7 @@ def test_a_cloud_may_come_by_topic(eye):
 
 @pytest.mark.slow
 def test_a_cloud_is_thinned_to_the_voxels_of_the_call(eye, cloud):
-    call = Bench(eye).node.shell.call
+    call = Bench(eye).node.endpoints.call
     counts = [call("load_cloud", LoadCloud.Request(path=str(cloud), voxel_size=s)).num_points for s in (0.0, 0.2, 0.4)]
     assert counts[0] > 3 * counts[1] > 9 * counts[2] > 0  # surfaces: a quarter each time
     refused = call("load_cloud", LoadCloud.Request(path=str(cloud), voxel_size=-1.0))

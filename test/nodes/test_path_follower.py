@@ -62,7 +62,7 @@ class Bench:
         return list(self.bus.settle())
 
     def call(self, name, request=None):
-        return self.node.shell.call(name, request)
+        return self.node.endpoints.call(name, request)
 
     def step(self, state="TRACKING"):
         """One image: status, and a pose where the localiser has one; returns what the node said."""

@@ -80,7 +80,7 @@ class Trip:
         self.live(0.2)
 
     def begin(self, **goal):
-        check, begin, self.cancel = self.navigator.shell.actions["navigate"]
+        check, begin, self.cancel = self.navigator.endpoints.actions["navigate"]
         asked = Offered(Navigate.Goal(**goal))
         check(asked.request)
         begin(asked)
@@ -114,10 +114,10 @@ def test_a_mission_from_beside_the_path_with_an_edge_closed_under_way(trip):
     trip.live(6.0, lambda: trip.pose.x > 1.5)
     assert trip.said["/route_navigator/status"].state == "DRIVING"
     usual = {feedback.edge for feedback in goal.feedback} - {""}
-    plan = trip.navigator.shell.call("plan", PlanRoute.Request(place="end"))
+    plan = trip.navigator.endpoints.call("plan", PlanRoute.Request(place="end"))
     assert plan.success
     middle = plan.edges[1]
-    assert trip.navigator.shell.call("close_edge", CloseEdge.Request(edge=middle, closed=True)).success
+    assert trip.navigator.endpoints.call("close_edge", CloseEdge.Request(edge=middle, closed=True)).success
     trip.live(60.0, lambda: goal.result is not None)
     assert (goal.result.success, goal.result.reason) == (True, "")
     assert trip.pose.x == pytest.approx(35.0, abs=0.15)
@@ -131,7 +131,7 @@ def test_a_mission_from_beside_the_path_with_an_edge_closed_under_way(trip):
 
 
 def test_calls_answer_why_not(trip):
-    shell = trip.navigator.shell
+    shell = trip.navigator.endpoints
     assert shell.call("pause").message == "nothing to pause: IDLE"
     assert shell.call("resume").message == "nothing to resume: IDLE"
     trip.navigator.mission.pose = None

@@ -51,7 +51,7 @@ class Bench:
             self.send(*source(number))
 
     def call(self, name, request=None):
-        answer = self.node.shell.call(name, request)
+        answer = self.node.endpoints.call(name, request)
         self.settle()
         return answer
 

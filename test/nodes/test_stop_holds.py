@@ -70,7 +70,7 @@ class Vehicle:
 
     # --- requests
     def ask(self, node, name, request=None):
-        answer = node.shell.call(name, request)
+        answer = node.endpoints.call(name, request)
         if answer.success and name in ("start", "resume"):
             self.stopped_at = None
         if answer.success and name in ("stop", "pause") and self.stopped_at is None:
@@ -84,7 +84,7 @@ class Vehicle:
         self.settle()
 
     def go(self, place="end"):
-        check, begin, _ = self.navigator.shell.actions["navigate"]
+        check, begin, _ = self.navigator.endpoints.actions["navigate"]
         goal = Goal(place)
         try:
             check(goal.request)
@@ -96,7 +96,7 @@ class Vehicle:
 
     def cancel(self):
         for goal in [goal for goal in self.goals if not goal.is_over]:
-            self.navigator.shell.actions["navigate"][2](goal)
+            self.navigator.endpoints.actions["navigate"][2](goal)
 
     def restart_navigator(self):
         old = self.navigator
@@ -154,7 +154,7 @@ def drive_off(vehicle, way):
     if way == "mission":
         vehicle.go()
     else:
-        assert vehicle.follower.shell.call("load_trajectory", LoadTrajectory.Request(path=vehicle.file)).success
+        assert vehicle.follower.endpoints.call("load_trajectory", LoadTrajectory.Request(path=vehicle.file)).success
         assert vehicle.ask(vehicle.follower, "start").success
     vehicle.live(4.0)
     assert vehicle.command.linear.x > 0.2
@@ -277,7 +277,7 @@ class AnythingMayHappen(RuleBasedStateMachine):
 
     @rule(after=st.sampled_from([0.0, 2.0]))
     def load_a_path(self, after):
-        self.vehicle.follower.shell.call("load_trajectory", LoadTrajectory.Request(path=self.vehicle.file))
+        self.vehicle.follower.endpoints.call("load_trajectory", LoadTrajectory.Request(path=self.vehicle.file))
         self.vehicle.live(after)
 
     @rule(after=st.sampled_from([0.5, 2.0]))

@@ -124,7 +124,7 @@ class BagPlayer(ManagedNode):
 
     def _find_answers(self) -> None:
         """Subscribe to the answers as soon as their type is known."""
-        ros = cast("LiveShell", self.shell)
+        ros = cast("LiveShell", self.endpoints)
         topic = ros.resolve_topic_name(self.params.answer_topic)
         kinds = [info.topic_type for info in ros.get_publishers_info_by_topic(topic)]
         if self.answers is not None and kinds and not self.inputs:

@@ -48,7 +48,7 @@ class BagRecorder(ManagedNode):
             raise ValueError("output: expected the folder of the bag to write, found none")
         if not self.params.topics.split() and not self.params.topic_set:
             raise ValueError("topics, topic_set: expected something to record, found neither")
-        self.ros = cast("LiveShell", self.shell)
+        self.ros = cast("LiveShell", self.endpoints)
         self.bag = BagWriter.at_free_path(self.params.output, is_compressed=self.params.compressed)
         if self.bag.path != Path(self.params.output):
             self.log.warning(f"{self.params.output}: something is there already: this recording is {self.bag.path}")

@@ -24,6 +24,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.params import build
+from sphere_nav.ros import qos
 from sphere_nav.ros.bags.playback import is_latched
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, Recorded
@@ -32,7 +33,7 @@ from sphere_nav.ros.bags.writer import BagWriter, absolute
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import decompress
 from sphere_nav.ros.interfaces import type_name
-from sphere_nav.ros.node import Log, ManagedNode, ThrottledLog
+from sphere_nav.ros.node import ManagedNode, NodeShell, ThrottledLog
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
 
@@ -69,13 +70,14 @@ class OfflineClient:
         """Answer at once."""
         node_name, _, service = self._name.strip("/").rpartition("/")
         for node in self._bus.nodes:
-            if node_name == node.NAME and isinstance(node.shell, OfflineShell) and service in node.shell.services:
-                answer(node.shell.call(service, request), "")
+            shell = node.endpoints
+            if node_name == node.NAME and isinstance(shell, OfflineShell) and service in shell.services:
+                answer(shell.call(service, request), "")
                 return
         answer(None, f"/{node_name}/{service}: no such service: see that its node runs")
 
 
-class OfflineShell:
+class OfflineShell(NodeShell):
     """What a node of a replay talks to."""
 
     is_live = False
@@ -83,7 +85,7 @@ class OfflineShell:
 
     def __init__(self, bus: OfflineBus, name: str, values: Mapping[str, Any], remap: Mapping[str, str]) -> None:
         self._bus, self._values, self._remap = bus, values, remap
-        self.log: Log = ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9)
+        self.begin(ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9))
         self._node_name = name
         self.services: dict[str, tuple[type[Any], Callable[[Any, Any], Any]]] = {}
         self.actions: dict[str, tuple[Callable[[Any], None], Callable[[Any], None], Callable[[Any], None]]] = {}
@@ -108,16 +110,16 @@ class OfflineShell:
         """Return none: a bag does not say who published."""
         return []
 
-    def add_subscription(self, wanted: Subscription) -> None:
+    def listen(self, wanted: Subscription) -> None:
         """Listen on the bus."""
         self._bus.listeners.setdefault(self._source_of(wanted), []).append(wanted)
 
-    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> OfflinePublisher:
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> OfflinePublisher:
         """Publish on the bus."""
         self._bus.profiles[self._name(topic)] = profile
         return OfflinePublisher(self._bus, self._name(topic))
 
-    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+    def serve(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Keep a service for `call`."""
         self.services[name.removeprefix("~/")] = (kind, handler)
 
@@ -129,6 +131,7 @@ class OfflineShell:
         self,
         name: str,
         kind: type[Any],
+        *,
         check: Callable[[Any], None],
         begin: Callable[[Any], None],
         cancel: Callable[[Any], None],
@@ -139,14 +142,14 @@ class OfflineShell:
     def take_waiting(self, wanted: Subscription) -> None:
         """Do nothing: on the bus nothing waits."""
 
-    def remove_subscription(self, wanted: Subscription) -> None:
+    def unlisten(self, wanted: Subscription) -> None:
         """Stop to listen."""
         self._bus.listeners[self._source_of(wanted)].remove(wanted)
 
     def finish(self, status: int) -> None:
         """Do nothing: a replay ends with its bag."""
 
-    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
         """Fire on the recording's clock, which is the only one here."""
         self._bus.add_timer(seconds, callback)
 

@@ -18,7 +18,7 @@ def test_of_a_file_that_is_no_map_nothing_is_told_to_who_asks(tmp_path, caplog):
     (tmp_path / "metadata.yaml").write_text("the secret")
     paths = ("secret.mcap", "none", "metadata.yaml", "metadata.yaml/x", ".", "", "a\0b")
     for path in (*(str(tmp_path / name) for name in paths), "/dev/null", "/proc/self/mem", "/etc/passwd"):
-        answer = node.shell.call("load_map", LoadMap.Request(path=path))
+        answer = node.endpoints.call("load_map", LoadMap.Request(path=path))
         told.add((answer.success, answer.message))
     assert told == {(False, UNREADABLE)}
     assert "secret.mcap: expected an MCAP file, found one that begins with 74 68 65" in caplog.text
@@ -27,6 +27,6 @@ def test_of_a_file_that_is_no_map_nothing_is_told_to_who_asks(tmp_path, caplog):
 
 def test_without_a_map_nothing_can_be_searched_and_everything_reset():
     node = OfflineBus().add(DenseLocalizerNode)
-    answer = node.shell.call("relocalize")
+    answer = node.endpoints.call("relocalize")
     assert (answer.success, answer.message) == (False, "relocalize: expected a map, found none: load one first")
-    assert node.shell.call("reset", Trigger.Request()).success
+    assert node.endpoints.call("reset", Trigger.Request()).success

@@ -28,7 +28,7 @@ def node():
 
 
 def loaded(node, path):
-    return node.shell.call("load_cloud", LoadCloud.Request(path=str(path)))
+    return node.endpoints.call("load_cloud", LoadCloud.Request(path=str(path)))
 
 
 def test_a_cloud_is_answered_with_its_size(node, tmp_path):

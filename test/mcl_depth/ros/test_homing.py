@@ -107,7 +107,7 @@ def test_the_path_is_followed_to_its_end_by_directions_alone(eye, cloud):
         said = bench.see(SE3.from_planar(*pose), T_odom_base=None)
         command = said["/cmd_vel"].twist
         if number == 2:
-            assert follower.shell.call("start").success
+            assert follower.endpoints.call("start").success
         states.append(said["/path_follower/status"].state)
         trail.append((pose.x, pose.y))
         if states[-1] == "FINISHED":

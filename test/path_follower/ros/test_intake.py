@@ -55,9 +55,9 @@ def test_every_direction_is_answered_by_a_command_with_its_stamp(bus):
     node = bus.nodes[0]
     assert isinstance(node.loop.intake, DirectionIntake)
     source(bus, "DRIVING", SECOND, progress=1.0, distance_to_end=4.0)
-    assert not node.shell.call("start").success  # no direction yet
+    assert not node.endpoints.call("start").success  # no direction yet
     direction(bus, 0.2, SECOND)
-    assert node.shell.call("start").success
+    assert node.endpoints.call("start").success
     for stamp in (SECOND + SECOND // 10, SECOND + SECOND // 5):
         said = {record.topic: record.message for record in direction(bus, 0.2, stamp)}
     assert said["/cmd_vel"].header.stamp.nanosec == SECOND // 5
@@ -91,7 +91,7 @@ def test_a_status_of_a_clock_that_is_wrong_does_not_make_the_next_one_old():
 def test_a_source_in_doubt_is_answered_at_once(bus):
     source(bus, "DRIVING", SECOND)
     direction(bus, 0.0, SECOND)
-    assert bus.nodes[0].shell.call("start").success
+    assert bus.nodes[0].endpoints.call("start").success
     for after, reason in ((0.1, "LOCALISATION_DEGRADED"), (0.4, "NOT_LOCALISED")):  # s: `safety.max_blind_time` is 0.35
         said = {record.topic: record.message for record in source(bus, "STOPPED", SECOND + int(after * SECOND))}
         assert said["/path_follower/status"].reason == reason
@@ -144,7 +144,7 @@ def drive(bus, node, images, period=SECOND // 10, x=0.0):
         commands = speeds(bus.settle())
         x += commands[-1] * period / SECOND
         if k == 2:
-            assert node.shell.call("start").success
+            assert node.endpoints.call("start").success
     return x
 
 
@@ -279,7 +279,7 @@ def started_with_scans(**values):
     mount(bus)
     x = drive(bus, node, 2)
     scan(bus, 41 * [np.inf])
-    assert node.shell.call("start").success
+    assert node.endpoints.call("start").success
     x, reasons = drive_with_scans(bus, node, 15, 41 * [np.inf], x)
     assert reasons == {""}
     return bus, node, x
@@ -337,7 +337,7 @@ def test_a_scan_that_sees_nothing_where_it_saw_something_is_none(ranges, fields,
     verdict = node.loop.follower.mode.verdict
     assert (verdict.reason, found in verdict.detail) == ("SCAN_TIMEOUT", True), verdict.detail
     assert x - stood < 1.2
-    assert not node.shell.call("start").success
+    assert not node.endpoints.call("start").success
 
 
 def test_scans_that_measure_are_driven_by_also_where_nothing_is_in_range_or_much_is_hidden_by_the_body():
@@ -354,18 +354,18 @@ def test_scans_that_measure_are_driven_by_also_where_nothing_is_in_range_or_much
 def test_a_scanner_without_tf_is_no_reason_to_drive_as_if_there_were_none(is_required):
     bus, node = follower_bus(**{"safety.is_scan_required": is_required})
     x = drive(bus, node, 2)
-    assert node.shell.call("start").success != is_required
+    assert node.endpoints.call("start").success != is_required
     scan(bus, 41 * [np.inf])
-    answer = node.shell.call("start") if is_required else node.loop.follower.watch.judge_inputs(bus.now_ns)
+    answer = node.endpoints.call("start") if is_required else node.loop.follower.watch.judge_inputs(bus.now_ns)
     assert "laser" in str(answer)
     drive(bus, node, 1, x=x)
-    assert not node.shell.call("start").success
+    assert not node.endpoints.call("start").success
     mount(bus)
     scan(bus, 41 * [np.inf])
     for _ in range(20):
         x = drive(bus, node, 1, x=x)
         scan(bus, 41 * [np.inf])
-    assert node.shell.call("start").success
+    assert node.endpoints.call("start").success
 
 
 def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required():
@@ -374,7 +374,7 @@ def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required():
         mount(bus, yaw=np.pi)
         drive(bus, node, 2)
         scan(bus, 41 * [np.inf])
-        answer = node.shell.call("start")
+        answer = node.endpoints.call("start")
         assert answer.success != is_required
         assert is_required == ("expected beams where the vehicle drives" in answer.message)
 
@@ -473,7 +473,7 @@ def test_a_clock_that_is_looked_at_late_changes_no_command(monkeypatch, lag):
             sent += [(stamp_ns(m.message), m.message.twist) for m in bus.settle() if m.topic == "/cmd_vel"]
             x += 0.05
             if k in (10, 37):
-                assert node.shell.call("start").success
+                assert node.endpoints.call("start").success
         return sent
 
     rare, often = commands([]), commands([(k + lag) * SECOND // 100 for k in range(1, 20 - lag)])

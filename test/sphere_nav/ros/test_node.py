@@ -34,7 +34,7 @@ def test_requests_that_fail_alike_are_answered_each_and_told_once_a_second(caplo
     node.add_service("~/call", SetBool, on_call)
     for second in (1, 2):
         list(bus.advance(second * 10**9))
-        answers += [node.shell.call("call", SetBool.Request(data=number == 9)).message for number in range(10)]
+        answers += [node.endpoints.call("call", SetBool.Request(data=number == 9)).message for number in range(10)]
     assert len(set(answers)) == 19  # KeyError says the same twice
     assert [record.message.splitlines()[0] for record in caplog.records] == [
         "~/call: request: expected 1, found 0",

@@ -339,7 +339,7 @@ def test_a_second_recorder_takes_the_next_name_and_the_first_one_goes_on(recorde
         BagWriter(drive.with_name("drive_2"))
     for node in nodes:
         assert node.unfinished().endswith("keeps what is whole")
-        node.shell.stop()
+        node.endpoints.stop()
         assert node.unfinished() == ""
     assert not partial.exists()
     assert verify_bag(drive).problems == []

@@ -134,7 +134,7 @@ def test_outputs_go_into_a_bag_with_their_qos(make_bag, tmp_path):
 
 def test_services_answer_and_the_end_is_orderly(make_bag):
     _, echo, _, bus = run(make_bag())
-    assert echo.shell.call("count").message == "39"
+    assert echo.endpoints.call("count").message == "39"
     bus.close()
     assert echo.closed
 

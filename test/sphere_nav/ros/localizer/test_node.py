@@ -186,7 +186,7 @@ def test_a_pose_off_the_map_is_refused_and_so_is_one_of_another_frame():
     bench.send("/initialpose", wrong)
     assert next(item for item in bench.node.inputs if item.topic == "initialpose").num_refused == 2
     assert bench.node.searches == []
-    answer = bench.node.shell.call("relocalize", Relocalize.Request(has_guess=True, guess=pose_at(99.0)))
+    answer = bench.node.endpoints.call("relocalize", Relocalize.Request(has_guess=True, guess=pose_at(99.0)))
     assert (answer.success, "found 50 m" in answer.message) == (False, True)
 
 
@@ -206,7 +206,7 @@ def test_reset_accepts_another_camera_and_a_jump_of_the_clock_another_time():
     bench = Bench()
     bench.see()
     assert bench.see(frame="other")["/status"].reason == "BAD_INFO"
-    assert bench.node.shell.call("reset").success
+    assert bench.node.endpoints.call("reset").success
     assert bench.node.state is State.SEARCHING
     bench.send("/camera_info", camera_to_info(replace(CAMERA, fx=60.0), bench.now, "other"))
     assert bench.see(frame="other")["/status"].state == "TRACKING"
