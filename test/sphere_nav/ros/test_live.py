@@ -142,27 +142,6 @@ def test_what_is_refused_is_told(make_desk):
     assert desk.doubled == []
 
 
-@pytest.mark.slow
-def test_what_is_missing_is_explained(make_desk):
-    desk = make_desk()
-    desk.shell.start()
-    desk.until(lambda: "no publisher" in desk.text("input latched"))
-    expected = "waiting for /latched (std_msgs/msg/String; reliable, transient local, depth 1): no publisher"
-    assert desk.text("input latched") == expected
-    desk.until(lambda: "1 publisher, no message yet" in desk.text("input number"))
-
-    volatile = desk.peer.create_publisher(String, "latched", 10)
-    desk.until(
-        lambda: "/peer is incompatible: it offers volatile, asked is transient local" in desk.text("input latched")
-    )
-    desk.peer.destroy_publisher(volatile)
-    right = desk.peer.create_publisher(String, "latched", qos.LATCHED)
-    right.publish(String(data="once"))
-    desk.until(lambda: desk.text("input latched") == "receiving")
-    desk.send(1)
-    desk.until(lambda: "no message for" in desk.text("input number"))  # after 2 s of silence
-
-
 def test_the_lifecycle_is_that_of_ros(make_desk):
     desk = make_desk(autostart=False)
     assert desk.shell.start()

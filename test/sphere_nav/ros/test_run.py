@@ -96,13 +96,6 @@ def test_a_busy_callback_does_not_hold_up_the_end(start):
     assert "Traceback" not in err
 
 
-def test_a_node_may_end_itself(start):
-    process = start("is_done:=true")
-    out, _ = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0
-    assert out.splitlines()[-1] == "clean"
-
-
 @pytest.mark.parametrize(
     ("value", "line"),
     [

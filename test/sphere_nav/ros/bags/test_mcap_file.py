@@ -94,17 +94,6 @@ def test_a_cut_at_every_record(tmp_path):
             BagReader(path)
 
 
-def test_a_salvaged_bag_is_a_bag_again(tmp_path):
-    path = write(tmp_path / "whole.mcap")
-    data, index = path.read_bytes(), chunks(path)[1]
-    path.write_bytes(flipped(data, index.chunk_start_offset + index.chunk_length // 2, 0)[:-1])
-    count = salvage(path, tmp_path / "saved")
-    assert 20 < count < 40
-    with BagReader(tmp_path / "saved") as bag:
-        assert bag.num_messages == count
-        assert set(bag.topics) == {"/one", "/two"}
-
-
 def test_types_that_are_not_installed_are_salvaged_with_their_definition(tmp_path):
     path = tmp_path / "foreign.mcap"
     with path.open("wb") as file:

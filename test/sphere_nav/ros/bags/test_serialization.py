@@ -49,13 +49,6 @@ def test_stored_bytes_do_not_depend_on_the_memory_before(outputs):
     assert outputs[0][0] == outputs[1][0]
 
 
-@pytest.mark.dds
-def test_they_differ_from_the_serializer_s_in_padding_only(outputs):
-    for stored, serialized in outputs:
-        pairs = list(zip(bytes.fromhex(stored), bytes.fromhex(serialized), strict=True))
-        assert all(ours == theirs or ours == 0 for ours, theirs in pairs)
-
-
 @pytest.mark.parametrize(
     "message",
     [

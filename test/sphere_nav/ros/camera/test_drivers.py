@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
@@ -13,7 +12,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.params import param, parameters
-from sphere_nav.ros import conversions, qos
+from sphere_nav.ros import qos
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.camera.drivers import FIELDS, INPUTS, OPTIONAL, driver_names, read_driver, topics_by_driver
 from sphere_nav.ros.conversions.images import ENCODINGS
@@ -61,15 +60,6 @@ def test_a_file_names_what_its_job_needs_in_encodings_that_are_read(name):
     topics = [f"/{topic}" for topic in driver.names().values()]
     assert driver.missing(topics) == []
     assert driver.roots(topics) == [driver.root]
-
-
-def test_depth_of_a_preset_is_in_meters_whatever_its_encoding():
-    for encoding, unit in METRES.items():
-        kind, _ = ENCODINGS[encoding]
-        pixels = conversions.depth_to_meters(
-            conversions.array_to_image(np.full((2, 2), 2.0 / unit, kind), 0, "", encoding)
-        )
-        assert pixels == pytest.approx(2.0)
 
 
 def test_topics_are_found_compressed_below_another_namespace_and_without_what_is_optional():

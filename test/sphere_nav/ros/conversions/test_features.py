@@ -21,18 +21,6 @@ def sample(rng, number=7, **changed):
     return Features(**values), np.arange(number)
 
 
-@pytest.mark.parametrize("number", [7])
-def test_features_come_back(rng, number):
-    features, words = sample(rng, number)
-    message = features_to_message(features, words, 5_000_000_000, "sphere_link")
-    assert (message.header.frame_id, message.header.stamp.sec, message.width) == ("sphere_link", 5, number)
-    found, found_words = message_to_features(message)
-    np.testing.assert_array_equal(found.rays, features.rays)
-    np.testing.assert_array_equal(found.range_m, features.range_m)
-    np.testing.assert_array_equal(found.descriptors, features.descriptors)
-    np.testing.assert_array_equal(found_words, words)
-
-
 def test_what_does_not_fit_is_refused(rng):
     for field, value, reason in [
         ("width", 8, "expected 1168 bytes"),
