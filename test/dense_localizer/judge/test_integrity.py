@@ -16,7 +16,8 @@ from sphere_nav.localization.status import TRUSTED, State
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import EVERYTHING
+from sphere_nav.photometric.checks.structure import EVERYTHING, Structure
+from sphere_nav.photometric.checks.support import NO_SUPPORT
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, Run, at, drive, error, make_localizer, make_map
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import Room
@@ -36,6 +37,22 @@ def test_in_ten_images_in_tracking_all_checks_are_due_and_no_two_at_once():
     assert len(set(phases)) == len(phases)
     assert max(phases) < INTEGRITY_PERIOD
     assert reduce(or_, CHECKS_DUE.values()) is EVERYTHING
+
+
+def test_a_place_is_as_unlikely_to_be_wrong_as_the_parts_that_agree_on_it(room, monkeypatch):
+    params, pose = build(LocalizerParams, SMALL_IMAGES), at(-1.0)
+    references = References(make_map(room, [SE3.from_planar(-1.2, 0.0, 0.0)]), params)
+    images = [RigImage(build_pyramid(room.photograph(PINHOLE, pose, 1), PINHOLE, params.registration.pyramid))]
+    guess = Prediction.guess(pose)
+    chosen = references.choose_rig(images, guess)
+    aligned = align_rig(chosen, guess, params)
+    for chance in (1e-9, 0.5):
+        support = replace(NO_SUPPORT, chance=chance, num_cells=9, covariance=1e-6 * np.eye(6))
+        structure = Structure(support=support)
+        monkeypatch.setattr("dense_localizer.judge.integrity.find_rig_structure", lambda *given, it=structure: it)
+        candidate = Integrity(references, params).assess(chosen, aligned, guess)
+        assert (candidate.is_accepted, candidate.chance, candidate.is_by_parts) == (True, chance, chance < 1e-7)
+    references.close()
 
 
 @pytest.mark.slow
