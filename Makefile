@@ -24,7 +24,7 @@ ready: $(STAMPS)/tf2_msgs $(STAMPS)/msg_defs $(STAMPS)/kernels
 demo: env
 	$(RUN)/sphere_nav demo $(ARGS)
 
-# The rings of tests are told in test/rings.py. A worker a core; of many cores four, as tests of nodes start processes of
+# The rings of tests are told in test/rings.py; test/architecture is a part of `check`. A worker a core; of many cores four, as tests of nodes start processes of
 # their own. Threads that multiply matrices beside them would wait for each other with all cores busy.
 TEST := OPENBLAS_NUM_THREADS=1 $(RUN)/pytest -n auto --maxprocesses 4 --dist worksteal
 
@@ -32,7 +32,7 @@ test: env $(STAMPS)/test_wheels
 	$(TEST) -m "not slow and not dds" $(ARGS)
 
 test-slow: env $(STAMPS)/test_wheels
-	$(TEST) -m "slow or dds" $(ARGS)
+	$(TEST) -m "slow or dds" --ignore test/architecture $(ARGS)
 
 # all in quick size, or what ARGS names: ARGS="drive missions --size full"
 bench: env

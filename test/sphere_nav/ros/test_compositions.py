@@ -67,11 +67,11 @@ def test_nodes_and_their_parameters_exist() -> None:
 @pytest.mark.slow
 def test_topics_that_are_renamed_exist() -> None:
     """The name stands in some file of the packages, as a text of its own."""
+    packages = ("sphere_nav/ros", "path_follower", "mcl_depth", "sphere_mapping")
+    files = [path for package in packages for path in (ROOT / package).rglob("*.py")]
+    words = {node.value for path in files for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+             if isinstance(node, ast.Constant) and isinstance(node.value, str)}  # fmt: skip
     for name in COMPOSITIONS:
-        packages = ("sphere_nav/ros", "path_follower", "mcl_depth", "sphere_mapping")
-        files = [path for package in packages for path in (ROOT / package).rglob("*.py")]
-        words = {node.value for path in files for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-                 if isinstance(node, ast.Constant) and isinstance(node.value, str)}  # fmt: skip
         changed = {
             key: f"x{key}" for key in COMPOSITIONS[name].arguments if key in ("image", "info", "odom", "cmd_vel")
         }

@@ -124,7 +124,7 @@ def test_nothing_but_the_map_is_replaced(saved, sphere_graph):
 @pytest.mark.dds
 def test_a_process_killed_while_it_saves_leaves_a_whole_map(saved, sphere_graph, rng):
     small = SphereGraph([node for node in sphere_graph if node.id != 12])
-    for number in range(10):
+    for number in range(4):
         child = os.fork()
         if child == 0:
             gc.disable()  # what the parent's threads hold cannot be collected here

@@ -177,7 +177,7 @@ def test_the_graph_is_written_again_every_few_key_spheres(sphere_graph, tmp_path
 @pytest.mark.dds
 @pytest.mark.usefixtures("every_sphere")
 def test_a_process_killed_while_its_map_grows_leaves_a_map(sphere_graph, tmp_path, rng):
-    for number in range(10):
+    for number in range(4):
         child = os.fork()
         if child == 0:
             try:

@@ -39,12 +39,12 @@ def test_a_drive_in_which_nothing_happens_fails_and_says_who_is_silent(tmp_path,
 @pytest.mark.dds
 def test_however_long_nothing_happens_it_is_not_over_while_a_process_works(tmp_path, monkeypatch, domain):
     monkeypatch.setattr(module, "SILENCE", 0.1)
-    monkeypatch.setattr(processes_module, "LOOK", 2.0)
+    monkeypatch.setattr(processes_module, "LOOK", 0.5)
     begun = time.monotonic()
     with Processes(tmp_path, domain) as processes, DriveMonitor(processes, domain) as watch:
         processes.run("compiler", "sum(1 for _ in iter(int, 1))")
         time.sleep(1.0)  # it starts
-        watch.wait("drive", lambda: time.monotonic() > begun + 6.0, is_moving=True)
+        watch.wait("drive", lambda: time.monotonic() > begun + 2.5, is_moving=True)
         processes._running["compiler"].kill()
         with pytest.raises(RuntimeError, match="compiler ended with status -9"):
             watch.wait("drive", lambda: False, is_moving=True)
