@@ -8,7 +8,6 @@ from cycab_sim.params import (
     LightParams,
     SimCameraParams,
     SimParams,
-    columns_and_rows,
     in_condition,
     split_numbers,
 )
@@ -33,17 +32,6 @@ def test_a_condition_sets_what_is_not_set():
         assert in_condition(own) == own
 
 
-def test_one_parameter_may_hold_several_numbers():
-    for read, found in [
-        (lambda: LightParams(sun="95.5,20").sun_deg, (95.5, 20.0)),
-        (lambda: LightParams(sun="9.5h").day_and_hour, (0.0, 9.5)),
-        (lambda: LightParams(sun="265,17.2h").day_and_hour, (265.0, 17.2)),
-        (lambda: SimCameraParams(size="640,480").columns_rows, (640, 480)),
-        (lambda: SimCameraParams(mounting_deg="1,2,3,4,5,6").place, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)),
-    ]:
-        assert read() == found
-
-
 def test_what_is_not_such_numbers_is_refused_by_name():
     for read, message in [
         (lambda: LightParams(sun="0,2.9").sun_deg, "light.sun: expected azimuth,elevation within .* found '0,2.9'"),
@@ -64,10 +52,3 @@ def test_numbers_of_a_parameter_keep_each_to_its_own_bounds():
         else:
             with pytest.raises(ValueError, match=f"^it: expected a,b within 0,-3 to 4,5, found '{text}'$"):
                 split_numbers("it", text, "a,b", (0, -3), (4, 5))
-
-
-def test_images_have_whole_columns_and_rows():
-    for text in ["320,240.5", "15,240"]:
-        assert columns_and_rows("size", "320,240") == (320, 240)
-        with pytest.raises(ValueError, match="size: expected "):
-            columns_and_rows("size", text)

@@ -142,10 +142,6 @@ def test_a_bad_image_is_answered_by_its_reason_and_the_next_good_one_used(locali
         assert localizer.see().reason not in INPUT_REASONS, case
 
 
-def test_an_encoding_is_not_blamed_on_the_calibration(car):
-    assert "camera_info" not in car.answer(raw(car, encoding="nonsense")).remedy
-
-
 def test_a_silent_camera_is_told_by_arrival(car):
     said = car.wait(5 * SECOND)
     assert {status.reason for status in said} == {"TIMEOUT"}

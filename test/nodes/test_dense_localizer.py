@@ -149,33 +149,6 @@ def test_compressed_images_in_color_localise(map_path, pictures):
 
 
 @pytest.mark.slow
-def test_images_wait_for_calibration_and_transform_and_none_is_lost(map_path, pictures):
-    bench = Bench(map_path, is_calibrated=False)
-    assert all("/status" not in answer for answer in bench.follow(pictures[:2]))
-    assert bench.send("/camera_info", info_message(START_NS)) == []  # the transform is missing yet
-    said = bench.send("/tf_static", static_message())
-    assert said == []
-    bench.now += STEP_NS
-    said = bench.send("/image_raw", array_to_image(pictures[2], bench.now, OPTICAL, "mono8"))
-    stamps = [stamp_ns(record.message) for record in said if record.topic == "/status"]
-    assert stamps == [START_NS + k * STEP_NS for k in (1, 2, 3)]  # all three, in order
-    assert bench.see(pictures[3])["/status"].state == "TRACKING"
-
-
-@pytest.mark.slow
-def test_an_image_that_waits_too_long_is_answered_with_the_reason(map_path, pictures):
-    bench = Bench(map_path, is_calibrated=False, max_waiting=2)
-    bench.send("/camera_info", info_message(START_NS))
-    answers = bench.follow(pictures[:4])
-    assert [answer["/status"].reason if "/status" in answer else "" for answer in answers] == [
-        "",
-        "",
-        *["TF_STALE"] * 2,
-    ]
-    assert OPTICAL in answers[-1]["/status"].remedy
-
-
-@pytest.mark.slow
 def test_relocalize_answers_with_the_pose_it_found(map_path, pictures):
     bench = Bench(map_path, automatic=False)
     call = bench.node.endpoints.call

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from sphere_nav_msgs.srv import LoadCloud
 
 from sphere_nav.ros.conversions import cloud_to_message, pose_with_covariance_to_se3
 from worlds.mcl import COLUMNS, SECOND, T_BASE_EYE, Bench, Eye, drive, room_points
@@ -90,13 +89,3 @@ def test_a_cloud_may_come_by_topic(eye):
     bench.send("/cloud", cloud_to_message(np.empty((0, 3)), SECOND, "map"))
     assert "expected at least one finite point" in told.last_refusal
     assert bench.node.clouds.geometry is before
-
-
-@pytest.mark.slow
-def test_a_cloud_is_thinned_to_the_voxels_of_the_call(eye, cloud):
-    call = Bench(eye).node.endpoints.call
-    counts = [call("load_cloud", LoadCloud.Request(path=str(cloud), voxel_size=s)).num_points for s in (0.0, 0.2, 0.4)]
-    assert counts[0] > 3 * counts[1] > 9 * counts[2] > 0  # surfaces: a quarter each time
-    refused = call("load_cloud", LoadCloud.Request(path=str(cloud), voxel_size=-1.0))
-    assert not refused.success
-    assert "voxel_size: expected 0 m or more, found -1" in refused.message

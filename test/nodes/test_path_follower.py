@@ -120,13 +120,6 @@ def test_errors_are_published_while_driving(bench):
     assert error.reference.speed == pytest.approx(1.4)
 
 
-def test_a_command_carries_the_stamp_of_the_pose_it_answers(bench):
-    bench.now += STEP
-    list(bench.bus.advance(bench.now + 30_000_000))
-    said = bench.send(("/pose", pose_message(0, 0, 0, bench.now)))
-    assert stamp_ns(bench.last(said, "/cmd_vel")) == bench.now
-
-
 def test_a_lost_image_is_answered_too_and_stops_within_half_a_second(bench):
     drive_until(bench, 3.0)
     for _ in range(10):
@@ -169,16 +162,6 @@ def test_trajectories_are_loaded_and_shown(bench, tmp_path):
     assert not answer.success
     assert "none.csv" in answer.message
     assert bench.node.loop.follower.path.length == pytest.approx(10.0)
-
-
-def test_a_trajectory_message_is_taken_back(bench):
-    other = Bench()
-    shown = bench.call("load_trajectory", LoadTrajectory.Request(path="nowhere.csv"))
-    assert not shown.success
-    bench.node.trajectories.show(bench.node.trajectories.path)
-    message = bench.last(list(bench.bus.settle()), "/path_follower/trajectory")
-    other.send(("/reference_trajectory", message))
-    assert other.node.loop.follower.path.length == pytest.approx(bench.node.loop.follower.path.length, abs=1e-3)
 
 
 def test_odometry_can_be_the_source_and_brings_the_speed():

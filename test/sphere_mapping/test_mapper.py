@@ -10,7 +10,7 @@ from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, LoopParams, MapperParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import optical, sharp_room
 
 # Written out: imported, a change would go unseen.
@@ -76,29 +76,6 @@ def test_the_end_of_a_drive_is_kept_where_the_last_key_sphere_is_far(drive, max_
         assert mapper.graph[1].T_map_sphere.distance(updates[-1].T_map_sphere)[0] < 0.002  # by both ways now
         assert list(mapper.trajectory())[-1][1].distance(mapper.graph[1].T_map_sphere)[0] < 1e-9
     assert not mapper.keep_end()
-
-
-@pytest.mark.slow
-def test_odometry_carries_over_a_gap_that_velocity_does_not(drive):
-    truth, spheres = drive
-    T_odom_map = SE3.exp([3.0, 1.0, 0.0, 0.0, 0.0, -1.0])
-    odometry = [T_odom_map @ T for T in truth]
-    picked = [0, 1, 9, 10]
-    _, updates = mapped([spheres[k] for k in picked], truth[0], odometry=[odometry[k] for k in picked])
-    assert errors(updates, [truth[k] for k in picked])[:, 0].max() < 0.005
-
-
-@pytest.mark.slow
-def test_a_blank_sphere_is_not_placed_and_does_no_harm(drive):
-    truth, spheres = drive
-    blank = Sphere(np.full_like(spheres[0].image, 90), spheres[0].range_m, spheres[0].camera, 3 * PERIOD_NS)
-    mapper, updates = mapped([*spheres[:3], blank, *spheres[4:6]], truth[0])
-    assert updates[3].T_map_sphere is None
-    assert updates[3].alignment.reason
-    assert not updates[3].is_key
-    placed = [update for update in updates if update.T_map_sphere is not None]
-    assert errors(placed, [*truth[:3], *truth[4:6]])[:, 0].max() < 0.005
-    assert len(list(mapper.trajectory())) == 5
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from cycab_sim.rendering import kernels
-from cycab_sim.world.mesh import moved, placed
 
 
 def test_edges_are_where_surfaces_or_ranges_change_and_the_light_with_them():
@@ -15,32 +14,6 @@ def test_edges_are_where_surfaces_or_ranges_change_and_the_light_with_them():
     kernels.find_edges(triangles, surface_of, normals, ranges, np.repeat(levels[..., None], 3, 2), found)
     # between 2 and 3 on the right the surface changes but the light does not; OUTSIDE is no edge
     assert found.tolist() == [[0, 1, 1, 1], [1, 1, 1, 1], [1, 1, 0, 0]]
-
-
-def test_tone_is_the_curve_and_gray_its_luma(rng):
-    curve = (255.0 * np.linspace(0, 1, 4096) ** (1 / 2.2)).astype(np.float32)
-    light = rng.uniform(0.02, 1.4, (50, 3)).astype(np.float32)
-    color, gray = np.empty((50, 3), np.float32), np.empty((50, 1), np.float32)
-    kernels.tone(light, np.full(3, 0.8), curve, color)
-    kernels.tone(light, np.full(3, 0.8), curve, gray)
-    np.testing.assert_allclose(color, 255.0 * np.minimum(0.8 * light, 1.0) ** (1 / 2.2), atol=0.05)
-    np.testing.assert_allclose(gray[:, 0], color @ [0.299, 0.587, 0.114], atol=1e-3)
-
-
-def test_parts_are_placed_with_their_texture(rng):
-    triangles = rng.normal(size=(4, 3, 3)).astype(np.float32)
-    normals = rng.normal(size=(4, 3)).astype(np.float32)
-    frames = rng.normal(size=(2, 3, 4)).astype(np.float32)
-    poses = np.stack([placed(3.0, -2.0, 0.7, 0.5), placed(-1.0, 4.0, 2.0)])
-    out = triangles.copy(), normals.copy(), frames.copy()
-    kernels.place_parts(poses, np.array([0, 0, 1, 1]), np.array([0, 1]), (triangles, normals, frames), out)
-    for t, part in enumerate((0, 0, 1, 1)):
-        np.testing.assert_allclose(out[0][t], moved(triangles[t], poses[part]), atol=1e-5)
-        np.testing.assert_allclose(out[1][t], poses[part, :3, :3] @ normals[t], atol=1e-5)
-    for s in (0, 1):  # a point keeps its place in the texture
-        before = frames[s, :, :3] @ triangles[2 * s, 0] + frames[s, :, 3]
-        after = out[2][s, :, :3] @ out[0][2 * s, 0] + out[2][s, :, 3]
-        np.testing.assert_allclose(after, before, atol=1e-5)
 
 
 def test_a_shadow_is_drawn_and_taken_away():

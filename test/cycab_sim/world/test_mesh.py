@@ -1,6 +1,6 @@
 import numpy as np
 
-from cycab_sim.world.mesh import NUM_PARAMS, Finish, MeshBuilder, moved, placed
+from cycab_sim.world.mesh import Finish, MeshBuilder, moved, placed
 
 PLAIN = Finish(3, (0.5, 0.4, 0.3), params=(0.2, 7.0))
 
@@ -29,12 +29,3 @@ def test_a_frame_maps_its_panel_to_u_along_and_v_up():
     frame = mesh.build().frames[0]
     local = corners @ frame[:, :3].T + frame[:, 3]
     np.testing.assert_allclose(local, [[0, 0, 0], [3, 0, 0], [3, 2, 0], [0, 2, 0]], atol=1e-5)
-
-
-def test_triangles_without_area_are_left_out_and_params_are_filled_up():
-    mesh = builder()
-    mesh.panels([[[0, 0, 0], [1, 0, 0], [0.5, 0, 1], [0.5, 0, 1]]], PLAIN)
-    built = mesh.build()
-    assert len(built.triangles) == len(built.normals) == len(built.surface_of) == 1
-    assert built.params.shape == (1, NUM_PARAMS)
-    np.testing.assert_allclose(built.params[0], [0.2, 7.0, 0, 0, 0, 0])

@@ -14,13 +14,6 @@ def test_an_arc_is_exact_and_can_be_cut_anywhere(rng):
     np.testing.assert_allclose(arc((0, 0, 0), np.pi * 5, 0.2), (0, 10, np.pi), atol=1e-12)  # half a circle
 
 
-def test_beyond_its_ends_a_path_goes_straight_on():
-    before, after = SNAKE.at(np.array([-1.0, SNAKE.length + 2.0]))
-    np.testing.assert_allclose(before[:2], [1.0 - np.cos(0.3), 2.0 - np.sin(0.3)], atol=1e-12)
-    end = SNAKE.at(np.array(SNAKE.length))
-    np.testing.assert_allclose(after[:2], end[:2] + 2.0 * np.array([np.cos(end[2]), np.sin(end[2])]), atol=1e-12)
-
-
 def test_projection_finds_the_distance_again(rng):
     for s in rng.uniform(0.5, SNAKE.length - 0.5, 50):
         x, y, yaw, _ = SNAKE.at(np.array(s))

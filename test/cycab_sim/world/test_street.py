@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from cycab_sim.world import finishes
 from cycab_sim.world.mesh import MeshBuilder, placed
 from cycab_sim.world.street import add_street
 from cycab_sim.world.texture import kernels as k
@@ -23,23 +22,6 @@ def street(crossings=(), seed=1, placement=None):
 def sides(corners):
     """Return the lengths (S, 3) of surfaces along the axes."""
     return np.ptp(corners, axis=1)
-
-
-def test_patches_are_as_large_as_repairs_and_lie_within_the_kerbs():
-    corners, kinds, _ = street()
-    tar = corners[kinds == finishes.TAR.kind]
-    assert 25 < len(tar) < 60  # 55 % of one every 5 m
-    along, across, _ = sides(tar).T
-    assert (along >= 0.8).all()
-    assert 3.0 < along.max() <= 4.0
-    assert across.min() >= 0.29
-    assert 1.8 < across.max() <= 2.5
-    assert np.abs(corners[..., 1]).max() <= HALF
-    assert tar[..., 1].max() <= HALF - 0.34
-    assert (corners[..., 2] > 0.0).all()
-    assert corners[..., 2].max() < 0.01
-    covers = corners[np.isclose(sides(corners)[:, :2], 0.7, atol=1e-4).all(axis=1)]
-    assert 10 < len(covers) < 40
 
 
 def test_dashes_stop_before_a_crossing_and_stripes_lie_before_and_behind():

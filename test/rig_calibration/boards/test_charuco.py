@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -102,38 +101,9 @@ def test_a_board_that_is_there_twice_is_not_guessed(images):
     assert not detect_all(np.hstack([image, image]), BOARDS[:1])
 
 
-def test_no_board_no_corners():
-    noise = np.random.default_rng(5).integers(0, 255, (240, 320), dtype=np.uint8)
-    assert detect_all(noise, BOARDS) == {}
-    assert detect_all(np.zeros((240, 320), np.uint8), BOARDS) == {}
-
-
 def markers(*numbers):
     corners = tuple(np.full((1, 4, 2), float(number), np.float32) for number in numbers)
     return charuco.Markers(corners, np.array(numbers, np.int32))
-
-
-GRAY = np.zeros((60, 80), np.uint8)
-
-
-def test_the_functions_before_opencv_4_7_get_numbers_from_zero(monkeypatch):
-    given = []
-
-    def interpolate(corners, ids, gray, board):
-        given.append((len(corners), ids.ravel().tolist(), gray, board))
-        return 4, np.zeros((4, 1, 2)), np.arange(4).reshape(-1, 1)
-
-    monkeypatch.delattr(cv2.aruco, "CharucoDetector", raising=False)
-    monkeypatch.setattr(cv2.aruco, "interpolateCornersCharuco", interpolate, raising=False)
-    monkeypatch.setattr(
-        cv2.aruco, "CharucoBoard_create", lambda *words: (words[:4], words[4] is not None), raising=False
-    )
-    assert charuco.find_corners(GRAY, BOARDS[1], markers(20, 23)) is not None
-    assert given == [(2, [0, 3], GRAY, ((7, 5, 0.1, 0.075), True))]
-    odd = replace(BOARDS[1], rows=5)
-    with pytest.raises(ValueError, match=r"expected OpenCV 4\.7 or later, or legacy, for 6 rows"):
-        charuco.find_corners(GRAY, odd, markers(20, 23))
-    assert charuco.find_corners(GRAY, replace(odd, is_legacy=True), markers(20, 23)) is not None
 
 
 def test_a_dictionary_must_be_there_and_hold_the_markers():

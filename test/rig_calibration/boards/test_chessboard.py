@@ -40,14 +40,6 @@ def test_boards_are_told_apart_by_their_size(seen):
         assert np.abs(pixels - truth[name][numbers]).max() < 0.3  # noise of 2 of 180 grey levels, windows of 2 to 7 px
 
 
-def test_candidates_of_what_is_not_there_are_none(seen):
-    image, _ = seen
-    by_name = {board.name: list(found) for board, found in chessboard.candidates(image, BOARDS)}
-    assert by_name["wide"]
-    assert by_name["absent"] == []
-    assert list(chessboard.candidates(image, [])) == []
-
-
 def test_a_candidate_that_the_border_cuts_is_passed_over(seen, monkeypatch):
     image, truth = seen
     cut = truth["wide"] - [truth["wide"][:, 0].min() + 1.0, 0.0]  # as the detectors do now and then: guessed corners

@@ -31,10 +31,3 @@ def test_blur_is_measured_in_pixels_at_any_size_of_squares(side, blur):
 def test_motion_blurs_one_direction_and_the_worse_one_counts():
     image, corners = drawn(40, (0.5, 3.0))
     assert edge_width(image, BOARD, np.arange(BOARD.num_corners), corners) == pytest.approx(3.0, rel=0.15)
-
-
-def test_a_board_seen_in_part_is_measured_by_that_and_one_corner_by_nothing():
-    image, corners = drawn(40, (2.0, 2.0))
-    seen = np.arange(BOARD.num_corners)[: 2 * BOARD.columns]
-    assert edge_width(image, BOARD, seen, corners[seen]) == pytest.approx(2.0, rel=0.15)
-    assert np.isnan(edge_width(image, BOARD, seen[:1], corners[:1]))

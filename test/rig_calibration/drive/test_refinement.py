@@ -69,11 +69,6 @@ def test_a_camera_that_stands_still_does_not_tell_its_readout(world):
     assert found.unobserved == ("readout",)
 
 
-def test_two_images_are_too_few(world):
-    with pytest.raises(ValueError, match="expected at least three images"):
-        refine_camera(drive(world, PINHOLE, PINHOLE, 2), Lens.of(PINHOLE))
-
-
 def test_residuals_have_the_derivatives_that_are_told(world):
     (image,) = drive(world, PINHOLE, PINHOLE, 1)
     lens, state = Lens.of(PINHOLE, READOUT_S), ImageState(image.T_map_camera, 1.1, -3.0)

@@ -11,11 +11,6 @@ def compiled():
     kernels.warm_up()
 
 
-def texture(rows, columns):
-    """Grey levels of places; smooth, so that cubic interpolation is exact to a fraction of a level."""
-    return 128 + 50 * np.sin(0.35 * rows + 0.2 * columns) + 40 * np.cos(0.21 * rows - 0.33 * columns)
-
-
 @pytest.mark.parametrize("wraps", [True])
 def test_steps_of_a_pixels_own_surface_are_compared_in_both_images(wraps):
     rng = np.random.default_rng(8)
@@ -49,16 +44,6 @@ def test_steps_of_a_pixels_own_surface_are_compared_in_both_images(wraps):
 
 def steady(steps):
     return np.sign(steps[0]) * np.abs(steps).min() if steps[0] * steps[1] > 0 else 0.0
-
-
-def test_only_what_stays_near_its_match_and_fits_is_trusted():
-    refined = np.array([[1.0, 3.0, 1.0, 1.0, np.nan]], np.float32)
-    start, information = np.ones_like(refined), np.array([[4.0, 4.0, 4.0, 0.0, 4.0]], np.float32)
-    left, slopes = np.array([[0.5, 0.5, 1.5, 0.5, 0.5]], np.float32), np.full((2, 1, 5), 9.0, np.float32)
-    value, std = np.empty_like(refined), np.empty_like(refined)
-    kernels.settle(refined, start, information, left, slopes, np.float32([1.6, 1.0, 2.0, 0.25]), value, std)
-    np.testing.assert_array_equal(np.isnan(value[0]), [False, True, True, True, True])
-    assert std[0, 0] == pytest.approx(1.0)  # 2 / 4 + 0.25 (1 + 9 / 9)
 
 
 def test_smoothing_keeps_slopes_and_edges():
@@ -165,16 +150,6 @@ def test_a_step_of_alignment_is_that_of_least_squares():
     np.testing.assert_allclose(information[known], (variance * 49 / 2 / np.maximum(residual, noise))[known], rtol=1e-4)
     assert (disparity[3], information[3], left[3]) == (before[3], 0.0, np.inf)
     assert np.abs(step[known]).min() < limit < np.abs(step[known]).max()
-
-
-def test_the_surer_of_two_values_is_preferred_from_a_share_on():
-    value, other = some_unknown((9, 11), 9, 1.0, 2.0), some_unknown((9, 11), 10, 3.0, 4.0)
-    std, other_std = some_unknown((9, 11), 11, 0.1, 1.0, 0.0), some_unknown((9, 11), 12, 0.1, 1.0, 0.0)
-    is_other = np.isnan(value) | (other_std < 0.5 * std)
-    twin = np.where(is_other, other, value), np.where(is_other, other_std, std)
-    kernels.prefer_surer(value, std, other, other_std, np.float32(0.5))
-    np.testing.assert_array_equal(value, twin[0])
-    np.testing.assert_array_equal(std, twin[1])
 
 
 def test_a_longer_baseline_stretches_the_range_but_not_where_the_images_were_joined():

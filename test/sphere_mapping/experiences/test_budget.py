@@ -55,11 +55,6 @@ def test_the_only_one_of_a_place_stays_whatever_it_served(graph):
     assert left(graph, Budget(num_bytes=1.0)) == {1, 2, 10}
 
 
-def test_bytes_are_kept_within(graph):
-    assert left(graph, Budget(num_bytes=4e6)) == {1, 10}
-    assert not left(graph, Budget.parse("6MB"))
-
-
 def test_bytes_are_saved_before_any_key_sphere_leaves(graph):
     """By service: 20 (0 images), 10 (2), 1 (3), 11 (9), 2 (20), 0 (50)."""
 

@@ -9,19 +9,17 @@ from sphere_mapping.graph.loop_closure import (
     LoopCloser,
     choose_candidate,
     joined_pairs,
-    lengths_from,
     near_pairs,
     passed,
     with_loops,
 )
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import LoopParams, MapperParams
-from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.room import sharp_room
 
 PARAMS = MapperParams()
-LENS = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
 CAMERA = Spherical(256, 128)
 HERE = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])
 
@@ -96,14 +94,6 @@ def test_going_on_is_no_loop():
     back = chain(0.0, 0.9, 0.1)
     assert choose_candidate(back, 2, [Candidate(0, SE3.from_planar(0.1, 0, 0), 60)]) is not None
     assert list(near_pairs(graph, LoopParams(min_way_m=0.0), joined_pairs(graph))) == []
-
-
-def test_ways_are_measured_along_edges():
-    graph = chain(0.0, 2.0, 4.0, 2.1)
-    assert lengths_from(graph, 3) == pytest.approx({0: 5.9, 1: 3.9, 2: 1.9, 3: 0.0})
-    graph.connect(Edge(0, 3, SE3.from_planar(0.5, 0, 0), np.eye(6), is_loop=True))
-    assert lengths_from(graph, 3)[0] == pytest.approx(0.5)
-    assert lengths_from(chain(1.0), 0) == {0: 0.0}
 
 
 def test_believed_near_means_near_in_space_far_on_the_way_and_not_joined():

@@ -51,13 +51,3 @@ def test_a_turn_is_guessed_from_the_images_alone():
     assert (AT @ turn).distance(guess)[1] < 0.02
     other = whole(AT)
     assert guess_by_rotation(other, partial(AT), AT, PARAMS) is AT  # another camera: nothing to compare
-
-
-def test_coverage_is_the_overlap_with_itself():
-    prepared = partial(AT)
-    found = align_sphere(prepared, [prepared.at(AT)], [AT], PARAMS)
-    assert prepared.coverage == pytest.approx(found.overlap, abs=0.01)
-    half = prepared.sphere.range_m.copy()
-    half[:, : half.shape[1] // 2] = np.nan
-    seen = PreparedSphere(Sphere(prepared.sphere.image, half, prepared.sphere.camera), PARAMS)
-    assert seen.coverage == pytest.approx(prepared.coverage / 2, rel=0.15)  # counted in cells of some pixels

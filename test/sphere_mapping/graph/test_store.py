@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from sphere_mapping.graph.store import SphereCache
 from sphere_nav.geometry import SE3, Spherical
@@ -40,12 +39,3 @@ def test_pictures_leave_memory_for_the_store_once():
     assert all(node.sphere is None for node in graph)
     assert [cache.load(node) for node in graph] == spheres
     assert shelf.told == [3]  # before they are added
-
-
-def test_without_a_store_they_stay_in_the_graph():
-    graph, spheres = graph_of(2)
-    cache = SphereCache()
-    cache.flush(graph)
-    assert [cache.load(node) for node in graph] == spheres
-    with pytest.raises(ValueError, match="key sphere 5: expected its picture in memory"):
-        cache.load(KeySphere(5, 5, SE3.identity()))

@@ -38,7 +38,3 @@ def test_each_pass_takes_part_of_the_error_away():
     assert len(used) == MAX_PASSES
     assert np.all(np.diff(errors) < 0)
     assert np.isclose(errors[-1] / errors[0], SHARE ** (MAX_PASSES - 1))
-
-
-def test_an_expectation_that_was_right_needs_one_pass():
-    assert len(aligned(TRUTH)) == 1

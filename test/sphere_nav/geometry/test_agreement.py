@@ -12,23 +12,6 @@ SECOND = 10**9
 CERTAIN = np.diag([0.1, 0.1, 0.1, 0.02, 0.02, 0.02]) ** 2
 
 
-@pytest.mark.slow
-def test_the_distance_is_that_of_the_normal_distribution() -> None:
-    rng = np.random.default_rng(1)
-    truth = SE3.from_planar(3.0, -2.0, 2.5)
-    wide = np.diag([0.3, 0.1, 0.2, 0.02, 0.01, 0.05]) ** 2
-    found = [
-        difference(
-            truth @ SE3.exp(rng.multivariate_normal(np.zeros(6), CERTAIN)), CERTAIN,
-            truth @ SE3.exp(rng.multivariate_normal(np.zeros(6), wide)), wide,
-        )
-        for _ in range(2000)
-    ]  # fmt: skip
-    squared = np.array([item.distance**2 for item in found])
-    assert abs(squared.mean() - 3.0) < 0.3  # chi^2 of three degrees of freedom, five standard errors
-    assert np.mean([item.is_contradiction for item in found]) < 0.01
-
-
 def test_two_localizers_a_metre_apart_contradict_each_other() -> None:
     here = SE3.from_planar(0.0, 0.0, 0.0)
     near = difference(here, CERTAIN, SE3.from_planar(0.3, 0.0, 0.0), CERTAIN)

@@ -13,7 +13,6 @@ from sphere_nav.localization.status import (
     Reason,
     State,
     Status,
-    describe_status,
     status_of,
 )
 
@@ -54,12 +53,6 @@ def test_what_to_do_about_the_input_is_the_same_in_both():
     for package in [dense_localizer.reasons, mcl_depth.status]:
         assert {reason: package.REMEDIES[reason] for reason in INPUT_REMEDIES} == INPUT_REMEDIES
         assert all(text for reason, text in package.REMEDIES.items() if reason)
-
-
-def test_a_status_reads_as_one_line():
-    status = status_of(State.LOST, 0, Finding(Reason.TIMEOUT, 0.75, 0.5))
-    assert describe_status(status) == f"LOST: TIMEOUT (0.75, limit 0.5): {INPUT_REMEDIES[Reason.TIMEOUT]}"
-    assert describe_status(status_of(State.TRACKING, 0, FINE)) == "TRACKING"
 
 
 def test_a_number_that_nobody_measured_reads_as_unknown():

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from sphere_nav.params.__main__ import main
-from sphere_nav.params.render import to_markdown, to_yaml
+from sphere_nav.params.render import to_yaml
 from sphere_nav.photometric.params import RegistrationParams
 
 
@@ -18,11 +18,6 @@ def run(arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
 def test_the_command_prints_the_file(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["sphere_nav.photometric.params:RegistrationParams", "--node", "some_node"], monkeypatch) == 0
     assert capsys.readouterr().out == to_yaml(RegistrationParams, node="some_node")
-
-
-def test_the_command_prints_the_table(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["sphere_nav.photometric.params:RegistrationParams", "--markdown"], monkeypatch) == 0
-    assert capsys.readouterr().out == to_markdown(RegistrationParams)
 
 
 PHOTOMETRIC = "sphere_nav.photometric.params"

@@ -3,7 +3,7 @@ from __future__ import annotations
 import yaml
 
 from sphere_nav.params import build, group, leaves, param, parameters, to_mapping
-from sphere_nav.params.render import to_markdown, to_yaml
+from sphere_nav.params.render import to_yaml
 
 
 @parameters
@@ -39,16 +39,3 @@ def test_the_yaml_file_holds_every_default_with_its_type() -> None:
     # rclpy refuses an integer for a float parameter, so floats must be written as floats
     assert [type(values[leaf.name]) for leaf in leaves(Whole)] == [leaf.type for leaf in leaves(Whole)]
     assert build(Whole, values) == Whole()
-
-
-def test_every_value_has_its_meaning_above_it() -> None:
-    lines = [line.strip() for line in to_yaml(Whole).splitlines()]
-    for leaf in leaves(Whole):
-        at = next(i for i, line in enumerate(lines) if line.startswith(leaf.name.split(".")[-1] + ": "))
-        assert lines[at - 1] == f"# {leaf.meaning()}"
-
-
-def test_the_list_has_one_line_a_parameter() -> None:
-    lines = to_markdown(Whole).splitlines()
-    assert len(lines) == len(list(leaves(Whole)))
-    assert lines[0] == "- `whole: 2.0`: declared as an integer [m; at least 0.0]"

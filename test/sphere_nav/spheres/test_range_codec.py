@@ -11,11 +11,6 @@ def test_decoded_range_is_within_the_promised_error():
     assert np.abs(decoded / range_m - 1).max() < 1.08e-4
 
 
-def test_every_code_survives_decoding_and_encoding():
-    codes = np.arange(65536, dtype=np.uint16)
-    np.testing.assert_array_equal(range_codec.encode_ranges(range_codec.decode_ranges(codes)), codes)
-
-
 def test_what_cannot_be_measured_is_nan_and_what_is_beyond_is_far():
     for value, expected in [
         (np.nan, np.nan),
@@ -28,11 +23,6 @@ def test_what_cannot_be_measured_is_nan_and_what_is_beyond_is_far():
     ]:
         decoded = range_codec.decode_ranges(range_codec.encode_ranges(np.float32([[value]])))
         np.testing.assert_array_equal(decoded, np.float32([[expected]]))
-
-
-def test_farther_never_encodes_to_a_smaller_code():
-    range_m = np.sort(np.random.default_rng(3).uniform(0.01, 100.0, 10_000)).astype(np.float32)
-    assert np.all(np.diff(range_codec.encode_ranges(range_m).astype(int)) >= 0)
 
 
 def test_a_deviation_is_kept_to_two_per_cent_whatever_the_range():
@@ -74,9 +64,3 @@ def test_the_codes_are_those_of_the_map_format():
     assert np.isnan(ratios[0])
     np.testing.assert_allclose(ratios[1:], expected, rtol=1e-5)
     assert last == pytest.approx(0.31, abs=0.005)
-
-
-def test_the_scale_ends_at_its_ends():
-    for range_m, code in [(0.0099, 0), (0.01, 1), (9_999.0, 65534), (10_003.0, 65535)]:
-        found = int(range_codec.encode_ranges(np.float32([range_m]))[0])
-        assert found == code or (code == 65534 and found == 65533)  # a step is 2 m there

@@ -63,11 +63,6 @@ def test_bad_images_are_refused_in_one_line():
         assert "\n" not in str(caught.value)
 
 
-def test_a_stamp_that_is_not_an_integer_is_refused():
-    with pytest.raises(ValueError, match="integer nanoseconds"):
-        Sphere(gray(), plane(), CAMERA, stamp_ns=1.5)
-
-
 def test_the_unknown_continues_the_nearest_known():
     values, is_known = np.arange(1, 10, dtype=np.uint8)[None].repeat(3, axis=0), np.zeros((3, 9), np.bool_)
     is_known[:, [1, 7]] = True

@@ -22,12 +22,6 @@ def test_a_step_is_a_break_and_a_slope_is_none():
     assert breaks_of(np.tile(row, (3, 1)).T)[:, 1].tolist() == [0, 0, 2, 0, 0, 0, 0, 0, 0, 0]
 
 
-def test_a_whole_sphere_has_no_border_left_and_right():
-    row = np.array([[1.0, 1.0, 1.0, 0.5]]).repeat(2, axis=0)
-    assert breaks_of(row, wraps=True)[0].tolist() == [0, 0, 1, 1]
-    assert breaks_of(row, wraps=False)[0].tolist() == [0, 0, 1, 0]
-
-
 def test_a_crease_is_none_and_a_thin_thing_has_two():
     crease = np.array([0.5, 0.5, 0.5, 0.45, 0.38, 0.31, 0.24])
     assert not breaks_of(np.tile(crease, (3, 1)))[1].any()
@@ -130,12 +124,3 @@ def test_colors_are_added_between_pixels_where_a_drawing_is_nearest(rng):
         kernels.add_colors(image, wraps, nearness, source, nearest, F(0.05), F(0.005), F(0.7), total, weights)
         np.testing.assert_allclose(total, expected, rtol=1e-4)
         np.testing.assert_allclose(weights, expected_weights, rtol=1e-5)
-
-
-def test_a_blend_is_finished_by_its_weights():
-    total = np.array([[[100.0, 50.2, 50.3], [0.0, 999.0, 1.0], [3.0, 3.0, 3.0], [8.0, 8.0, 8.0]]], F)
-    weights, nearest = np.array([[0.5, 2.0, 0.0, 1.0]], F), np.array([[0.25, 2.0, 0.5, 1e-6]], F)
-    image, range_m = np.full((1, 4, 3), 77, np.uint8), np.zeros((1, 4), F)
-    kernels.divide_by_weights(total, weights, nearest, image, range_m)
-    assert image[0].tolist() == [[200, 100, 101], [1, 255, 1], [0, 0, 0], [8, 8, 8]]  # 0 is kept for holes
-    np.testing.assert_array_equal(range_m, np.array([[4.0, 0.5, np.nan, np.inf]], F))

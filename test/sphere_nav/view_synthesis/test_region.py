@@ -88,17 +88,6 @@ def test_the_radius_is_where_a_fifth_is_left():
         )
 
 
-def test_what_is_as_far_as_the_sky_tells_no_position():
-    for range_m, expected in [(250.0, 1.0), (350.0, 0.0), (np.inf, 0.0)]:
-        assert usable_share(surface_of(ball(range_m)), np.zeros(3)) == pytest.approx(expected, abs=0.02)
-
-
-def end_of(reach):
-    while not reach.is_found:
-        reach.narrow()
-    return reach.middle
-
-
 def test_azimuths_turn_to_the_left():
     """A wall near on the right, one far on the left."""
     beside = Room(half=(8.0, 4.0, 1.5)).sphere(SE3.from_planar(0.0, -3.0, 0.0), CAMERA)

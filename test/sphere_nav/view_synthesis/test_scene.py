@@ -149,23 +149,6 @@ def test_the_nearest_that_is_ready_stands_in_for_what_is_not(sphere_map):
     scene.close()
 
 
-def test_of_three_spheres_the_farthest_sets_the_weights_of_the_others(sphere_map):
-    """At distances 0.5, 1 and 2: (1 - 1/4) / 0.5 and (1 - 1/2) / 1."""
-    nodes = [
-        KeySphere(i, 1, SE3.from_planar(x, 0.0, 0.0), sphere_map.graph[i].sphere)
-        for i, x in enumerate((0.5, -1.0, 2.0))
-    ]
-    source = MemoryMap(SphereGraph(nodes))
-    scene = Scene(source)
-    T = optical(SE3.identity())
-    placed = [
-        PlacedSurface(surface_of(source.load_sphere(node.id)), node.T_map_sphere, weight)
-        for node, weight in zip(nodes, (0.75, 0.25), strict=False)
-    ]
-    np.testing.assert_array_equal(scene.render(T, PINHOLE).image, synthesize(placed, T, PINHOLE).image)
-    scene.close()
-
-
 def test_a_map_of_many_days_is_drawn_in_one_of_them():
     camera, day, night = Spherical(64, 32), Experience("day"), Experience("night")
     nodes = [

@@ -74,10 +74,3 @@ def test_large_quads_are_flat_within_three_per_mille_or_the_floor():
 def test_the_largest_quads_are_a_256th_of_a_turn():
     for width, largest in [(128, 1), (256, 1), (512, 2), (1024, 4)]:
         assert sides(surface_of_nearness(np.full((width // 2, width), 0.5)))[0].max() == largest
-
-
-def test_colors_are_kept_and_gray_is_three_alike():
-    range_m = np.full((64, 128), 2.0, np.float32)
-    rgb = np.random.default_rng(0).integers(1, 255, (64, 128, 3), dtype=np.uint8)
-    np.testing.assert_array_equal(surface_of(Sphere(rgb, range_m, CAMERA)).image, rgb)
-    np.testing.assert_array_equal(surface_of(Sphere(rgb[..., 1], range_m, CAMERA)).image, rgb[..., [1, 1, 1]])

@@ -135,17 +135,6 @@ def off(motion, covariances=None):
     return Trajectory(STRAIGHT.stamps_ns, STRAIGHT.T_map_body @ SE3.exp(motion), covariances)
 
 
-def test_errors_are_in_their_units_and_by_their_sides():
-    judged = evaluate_poses(off([0.03, 0.04, 0.0, 0.0, 0.0, np.radians(2.0)]), STRAIGHT)
-    report = judged.report
-    assert report["translation_m"]["max"] == pytest.approx(0.05, rel=0.02)
-    assert report["rotation_deg"]["median"] == pytest.approx(2.0)
-    assert judged.errors.lateral_m.mean() == pytest.approx(0.04, abs=1e-3)  # to the left
-    assert judged.errors.longitudinal_m.mean() == pytest.approx(0.03, abs=1e-3)  # ahead
-    assert (report["n"], report["num_estimates"], report["num_truth"]) == (50, 50, 50)
-    assert report["length_m"] == pytest.approx(4.9)
-
-
 def test_relative_errors_are_by_the_stretch():
     scaled = Trajectory(STRAIGHT.stamps_ns, STRAIGHT.moved(SE3.identity(), 1.02).T_map_body)
     for length in (1.0, 2.0):

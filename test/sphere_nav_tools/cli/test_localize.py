@@ -16,7 +16,7 @@ from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.localization.status import Reason, State, Status
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.reader import BagReader
-from sphere_nav.ros.bags.recorded import BagError, Recorded
+from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import (
@@ -33,7 +33,7 @@ from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.localizing import give_initial_pose, usable, write_poses
+from sphere_nav_tools.offline.localizing import give_initial_pose, write_poses
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera, patience
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
@@ -147,16 +147,6 @@ def test_a_file_that_is_there_is_replaced_only_when_told(tmp_path):
         assert (tmp_path / there).read_text() == "mine"
         assert write_poses(arguments(tmp_path, overwrite=True, **given), iter(NEWS)) == 0
         assert (tmp_path / there).read_text() != "mine"
-
-
-def test_images_that_are_all_refused_are_an_error_at_the_end():
-    for reason in [Reason.BAD_INFO, Reason.MAP_ERROR, Reason.BAD_STAMP, Reason.TF_STALE]:
-        bad = status(State.NOT_LOCALISED, reason, remedy="calibrate")
-        with pytest.raises(BagError, match="drive: every image refused: calibrate"):
-            list(usable(iter([bad, bad]), "drive"))
-        assert len(list(usable(iter([bad, NEWS[0], bad]), "drive"))) == 3  # one could be compared
-        with pytest.raises(BagError, match="drive: no image answered"):
-            list(usable(iter([pose(1, 0.0)]), "drive"))
 
 
 def test_an_initial_pose_is_given_with_its_signs():

@@ -81,12 +81,6 @@ def test_a_mistake_of_ours_is_not_hidden(stand_in):
         main(["play", "x"])
 
 
-def test_an_interrupt_is_130(stand_in, capsys):
-    stand_in.run = raising(KeyboardInterrupt())
-    assert main(["play", "x"]) == 130
-    assert capsys.readouterr().err == ""
-
-
 def test_a_map_that_is_not_there_is_named_in_one_line(tmp_path, capsys):
     for words in [["--list"], ["--back"], []]:
         assert main(["map-learn", str(tmp_path / "none"), *words]) == 2

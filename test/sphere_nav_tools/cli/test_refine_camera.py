@@ -170,19 +170,3 @@ def test_a_wrong_pose_is_named_found_and_mapped_with(bags, tmp_path, capsys):
     assert set(yaml.safe_load(output.read_text())["standard_deviations"]) == {"x", "y", "z", "roll", "pitch", "yaw"}
     assert call("map", bags["wrong"], "-o", tmp_path / "straight", "--set", f"depth_pose={output}") == 0
     assert "depth camera" not in capsys.readouterr().out
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("still", "expected at least 8 pairs of images with motion between, found 0"),
-        ("stereo", "expected images with depth where no MAP is given, found stereo"),
-    ],
-)
-def test_a_drive_without_motion_or_depth_refines_nothing(name, message, bags, tmp_path, capsys):
-    assert call("refine-camera", bags[name], "-o", tmp_path / "depth.yaml") == 2
-    error = capsys.readouterr().err.strip()
-    assert message in error
-    assert "\n" not in error
-    assert not (tmp_path / "depth.yaml").exists()

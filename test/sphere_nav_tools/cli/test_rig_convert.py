@@ -66,18 +66,6 @@ def test_masks_levels_and_groups_are_options(capsys, camchain, tmp_path):
     assert second.mask == str(tmp_path / "mask.png")
 
 
-def test_options_that_do_not_fit_are_one_line(capsys, camchain, tmp_path):
-    for words, expected in [
-        (["--level", "cam7=top"], "--level: expected CAMERA=VALUE with one of cam0, cam1, found 'cam7=top'"),
-        (["--level", "cam0=top"], "level: expected top and bottom, or none for every camera"),
-        (["--mask", "cam0=none.png"], "none.png: expected a mask, found no such file"),
-        (["--join"], "--join: expected several camchains of Kalibr, found 1 kalibr"),
-    ]:
-        status, _, err = run(capsys, camchain, *words, "-o", tmp_path / "rig.yaml")
-        assert (status, len(err)) == (2, 1)
-        assert expected in err[0]
-
-
 def test_camchains_are_joined_by_a_shared_topic(capsys, tmp_path):
     for name, topics in (("front", ("/a", "/b")), ("rear", ("/b", "/c"))):
         chain = {f"cam{k}": deepcopy(CAM) | {"rostopic": topic} for k, topic in enumerate(topics)}

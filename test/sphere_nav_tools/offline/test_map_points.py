@@ -111,9 +111,3 @@ def test_key_spheres_have_compass_headings_and_edges_their_ends():
     assert line["properties"] == {"from": 3, "to": 4, "loop": True}
     ends = [point["geometry"]["coordinates"], other["geometry"]["coordinates"]]
     assert line["geometry"]["coordinates"] == ends
-
-
-def test_no_datum_is_refused():
-    for text in ["", "1,2", "91,0,0", "0,200,0", "a,b,c", "1,2,nan"]:
-        with pytest.raises(ValueError, match="lat,lon,heading"):
-            Datum.parse(text)

@@ -256,13 +256,6 @@ def test_what_a_driver_publishes_is_found_as_its_preset_says(name):
         assert driver.name in [known.name for known in finder.drivers()]
 
 
-def test_registered_depth_goes_before_depth_as_it_is_measured():
-    streams = {s.topic: s for name in ("realsense_depth", "realsense") for s in streams_of(read_driver(name))}
-    finder = finder_of(streams.values())
-    assert [driver.name for driver in finder.drivers()] == ["realsense", "realsense_depth"]
-    assert finder.find(RGBD).topics["depth/image_raw"] == ALIGNED[0].topic
-
-
 def test_a_driver_that_is_named_is_found_below_one_namespace_alone():
     arguments = SimpleNamespace(driver="realsense", image="/front/color/image_raw")
     front, rear = (streams_of(read_driver("realsense"), name) for name in ("front", "rear"))

@@ -40,12 +40,6 @@ def test_options_name_our_topics():
     }
 
 
-def test_a_word_that_is_no_pair_is_refused():
-    for words in [("--camera", "front"), ("--remap", "a=b"), ("--camera", "=/a")]:
-        with pytest.raises(ValueError, match="expected A"):
-            chosen_topics(parse(*words))
-
-
 def test_what_is_told_is_what_is_understood():
     topics = {"image_raw": "/a", "camera_info": "/camera_info", "cameras/x/image_raw": "/y"}
     words = options_of(topics)

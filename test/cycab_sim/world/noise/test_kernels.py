@@ -10,32 +10,9 @@ def foot(width):
     return (width, width, 1.0, 0.0, width, width)
 
 
-def plain(kernel):
-    return getattr(kernel, "py_func", kernel)
-
-
 @pytest.fixture
 def points(rng):
     return rng.uniform(-30.0, 30.0, (200, 3))
-
-
-def test_hash_is_uniform_and_without_correlation_between_neighbours():
-    h = np.array([[kernels.hashed(i, j, 0, 5) for i in range(64)] for j in range(64)])
-    assert abs(h.mean()) < 4 * 0.577 / 64  # four standard errors of a uniform variable in [-1, 1)
-    assert h.std() == pytest.approx(0.577, abs=0.02)
-    for a, b in ((h[:, 1:], h[:, :-1]), (h[1:], h[:-1]), (h[1:, 1:], h[:-1, :-1])):
-        assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 4 / 63
-
-
-def test_noise_is_continuous_across_cells_and_differs_between_seeds(points):
-    for x, y, z in points:
-        i, step = float(np.floor(x)), 1e-7
-        assert kernels.noise2(i - step, y, 3) == pytest.approx(kernels.noise2(i + step, y, 3), abs=1e-5)
-        assert kernels.noise3(x, y, np.floor(z) - step, 3) == pytest.approx(
-            kernels.noise3(x, y, np.floor(z) + step, 3), abs=1e-5
-        )
-    levels = [[kernels.noise2(x, y, seed) for x, y, _ in points] for seed in (3, 4)]
-    assert abs(np.corrcoef(levels)[0, 1]) < 0.3  # 200 points: four standard errors
 
 
 def test_filtered_octaves_are_the_unfiltered_ones_through_a_lens(rng):

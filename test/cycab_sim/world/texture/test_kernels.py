@@ -1,8 +1,6 @@
 import numpy as np
 import pytest
 
-from cycab_sim.rendering.renderer import paint_rays
-from cycab_sim.world.mesh import Finish, MeshBuilder
 from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture import kernels
 
@@ -84,20 +82,3 @@ def test_rays_are_located_on_their_surface_and_in_the_sky():
     assert points[0, 1] == pytest.approx(0.6 / 0.92, rel=1e-5)  # on a plane overhead
     assert seeds.tolist()[:2] == [77, kernels.SKY_SEED]
     assert np.all(np.isfinite(points))  # also where there is no ray
-
-
-def test_a_color_lies_between_the_two_of_its_finish():
-    mesh = MeshBuilder(np.random.default_rng(1))
-    mesh.panels(
-        [[[5, 1, 0], [5, -1, 0], [5, -1, 3], [5, 1, 3]]],
-        Finish(kernels.MARKING, (0.6,) * 3, (0.1,) * 3, (0.0, 1.0, 0.5)),
-    )
-    built, n = mesh.build(), 200
-    up = np.linspace(-0.5, 0.2, n)
-    rays = np.stack([np.ones(n), np.linspace(-0.18, 0.18, n), 0.4 + up], axis=1)
-    rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
-    ranges, color = (5.0 / rays[:, 0]).astype(np.float32), np.empty((n, 3), np.float32)
-    paint_rays(built, np.zeros(3), rays, ranges, np.zeros(n, np.int32), np.full(n, 1e-3, np.float32), color)
-    assert color.min() == pytest.approx(0.1, abs=0.01)
-    assert color.max() > 0.4  # paint that is never quite white
-    assert color.max() <= 0.6 + 1e-6

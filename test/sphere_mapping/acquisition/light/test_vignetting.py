@@ -31,14 +31,6 @@ def test_falloff_and_exposures_are_found(rng, wrong):
     np.testing.assert_allclose(np.diff(found.exposures(seen[0], 2)), 0.25, atol=0.01 if wrong == 0 else 0.05)
 
 
-def test_each_camera_has_a_lens_of_its_own(rng):
-    found = Falloff(["one kind", "another"])
-    for _ in range(8):
-        found.update(comparison(rng, lenses=(TRUE, np.zeros(3))), 2)
-    assert falloff(found.coefficients[0], np.array([1.0]))[0] == pytest.approx(-0.8, abs=0.04)
-    assert falloff(found.coefficients[1], np.array([1.0]))[0] == pytest.approx(0.0, abs=0.04)
-
-
 def test_no_lens_is_said_to_brighten_towards_its_rim(rng):
     found = Falloff(["lens", "lens"])
     found.update(comparison(rng, lenses=(-TRUE, -TRUE)), 2)

@@ -28,17 +28,6 @@ def test_every_pixel_that_both_see_is_right(focal_length, offset):
     assert inner.mean() > 0.95  # the shadow of the box is at most 0.05 m / 3 m * 400 px = 7 of 200 columns wide
 
 
-def test_unknown_depth_stays_unknown():
-    measured = np.full((240, 320), np.nan, np.float32)
-    assert np.isnan(DepthRegistration(DEPTH, DEPTH, SE3.identity())(measured)).all()
-    measured[:, 100:200] = 2.0
-    measured[50, 150], measured[60, 150] = 0.0, -1.0
-    found = DepthRegistration(DEPTH, DEPTH, SE3.identity())(measured)
-    assert np.isnan(found[:, :98]).all()
-    assert np.isnan(found[:, 202:]).all()
-    np.testing.assert_allclose(found[100:140, 110:190], 2.0, rtol=1e-6)
-
-
 def test_the_nearer_surface_wins():
     """Seen from far to the side, the box hides what the depth camera sees of the wall."""
     measured = np.full((240, 320), 3.0, np.float32)

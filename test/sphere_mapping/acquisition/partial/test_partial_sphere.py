@@ -3,7 +3,6 @@ import pytest
 
 from sphere_mapping.acquisition.partial.partial_sphere import (
     RgbdView,
-    inverse_depth,
     sphere_from_rgbd,
     sphere_from_views,
 )
@@ -120,10 +119,3 @@ def test_a_finer_camera_is_averaged_not_aliased():
     center = coarse.gray[20:40, 25:55]
     # the mean of 4 x 4 pixels has a quarter of their deviation; sampling one of them would keep it all
     assert center.std() < 0.4 * noise.std()
-
-
-def test_inverse_depth_keeps_far_as_zero():
-    np.testing.assert_array_equal(
-        inverse_depth(np.float32([[np.inf, -np.inf, np.nan, 0.0, -2.0, 4.0]])),
-        np.float32([[0, np.nan, np.nan, np.nan, np.nan, 0.25]]),
-    )

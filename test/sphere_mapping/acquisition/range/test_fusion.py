@@ -3,30 +3,13 @@
 import numpy as np
 
 from sphere_mapping.acquisition.params import FusionParams
-from sphere_mapping.acquisition.range.fusion import fill, fuse_sources, range_from_cloud, range_from_depth
+from sphere_mapping.acquisition.range.fusion import fill, range_from_depth
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 
 WHOLE = Spherical(64, 32)
 LENS = Pinhole(60, 40, 40.0, 40.0, 29.5, 19.5)
-
-
-def plane(value):
-    return np.full((2, 2), value, np.float32)
-
-
-def test_what_agrees_is_weighed_by_its_variance():
-    near, nearly, other = (plane(10.0), plane(0.1)), (plane(10.2), plane(0.1)), (plane(20.0), plane(1.0))
-    range_m, std_m = fuse_sources([other, near, nearly], WHOLE)
-    np.testing.assert_allclose(range_m, 10.1, atol=1e-5)
-    np.testing.assert_allclose(std_m, 0.1 / np.sqrt(2), rtol=1e-5)
-
-
-def test_the_nearest_point_of_a_cloud_hides_the_others():
-    cloud = np.array([[5.0, 0.0, 0.0], [9.0, 0.0, 0.0], [np.nan, 0, 0]])
-    range_m, _ = range_from_cloud(cloud, WHOLE, FusionParams())
-    assert np.nanmin(range_m) == np.nanmax(range_m) == 5.0
 
 
 def test_depth_along_the_axis_becomes_range_along_the_ray():

@@ -6,13 +6,11 @@ import pytest
 
 from sphere_mapping.acquisition.range.levels import (
     fit,
-    has_texture_around,
     interpolate,
     is_borrowed,
     is_unlike,
     spread_around,
     twice,
-    usable_at,
 )
 
 
@@ -37,23 +35,6 @@ def test_what_is_unknown_stays_so_with_all_that_would_be_interpolated_from_it():
     plane[2, 3] = np.nan
     assert np.isnan(interpolate(plane, False)).sum() == 9
     assert np.isnan(fit(plane, (5, 9))).sum() == 1 + 4 + 9
-
-
-def test_a_coarse_pixel_is_usable_where_all_that_it_is_made_of_is():
-    is_usable = np.ones((32, 32), np.bool_)
-    is_usable[:, :10] = False
-    found = usable_at(is_usable, 1, (16, 16))
-    assert not found[:, :6].any()  # pixel 5 is made of columns 8 to 12
-    assert found[:, 6:].all()
-
-
-def test_beside_an_edge_a_bare_wall_has_no_texture_around():
-    rng = np.random.default_rng(0)
-    image = rng.normal(120, 0.8, (96, 96))
-    image[:, 48:] += 80 * cv2.GaussianBlur(rng.normal(0, 1, (96, 48)), (0, 0), 1.0)
-    found = has_texture_around(np.rint(image).astype(np.uint8), False)
-    assert found[8:-8, 54:-8].all()
-    assert found[8:-8, 44:47].mean() < 0.05
 
 
 def test_the_spread_is_that_of_what_is_known_around_and_wraps_around():

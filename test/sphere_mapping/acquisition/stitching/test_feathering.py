@@ -36,16 +36,6 @@ def test_light_meets_at_the_seam_and_is_kept_far_from_it(seams, channels):
         assert np.abs(part[row, -1].astype(float) - part[row, 0]).max() <= 1
 
 
-def test_only_what_is_needed_is_changed(seams):
-    parts, tile = walls(150, 165), Block(64, 32, 128, 96)
-    feather(parts, [WHOLE, WHOLE], seams, STEP, [[tile], []])
-    whole = walls(150, 165)
-    feather(whole, [WHOLE, WHOLE], seams, STEP, TILES)
-    np.testing.assert_array_equal(parts[0][64:192, 32:128], whole[0][64:192, 32:128])
-    assert (parts[0] != 150).any(axis=2).sum() == (parts[0][64:192, 32:128] != 150).any(axis=2).sum() > 0
-    assert (parts[1] == 165).all()
-
-
 def test_what_differs_too_much_to_be_light_is_left_alone(seams):
     parts = walls(60, 200)
     feather(parts, [WHOLE, WHOLE], seams, STEP, TILES)

@@ -29,14 +29,6 @@ def tiles(is_owned=None, strips=(), seams=(), view=1):
     return tiles_of(view, BLOCK, nothing if is_owned is None else is_owned, strips, seams, STEP, WHOLE)
 
 
-def test_what_is_shown_is_needed_and_little_else():
-    is_owned = np.zeros((128, 128), np.uint8)
-    is_owned[3, 40], is_owned[100, 17], is_owned[127, 127] = 255, 255, 255
-    found = covered(tiles(is_owned))
-    assert found[is_owned > 0].tolist() == [1, 1, 1]
-    assert found.sum() == 3 * STEP * 4 * STEP  # rows are taken by four cells
-
-
 def test_what_a_strip_mixes_of_it_is_needed_and_what_it_takes_from_its_border():
     strip = Strip(Block(0, 160, 64, 96), (slice(0, 64), slice(0, 96)), (Share(1, slice(16, 64), ()),))
     found = covered(tiles(strips=(strip,)))  # columns 176 to 224 of the sphere: from 16 before the block on

@@ -20,14 +20,6 @@ def test_project_agrees_with_opencv(distortion):
     np.testing.assert_allclose(camera.project(points)[0], expected.reshape(-1, 2), atol=1e-9)
 
 
-def test_without_distortion_the_radius_is_the_angle():
-    camera = Fisheye(1000, 1000, 150.0, 150.0, 499.5, 499.5)
-    angle = np.array([0.0, 0.5, np.pi / 2, 2.5, 3.1])
-    pixels, visible = camera.project(np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1))
-    np.testing.assert_allclose(pixels[:, 0], 499.5 + 150 * angle, atol=1e-9)
-    assert visible.all()
-
-
 def test_straight_behind_is_not_visible():
     camera = Fisheye(1000, 1000, 150.0, 150.0, 499.5, 499.5)  # the direction is a whole circle of pixels
     pixels, visible = camera.project([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])

@@ -38,20 +38,3 @@ def test_folding_of_strong_distortion_is_refused():
     pixels, visible = camera.project(np.stack([radius, 0 * radius, 1 + 0 * radius], axis=-1))
     assert visible.tolist() == [True, True, False, False, False]  # without the check 1.6 would land inside again
     assert np.isnan(pixels[2:]).all()
-
-
-def test_pixels_beyond_the_fold_have_no_ray():
-    camera = Pinhole(1000, 1000, 300.0, 300.0, 499.5, 499.5, (-0.3,))  # the largest distorted radius is 0.703
-    rays = camera.unproject([[499.5 + 300 * 0.70, 499.5], [499.5 + 300 * 0.71, 499.5], [999.0, 999.0]])
-    assert np.isfinite(rays).all(axis=-1).tolist() == [True, False, False]
-
-
-def test_wrong_coefficients_are_refused():
-    for distortion in [(0.1,) * 9, (np.nan,)]:
-        with pytest.raises(ValueError, match="distortion: expected up to 8 finite numbers"):
-            Pinhole(640, 480, 525.0, 525.0, 319.5, 239.5, distortion)
-
-
-def test_coefficients_are_padded_and_end_with_the_fold():
-    camera = Pinhole(640, 480, 525.0, 520.0, 319.5, 239.5, (0.1, 0.2))
-    np.testing.assert_array_equal(camera.coefficients, [525, 520, 319.5, 239.5, 0.1, 0.2, 0, 0, 0, 0, 0, 0, np.inf])

@@ -106,11 +106,3 @@ def test_a_defect_is_one_line_with_its_place(path):
             read_basalt(path)
         assert expected in str(caught.value)
         assert "\n" not in str(caught.value)
-
-
-def test_a_file_that_is_none_is_refused(path):
-    for text, expected in [("{", "expected JSON"), ("[1]", "expected value0 with"), ("{}", "value0")]:
-        path.write_text(text)
-        with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
-            read_basalt(path)
-        assert expected in str(caught.value)

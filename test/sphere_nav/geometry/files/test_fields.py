@@ -2,7 +2,7 @@
 
 import pytest
 
-from sphere_nav.geometry.files.untrusted import choice, number, numbers, parse_stamp_ns, size
+from sphere_nav.geometry.files.untrusted import number, numbers, parse_stamp_ns
 
 
 def test_a_number_however_it_is_written():
@@ -29,20 +29,6 @@ def test_a_list_has_the_length_that_is_asked_for():
     for found in ([1], [1, 2, 3], "12", None):
         with pytest.raises(ValueError, match="x: expected"):
             numbers(found, "x", 2)
-
-
-def test_a_size_is_a_number_of_pixels():
-    for found in [0, -1, 10**11, 65537, 1.0, True, "640", None]:
-        assert size(65536, "x") == 65536
-        with pytest.raises(ValueError, match="x: expected a positive number of pixels, at most 65536"):
-            size(found, "x")
-
-
-def test_a_choice_is_one_of_the_names():
-    assert choice("b", "x", ("a", "b")) == "b"
-    for found in (["a"], {"a": 1}, None, "c", "c" * 1000):
-        with pytest.raises(ValueError, match="x: expected a, b, found"):
-            choice(found, "x", ("a", "b"))
 
 
 def test_a_stamp_keeps_its_nanoseconds():

@@ -3,14 +3,10 @@
 import json
 
 import pytest
-import yaml
 
 from sphere_nav.geometry.files.foreign_cameras import ForeignLens
 from worlds.foreign import read_foreign
 
-BOMB = "x0: &x0 [1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
-    f"x{n + 1}: &x{n + 1} [{', '.join([f'*x{n}'] * 8)}]\n" for n in range(10)
-)
 CAM0 = {"camera_model": "pinhole", "intrinsics": [500.0, 500.0, 320.0, 240.0], "resolution": [640, 480]}
 
 
@@ -49,13 +45,6 @@ def test_only_several_camchains_are_joined(tmp_path):
         path.write_text(json.dumps({"cam0": CAM0}))
         with pytest.raises(ValueError, match=f"expected several camchains of Kalibr, found {number} {file_format}"):
             read_foreign([path] * number, file_format=file_format, is_joining=True)
-
-
-def test_axes_of_an_imu_need_one(tmp_path):
-    path = tmp_path / "x.yaml"
-    path.write_text(yaml.safe_dump({"cam0": CAM0}))
-    with pytest.raises(ValueError, match="expected poses relative to an IMU"):
-        read_foreign([path], frame="imu")
 
 
 def test_an_omnidirectional_camera_needs_a_positive_xi():

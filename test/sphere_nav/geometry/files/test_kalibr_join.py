@@ -1,7 +1,6 @@
 """Several camchains of one rig are one rig."""
 
 import numpy as np
-import pytest
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
@@ -33,8 +32,3 @@ def test_chains_that_share_the_imu_are_joined_by_it():
     assert found.is_by_imu
     for mine, theirs in zip(found.T_origin_camera, POSES, strict=True):
         np.testing.assert_allclose(mine.matrix, theirs.matrix, atol=1e-12)
-
-
-def test_chains_that_share_nothing_are_refused():
-    with pytest.raises(ValueError, match=r"2\.yaml: expected poses relative to the IMU in all files, or a rostopic"):
-        join_chains([chain("ab"), chain("cd")], ["1.yaml", "2.yaml"])

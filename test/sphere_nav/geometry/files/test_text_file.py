@@ -29,10 +29,3 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path):
         read_text(tmp_path / "fifo" / "beneath", "table")
     with pytest.raises(OSError, match="symbolic links"):
         read_text(tmp_path / "circle", "table")
-
-
-def test_a_large_file_is_refused_before_it_is_read(tmp_path):
-    with (tmp_path / "large").open("wb") as file:
-        file.truncate(1 << 40)  # a hole: takes no space
-    with pytest.raises(ValueError, match=r"large: expected a table of at most 100 bytes, found 1099511627776"):
-        read_bytes(tmp_path / "large", "table", 100)

@@ -20,10 +20,6 @@ def test_aliases_and_merge_keys_are_written_out():
     }
 
 
-def test_as_many_aliases_as_are_allowed():
-    assert load_yaml("x", "a: &a 1\nb: [" + "*a, " * 64 + "]")["b"] == [1] * 64
-
-
 def bomb(first, form, width=10, levels=8):
     """Return a text whose values say ten times those before."""
     lines = [f"a0: &a0 {first}"]

@@ -22,10 +22,3 @@ def test_a_score_is_the_weighted_sum_of_cosines_of_its_cell_at_each_shift(rng):
         cosine = np.sum(gradient * direction, axis=1) / np.linalg.norm(gradient, axis=1)
         np.add.at(expected[:, i, j], cell, np.nan_to_num(weight * cosine))
     np.testing.assert_allclose(scores, expected, atol=1e-4)
-
-
-def test_an_even_image_adds_nothing():
-    scores, one = np.zeros((1, 3, 3)), np.array([4], np.int32)
-    known = np.ones((1, 2), np.float32), np.ones(1, np.float32), one - 4
-    score_shifts(np.full((9, 9), 7, np.uint8), one, one, *known, 1, scores)
-    assert not scores.any()

@@ -42,23 +42,6 @@ def test_halve_range_keeps_to_the_nearest_surface():
     assert out.tolist() == [[1.0, 3.0, 2.0, inf]]
 
 
-def test_halve_steps_is_halve_bytes_in_steps(rng):
-    for shape, pad in [((8, 12), 0), ((9, 13), 0), ((8, 12), 1)]:
-        image = rng.integers(0, 255, shape).astype(np.uint8)
-        steps = np.empty((shape[0], shape[1] + 2 * pad), np.uint16)
-        kernels.quantize(image, pad, steps)
-        assert np.array_equal(steps[:, pad : pad + shape[1]], image * np.uint16(256))
-        out = np.empty((shape[0] // 2, shape[1] // 2 + 2 * pad), np.uint16)
-        kernels.halve_steps(steps, pad, out)
-        around = np.hstack([image[:, -2:], image, image[:, :2]]) if pad else image
-        expected = np.empty((around.shape[0] // 2, around.shape[1] // 2), np.float32)
-        kernels.halve_bytes(np.ascontiguousarray(around), expected)
-        inner = slice(pad, out.shape[1] - pad)
-        assert np.abs(out / 256.0 - expected)[:, inner].max() < 0.003
-        if pad:
-            assert np.array_equal(out[:, [0, -1]], out[:, [-2, 1]])
-
-
 def pool_of(pixels):
     """Return pixels (7, N) in squares, and how much each fixes by every column."""
     pool = in_blocks(pixels)
@@ -72,16 +55,6 @@ def pool_of(pixels):
 def columns_of(pixels):
     """Return |J| (N, 6) of pixels (7, N)."""
     return np.abs(np.column_stack([pixels[4:].T, np.cross(pixels[:3].T, pixels[4:].T)]))
-
-
-def test_keys_order_what_the_columns_fix(rng):
-    pixels = rng.uniform(-5, 5, (7, 4 * SIDE)).astype(np.float32)
-    pixels[4:] *= 2.0 ** rng.integers(-8, 12, pixels.shape[1])
-    _, keys = pool_of(pixels)
-    J = columns_of(pixels)
-    for j in range(6):
-        ordered = J[np.argsort(keys[:, j], kind="stable"), j]
-        assert np.all(np.maximum.accumulate(ordered) <= np.maximum(ordered * 1.13, 2.0**-12))
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """Prepared references hold points, grey levels and gradients by the point."""
 
 import numpy as np
-import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
@@ -81,14 +80,6 @@ def test_what_is_behind_the_edge_of_a_nearer_surface_is_left_out():
         for axis in (0, 1):
             expected &= is_near | ~(np.roll(is_near, off, axis) | np.roll(is_near, -off, axis))
     np.testing.assert_array_equal(kept, expected)
-
-
-def test_a_range_that_is_not_positive_is_refused(room):
-    for bad in [0.0, -1.0]:
-        image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
-        range_m[3, 4] = bad
-        with pytest.raises(ValueError, match="range: expected positive"):
-            prepare_reference(image, range_m, CAMERA, PARAMS)
 
 
 def test_any_piece_of_the_curve_is_a_patch():

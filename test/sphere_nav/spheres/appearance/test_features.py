@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
-from sphere_nav.spheres.appearance.features import _shrink, features_of_image, features_of_sphere
+from sphere_nav.spheres.appearance.features import features_of_image, features_of_sphere
 from sphere_nav.spheres.sphere import Sphere
 from worlds.room import optical, sharp_room
 
@@ -73,12 +73,6 @@ def test_what_no_camera_saw_has_no_features_and_a_blank_image_none():
     assert len(found) > 50
     assert np.all(found.rays[:, 1] < 0.05)  # the right half looks to the right
     assert len(features_of_image(np.full((256, 512), 90, np.uint8), CAMERA)) == 0
-
-
-def test_features_of_images_taken_nearby_are_finer():
-    for camera, factor in [(Spherical(2048, 1024), 2), (Pinhole(1226, 370, 707.0, 707.0, 613.0, 185.0), 2)]:
-        assert _shrink(camera, is_fine=True) == factor
-        assert _shrink(camera) > factor
 
 
 @pytest.mark.slow

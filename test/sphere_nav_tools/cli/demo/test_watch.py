@@ -79,18 +79,6 @@ def test_a_node_that_cannot_start_is_told_by_its_last_words(tmp_path, domain):
                 time.sleep(0.1)
 
 
-@pytest.mark.dds
-def test_a_running_node_is_ended_in_order_and_completes_its_bag(tmp_path, domain):
-    bag = tmp_path / "bag"
-    with Processes(tmp_path, domain) as processes:
-        processes.start("bag_recorder", {"output": str(bag), "topics": "/nothing"})
-        patience = Patience(60.0)
-        while "recording into" not in (tmp_path / "bag_recorder.log").read_text() and patience.is_left():
-            time.sleep(0.1)
-        processes.check()
-    assert (bag / "metadata.yaml").is_file()
-
-
 PARENT = """
 import os, sys, time
 from pathlib import Path

@@ -18,7 +18,6 @@ from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.page import COLORS, Desk
 from sphere_nav_tools.cli.operate.words import (
     Heard,
-    Place,
     banner,
     ellipse,
     places_of,
@@ -189,17 +188,3 @@ def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(desk):
     assert boxes == [COLORS["car"], COLORS["old"]]
     desk._show_car(None, np.inf)
     assert len([kind for kind, *_ in desk.client.scene.added if kind == "box"]) == 2
-
-
-def test_places_are_balls_that_choose_them(desk):
-    places = [Place("gate", 1.0, 2.0), Place("barn", 3.0, 4.0)]
-    desk._show_places(places)
-    desk._show_places(list(places))
-    balls = [values["position"] for kind, _, values in desk.client.scene.added if kind == "icosphere"]
-    assert balls == [(1.0, 2.0, 0.0), (3.0, 4.0, 0.0)]
-    assert desk._place.options == ("gate", "barn")
-    clicks = [act for kind, act, _ in desk.client.scene.added if kind == "click"]
-    clicks[1](None)
-    assert desk._place.value == "barn"
-    desk._show_places([])
-    assert desk._place.options == ("(no places heard)",)

@@ -53,26 +53,6 @@ def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_misuse_is_one_line(folder, tmp_path, monkeypatch, capsys):
-    for words, expected in [
-        (["--screenshot", "view.gif"], ".png, .jpg"),
-        (["--screenshot", "v.png", "--size", "big"], "WxH"),
-        (["--screenshot", "v.png", "--fov", "180"], "150"),
-        (["--pose", "1,2,3"], "x,y,z,yaw"),
-        (["--pose", "1,2,3,nan"], "x,y,z,yaw"),
-        (["--sphere", "77"], "77"),
-        (["--memory", "0"], "--memory"),
-        (["--experience", "night"], "expected one of 'the first drive', found 'night'"),
-    ]:
-        monkeypatch.chdir(tmp_path)
-        assert main(["view", str(folder / "map"), *words]) == 2
-        error = capsys.readouterr().err
-        assert expected in error
-        assert error.count("\n") == 1
-        assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
 def test_a_drive_is_localized_image_by_image(folder):
     parser = ArgumentParser()
     view.add_arguments(parser)

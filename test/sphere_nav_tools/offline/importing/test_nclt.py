@@ -89,27 +89,3 @@ def test_a_rig_of_nclt_looks_ahead_and_up(tmp_path):
     assert mask.shape == (HEIGHT, WIDTH)
     assert mask[HEIGHT // 2, WIDTH // 2] == 255
     assert not mask[:, WIDTH - 3 :].any()
-
-
-@pytest.mark.parametrize(
-    ("name", "change", "message"),
-    [
-        ("cam_params/K_cam5.csv", lambda text: text.replace("24", "f", 1), "K_cam5.csv: expected numbers"),
-        ("cam_params/x_lb3_c0.csv", lambda text: "1,2,3\n", "x_lb3_c0.csv: expected 1 x 6 numbers, found 1 x 3"),
-        ("cam_params/x_lb3_c0.csv", None, "expected x_lb3_c0.csv of the calibration"),
-        ("U2D/U2D_Cam5_1616X1232.txt", lambda text: text[:-90].rsplit("\n", 1)[0] + "\n", "expected a line for each"),
-        ("2012-01-08/groundtruth_2012-01-08.csv", lambda text: text.splitlines()[0], "expected true poses, found none"),
-        ("2012-01-08/velodyne_sync/1326030975726043.bin", lambda text: text[:-1], "expected points of 8 bytes"),
-        ("2012-01-08/lb3/Cam5/1326030975726043.tiff", "first.tiff", "named by their stamps"),
-    ],
-)  # fmt: skip
-def test_other_files_are_refused_in_one_line(tmp_path, capsys, name, change, message):
-    folder, path = session(tmp_path / "2012-01-08"), tmp_path / name
-    if callable(change):
-        path.write_text(change(path.read_text(errors="surrogateescape")), errors="surrogateescape")
-    else:
-        path.rename(path.with_name(change or "other"))
-    assert main(["import", "nclt", str(folder), "-o", str(tmp_path / "bag")]) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len([line for line in said if "expected" in line]) == 1
-    assert message in " ".join(said)

@@ -151,11 +151,6 @@ def graphs(rng, jumps=()):
     return aligned, aligned.with_poses(poses)
 
 
-def test_a_survey_that_agrees_passes_in_silence():
-    for seed in range(5):
-        assert check_survey(*graphs(np.random.default_rng(seed)), "drive") == []
-
-
 def test_a_jump_in_the_survey_is_named():
     [warning] = check_survey(*graphs(np.random.default_rng(1), jumps=(5,)), "drive")
     assert warning.startswith("warning: 1 of 11 motions")
