@@ -24,15 +24,16 @@ ready: $(STAMPS)/tf2_msgs $(STAMPS)/msg_defs $(STAMPS)/kernels
 demo: env
 	$(RUN)/sphere_nav demo $(ARGS)
 
-# The rings of tests are told in test/rings.py; test/architecture is a part of `check`. A worker a core; of many cores four, as tests of nodes start processes of
-# their own. Threads that multiply matrices beside them would wait for each other with all cores busy.
-TEST := OPENBLAS_NUM_THREADS=1 $(RUN)/pytest -n auto --maxprocesses 4 --dist worksteal
+# The rings of tests are told in test/rings.py; test/architecture is a part of `check`. A worker a core, and one more where
+# tests wait for processes that they start; of many cores four. Threads that multiply matrices beside them would wait for
+# each other with all cores busy.
+TEST := OPENBLAS_NUM_THREADS=1 $(RUN)/pytest --maxprocesses 4 --dist worksteal
 
 test: env $(STAMPS)/test_wheels
-	$(TEST) -m "not slow and not dds" $(ARGS)
+	$(TEST) -n auto -m "not slow and not dds" $(ARGS)
 
 test-slow: env $(STAMPS)/test_wheels
-	$(TEST) -m "slow or dds" --ignore test/architecture $(ARGS)
+	$(TEST) -n $$(($$(nproc) + 1)) -m "slow or dds" --ignore test/architecture $(ARGS)
 
 # all in quick size, or what ARGS names: ARGS="drive missions --size full"
 bench: env

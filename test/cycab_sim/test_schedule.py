@@ -1,9 +1,7 @@
 from cycab_sim.params import (
     CameraRigParams,
     CaptureParams,
-    ImuParams,
     OdometryParams,
-    ScanParams,
     SimCameraParams,
     SimParams,
     SphereParams,
@@ -47,10 +45,3 @@ def test_the_rig_comes_with_the_spheres_and_is_off_without_cameras():
         assert [t for t, name in found if name == kind] == [0, 150, 300, 450, 600, 750, 900]
     assert "rig" not in [name for _, name in due(Schedule(SimParams(rig=rig, capture=capture)), 1000, way=0.02)]
     assert "rig" not in [name for _, name in due(Schedule(SimParams(mode="teach")), 500, way=0.02)]
-
-
-def test_the_imu_and_the_scanner_have_their_rates_where_they_are_on():
-    params = SimParams(imu=ImuParams(is_on=True), scan=ScanParams(is_on=True))
-    found = due(Schedule(params), 200)
-    assert [t for t, name in found if name == "imu"] == list(range(0, 201, 10))
-    assert [t for t, name in found if name == "scan"] == [0, 100, 200]

@@ -88,16 +88,6 @@ def test_a_start_that_was_wrong_is_never_claimed(site):
     assert not filter_.evidence.is_on_trial
 
 
-def test_the_same_images_give_the_same_bits(site):
-    beliefs = []
-    for _ in range(2):
-        filter_ = site.filter()
-        for number, pose in enumerate(POSES[:5]):
-            belief = filter_.update(observe(site, pose, number)).belief
-        beliefs.append(belief.particles.poses)
-    np.testing.assert_array_equal(*beliefs)
-
-
 def test_odometry_that_leaps_is_not_believed(site):
     filter_ = started(site)
     for number, pose in enumerate(POSES):

@@ -14,7 +14,6 @@ from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.point_index import PointIndex
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.params import SynthesisParams
 
 PARAMS = SynthesisParams(num_columns=72)
@@ -25,14 +24,6 @@ def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
     for read in (read_las, read_pcd, read_ply):
         with pytest.raises(ValueError, match=r"header: expected .*found"):
             read(tmp_path / "a")
-
-
-def test_a_stack_gives_back_what_was_put() -> None:
-    stack, one = FeatureStack.empty(4, 3, 8), FeatureStack.empty(1, 3, 8)
-    one.directions[:], one.magnitudes[:], one.scales[:] = 7, 9, 0.5
-    stack.put(np.array([2]), one)
-    assert stack.take(np.array([2])).directions.max() == 7
-    assert stack.nbytes == 4 * (2 * 24 + 4)
 
 
 def test_one_point_and_one_triangle_lie_where_they_are() -> None:

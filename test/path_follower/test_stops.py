@@ -84,12 +84,6 @@ def test_an_obstacle_stops_the_vehicle_before_it(kit, straight):
     assert 0.1 < gap < 2.5
 
 
-def test_scans_that_cease_stop(kit, straight):
-    drive = kit.follow(straight, each=lambda now, f, car: scan_of(99.0)(now, f, car) if now < FAULT else None)
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.SCAN_TIMEOUT)
-    assert standing_after(drive) <= PARAMS.safety.max_scan_silence + 0.5
-
-
 def test_an_emergency_stop_needs_release_and_arming(kit, straight):
     follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
     drive = kit.run(follower, (0, 0, 0), each=after_fault(lambda n, f, c: f.emergency(is_pressed=True)))

@@ -22,17 +22,3 @@ def test_clouds_take_the_sun_and_give_it_back():
     assert shares.max() > 0.9
     assert np.abs(np.diff(shares)).max() < 0.8 * 3 * 2 * np.pi / 90.0  # three waves at their steepest: no flicker
     assert shares[17] == light_at(params, 17.0, 3).sun_color[0] / SUN[0]
-
-
-def test_on_a_day_of_the_year_light_falls_with_the_sun_through_twilight_into_night():
-    hours = np.arange(12.0, 24.0, 0.25)
-    lights = [light_at(LightParams(sun=f"80,{hour}h"), 0.0, 1) for hour in hours]  # sets at 18 h
-    ground = np.array(
-        [np.maximum(light.sun[2], 0.0) * light.sun_color.sum() + light.sky_color.sum() for light in lights]
-    )
-    assert np.all(np.diff(ground) <= 0.0)
-    suns = np.array([light.sun_color.sum() for light in lights])
-    assert np.all(suns[hours > 18.25] == 0.0)
-    assert np.all(suns[hours < 17.75] > 0.0)
-    assert ground[-1] < 1e-4 * ground[0]
-    assert np.diff(np.log(ground)).min() > np.log(1 / 12)  # a quarter of an hour: no switch

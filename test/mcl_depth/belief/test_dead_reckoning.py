@@ -33,13 +33,6 @@ def test_ways_and_turns_keep_their_sides():
         np.testing.assert_allclose(pose, [5.0 - 0.8 * side, 6.6, np.pi / 2 + 0.3 * side])  # its heading is the map's y
 
 
-def test_a_way_by_wheels_alone_makes_unsure():
-    _, covariance = reckoning(way_share=0.05, drift_deg=2.0).propagate(observe(1.0, 5.0, 0.0))
-    turn = np.radians(2.0) * 2.0  # grows with the root of 4 m
-    side = 0.05 * 4.0 + 0.5 * turn * 4.0
-    np.testing.assert_allclose(covariance - CONFIRMED.covariance, np.diag([side, side, turn]) ** 2, atol=1e-15)
-
-
 def test_wheels_that_drift_stay_within_what_is_told():
     """A heading that walks at random over a way of 9 m, and a scale that is wrong by 5 %."""
     rng, way, count = np.random.default_rng(0), 9.0, 4000

@@ -10,9 +10,6 @@ import pytest
 from mcl_depth.belief.hypotheses import find_hypotheses
 from mcl_depth.belief.particles import Particles
 
-# Written out: imported, a change would go unseen.
-MAX_HYPOTHESES = 5
-
 
 def weighted(poses, weights):
     return replace(Particles.of_equal_weight(poses), weights=weights / weights.sum())
@@ -46,12 +43,3 @@ def test_particles_belong_together_in_bins_of_75_cm_and_30_degrees_that_touch():
     ]:
         poses = np.array([(0.1, 0.1, 0.1), other])
         assert len(find_hypotheses(weighted(poses, np.array([0.6, 0.4])))) == count
-
-
-def test_the_five_heaviest_are_kept_in_order():
-    poses = np.column_stack([np.arange(8) * 10.0, np.zeros(8), np.zeros(8)])
-    weights = np.array([1.0, 8.0, 3.0, 6.0, 2.0, 7.0, 5.0, 4.0])
-    found = find_hypotheses(weighted(poses, weights))
-    assert [item.pose[0] for item in found] == [10.0, 50.0, 30.0, 60.0, 70.0]
-    assert len(found) == MAX_HYPOTHESES
-    np.testing.assert_allclose([item.weight for item in found], np.array([8, 7, 6, 5, 4]) / 36)

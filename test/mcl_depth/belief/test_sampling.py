@@ -11,22 +11,12 @@ from mcl_depth.belief.evidence import Survey
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import relative_motion
 from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import inject_at_places, sample_gaussian, sample_uniform
+from mcl_depth.belief.resampling import inject_at_places, sample_gaussian
 from mcl_depth.geometry.area import Area
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import SE3, Spherical
 
-# Written out: imported, a change would go unseen.
-NEW_SHARE, NUM_YOUNG = 0.3, 2
-
 AREA = Area(np.array([[x, y] for x in range(10) for y in range(6)], float), 1.0)
-
-
-def test_particles_are_spread_over_all_places_and_headings():
-    poses = sample_uniform(AREA, 600, np.random.default_rng(1)).poses
-    assert np.all(AREA.contains(poses[:, :2]))
-    counts, _ = np.histogram(poses[:, 2], bins=6, range=(-np.pi, np.pi))
-    assert counts.min() > 60  # 100 expected; 4 standard deviations are 37
 
 
 def test_a_given_covariance_keeps_its_correlations_and_is_never_exact():

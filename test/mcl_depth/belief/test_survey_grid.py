@@ -38,16 +38,6 @@ def test_rows_around_a_pose_are_those_of_a_search(reach):
                 assert rows[i, j] == (there[0] if len(there) else -1)
 
 
-def test_elements_of_a_field_are_poses():
-    grid = SurveyGrid(depth_map(), l_shape())
-    for row, index in enumerate(grid.index):
-        found = grid.poses_of(np.array([[9, *index]]), 36)[0]
-        np.testing.assert_allclose(found, [*grid.positions[row], np.radians(90.0)], atol=1e-12)
-    assert grid.poses_of(np.array([[27, 0, 0]]), 36)[0, 2] == pytest.approx(-np.pi / 2)
-    assert grid.mask.sum() == len(grid.positions) == len(l_shape())
-    assert (grid.edge, grid.diagonal) == (EDGE, pytest.approx(np.sqrt(2) * EDGE))
-
-
 def test_no_more_cells_than_four_fifths_of_the_cache():
     for spare, is_coarser in [(0, False), (-1, True), (-60, True)]:
         middles = l_shape()

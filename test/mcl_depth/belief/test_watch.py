@@ -78,13 +78,3 @@ def test_a_place_on_trial_is_believed_or_refused_after_five_clear_images():
             trial.add(value)
             found.append((trial.p_chance < RATE, trial.is_refused(RATE)))
         assert found == [(False, False)] * 4 + [(is_right, not is_right)]
-
-
-def test_random_places_on_trial_are_believed_no_more_often_than_is_said():
-    rng, believed = np.random.default_rng(8), 0
-    for _ in range(3000):
-        trial = WaldTest()
-        while not trial.is_refused(RATE) and trial.p_chance >= RATE:
-            trial.add(rng.normal(0.0, 1.5))
-        believed += trial.p_chance < RATE
-    assert believed <= 3000 * RATE

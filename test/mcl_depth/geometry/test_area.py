@@ -50,22 +50,9 @@ def test_a_wall_keeps_its_distance_and_the_room_behind_it_is_kept_if_it_is_large
     assert smaller.contains(places).tolist() == [True, False]
 
 
-def test_a_strip_outside_of_a_wall_that_only_borrows_its_ground_is_no_room():
-    points = np.concatenate([floor(0.0, 6.0), wall(6.0), wall(9.0)])
-    assert np.isfinite(Ground(points).heights(np.array([[6.8, 2.0]]))[0])
-    assert area_of(points).middles[:, 0].max() < 6.0
-
-
 def test_without_a_free_place_there_is_no_area():
     with pytest.raises(ValueError, match="expected a place with ground and free space"):
         area_of(np.concatenate([floor(0.0, 3.0), floor(0.0, 3.0) + UP * 1.2]))
-
-
-def test_the_ground_ends_half_a_square_beyond_the_map():
-    for inside in [(-0.24, 2.0), (5.0, 4.24)]:
-        outside = np.array(inside) + 0.02 * np.sign(np.array(inside) - (5.0, 2.0))
-        heights = Ground(floor(0.0, 10.0), step=0.5).heights(np.array([inside, outside]))
-        np.testing.assert_array_equal(heights, [0.0, np.nan])
 
 
 def test_heights_are_bilinear_between_the_middles_of_squares():

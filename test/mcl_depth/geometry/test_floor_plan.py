@@ -63,16 +63,6 @@ def test_corners_within_two_centimeters_are_one(tmp_path, gap, is_closed, where)
     assert (area_of(tmp_path, rows) > WALLS + FLOORS - 1.0) == is_closed
 
 
-def test_each_room_has_its_own_floor_and_ceiling(tmp_path):
-    square = [(10, 0), (12, 0), (12, 2), (10, 2)]
-    rows = ring_of(L_SHAPE) + ring_of(square, "b", 1.0, 2.0)
-    assert area_of(tmp_path, rows) == pytest.approx(WALLS + FLOORS + 8 * 1.0 + 2 * 4)
-    (tmp_path / "plan.csv").write_text("\n".join([HEAD, "# a remark", *rows]) + "\n")
-    mesh = read_geometry(tmp_path / "plan.csv")
-    assert (mesh.vertices[mesh.vertices[:, 0] > 9][:, 2].min(), mesh.vertices[:, 2].max()) == (1.0, HEIGHT)
-    assert {name: len(rings) for name, rings in rooms_of(tmp_path / "plan.csv").items()} == {"a": 1, "b": 1}
-
-
 def test_what_is_no_plan_is_refused(tmp_path):
     for text, said in [
         (

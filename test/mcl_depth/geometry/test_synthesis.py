@@ -52,16 +52,6 @@ def test_far_tiles_are_drawn_from_coarser_copies_where_they_lie() -> None:
     assert np.isnan(middle[0])  # behind there is nothing
 
 
-@pytest.mark.parametrize("distance", [4.0])
-def test_a_lone_point_is_as_wide_as_one_and_a_half_voxels(distance: float) -> None:
-    params = SynthesisParams(num_columns=1440, voxel_m=0.2)
-    cloud = cloud_from_points(np.array([[distance, 0.0, 0.0], [-50.0, 0.0, 0.0]]))
-    found = DepthSynthesizer(cloud, params, "splats").synthesize_many([(0.0, 0.0, 0.0)])[0]
-    row = found[found.shape[0] // 2]
-    width = np.count_nonzero(np.isfinite(row[360:1080])) * 2 * np.pi / 1440
-    assert width == pytest.approx(1.5 * 0.2 / distance, rel=0.1)
-
-
 @pytest.mark.parametrize(("distance", "is_drawn"), [(0.19, False), (0.21, True)])
 def test_nothing_is_drawn_nearer_than_twenty_centimeters(distance: float, is_drawn: bool) -> None:
     cloud = cloud_from_points(np.array([[distance, 0.0, 0.0], [-50.0, 0.0, 0.0]]))

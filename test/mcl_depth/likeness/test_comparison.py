@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.likeness import kernels
 from mcl_depth.likeness.comparison import (
     check_headings,
     depth_features,
@@ -105,13 +104,6 @@ def test_a_mirrored_image_has_the_features_of_the_picture_in_the_mirror(images) 
     found, wanted = visual_features(gray).mirrored, visual_features(np.ascontiguousarray(gray[:, ::-1]))
     for name in ("x", "y", "magnitude"):
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-6)
-
-
-def test_unknown_pixels_become_the_mean_around_them() -> None:
-    image = np.full((H, W), 2.0, np.float32)
-    image[:, :4], image[5, 0] = 4.0, np.nan
-    kernels.fill_nan(image)
-    np.testing.assert_allclose(image[5, 0], (5 * 4.0 + 3 * 2.0) / 8, rtol=1e-6)  # three of eight lie across the seam
 
 
 def test_unseen_pixels_count_nothing(images) -> None:

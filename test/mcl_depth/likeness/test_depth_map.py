@@ -69,18 +69,6 @@ def test_positions_without_ground_are_similar_to_nothing(visual):
     assert not depth_map.has_ground(np.array([9.0, 0.0, 0.0]))
 
 
-def test_filling_in_advance_leaves_nothing_to_be_made(visual):
-    synthesizer, depth_map = made()
-    places = np.random.default_rng(2).uniform(-2, 2, (30, 2))
-    count = len(np.unique(depth_map.cells(places), axis=0))
-    assert depth_map.fill(places, at_most=5) == count - 5
-    assert sum(map(len, synthesizer.asked)) == 5
-    assert depth_map.fill(places) == 0
-    assert sum(map(len, synthesizer.asked)) == count
-    depth_map.similarities(visual, [(int(x), int(y)) for x, y in depth_map.cells(places)], HEADINGS)
-    assert sum(map(len, synthesizer.asked)) == count
-
-
 @pytest.mark.slow
 def test_the_filters_come_back_from_disk_for_the_same_places(tmp_path, visual):
     places = np.random.default_rng(2).uniform(-2, 2, (30, 2))

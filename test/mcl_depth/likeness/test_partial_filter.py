@@ -107,13 +107,6 @@ def decoded(stack):
     return zip(np.cos(angles) * known, np.sin(angles) * known, magnitudes, strict=True)
 
 
-def test_some_rows_are_those_of_all(ranges, made):
-    visual, rows = part_of(ranges[7], 3, window(20, 40)), np.array([5, 250, 7])
-    np.testing.assert_allclose(
-        made.curves(visual, NUM_HEADINGS, rows), made.curves(visual, NUM_HEADINGS)[rows], rtol=1e-5, atol=1e-6
-    )
-
-
 def test_cells_without_ground_and_images_without_gradients_fit_nothing(stack, ranges):
     slots = np.arange(NUM_CELLS)
     slots[4] = -1

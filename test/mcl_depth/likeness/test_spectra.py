@@ -43,10 +43,6 @@ def test_the_correlation_around_is_the_sum_of_products(pictures, frequencies):
     np.testing.assert_allclose(some / WIDTH, found[[6, 1]], rtol=1e-4, atol=1e-4)
 
 
-def test_pictures_come_back_from_their_spectra(pictures):
-    np.testing.assert_allclose(pictures_of(spectra_of(pictures[2], ALL), pictures[2].shape), pictures[2], atol=1e-5)
-
-
 def test_the_covariance_is_the_mean_of_outer_products_of_cells_that_are_there(pictures):
     samples = spectra_of(pictures, ALL)[4]
     wanted = np.mean([np.outer(one, one.conj()) for one in samples], axis=0)

@@ -178,11 +178,6 @@ def test_a_loop_that_has_ended_is_told(pair):
         loop.ask("start")
 
 
-def test_a_process_that_nobody_started_has_no_loop(monkeypatch):
-    monkeypatch.delenv(LOOP, raising=False)
-    assert connected() is None
-
-
 def test_a_front_ends_with_its_loop(monkeypatch):
     """The descriptor that nobody writes tells the end."""
     told = threading.Event()

@@ -140,12 +140,6 @@ def test_a_guard_that_waits_for_zero_does_not_refuse_a_start(bench):
         assert f"{reason}: found" in verdict.detail
 
 
-def test_a_guard_without_a_heartbeat_refuses_a_start(bench):
-    for reason in ["EMERGENCY_STOP", "NO_HEARTBEAT", "COMMAND_SOURCE"]:
-        guard_says(bench, reason)
-        assert bench.peers.begin().reason is StopReason.COMMAND_GUARD
-
-
 def test_a_guard_that_falls_silent_stops(bench):
     guard_says(bench)
     bench.peers.begin()

@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from path_follower.path import wrap
-from path_follower.routes.building import TaughtDrive, build_network, even_curve, fade
+from path_follower.routes.building import TaughtDrive, build_network, even_curve
 from path_follower.routes.network import EdgeCurve
 
 # Written out: imported, a change would go unseen.
@@ -159,15 +159,6 @@ def test_an_edge_counts_by_its_fastest_and_its_worst_localised_drive(drive):
     (edge,) = build_network([good, bad]).edges.values()
     assert edge.curve.speed.max() == 1.5
     assert edge.deviation == pytest.approx(0.04)
-
-
-def test_a_blend_is_smooth():
-    u = np.linspace(0.0, 1.0, 1001)
-    curve = fade(u, 0.3, 0.2, -0.4)
-    slope = np.gradient(curve, u)
-    assert (curve[0], slope[0]) == (0.3, pytest.approx(0.2, abs=1e-3))
-    assert np.diff(curve, 2)[0] / 1e-6 == pytest.approx(-0.4, abs=0.05)
-    np.testing.assert_allclose([curve[-1], slope[-1], np.diff(curve, 2)[-1] / 1e-6], 0.0, atol=5e-2)
 
 
 def test_noisy_rounds_of_a_block_and_a_way_through_it_make_one_network(drive, rng):

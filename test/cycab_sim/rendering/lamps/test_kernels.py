@@ -21,8 +21,3 @@ def test_a_lamp_lights_what_looks_at_it_within_its_cone_and_reach():
     assert some == [0, 1]  # not: behind it, outside the cone, facing away, too far
     np.testing.assert_allclose(distances, [2.0, 4.0])
     np.testing.assert_allclose(lux, [1 / 4, 1 / 16], rtol=1e-6)
-
-
-def test_light_that_comes_slanting_is_spread():
-    _, _, lux = lit_by([[2.0, 0, 0]], [[-np.cos(1.0), np.sin(1.0), 0.0]])
-    assert lux[0] == pytest.approx(np.cos(1.0) / 4, rel=1e-5)
