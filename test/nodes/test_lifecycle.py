@@ -24,7 +24,7 @@ from worlds.patience import wait_until
 from worlds.rig import vertical_rig
 
 SETTLED = 2  # lifecycles after which the libraries have what they keep
-CYCLES = 5
+CYCLES = 4
 
 
 @pytest.fixture(scope="module")

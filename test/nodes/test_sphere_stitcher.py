@@ -137,27 +137,6 @@ def test_a_missing_camera_leaves_a_wedge_and_is_named(rig_path):
     assert "no image within" in bench.problems()["camera bottom_left"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("policy", "num_spheres", "has_hole"), [("hold", 2, False), ("omit", 2, True), ("fail", 1, None)]
-)
-def test_a_late_camera_is_treated_by_the_policy(rig_path, policy, num_spheres, has_hole):
-    bench = Bench(rig=rig_path, **{"sync.policy": policy})
-    bench.shoot(1000 * MS, IMAGES[0])
-    bench.shoot(1100 * MS, IMAGES[1], without=("top_right",))
-    bench.pass_time(1400 * MS)
-    late = array_to_image(IMAGES[1]["top_right"], 1100 * MS, "top_right_optical", "mono8")
-    bench.send("cameras/top_right/image_raw", late)  # the instant is closed: refused, no second sphere of it
-    assert len(bench.spheres) == num_spheres
-    assert "top_right: stamp: expected after" in bench.refusals()
-    assert "no image within" in bench.problems()["camera top_right"]
-    if has_hole is not None:
-        assert (message_to_sphere(bench.spheres[-1]).image == 0).any() == has_hole
-    bench.shoot(1500 * MS, IMAGES[2])
-    assert bench.problems() == {}
-    assert len(bench.spheres) == num_spheres + 1
-
-
 def test_images_of_another_size_or_lens_are_refused_by_name(rig_path):
     bench = Bench(rig=rig_path)
     bench.send("cameras/top_front/image_raw", array_to_image(np.ones((8, 8), np.uint8), MS, "x", "mono8"))

@@ -29,7 +29,7 @@ from sphere_nav.ros.conversions.stamps import header
 
 SECOND, STEP = 1_000_000_000, 100_000_000
 COVARIANCE = 1e-4 * np.eye(6)
-EXAMPLES = 20  # of sequences; 1,000 were run once
+EXAMPLES = 12  # of sequences; 1,000 were run once
 RAMP = 3.0  # s within which a vehicle of 1.4 m/s stands, gently
 
 

@@ -73,6 +73,12 @@ def test_association_pairs_mutually_nearest_stamps_within_the_tolerance():
     assert (first.tolist(), second.tolist()) == ([0, 1, 3], [0, 1, 3])
 
 
+def test_association_with_almost_nothing():
+    for other in [[], [7]]:
+        first, second = associate(np.array([0, 10, 20]), np.array(other, dtype=np.int64), 5)
+        assert len(first) == len(second) == len(other)
+
+
 def test_interpolation_is_exact_on_a_constant_motion_without_translation_coupling():
     stamps = np.array([0, 1, 3]) * SECOND
     turn = [0.0, 0.0, 0.0, 0.2, -0.1, 0.3]
