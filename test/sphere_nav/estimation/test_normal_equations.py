@@ -7,6 +7,7 @@ from sphere_nav.estimation.normal_equations import (
     inverse_and_condition,
     scaled_inverse,
     scaled_step,
+    symmetric_inverse,
     weighted_step,
 )
 
@@ -61,3 +62,10 @@ def test_what_is_not_positive_definite_is_unknown():
         inverse, condition = inverse_and_condition(H)
         assert np.all(np.diagonal(inverse) == np.inf)
         assert condition == np.inf
+
+
+def test_a_symmetric_inverse_is_symmetric_to_the_last_bit(J):
+    H = J.T @ J
+    inverse = symmetric_inverse(H)
+    np.testing.assert_array_equal(inverse, inverse.T)
+    np.testing.assert_allclose(inverse @ H, np.eye(3), atol=1e-9 * np.outer(1 / UNITS, UNITS).max())

@@ -71,6 +71,8 @@ def test_association_pairs_mutually_nearest_stamps_within_the_tolerance():
     assert second.tolist() == [0, 1]  # 96 and 104 are as near: one of them, once
     first, second = associate(a, b, 40)
     assert (first.tolist(), second.tolist()) == ([0, 1, 3], [0, 1, 3])
+    first, second = associate(np.array([0, 6]), np.array([5]), 10)
+    assert (first.tolist(), second.tolist()) == ([1], [0])  # nobody has two partners
 
 
 def test_association_with_almost_nothing():
