@@ -123,13 +123,6 @@ def test_a_direction_too_wide_is_refused_to_both_sides():
         assert refusal == "" if is_drivable else refusal.startswith("OFF_PATH: found 1.3, limit 1.2")
 
 
-def test_one_unclear_image_is_no_reason_to_stop():
-    car = Car().begin()
-    for number in range(40):
-        car.step(is_trusted=number % 3 != 2)
-        assert number < 5 or car.command.speed > 0.0
-
-
 def test_a_direction_that_is_no_number_stops_the_car():
     for value in [math.nan, math.inf]:
         car = Car().begin()

@@ -42,15 +42,6 @@ def test_at_a_crossing_the_foot_stays_on_its_branch(kit):
         assert foot.arc_length == pytest.approx(s, abs=0.02)  # the polygon of 0.1 m edges
 
 
-def test_reference_interpolates_and_ends_at_its_segment(kit):
-    path = kit.make_path([(0, 0), (10, 0)], PARAMS)
-    middle = path.at(5.03, 0)
-    assert (middle.x, middle.y, middle.yaw) == (pytest.approx(5.03), pytest.approx(0), pytest.approx(0))
-    assert path.at(99.0, 0).arc_length == pytest.approx(10.0)
-    assert path.at(99.0, 0).speed == 0.0
-    assert path.at(-1.0, 0).arc_length == 0.0
-
-
 def test_a_bend_is_turned_by_speed_times_curvature(kit):
     ring = kit.course((2 * math.pi * 4, 1 / 4))
     path = kit.make_path(ring[:, :2], PARAMS, ring[:, 2])

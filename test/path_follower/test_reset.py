@@ -6,7 +6,6 @@ from dataclasses import fields, is_dataclass
 import numpy as np
 
 from path_follower.follower import Follower
-from path_follower.homing import HomingFollower
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.ros.intake import Answered
@@ -56,16 +55,6 @@ def test_a_jump_of_the_clock_leaves_nothing_that_was_heard_before(kit):
     for part in ("watch", "predictor", "consistency"):
         assert state_of(getattr(follower, part)) == state_of(getattr(new, part)), part
     assert follower.limiter.last_ns is None
-
-
-def test_a_jump_of_the_clock_leaves_no_direction_to_drive_to():
-    follower, new = HomingFollower(PARAMS), HomingFollower(PARAMS)
-    follower.see_source(is_trusted=True, is_there=False, way=(1.0, 5.0), now_ns=SECOND)
-    follower.see(0.3, SECOND)
-    follower.tick(SECOND)
-    follower.reset()
-    assert state_of(follower.watch) == state_of(new.watch)
-    assert "POSE_TIMEOUT" in follower.start(SECOND)
 
 
 def test_a_stamp_of_before_a_jump_of_the_clock_is_no_reason_not_to_answer():

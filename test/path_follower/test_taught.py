@@ -34,13 +34,6 @@ def test_standing_still_with_noise_is_no_change_of_direction(kit):
     assert path.length == pytest.approx(10.0, abs=0.15)
 
 
-def test_a_way_back_of_a_few_centimeters_is_no_change_of_direction(kit):
-    for back, directions in [(0.12, [1]), (0.25, [1, -1, 1])]:
-        poses = kit.course((5, 0), (-back, 0), (5, 0))
-        path = kit.make_path(poses[:, :2], PARAMS, poses[:, 2])
-        assert [segment.direction for segment in path.segments] == directions
-
-
 def test_orientations_left_at_their_default_are_not_taken_for_headings(kit):
     poses = kit.course((4, 0), (6, 0.25), (5, 0))
     path = kit.make_path(poses[:, :2], PARAMS, np.zeros(len(poses)))

@@ -17,10 +17,6 @@ BLEND, LANE, MIN_SHARED, SAME_HEADING = 8.0, 0.6, 5.0, math.radians(15.0)
 TURN = (6 * math.pi / 2, 1 / 6)
 
 
-def ends(network):
-    return sorted((edge.start, edge.end) for edge in network.edges.values())
-
-
 def assert_sound(network, max_bend=0.2):
     """Edges begin and end on their nodes, in position and heading, and no curve bends more than what was driven."""
     for edge in network.edges.values():
@@ -53,12 +49,6 @@ def test_where_a_drive_meets_another_there_is_a_branch(drive):
     assert_sound(network)
     meeting = next(node for node in network.nodes if len(network.arrivals(node)) == 2)
     assert network.nodes[meeting].pose.x == pytest.approx(30.0, abs=1.0)
-
-
-def test_a_way_that_parts_and_meets_again(fork):
-    assert_sound(fork)
-    assert len(fork.edges) == 4
-    assert len(set(ends(fork))) == 3  # two edges between the same nodes
 
 
 def test_a_crossing_is_no_branch(drive):
@@ -135,13 +125,6 @@ def test_an_edge_is_as_wide_and_as_well_localised_as_its_drives(drive):
     assert (edge.num_drives, edge.width, edge.deviation) == (3, pytest.approx(1.5, abs=0.01), pytest.approx(0.19))
     assert (network.map_id, network.places) == ("campus", {"home": edge.start})
     assert network.nodes[edge.start].pose == pytest.approx(start)
-
-
-def test_rounds_of_one_drive_are_one_ring(ring):
-    (edge,) = ring.edges.values()
-    assert edge.start == edge.end
-    assert edge.length == pytest.approx(2 * (50 + 2 * TURN[0]), abs=1.0)
-    assert_sound(ring)
 
 
 def test_an_edge_that_was_driven_backwards_is_reversible(drive):

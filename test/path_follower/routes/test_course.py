@@ -35,15 +35,6 @@ def bends_of(poses, direction=1):
     return direction * turns
 
 
-def test_a_course_is_whole_and_knows_its_legs(fork):
-    route = plan(fork, [Spot(next(iter(fork.edges)), 1.0)], fork.spots_of(3), cruise=1.4)
-    course = make_course(fork, route.legs, None, VEHICLE)
-    steps = np.hypot(np.diff(course.x), np.diff(course.y))
-    assert 0.0 < steps.min() <= steps.max() < 0.2
-    assert course.length == pytest.approx(steps.sum(), abs=0.05)
-    assert [course.leg_at(s) for s in (0.0, *course.ends)] == [0, *range(1, len(course.legs)), len(course.legs) - 1]
-
-
 def test_a_joint_bends_no_more_than_what_was_driven(drive):
     """At the joints of the path that the follower makes of it: continuous in curvature, no speed lost."""
     turn = drive((30, 0), (6 * math.pi / 2, 1 / 6), (20, 0), left=0.1)

@@ -160,17 +160,6 @@ def test_a_mission_stopped_by_a_fault_waits_for_resume(trip, reason):
     assert trip.live(2 * STEADY) == ["stop", "load", "start"]
 
 
-def test_an_obstacle_that_goes_is_waited_for(trip):
-    trip.drive_off()
-    trip.stop("OBSTACLE")
-    assert trip.live(RETRY) == ["start"]
-    trip.live()
-    trip.progress = 5.0
-    trip.live(1.0)
-    assert trip.mission.state is MissionState.DRIVING
-    assert not trip.mission.blocked
-
-
 @pytest.mark.parametrize(("beyond", "leg"), [(-0.1, 0), (0.1, 1)])
 def test_an_obstacle_closes_the_edge_on_which_it_stands(trip, beyond, leg):
     """0.7 m before the front of a body that ends 1.55 m before the axle whose progress counts."""
@@ -340,6 +329,16 @@ def test_a_mission_whose_vehicle_somebody_else_has_stopped_is_held_whatever_it_w
     assert trip.mode.is_driving
 
 
+@pytest.mark.parametrize("reason", ["OBSTACLE", "POSE_TIMEOUT", "NOT_LOCALISED"])
+def test_a_stop_while_a_mission_waits_ends_its_waiting(trip, reason):
+    trip.drive_off()
+    trip.stop(reason)
+    assert trip.mission.state is MissionState.WAITING
+    trip.do("stop")
+    assert trip.live(60.0) == []
+    assert trip.mission.state is MissionState.HELD
+
+
 def test_a_request_that_was_decided_before_a_stop_is_refused(trip):
     """It is under way while the vehicle is stopped."""
     trip.mission.begin(GOAL, trip.now)
@@ -354,18 +353,6 @@ def test_a_request_that_was_decided_before_a_stop_is_refused(trip):
     assert not trip.mode.is_driving
     assert (trip.mission.state, trip.mission.reason) == (MissionState.HELD, f"{WITHDRAWN}: then call resume")
     assert trip.live(60.0) == []
-
-
-def test_a_new_goal_after_a_stop_drives_and_a_stop_between_two_goals_holds(trip):
-    trip.drive_off()
-    trip.do("stop")
-    trip.mission.begin(Goal("home"), trip.now)
-    trip.mission.begin(GOAL, trip.now)
-    assert trip.live(3 * STEADY) == ["stop", "load", "start"]
-    trip.mission.begin(GOAL, trip.now)
-    trip.mode.take(Event.STOP, OPERATOR)
-    trip.live(30.0)
-    assert (trip.mission.state, trip.state) == (MissionState.HELD, "STOPPED")
 
 
 def test_a_mission_that_ends_early_leaves_nothing_that_a_start_would_drive(trip):

@@ -77,15 +77,6 @@ def test_a_vehicle_is_on_the_closest_of_several_edges_whichever_side_it_is_on():
     assert [spot.left for spot in found[:2]] == pytest.approx([0.4, -0.5])
 
 
-def test_a_place_within_half_a_metre_of_a_node_is_there(fork):
-    for from_end, number in [(0.4, 0), (0.6, 1)]:
-        edge = next(iter(fork.edges.values()))
-        for s, node in ((from_end, edge.start), (edge.length - from_end, edge.end)):
-            named = fork.with_place("gate", Spot(edge.id, s))
-            assert len(named.edges) == len(fork.edges) + number
-            assert (named.places["gate"] == node) == (number == 0)
-
-
 def straight(number, start, end, length, **more):
     """An edge of a length, wherever it lies."""
     x = np.linspace(0.0, length, 3)
