@@ -24,7 +24,7 @@ ready: $(STAMPS)/tf2_msgs $(STAMPS)/msg_defs $(STAMPS)/kernels
 demo: env
 	$(RUN)/sphere_nav demo $(ARGS)
 
-# The rings of tests are told in test/rings.py; test/architecture is a part of `check`. A worker a core, and one more where
+# The rings of tests are told in test/rings.py; what `check` runs is left out. A worker a core, and one more where
 # tests wait for processes that they start; of many cores four. Threads that multiply matrices beside them would wait for
 # each other with all cores busy.
 TEST := OPENBLAS_NUM_THREADS=1 $(RUN)/pytest --maxprocesses 4 --dist worksteal
@@ -33,7 +33,7 @@ test: env $(STAMPS)/test_wheels
 	$(TEST) -n auto -m "not slow and not dds" $(ARGS)
 
 test-slow: env $(STAMPS)/test_wheels
-	$(TEST) -n $$(($$(nproc) + 1)) -m "slow or dds" --ignore test/architecture $(ARGS)
+	$(TEST) -n $$(($$(nproc) + 1)) -m "slow or dds" --ignore test/architecture --ignore test/config $(ARGS)
 
 # all in quick size, or what ARGS names: ARGS="drive missions --size full"
 bench: env
