@@ -82,6 +82,14 @@ def test_what_is_behind_the_edge_of_a_nearer_surface_is_left_out():
     np.testing.assert_array_equal(kept, expected)
 
 
+def test_a_range_that_is_not_positive_is_refused(room):
+    for bad in [0.0, -1.0]:
+        image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+        range_m[3, 4] = bad
+        with pytest.raises(ValueError, match="range: expected positive"):
+            prepare_reference(image, range_m, CAMERA, PARAMS)
+
+
 def test_any_piece_of_the_curve_is_a_patch():
     order = curve(512, 256)
     assert sorted(order.tolist()) == list(range(32 * 16))
