@@ -1,6 +1,7 @@
 """Prepared references hold points, grey levels and gradients by the point."""
 
 import numpy as np
+import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
