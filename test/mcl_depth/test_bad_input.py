@@ -10,7 +10,6 @@ pytest.importorskip("rclpy")
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import SphereInfo
-from sphere_nav_msgs.srv import LoadCloud
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.ros import qos
@@ -104,14 +103,6 @@ def test_the_command_refuses_a_recording_without_calibration(files, tmp_path, ca
 
 
 # --- the node
-@pytest.mark.parametrize("name", CLOUDS)
-def test_a_call_for_a_cloud_that_is_none_is_refused(eye, files, name, caplog):
-    bench = Bench(eye, files / "room.npy")
-    before = bench.node.clouds.geometry
-    answer = bench.node.endpoints.call("load_cloud", LoadCloud.Request(path=str(files / f"{name}.npy")))
-    assert not answer.success
-    assert CLOUDS[name][1] in caplog.text
-    assert bench.node.clouds.geometry is before
 
 
 def test_a_cloud_by_topic_without_coordinates_is_refused(eye):

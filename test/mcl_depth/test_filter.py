@@ -88,18 +88,6 @@ def test_a_start_that_was_wrong_is_never_claimed(site):
     assert not filter_.evidence.is_on_trial
 
 
-def test_odometry_that_leaps_is_not_believed(site):
-    filter_ = started(site)
-    for number, pose in enumerate(POSES):
-        filter_.update(observe(site, pose, number))
-    leap = POSES[-1] + [50.0, 0.0, 0.0]
-    image = picture(site, POSES[-1] + [0.1, 0.0, 0.0])
-    estimate = filter_.update(Observation(image, site.depth_map.camera, 10**9 * 15, np.eye(3), SE3.from_planar(*leap)))
-    assert estimate.status.reason in ("JUMP_REJECTED", "NO_CONVERGENCE", "OUTLIERS")
-    if estimate.T_map_level is not None:
-        assert np.hypot(*(estimate.T_map_level.translation[:2] - POSES[-1][:2])) < 1.0
-
-
 def test_odometry_that_ends_is_named_and_the_pose_stays_for_a_while(site):
     filter_ = started(site)
     for number, pose in enumerate(POSES):
@@ -156,30 +144,6 @@ def test_a_camera_put_down_elsewhere_is_not_tracked_at_the_old_place(site):
         image = picture(site, elsewhere + np.array([0.05 * number, 0.0, 0.0]))
         observation = Observation(image, site.depth_map.camera, (number + 1) * 10**9, np.eye(3), stands)
         assert filter_.update(observation).status.state is not State.TRACKING
-
-
-def test_a_standing_camera_is_compared_with_its_last_image_only(site):
-    filter_ = tracked(site)
-    rng = np.random.default_rng(3)
-    for number in range(9, 14):
-        image = picture(site, POSES[8])
-        image += rng.normal(0, 1.0, image.shape).astype(np.float32)
-        observation = Observation(
-            image, site.depth_map.camera, (number + 1) * 10**9, np.eye(3), SE3.from_planar(*POSES[8])
-        )
-        estimate = filter_.update(observation)
-        assert estimate.status.state is State.TRACKING
-        assert estimate.belief is None
-
-
-def test_without_odometry_nothing_is_claimed_and_no_particle_is_a_nan(site):
-    filter_ = site.filter()
-    for number, pose in enumerate(POSES[:4]):
-        estimate = filter_.update(observe(site, pose, number, odometry=False))
-        assert estimate.status.state in (State.SEARCHING, State.PROBATION)
-        assert estimate.status.reason == "ODOM_STALE"
-        assert estimate.T_map_level is None
-        assert np.all(np.isfinite(estimate.belief.particles.poses))
 
 
 def test_images_of_another_size_and_repeated_stamps_change_nothing(site):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mcl_depth.belief.evidence import Proof, Survey
@@ -80,20 +78,6 @@ def test_trust_needs_good_images_in_a_row():
     found = states_of(machine, [BAD, Verdict(), BAD, Verdict(), Verdict()])
     assert found == [State.SEARCHING, State.PROBATION, State.SEARCHING, State.PROBATION, State.TRACKING]
     assert (machine.is_trusted, machine.num_losses) == (True, 0)
-
-
-def test_a_joint_proof_counts_for_several_images_and_a_spread_on_probation_for_none():
-    survey = Survey(1e-5, np.zeros((1, 3)), np.ones(1), 1.0, is_proven=True, is_of_rooms=True)
-    joint, clear = (judge_belief([place()], Proof(p, is_small=True, survey=survey), DRIVEN, 1e-3) for p in (5e-4, 5e-5))
-    assert states_of(searching(), [joint]) == [State.TRACKING]
-    assert (Verdict().num_images, joint.num_images, clear.num_images) == (1, 2, 4)
-    one_room = Proof(5e-5, is_small=True, survey=replace(survey, is_of_rooms=False))
-    assert judge_belief([place()], one_room, DRIVEN, 1e-3).num_images == 1
-    wide = judge_belief([place(sigma_m=0.5)], Proof(5e-4, is_small=True, survey=survey), DRIVEN, 1e-3)
-    machine = searching()
-    assert states_of(machine, [Verdict(), wide, wide, Verdict()]) == [*[State.PROBATION] * 3, State.TRACKING]
-    assert states_of(machine, [wide]) == [State.DEGRADED]
-    assert states_of(searching(), [Verdict(), CAREFUL, Verdict()]) == [State.PROBATION] * 3
 
 
 def test_trust_is_lowered_by_care_and_lost_by_bad_images_in_a_row():

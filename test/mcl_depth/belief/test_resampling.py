@@ -59,12 +59,6 @@ def test_a_place_that_looks_like_chance_weighs_nothing():
     assert pytest.approx(2 * np.abs(np.cos(angles)).mean(), rel=2e-3) == CHANCE
 
 
-def test_places_off_the_map_are_none_and_the_prior_counts():
-    s, prior = CHANCE + np.array([0.2, 0.2, 0.2, 0.0]), np.array([0.1, 0.3, 0.2, 0.4])
-    s[3] = 0.0
-    np.testing.assert_allclose(compute_weights(s, prior), [1 / 6, 3 / 6, 2 / 6, 0.0])
-
-
 def test_lambda_is_that_of_the_paper_where_enough_particles_survive():
     """N17 table I: lambda = 20."""
     s = CHANCE + np.array([*np.full(50, 0.99), *np.full(50, 1.0)])

@@ -5,16 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.belief.dead_reckoning import DeadReckoning
-from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Survey
-from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import relative_motion
 from mcl_depth.belief.particles import Particles
 from mcl_depth.belief.resampling import inject_at_places, sample_gaussian
 from mcl_depth.geometry.area import Area
-from mcl_depth.params import MclInputParams, MotionParams
-from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry import SE3
 
 AREA = Area(np.array([[x, y] for x in range(10) for y in range(6)], float), 1.0)
 
@@ -51,19 +47,3 @@ def test_new_particles_scatter_around_the_places_of_a_survey():
     new = there[there[:, 0] < 50.0]
     assert len(new) == 3000  # three of ten begin anew
     np.testing.assert_allclose(new.std(axis=0), [0.3, 0.3, np.radians(5.0)], rtol=0.06)  # half a cell, half a step
-
-
-def observe(x, second, odometry=True):
-    T = SE3.from_planar(x, 0.0, 0.0) if odometry else None
-    return Observation(np.zeros((8, 16), np.uint8), Spherical(16, 8), second * 10**9, np.eye(3), T)
-
-
-def test_a_doubtful_image_swaps_no_place_and_doubt_grows_on_the_way():
-    reckoning = DeadReckoning(MclInputParams(), MotionParams())
-    here, rival = (Hypothesis(np.array([x, 0.0, 0.0]), 0.01 * np.eye(3), 0.9, np.arange(1)) for x in (0.0, 55.0))
-    reckoning.update(here, observe(0.0, 1), is_confirmed=True)
-    reckoning.update(rival, observe(1.0, 2), is_confirmed=False)
-    pose, covariance = reckoning.propagate(observe(4.0, 3))
-    np.testing.assert_allclose(pose, [4.0, 0.0, 0.0])
-    assert np.all(np.diag(covariance) > 0.01)
-    assert reckoning.is_near(observe(1.05, 3), is_sure=True)  # it was looked at all the same

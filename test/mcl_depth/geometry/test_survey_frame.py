@@ -33,12 +33,6 @@ def read(path: Path, points: np.ndarray, **survey: str):
     return read_geometry(path / "a.npy", SurveyParams(**survey))
 
 
-def test_a_cloud_in_meters_near_the_origin_is_used_as_it_is(tmp_path: Path) -> None:
-    found = read(tmp_path, STREET)
-    assert (found.warnings, found.origin) == ((), (0.0, 0.0, 0.0))
-    np.testing.assert_allclose(found.points, STREET, atol=1e-5)
-
-
 def test_a_tile_in_utm_is_shifted_by_whole_hundreds_and_says_so(tmp_path: Path) -> None:
     found = read(tmp_path, STREET + UTM)
     assert found.origin == (500_200.0, 5_412_300.0, 0.0)
@@ -91,14 +85,6 @@ def test_a_place_to_drive_is_a_metre_to_a_kilometre_wide() -> None:
     """A point every 7 m in a wider one: those who scan walk closer."""
     for wide, unit in [(0.9, "km"), (1.1, "m"), (1050.0, "mm")]:
         assert find_frame(STREET * wide / np.ptp(STREET, axis=0).max(), SurveyParams(), "a", is_mesh=True).unit == unit
-
-
-def test_a_map_far_from_its_origin_is_driven_in_near_it() -> None:
-    for away, origin in [(1.05e5, 105_000.0), (1.05e7, 0.0)]:
-        shift = np.array([away, 0.0, 0.0])
-        assert find_frame(STREET + shift, SurveyParams(), "a").origin.tolist() == [origin, 0.0, 0.0]
-        west = find_frame(STREET - shift - np.array([60.0, 0.0, 0.0]), SurveyParams(), "a")
-        assert west.origin[0] == (-origin - 100.0 if origin else 0.0)
 
 
 def test_something_stands_on_three_of_a_thousand_squares() -> None:

@@ -58,17 +58,6 @@ def test_a_position_is_at_most_max_distance_from_its_depth_image():
     assert depth_map.depth_at(np.array([9.0, 0.0])) is None
 
 
-def test_positions_without_ground_are_similar_to_nothing(visual):
-    _, depth_map = made()
-    cells = [(0, 0), (100, 0)]
-    curves = depth_map.similarities(visual, cells, HEADINGS)
-    assert curves.shape == (2, HEADINGS)
-    assert curves[0].min() > 0.0
-    assert curves[1].max() == 0.0
-    assert np.isnan(depth_map.heights(np.array([[9.0, 0.0]]))[0])
-    assert not depth_map.has_ground(np.array([9.0, 0.0, 0.0]))
-
-
 @pytest.mark.slow
 def test_the_filters_come_back_from_disk_for_the_same_places(tmp_path, visual):
     places = np.random.default_rng(2).uniform(-2, 2, (30, 2))

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.likeness import partial_filter
 from mcl_depth.likeness.comparison import GradientFeatures, depth_features_many
-from mcl_depth.likeness.partial_filter import PartialFilter, double_gradients
+from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import ComparisonParams
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window
 
@@ -69,34 +68,6 @@ def test_in_a_small_map_a_strong_edge_weighs_by_its_root_and_nothing_is_whitened
     np.testing.assert_allclose(made.curves(dark, NUM_HEADINGS, is_whitened=False), found, rtol=1e-3, atol=1e-6)
     other = GradientFeatures(-visual.x, -visual.y, visual.magnitude, visual.is_seen)  # contrast upside down
     np.testing.assert_allclose(made.curves(other, NUM_HEADINGS, is_whitened=False), found, rtol=1e-3, atol=1e-6)
-
-
-def test_the_weights_solve_their_equation_and_are_nothing_where_nothing_is_seen(ranges, made):
-    view = window(60, 80)
-    seen, image = view.astype(np.float32), double_gradients(part_of(ranges[3], 2, view))
-    weights = made.weigh(image, seen)
-    assert not np.any(weights[:, ~view])
-    rest = made.apply(weights, seen) - image * seen
-    assert np.linalg.norm(rest) < 0.06 * np.linalg.norm(image)
-    other = np.random.default_rng(1).standard_normal(image.shape).astype(np.float32) * seen
-    assert np.vdot(other, made.apply(weights, seen)) == pytest.approx(
-        np.vdot(made.apply(other, seen), weights), rel=1e-3
-    )
-
-
-def test_the_covariance_is_that_of_the_panoramas_at_any_heading(stack):
-    """x^T C x is the mean square of the product of x with the panoramas, over places and headings, in one unit."""
-    made, whole = PartialFilter.of(stack, np.arange(20)), np.ones((HEIGHT, WIDTH), np.float32)
-    tensors = np.stack([double_gradients(GradientFeatures(*parts)) for parts in decoded(stack.take(slice(0, 20)))])
-    rng = np.random.default_rng(5)
-    units = []
-    for _ in range(3):
-        waves = np.arange(WIDTH) * 2 * np.pi / WIDTH * rng.integers(1, 9, (2, HEIGHT, 1))
-        x = np.cos(waves + rng.uniform(0, 6, (2, HEIGHT, 1))).astype(np.float32)
-        products = [np.tensordot(np.roll(tensors, shift, axis=3), x, 3) for shift in range(WIDTH)]
-        found = np.vdot(x, made.apply(x, whole) - np.float32(partial_filter.PART_SHRINKAGE) * x)
-        units.append(found / np.mean(np.square(products)))
-    assert units == pytest.approx([units[0]] * 3, rel=0.02)
 
 
 def decoded(stack):

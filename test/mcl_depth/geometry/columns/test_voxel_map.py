@@ -32,21 +32,6 @@ def test_the_planes_of_a_plane_are_the_plane(level) -> None:
         assert np.median(np.abs(normals[is_plane] @ unit)) > 0.99  # points are 1 cm off it, over 0.3 m
 
 
-def test_coarse_voxels_hold_the_fine_ones() -> None:
-    rng = np.random.default_rng(3)
-    made = voxel_map(cloud_from_points(rng.uniform(0, 3, (3000, 3))), SIZE, 3)
-    fine, coarse = made.levels[0], made.levels[1]
-    assert coarse.size == 2 * fine.size
-    assert coarse.counts.sum() == len(fine.cells)
-    number = {tuple(cell): k for k, cell in enumerate(coarse.cells.tolist())}
-    parents = np.array([number[tuple(cell)] for cell in (fine.cells >> 1).tolist()])
-    assert np.all(coarse.voxels[parents, 3] <= fine.voxels[:, 3])
-    assert np.all(coarse.voxels[parents, 4] >= fine.voxels[:, 4])
-    mean = np.zeros((len(coarse.cells), 3))
-    np.add.at(mean, parents, fine.voxels[:, :3])
-    np.testing.assert_allclose(mean / coarse.counts[:, None], coarse.voxels[:, :3], atol=1e-9)
-
-
 def test_gaps_are_closed_in_planes_only() -> None:
     points = plane((0, 0, 1), 60_000)
     hole = np.all(np.abs(points[:, :2] - 0.05) < 0.05, axis=1)

@@ -62,31 +62,6 @@ def test_a_town_is_drawn_as_rays_see_it() -> None:
     assert np.mean(np.isfinite(found[np.isnan(exact)])) < 0.03  # roofs and corners are at most a voxel too wide
 
 
-def test_voxels_that_no_point_fell_into_are_closed() -> None:
-    rng = np.random.default_rng(1)
-    y, z = (grid.ravel() for grid in np.meshgrid(np.arange(-5, 5, 0.1) + 0.05, np.arange(0, 4, 0.1) + 0.05))
-    kept = rng.random(len(y)) < 0.8  # as of one scan that does not quite cover a wall
-    wall = np.column_stack([np.full(kept.sum(), 4.02), y[kept], z[kept]])
-    behind = np.column_stack([np.full(len(y), 9.02), 2 * y, z])
-    found = walker(cloud_from_points(np.concatenate([wall, behind]))).ranges(np.array([[0.0, 0.0, 2.0]]))[0]
-    rays = CAMERA.unproject(pixel_grid(CAMERA))
-    inside = (rays[..., 0] > 0) & (np.abs(rays[..., 1] / rays[..., 0]) < 1.1)
-    inside &= np.abs(rays[..., 2] / np.maximum(rays[..., 0], 1e-3)) < 0.45
-    expected = 4.02 / rays[..., 0][inside]
-    assert np.mean(np.abs(found[inside] / expected - 1) < 0.02) > 0.99
-
-
-def test_places_beside_the_map_see_it_and_nothing_else() -> None:
-    cloud = sample_surface(boxes(((0, 0, 0), (4, 4, 3))), 0.05)
-    found = walker(cloud).ranges(np.array([[-10.0, 2.0, 1.5], [2.0, 2.0, 1.5]]))
-    middle = found[:, CAMERA.height // 2]
-    forward = CAMERA.width // 2
-    assert abs(middle[0, forward] - 10.0) < 0.05
-    assert np.isnan(middle[0, 0])  # backwards there is nothing
-    assert abs(middle[1, forward] - 2.0) < 0.05
-    assert np.isfinite(middle[1]).all()
-
-
 def test_ranges_have_their_limits() -> None:
     cloud = sample_surface(boxes(((-6, -6, 0), (6, 6, 3))), 0.05)
     params = SynthesisParams(num_columns=180, max_range_m=6.5)
