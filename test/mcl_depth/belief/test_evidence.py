@@ -207,3 +207,19 @@ def test_a_place_that_images_do_not_follow_from_is_a_start_on_trial():
     lost = evidence.prove(Images(grid, 1, None), pose, seen(finding=SLIP, is_known=False), is_held=True)
     assert evidence.is_on_trial
     assert (lost.is_held, lost.p_chance > 0.1) == (False, True)
+
+
+@pytest.mark.parametrize("pose", [[0.1, 0.1, 0.0], [30.0, 30.0, 0.0]])
+def test_a_place_at_the_edge_or_off_the_map_is_watched_by_what_is_there(pose):
+    grid = grid_of()
+    rows = grid.rows_around(np.array(pose), 5)
+    middle = np.floor(np.array(pose[:2]) / EDGE)
+    for offset in np.ndindex(11, 11):
+        position = (middle + np.array(offset) - 5 + 0.5) * EDGE
+        is_inside = np.all((position > 0) & (position < SIDE * EDGE))
+        row = rows[offset]
+        assert (row >= 0) == is_inside
+        if is_inside:
+            np.testing.assert_allclose(grid.positions[row], position)
+    proof = Evidence(grid, RATE).prove(Images(grid, 3), np.array(pose), seen(), is_held=True)
+    assert 0.0 <= proof.p_chance < 0.5

@@ -76,6 +76,12 @@ def test_odometry_faster_than_the_vehicle_by_half_a_metre_leaps(way, is_known):
     assert (step.is_known, step.jump) == (is_known, 0.0 if is_known else pytest.approx(8.6))
 
 
+def test_odometry_that_is_no_number_is_a_leap_without_end():
+    model = MotionModel(PARAMS)
+    model.step(SECOND, SE3.identity())
+    assert model.step(2 * SECOND, SE3.from_planar(np.nan, 0.0, 0.0)).jump == 1e9
+
+
 def test_without_odometry_the_vehicle_may_have_gone_anywhere_near():
     for seconds, sigmas in [(0.4, (0.2, 0.2, 0.14)), (30.0, (1.0, 1.0, np.pi / 4)), (-1.0, (0, 0, 0))]:
         model = MotionModel(PARAMS)
