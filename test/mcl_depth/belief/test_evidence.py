@@ -174,6 +174,17 @@ def test_a_wrong_place_that_was_given_is_refused_and_the_map_searched():
     assert not evidence.is_on_trial
 
 
+def test_a_trial_that_stays_open_ends_and_so_does_one_off_the_map():
+    evidence, grid, pose = place_given()
+    images = [Images(grid, n, pose if n % 2 else None, 9.0) for n in range(MAX_TRIAL)]  # for it and against it
+    found = [evidence.prove(image, pose, seen(), is_held=False) for image in images]
+    assert [proof.survey is None for proof in found] == [True] * (MAX_TRIAL - 1) + [False]
+    evidence, grid, pose = place_given()
+    beyond = pose + np.array([0.0, 60.0, 0.0])
+    found = [evidence.prove(Images(grid, n, beyond, 9.0), beyond, seen(), is_held=False) for n in range(6)]
+    assert [proof.survey is None for proof in found] == [True] * 4 + [False] * 2
+
+
 def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():
     grid = grid_of()
     evidence, pose, away = Evidence(grid, RATE), np.array([6.0, 5.0, 0.0]), np.array([15.0, 12.0, 2.0])

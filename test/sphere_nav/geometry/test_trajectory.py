@@ -82,14 +82,15 @@ def test_association_with_almost_nothing():
 
 
 def test_interpolation_is_exact_on_a_constant_motion_without_translation_coupling():
-    stamps = np.array([0, 1, 3]) * SECOND
-    turn = [0.0, 0.0, 0.0, 0.2, -0.1, 0.3]
-    poses = SE3(np.stack([(SE3.exp(np.array(turn) * s)).matrix for s in (0, 1, 3)]))
+    def moved(seconds):
+        turned = SE3.exp(np.outer(seconds, [0.0, 0.0, 0.0, 0.2, -0.1, 0.3])).rotation
+        return SE3.from_parts(turned, np.outer(seconds, [4.0, -5.0, 6.0]) + [1.0, 2.0, 3.0])
+
+    stamps, poses = np.array([0, 1, 3]) * SECOND, moved([0, 1, 3])
     wanted = np.array([-1, 0, SECOND // 4, SECOND, 2 * SECOND, 3 * SECOND, 4 * SECOND])
     found, known = Trajectory(stamps, poses).at(wanted)
     assert known.tolist() == [False, True, True, True, True, True, False]
-    expected = SE3.exp(np.outer([0, 0.25, 1, 2, 3], turn))
-    np.testing.assert_allclose(found.T_map_body.matrix, expected.matrix, atol=1e-12)
+    np.testing.assert_allclose(found.T_map_body.matrix, moved([0, 0.25, 1, 2, 3]).matrix, atol=1e-12)
 
 
 def test_interpolation_does_not_cross_long_gaps():

@@ -88,6 +88,12 @@ def test_an_uncalibrated_camera_is_refused():
                 model(4, 4, *focal, 2.0, 2.0)
 
 
+def test_an_empty_image_is_refused():
+    for make in [lambda w, h: Pinhole(w, h, 1, 1, 0, 0), lambda w, h: Fisheye(w, h, 1, 1, 0, 0), Spherical]:
+        with pytest.raises(ValueError, match=r"camera size: expected at least 1 x 1, .* found 0 x 4"):
+            make(0, 4)
+
+
 def test_pixel_rays_lead_back_to_their_pixels():
     camera = Pinhole(4, 3, 5.0, 6.0, 1.2, 0.7)
     pixels, is_inside = camera.project(pixel_rays(camera))
