@@ -20,6 +20,7 @@ from sphere_nav.localization.status import FINE, Finding, Reason
 # Written out: imported, a change would go unseen.
 COST = np.float32(2.5)
 FORGETTING = np.float32(0.97)
+MAX_TRIAL = 12
 RIVAL_SCALE = 0.6
 ROOM_M = 6.0
 

@@ -84,7 +84,7 @@ def test_association_with_almost_nothing():
 def test_interpolation_is_exact_on_a_constant_motion_without_translation_coupling():
     def moved(seconds):
         turned = SE3.exp(np.outer(seconds, [0.0, 0.0, 0.0, 0.2, -0.1, 0.3])).rotation
-        return SE3.from_parts(turned, np.outer(seconds, [4.0, -5.0, 6.0]) + [1.0, 2.0, 3.0])
+        return SE3.from_parts(turned, np.array([1.0, 2.0, 3.0]) + np.outer(seconds, [4.0, -5.0, 6.0]))
 
     stamps, poses = np.array([0, 1, 3]) * SECOND, moved([0, 1, 3])
     wanted = np.array([-1, 0, SECOND // 4, SECOND, 2 * SECOND, 3 * SECOND, 4 * SECOND])
