@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import Fisheye, Pinhole, Spherical
-from sphere_nav.ros.conversions import camera_from_info, camera_to_info, stereo_baseline
+from sphere_nav.ros.conversions import as_rectified, camera_from_info, camera_to_info, stereo_baseline
 from sphere_nav.ros.conversions.cameras import has_baseline, rectification_of
 
 PINHOLE = Pinhole(640, 480, 525.0, 520.0, 319.5, 241.0, (0.1, -0.2, 0.001, 0.002, 0.03))
@@ -18,7 +18,7 @@ CAMERAS = [
 
 def test_the_rectified_camera_is_that_of_the_projection_matrix():
     info = camera_to_info(PINHOLE, 0, "left")
-    assert camera_from_info(info, is_rectified=True) == Pinhole(640, 480, 525.0, 520.0, 319.5, 241.0)
+    assert camera_from_info(as_rectified(info)) == Pinhole(640, 480, 525.0, 520.0, 319.5, 241.0)
 
 
 def changed(**fields):
