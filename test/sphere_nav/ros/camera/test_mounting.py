@@ -58,3 +58,9 @@ def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "mount.yaml")
     with pytest.raises(ValueError, match="expected a YAML file, found a FIFO"):
         read_mounting(str(tmp_path / "mount.yaml"))
+
+
+def test_a_mounting_of_hundreds_of_metres_is_told_with_the_factor():
+    with pytest.raises(ValueError, match=r"mounting: expected metres, 0 to 25, found 400: .*factor 0.001"):
+        read_mounting("400,0,0,0,0,0")
+    assert read_mounting("12,0,2,0,0,0") is not None
