@@ -15,11 +15,12 @@ import numpy as np
 from path_follower.constants import MAX_LINE_GAP, MAX_POINTS
 from path_follower.params import FollowerParams, PathFollowerParams
 from path_follower.path import ReferencePath
-from path_follower.taught import reference_path, taught_speeds
+from path_follower.taught import reference_path, taught_speeds, told_headings
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import (
     load_json,
     load_yaml,
+    mapping,
     number,
     numbers,
     read_text,
@@ -34,8 +35,15 @@ COLUMNS = {
     "yaw": ("yaw", "yaw_rad", "psi", "psi_rad", "heading"),
     "speed": ("speed", "speed_mps", "v", "vx_mps", "can_speed_mps"),
 }
+UNUSED = {
+    *("time", "t", "t_s", "stamp", "timestamp", "s", "s_m", "z", "z_m", "position_z"),
+    *("kappa", "kappa_radpm", "curvature", "yaw_rate", "ax_mps2", "w_tr_right_m", "w_tr_left_m"),
+}  # columns that are known, and not needed
+NAME = re.compile(r"[A-Za-z]\w*")
 UNBOUNDED = 1e3  # m/s
 USUAL_ORDER = ("x", "y", "yaw", "speed")
+POINTS_FIELDS = ("points", "is_closed", "map_id", "frame")
+CUT = "..."  # in place of what `ros2 topic echo` leaves out of a list
 GEOGRAPHIC = re.compile(r"CRS\s*:?8[34]|EPSG:+4\d{3}\b|WGS\s*84", re.IGNORECASE)  # longitude, latitude: no metres
 
 
@@ -97,46 +105,65 @@ def make_path(
 def _read_tum(file: Path) -> Given:
     taught = read_tum(file)
     xy = taught.positions[:, :2]
-    yaw = np.asarray(taught.T_map_body.yaw)
+    yaw = told_headings(xy, taught.T_map_body.quaternion)
     deviation = None if taught.covariances is None else np.sqrt(np.maximum(taught.covariances[:, 1, 1], 0.0))
     return Given(xy, yaw, taught_speeds(xy, taught.stamps_ns), map_id=read_map_id(file), deviation=deviation)
 
 
 def _read_csv(file: Path) -> Given:
-    """Return the columns by the names of a header line, else x, y[, yaw[, speed]]."""
-    order: list[str] = []
-    rows: list[list[float]] = []
-    for line, text in enumerate(read_text(file, "file of points", errors="replace").split("\n"), 1):
-        words = [word.strip() for word in text.lstrip("# ").strip().split(",")]
-        is_header = not rows and any(word[:1].isalpha() and word.lower() not in ("nan", "inf") for word in words)
-        if is_header:
-            order = _order(words) or order
-        elif text.strip() and not text.startswith("#"):
-            rows.append(_row(f"{file}:{line}", words, order or list(USUAL_ORDER[: len(words)])))
-            if len(rows) > MAX_POINTS or len(rows[-1]) != len(rows[0]):
-                limit = f"{len(rows[0])} columns and at most {MAX_POINTS} points"
-                raise ValueError(f"{file}:{line}: expected {limit}, found {len(rows[-1])} and {len(rows)}")
-    if not rows:
-        raise ValueError(f"{file}: expected points, found none")
-    order = order or list(USUAL_ORDER[: len(rows[0])])
-    table = dict(zip(order, np.array(rows).T, strict=False))
-    table.pop("", None)
+    """Return the columns by the names of a header line, which may be a comment, else x, y[, yaw[, speed]]."""
+    lines = enumerate(read_text(file, "file of points", errors="replace").split("\n"), 1)
+    found = [(f"{file}:{line}", text) for line, text in lines if text.strip()]
+    remarks = [(where, _words(text)) for where, text in found if text.startswith("#")]
+    rows = [(where, _words(text)) for where, text in found if not text.startswith("#")]
+    headers = [rows.pop(0)] if rows and _are_names(rows[0][1]) else remarks
+    if not 1 <= len(rows) <= MAX_POINTS:
+        raise ValueError(
+            f"{file}: expected points{f', at most {MAX_POINTS}' * bool(rows)}, found {len(rows) or 'none'}"
+        )
+    width = len(rows[0][1])
+    named = [line for line in headers if _are_names(line[1]) and (headers is not remarks or len(line[1]) == width)]
+    order = _order(*named[0]) if named else list(USUAL_ORDER[:width])
+    if not named and width == len(USUAL_ORDER) and not any("." in word for _, words in rows for word in words):
+        raise ValueError(
+            f"{file}: expected a header line for whole numbers in four columns, found none: decimal commas?"
+        )
+    table = dict(zip(order, np.array([_row(where, words, order) for where, words in rows]).T, strict=True))
     points = np.stack([table["x"], table["y"]], axis=-1)
     return Given(points, table.get("yaw"), table.get("speed"), map_id=read_map_id(file))
 
 
-def _order(names: list[str]) -> list[str]:
-    """Return our name of each column, empty for those not used; nothing if these are not names of columns."""
-    ours = {alias: name for name, aliases in COLUMNS.items() for alias in aliases}
-    order = [ours.get(name.lower(), "") for name in names]
-    return order if "x" in order and "y" in order else []
+def _words(text: str) -> list[str]:
+    """Return the words of a line, between semicolons where it has any, else commas."""
+    return [word.strip(" \t\"'") for word in text.lstrip("# ").split(";" if ";" in text else ",")]
+
+
+def _are_names(words: list[str]) -> bool:
+    """Whether a line tells names of columns."""
+    is_number = {"nan", "inf"} & {word.lower() for word in words}
+    return len(words) > 1 and not is_number and all(NAME.fullmatch(word) for word in words)
+
+
+def _order(where: str, names: list[str]) -> list[str]:
+    """Return our name of each column, empty for those not used; ValueError for a name that is not known."""
+    ours = {alias: name for name, aliases in COLUMNS.items() for alias in aliases} | dict.fromkeys(UNUSED, "")
+    order = [ours.get(name.lower(), CUT) for name in names]
+    used = [name for name in order if name]
+    if CUT in order or not {"x", "y"} <= set(order) or len(set(used)) < len(used):
+        known = "; ".join(f"{name} ({', '.join(aliases[1:])})" for name, aliases in COLUMNS.items())
+        raise ValueError(f"{where}: expected columns of the names {known}, found {short(', '.join(names))}")
+    return order
 
 
 def _row(where: str, words: list[str], order: list[str]) -> list[float]:
     """Return the numbers of the columns that are used, NaN for the others."""
-    if len(words) < max(2, len(order)):
-        raise ValueError(f"{where}: expected {max(2, len(order))} columns, found {len(words)}")
-    return [number(word, f"{where}: {field}") if field else math.nan for field, word in zip(order, words, strict=False)]
+    if len(words) != max(2, len(order)):
+        hint = ": decimal commas?" if len(words) >= 2 * len(order) else ""
+        raise ValueError(f"{where}: expected {max(2, len(order))} columns, found {len(words)}{hint}")
+    for word in words:
+        if "," in word:
+            raise ValueError(f"{where}: expected numbers with a decimal point, found {short(word)}")
+    return [number(word, f"{where}: {field}") if field else math.nan for field, word in zip(order, words, strict=True)]
 
 
 def _read_yaml(file: Path) -> Given:
@@ -145,7 +172,8 @@ def _read_yaml(file: Path) -> Given:
     found = load_yaml(file, text)
     if isinstance(found, dict) and "poses" in found:
         return _read_poses(file, found)
-    rows = _rows(required(found, str(file), ("points",))["points"], f"{file}: points")
+    found = mapping(found, str(file), POINTS_FIELDS, POINTS_FIELDS[1:])
+    rows = _rows(found["points"], f"{file}: points")
     width = len(rows[0]) if isinstance(rows[0], list) else 0
     if not 2 <= width <= len(USUAL_ORDER):
         raise ValueError(
@@ -159,20 +187,29 @@ def _read_yaml(file: Path) -> Given:
 
 
 def _read_poses(file: Path, found: Mapping[str, Any]) -> Given:
-    rows = []
+    frame = _frame_of(found, str(file))
+    places: list[list[float]] = []
+    turns: list[list[float]] = []
     for i, stamped in enumerate(_rows(found["poses"], f"{file}: poses")):
         where = f"{file}: poses[{i}]"
         pose = required(required(stamped, where, ("pose",))["pose"], where, ("position", "orientation"))
-        x, y = (
-            number(required(pose["position"], where, ("x", "y"))[axis], f"{where}.position.{axis}") for axis in "xy"
-        )
-        turn = required(pose["orientation"], where, tuple("xyzw"))
-        qx, qy, qz, qw = (number(turn[axis], f"{where}.orientation.{axis}") for axis in "xyzw")
-        if abs(math.hypot(qx, qy, qz, qw) - 1.0) > 1e-2:
-            raise ValueError(f"{where}.orientation: expected a unit quaternion, found {short([qx, qy, qz, qw])}")
-        rows.append((x, y, math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))))
-    table, header = np.array(rows), required(found.get("header", {}), f"{file}: header", ())
-    return Given(table[:, :2], table[:, 2], frame=_word(header, "frame_id", str(file)))
+        own = _frame_of(stamped, where)
+        frame = frame or own
+        if own not in ("", frame):
+            raise ValueError(f"{where}.header.frame_id: expected {frame!r}, that of the path, found {short(own)}")
+        for part, axes, rows in (("position", "xy", places), ("orientation", "xyzw", turns)):
+            values = required(pose[part], f"{where}.{part}", tuple(axes))
+            rows.append([number(values[axis], f"{where}.{part}.{axis}") for axis in axes])
+        if any(turns[-1]) and abs(math.hypot(*turns[-1]) - 1.0) > 1e-2:
+            raise ValueError(f"{where}.orientation: expected a unit quaternion, found {short(turns[-1])}")
+    xy = np.array(places)
+    return Given(xy, told_headings(xy, np.array(turns)), frame=frame)
+
+
+def _frame_of(stamped: Mapping[str, Any], where: str) -> str:
+    """Return the frame of a header, empty where it has none; a leading slash is one of ROS 1."""
+    header = required(stamped.get("header", {}), f"{where}: header", ())
+    return _word(header, "frame_id", where).lstrip("/")
 
 
 def _read_geojson(file: Path) -> Given:
@@ -227,6 +264,8 @@ def _lines(where: str, found: Any) -> Iterator[tuple[str, Any, Mapping[str, Any]
 
 
 def _rows(found: Any, where: str) -> list[Any]:
+    if isinstance(found, list) and CUT in found:
+        raise ValueError(f"{where}: expected all of them, found a list cut by ros2 topic echo: use --full-length")
     if not isinstance(found, list) or not 1 <= len(found) <= MAX_POINTS:
         raise ValueError(f"{where}: expected a list of 1 to {MAX_POINTS}, found {short(found)}")
     return found

@@ -65,6 +65,19 @@ def taught_speeds(points: Array, stamps_ns: NDArray[np.int64], way: float = 0.5)
     return speeds
 
 
+def told_headings(xy: Array, turns: Array) -> Array | None:
+    """Return headings (N,) of quaternions (N, 4) at points (N, 2); None where orientations were left at their default.
+
+    That is no turn, or nothing but zeros; planners fill in those of the start and of the goal, if any. A way forth and
+    back is no planner's.
+    """
+    x, y, z, w = turns.T
+    yaw: Array = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    told = np.any(turns[:, :3] != 0.0, axis=1)
+    is_told = np.any(told[1:-1] if len(yaw) > 2 else told[:1])
+    return yaw if is_told or len(_split(xy, yaw, CUSP_HYSTERESIS)) > 1 else None
+
+
 def _check(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) -> tuple[Array, Array | None, Array]:
     xy = np.asarray(points, dtype=np.float64)
     if xy.ndim != 2 or xy.shape[-1] != 2 or not 2 <= len(xy) <= MAX_POINTS:
@@ -84,9 +97,9 @@ def _check(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) ->
     length = float(np.sum(gaps))
     if not MIN_LENGTH <= length <= MAX_LENGTH:
         raise ValueError(f"path: expected a length of {MIN_LENGTH} to {MAX_LENGTH:.0f} m, found {length:.3g} m")
-    is_constant = headings is not None and np.ptp(headings) < 1e-6
-    if is_constant and headings is not None and _is_across(xy, float(headings[0])):
-        headings = None  # every orientation left at its default: positions only
+    inner = headings if headings is None else headings[len(xy) > 3 : max(2, len(xy) - 1)]  # not of start and goal
+    if inner is not None and np.ptp(inner) < 1e-6 and _is_across(xy, float(inner[0])):
+        headings = None  # the same everywhere, and not that of the way: positions only
     return xy, headings, speeds
 
 

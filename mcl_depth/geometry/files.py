@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import MAX_COORDINATE_M
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.geometry.floor_plan import read_floor_plan
 from mcl_depth.geometry.las import count_las, read_las
@@ -23,6 +24,7 @@ from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file, read
 
 TILE_ENDINGS = (".ply", ".pcd", ".las", ".laz", ".npy", ".e57")
 ENDINGS = (*TILE_ENDINGS, ".csv")
+MAX_COORDINATE = 1e3 * MAX_COORDINATE_M  # of a file, which may be in millimetres
 E57_BYTES, E57_RATIO, E57_S = 1 << 30, 24, 30.0  # memory of its process, beside that by the size of the file; seconds
 
 
@@ -92,8 +94,18 @@ def _tell_share(made: Cloud | TriangleMesh, files: list[Path]) -> Cloud | Triang
 def _read_points(path: Path, box: Array | None = None) -> tuple[NDArray[np.floating], NDArray[np.int64], str]:
     """Return points (N, 3) as the file has them, triangles (T, 3), and the unit that it declares, if any.
 
-    Of a .las, only what lies within `box` (x0, y0, x1, y1).
+    Of a .las, only what lies within `box` (x0, y0, x1, y1). ValueError for a number that is no coordinate of the Earth.
     """
+    points, triangles, unit = _parse(path, box)
+    with np.errstate(invalid="ignore"):
+        absurd = np.flatnonzero((np.abs(points) > MAX_COORDINATE).any(axis=1) & np.isfinite(points).all(axis=1))
+    if absurd.size:
+        found = f"{points[absurd[0]].tolist()}"
+        raise ValueError(f"{path}: point {absurd[0]}: expected coordinates up to {MAX_COORDINATE:g}, found {found}")
+    return points, triangles, unit
+
+
+def _parse(path: Path, box: Array | None) -> tuple[NDArray[np.floating], NDArray[np.int64], str]:
     nothing = np.zeros((0, 3), np.int64)
     match path.suffix.lower():
         case ".ply":

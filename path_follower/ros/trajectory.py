@@ -14,7 +14,7 @@ from path_follower.params import PathFollowerParams
 from path_follower.path import ReferencePath
 from path_follower.path_files import make_path, read_path
 from path_follower.ros.front import LoopRequests
-from path_follower.taught import taught_speeds
+from path_follower.taught import taught_speeds, told_headings
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
@@ -71,14 +71,16 @@ class TrajectoryIntake:
             return
         stamps = np.array([stamp for stamp, _ in poses], dtype=np.int64)
         speeds = taught_speeds(points, stamps) if len(points) > 1 and np.all(np.diff(stamps) > 0) else None
-        yaw = np.array([float(T_map_base.yaw) for _, T_map_base in poses])
+        yaw = told_headings(points, np.array([T_map_base.quaternion for _, T_map_base in poses]).reshape(-1, 4))
         self.use(make_path(points, yaw, speeds, self.params))
         self.points = points
 
     def on_trajectory(self, message: ReferenceTrajectory) -> None:
         """Use a reference trajectory."""
         driving.check_frames(message, self.params.map_frame)
-        points, yaw, speeds = driving.message_to_trajectory(message)
+        points, headings, speeds = driving.message_to_trajectory(message)
+        turns = np.stack([0.0 * headings, 0.0 * headings, np.sin(headings / 2.0), np.cos(headings / 2.0)], axis=-1)
+        yaw = headings if message.is_reverse_allowed else told_headings(points, turns)
         self.use(make_path(points, yaw, speeds, self.params, is_closed=message.is_closed, map_id=message.map_id))
 
     def on_load(self, request: LoadTrajectory.Request, response: LoadTrajectory.Response) -> LoadTrajectory.Response:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_json, number, numbers, read_text, required, short
 from sphere_nav.geometry.files.whole_file import write_whole
 from sphere_nav.geometry.trajectory import MAP_ID
+from sphere_nav.params.homes import user_folder
 
 FORMAT, VERSION = "sphere_nav mission", 1
 FIELDS = (
@@ -29,10 +29,10 @@ MAX_LAPS = 65_535
 
 def state_folder(named: str) -> Path:
     """Return the folder that is named, or that of the user, and make it."""
-    home = os.environ.get("ROS_HOME") or str(Path.home() / ".ros")
-    folder = Path(named) if named else Path(home) / "sphere_nav"
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
+    if not named:
+        return user_folder(".ros/sphere_nav", home_variable="ROS_HOME")
+    Path(named).mkdir(parents=True, exist_ok=True)
+    return Path(named)
 
 
 def write_mission(path: Path, mission: Mission) -> None:

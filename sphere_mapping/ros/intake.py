@@ -68,6 +68,7 @@ class Intake:
         self.stereo = StereoIntake(params.mapper, lookup, report, on_pair)
         self._rgbd_intake = RgbdIntake(params, lookup, on_rgbd)
         self._infos: dict[str, CameraInfo] = {}
+        self._is_rectified: dict[str, bool] = {}  # the images of a calibration
         self._frame_id = ""
         streams = [topic for topic in TOPICS[params.input] if topic.endswith("image_raw")]
         self._sync = Synchronizer(streams, params.slack_s, WAIT_S, "fail")
@@ -81,7 +82,9 @@ class Intake:
                 endpoints.add_subscription(topic, CameraInfo, partial(self._infos.__setitem__, topic))
             else:
                 name, kind = image_topic(topic, self._params.transport, is_depth=topic == DEPTH)
-                endpoints.add_subscription(name, kind, partial(self._on_image, topic))
+                images = endpoints.add_subscription(name, kind, partial(self._on_image, topic))
+                info = topic.replace("image_raw", "camera_info")
+                self._is_rectified[info] = conversions.is_rectified_topic(images.resolved)
         if self._params.input == "rgbd":
             on_depth_info = partial(self._infos.__setitem__, DEPTH_INFO)
             endpoints.add_subscription(DEPTH_INFO, CameraInfo, on_depth_info, is_required=False)
@@ -110,7 +113,8 @@ class Intake:
 
     def _rgbd(self, instant: Instant) -> Made | None:
         mount = self._mount(self._frame_id, is_optical=True)
-        return self._rgbd_intake.make(instant, mount, self._info("camera_info"), self._infos.get(DEPTH_INFO))
+        depth_info = self._info(DEPTH_INFO) if DEPTH_INFO in self._infos else None
+        return self._rgbd_intake.make(instant, mount, self._info("camera_info"), depth_info)
 
     def _stereo(self, instant: Instant) -> Made | None:
         left, right = (self._info(f"{side}/camera_info") for side in ("left", "right"))
@@ -122,4 +126,4 @@ class Intake:
     def _info(self, topic: str) -> CameraInfo:
         if topic not in self._infos:
             raise ValueError(f"{topic}: expected before the first image, found none yet")
-        return self._infos[topic]
+        return conversions.as_rectified(self._infos[topic], is_rectified=self._is_rectified[topic])

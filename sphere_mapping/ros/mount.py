@@ -16,6 +16,7 @@ from sphere_mapping.constants import GRAVITY_S, GROUND_LEAN_RAD, MAX_LEAN_RAD, M
 from sphere_mapping.level import UP, ImuSample, Upright, find_gravity, find_ground
 from sphere_mapping.params import SphereMapperParams
 from sphere_nav.geometry import SE3, so3
+from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions.beliefs import imu_attitude
@@ -66,6 +67,7 @@ class VehicleFrame:
             self._is_mounted, base = False, self._params.base_frame
             self._endpoints.log.warning(f"taking {frame_id} as {base}: {error}", every=30.0, key="mount")
             return SE3.identity()
+        check_mounting(T_base_frame.translation, f"{self._params.base_frame} to {frame_id}")
         return T_base_frame @ T_BODY_OPTICAL.inverse() if is_optical else T_base_frame
 
     def waits(self, stamp_ns: int) -> bool:

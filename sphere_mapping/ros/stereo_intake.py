@@ -94,10 +94,10 @@ def open_pair(left: CameraInfo, right: CameraInfo, lookup: Callable[[str, str], 
 
 def _by_projections(left: CameraInfo, right: CameraInfo) -> PairGeometry:
     """Return the geometry that P and R tell; where K says nothing, the images are rectified."""
-    camera = conversions.camera_from_info(left, is_rectified=True)
+    camera = conversions.camera_from_info(conversions.as_rectified(left))
     if not isinstance(camera, Pinhole):
         raise ValueError(f"{LEFT}: expected a rectified pinhole camera, found {camera.model}")
-    conversions.camera_from_info(right, is_rectified=True)  # refused where it is none
+    conversions.camera_from_info(conversions.as_rectified(right))  # refused where it is none
     lens, other = (conversions.camera_from_info(info) if info.k[0] else camera for info in (left, right))
     turn, other_turn = (conversions.rectification_of(info) for info in (left, right))
     return PairGeometry(lens, other, turn, other_turn, camera, conversions.stereo_baseline(right))

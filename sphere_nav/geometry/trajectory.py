@@ -178,6 +178,8 @@ def _rows(path: Path, fields: tuple[str, ...]) -> Iterator[tuple[int, int, list[
     for line, text in enumerate(read_text(path, "file of poses", errors="replace").split("\n"), 1):
         words = text.replace(",", " ").split()
         if not words or words[0].startswith("#"):
+            if "qw" in words and words[-1] != "qw":
+                raise ValueError(f"{path}:{line}: expected columns {' '.join(fields)}, found {' '.join(words)}")
             continue
         if len(words) != len(fields):
             raise ValueError(f"{path}:{line}: expected {len(fields)} columns ({' '.join(fields)}), found {len(words)}")

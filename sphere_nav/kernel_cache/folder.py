@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ast
 import hashlib
-import os
 import shutil
 from functools import cache
 from pathlib import Path
+
+from sphere_nav.params.homes import user_folder
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("cycab_sim", "mcl_depth", "sphere_mapping", "sphere_nav")
@@ -49,13 +50,10 @@ def imports(path: Path) -> set[str]:
     return {name.split(".")[0] for name in names} & set(PACKAGES)
 
 
+@cache
 def cache_root() -> Path:
     """Return the folder that holds the caches of all packages."""
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    if given:
-        return Path(given)
-    cache_home = os.environ.get("XDG_CACHE_HOME")
-    return (Path(cache_home) if cache_home else Path.home() / ".cache") / "sphere_nav" / "kernels"
+    return user_folder(".cache/sphere_nav/kernels", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
 
 
 def name_of(path: Path) -> str:

@@ -44,7 +44,7 @@ class NodeParams:
     mounting: str = param("", "camera on base_frame, x,y,z,roll,pitch,yaw (m, rad) or a YAML; empty: by /tf_static")
     driver: str = param("", "camera driver whose topics are heard: a name in config/cameras, or a file of that form")
     transport: str = param("raw", "images come on image_raw, or on image_raw/compressed", choices=("raw", "compressed"))
-    is_rectified: bool = param(False, "images are rectified: use P of camera_info instead of K and D")
+    is_rectified: bool = param(False, "images are rectified: use P of camera_info, as for topics named rect")
     is_panorama: bool = param(
         False, "images are whole spheres (equirectangular, twice as wide as high), not calibrated"
     )

@@ -13,6 +13,8 @@ import typing
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar, dataclass_transform
 
+from sphere_nav.params.homes import at_home
+
 C = TypeVar("C")
 SCALARS = (bool, int, float, str)
 
@@ -144,6 +146,11 @@ def _own_leaves(cls: type, only: str) -> Iterator[Leaf]:
             yield Leaf(name=item.name, type=kind, default=item.default, **item.metadata)
 
 
+def _as_meant(name: str, value: Any) -> Any:
+    """Return a value with the home folder for `~/`; a frame without the leading slash of ROS 1."""
+    return value.lstrip("/") if name.endswith("frame") else at_home(value)
+
+
 def _construct(cls: type[C], values: Mapping[str, Any], prefix: str) -> C:
     hints = _hints(cls)  # type: ignore[arg-type]
     arguments: dict[str, Any] = {}
@@ -154,5 +161,5 @@ def _construct(cls: type[C], values: Mapping[str, Any], prefix: str) -> C:
         elif name in values:
             leaf = next(_own_leaves(cls, item.name))
             dataclasses.replace(leaf, name=name).check(values[name])
-            arguments[item.name] = leaf.type(values[name])
+            arguments[item.name] = _as_meant(item.name, leaf.type(values[name]))
     return cls(**arguments)

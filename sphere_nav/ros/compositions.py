@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from sphere_nav.geometry.files.rig_file import read_rig
+from sphere_nav.params.homes import at_home
 from sphere_nav.ros.camera.drivers import read_driver, topics_by_driver
 from sphere_nav.ros.constants import MAX_RESTARTS
 from sphere_nav.ros.site_file import check_site_file, meant
@@ -90,7 +91,7 @@ class Composition:
                 hint = meant(name, self.arguments)
                 raise ValueError(f"{name}{hint}: expected one of {', '.join(self.arguments)}, found this argument")
             self.arguments[name].check(name, value)
-        values = {name: given.get(name, argument.default) for name, argument in self.arguments.items()}
+        values = {name: at_home(given.get(name, argument.default)) for name, argument in self.arguments.items()}
         missing = [name for name, value in values.items() if value is None]
         if missing:
             raise ValueError(f"{missing[0]}: expected a value ({self.arguments[missing[0]].meaning}), found none")

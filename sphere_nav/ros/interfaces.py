@@ -11,6 +11,7 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
+from sphere_nav.ros.conversions.frames import plain_frames
 from sphere_nav.ros.shared_files import share_folders
 
 SEPARATOR = "=" * 80
@@ -31,7 +32,7 @@ def from_bytes(data: bytes, kind: type[Any], max_bytes: int | None = None) -> An
     if max_bytes is not None and len(data) > max_bytes:
         raise ValueError(f"expected at most {max_bytes} bytes, found {len(data)}")
     try:
-        return deserialize_message(data, kind)
+        return plain_frames(deserialize_message(data, kind))
     except Exception as error:  # the type support raises whatever it likes
         found = f"{len(data)} bytes that are none: {' '.join(str(error).split())}"
         raise ValueError(f"expected {type_name(kind)}, found {found}") from None

@@ -137,6 +137,7 @@ class RclpyShell(Endpoints, Node):
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             qos_overriding_options=options,
         )
+        wanted.resolved = wanted.handle.topic_name
         self._entities.append(lambda: self.destroy_subscription(wanted.handle))
 
     def take_waiting(self, wanted: Subscription) -> None:

@@ -26,6 +26,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from sphere_nav.params.homes import user_folder
 from sphere_nav.params.render import to_yaml
 from sphere_nav.ros.executor import GuardedExecutor
 from sphere_nav.ros.live import LiveShell, ShellParams
@@ -73,6 +74,7 @@ def run(
 
 def in_context(name: str, args: Sequence[str] | None, serve: Callable[[], int]) -> int:
     """Return the exit status of `serve` between rclpy's begin and end, or 2 with one line where it cannot begin."""
+    user_folder(".ros/log", "ROS_LOG_DIR", "ROS_HOME")  # else rclpy cannot begin
     try:
         rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
         return serve()

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from sphere_nav.geometry.files.untrusted import printable
+from sphere_nav.params.homes import at_home
 
 Handler = Callable[[Any, Any], Any]
 MAX_LINE = 600  # characters: what was found may be a whole file
@@ -17,11 +18,13 @@ def answer_always(handler: Handler, name: str, report: Callable[[str, str], None
 
     ValueError and OSError say what is wrong with the request. Anything else is a mistake of ours: `report` gets where
     it came from, too, for whoever mends it. Beside the text it gets the kind of failure, the same however many requests
-    fail so. A response without those fields is returned empty.
+    fail so. A response without those fields is returned empty. A `path` of the request may begin with `~/`.
     """
 
     def answer(request: Any, response: Any) -> Any:
         try:
+            if isinstance(path := getattr(request, "path", None), str):
+                request.path = at_home(path)
             return handler(request, response)
         except Exception as error:
             refused = type(response)()

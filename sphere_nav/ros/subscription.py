@@ -12,6 +12,7 @@ from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.constants import LOG_PERIOD_S, SHARED_S
+from sphere_nav.ros.conversions.frames import plain_frames
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
 
@@ -38,6 +39,7 @@ class Subscription:
     num_lost_lately: int = 0
     last_refusal: str = ""
     last_arrival: float = 0.0  # time.monotonic()
+    resolved: str = ""  # its full name, as it was remapped
     handle: Any = None  # the rclpy subscription, where there is one
     kept: list[Any] = field(default_factory=list)  # latched messages of the time before the node was active
     last_number: int = 0
@@ -48,7 +50,7 @@ class Subscription:
         self.num_received += 1
         self.last_arrival = time.monotonic()
         try:
-            self.callback(message)
+            self.callback(message if self.raw else plain_frames(message))
             self.num_refused_in_row = 0
         except ValueError as error:
             self.refuse(one_line(error))

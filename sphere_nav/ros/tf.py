@@ -44,7 +44,7 @@ class TransformTree:
 
         ValueError for a NaN, an empty name, a frame below itself, or a second parent where the first one holds.
         """
-        parent, child = message.header.frame_id.lstrip("/"), message.child_frame_id.lstrip("/")
+        parent, child = message.header.frame_id, message.child_frame_id
         if not parent or not child or parent == child:
             raise ValueError(f"transform: expected two frames, found {parent!r} and {child!r}")
         T_parent_child = transform_to_se3(message.transform, f"transform {parent} -> {child}")
@@ -228,7 +228,7 @@ class TransformListener:
         refusals = []
         for transform in message.transforms:
             try:
-                if not self._ignored or transform.header.frame_id.lstrip("/") != self._ignored:
+                if not self._ignored or transform.header.frame_id != self._ignored:
                     self._report(self.tree.add(transform, is_static=is_static), transform.child_frame_id)
             except ValueError as error:
                 refusals.append(str(error))

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import NamedTuple
 
+from sphere_nav.params.homes import at_home
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.shared_files import software
 
@@ -80,6 +81,8 @@ def _dispatch(words: list[str]) -> int:
     if words and words[0] in commands:
         module = importlib.import_module(f"sphere_nav_tools.cli.{commands[words[0]].module}")
         arguments = _parser(words[0], module).parse_args(words[1:])
+        for name, value in vars(arguments).items():
+            setattr(arguments, name, [at_home(one) for one in value] if isinstance(value, list) else at_home(value))
         arguments.words = words
         with _log_at_the_end():
             return int(module.run(arguments) or 0)

@@ -81,6 +81,7 @@ def replay_localizer(
         images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
         given = {"mounting": mounting, "camera_frame": finder.odd_frame(remap)}
         add_node(bus, remap, given | patience(finder.streams, images))
+        finder.refuse_unread(wanted.topic for node in bus.nodes for wanted in node.inputs)
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
         bar = stack.enter_context(tqdm(total=total, desc="localise", unit="msg", disable=None))
         published = usable(replay(bag, bus, progress=bar.update), arguments.source)

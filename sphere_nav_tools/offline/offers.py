@@ -6,7 +6,7 @@ its nodes, and seen to belong together: sizes, calibrations, frames, stamps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +20,7 @@ from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.samples import CAMERA_INFO, CLOUD, SPHERE
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.camera.odometry_input import odometry_edge
+from sphere_nav.ros.conversions import is_rectified_topic
 from sphere_nav.ros.maps.writer import MAP_FRAME
 from sphere_nav_tools.offline.topic_finder import CAMERA_IS_VEHICLE, Choice, TopicFinder, names_of_cameras
 from sphere_nav_tools.offline.topics import BASE_FRAME, TF_TOPIC, camera_names, options_of
@@ -99,6 +100,7 @@ def offer_map(recording: OpenedBag) -> Offer:
             continue
         if "depth/camera_info" in choice.topics:
             note += ", depth registered to the images by both calibrations and /tf_static"
+        note += "; " * bool(_rectified(choice.topics)) + _rectified(choice.topics)
         return Offer("map", command + options_of(choice.topics), "", note, choice.reason)
     has_depth = any(stream.is_depth and not stream.problem for stream in finder.streams)
     if recording.rig or (not has_depth and len(finder.views(has_pairs=True)) >= MIN_RIG_CAMERAS):
@@ -140,6 +142,12 @@ def _offer_rig(recording: OpenedBag, command: list[str]) -> Offer:
     return Offer("map", [*command, "--rig", str(recording.rig), *words], note=note, reason=choice.reason)
 
 
+def _rectified(topics: Mapping[str, str]) -> str:
+    """Return what is done where images are rectified by their names, nothing where none is."""
+    found = [name for ours, name in topics.items() if ours.endswith("image_raw") and is_rectified_topic(name)]
+    return f"{', '.join(found)}: rectified, P of camera_info is used" if found else ""
+
+
 PANORAMA_NOTE = "ready, if the images, which have no camera_info, are whole spheres (equirectangular)"
 
 
@@ -150,6 +158,7 @@ def offer_localize(recording: OpenedBag) -> Offer:
     choice, more = _or_panorama(finder, finder.find_localizer({}))
     if choice.topics:
         note = PANORAMA_NOTE if more else f"ready, with odometry of {odometry}" * bool(odometry)
+        note += _rectified(choice.topics) and ((note and "; ") or "ready; ") + _rectified(choice.topics)
         words = options_of(finder.odometry | choice.topics)
         return Offer("localize", [*command, *words, *more], note=note, reason=choice.reason)
     views = finder.views(has_pairs=True)

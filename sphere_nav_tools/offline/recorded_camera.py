@@ -46,7 +46,10 @@ class RecordedCamera:
         with BagReader(path) as bag:
             finder = TopicFinder.of(bag, arguments)
             self._topics = finder.require(finder.find(("image_raw", "camera_info")))
-            info = next(iter(bag.messages([self._topics["camera_info"]]))).message
+            told = next(iter(bag.messages([self._topics["camera_info"]]))).message
+            info = conversions.as_rectified(
+                told, is_rectified=conversions.is_rectified_topic(self._topics["image_raw"])
+            )
             self.patience = patience(finder.streams, [self._topics["image_raw"]])
         self.camera, self.frame_id = camera_from_info(info), str(info.header.frame_id)
         self.odometry = self._topics.get("odom", "")

@@ -25,7 +25,7 @@ from sphere_nav.ros.bags.samples import CAMERA_INFO, IMAGE, SPHERE, SPHERE_INFO,
 from sphere_nav.ros.bags.streams import Stream, read_streams
 from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.camera.drivers import INPUTS, Driver, driver_names, read_driver
-from sphere_nav.ros.conversions import stamp_ns
+from sphere_nav.ros.conversions import is_rectified_topic, stamp_ns
 from sphere_nav.ros.tf import TransformTree
 from sphere_nav_tools.offline.constants import NUM_PAIRED, NUM_TF_MESSAGES, SLACK_S
 from sphere_nav_tools.offline.topics import (
@@ -60,11 +60,13 @@ class TopicFinder:
 
     def __init__(self, bag: BagReader, chosen: Mapping[str, str] | None = None) -> None:
         self.bag, self.chosen = bag, dict(chosen or {})
+        self.named: frozenset[str] = frozenset()  # by the user, whom no driver knows better
 
     @classmethod
     def of(cls, bag: BagReader, arguments: argparse.Namespace) -> TopicFinder:
         """Take what the user named, and what the driver that he named calls the rest."""
         finder = cls(bag, chosen_topics(arguments))
+        finder.named = frozenset(finder.chosen)
         if arguments.driver:
             finder.chosen = finder.of_driver(arguments.driver) | finder.chosen
         return finder
@@ -83,7 +85,8 @@ class TopicFinder:
     def frames(self) -> TransformTree:
         """The frames: those that stand still, and as the first moving ones are."""
         tree = TransformTree()
-        for topic, kind in ((TF_STATIC_TOPIC, True), (TF_TOPIC, False)):
+        for usual, kind in ((TF_STATIC_TOPIC, True), (TF_TOPIC, False)):
+            topic = absolute(self.chosen.get(usual.strip("/"), usual))
             found = self.bag.messages([topic]) if topic in self.bag.topics else ()
             for _, _, message in islice(found, NUM_TF_MESSAGES):
                 for transform in message.transforms:
@@ -106,6 +109,12 @@ class TopicFinder:
     def imu(self) -> dict[str, str]:
         """The IMU, one that /tf has on the vehicle before others; nothing where there is none."""
         return self._beside("imu", lambda s: (self.frames.is_connected(BASE_FRAME, s.frame_id), "raw" not in s.topic))
+
+    def refuse_unread(self, read: Iterable[str]) -> None:
+        """Raise BagError for a topic of ours that the user named, and none of those that are read."""
+        names = sorted({topic.removesuffix("/compressed").strip("/") for topic in read})
+        for ours in sorted(self.named - set(names)):
+            raise BagError(f"{ours}: expected one of {', '.join(names)}, found a topic that nobody reads here")
 
     def require(self, choice: Choice) -> dict[str, str]:
         """Return the topics of a choice, and odometry where there is any; BagError, with the reason, of none."""
@@ -322,7 +331,8 @@ class TopicFinder:
             sizes = ", ".join(f"{info.topic} ({info.width} x {info.height})" for info in fitting or infos) or "none"
             expected = f"camera_info of {image.topic} ({image.width} x {image.height})"
             raise BagError(f"expected one topic with {expected}, found {sizes}; choose it by {role_of(ours).option}")
-        check_calibration(fitting[0], image, is_pair=ours.startswith(("left", "right")))
+        is_projected = ours.startswith(("left", "right")) or is_rectified_topic(image.topic)
+        check_calibration(fitting[0], image, is_pair=is_projected)
         return fitting[0]
 
     def _panorama(self, image: Stream) -> Stream:

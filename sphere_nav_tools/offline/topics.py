@@ -46,6 +46,9 @@ ROLES = {
 }
 
 
+OTHERS = ("tf", "tf_static", "initialpose", "other/pose", "reference_path", "points", "cloud")  # of some node, too
+
+
 def role_of(ours: str) -> Role:
     """Return what a topic of ours is; those of the cameras of a rig by their name, and one of no type for all else."""
     name, _, kind = ours.removeprefix("cameras/").rpartition("/")
@@ -94,7 +97,11 @@ def chosen_topics(arguments: argparse.Namespace) -> dict[str, str]:
             ours, found, theirs = word.partition(separator)
             if not (found and ours and theirs):
                 raise ValueError(f"--{option}: expected A{separator}B, found {word!r}")
-            chosen[f"cameras/{ours}/image_raw" if option == "camera" else ours.lstrip("/")] = theirs
+            ours = f"cameras/{ours}/image_raw" if option == "camera" else ours.lstrip("/")
+            if not (role_of(ours).types or ours in OTHERS):
+                known = ", ".join((*ROLES, "cameras/NAME/image_raw", *OTHERS))
+                raise ValueError(f"--{option}: expected one of our topics ({known}), found {ours!r}: nobody reads it")
+            chosen[ours] = theirs
     return chosen
 
 

@@ -47,6 +47,86 @@ def test_columns_go_by_name_or_by_the_usual_order(tmp_path):
         assert path.map_id == ("yard" if "yard" in text else "")
 
 
+def test_columns_of_names_that_are_not_known_are_refused(tmp_path):
+    for text in [
+        "time,pos_x,pos_y\n0,0,3\n1,1,3\n",
+        "x,y,theta,velocity\n0,0,0,-0.5\n-1,0,0,-0.5\n",
+        "# lat, lon\n0,0\n1,0\n",
+        "x,y,yaw_deg\n0,0,0\n1,0,0\n",
+        "x,x_m,y\n0,0,0\n1,0,0\n",
+        "x,heading\n0,0\n1,0\n",
+    ]:
+        (tmp_path / "path.csv").write_text(text)
+        names = text.split("\n")[0].lstrip("# ").replace(",", ", ").replace("  ", " ")
+        with pytest.raises(ValueError, match=f"path.csv:.: expected columns of the names x .*yaw .*found '{names}'"):
+            read_path(tmp_path / "path.csv", PARAMS)
+
+
+def test_semicolons_part_columns_and_commas_are_no_decimal_points(tmp_path):
+    (tmp_path / "path.csv").write_text('"x";"y";time\n0.5;3.0;1\n1.5;3.0;2\n')
+    assert read_path(tmp_path / "path.csv", PARAMS).x[0] == pytest.approx(0.5)
+    for text, message in [
+        ("x;y\n0,5;3,0\n1,5;3,0\n", "path.csv:2: expected numbers with a decimal point, found '0,5'"),
+        ("0,5;3,0\n1,5;3,0\n", "path.csv:1: expected numbers with a decimal point, found '0,5'"),
+        ("x,y\n0,5,3,0\n1,5,3,0\n", "path.csv:2: expected 2 columns, found 4: decimal commas?"),
+        ("0,5,3,0\n1,5,3,0\n2,0,3,0\n", "path.csv: expected a header line for whole numbers in four columns"),
+    ]:
+        (tmp_path / "path.csv").write_text(text)
+        with pytest.raises(ValueError, match=message):
+            read_path(tmp_path / "path.csv", PARAMS)
+
+
+def echo(points, turns, frames=("map",)):
+    """A nav_msgs/Path as `ros2 topic echo` writes it, as far as it is read."""
+    poses = [
+        {
+            "header": {"frame_id": frames[min(i, len(frames) - 1)]},
+            "pose": {"position": {"x": x, "y": y, "z": 0}, "orientation": dict(zip("xyzw", turn, strict=True))},
+        }
+        for i, ((x, y), turn) in enumerate(zip(points, turns, strict=True))
+    ]
+    return {"header": {"frame_id": "map"}, "poses": poses}
+
+
+WEST = [(-0.5 * i, 0.0) for i in range(12)]
+IDENTITY, UNSET, BACK_TURN = (0, 0, 0, 1), (0, 0, 0, 0), (0, 0, 1, 0)
+
+
+def test_orientations_that_were_never_filled_in_are_no_headings(tmp_path):
+    ways = {"west": WEST, "north": [(0.0, -x) for x, _ in WEST], "bend": [(x, 0.1 * x * x) for x, _ in WEST]}
+    for points in ways.values():
+        for turn in (IDENTITY, UNSET):
+            for start, goal in [(turn, turn), (turn, (0, 0, 0.6, 0.8)), ((0, 0, 0.6, 0.8), BACK_TURN)]:
+                file = tmp_path / "path.yaml"
+                file.write_text(json.dumps(echo(points, [start, *[turn] * 10, goal])))
+                path = read_path(file, PathFollowerParams())
+                assert [segment.direction for segment in path.segments] == [1]
+    file.write_text(json.dumps(echo(WEST, [(0, 0, 1e-3, 1)] * 12)))
+    assert read_path(file, PathFollowerParams()).segments[0].direction == -1  # told, and it fits
+
+
+def test_a_drive_in_a_file_without_orientations_is_forward(tmp_path):
+    xyz = np.array([(x, y, 0.0) for x, y in WEST])
+    stamps = (np.arange(12) + 1) * 10**9
+    write_tum(tmp_path / "gps.tum", Trajectory(stamps, SE3.from_parts(np.broadcast_to(np.eye(3), (12, 3, 3)), xyz)))
+    assert read_path(tmp_path / "gps.tum", PARAMS).segments[0].direction == 1
+
+
+def test_a_pose_of_another_frame_than_its_path_is_refused(tmp_path):
+    file = tmp_path / "path.yaml"
+    file.write_text(json.dumps(echo(WEST, [IDENTITY] * 12, ("/map", "map", "odom"))))
+    with pytest.raises(ValueError, match=r"poses\[2\].header.frame_id: expected 'map', that of the path, found 'odom'"):
+        read_path(file, PathFollowerParams())
+
+
+def test_what_topic_echo_has_cut_is_told_with_the_option(tmp_path):
+    cut = echo(WEST, [IDENTITY] * 12)
+    for content, where in [(cut | {"poses": [*cut["poses"], "..."]}, "poses"), ({"points": [[0, 0], "..."]}, "points")]:
+        (tmp_path / "path.yaml").write_text(json.dumps(content))
+        with pytest.raises(ValueError, match=f"{where}: expected all of them, found a list cut by.*--full-length"):
+            read_path(tmp_path / "path.yaml", PARAMS)
+
+
 def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path):
     for text, message in [
         ("", "path.csv: expected points, found none"),
@@ -143,6 +223,7 @@ def test_a_wrong_yaml_or_geojson_is_refused_in_one_line(tmp_path):
         ("yaml", {"points": AHEAD, "frame": "odom"}, "frame: expected 'map', found 'odom'"),
         ("yaml", {"poses": [{"pose": {"position": {"x": 0}}}]}, "poses[0].orientation: expected a value, found none"),
         ("yaml", {"waypoints": []}, "path.yaml.points: expected a value, found none"),
+        ("yaml", {"points": AHEAD, "closed": True}, "path.yaml.closed: expected only points, is_closed, map_id, frame"),
     ]:
         file = tmp_path / f"path.{ending}"
         file.write_text(json.dumps(found))

@@ -93,8 +93,10 @@ class RigIntake:
         for name in self.rig.names:
             topic, kind = image_topic(f"cameras/{name}/image_raw", self.params.transport)
             profile = qos.LARGE if kind is Image else qos.SENSOR
-            endpoints.add_subscription(topic, kind, partial(self._on_image, name), profile, is_required=False)
-            topic, on_info = f"cameras/{name}/camera_info", partial(self._on_info, name)
+            on_image = partial(self._on_image, name)
+            images = endpoints.add_subscription(topic, kind, on_image, profile, is_required=False)
+            is_rectified = conversions.is_rectified_topic(images.resolved)
+            topic, on_info = f"cameras/{name}/camera_info", partial(self._on_info, name, is_rectified)
             endpoints.add_subscription(topic, CameraInfo, on_info, is_required=False)
             if self.params.has_depth:
                 topic, on_depth = f"cameras/{name}/depth/image_raw", partial(self._on_depth, name)
@@ -125,10 +127,11 @@ class RigIntake:
             problem = "" if self._has_points else f"no cloud within {self.params.cloud.max_age_s} s of the instant"
             yield "points", WARN if problem else OK, problem or "delivers", {}
 
-    def _on_info(self, name: str, message: CameraInfo) -> None:
+    def _on_info(self, name: str, is_rectified: bool, message: CameraInfo) -> None:
         """Refuse a camera whose own calibration is of another size, focal length or lens than the rig's."""
         if message.k[0]:  # 0: not calibrated
-            check_info(name, self.rig.camera(name).camera, conversions.camera_from_info(message))
+            told = conversions.camera_from_info(conversions.as_rectified(message, is_rectified=is_rectified))
+            check_info(name, self.rig.camera(name).camera, told)
 
     def _on_image(self, name: str, message: AnyImage) -> None:
         camera = self.rig.camera(name).camera

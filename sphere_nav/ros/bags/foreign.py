@@ -6,9 +6,11 @@ What ROS 1 recorded becomes the ROS 2 message of the same name: the header loses
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -36,6 +38,7 @@ class ForeignBag:
 
     def __init__(self, path: Path) -> None:
         self._path, self._is_open = path, False
+        self._link: TemporaryDirectory[str] | None = None
         try:
             self._open(path)
             self.topics = self._guard(self._read_topics)
@@ -49,12 +52,22 @@ class ForeignBag:
         for file in files or [path] * (path.suffix == ROS1):
             self._guard(partial(_check_file, file))
         reader = Ros1Reader if path.suffix == ROS1 else Ros2Reader
-        self._reader: Any = self._guard(lambda: reader(_BoundedPath(path)))
+        plain = _BoundedPath(self._plain_path(path))
+        self._reader: Any = self._guard(lambda: reader(plain))
         self._guard(self._reader.open)
         self._is_open = True
         if path.suffix == ROS1:
             chunks = self._reader.chunks
             self._reader.chunks = {place: _bound_chunk(chunk) for place, chunk in chunks.items()}
+
+    def _plain_path(self, path: Path) -> Path:
+        """Return a path without what has a meaning in a URI, which the library asks SQLite with."""
+        if not set(os.fspath(path.resolve())) & set("%?#"):
+            return path
+        self._link = TemporaryDirectory(prefix="sphere_nav_")
+        plain = Path(self._link.name) / f"bag{path.suffix if path.is_file() else ''}"
+        plain.symlink_to(path.resolve())
+        return plain
 
     @property
     def time_range(self) -> tuple[int, int] | None:
@@ -90,6 +103,8 @@ class ForeignBag:
         if self._is_open:
             self._reader.close()
             self._is_open = False
+        if self._link is not None:
+            self._link.cleanup()
 
     def _read_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import heapq
 import io
+import logging
 import os
 import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -99,6 +101,7 @@ class McapFile:
         self._loose: list[tuple[int, int]] = []  # log time and place of messages outside of chunks
         try:
             self.summary = self._read_summary()
+            self._tell_unreadable()
         except BagError as error:
             self.stream.close()
             raise BagError(f"{self.path}: {error}") from None
@@ -120,11 +123,23 @@ class McapFile:
         self, channels: set[int] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[Channel, Message]]:
         """Yield the messages of some channels from `start_ns` to `end_ns`, both included, in order of log time."""
+        readable = {channel.id for channel in self.summary.channels.values() if is_readable(channel)}
+        if readable != set(self.summary.channels):
+            channels = readable if channels is None else readable & channels
         stamps = (0 if start_ns is None else start_ns, 2**64 if end_ns is None else end_ns)
         try:
             yield from self._sort(channels, *stamps)
         except BagError as error:
             raise self._named(error) from None
+
+    def _tell_unreadable(self) -> None:
+        """Say once which topics are passed over; BagError where all are."""
+        others = [channel for channel in self.summary.channels.values() if not is_readable(channel)]
+        found = ", ".join(f"{channel.topic} ({channel.message_encoding})" for channel in others)
+        if others and len(others) == len(self.summary.channels):
+            raise BagError(f"expected topics of encoding cdr, found {found}")
+        if others:
+            tell_once(f"{self.path}: not readable, passed over: {found}: expected encoding cdr")
 
     def chunk(self, index: ChunkIndex) -> list[tuple[Channel, Message]]:
         """Return the messages of one chunk in the order of the file; BagError if it is damaged."""
@@ -287,6 +302,17 @@ def _is_complete(summary: Summary) -> bool:
         return False
     counted, kinds = summary.statistics.channel_message_counts, {one.schema_id for one in summary.channels.values()}
     return counted.keys() <= summary.channels.keys() and kinds - {0} <= summary.schemas.keys()
+
+
+def is_readable(channel: Channel) -> bool:
+    """Whether its messages are those of ROS 2; bridges write JSON or protobuf beside them."""
+    return bool(channel.message_encoding == "cdr")
+
+
+@cache
+def tell_once(text: str) -> None:
+    """Say what is passed over of a file, however often it is opened."""
+    logging.getLogger("sphere_nav.bag").warning(text)
 
 
 def _may_hold(index: ChunkIndex, channels: set[int] | None) -> bool:

@@ -12,7 +12,7 @@ from typing import Any, Self
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_text, required, short
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import PlainView, compression_of, is_foreign, lone_file
-from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, McapFile
+from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, McapFile, is_readable
 from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 from sphere_nav.ros.bags.unpack import unpack
 from sphere_nav.ros.bags.writer import absolute
@@ -175,9 +175,8 @@ class BagReader:
             for channel in file.summary.channels.values():
                 schema = file.summary.schemas.get(channel.schema_id)
                 kind = schema.name if schema else ""
-                if channel.message_encoding != "cdr":
-                    found = channel.message_encoding
-                    raise BagError(f"{file.path}: {channel.topic}: expected encoding cdr, found {found!r}")
+                if not is_readable(channel):
+                    continue
                 known = topics.setdefault(channel.topic, _topic_info(channel.topic, kind, channel.metadata))
                 known.count += counts.get(channel.id, 0)
         return topics
@@ -230,4 +229,8 @@ def _information(metadata: Path) -> dict[str, Any] | None:
     names = information["relative_file_paths"]
     if not isinstance(names, list) or not all(isinstance(name, str) and Path(name).name for name in names):
         raise BagError(f"{metadata}: relative_file_paths: expected names of files, found {short(names)}")
+    if len({Path(name).name for name in names}) < len(names):
+        raise BagError(
+            f"{metadata}: relative_file_paths: expected each file once, found {len(names)} names: {short(names)}"
+        )
     return dict(information)

@@ -112,7 +112,8 @@ class OfflineShell(NodeShell):
 
     def listen(self, wanted: Subscription) -> None:
         """Listen on the bus."""
-        self._bus.listeners.setdefault(self._source_of(wanted), []).append(wanted)
+        wanted.resolved = self._source_of(wanted)
+        self._bus.listeners.setdefault(wanted.resolved, []).append(wanted)
 
     def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> OfflinePublisher:
         """Publish on the bus."""
@@ -144,7 +145,7 @@ class OfflineShell(NodeShell):
 
     def unlisten(self, wanted: Subscription) -> None:
         """Stop to listen."""
-        self._bus.listeners[self._source_of(wanted)].remove(wanted)
+        self._bus.listeners[wanted.resolved].remove(wanted)
 
     def finish(self, status: int) -> None:
         """Do nothing: a replay ends with its bag."""
@@ -159,11 +160,11 @@ class OfflineShell(NodeShell):
         return handler(kind.Request() if request is None else request, kind.Response())
 
     def _source_of(self, wanted: Subscription) -> str:
-        is_remapped = wanted.topic in self._remap or not wanted.source
+        is_remapped = wanted.topic.lstrip("/") in self._remap or not wanted.source
         return self._name(wanted.topic if is_remapped else wanted.source)
 
     def _name(self, topic: str) -> str:
-        name = self._remap.get(topic, topic)
+        name = self._remap.get(topic.lstrip("/"), topic)
         return absolute(name.replace("~", f"/{self._node_name}", 1) if name.startswith("~/") else name)
 
 

@@ -15,7 +15,13 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from sphere_nav.geometry.files.encoded import encoded_size
 from sphere_nav.ros import conversions
-from sphere_nav.ros.conversions.images import COMPRESSED_DEPTH_HEADER, DEPTH_ENCODINGS, is_sixteen_bit
+from sphere_nav.ros.conversions.images import (
+    COMPRESSED_DEPTH_HEADER,
+    DEPTH_ENCODINGS,
+    ENCODINGS,
+    is_sixteen_bit,
+    used_bits,
+)
 from sphere_nav.ros.service import one_line
 
 IMAGE, COMPRESSED, CAMERA_INFO = (
@@ -129,7 +135,7 @@ def _check_info(message: CameraInfo, _: bool) -> dict[str, Any]:
     """Return the size of the camera's images, binning and region counted, and whether P is one of a camera."""
     found: dict[str, Any] = {}
     with suppress(ValueError):
-        camera = conversions.camera_from_info(message, is_rectified=True)
+        camera = conversions.camera_from_info(conversions.as_rectified(message))
         found = {"is_projected": True, "width": camera.width, "height": camera.height}
     try:
         camera = conversions.camera_from_info(message)
@@ -138,8 +144,17 @@ def _check_info(message: CameraInfo, _: bool) -> dict[str, Any]:
     return found | {"width": camera.width, "height": camera.height}
 
 
+def _check_pixels(message: Image, has_depth: bool) -> dict[str, Any]:
+    """Return the encoding, with the bits that are used of 16."""
+    _check_raw(message, has_depth)
+    if has_depth or ENCODINGS[message.encoding][0] is not np.uint16:
+        return {}
+    bits = used_bits(conversions.image_to_array(message))
+    return {"encoding": f"{message.encoding}; {bits} bits used"}
+
+
 _DETAILS: dict[str, tuple[Callable[[Any], dict[str, Any]], Callable[[Any, bool], dict[str, Any]]]] = {
-    IMAGE: (_raw_details, _check_raw),
+    IMAGE: (_raw_details, _check_pixels),
     COMPRESSED: (_compressed_details, _check_compressed),
     CAMERA_INFO: (_info_details, _check_info),
 }

@@ -131,7 +131,9 @@ class Cameras:
         take, add = partial(setattr, self, "_depth_info"), self._endpoints.add_subscription
         add(DEPTH_INFO, CameraInfo, take, self._profile, is_required=False)
         topic, kind = image_topic(DEPTH, self._params.transport, is_depth=True)
-        add(topic, kind, lambda message: self._put(DEPTH, conversions.stamp_ns(message), message), self._profile)
+        self._depth = add(
+            topic, kind, lambda message: self._put(DEPTH, conversions.stamp_ns(message), message), self._profile
+        )
 
     def _T_base_rig(self) -> SE3:
         """Return where the rig is; ValueError while nobody says it."""
@@ -169,7 +171,8 @@ class Cameras:
     def _convert(self, message: AnyImage, camera: Camera) -> DepthImage:
         depth_m, info, T_image_depth = read_depth(message), self._depth_info, SE3.identity()
         if info is not None:
-            camera = conversions.camera_from_info(info, is_rectified=self._params.is_rectified)
+            is_rectified = self._params.is_rectified or conversions.is_rectified_topic(self._depth.resolved)
+            camera = conversions.camera_from_info(conversions.as_rectified(info, is_rectified=is_rectified))
             frame, own = info.header.frame_id or message.header.frame_id, self._streams[ONLY[0]].image_frame
             own = self._params.camera_frame or own
             T_image_depth = SE3.identity() if frame in ("", own) else self._tf.lookup(own, frame)

@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, number, read_text, short
+from sphere_nav.geometry.plausible import check_mounting
 
 NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -28,6 +31,7 @@ def read_mounting(text: str, what: str = "mounting") -> SE3 | None:
     if len(numbers) != len(NAMES):
         raise ValueError(f"{what}: expected {','.join(NAMES)} (m, rad) or a YAML file, found {short(text)}")
     x, y, z, roll, pitch, yaw = numbers
+    check_mounting(np.array([x, y, z]), what)
     return SE3.from_angles(roll, pitch, yaw, [x, y, z])
 
 

@@ -13,6 +13,7 @@ from sphere_nav_msgs.msg import SphereInfo
 
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.files.encoded import encoded_size
+from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.ros import conversions, qos
@@ -107,8 +108,11 @@ class CameraStream:
         return self._find_mounting(self._waiting[0]) if self._waiting else FINE
 
     def _on_camera_info(self, message: CameraInfo) -> None:
-        is_rectified = self._params.is_rectified
-        self._on_info(message.header.frame_id, lambda: conversions.camera_from_info(message, is_rectified=is_rectified))
+        is_rectified = self._params.is_rectified or conversions.is_rectified_topic(self.images.resolved)
+        self._on_info(
+            message.header.frame_id,
+            lambda: conversions.camera_from_info(conversions.as_rectified(message, is_rectified=is_rectified)),
+        )
 
     def _on_sphere_info(self, message: SphereInfo) -> None:
         self._on_info(message.frame_id, lambda: conversions.sphere_info_to_camera(message))
@@ -165,7 +169,9 @@ class CameraStream:
             T_base_camera = self._fixture.T_base_camera()
             return T_base_camera @ T_BODY_OPTICAL.inverse() if isinstance(camera, Spherical) else T_base_camera
         base, frame = self._params.base_frame, self._params.camera_frame or image_frame
-        return self._tf.lookup(base, frame) if base and frame != base else SE3.identity()
+        T_base_camera = self._tf.lookup(base, frame) if base and frame != base else SE3.identity()
+        check_mounting(T_base_camera.translation, f"{base} to {frame}")
+        return T_base_camera
 
     def _convert(self, message: AnyImage) -> None:
         """Hand on one image; ValueError where it cannot be read, or is another camera's."""

@@ -5,10 +5,12 @@ found. Arrays read from a message may be views into it: read-only.
 """
 
 from sphere_nav.ros.conversions.cameras import (
+    as_rectified,
     camera_from_info,
     camera_to_info,
     check_image_size,
     has_baseline,
+    is_rectified_topic,
     rectification_of,
     stereo_baseline,
 )
@@ -52,6 +54,7 @@ from sphere_nav.ros.conversions.status import message_to_status, status_to_messa
 
 __all__ = [
     "array_to_image",
+    "as_rectified",
     "camera_from_info",
     "camera_to_info",
     "camera_to_sphere_info",
@@ -68,6 +71,7 @@ __all__ = [
     "image_to_array",
     "image_to_gray",
     "image_to_rgb",
+    "is_rectified_topic",
     "message_to_cloud",
     "message_to_graph",
     "message_to_sphere",

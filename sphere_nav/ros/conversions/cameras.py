@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
+from sphere_nav.geometry.plausible import check_center, check_length
 from sphere_nav.ros.conversions.stamps import header
 
 ROTATION_TOLERANCE = 1e-3
@@ -14,21 +17,16 @@ FISHEYE = "equidistant"
 PINHOLES = {"plumb_bob": 5, "rational_polynomial": 8}  # name -> number of coefficients
 
 
-def camera_from_info(info: CameraInfo, *, is_rectified: bool = False) -> Pinhole | Fisheye:
-    """Return the camera of the raw image, or of the rectified one (P instead of K and D).
+def camera_from_info(info: CameraInfo) -> Pinhole | Fisheye:
+    """Return the camera of the raw image by K and D; `as_rectified` tells that of the rectified one.
 
     A region of interest moves the centre; binning by b takes u to (u + 1/2) / b - 1/2, as pixels are summed.
     """
     name = " ".join(info.header.frame_id.split()) or "camera_info"
-    matrix = (
-        (info.p[0], info.p[5], info.p[2], info.p[6]) if is_rectified else (info.k[0], info.k[4], info.k[2], info.k[5])
-    )
-    fx, fy, cx, cy = (float(value) for value in matrix)
+    fx, fy, cx, cy = (float(info.k[place]) for place in (0, 4, 2, 5))
     if fx == 0.0 or fy == 0.0:
-        raise ValueError(
-            f"{name}: {'P' if is_rectified else 'K'}[0]: expected a calibrated camera, found focal length 0"
-        )
-    if not is_rectified and (info.k[1] != 0.0 or info.k[8] != 1.0):
+        raise ValueError(f"{name}: K[0]: expected a calibrated camera, found focal length 0")
+    if info.k[1] != 0.0 or info.k[8] != 1.0:
         raise ValueError(
             f"{name}: K: expected no skew and a last row 0 0 1, found {[float(value) for value in info.k]}"
         )
@@ -37,9 +35,12 @@ def camera_from_info(info: CameraInfo, *, is_rectified: bool = False) -> Pinhole
     cx, cy = cx - roi.x_offset, cy - roi.y_offset
     cx, cy = (cx + 0.5) / bin_x - 0.5, (cy + 0.5) / bin_y - 0.5
     lengths = (width, height, fx / bin_x, fy / bin_y, cx, cy)
-    coefficients = () if is_rectified else tuple(float(value) for value in info.d)
+    coefficients = tuple(float(value) for value in info.d)
     try:
-        return _model(info.distortion_model, coefficients, lengths, is_rectified=is_rectified)
+        camera = _model(info.distortion_model, coefficients, lengths)
+        if not (roi.width or roi.height):  # what is cut out may lie anywhere
+            check_center(camera, "camera_info")
+        return camera
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 
@@ -83,7 +84,30 @@ def stereo_baseline(right: CameraInfo) -> float:
     """Return the distance in m of the right camera of a rectified pair from the left one (P[3] = -fx B)."""
     if right.p[0] == 0.0 or not right.p[3] < 0.0:
         raise ValueError(f"{right.header.frame_id}: P[3]: expected -fx * baseline < 0, found {right.p[3]}")
-    return -float(right.p[3]) / float(right.p[0])
+    baseline_m = -float(right.p[3]) / float(right.p[0])
+    check_length("baseline", baseline_m, f"{right.header.frame_id}: P[3]: baseline")
+    return baseline_m
+
+
+def as_rectified(info: CameraInfo, *, is_rectified: bool = True) -> CameraInfo:
+    """Return the calibration of the rectified images beside which image_proc and others send that of the raw ones.
+
+    P is its K, there is no D and no R left. As it is, where `is_rectified` is false, or without D and P.
+    """
+    if not is_rectified or not (any(info.d) or info.p[0]):
+        return info
+    if not info.p[0] or not info.p[5]:
+        name = " ".join(info.header.frame_id.split()) or "camera_info"
+        raise ValueError(f"{name}: P[0]: expected a calibrated camera of rectified images, found focal length 0")
+    found = copy(info)
+    found.k = [info.p[0], 0.0, info.p[2], 0.0, info.p[5], info.p[6], 0.0, 0.0, 1.0]
+    found.d, found.distortion_model, found.r = [], "", np.eye(3).ravel()
+    return found
+
+
+def is_rectified_topic(topic: str) -> bool:
+    """Whether images are rectified by their name, as image_proc and drivers have it: image_rect, rect/image ..."""
+    return any(word in ("rect", "rectified") for word in topic.replace("/", "_").lower().split("_"))
 
 
 def check_image_size(camera: Camera, width: int, height: int) -> None:
@@ -97,8 +121,8 @@ def check_image_size(camera: Camera, width: int, height: int) -> None:
 Lengths = tuple[int, int, float, float, float, float]
 
 
-def _model(name: str, d: tuple[float, ...], lengths: Lengths, *, is_rectified: bool) -> Pinhole | Fisheye:
-    if is_rectified or (name in ("", "none") and not any(d)):
+def _model(name: str, d: tuple[float, ...], lengths: Lengths) -> Pinhole | Fisheye:
+    if name in ("", "none") and not any(d):
         return Pinhole(*lengths)
     if name == FISHEYE:
         if len(d) != 4:
@@ -107,5 +131,6 @@ def _model(name: str, d: tuple[float, ...], lengths: Lengths, *, is_rectified: b
     if name not in PINHOLES:
         raise ValueError(f"distortion_model: expected {', '.join((*PINHOLES, FISHEYE))}, found {name!r}")
     if any(d[PINHOLES[name] :]):
-        raise ValueError(f"D: expected at most {PINHOLES[name]} coefficients of {name}, found {len(d)}")
+        remedy = "rectify the images (image_proc) and use image_rect, or calibrate anew with 8 or fewer"
+        raise ValueError(f"D: expected at most {PINHOLES[name]} coefficients of {name}, found {len(d)}: {remedy}")
     return Pinhole(*lengths, distortion=d[: PINHOLES[name]] if any(d) else ())

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 
 from sphere_nav.geometry.files.limits import LIMITS
+from sphere_nav.geometry.files.untrusted import MAX_NUMBER
 from sphere_nav.ros.conversions.images import to_bytes
 from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.spheres.appearance.features import SIZE, Features
@@ -71,9 +72,12 @@ def message_to_cloud(message: PointCloud2) -> NDArray[np.float32]:
         if not 0 <= field.offset <= step - dtype.itemsize:
             raise ValueError(f"cloud field {name}: expected to end within {step} bytes, found offset {field.offset}")
         axis = np.ndarray((height, width), dtype, bytes(message.data), field.offset, (row_step, step))
-        axes.append(axis.astype(np.float32).ravel())
+        axes.append(axis.astype(np.float64).ravel())
     points = np.stack(axes, axis=1)
-    return points[np.isfinite(points).all(axis=1)]
+    points = points[np.isfinite(points).all(axis=1)]
+    if points.size and (largest := np.abs(points).max()) > MAX_NUMBER:
+        raise ValueError(f"cloud: expected coordinates up to {MAX_NUMBER:g} m, found {largest:g}")
+    return points.astype(np.float32)
 
 
 LAYOUT = np.dtype([("ray", "<f4", 3), ("range", "<f4"), ("word", "<u2"), ("descriptor", "u1", SIZE)])

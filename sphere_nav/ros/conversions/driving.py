@@ -12,6 +12,7 @@ from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus, ReferencePoint, ReferenceTrajectory, TrackingError
 
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.plausible import check_lengths
 from sphere_nav.ros.conversions.stamps import header
 
 try:
@@ -75,11 +76,12 @@ def check_scan(scan: LaserScan) -> None:
     count, step, span = len(scan.ranges), float(scan.angle_increment), float(scan.angle_max) - float(scan.angle_min)
     if not 0 < count <= MAX_BEAMS:
         raise ValueError(f"scan: ranges: expected 1 to {MAX_BEAMS} beams, found {count}")
-    if not np.isfinite([span, step, scan.range_min, scan.range_max]).all():
+    if not np.isfinite([span, step, scan.range_min]).all() or math.isnan(scan.range_max):
         raise ValueError("scan: expected finite angles and range limits")
     if not 0.0 <= scan.range_min < scan.range_max:
         found = f"{scan.range_min:g} and {scan.range_max:g}"
         raise ValueError(f"scan: range_min, range_max: expected 0 or more, and more than that, found {found} m")
+    check_lengths("scan", np.asarray(scan.ranges, dtype=np.float64), "scan: ranges")
     turn = step * (count - 1)
     if (step == 0.0 and count > 1) or abs(turn) > 1.01 * 2.0 * math.pi:
         expected = f"{count} beams within a turn, not all in one direction"

@@ -16,6 +16,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.encoded import PNG_MAGIC, decode_file
+from sphere_nav.geometry.plausible import SAMPLE_STEP, check_lengths
 from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.spheres.sphere import to_gray_bytes
 
@@ -25,6 +26,7 @@ ENCODINGS: dict[str, tuple[type, int]] = {
     "rgb8": (np.uint8, 3),
     "bgr8": (np.uint8, 3),
     "8UC3": (np.uint8, 3),
+    "8UC4": (np.uint8, 4),
     "rgba8": (np.uint8, 4),
     "bgra8": (np.uint8, 4),
     "yuv422": (np.uint8, 2),
@@ -35,6 +37,12 @@ ENCODINGS: dict[str, tuple[type, int]] = {
     "bayer_bggr8": (np.uint8, 1),
     "bayer_gbrg8": (np.uint8, 1),
     "bayer_grbg8": (np.uint8, 1),
+    "bayer_rggb16": (np.uint16, 1),
+    "bayer_bggr16": (np.uint16, 1),
+    "bayer_gbrg16": (np.uint16, 1),
+    "bayer_grbg16": (np.uint16, 1),
+    "nv12": (np.uint8, 1),
+    "nv21": (np.uint8, 1),
     "mono16": (np.uint16, 1),
     "16UC1": (np.uint16, 1),
     "32FC1": (np.float32, 1),
@@ -44,6 +52,9 @@ TO_RGB = {
     "8UC3": cv2.COLOR_BGR2RGB,  # what OpenCV means by three channels
     "rgba8": cv2.COLOR_RGBA2RGB,
     "bgra8": cv2.COLOR_BGRA2RGB,
+    "8UC4": cv2.COLOR_BGRA2RGB,
+    "nv12": cv2.COLOR_YUV2RGB_NV12,
+    "nv21": cv2.COLOR_YUV2RGB_NV21,
     "yuv422": cv2.COLOR_YUV2RGB_UYVY,
     "uyvy": cv2.COLOR_YUV2RGB_UYVY,
     "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
@@ -53,9 +64,12 @@ TO_RGB = {
     "bayer_gbrg8": cv2.COLOR_BayerGR2RGB,
     "bayer_grbg8": cv2.COLOR_BayerGB2RGB,
 }
+TO_RGB |= {f"{name.removesuffix('8')}16": code for name, code in TO_RGB.items() if name.startswith("bayer")}
+SENSOR_BITS = (10, 12, 14, 16)  # of a grey level that is sent in 16 bits, in the lower ones
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 SIXTEEN_BITS = ("16UC1", "mono16")
-IN_PAIRS = ("yuv422", "uyvy", "yuv422_yuy2", "yuyv")  # two pixels share a colour
+IN_PAIRS = ("yuv422", "uyvy", "yuv422_yuy2", "yuyv", "nv12", "nv21")  # two pixels share a colour
+WITH_PLANE = ("nv12", "nv21")  # half as many rows again, of colours
 COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")  # of image_transport's compressedDepth: kind, two parameters
 
 Bytes = NDArray[np.uint8]
@@ -68,6 +82,10 @@ def image_to_array(message: Image) -> NDArray[Any]:
         raise ValueError(f"encoding: expected one of {', '.join(ENCODINGS)}, found {message.encoding!r}")
     kind, channels = ENCODINGS[message.encoding]
     height, width, step = int(message.height), int(message.width), int(message.step)
+    if message.encoding in WITH_PLANE:
+        if height % 2:
+            raise ValueError(f"height: expected an even number of rows of {message.encoding}, found {height}")
+        height += height // 2
     row = width * channels * np.dtype(kind).itemsize
     if not 0 < height * width <= MAX_PIXELS:
         raise ValueError(f"image size: expected 1 to {MAX_PIXELS} pixels, found {width} x {height}")
@@ -101,15 +119,21 @@ def array_to_image(pixels: NDArray[Any], stamp: int, frame_id: str, encoding: st
 
 
 def image_to_rgb(message: Image) -> Bytes:
-    """Return (H, W, 3) RGB, or (H, W) for a grey image, uint8; mono16 loses its lower byte."""
+    """Return (H, W, 3) RGB, or (H, W) for a grey image, uint8; of 16 bits the upper eight of those that are used."""
     pixels = image_to_array(message)
-    if message.encoding == "mono16":
-        return (pixels >> 8).astype(np.uint8)
+    if pixels.dtype == np.uint16 and message.encoding not in DEPTH_ENCODINGS:
+        pixels = (pixels >> (used_bits(pixels) - 8)).astype(np.uint8)
     if pixels.dtype != np.uint8:
         raise ValueError(f"encoding: expected a grey or colour image, found {message.encoding!r}")
     if message.encoding in IN_PAIRS and pixels.shape[1] % 2:
         raise ValueError(f"width: expected an even number of pixels of {message.encoding}, found {pixels.shape[1]}")
     return cv2.cvtColor(pixels, TO_RGB[message.encoding]) if message.encoding in TO_RGB else pixels
+
+
+def used_bits(pixels: NDArray[np.uint16]) -> int:
+    """Return of how many bits the sensor is, by the highest value of an image: 10, 12, 14 or 16."""
+    highest = int(pixels.max())
+    return next(bits for bits in SENSOR_BITS if highest < 1 << bits)
 
 
 def image_to_gray(message: Image) -> Bytes:
@@ -123,10 +147,12 @@ def depth_to_meters(message: Image) -> Floats:
     if message.encoding in ("16UC1", "mono16"):
         depth = pixels.astype(np.float32) * np.float32(1e-3)
         depth[np.isin(pixels, (0, 65535))] = np.nan
-        return depth
-    if message.encoding != "32FC1":
+    elif message.encoding == "32FC1":
+        depth = np.where(pixels > 0, pixels, np.float32(np.nan))
+    else:
         raise ValueError(f"encoding of depth: expected 16UC1 or 32FC1, found {message.encoding!r}")
-    return np.where(pixels > 0, pixels, np.float32(np.nan))
+    check_lengths("depth", depth[::SAMPLE_STEP, ::SAMPLE_STEP], f"depth ({message.encoding})")
+    return depth
 
 
 def compressed_to_array(

@@ -141,12 +141,20 @@ def poses_to_path(poses: Iterable[tuple[int, SE3]], stamp: int, frame_id: str) -
 
 
 def path_to_poses(message: Path) -> list[tuple[int, SE3]]:
-    """Return (stamp in ns, T_frame_body) of every pose; ValueError if one is in another frame than the path."""
+    """Return (stamp in ns, T_frame_body) of every pose, without turn where its orientation is all zeros.
+
+    ValueError if one is in another frame than the path.
+    """
+    found = []
     for index, item in enumerate(message.poses):
         if item.header.frame_id not in ("", message.header.frame_id):
-            expected, found = message.header.frame_id, item.header.frame_id
-            raise ValueError(f"path: poses[{index}].header.frame_id: expected {expected!r}, found {found!r}")
-    return [(stamp_ns(item), pose_to_se3(item.pose, f"poses[{i}]")) for i, item in enumerate(message.poses)]
+            expected, frame = message.header.frame_id, item.header.frame_id
+            raise ValueError(f"path: poses[{index}].header.frame_id: expected {expected!r}, found {frame!r}")
+        q = item.pose.orientation
+        if not any((q.x, q.y, q.z, q.w)):  # never filled in
+            q.w = 1.0
+        found.append((stamp_ns(item), pose_to_se3(item.pose, f"poses[{index}]")))
+    return found
 
 
 def _to_se3(position: Point | Vector3, orientation: Quaternion, name: str) -> SE3:

@@ -61,6 +61,7 @@ def make_plan(arguments: argparse.Namespace, rig: str) -> MappingPlan:
             pair, stereo = find_field(bag, values, found) if kind == "stereo" else (None, "")
             remap = imu | found
         build(SphereMapperParams, values)  # refused before anything is written
+        finder.refuse_unread((*remap, *(stitcher[1] if stitcher is not None else ()), "tf", "tf_static"))
     recipe = Recipe(arguments.bag.resolve(), values, remap, details, stitcher, pair)
     return MappingPlan(recipe, kind, stereo)
 

@@ -14,6 +14,7 @@ from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
 from mcl_depth.geometry.las import read_points
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
+from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 
 POINTS = np.array([[0.0, 0.5, 1.0], [1.0, 2.0, 3.0], [-4.0, 5.0, 6.5]])
@@ -178,8 +179,6 @@ def test_a_face_beyond_the_end_and_lists_before_the_vertices_are_refused(tmp_pat
 
 FACE = "element face 1\nproperty list uchar int vertex_indices\n"
 NO_FACES = {  # what stands instead of the face, its row of numbers and their kinds
-    "color": ("element face 1\nproperty uchar red\nproperty list uchar int i\n", (9, 3, 0, 1, 2), "u1 u1 i4 i4 i4"),
-    "two": (FACE + "property list uchar int more\n", (3, 0, 1, 2, 1, 5), "u1 i4 i4 i4 u1 i4"),
     "strip": (FACE.replace("face", "tristrips"), (3, 0, 1, 2), "u1 i4 i4 i4"),
 }
 
@@ -319,3 +318,44 @@ def test_what_a_packed_tile_says_of_its_chunks_is_checked(tmp_path: Path, name: 
     with pytest.raises(ValueError, match=r"a\.laz: .*expected.*found") as caught:
         read_points(tmp_path / "a.laz")
     assert "\n" not in str(caught.value)
+
+
+FACES = (
+    "property list uchar int vertex_indices\nproperty list uchar float texcoord\n",
+    "property uchar flags\nproperty list uchar int vertex_index\n",
+)
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_corners_of_faces_are_read_by_name_beside_other_lists(tmp_path: Path, form: str) -> None:
+    corners, others = [[0, 1, 2], [0, 2, 3]], [0.0, 0.0, 1.0, 0.0, 1.0, 1.0]
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], "<f4")
+    for properties in FACES:
+        head = f"ply\nformat {form} 1.0\nelement vertex 4\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+        head += f"element face 2\n{properties}end_header\n"
+        has_flags, body = "flags" in properties, b"" if form != "ascii" else b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+        body = body or square.tobytes()
+        for number, row in enumerate(corners):
+            rest = others[: 6 - 2 * number]  # rows of two lengths
+            if form == "ascii":
+                words = [7, 3, *row] if has_flags else [3, *row, len(rest), *rest]
+                body += (" ".join(map(str, words)) + "\n").encode()
+            else:
+                indices = bytes([3]) + np.array(row, "<i4").tobytes()
+                body += bytes([7]) + indices if has_flags else indices
+                body += b"" if has_flags else bytes([len(rest)]) + np.array(rest, "<f4").tobytes()
+        (tmp_path / "m.ply").write_bytes(head.encode() + body)
+        assert read_ply(tmp_path / "m.ply")[1].tolist() == corners
+    for name in ("texcoord", "corners"):
+        (tmp_path / "m.ply").write_text(head.replace("vertex_index", name))
+        with pytest.raises(ValueError, match=f"header: face: expected one list vertex_indices, found {name}"):
+            read_ply(tmp_path / "m.ply")
+
+
+def test_one_number_that_is_no_coordinate_is_named(tmp_path: Path) -> None:
+    points = np.random.default_rng(3).uniform(-5.0, 5.0, (300, 3))
+    for number in (1e20, -1e300):
+        points[7, 1] = number
+        np.save(tmp_path / "far.npy", points)
+        with pytest.raises(ValueError, match=r"far.npy: point 7: expected coordinates up to 1e\+10, found"):
+            read_geometry(tmp_path / "far.npy")

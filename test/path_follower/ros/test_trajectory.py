@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
+from sphere_nav_msgs.msg import ReferencePoint, ReferenceTrajectory
 
 from path_follower.params import FollowerParams
 from path_follower.ros.node import PathFollowerNode
@@ -39,6 +40,23 @@ def test_a_path_without_stamps_is_driven_at_cruise_speed(intake):
 def test_a_path_with_stamps_is_driven_as_it_was_taught(intake):
     intake.on_path(taught(speed=0.6))
     assert intake.loop.follower.path.speed.max() == pytest.approx(0.6, rel=0.02)
+
+
+def test_orientations_that_were_never_filled_in_are_no_headings(intake):
+    west = poses_to_path([(0, SE3.from_planar(-0.1 * i, 0, 0)) for i in range(50)], SECOND, "map")
+    for unset, goal in [(1.0, 0.0), (0.0, 0.0), (1.0, 1.0)]:
+        for item in west.poses:
+            item.pose.orientation.w = unset
+        west.poses[-1].pose.orientation.z, west.poses[-1].pose.orientation.w = goal, 1.0 - goal
+        intake.points = np.empty((0, 2))
+        intake.on_path(west)
+        assert [segment.direction for segment in intake.loop.follower.path.segments] == [1]
+    points = [ReferencePoint(position_x=-0.1 * i) for i in range(50)]
+    message = ReferenceTrajectory(points=points)
+    message.header.frame_id = "map"
+    for message.is_reverse_allowed, direction in [(False, 1), (True, -1)]:
+        intake.on_trajectory(message)
+        assert [segment.direction for segment in intake.loop.follower.path.segments] == [direction]
 
 
 def test_a_path_that_comes_again_does_not_disturb_the_drive(intake):

@@ -51,6 +51,7 @@ GOOD = "1.0 1 2 3 0 0 0 1\n"
 def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path):
     for text, message in [
         ("", "expected poses, found none"),
+        ("# timestamp tx ty tz qw qx qy qz\n" + GOOD, r":1: expected columns stamp x .*, found # timestamp tx .* qz"),
         (GOOD + "2.0 1 2 3 0 0 0\n", r":2: expected 8 columns \(stamp x y z qx qy qz qw\), found 7"),
         ("inf 1 2 3 0 0 0 1\n", r":1: stamp: expected a finite number, found 'inf'"),
         (GOOD + "1.0 1 2 3 0 0 0 1\n", r":2: stamp: expected later than the line before"),

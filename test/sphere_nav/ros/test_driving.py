@@ -96,3 +96,15 @@ def test_a_trajectory_goes_there_and_back(sign):
     if sign < 0:
         with pytest.raises(ValueError, match=r"points\[0\].speed: expected 0 or more"):
             driving.message_to_trajectory(message)
+
+
+def test_a_scan_in_millimetres_is_told_and_one_without_a_limit_is_read():
+    scan = LaserScan(angle_min=-1.0, angle_max=1.0, angle_increment=0.02, range_min=0.1, range_max=math.inf)
+    scan.ranges = [2.5] * 101
+    assert len(driving.scan_to_points(scan)) == 101
+    scan.ranges = [2500.0] * 60 + [math.inf] * 41
+    with pytest.raises(ValueError, match=r"scan: ranges: median: expected metres, .* found 2500: .*factor 0.001"):
+        driving.check_scan(scan)
+    scan.range_max = math.nan
+    with pytest.raises(ValueError, match="scan: expected finite angles and range limits"):
+        driving.check_scan(scan)

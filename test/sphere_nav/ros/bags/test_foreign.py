@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import sqlite3
 import struct
 import tracemalloc
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -123,6 +125,19 @@ def test_what_is_cut_off_is_refused_in_one_line(bag, size):
 
 # --- bombs: 300 MB of zeros, of which a file holds some KB
 BOMB = bytes(300 << 20)
+
+
+def test_a_name_that_means_something_in_an_address_is_that_of_its_own_bag(tmp_path):
+    """SQLite is asked by address: of these the wrong database would be opened, or none."""
+    written = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3)
+    for folder in ("day 2", "day%202", "site #4", "what?"):
+        path = Path(shutil.copytree(written, tmp_path / folder / "drive"))
+        if folder == "day 2":
+            (path / "drive.db3").write_bytes(b"not the one")
+            continue
+        for source in (path, path / "drive.db3"):
+            with BagReader(source) as bag:
+                assert len([*bag.messages()]) == 2 * NUM
 
 
 def refuses(bag, limit=MAX_CHUNK):

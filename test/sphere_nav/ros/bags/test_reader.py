@@ -3,9 +3,12 @@
 import shutil
 
 import pytest
+from mcap.writer import Writer
+from rclpy.serialization import serialize_message as to_bytes
 from std_msgs.msg import Header, String
 
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter
+from sphere_nav.ros.bags.check import salvage
 from sphere_nav.ros.interfaces import type_hash
 
 
@@ -45,6 +48,49 @@ def test_a_lone_file_and_a_folder_without_metadata_are_bags(make_bag):
     assert BagReader(path / "bag_0.mcap").num_messages == 81
     (path / "metadata.yaml").unlink()
     assert BagReader(path).num_messages == 81
+
+
+def write_mixed(path, encodings):
+    """An MCAP whose topics /0, /1 have these encodings, as a bridge writes them; only CDR has messages of ROS 2."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        for number, encoding in enumerate(encodings):
+            kind = "std_msgs/msg/String" if encoding == "cdr" else "foxglove.Log"
+            channel = writer.register_channel(
+                f"/{number}", encoding, writer.register_schema(kind, "any", b"string data")
+            )
+            for stamp in range(3):
+                data = to_bytes(String(data=str(stamp))) if encoding == "cdr" else b"{}"
+                writer.add_message(channel, stamp + 1, data, stamp + 1)
+        writer.finish()
+    return path
+
+
+def test_a_topic_of_another_encoding_is_named_and_the_others_are_read(tmp_path, caplog):
+    path = write_mixed(tmp_path / "mixed.mcap", ["json", "cdr", "protobuf"])
+    for _ in range(2):
+        with BagReader(path) as bag:
+            assert {name: info.count for name, info in bag.topics.items()} == {"/1": 3}
+            assert [item.message.data for item in bag.messages()] == ["0", "1", "2"]
+            assert bag.num_messages == len([*bag.raw()]) == 3
+    assert [record.message for record in caplog.records] == [
+        f"{path}: not readable, passed over: /0 (json), /2 (protobuf): expected encoding cdr"
+    ]
+    assert salvage(path, tmp_path / "saved") == 3
+    with pytest.raises(BagError, match=r"none.mcap: expected topics of encoding cdr, found /0 \(ros1\)"):
+        BagReader(write_mixed(tmp_path / "none.mcap", ["ros1"]))
+
+
+def test_a_file_that_is_named_twice_is_refused(make_bag):
+    path = make_bag()
+    text = (path / "metadata.yaml").read_text()
+    assert text.count("- bag_0.mcap") == 1
+    (path / "metadata.yaml").write_text(
+        text.replace("- bag_0.mcap", "\n".join(["- bag_0.mcap"] + ["  - bag_0.mcap"] * 50))
+    )
+    with pytest.raises(BagError, match="relative_file_paths: expected each file once, found 51 names"):
+        BagReader(path)
 
 
 def test_several_files_are_one_bag(make_bag, tmp_path):

@@ -42,3 +42,9 @@ def test_what_is_told_of_a_file_is_one_short_line(tmp_path, content):
         read_mounting(str(path))
     assert len(str(caught.value)) < 600
     assert str(caught.value).isprintable()
+
+
+def test_a_mounting_of_hundreds_of_metres_is_told_with_the_factor():
+    with pytest.raises(ValueError, match=r"mounting: expected metres, 0 to 25, found 400: .*factor 0.001"):
+        read_mounting("400,0,0,0,0,0")
+    assert read_mounting("12,0,2,0,0,0") is not None

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import Fisheye, Pinhole, Spherical
-from sphere_nav.ros.conversions import camera_from_info, camera_to_info, stereo_baseline
+from sphere_nav.ros.conversions import (
+    as_rectified,
+    camera_from_info,
+    camera_to_info,
+    is_rectified_topic,
+    stereo_baseline,
+)
 from sphere_nav.ros.conversions.cameras import has_baseline, rectification_of
 
 PINHOLE = Pinhole(640, 480, 525.0, 520.0, 319.5, 241.0, (0.1, -0.2, 0.001, 0.002, 0.03))
@@ -18,7 +24,7 @@ CAMERAS = [
 
 def test_the_rectified_camera_is_that_of_the_projection_matrix():
     info = camera_to_info(PINHOLE, 0, "left")
-    assert camera_from_info(info, is_rectified=True) == Pinhole(640, 480, 525.0, 520.0, 319.5, 241.0)
+    assert camera_from_info(as_rectified(info)) == Pinhole(640, 480, 525.0, 520.0, 319.5, 241.0)
 
 
 def changed(**fields):
@@ -89,3 +95,59 @@ def test_a_right_camera_has_a_baseline_to_the_right():
     assert not has_baseline(right)
     with pytest.raises(ValueError, match="expected -fx"):
         stereo_baseline(right)
+
+
+def test_what_is_rectified_is_told_by_the_name_of_its_topic():
+    for topic in (
+        "/camera/image_rect",
+        "/left/image_rect_color/compressed",
+        "/zed/rgb/color/rect/image",
+        "/a/image_rectified",
+    ):
+        assert is_rectified_topic(topic)
+    for topic in ("/camera/image_raw", "/direct/image", "/correct", "/rectangle/image_raw"):
+        assert not is_rectified_topic(topic)
+
+
+def test_a_calibration_is_that_of_raw_images_unless_they_are_rectified():
+    raw = changed(p=[500.0, 0.0, 300.0, 0.0, 0.0, 500.0, 250.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    assert camera_from_info(as_rectified(raw, is_rectified=False)) == PINHOLE
+    assert camera_from_info(as_rectified(raw)) == Pinhole(640, 480, 500.0, 500.0, 300.0, 250.0)
+    assert camera_from_info(raw) == PINHOLE  # which stays as it is
+    with pytest.raises(ValueError, match=r"front: P\[0\]: expected a calibrated camera of rectified images"):
+        as_rectified(changed(p=[0.0] * 12))
+    ideal = changed(p=[0.0] * 12, d=[])
+    assert camera_from_info(as_rectified(ideal)) == CAMERAS[0]  # drivers of ideal cameras leave P empty
+    many = {"distortion_model": "rational_polynomial", "d": [0.1] * 14}
+    assert camera_from_info(as_rectified(changed(**many))).distortion == ()
+
+
+def test_coefficients_that_are_zero_do_not_count_and_others_have_a_remedy():
+    d = [0.1, -0.2, 0.001, 0.002, 0.03, 0.04, 0.05, 0.06]
+    info = changed(distortion_model="rational_polynomial", d=[*d, *[0.0] * 6])
+    assert camera_from_info(info) == CAMERAS[2]
+    with pytest.raises(ValueError, match=r"at most 8 coefficients .*, found 14: rectify the images .*image_rect"):
+        camera_from_info(changed(distortion_model="rational_polynomial", d=[*d, *[1e-4] * 6]))
+
+
+def test_numbers_of_an_image_of_another_size_are_refused():
+    for fields in (
+        {"width": 320, "height": 240},  # binned, and K is not
+        {"k": [262.5, 0.0, 160.0, 0.0, 260.0, 120.0, 0.0, 0.0, 1.0]},  # K is, and the size is not
+        {"width": 400},  # a region, of which roi says nothing
+    ):
+        with pytest.raises(ValueError, match=r"expected the principal point about the middle of the image.*binning_x"):
+            camera_from_info(changed(**fields))
+    cut = changed()
+    cut.roi.width, cut.roi.height, cut.roi.y_offset = 640, 200, 240
+    assert camera_from_info(cut).height == 200  # told, so it may be anywhere
+
+
+def test_a_baseline_in_millimetres_is_told_with_the_factor():
+    for baseline, expected in [(0.12, None), (120.0, "factor 0.001"), (0.00012, "factor 1000")]:
+        right = camera_to_info(CAMERAS[0], 0, "right", baseline=baseline)
+        if expected is None:
+            assert stereo_baseline(right) == pytest.approx(baseline)
+            continue
+        with pytest.raises(ValueError, match=rf"right: P\[3\]: baseline: expected metres, .*\({expected}\)"):
+            stereo_baseline(right)

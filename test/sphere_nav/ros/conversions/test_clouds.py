@@ -17,6 +17,15 @@ def test_a_cloud_comes_back_without_its_unknown_points(rng):
     np.testing.assert_array_equal(message_to_cloud(message), np.delete(points, 7, axis=0))
 
 
+def test_a_number_that_is_no_coordinate_refuses_the_cloud():
+    table = np.zeros(4, np.dtype([(axis, "<f8") for axis in "xyz"]))
+    table["y"][2] = -1e300
+    message = PointCloud2(height=1, width=4, point_step=24, row_step=96, data=array.array("B", table.tobytes()))
+    message.fields = [PointField(name=axis, offset=8 * i, datatype=8, count=1) for i, axis in enumerate("xyz")]
+    with pytest.raises(ValueError, match=r"cloud: expected coordinates up to 1e\+15 m, found 1e\+300"):
+        message_to_cloud(message)
+
+
 @pytest.mark.parametrize("shape", [(20, 3)])
 def test_colors_are_packed_as_rviz_reads_them(rng, shape):
     points, colors = rng.normal(size=(20, 3)).astype(np.float32), rng.integers(0, 255, shape, np.uint8)
