@@ -1,4 +1,4 @@
-"""Wrong inputs by those who know the format: bombs, logs, views, pipes, links, control characters, deep nesting.
+"""Wrong inputs by those who know the format: pipes, links, control characters, deep nesting.
 
 Each is made from a valid sample, with a number or a name of its own, and must be refused in one line or be read.
 """
@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import os
 import shutil
-import sqlite3
 from collections.abc import Callable
-from contextlib import closing, suppress
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.abuse.fuzz_samples import Samples
-from benchmarks.abuse.mutations import INTEGERS, mutate_bytes
+from benchmarks.abuse.mutations import mutate_bytes
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.service import one_line
 
@@ -25,25 +24,6 @@ Readers = dict[str, tuple[Path, Callable[[Path], Any]]]
 TEXTS = (".yaml", ".yml", ".json", ".geojson", ".csv", ".txt", ".tum")
 Attempt = Callable[[np.random.Generator, Path], None]
 FIELDS = (b"\x1b[2J", b"\x00", b"\r", b"\x7f", "\u202e".encode(), b"\n", b"%s%n", b"../../etc/passwd", b"a" * 5000)
-STATEMENTS = (
-    "ALTER TABLE {t} RENAME TO old; CREATE VIEW {t} AS SELECT * FROM old",
-    "ALTER TABLE {t} RENAME TO old; CREATE VIEW {t} AS WITH RECURSIVE c(id, topic_id, timestamp, data, name, type) AS"
-    " (SELECT {n}, 1, 1, x'00', 'a', 'b' UNION ALL SELECT id + 1, 1, 1, x'00', 'a', 'b' FROM c) SELECT * FROM c",
-    "CREATE TRIGGER t AFTER INSERT ON {t} BEGIN DELETE FROM {t}; END",
-    "ALTER TABLE {t} ADD COLUMN g AS (zeroblob({n}))",
-    "UPDATE messages SET {c} = {n}",
-    "UPDATE messages SET {c} = '{w}'",
-    "UPDATE messages SET {c} = zeroblob({n} % 300000000) WHERE id = 1",
-    "UPDATE topics SET id = {n}",
-    "UPDATE topics SET name = '{w}', type = '{w}'",
-    "CREATE TABLE s AS SELECT * FROM topics; DROP TABLE topics; CREATE TABLE topics AS SELECT s.* FROM s, messages",
-    "UPDATE schema SET schema_version = {n}",
-    "DROP TABLE {t}",
-    "CREATE VIRTUAL TABLE v USING fts5(a)",
-    "PRAGMA page_size = 65536; VACUUM",
-    "PRAGMA user_version = {n} % 2147483648; PRAGMA application_id = {n} % 2147483648",
-    "PRAGMA encoding = 'UTF-16'; VACUUM",
-)
 
 
 def make_attacks(samples: Samples, readers: Readers) -> list[tuple[str, Attempt, float]]:
@@ -53,8 +33,6 @@ def make_attacks(samples: Samples, readers: Readers) -> list[tuple[str, Attempt,
     return [
         ("no regular file", partial(_no_file, readers), 1.0),
         ("characters and nesting", partial(_texts, texts), 2.0),
-        ("sqlite3 statements", partial(_statements, samples.foreign_bags[0]), 1.0),
-        ("sqlite3 log", partial(_log, samples.foreign_bags[0]), 0.5),
     ]
 
 
@@ -115,51 +93,3 @@ def _texts(texts: Readers, rng: np.random.Generator, folder: Path) -> None:
     path = folder / f"texts{sample.suffix}"
     path.write_bytes(words[rng.integers(len(words))] if rng.random() < 0.1 else data)
     read(path)
-
-
-def _statements(sample: Path, rng: np.random.Generator, folder: Path) -> None:
-    """What SQL can do to a bag."""
-    path = folder / "statements.db3"
-    shutil.copy(sample, path)
-    words = {
-        "t": ["messages", "topics", "schema", "metadata", "message_definitions"][rng.integers(5)],
-        "c": ["id", "topic_id", "timestamp", "data"][rng.integers(4)],
-        "n": INTEGERS[rng.integers(len(INTEGERS))] % 2**63,
-        "w": ["", "x", "/a\x1b[2J", "a\nb", "é", "x" * 100_000][rng.integers(6)],
-    }
-    with closing(sqlite3.connect(path)) as database:
-        database.set_progress_handler(partial(next, iter([0] * 100), 1), 10_000)  # what has no end is given up
-        for _ in range(int(rng.integers(1, 3))):
-            with suppress(sqlite3.Error):
-                database.executescript(STATEMENTS[rng.integers(len(STATEMENTS))].format(**words))
-    _read_bag(path)
-
-
-def _log(sample: Path, rng: np.random.Generator, folder: Path) -> None:
-    """A write-ahead log, or a journal, that is whole, wrong, or no file."""
-    here = folder / "log"
-    shutil.rmtree(here, ignore_errors=True)
-    here.mkdir()
-    path, source = here / "log.db3", folder / "source.db3"
-    shutil.copy(sample, source)
-    with closing(sqlite3.connect(source)) as database:
-        database.execute("PRAGMA journal_mode=WAL")
-        database.execute("UPDATE messages SET timestamp = timestamp + 1")
-        database.commit()
-        shutil.copy(source, path)
-        log = Path(f"{source}-wal").read_bytes()
-    side = Path(f"{path}{['-wal', '-journal', '-shm'][rng.integers(3)]}")
-    match int(rng.integers(6)):
-        case 0:
-            os.mkfifo(side)
-        case 1:
-            side.mkdir()
-        case 2:
-            side.symlink_to("/dev/zero")
-        case 3:
-            side.write_bytes(log)
-        case _:
-            side.write_bytes(mutate_bytes(log, rng))
-    if rng.random() < 0.3:
-        path.write_bytes(mutate_bytes(path.read_bytes(), rng))
-    _read_bag(path)

@@ -255,17 +255,12 @@ def along(turned: float) -> float:
     return float(1.0 + 0.5 * SWAY * (1.0 - np.cos(turned)))
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("--minutes", type=float, help="length of the run (2, full 60)")
-
-
 def run(options: argparse.Namespace) -> Report:
     """Let it run, and report what it held."""
     log = Path("out/bench/soak.jsonl")
     log.parent.mkdir(parents=True, exist_ok=True)
     log.write_text("", encoding="utf-8")
-    soak(options.minutes or (2.0 if options.size == "quick" else 60.0), log)
+    soak(1.0 if options.size == "quick" else 60.0, log)
     return judge(log)
 
 

@@ -50,16 +50,9 @@ class Said:
     err: str
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    parser.add_argument("--only", default="", metavar="WORD", help="recordings whose name has this word (all)")
-
-
 def run(options: argparse.Namespace) -> Report:
-    """Visit the whole zoo, or every ninth recording from one that the seed says."""
-    chosen = [one for one in exhibits() if options.only in one.name]
-    if options.size == "quick" and not options.only:
-        chosen = chosen[options.seed % 9 :: 9]
+    """Visit the whole zoo, or every seventh recording from one that the seed says."""
+    chosen = exhibits()[options.seed % 7 :: 7] if options.size == "quick" else exhibits()
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as name:
         keeper = Keeper(Path(name))
         visits = [keeper.visit(one) for one in chosen]

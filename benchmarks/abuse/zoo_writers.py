@@ -24,9 +24,6 @@ DEFINITIONS = {
     OLD_TF: "geometry_msgs/TransformStamped[] transforms",
     "acme_msgs/msg/Battery": "std_msgs/Header header\nfloat32 volts\nacme_msgs/Cell[] cells",
     "acme_msgs/msg/Cell": "float32 volts",
-    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "std_msgs/Header header\nint32 width\nint32 height\n"
-    "string encoding\nuint64 pts\nuint8 flags\nbool is_bigendian\nuint8[] data",
-    "sphere_nav_msgs/msg/SphereInfo": (Path(__file__).parents[2] / "msg_defs/msg/SphereInfo.msg").read_text(),
 }
 
 
@@ -35,10 +32,9 @@ class Messages:
     """Makes messages of one generation of ROS."""
 
     is_ros1: bool = False
-    release: Stores = Stores.ROS2_JAZZY
 
     def __post_init__(self) -> None:
-        self.store = get_typestore(Stores.ROS1_NOETIC if self.is_ros1 else self.release)
+        self.store = get_typestore(Stores.ROS1_NOETIC if self.is_ros1 else Stores.ROS2_JAZZY)
         for name, text in DEFINITIONS.items():
             for found, fields in get_types_from_msg(text, name).items():
                 if found not in self.store.fielddefs:
@@ -79,13 +75,12 @@ class Messages:
         model: str = "plumb_bob",
         baseline: float = 0.0,
         has_k: bool = True,
-        has_p: bool = True,
     ) -> Any:
         """Return a CameraInfo of a size (width, height) whose principal point is its middle."""
         width, height = size
         cx, cy = width / 2 - 0.5, height / 2 - 0.5
         K = np.array([focal, 0, cx, 0, focal, cy, 0, 0, 1]) * has_k
-        P = np.array([focal, 0, cx, -focal * baseline, 0, focal, cy, 0, 0, 0, 1, 0]) * has_p
+        P = np.array([focal, 0, cx, -focal * baseline, 0, focal, cy, 0, 0, 0, 1, 0])
         roi = self.make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
         fields = height, width, model, np.zeros(5), K, np.eye(3).ravel(), P, 0, 0, roi
         return self.make("sensor_msgs/msg/CameraInfo", self.header(ns, frame), *fields)
@@ -127,18 +122,16 @@ def _write_all(writer: Any, store: Any, serialize: Any, items: Iterable[Item]) -
         writer.write(known[topic], ns, serialize(message, kind))
 
 
-def ros2(storage: str = "mcap", mode: str = "", *, is_lone: bool = False, has_metadata: bool = True) -> Write:
+def ros2(storage: str = "mcap", mode: str = "", *, is_lone: bool = False) -> Write:
     """Return a writer of rosbag2 folders by rosbags; `mode`: file or message, that is compressed."""
 
     def write(path: Path, make: Messages, items: Iterable[Item]) -> Path:
         plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
-        writer = Ros2Writer(path, version=9 if make.release is Stores.ROS2_JAZZY else 8, storage_plugin=plugin)
+        writer = Ros2Writer(path, version=9, storage_plugin=plugin)
         if mode:
             writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
         with writer:
             _write_all(writer, make.store, make.store.serialize_cdr, items)
-        if not has_metadata:
-            (path / "metadata.yaml").unlink()
         return next(file for file in path.iterdir() if file.suffix in (".db3", ".mcap")) if is_lone else path
 
     return write
@@ -159,28 +152,16 @@ def ros1(compression: str = "") -> Write:
     return write
 
 
-def mcap(
-    compression: CompressionType = CompressionType.ZSTD,
-    *,
-    chunk_size: int = 1 << 20,
-    num_files: int = 1,
-    **options: Any,
-) -> Write:
-    """Return a writer of .mcap files by mcap: one alone, or several in a folder without metadata.yaml."""
+def mcap(compression: CompressionType = CompressionType.ZSTD, **options: Any) -> Write:
+    """Return a writer of .mcap files by mcap."""
 
     def write(path: Path, make: Messages, items: Iterable[Item]) -> Path:
-        found = list(items)
-        share = -(-len(found) // num_files)
-        if num_files > 1:
-            path.mkdir()
-        files = [path / f"part_{n}.mcap" for n in range(num_files)] if num_files > 1 else [path.with_suffix(".mcap")]
-        for number, file in enumerate(files):
-            with file.open("wb") as stream:
-                writer = McapWriter(stream, chunk_size=chunk_size, compression=compression, **options)
-                writer.start(profile="ros2", library="zoo")
-                _fill(writer, make, found[number * share : (number + 1) * share])
-                writer.finish()
-        return path if num_files > 1 else files[0]
+        with path.with_suffix(".mcap").open("wb") as stream:
+            writer = McapWriter(stream, compression=compression, **options)
+            writer.start(profile="ros2", library="zoo")
+            _fill(writer, make, items)
+            writer.finish()
+        return path.with_suffix(".mcap")
 
     return write
 

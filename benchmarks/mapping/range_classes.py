@@ -1,4 +1,4 @@
-"""Range by class of surface: what is measured, what of it is wrong, in towns and rooms, and what it costs."""
+"""Range by class of surface: what is measured, what of it is wrong, in towns, and what it costs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.mapping.panels import BARE, REPETITIVE, UNLIT, make_scene
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import SimParams
 from cycab_sim.sensors.rigs import rig_place
@@ -23,7 +22,7 @@ from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 
 HELP = "range by class of surface (textured, bare, unlit, edge, thin, ground, far): measured, wrong; its CPU time"
-CLASSES = ("textured", "bare", "unlit", "repetitive", "edge", "thin", "ground", "far")
+CLASSES = ("textured", "bare", "unlit", "edge", "thin", "ground", "far")
 BOUNDED = ("textured", "bare", "unlit", "edge", "thin", "ground")
 NEAR_M, FAR_M = 30.0, 120.0  # up to which range is judged; from which on a surface is far
 EDGE_PX, THIN_PX = 5, 9  # of 2048 columns: from a jump; things less wide are thin
@@ -60,21 +59,20 @@ class Seen:
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Measure a town and a room, or three of each, by each rig; noise, and time."""
+    """Measure a town, or three, by each rig; and time."""
     report = Report("range_classes")
     width = options.width or (1024 if options.size == "quick" else 2048)
     seeds = range(options.seed, options.seed + (1 if options.size == "quick" else 3))
     for kind in ("ring", "vertical"):
         total, cpu_s = [Honesty()] * len(CLASSES), []
         for seed in seeds:
-            for look in (_town, _room):
-                seen = look(kind, seed, width)
-                stitcher = Stitcher(seen.rig, build(StitchParams, {"width": width}))
-                found, seconds = _measure(stitcher, seen)
-                total = [a + b for a, b in zip(total, found, strict=True)]
-                cpu_s += seconds
+            seen = _town(kind, seed, width)
+            stitcher = Stitcher(seen.rig, build(StitchParams, {"width": width}))
+            found, seconds = _measure(stitcher, seen)
+            total = [a + b for a, b in zip(total, found, strict=True)]
+            cpu_s += seconds
         report.tables.append(_table(kind, total))
-        report.bounds += [*_bounds(kind, total), *_noise(kind, stitcher, seen)]
+        report.bounds += _bounds(kind, total)
         report.bounds.append(Bound(f"{kind}, {width} px: range of an instant, CPU", 0.45, float(np.median(cpu_s)), "s"))
     report.notes.append(
         f"judged within {NEAR_M:g} m; edges reach {EDGE_PX} px, thin things are up to {THIN_PX} px wide"
@@ -127,19 +125,6 @@ def _town(kind: str, seed: int, width: int) -> Seen:
     return Seen(simulator.rig, images, truth, classes)
 
 
-def _room(kind: str, seed: int, width: int) -> Seen:
-    scene = make_scene(seed, kind, width, {"view_deg": VIEW_DEG})
-    stitcher = Stitcher(scene.rig, build(StitchParams, {"width": width, "range": "none"}))
-    truth, panels = scene.truth(stitcher.whole, stitcher.T_rig_sphere)
-    T_world_sphere = scene.T_world_rig @ stitcher.T_rig_sphere
-    levels, _ = scene.renderer.render(stitcher.whole, T_world_sphere)
-    classes = classify(levels, truth, stitcher.whole, T_world_sphere)
-    is_surface = classes < CLASSES.index("edge")
-    for panel, name in ((BARE, "bare"), (UNLIT, "unlit"), (REPETITIVE, "repetitive")):
-        classes[is_surface & (panels == panel)] = CLASSES.index(name)
-    return Seen(scene.rig, scene.images, truth, classes)
-
-
 def classify(levels: NDArray[Any], truth: Plane, whole: Spherical, T_world_sphere: SE3) -> NDArray[np.int8]:
     """Return the class (H, W) of what a sphere truly shows (H, W, 3) at its true range; the last ones take precedence.
 
@@ -172,21 +157,6 @@ def classify(levels: NDArray[Any], truth: Plane, whole: Spherical, T_world_spher
 def _around(plane, work):  # type: ignore[no-untyped-def]
     """Return what work makes of a plane (H, W) whose columns wrap around."""
     return work(cv2.copyMakeBorder(plane, 0, 0, 16, 16, cv2.BORDER_WRAP))[:, 16:-16]
-
-
-def _noise(kind: str, stitcher: Stitcher, seen: Seen) -> list[Bound]:
-    """Return the share of directions that have a range in images of nothing but noise."""
-    rng, bounds = np.random.default_rng(0), []
-    assert stitcher.stereo is not None
-    for blur in (0.0, 1.5):
-        noise = {}
-        for name, image in seen.images.items():
-            plane = rng.normal(0, 1, image.shape[:2]).astype(np.float32)
-            plane = cv2.GaussianBlur(plane, (0, 0), blur) if blur else plane
-            noise[name] = np.clip(128 + 30 * plane / plane.std(), 0, 255).astype(np.uint8)
-        measured = float(1 - np.isnan(stitcher.stereo.find(noise).measured[0][0]).mean())
-        bounds.append(Bound(f"{kind}: noise, blurred by {blur} px: measured", 0.01, measured, ""))
-    return bounds
 
 
 def _bounds(kind: str, total: list[Honesty]) -> list[Bound]:
