@@ -64,11 +64,16 @@ class Base:
             rclpy.spin_once(self.node, timeout_sec=max(min(self._due, end) - time.monotonic(), 0.001))
         return is_done()
 
+    def place(self) -> Any:
+        """Return where the base is."""
+        from sphere_nav.geometry import SE3
+
+        return SE3.from_planar(self.x, 0.0, 0.0)
+
     def speak(self) -> None:
         """Say where the base is, how the localiser is, and that the button is as it is."""
         from std_msgs.msg import Bool
 
-        from sphere_nav.geometry import SE3
         from sphere_nav.localization.status import State, Status
         from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 
@@ -80,8 +85,7 @@ class Base:
         if self.has_status:
             self.states.publish(status_to_message(Status(State(self.state)), stamp, "map"))
         if not self.is_silent:
-            pose = SE3.from_planar(self.x, 0.0, 0.0)
-            message = se3_to_pose_with_covariance(pose, 1e-4 * np.eye(6), stamp, self.frame)
+            message = se3_to_pose_with_covariance(self.place(), 1e-4 * np.eye(6), stamp, self.frame)
             message.pose.pose.position.y = self.value
             self.poses.publish(message)
 

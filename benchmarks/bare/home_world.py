@@ -171,7 +171,7 @@ def _draw_room(
     x0, y0, x1, y1 = room
     floor = np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])
     builder.panels(floor, finishes.PAVING if rng.random() < 0.5 else finishes.ASPHALT)
-    builder.panels(floor[::-1] + [0.0, 0.0, top], finishes.wall(rng))
+    builder.panels(np.add(floor[::-1], [0.0, 0.0, top]), finishes.wall(rng))
     paint, doors = finishes.wall(rng), [s for s in surfaces if s.kind == "door"]
     for wall in (s for s in surfaces if s.kind == "wall"):
         length, edge = float(np.linalg.norm(wall.end - wall.start)), 0.0

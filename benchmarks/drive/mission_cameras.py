@@ -95,17 +95,21 @@ class City:
 
     def teach(self, path: Path) -> None:
         """Write the bag of the drive."""
-        bus = OfflineBus(start_ns=START_NS)
-        simulator = self.simulator(TEACHING | {"rig.file": str(self.folder / "rig.yaml")})
-        outputs = publish_on(bus, simulator)
-        with BagWriter(path) as bag:
-            while not simulator.is_taught:
-                bus.now_ns = simulator.time_ns
-                for name in simulator.take_due():
-                    outputs.publish(name)
-                for _ in record(bus.settle(), bag, bus):
-                    pass
-                simulator.step(simulator.teach_command(), STEP_NS // 5)
+        record_drive(self.simulator(TEACHING | {"rig.file": str(self.folder / "rig.yaml")}), path)
+
+
+def record_drive(simulator: Simulator, path: Path, length_m: float = np.inf) -> None:
+    """Let the simulator's driver drive, so far at most; write what its node would publish into a bag."""
+    bus = OfflineBus(start_ns=START_NS)
+    outputs = publish_on(bus, simulator)
+    with BagWriter(path) as bag:
+        while simulator.driver.distance < length_m and not simulator.is_taught:
+            bus.now_ns = simulator.time_ns
+            for name in simulator.take_due():
+                outputs.publish(name)
+            for _ in record(bus.settle(), bag, bus):
+                pass
+            simulator.step(simulator.teach_command(), STEP_NS // 5)
 
 
 def publish_on(bus: OfflineBus, simulator: Simulator) -> Outputs:

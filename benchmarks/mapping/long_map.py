@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.mapping.drawn import HEIGHT_M, draw
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
@@ -23,16 +22,19 @@ from cycab_sim.world.town import draw_plan
 from cycab_sim.world.worlds import build_world
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.geometry.trajectory_error import align_trajectories
 from sphere_nav.spheres.graph import Edge, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 HELP = "1.5 km of town, loops both ways: drift, error after closure, false loops, spheres kept (half an hour)"
 LENGTH_M, QUICK_M, SPACING_M, STEP_NS = 1500.0, 120.0, 1.0, 250_000_000
 TOWN_LAP_M = 380.0  # of the drive, on which there is one lap to the left
 LANE_M, RADIUS_M = 1.75, 5.0  # to the right of the middle of the street; of turns, where there is room
+HEIGHT_M, NOISE = 1.6, 2.0  # above the ground; grey levels
+RANGE_NOISE, FARTHEST_M = 1.5e-3, 60.0  # m/m^2: 0.2 px of a baseline of 0.4 m at 2048 px
 FALSE_M, FALSE_DEG = 0.3, 2.0  # error above which a loop joins what does not belong together
 
 
@@ -79,6 +81,16 @@ def map_drive(seed: int, length: float, width: int) -> Drive:
     drive.mapper.keep_end()
     drive.mapper.close_loops()
     return drive
+
+
+def draw(renderer: Renderer, pose: SE3, width: int, stamp_ns: int, rng: np.random.Generator) -> Sphere:
+    """Return what a vertical rig sees and measures: noise of ranges grows with their square, and they end."""
+    camera = Spherical(width, width // 2)
+    levels, range_m = renderer.render(camera, pose, is_gray=True)
+    image = np.clip(np.rint(levels + rng.normal(0.0, NOISE, levels.shape)), 1, 255).astype(np.uint8)
+    noise = RANGE_NOISE * np.square(np.minimum(range_m, FARTHEST_M)) * rng.normal(size=range_m.shape)
+    found = np.where(range_m < FARTHEST_M, np.maximum(range_m + noise, 0.1), np.nan)
+    return Sphere(image, found.astype(np.float32), camera, stamp_ns)
 
 
 def route(seed: int, length: float) -> Array:

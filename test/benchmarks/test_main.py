@@ -38,7 +38,7 @@ def test_help_names_what_there_is_and_imports_no_benchmark(words):
     code = "\n".join(lines)
     said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert said.stdout.splitlines()[-1] == "['benchmarks.machine', 'benchmarks.report'] 0"
-    assert "following" in said.stdout
+    assert "missions" in said.stdout
 
 
 def test_a_wrong_group_or_name_is_refused(capsys):
