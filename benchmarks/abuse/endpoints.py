@@ -340,8 +340,7 @@ def run(options: argparse.Namespace) -> Report:
     silences = [silence for outcome in outcomes for silence in outcome.silences]
     traces = [f"{n} x {o.name}: {line}" for o in outcomes for line, n in o.mistakes.most_common()]
     for title, lines in (("Deaths", deaths), ("Silences", silences), ("Tracebacks", traces)):
-        if lines:
-            report.tables.append(Table(title, ("what",), [(line.replace("|", "/"),) for line in lines[:100]]))
+        report.tables.append(Table(title, ("what",), [(line.replace("|", "/"),) for line in lines[:100]]))
     total, told = sum(o.num_lies for o in outcomes), Headline("robustness", f"{len(cases)} processes")
     report.bounds += [
         Bound(f"processes that died of {total} lies", 0, len(deaths), "", headline=told),

@@ -1,4 +1,4 @@
-"""Wrong inputs for every reader, conversion and service: each must be refused in one line, or be right."""
+"""Wrong inputs for every reader of files: each must be refused in one line, or be right."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from benchmarks.abuse.fuzz_targets import Target, make_targets
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.ros.service import one_line
 
-HELP = "wrong inputs for every reader, conversion and service: no crash, no hang, no gigabyte"
+HELP = "wrong inputs for every reader of files: no crash, no hang, no gigabyte"
 BATCH = 400  # inputs a child
 SECONDS, PATIENCE = 10, 6  # of the processor for one input; times as many by the clock, on a busy machine
 MEMORY = 1 << 30  # bytes that a child may ask for beyond what it starts with
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> Report:
     if failures:
         report.tables.append(Table("Failures", ("what",), failures[:200]))
     what = f"crashes, hangs, gigabytes, wrong results of {sum(o.num_inputs for o in outcomes)} inputs"
-    told = Headline("robustness", f"{len(outcomes)} readers, conversions and services")
+    told = Headline("robustness", f"{len(outcomes)} readers of files")
     report.bounds.append(Bound(what, 0, len(failures), "", headline=told))
     return report
 

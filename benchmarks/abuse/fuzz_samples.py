@@ -1,18 +1,14 @@
-"""Small valid files and messages of every kind, to be made wrong."""
+"""Small valid files of every kind, to be made wrong."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import cv2
 import laspy
 import numpy as np
 from mcap.writer import Writer
-from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import CompressedImage, LaserScan
-from sphere_nav_msgs.msg import AugmentedSphere, ReferencePoint, ReferenceTrajectory
 from std_msgs.msg import Header, String
 
 from benchmarks.abuse.zoo_bags import ros1, ros2
@@ -23,11 +19,10 @@ from path_follower.routes.mission_file import write_mission
 from path_follower.routes.network import EdgeCurve
 from path_follower.routes.network_file import write_network
 from path_follower.routes.params import MissionParams
-from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
-from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.maps.reader import MapDetails, save_map
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
@@ -80,7 +75,7 @@ door,a,1,0,2,0,0,2
 
 
 class Samples:
-    """Files in a folder, and `messages`."""
+    """Files in a folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.rng = folder, np.random.default_rng(3)
@@ -108,12 +103,6 @@ class Samples:
         self.map = self._map()
         self.bag, self.plain_bag = self._bag()
         self.foreign_bags = self._foreign_bags()
-        self.messages = self._messages()
-
-    def label(self, message: Any) -> str:
-        """Return what tells a message from others of its kind."""
-        return str(getattr(message, "encoding", "") or getattr(message, "format", "") or
-                   getattr(message, "range_encoding", "") or getattr(message, "distortion_model", ""))  # fmt: skip
 
     def _text(self, name: str, text: str) -> Path:
         (self.folder / name).write_text(text)
@@ -186,37 +175,3 @@ class Samples:
         folder = ros2("sqlite")(self.folder / "sqlite", items)
         found = [next(f for f in folder.iterdir() if f.suffix != ".yaml")]
         return found + [ros1(method)(self.folder / f"one{method}", items) for method in ("", "bz2", "lz4")]
-
-    def _messages(self) -> list[Any]:
-        gray = np.ascontiguousarray(self.picture[:, :, 0])
-        png, jpg, depth = (path.read_bytes() for path in (self.png, self.jpg, self.depth))
-        pose, camera = SE3.from_planar(1.0, 2.0, 0.3), Fisheye(32, 24, 20.0, 20.0, 15.5, 11.5)
-        sphere = self.spheres[0]
-        points = [ReferencePoint(position_x=float(i), speed=1.0) for i in range(5)]
-        return [
-            conversions.array_to_image(self.picture, SECOND, "c", "rgb8"),
-            conversions.array_to_image(gray, SECOND, "c", "bayer_rggb8"),
-            conversions.array_to_image(gray.astype(np.uint16), SECOND, "c", "16UC1"),
-            conversions.array_to_image(gray.astype(np.float32), SECOND, "c", "32FC1"),
-            CompressedImage(format="png", data=png),
-            CompressedImage(format="jpeg", data=jpg),
-            CompressedImage(format="16UC1; compressedDepth png", data=bytes(12) + depth),
-            CompressedImage(format="32FC1; compressedDepth png", data=np.array([0, 1, 1], "f4").tobytes() + depth),
-            conversions.camera_to_info(CAMERA, SECOND, "c"),
-            conversions.camera_to_info(camera, SECOND, "c"),
-            conversions.cloud_to_message(self.rng.uniform(-1, 1, (20, 3)), SECOND, "map"),
-            conversions.sphere_to_message(sphere, "s", 1, image_encoding=AugmentedSphere.PNG),
-            conversions.sphere_to_message(sphere, "s", 1, range_encoding=AugmentedSphere.RANGE_LOG16_ZSTD),
-            conversions.sphere_to_message(sphere, "s", 1, range_encoding=AugmentedSphere.RANGE_32FC1),
-            conversions.graph_to_message(self.graph, "map"),
-            conversions.poses_to_path([(i * SECOND, pose) for i in range(4)], SECOND, "map"),
-            conversions.se3_to_pose_with_covariance(pose, np.eye(6), SECOND, "map"),
-            _with_pose(Odometry(), pose),
-            ReferenceTrajectory(points=points),
-            LaserScan(angle_max=2.9, angle_increment=0.1, range_max=10.0, ranges=[1.0] * 30),
-        ]
-
-
-def _with_pose(message: Odometry, pose: SE3) -> Odometry:
-    message.pose.pose = conversions.se3_to_pose(pose)
-    return message

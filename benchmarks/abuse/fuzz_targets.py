@@ -1,4 +1,4 @@
-"""What is fuzzed: every reader of files, every conversion of messages, the services that open files."""
+"""What is fuzzed: every reader of files. Messages and services are lied to by `endpoints`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.serialization import serialize_message
 
 from benchmarks.abuse.fuzz_samples import Samples
-from benchmarks.abuse.mutations import attack_texts, mutate_bytes, mutate_message
+from benchmarks.abuse.mutations import attack_texts, mutate_bytes
 from mcl_depth.geometry.files import read_geometry
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
@@ -24,31 +23,16 @@ from path_follower.routes.params import MissionParams
 from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.mcap_file import McapFile
-from sphere_nav.ros.bags.reader import BagReader, deserialize
+from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.camera.mounting import read_mounting
-from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.maps.check import salvage_map
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav_tools.offline.importing import recording
 
 Readers = dict[str, tuple[Path, Callable[[Path], Any]]]
-CONVERSIONS: dict[str, tuple[Callable[[Any], Any], ...]] = {
-    "Image": (conversions.image_to_rgb, conversions.image_to_gray, conversions.depth_to_meters),
-    "CompressedImage": (conversions.decompress, conversions.compressed_to_array),
-    "CameraInfo": (conversions.camera_from_info, conversions.stereo_baseline),
-    "PointCloud2": (conversions.message_to_cloud,),
-    "AugmentedSphere": (conversions.message_to_sphere,),
-    "KeySphereGraph": (conversions.message_to_graph,),
-    "Path": (conversions.path_to_poses,),
-    "PoseWithCovarianceStamped": (conversions.pose_with_covariance_to_se3,),
-    "Odometry": (conversions.odometry_to_se3,),
-    "ReferenceTrajectory": (driving.message_to_trajectory,),
-    "LaserScan": (driving.scan_to_points,),
-}
 
 
 @dataclass(frozen=True)
@@ -71,7 +55,7 @@ def make_targets(folder: Path) -> list[Target]:
     readers = _readers(samples)
     slow = {name for name, (path, _) in readers.items() if path.suffix == ".laz"}
     targets = [_file_target(name, *pair, weight=0.02 if name in slow else 1.0) for name, pair in readers.items()]
-    targets += [*_bag_targets(samples), *_message_targets(samples)]
+    targets += [*_bag_targets(samples)]
     return [*targets, Target("attack: characters and nesting", partial(attack_texts, readers), 2.0)]
 
 
@@ -191,42 +175,3 @@ def _check_spheres(graph: Iterable[Any], spheres: dict[int, Any]) -> None:
     for node in graph:
         assert node.id in spheres, f"accepted a key sphere {node.id} that was never written"
         assert np.array_equal(node.sphere.image, spheres[node.id].image), "accepted another picture"
-
-
-def _message_targets(samples: Samples) -> list[Target]:
-    targets = []
-    for message in samples.messages:
-        kind = type(message)
-        targets.append(Target(f"message {kind.__name__} {samples.label(message)}".strip(), _converting(message)))
-        targets.append(Target(f"bytes {kind.__name__} {samples.label(message)}".strip(), _decoding(message)))
-    return targets
-
-
-def _converting(message: Any) -> Callable[[np.random.Generator, Path], None]:
-    def attempt(rng: np.random.Generator, folder: Path) -> None:
-        wrong = mutate_message(message, rng)
-        _convert(wrong)
-
-    return attempt
-
-
-def _decoding(message: Any) -> Callable[[np.random.Generator, Path], None]:
-    data = serialize_message(message)
-
-    def attempt(rng: np.random.Generator, folder: Path) -> None:
-        _convert(deserialize(mutate_bytes(data, rng), type(message), "message"))
-
-    return attempt
-
-
-def _convert(message: Any) -> None:
-    """Try every conversion of a message; where all refuse, so does this."""
-    refusals = []
-    readers = CONVERSIONS[type(message).__name__]
-    for convert in readers:
-        try:
-            check(convert(message))
-        except ValueError as error:
-            refusals.append(error)
-    if len(refusals) == len(readers):
-        raise refusals[0]

@@ -288,13 +288,16 @@ def panorama() -> list[Item]:
 
 
 # --- the list
+MCAP = ros2()
+
+
 @dataclass(frozen=True)
 class Exhibit:
     """A recording: its name, what is in it, who writes it, the jobs it is good for, what is said where it is not."""
 
     name: str
     items: Callable[[], Iterable[Item]]
-    write: Write = ros2()
+    write: Write = MCAP
     jobs: tuple[str, ...] = ALL
     words: str = ""
 
@@ -305,7 +308,7 @@ class Exhibit:
 
 def of(name: str, write: Write | None = None, jobs: tuple[str, ...] = ALL, words: str = "", **changes: Any) -> Exhibit:
     """Return a drive, changed in some fields, as an exhibit."""
-    return Exhibit(name, Drive(**changes).items, write or ros2(), jobs, words)
+    return Exhibit(name, Drive(**changes).items, write or MCAP, jobs, words)
 
 
 def _set(**values: Any) -> Callable[[Any], None]:

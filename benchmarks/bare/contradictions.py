@@ -97,12 +97,7 @@ def carried_off(drive: Drive, other: Drive, share: float) -> Drive:
     )
 
 
-FAULTS: dict[str, Fault] = {
-    "healthy": healthy,
-    "frozen": frozen,
-    "slipping": slipping,
-    "carried off": carried_off,
-}
+FAULTS: dict[str, Fault] = {"healthy": healthy, "frozen": frozen, "slipping": slipping, "carried off": carried_off}
 
 
 def _cut(drive: Drive, rows: NDArray[np.integer], odometry: Array) -> Drive:

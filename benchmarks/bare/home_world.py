@@ -87,7 +87,11 @@ def home(seed: int, num_images: int = 16) -> Home:
     for number, (place, yaw) in enumerate(zip(places, yaws, strict=True)):
         lean = SE3.exp([0.0, 0.0, 0.0, *(np.radians(TILT_DEG) * rng.standard_normal(2)), 0.0])
         z = HEIGHT + HEIGHT_SIGMA * rng.standard_normal()
-        T = SE3.from_planar(*place, yaw) @ SE3.from_parts(np.eye(3), [0.0, 0.0, z]) @ lean
+        T = (
+            SE3.from_planar(float(place[0]), float(place[1]), float(yaw))
+            @ SE3.from_parts(np.eye(3), [0.0, 0.0, z])
+            @ lean
+        )
         levels, _ = renderer.render(PANORAMA, T, is_gray=True)
         images.append(expose(levels, READ_NOISE, SHOT_NOISE, (seed, number)))
     off = PLAN_SIGMA * rng.standard_normal((len(rooms), 3))

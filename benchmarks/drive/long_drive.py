@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> Report:
     rmse, worst = float(np.sqrt(np.mean(lateral**2))), float(np.abs(lateral).max())
     notes = [
         f"{length:.0f} m taught, {len(taught.graph)} key spheres, {taught.num_lost} spheres lost;"
-        f" localiser {dict(driven.states)}; end {driven.end}",
+        f" localiser {dict(driven.states)}; end {driven.end}"
     ]
     of = Headline("drives and missions", f"{length:.0f} m of a city on another day, by one camera")
     bounds = [

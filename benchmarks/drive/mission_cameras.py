@@ -31,8 +31,8 @@ from benchmarks.drive.mission_town import (
     Driven,
     Town,
     named,
-    rounded_way,
 )
+from benchmarks.drive.ways import rounded_way
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
 from cycab_sim.simulator import START_NS, Simulator
@@ -84,14 +84,12 @@ class City:
         return Simulator(build(SimParams, {**CITY, "seed": self.seed, **more}), rounded_way(self.corners))
 
     def prepare(self) -> None:
-        """Drive the tour by the simulator's driver into a bag and map it; what is there already is kept."""
-        bag, made = self.folder / "teach", self.folder / "map"
-        if not bag.is_dir():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self.teach(bag)
-        if not made.is_dir():
-            rig, taught = self.folder / "rig.yaml", self.folder / "taught.tum"
-            call("map", bag, "-o", made, "--rig", rig, "--taught", taught, "--anchor", "truth", "--jobs", self.jobs)
+        """Drive the tour by the simulator's driver into a bag and map it."""
+        self.folder.mkdir(parents=True)
+        self.teach(self.folder / "teach")
+        rig, taught = self.folder / "rig.yaml", self.folder / "taught.tum"
+        words = ("--rig", rig, "--taught", taught, "--anchor", "truth", "--jobs", self.jobs)
+        call("map", self.folder / "teach", "-o", self.folder / "map", *words)
 
     def teach(self, path: Path) -> None:
         """Write the bag of the drive."""
@@ -178,7 +176,7 @@ class CameraTown(Town):
             self.step(Driven("", ""), may_walk=False)
 
     @property
-    def told(self) -> str:  # type: ignore[override]
+    def told(self) -> str:
         """How well the localizer did."""
         errors = np.array(self.errors)
         return (

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.drive.ways import rounded_way
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.town import draw_plan
 from cycab_sim.world.worlds import build_world
 from sphere_mapping.graph.merging import merge
@@ -104,23 +104,8 @@ def route(seed: int, length: float) -> Array:
     return np.array([(-25.0, -lane), *(left * laps)[:-1], *over, *right * 20])
 
 
-def path_of(corners: Array) -> Path:
-    """Return the way along corners (K, 2) m, each rounded as far as its legs allow."""
-    legs = np.diff(corners, axis=0)
-    lengths, headings = np.linalg.norm(legs, axis=1), np.arctan2(legs[:, 1], legs[:, 0])
-    turns = (np.diff(headings) + np.pi) % (2 * np.pi) - np.pi
-    radii = np.minimum(RADIUS_M, np.minimum(lengths[:-1], lengths[1:]) / 2)
-    cuts = np.concatenate([[0.0], radii * np.tan(np.abs(turns) / 2), [0.0]])
-    pieces: list[Piece] = []
-    for k, length in enumerate(lengths):
-        pieces.append(Piece(float(length - cuts[k] - cuts[k + 1])))
-        if k < len(turns):
-            pieces.append(turn(float(radii[k]), float(np.degrees(turns[k]))))
-    return Path((*corners[0].tolist(), float(headings[0])), tuple(pieces))
-
-
 def _poses(seed: int, number: int) -> Iterator[SE3]:
-    path = path_of(route(seed, number * SPACING_M))
+    path = rounded_way(route(seed, number * SPACING_M), RADIUS_M)
     above = SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
     for x, y, yaw, _ in path.at(SPACING_M * np.arange(number)):
         yield SE3.from_planar(float(x), float(y), float(yaw)) @ above

@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> Report:
         silent = len(heard.sent) - len(heard.ages_ms)
         report.bounds.append(Bound(f"{what}: without an answer", 0, silent, "", headline=of))
         if case.answer == "status":
-            tracked = np.mean([state == "TRACKING" for _, state in heard.answers.values()] or [0.0])
+            tracked = np.mean([state == "TRACKING" for _, state in heard.answers.values()] or [False])
             report.bounds += [
                 Bound(f"{what}: oldest answer", MAX_AGE_MS, max(ages), "ms", headline=of),
                 Bound(f"{what}: answers in TRACKING", MIN_TRACKED, float(tracked), "", True),
