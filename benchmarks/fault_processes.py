@@ -7,6 +7,17 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import rclpy
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from sensor_msgs.msg import LaserScan
+from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import State, Status
+from sphere_nav.ros import qos
+from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 
 PERIOD = 0.1  # s between two poses
 PATIENCE = 240.0  # s for a follower to come up and drive, on a busy machine
@@ -18,15 +29,6 @@ class Base:
     """Says where it is, and obeys the last command."""
 
     def __init__(self, remap: str = "cmd_vel") -> None:
-        import rclpy
-        from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
-        from sensor_msgs.msg import LaserScan
-        from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
-        from std_msgs.msg import Bool
-        from std_srvs.srv import Trigger
-
-        from sphere_nav.ros import qos
-
         self.node = rclpy.create_node("base")
         self.node.create_subscription(Twist, remap, self._obey, qos.COMMAND)
         self.node.create_subscription(FollowerStatus, "path_follower/status", self._hear, qos.STATE)
@@ -53,8 +55,6 @@ class Base:
 
     def live(self, seconds: float, is_done: Callable[[], bool] = lambda: False) -> bool:
         """Let time pass until something is done; whether it was."""
-        import rclpy
-
         end = time.monotonic() + seconds
         while time.monotonic() < end and not is_done():
             if time.monotonic() >= self._due:
@@ -66,17 +66,10 @@ class Base:
 
     def place(self) -> Any:
         """Return where the base is."""
-        from sphere_nav.geometry import SE3
-
         return SE3.from_planar(self.x, 0.0, 0.0)
 
     def speak(self) -> None:
         """Say where the base is, how the localiser is, and that the button is as it is."""
-        from std_msgs.msg import Bool
-
-        from sphere_nav.localization.status import State, Status
-        from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
-
         stamp = self.node.get_clock().now().nanoseconds
         now = time.monotonic()
         self.x += self.speed * (now - self._told)  # a car that is late to say it has moved, too

@@ -22,10 +22,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rclpy
 from numpy.typing import NDArray
+from sensor_msgs.msg import LaserScan
+from tf2_msgs.msg import TFMessage
 
+from benchmarks.abuse.nodes import pictures, rig_in
+from benchmarks.fault_drives import Course
 from benchmarks.fault_processes import Base
 from benchmarks.report import Bound, Headline, Report, Table
+from sphere_nav.geometry import SE3
+from sphere_nav.ros import conversions, qos
 
 HELP = "an hour of the real processes at 10 Hz: memory, descriptors, threads, shared memory"
 DOMAIN = "71"
@@ -109,12 +116,6 @@ class Feeder(Base):
 
     def __init__(self, views: list[NDArray[np.uint8]], camera: Any, T_base_camera: Any) -> None:
         super().__init__()
-        from tf2_msgs.msg import TFMessage
-
-        from sphere_nav.geometry import SE3
-        from sphere_nav.ros import conversions, qos
-
-        self.qos, self.messages, self.SE3 = qos, conversions, SE3
         self.publishers: dict[str, Any] = {}
         self.views, self.camera, self.num_turns = views, camera, 0
         mounts = {"camera_optical": T_base_camera, "laser": SE3.identity()}
@@ -124,28 +125,24 @@ class Feeder(Base):
     def place(self) -> Any:
         """Return where the base is."""
         turned = self.x / RADIUS
-        return self.SE3.from_planar(RADIUS * np.sin(turned), RADIUS * (1.0 - np.cos(turned)), turned)
+        return SE3.from_planar(RADIUS * np.sin(turned), RADIUS * (1.0 - np.cos(turned)), turned)
 
     def speak(self) -> None:
         """Say once what the sensors see."""
-        from sensor_msgs.msg import LaserScan
-
-        from benchmarks.abuse.nodes import pictures
-
         super().speak()
         stamp = time.time_ns()
         ranges = (15.0 + 0.01 * np.sin(np.arange(360) + self.num_turns)).tolist()
         scan = LaserScan(ranges=ranges, angle_min=-np.pi, angle_max=np.pi, angle_increment=2 * np.pi / 360)
-        scan.range_min, scan.range_max, scan.header = 0.1, 30.0, self.messages.header(stamp, "laser")
+        scan.range_min, scan.range_max, scan.header = 0.1, 30.0, conversions.header(stamp, "laser")
         self.scans.publish(scan)
         self._see(EYES, stamp)
-        moved = self.SE3.from_planar(along(self.num_turns), 0.0, 0.0)
-        odometry = self.messages.se3_to_odometry(moved, 1e-4 * np.eye(6), stamp, ("odom", "base_link"), np.zeros(6))
-        self._say(f"{PARTICLES}/odom", odometry, self.qos.SENSOR)
+        moved = SE3.from_planar(along(self.num_turns), 0.0, 0.0)
+        odometry = conversions.se3_to_odometry(moved, 1e-4 * np.eye(6), stamp, ("odom", "base_link"), np.zeros(6))
+        self._say(f"{PARTICLES}/odom", odometry, qos.SENSOR)
         if self.num_turns % SLOW == 0:
             self._see(PARTICLES, stamp)
             for topic, picture in pictures().items():
-                self._say(f"{RIG}/{topic}", picture, self.qos.LARGE)
+                self._say(f"{RIG}/{topic}", picture, qos.LARGE)
         self.num_turns += 1
 
     def _say(self, topic: str, message: Any, profile: Any) -> None:
@@ -155,12 +152,8 @@ class Feeder(Base):
 
     def _see(self, space: str, stamp: int) -> None:
         view = self.views[self.num_turns % len(self.views)]
-        self._say(
-            f"{space}/camera_info", self.messages.camera_to_info(self.camera, stamp, "camera_optical"), self.qos.SENSOR
-        )
-        self._say(
-            f"{space}/image_raw", self.messages.array_to_image(view, stamp, "camera_optical", "mono8"), self.qos.LARGE
-        )
+        self._say(f"{space}/camera_info", conversions.camera_to_info(self.camera, stamp, "camera_optical"), qos.SENSOR)
+        self._say(f"{space}/image_raw", conversions.array_to_image(view, stamp, "camera_optical", "mono8"), qos.LARGE)
 
 
 def along(turn: int) -> float:
@@ -181,11 +174,6 @@ def soak(minutes: float, log: Path) -> None:
     """Run the nodes for so long, and write a line for each look at them."""
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
-    import rclpy
-
-    from benchmarks.abuse.nodes import rig_in
-    from benchmarks.fault_drives import Course
-
     with tempfile.TemporaryDirectory() as name:
         folder, rng, views = Path(name), np.random.default_rng(0), []
         course = Course(folder)

@@ -22,6 +22,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CameraInfo, Image
+from sphere_nav_msgs.msg import LocalizationStatus
 
 from benchmarks.report import Bound, Headline, Report, Table
 from benchmarks.room import render
@@ -30,7 +35,11 @@ from cycab_sim.simulator import Simulator
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.params import build
+from sphere_nav.ros import qos
+from sphere_nav.ros.conversions import array_to_image, camera_to_info, stamp_ns
+from sphere_nav.ros.conversions.stamps import SECOND, ns_to_time
 from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.ros.run import use_large_segment
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
@@ -144,13 +153,6 @@ def rig_case(folder: Path, seed: int, is_quick: bool) -> Case:
 def listen(case: Case, folder: Path) -> Heard:
     """Run nodes and player, hear what they say."""
     os.environ |= {"ROS_DOMAIN_ID": DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    import rclpy
-    from nav_msgs.msg import Odometry
-    from rclpy.serialization import serialize_message
-    from sphere_nav_msgs.msg import LocalizationStatus
-
-    from sphere_nav.ros.conversions import camera_to_info, stamp_ns
-
     heard = Heard()
 
     def on_answer(message: Any) -> None:
@@ -205,15 +207,6 @@ def running(case: Case) -> Iterator[None]:
 
 def play(name: str) -> None:
     """Publish the images of a folder once all are listened to; print the stamps of those that count."""
-    import rclpy
-    from rclpy.serialization import deserialize_message
-    from sensor_msgs.msg import CameraInfo, Image
-
-    from sphere_nav.ros import qos
-    from sphere_nav.ros.conversions import array_to_image
-    from sphere_nav.ros.conversions.stamps import SECOND, ns_to_time
-    from sphere_nav.ros.run import use_large_segment
-
     use_large_segment()
     folder = Path(name)
     plan = json.loads((folder / "plan.json").read_text())
