@@ -36,7 +36,7 @@ setup(
     maintainer="sphere_nav maintainers",
     maintainer_email="maintainers@sphere-nav.example",
     packages=find_packages(include=[pattern for name in PACKAGES for pattern in (name, f"{name}.*")]),
-    package_data={"mcl_depth": ["likeness/weights.npz"]},  # of the learned likeness, benchmarks/likeness/train.py
+    package_data={"mcl_depth": ["likeness/weights.npz"]},  # of the learned likeness
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/sphere_nav"]),
         ("share/sphere_nav", ["package.xml"]),

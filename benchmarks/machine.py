@@ -16,16 +16,6 @@ import numpy as np
 LIBRARIES = ("numpy", "numba", "opencv-python-headless")
 
 
-def cpu_name() -> str:
-    """Return the processor's model name as the kernel gives it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or "unknown processor"
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else "unknown processor"
-
-
 def num_cores() -> int:
     """Return how many cores this process may use."""
     return len(os.sched_getaffinity(0))
@@ -33,9 +23,13 @@ def num_cores() -> int:
 
 def describe(num_threads: int) -> str:
     """Return one line: processor, cores, threads, versions."""
-    versions = ", ".join(f"{name} {version}" for name in LIBRARIES if (version := _version(name)))
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    name = next(
+        (line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown processor"
+    )
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in LIBRARIES)
     threads = f"{num_threads} thread{'s' if num_threads > 1 else ''}"
-    return f"{cpu_name()}, {num_cores()} cores, {threads}; python {platform.python_version()}, {versions}"
+    return f"{name}, {num_cores()} cores, {threads}; python {platform.python_version()}, {versions}"
 
 
 def commit() -> str:
@@ -62,13 +56,6 @@ def milliseconds(call: Callable[[], Any]) -> tuple[float, Any]:
     return (time.perf_counter_ns() - start) / 1e6, result
 
 
-def repeat(call: Callable[[], Any], num_runs: int, num_warm_up: int = 3) -> np.ndarray:
-    """Return the times (num_runs,) in ms after runs that only warm caches and compilers."""
-    for _ in range(num_warm_up):
-        call()
-    return np.array([milliseconds(call)[0] for _ in range(num_runs)])
-
-
 def repeat_cpu(call: Callable[[], Any], num_runs: int, num_warm_up: int = 3) -> np.ndarray:
     """Return the CPU times (num_runs,) in ms of this thread: what else runs on the machine counts little."""
     for _ in range(num_warm_up):
@@ -79,10 +66,3 @@ def repeat_cpu(call: Callable[[], Any], num_runs: int, num_warm_up: int = 3) -> 
         call()
         times[run] = (time.thread_time_ns() - start) / 1e6
     return times
-
-
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return ""

@@ -34,26 +34,19 @@ class Room:
     finest: float = FINEST
 
     def render(
-        self, camera: Camera, T_room_camera: SE3, light: Factor | None = None, contrast: Factor | None = None
+        self, camera: Camera, T_room_camera: SE3, light: Factor | None = None
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Return the grey image (H, W) and the range along the ray (H, W) in metres.
-
-        `light` is a factor of the grey levels, `contrast` one of the texture.
-        """
+        """Return the grey image (H, W) and range (H, W) in metres; `light` is a factor of the grey levels."""
         rays, range_m = hit_walls(camera, T_room_camera, np.array(self.half_sides_m))
         points = (T_room_camera.translation + rays * range_m[..., None]).astype(np.float32).reshape(-1, 3)
-        gray = np.concatenate(
-            [self._gray(points[k : k + CHUNK], light, contrast) for k in range(0, len(points), CHUNK)]
-        )
+        gray = np.concatenate([self._gray(points[k : k + CHUNK], light) for k in range(0, len(points), CHUNK)])
         return gray.reshape(range_m.shape), range_m.astype(np.float32)
 
-    def _gray(self, points: NDArray[np.float32], light: Factor | None, contrast: Factor | None) -> NDArray[np.uint8]:
+    def _gray(self, points: NDArray[np.float32], light: Factor | None) -> NDArray[np.uint8]:
         waves, phases, amplitudes = self._waves
         phase = points @ waves
         phase += phases
         gray = np.sin(phase, out=phase) @ amplitudes
-        if contrast is not None:
-            gray *= contrast(points)
         gray += np.float32(128.0)
         if light is not None:
             gray *= light(points)
@@ -96,11 +89,9 @@ class MemoryMap:
         return {node.id: coarse_sphere(self.load_sphere(node.id)) for node in self.graph}
 
 
-def render(
-    camera: Camera, T_room_camera: SE3, seed: int = 0, contrast: Factor | None = None
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+def render(camera: Camera, T_room_camera: SE3, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return what a camera sees of the room that most benchmarks use, as `Room.render`."""
-    return Room(seed).render(camera, T_room_camera, contrast=contrast)
+    return Room(seed).render(camera, T_room_camera)
 
 
 def hit_walls(

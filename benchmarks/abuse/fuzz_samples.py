@@ -1,22 +1,17 @@
-"""Small valid files and messages of every kind, to be made wrong."""
+"""Small valid files of every kind, to be made wrong."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import cv2
 import laspy
 import numpy as np
 from mcap.writer import Writer
-from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import CompressedImage, LaserScan
-from sphere_nav_msgs.msg import AugmentedSphere, ReferencePoint, ReferenceTrajectory
 from std_msgs.msg import Header, String
 
-from benchmarks.abuse.zoo_writers import Messages, ros1, ros2
+from benchmarks.abuse.zoo_bags import ros1, ros2
 from path_follower.params import VehicleParams
 from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.mission import FollowerView, Goal, Mission
@@ -24,11 +19,10 @@ from path_follower.routes.mission_file import write_mission
 from path_follower.routes.network import EdgeCurve
 from path_follower.routes.network_file import write_network
 from path_follower.routes.params import MissionParams
-from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
-from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.maps.reader import MapDetails, save_map
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
@@ -70,16 +64,6 @@ distortion_coefficients: !!opencv-matrix
    dt: d
    data: [ -0.1, 0.05, 0.001, 0.002, 0.01 ]
 """
-DRIVER = """title: a camera
-source: https://example.org
-input: rgbd
-root: camera
-topics: {image_raw: color/image_raw, depth/image_raw: depth/image_raw}
-encodings: {image_raw: [rgb8], depth/image_raw: [16UC1]}
-"""
-BOARDS = """a: {size: 8x6, square: 0.03}
-b: {kind: charuco, size: 7x5, square: 0.04, marker: 0.02, dictionary: DICT_4X4_250, first_marker: 0, legacy: false}
-"""
 PLY = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
 PLAN = """kind,complete_room,x0_m,y0_m,x1_m,y1_m,z_bottom_m,z_top_m
 wall,a,0,0,4,0,0,2.5
@@ -91,14 +75,13 @@ door,a,1,0,2,0,0,2
 
 
 class Samples:
-    """Files in a folder, and `messages`."""
+    """Files in a folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.rng = folder, np.random.default_rng(3)
         self.path_csv = self._text("path.csv", "x,y,yaw,speed\n" + "".join(f"{i},0.1,0,1\n" for i in range(12)))
         self.kalibr, self.opencv = self._text("kalibr.yaml", KALIBR), self._text("opencv.yml", OPENCV)
         self.table = self._text("table.txt", "1 0 0 1\n0 1 0 2\n0 0 1 3\n0 0 0 1\n")
-        self.basalt = self._text("basalt.json", json.dumps({"value0": self._basalt()}))
         self.rig, self.tum = folder / "rig.yaml", folder / "drive.tum"
         write_rig(self.rig, Rig((RigCamera("front", CAMERA, SE3.identity()),)))
         poses = SE3.exp(np.array([[0.5 * i, 0.0, 0.0, 0.0, 0.0, 0.02 * i] for i in range(12)]))
@@ -107,9 +90,7 @@ class Samples:
         self.png, self.jpg = self._picture("a.png", self.picture), self._picture("a.jpg", self.picture)
         self.depth = self._picture("depth.png", self.rng.integers(0, 5000, (24, 32)).astype(np.uint16))
         self.geometry = self._geometry()
-        self.driver = self._text("driver.yaml", DRIVER)
         self.mounting = self._text("mounting.yaml", "{x: 1.0, y: 0.1, z: 1.5, roll: 0.0, pitch: 0.1, yaw: 0.0}\n")
-        self.boards = self._text("boards.yaml", BOARDS)
         x = np.linspace(0.0, 6.0, 13)
         self.routes, self.mission = folder / "routes.geojson", folder / "mission.json"
         network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.0))], "yard")
@@ -118,17 +99,10 @@ class Samples:
         mission.see_follower(FollowerView("NO_PATH", 1))
         mission.begin(Goal("home"), 0.0)
         write_mission(self.mission, mission)
-        self.bmp = self._picture("a.bmp", self.picture)
         self.spheres: dict[int, Sphere] = {}
         self.map = self._map()
-        self.bag, self.metadata, self.plain_bag = self._bag()
+        self.bag, self.plain_bag = self._bag()
         self.foreign_bags = self._foreign_bags()
-        self.messages = self._messages()
-
-    def label(self, message: Any) -> str:
-        """Return what tells a message from others of its kind."""
-        return str(getattr(message, "encoding", "") or getattr(message, "format", "") or
-                   getattr(message, "range_encoding", "") or getattr(message, "distortion_model", ""))  # fmt: skip
 
     def _text(self, name: str, text: str) -> Path:
         (self.folder / name).write_text(text)
@@ -137,12 +111,6 @@ class Samples:
     def _picture(self, name: str, pixels: np.ndarray) -> Path:
         cv2.imwrite(str(self.folder / name), pixels)
         return self.folder / name
-
-    def _basalt(self) -> dict[str, Any]:
-        pose = dict(zip(("px", "py", "pz", "qx", "qy", "qz", "qw"), (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), strict=True))
-        lens = {"fx": 400.0, "fy": 400.0, "cx": 320.0, "cy": 240.0, "k1": 0.1, "k2": 0.0, "k3": 0.0, "k4": 0.0}
-        lenses = [{"camera_type": "kb4", "intrinsics": lens}]
-        return {"T_imu_cam": [pose], "intrinsics": lenses, "resolution": [[640, 480]]}
 
     def _geometry(self) -> list[Path]:
         points = self.rng.uniform(-3.0, 3.0, (40, 3)).astype(np.float32)
@@ -184,7 +152,7 @@ class Samples:
         self.graph = SphereGraph(nodes, edges)
         return save_map(self.folder / "map", self.graph, MapDetails("yard", parameters={"a.b": 1}))
 
-    def _bag(self) -> tuple[Path, Path, Path]:
+    def _bag(self) -> tuple[Path, Path]:
         with BagWriter(self.folder / "bag") as bag:
             for number in range(30):
                 bag.write("text", String(data=self.rng.bytes(40).hex()), number * SECOND)
@@ -199,48 +167,11 @@ class Samples:
             for number in range(20):
                 writer.add_message(channel, number, serialize_message(String(data=str(number))), number)
             writer.finish()
-        return self.folder / "bag" / "bag_0.mcap", self.folder / "bag" / "metadata.yaml", self.folder / "plain.mcap"
+        return self.folder / "bag" / "bag_0.mcap", self.folder / "plain.mcap"
 
     def _foreign_bags(self) -> list[Path]:
-        """Return files that another library wrote: sqlite3, messages packed in MCAP, a packed file, ROS 1 in chunks."""
-        kind, texts = "std_msgs/msg/String", [self.rng.bytes(20).hex() for _ in range(20)]
-        new, old = (Messages(is_ros1=is_ros1) for is_ros1 in (False, True))
-        items, before = ([("/text", kind, k, m.make(kind, t)) for k, t in enumerate(texts)] for m in (new, old))
-        writers = {"sqlite": ros2("sqlite"), "packed": ros2("mcap", "message"), "file": ros2("sqlite", "file")}
-        folders = [write(self.folder / name, new, items) for name, write in writers.items()]
-        found = [next(f for f in folder.iterdir() if f.suffix != ".yaml") for folder in folders]
-        return found + [ros1(method)(self.folder / f"one{method}", old, before) for method in ("", "bz2", "lz4")]
-
-    def _messages(self) -> list[Any]:
-        gray = np.ascontiguousarray(self.picture[:, :, 0])
-        png, jpg, depth = (path.read_bytes() for path in (self.png, self.jpg, self.depth))
-        pose, camera = SE3.from_planar(1.0, 2.0, 0.3), Fisheye(32, 24, 20.0, 20.0, 15.5, 11.5)
-        sphere = self.spheres[0]
-        points = [ReferencePoint(position_x=float(i), speed=1.0) for i in range(5)]
-        return [
-            conversions.array_to_image(self.picture, SECOND, "c", "rgb8"),
-            conversions.array_to_image(gray, SECOND, "c", "bayer_rggb8"),
-            conversions.array_to_image(gray.astype(np.uint16), SECOND, "c", "16UC1"),
-            conversions.array_to_image(gray.astype(np.float32), SECOND, "c", "32FC1"),
-            CompressedImage(format="png", data=png),
-            CompressedImage(format="jpeg", data=jpg),
-            CompressedImage(format="16UC1; compressedDepth png", data=bytes(12) + depth),
-            CompressedImage(format="32FC1; compressedDepth png", data=np.array([0, 1, 1], "f4").tobytes() + depth),
-            conversions.camera_to_info(CAMERA, SECOND, "c"),
-            conversions.camera_to_info(camera, SECOND, "c"),
-            conversions.cloud_to_message(self.rng.uniform(-1, 1, (20, 3)), SECOND, "map"),
-            conversions.sphere_to_message(sphere, "s", 1, image_encoding=AugmentedSphere.PNG),
-            conversions.sphere_to_message(sphere, "s", 1, range_encoding=AugmentedSphere.RANGE_LOG16_ZSTD),
-            conversions.sphere_to_message(sphere, "s", 1, range_encoding=AugmentedSphere.RANGE_32FC1),
-            conversions.graph_to_message(self.graph, "map"),
-            conversions.poses_to_path([(i * SECOND, pose) for i in range(4)], SECOND, "map"),
-            conversions.se3_to_pose_with_covariance(pose, np.eye(6), SECOND, "map"),
-            _with_pose(Odometry(), pose),
-            ReferenceTrajectory(points=points),
-            LaserScan(angle_max=2.9, angle_increment=0.1, range_max=10.0, ranges=[1.0] * 30),
-        ]
-
-
-def _with_pose(message: Odometry, pose: SE3) -> Odometry:
-    message.pose.pose = conversions.se3_to_pose(pose)
-    return message
+        """Return files that another library wrote: sqlite3, ROS 1 in chunks."""
+        items = [("/text", k, String(data=self.rng.bytes(20).hex())) for k in range(20)]
+        folder = ros2("sqlite")(self.folder / "sqlite", items)
+        found = [next(f for f in folder.iterdir() if f.suffix != ".yaml")]
+        return found + [ros1(method)(self.folder / f"one{method}", items) for method in ("", "bz2", "lz4")]

@@ -1,63 +1,38 @@
-"""What is fuzzed: every reader of files, every conversion of messages, the services that open files."""
+"""What is fuzzed: every reader of files. Messages and services are lied to by `endpoints`."""
 
 from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zstandard
-from rclpy.serialization import serialize_message
-from sphere_nav_msgs.srv import LoadCloud, LoadMap, LoadTrajectory
 
-from benchmarks.abuse.fuzz_attacks import Readers, make_attacks
 from benchmarks.abuse.fuzz_samples import Samples
-from benchmarks.abuse.mutations import mutate_bytes, mutate_message
-from dense_localizer.ros.node import DenseLocalizerNode
+from benchmarks.abuse.mutations import attack_texts, mutate_bytes
 from mcl_depth.geometry.files import read_geometry
-from mcl_depth.ros.node import MclDepthNode
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
-from path_follower.ros.node import PathFollowerNode
 from path_follower.routes.mission import Mission
 from path_follower.routes.mission_file import read_mission
 from path_follower.routes.network_file import read_network
 from path_follower.routes.params import MissionParams
-from rig_calibration.boards.board import read_boards
 from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.mcap_file import McapFile
-from sphere_nav.ros.bags.reader import BagReader, deserialize
-from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import read_streams
-from sphere_nav.ros.camera.drivers import read_driver
 from sphere_nav.ros.camera.mounting import read_mounting
-from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.maps.check import salvage_map
 from sphere_nav.ros.maps.reader import MapReader, open_map
-from sphere_nav.ros.node import ManagedNode
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav_tools.offline.importing import recording
 
-CONVERSIONS: dict[str, tuple[Callable[[Any], Any], ...]] = {
-    "Image": (conversions.image_to_rgb, conversions.image_to_gray, conversions.depth_to_meters),
-    "CompressedImage": (conversions.decompress, conversions.compressed_to_array),
-    "CameraInfo": (conversions.camera_from_info, conversions.stereo_baseline),
-    "PointCloud2": (conversions.message_to_cloud,),
-    "AugmentedSphere": (conversions.message_to_sphere,),
-    "KeySphereGraph": (conversions.message_to_graph,),
-    "Path": (conversions.path_to_poses,),
-    "PoseWithCovarianceStamped": (conversions.pose_with_covariance_to_se3,),
-    "Odometry": (conversions.odometry_to_se3,),
-    "ReferenceTrajectory": (driving.message_to_trajectory,),
-    "LaserScan": (driving.scan_to_points,),
-}
+Readers = dict[str, tuple[Path, Callable[[Path], Any]]]
 
 
 @dataclass(frozen=True)
@@ -78,11 +53,10 @@ def make_targets(folder: Path) -> list[Target]:
     """Return all targets; valid samples are made in a folder first."""
     samples = Samples(folder)
     readers = _readers(samples)
-    slow = {name for name, (path, _) in readers.items() if path.suffix in (".bmp", ".laz")}
+    slow = {name for name, (path, _) in readers.items() if path.suffix == ".laz"}
     targets = [_file_target(name, *pair, weight=0.02 if name in slow else 1.0) for name, pair in readers.items()]
-    targets += [*_bag_targets(samples), *_message_targets(samples), *_service_targets(samples)]
-    attacks = make_attacks(samples, readers)
-    return targets + [Target(f"attack {name}", attempt, weight) for name, attempt, weight in attacks]
+    targets += [*_bag_targets(samples)]
+    return [*targets, Target("attack: characters and nesting", partial(attack_texts, readers), 2.0)]
 
 
 def _file_target(name: str, sample: Path, read: Callable[[Path], Any], weight: float = 1.0) -> Target:
@@ -128,18 +102,14 @@ def _readers(samples: Samples) -> Readers:
         "rig": (samples.rig, lambda path: [camera.camera for camera in read_rig(path).cameras]),
         "kalibr": (samples.kalibr, read_placed),
         "opencv": (samples.opencv, read_placed),
-        "basalt": (samples.basalt, read_placed),
         "tum": (samples.tum, read_tum),
         "path tum": (samples.tum, lambda path: read_path(path, params)),
         "path csv": (samples.path_csv, lambda path: read_path(path, params)),
         "table": (samples.table, lambda path: recording.read_numbers(path, 4)),
         "pose": (samples.table, recording.read_pose),
-        "driver": (samples.driver, lambda path: read_driver(str(path))),
         "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
-        "boards": (samples.boards, read_boards),
         "routes": (samples.routes, read_network),
         "mission": (samples.mission, read_state),
-        "image bmp": (samples.bmp, recording.read_image),
         "image png": (samples.png, recording.read_image),
         "image jpg": (samples.jpg, recording.read_image),
         "depth png": (samples.depth, recording.read_depth_file),
@@ -150,7 +120,7 @@ def _readers(samples: Samples) -> Readers:
 
 def _bag_targets(samples: Samples) -> list[Target]:
     messages, spheres = set(_messages(samples.bag)), samples.spheres
-    sqlite, packed, file, *ros1 = samples.foreign_bags
+    sqlite, *ros1 = samples.foreign_bags
 
     def read_bag(path: Path) -> None:
         with BagReader(path, is_empty_allowed=True) as bag:
@@ -180,44 +150,15 @@ def _bag_targets(samples: Samples) -> list[Target]:
             read_streams(bag)
             list(bag.raw())
 
-    def read_folder(given: Path, rng: np.random.Generator, folder: Path) -> None:
-        wrong = folder / f"wrong_{given.parent.name}"
-        wrong.mkdir(exist_ok=True)
-        data, described = given.read_bytes(), given.with_name("metadata.yaml").read_bytes()
-        is_file = rng.random() < 0.7
-        if is_file and given is file and rng.random() < 0.5:  # what is packed is wrong, or has no end
-            plain = zstandard.ZstdDecompressor().stream_reader(data).read()
-            data = _bomb() if rng.random() < 0.01 else zstandard.compress(mutate_bytes(plain, rng))
-        elif is_file:
-            data = mutate_bytes(data, rng)
-        (wrong / given.name).write_bytes(data)
-        (wrong / "metadata.yaml").write_bytes(described if is_file else mutate_bytes(described, rng))
-        read_foreign_bag(wrong)
-
-    def read_metadata(rng: np.random.Generator, folder: Path) -> None:
-        (folder / "wrong_bag").mkdir(exist_ok=True)
-        (folder / "wrong_bag" / samples.bag.name).write_bytes(samples.bag.read_bytes())
-        (folder / "wrong_bag" / "metadata.yaml").write_bytes(mutate_bytes(samples.metadata.read_bytes(), rng))
-        read_bag(folder / "wrong_bag")
-
     return [
         _file_target("bag", samples.bag, read_bag),
         _file_target("bag, salvage", samples.bag, read_salvage),
         _file_target("bag, plain", samples.plain_bag, lambda path: list(_messages(path))),
-        Target("bag, metadata", read_metadata),
         _file_target("bag, sqlite3", sqlite, read_foreign_bag, 0.5),
-        Target("bag, packed messages", partial(read_folder, packed), 0.5),
-        Target("bag, packed file", partial(read_folder, file), 0.5),
         *(_file_target(f"bag, ROS 1 {path.stem}", path, read_foreign_bag, 0.5) for path in ros1),
         _file_target("map", samples.map / "map.mcap", read_map),
         _file_target("map, salvage", samples.map / "map.mcap", partial(read_made, salvage_map), 0.3),
     ]
-
-
-@cache
-def _bomb() -> bytes:
-    """Return gigabytes of zeros, packed without telling how many."""
-    return zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 24)) * 200
 
 
 def _messages(path: Path) -> Iterable[tuple[str, int, bytes]]:
@@ -234,76 +175,3 @@ def _check_spheres(graph: Iterable[Any], spheres: dict[int, Any]) -> None:
     for node in graph:
         assert node.id in spheres, f"accepted a key sphere {node.id} that was never written"
         assert np.array_equal(node.sphere.image, spheres[node.id].image), "accepted another picture"
-
-
-def _message_targets(samples: Samples) -> list[Target]:
-    targets = []
-    for message in samples.messages:
-        kind = type(message)
-        targets.append(Target(f"message {kind.__name__} {samples.label(message)}".strip(), _converting(message)))
-        targets.append(Target(f"bytes {kind.__name__} {samples.label(message)}".strip(), _decoding(message)))
-    return targets
-
-
-def _converting(message: Any) -> Callable[[np.random.Generator, Path], None]:
-    def attempt(rng: np.random.Generator, folder: Path) -> None:
-        wrong = mutate_message(message, rng)
-        _convert(wrong)
-
-    return attempt
-
-
-def _decoding(message: Any) -> Callable[[np.random.Generator, Path], None]:
-    data = serialize_message(message)
-
-    def attempt(rng: np.random.Generator, folder: Path) -> None:
-        _convert(deserialize(mutate_bytes(data, rng), type(message), "message"))
-
-    return attempt
-
-
-def _convert(message: Any) -> None:
-    """Try every conversion of a message; where all refuse, so does this."""
-    refusals = []
-    readers = CONVERSIONS[type(message).__name__]
-    for convert in readers:
-        try:
-            check(convert(message))
-        except ValueError as error:
-            refusals.append(error)
-    if len(refusals) == len(readers):
-        raise refusals[0]
-
-
-def _service_targets(samples: Samples) -> list[Target]:
-    follower: Any = OfflineBus().add(PathFollowerNode)
-    mcl = OfflineBus().add(MclDepthNode)
-    dense = OfflineBus().add(DenseLocalizerNode)
-    targets = [
-        _service_target(follower, "load_trajectory", LoadTrajectory, path, lambda: follower.trajectories.path)
-        for path in (samples.tum, samples.path_csv)
-    ]
-    for path in samples.geometry:
-        weight = 0.02 if path.suffix == ".laz" else 0.5
-        targets.append(_service_target(mcl, "load_cloud", LoadCloud, path, lambda: mcl.clouds.geometry, weight))
-    sample = samples.map / "map.mcap"
-    targets.append(_service_target(dense, "load_map", LoadMap, sample, lambda: dense.maps.reader, 0.3))
-    return targets
-
-
-def _service_target(
-    node: ManagedNode, name: str, kind: Any, sample: Path, in_force: Callable[[], Any], weight: float = 0.5
-) -> Target:
-    service = next(full for full in node.endpoints.services if full.split("/")[-1] == name)  # type: ignore[attr-defined]
-    data = sample.read_bytes()
-
-    def attempt(rng: np.random.Generator, folder: Path) -> None:
-        path, before = folder / f"called{sample.suffix}", in_force()
-        path.write_bytes(mutate_bytes(data, rng))
-        answer = node.endpoints.call(service, kind.Request(path=str(path)))  # type: ignore[attr-defined]
-        if not answer.success:
-            assert in_force() is before, "a refused request changed what is in force"
-            assert "Error:" not in answer.message, f"no refusal but a mistake: {answer.message}"
-            raise ValueError(answer.message)
-
-    return Target(f"service {name} {sample.stem}{sample.suffix}", attempt, weight)

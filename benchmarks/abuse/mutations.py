@@ -7,8 +7,9 @@ import copy
 import importlib
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ WORDS = (
     *(b"<<: {a: 1}", b"!!python/object:os.system", b"2026-99-99", b"0x" + b"f" * 100, b"1:2:3:4", b"\x00", b"\xff\xfe"),
     *("é²٣".encode(), b"a" * 70_000, b"[" * 3000, b'"', b"'", b"#", b",", b":", b"-", b"\n", b"\t", b"%YAML 1.0\n"),
 )
+TEXT_FILES = (".yaml", ".yml", ".json", ".geojson", ".csv", ".txt", ".tum")
+CONTROLS = (b"\x1b[2J", b"\x00", b"\r", b"\x7f", "\u202e".encode(), b"\n", b"%s%n", b"../../etc/passwd", b"a" * 5000)
 INTEGERS = (0, 1, 2, 127, 128, 255, 256, 65535, 65536, 2**24, 2**31 - 1, 2**31, 2**32 - 1, 2**33, 2**63 - 1, 2**64 - 1)
 SMALL = (0, 1, 1, 2, 3, 4, 77)
 FLOATS = (0.0, -0.0, 1.0, -1.0, 0.5, 3.0, 1e-30, 1e9, 1e30, float("nan"), float("inf"), float("-inf"))
@@ -73,6 +76,33 @@ def _changed(data: bytes, rng: np.random.Generator) -> bytes:
             found = NUMBER.search(data, place) or NUMBER.search(data)
             begin, end = found.span() if found else (place, end)
             return data[:begin] + WORDS[rng.integers(len(WORDS))] + data[end:]
+
+
+def attack_texts(
+    readers: dict[str, tuple[Path, Callable[[Path], Any]]], rng: np.random.Generator, folder: Path
+) -> None:
+    """Read a text file with what a terminal or a parser would obey: characters, lists in lists, numbers without end."""
+    texts = [pair for pair in readers.values() if pair[0].suffix in TEXT_FILES]
+    sample, read = texts[rng.integers(len(texts))]
+    deep, many, data = int(2 ** rng.integers(1, 16)), int(rng.integers(2, 12)), sample.read_bytes()
+    anchors = "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * many) if i else '1'}]\n" for i in range(many))
+    nested = ["[" * deep, "{a: " * deep, "[" * deep + "]" * deep, '{"a":' * deep + "1" + "}" * deep, anchors]
+    nested += [
+        "? " * deep,
+        "- " * deep,
+        "9" * deep,
+        "1:" * deep + "1",
+        "<<: " * min(deep, 99),
+        "!!binary " + "A" * deep,
+    ]
+    words = [*CONTROLS, *(text.encode() for text in nested)]
+    for _ in range(int(rng.integers(1, MOST + 1))):
+        places = [place + 1 for place, byte in enumerate(data) if byte in b":,=[ "] or [0]
+        place = places[rng.integers(len(places))] if rng.random() < 0.7 else int(rng.integers(len(data) + 1))
+        data = data[:place] + words[rng.integers(len(words))] + data[place:]
+    path = folder / f"texts{sample.suffix}"
+    path.write_bytes(data)
+    read(path)
 
 
 def mutate_message(message: Any, rng: np.random.Generator) -> Any:

@@ -1,10 +1,9 @@
-"""The zoo: recordings of small drives through one room as anybody might have made them, good and bad."""
+"""The zoo: recordings of small drives through one room, good and bad, in containers written by rosbags and mcap."""
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -12,47 +11,122 @@ from typing import Any
 import cv2
 import numpy as np
 from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from numpy.typing import NDArray
-from rosbags.typesys import Stores
+from rclpy.serialization import serialize_message
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from sensor_msgs.msg import CompressedImage
+from tf2_msgs.msg import TFMessage
 
-from benchmarks.abuse.zoo_writers import OLD_TF, TF, Item, Messages, Write, mcap, ros1, ros2
 from benchmarks.room import HALF_SIDES_M, render
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.cameras.camera import Camera, pixel_rays
+from sphere_nav.ros import conversions
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-SIZE, FOCAL = (240, 180), 180.0
-CAMERA = Pinhole(*SIZE, FOCAL, FOCAL, SIZE[0] / 2 - 0.5, SIZE[1] / 2 - 0.5)
+CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
 PANORAMA = Spherical(256, 128)
 SECOND, PERIOD, HOUR = 10**9, 10**8, 3600 * 10**9
 EPOCH = 1_700_000_000 * SECOND
 HEIGHT = 1.2  # m of the camera above the floor, on which base_link moves
 T_BASE_CAMERA = SE3.from_parts(np.eye(3), [0.2, 0.0, HEIGHT])
+T_BASE_OPTICAL = T_BASE_CAMERA @ T_BODY_OPTICAL
 T_ROOM_MAP = SE3.from_parts(np.eye(3), [0.0, 0.0, -HALF_SIDES_M[2]])  # the room's origin is its middle
 FIRST, STEP = SE3.from_planar(-1.0, 0.5, 0.3), SE3.exp([0.04, 0.0, 0.0, 0.0, 0.0, 0.015])
 BASELINE = 0.5
 RIG_LENS = Fisheye(160, 160, 48.0, 48.0, 79.5, 79.5)
 RIG_NAMES = ("front", "left", "right", "low_front", "low_left", "low_right")
-IMAGE, COMPRESSED, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
-ODOMETRY, PACKET = "nav_msgs/msg/Odometry", "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+VIDEO = b"\x00\x00\x00\x01\x67\x42\x00\x1e" + bytes(range(200))
 ALL = ("map", "localize", "mcl")
+NO_MAP, NO_ODOMETRY, ONLY = ("localize", "mcl"), ("map", "localize"), ("localize",)
+Item = tuple[str, int, Any]  # topic, time of recording in ns, message
+Write = Callable[[Path, Iterable[Item]], Path]  # a path without ending -> the bag that was written there
 Instant = Callable[[int], int]  # number of an image -> ns
+TF = "tf2_msgs/msg/TFMessage"
+STORE, OLD_STORE = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
+for _store in (STORE, OLD_STORE):
+    _store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
 
 
+# --- containers
+def kind_of(message: Any) -> str:
+    """Return the name of the type of a message."""
+    return f"{type(message).__module__.partition('.')[0]}/msg/{type(message).__name__}"
+
+
+def _write_all(writer: Any, store: Any, items: Iterable[Item], pack: Callable[[bytes, str], Any]) -> None:
+    """Write messages by a writer of rosbags, each topic with a connection of its own."""
+    known: dict[str, Any] = {}
+    for topic, ns, message in items:
+        kind = kind_of(message)
+        if topic not in known:
+            known[topic] = writer.add_connection(topic, kind, typestore=store)
+        writer.write(known[topic], ns, pack(serialize_message(message), kind))
+
+
+def ros2(storage: str = "mcap", mode: str = "", *, is_lone: bool = False) -> Write:
+    """Return a writer of rosbag2 folders by rosbags; `mode`: file or message, that is compressed."""
+
+    def write(path: Path, items: Iterable[Item]) -> Path:
+        plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
+        writer = Ros2Writer(path, version=9, storage_plugin=plugin)
+        if mode:
+            writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
+        with writer:
+            _write_all(writer, STORE, items, lambda data, kind: data)
+        return next(file for file in path.iterdir() if file.suffix in (".db3", ".mcap")) if is_lone else path
+
+    return write
+
+
+def ros1(compression: str = "") -> Write:
+    """Return a writer of ROS 1 bags by rosbags."""
+
+    def write(path: Path, items: Iterable[Item]) -> Path:
+        path = path.with_suffix(".bag")
+        writer = Ros1Writer(path)
+        if compression:
+            writer.set_compression(Ros1Writer.CompressionFormat[compression.upper()])
+        with writer:
+            _write_all(writer, OLD_STORE, items, STORE.cdr_to_ros1)
+        return path
+
+    return write
+
+
+def mcap(compression: CompressionType = CompressionType.ZSTD, **options: Any) -> Write:
+    """Return a writer of .mcap files by mcap."""
+
+    def write(path: Path, items: Iterable[Item]) -> Path:
+        channels: dict[str, int] = {}
+        with path.with_suffix(".mcap").open("wb") as stream:
+            writer = McapWriter(stream, compression=compression, **options)
+            writer.start(profile="ros2", library="zoo")
+            for topic, ns, message in items:
+                if topic not in channels:
+                    text, _ = STORE.generate_msgdef(kind_of(message), ros_version=2)
+                    schema = writer.register_schema(kind_of(message), "ros2msg", text.encode())
+                    channels[topic] = writer.register_channel(topic, "cdr", schema)
+                writer.add_message(channels[topic], ns, serialize_message(message), ns)
+            writer.finish()
+        return path.with_suffix(".mcap")
+
+    return write
+
+
+# --- what is seen
 def base_pose(number: int) -> SE3:
     """Return T_map_base at an instant; the map's origin is on the floor."""
     return FIRST @ SE3.exp(STEP.log() * number)
 
 
 @lru_cache(maxsize=256)
-def see(camera: Camera, number: int, shift: float = 0.0) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Return grey levels and depth along z (H, W) in m of a camera `shift` m to the right; range of a panorama."""
-    T_map_body = base_pose(number) @ T_BASE_CAMERA
-    if isinstance(camera, Spherical):
-        return render(camera, T_ROOM_MAP @ T_map_body)
-    T_camera = T_ROOM_MAP @ T_map_body @ T_BODY_OPTICAL @ SE3.from_parts(np.eye(3), [shift, 0.0, 0.0])
-    gray, range_m = render(camera, T_camera)
-    return gray, (range_m * pixel_rays(camera)[..., 2]).astype(np.float32)
+def see(camera: Camera, number: int, T_base_camera: SE3) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return grey levels and range (H, W) in m."""
+    return render(camera, T_ROOM_MAP @ base_pose(number) @ T_base_camera)
 
 
 @lru_cache(maxsize=1)
@@ -66,108 +140,61 @@ def rig() -> Rig:
     return Rig(tuple(parts))
 
 
-@lru_cache(maxsize=64)
-def see_rig(name: str, number: int) -> NDArray[np.uint8]:
-    """Return the grey levels of a camera of the rig."""
-    T_camera = T_ROOM_MAP @ base_pose(number) @ T_BASE_CAMERA @ rig().camera(name).T_rig_camera
-    return render(RIG_LENS, T_camera)[0]
-
-
 def write_room(path: Path) -> Path:
     """Write the room as an ascii .ply, its floor at 0."""
     a, b, c = HALF_SIDES_M
     corners = [f"{x} {y} {z}" for x in (-a, a) for y in (-b, b) for z in (0.0, 2 * c)]
-    faces = [f"4 {' '.join(map(str, quad))}" for quad in FACES]
+    faces = [f"4 {' '.join(quad)}" for quad in ("0132", "4576", "0154", "2376", "0264", "1375")]
     head = ["ply", "format ascii 1.0", "element vertex 8", *(f"property float {axis}" for axis in "xyz")]
     head += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
     path.write_text("\n".join([*head, *corners, *faces]) + "\n")
     return path
 
 
-FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
-
-
-def values_of(T: SE3) -> NDArray[np.float64]:
-    """Return x, y, z and quaternion (7,)."""
-    return np.concatenate([T.translation, T.quaternion])
-
-
-# --- how pixels become messages
 def color(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return RGB (H, W, 3) of grey levels."""
     return np.dstack([gray, (0.9 * gray).astype(np.uint8), (0.8 * gray).astype(np.uint8)])
 
 
-def _bayer(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    rgb, mosaic = color(gray), gray.copy()
-    mosaic[0::2, 0::2], mosaic[1::2, 1::2] = rgb[0::2, 0::2, 0], rgb[1::2, 1::2, 2]
-    mosaic[0::2, 1::2], mosaic[1::2, 0::2] = rgb[0::2, 1::2, 1], rgb[1::2, 0::2, 1]
-    return mosaic
-
-
-def _yuyv(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return np.dstack([gray, np.full_like(gray, 128)])
-
-
 RAW: dict[str, Callable[[NDArray[np.uint8]], NDArray[Any]]] = {
     "rgb8": color,
-    "bgr8": lambda gray: color(gray)[..., ::-1],
-    "bgra8": lambda gray: np.dstack([color(gray)[..., ::-1], np.full_like(gray, 255)]),
+    "bgr8": lambda gray: np.ascontiguousarray(color(gray)[..., ::-1]),
     "mono8": lambda gray: gray,
     "mono16": lambda gray: gray.astype(np.uint16) << 8,
-    "yuv422_yuy2": _yuyv,
-    "bayer_rggb8": _bayer,
-    "nv12": lambda gray: np.vstack([gray, np.full_like(gray[: len(gray) // 2], 128)]),
+    "bayer_rggb8": lambda gray: gray,
 }
-VIDEO = b"\x00\x00\x00\x01\x67\x42\x00\x1e" + bytes(range(200))
 
 
-def encode(make: Messages, gray: NDArray[np.uint8], encoding: str, ns: int, frame: str) -> tuple[str, Any]:
-    """Return type and message of an image by the name of its encoding."""
+def encode(gray: NDArray[np.uint8], encoding: str, ns: int, frame: str) -> Any:
+    """Return the message of an image by the name of its encoding."""
     if encoding in RAW:
-        return IMAGE, make.image(RAW[encoding](gray), ns, frame, encoding)
-    if encoding == "padded":
-        return IMAGE, make.image(color(gray), ns, frame, "rgb8", padding=16)
-    if encoding == "short":
-        message = make.image(color(gray), ns, frame, "rgb8")
-        return IMAGE, replace(message, data=message.data[: len(message.data) // 2])
-    if encoding == "ffmpeg":
-        width, height = gray.shape[::-1]
-        data = np.frombuffer(VIDEO, np.uint8)
-        return PACKET, make.make(PACKET, make.header(ns, frame), width, height, "h264", 0, 0, False, data)
-    if encoding == "h264":
-        return COMPRESSED, make.compressed(VIDEO, ns, frame, "h264")
-    ending = {"webp": ".webp", "jpeg": ".jpg", "png": ".png"}[encoding]
-    data = cv2.imencode(ending, color(gray)[..., ::-1])[1].tobytes()
-    names = {"jpeg": "rgb8; jpeg compressed bgr8", "png": "png", "webp": "webp"}
-    return COMPRESSED, make.compressed(data, ns, frame, names[encoding])
+        return conversions.array_to_image(RAW[encoding](gray), ns, frame, encoding)
+    data = VIDEO if encoding == "h264" else cv2.imencode(f".{encoding}", color(gray)[..., ::-1])[1].tobytes()
+    name = {"jpeg": "rgb8; jpeg compressed bgr8"}.get(encoding, encoding)
+    return CompressedImage(header=conversions.header(ns, frame), format=name, data=data)
 
 
-def encode_depth(make: Messages, meters: NDArray[np.float32], encoding: str, ns: int, frame: str) -> tuple[str, Any]:
-    """Return type and message of depth by the name of its encoding."""
-    millimeters = np.rint(meters * 1e3).astype(np.uint16)
-    png = partial(cv2.imencode, ".png")
-    if encoding in ("16UC1", "mono16"):
-        return IMAGE, make.image(millimeters, ns, frame, encoding)
+def encode_depth(meters: NDArray[np.float32], encoding: str, ns: int, frame: str) -> Any:
+    """Return the message of depth by the name of its encoding."""
     if encoding == "32FC1":
-        return IMAGE, make.image(meters, ns, frame, encoding)
-    if encoding == "big":
-        return IMAGE, make.image(millimeters.astype(">u2"), ns, frame, "16UC1")
-    if encoding == "nothing":
-        return IMAGE, make.image(np.full_like(meters, np.nan), ns, frame, "32FC1")
-    if encoding == "rvl":
-        data = struct.pack("<iff", 1, 0.0, 0.0) + struct.pack("<ii", *meters.shape[::-1]) + bytes(500)
-        return COMPRESSED, make.compressed(data, ns, frame, "16UC1; compressedDepth rvl")
-    if encoding == "compressedDepth 32FC1":
-        a, b = 100.0 * 101.0, 1.0 - 101.0 / 10.0
-        inverse = np.rint(a / meters + b).astype(np.uint16)
-        data = struct.pack("<iff", 0, a, b) + png(inverse)[1].tobytes()
-        return COMPRESSED, make.compressed(data, ns, frame, "32FC1; compressedDepth png")
-    data = png(millimeters)[1].tobytes()
-    if encoding == "compressedDepth":
-        data = struct.pack("<iff", 0, 0.0, 0.0) + data
-        return COMPRESSED, make.compressed(data, ns, frame, "16UC1; compressedDepth")
-    return COMPRESSED, make.compressed(data, ns, frame, encoding)  # of the transport `compressed`
+        return conversions.array_to_image(meters, ns, frame, encoding)
+    millimeters = np.rint(meters * 1e3).astype(np.uint16)
+    if encoding in ("16UC1", "mono16"):
+        return conversions.array_to_image(millimeters, ns, frame, encoding)
+    data = cv2.imencode(".png", millimeters)[1].tobytes()
+    is_packed = encoding == "16UC1; compressedDepth"  # of its own transport, with a head of 12 bytes
+    return CompressedImage(header=conversions.header(ns, frame), format=encoding, data=bytes(12 * is_packed) + data)
+
+
+def transforms(edges: Iterable[tuple[SE3, str, str]], ns: int) -> TFMessage:
+    """Return a TFMessage of places, parents and children."""
+    return TFMessage(transforms=[conversions.se3_to_transform(T, ns, *names) for T, *names in edges])
+
+
+def odometry(number: int, ns: int) -> Any:
+    """Return the odometry at an instant."""
+    pose, frames = base_pose(number), ("odom", "base_link")
+    return conversions.se3_to_odometry(pose, 1e-4 * np.eye(6), ns, frames, np.zeros(6))
 
 
 # --- drives
@@ -183,304 +210,169 @@ class Drive:
     image: str = "/camera/camera/color/image_raw"
     info: str = "/camera/camera/color/camera_info"
     depth: str = "/camera/camera/aligned_depth_to_color/image_raw"
-    depth_info: str = ""
     odom: str = "/wheel/odometry"
     encoding: str = "rgb8"
     depth_encoding: str = "16UC1"
     frame: str = "camera_optical"
     info_frame: str | None = None
-    depth_frame: str | None = None
     mount: str = "/tf_static"
     moving: tuple[tuple[str, str], ...] = ()  # edges on /tf; all but the last stand still
     stamp: Instant = steady
     log: Instant = steady
     depth_ns: int = 2_000_000  # by which depth is later
-    info_size: tuple[int, int] = SIZE
-    has_k: bool = True
-    model: str = "plumb_bob"
+    change: Callable[[Any], None] = lambda info: None  # of the calibration
     odom_stamp: Instant | None = None
-    tf: str = TF
     num: int = 6
-    others: Callable[[Messages, int, int], Iterable[Item]] = lambda make, number, ns: ()
 
-    def items(self, make: Messages) -> list[Item]:
+    def items(self) -> list[Item]:
         """Return the messages in the order in which they were recorded."""
         found: list[Item] = []
-        if self.mount:
-            edges = [(values_of(T_BASE_CAMERA), "base_link", "camera_link")]
-            edges += [(values_of(T_BODY_OPTICAL), "camera_link", self.frame)]
-            if self.depth_frame:
-                edges += [(values_of(SE3.from_parts(np.eye(3), [-0.02, 0, 0])), self.frame, self.depth_frame)]
-            for number in range(self.num if self.mount == "/tf" else 1):
-                message = make.transforms(edges, self.stamp(number), self.tf)
-                found.append((self.mount, self.tf, self.log(number) - 10**6, message))
+        edges = [(T_BASE_CAMERA, "base_link", "camera_link"), (T_BODY_OPTICAL, "camera_link", self.frame)]
+        for number in range(self.num if self.mount == "/tf" else bool(self.mount)):
+            found.append((self.mount, self.log(number) - 10**6, transforms(edges, self.stamp(number))))
         for number in range(self.num):
-            found += self._instant(make, number)
-        return sorted(found, key=lambda item: item[2])
+            found += self._instant(number)
+        return sorted((item for item in found if item[0]), key=lambda item: item[1])
 
-    def _instant(self, make: Messages, number: int) -> Iterable[Item]:
+    def _instant(self, number: int) -> Iterable[Item]:
         ns, log = self.stamp(number), self.log(number)
-        gray, meters = see(CAMERA, number)
-        frame = self.frame if self.info_frame is None else self.info_frame
-        if self.odom:
-            values, when = values_of(base_pose(number)), (self.odom_stamp or self.stamp)(number)
-            yield self.odom, ODOMETRY, log, make.odometry(values, when)
-        for place, (parent, child) in enumerate(self.moving):
+        gray, range_m = see(CAMERA, number, T_BASE_OPTICAL)
+        meters = (range_m * pixel_rays(CAMERA)[..., 2]).astype(np.float32)
+        yield self.odom, log, odometry(number, (self.odom_stamp or self.stamp)(number))
+        for place, names in enumerate(self.moving):
             T = base_pose(number) if place == len(self.moving) - 1 else SE3.identity()
-            yield "/tf", self.tf, log, make.transforms([(values_of(T), parent, child)], ns, self.tf)
-        if self.info:
-            options: dict[str, Any] = {"has_k": self.has_k, "model": self.model}
-            yield self.info, INFO, log + 10**6, make.info(self.info_size, FOCAL, ns, frame, **options)
-        if self.image:
-            yield self.image, *_timed(encode(make, gray, self.encoding, ns, self.frame), log + 2 * 10**6)
-        late = ns + self.depth_ns
-        if self.depth_info:
-            yield self.depth_info, INFO, log + 10**6, make.info(SIZE, FOCAL, late, self.depth_frame or self.frame)
-        if self.depth:
-            if self.depth_frame:
-                meters = see(CAMERA, number, -0.02)[1]
-            kind, message = encode_depth(make, meters, self.depth_encoding, late, self.depth_frame or self.frame)
-            yield self.depth, kind, log + 3 * 10**6, message
-        yield from self.others(make, number, ns)
+            yield "/tf", log, transforms([(T, *names)], ns)
+        info = conversions.camera_to_info(CAMERA, ns, self.frame if self.info_frame is None else self.info_frame)
+        self.change(info)
+        yield self.info, log + 10**6, info
+        yield self.image, log + 2 * 10**6, encode(gray, self.encoding, ns, self.frame)
+        yield self.depth, log + 3 * 10**6, encode_depth(meters, self.depth_encoding, ns + self.depth_ns, self.frame)
 
 
-def _timed(found: tuple[str, Any], log: int) -> tuple[str, int, Any]:
-    return found[0], log, found[1]
-
-
-def stereo(
-    make: Messages,
-    *,
-    baseline: float = BASELINE,
-    has_k: bool = True,
-    has_frames: bool = False,
-    names: tuple[str, str] = ("/zed/zed_node/left/image_rect_color", "/zed/zed_node/right/image_rect_color"),
-) -> list[Item]:
+def stereo(*, baseline: float = BASELINE) -> list[Item]:
     """Return the drive of a rectified pair; `baseline` as its calibration has it."""
-    found: list[Item] = []
-    frames = ("left_optical", "right_optical")
-    edges = [(values_of(T_BASE_CAMERA @ T_BODY_OPTICAL), "base_link", frames[0])]
-    if has_frames:
-        edges.append((values_of(SE3.from_parts(np.eye(3), [BASELINE, 0, 0])), *frames))
-    found.append(("/tf_static", TF, EPOCH, make.transforms(edges, EPOCH)))
+    found: list[Item] = [("/tf_static", EPOCH, transforms([(T_BASE_OPTICAL, "base_link", "left_optical")], EPOCH))]
     for number in range(6):
         ns = steady(number)
-        for topic, frame, shift in zip(names, frames, (0.0, BASELINE), strict=True):
-            gray, _ = see(CAMERA, number, shift)
-            options: dict[str, Any] = {"baseline": baseline * (shift > 0), "has_k": has_k, "has_p": not has_frames}
-            info = make.info(SIZE, FOCAL, ns, frame, **options)
-            found.append((f"{topic.rpartition('/')[0]}/camera_info", INFO, ns, info))
-            found.append((topic, IMAGE, ns + 1, make.image(gray, ns, frame, "mono8")))
+        for side, shift in (("left", 0.0), ("right", BASELINE)):
+            gray, _ = see(CAMERA, number, T_BASE_OPTICAL @ SE3.from_parts(np.eye(3), [shift, 0.0, 0.0]))
+            topic, frame = f"/zed/zed_node/{side}", f"{side}_optical"
+            info = conversions.camera_to_info(CAMERA, ns, frame, baseline=baseline * (shift > 0))
+            found.append((f"{topic}/camera_info", ns, info))
+            found.append((f"{topic}/image_rect_color", ns + 1, encode(gray, "mono8", ns, frame)))
     return found
 
 
-def six_cameras(
-    make: Messages, *, topic: str = "/{}/image_raw", encoding: str = "mono8", has_lenses: bool = False, num: int = 5
-) -> list[Item]:
-    """Return the drive of the rig; with lenses each camera is an ordinary one, calibrated and on /tf_static."""
-    found: list[Item] = []
-    T_base_rig = values_of(T_BASE_CAMERA)
-    edges = [(T_base_rig, "base_link", "rig_link")]
-    edges += [(values_of(rig().camera(name).T_rig_camera), "rig_link", f"{name}_optical") for name in RIG_NAMES]
-    found.append(("/tf_static", TF, EPOCH, make.transforms(edges, EPOCH)))
+def six_cameras(*, topic: str = "/{}/image_raw", encoding: str = "mono8", num: int = 5) -> list[Item]:
+    """Return the drive of the rig."""
+    edges = [(T_BASE_CAMERA, "base_link", "rig_link")]
+    edges += [(rig().camera(name).T_rig_camera, "rig_link", f"{name}_optical") for name in RIG_NAMES]
+    found: list[Item] = [("/tf_static", EPOCH, transforms(edges, EPOCH))]
     for number in range(num):
-        ns = steady(number)
         for name in RIG_NAMES:
-            kind, message = encode(make, see_rig(name, number), encoding, ns, f"{name}_optical")
-            found.append((topic.format(name), kind, ns, message))
-            if has_lenses:
-                info = make.info((160, 160), 48.0, ns, f"{name}_optical", model="equidistant")
-                info = replace(info, **{"d" if hasattr(info, "d") else "D": np.zeros(4)})
-                found.append((topic.format(name).rpartition("/")[0] + "/camera_info", INFO, ns, info))
+            gray, _ = see(RIG_LENS, number, T_BASE_CAMERA @ rig().camera(name).T_rig_camera)
+            ns = steady(number)
+            found.append((topic.format(name), ns, encode(gray, encoding, ns, f"{name}_optical")))
     return found
 
 
-def panorama(make: Messages, *, info: str = "/theta/sphere_info", moving: bool = False) -> list[Item]:
+def panorama() -> list[Item]:
     """Return the drive of a panoramic camera."""
-    found: list[Item] = [
-        ("/tf_static", TF, EPOCH, make.transforms([(values_of(T_BASE_CAMERA), "base_link", "theta")], EPOCH))
-    ]
+    found: list[Item] = [("/tf_static", EPOCH, transforms([(T_BASE_CAMERA, "base_link", "theta")], EPOCH))]
     for number in range(6):
         ns = steady(number)
-        gray, _ = see(PANORAMA, number)
-        if info:
-            fields = "equirectangular", "theta", 256.0, 128.0, 256, 128, 0.0, 0.0, 0.0, 0.0
-            found.append(
-                (info, "sphere_nav_msgs/msg/SphereInfo", ns, make.make("sphere_nav_msgs/msg/SphereInfo", *fields))
-            )
-        values = values_of(base_pose(number))
-        edge = make.transforms([(values, "odom", "base_link")], ns)
-        found.append(("/tf", TF, ns, edge) if moving else ("/odom", ODOMETRY, ns, make.odometry(values, ns)))
-        found.append(("/theta/image_raw", IMAGE, ns + 1, make.image(gray, ns, "theta", "mono8")))
+        found.append(("/odom", ns, odometry(number, ns)))
+        gray, _ = see(PANORAMA, number, T_BASE_CAMERA)
+        found.append(("/theta/image_raw", ns + 1, encode(gray, "mono8", ns, "theta")))
     return found
 
 
 # --- the list
+MCAP = ros2()
+
+
 @dataclass(frozen=True)
 class Exhibit:
     """A recording: its name, what is in it, who writes it, the jobs it is good for, what is said where it is not."""
 
     name: str
-    items: Callable[[Messages], Iterable[Item]]
-    write: Write
+    items: Callable[[], Iterable[Item]]
+    write: Write = MCAP
     jobs: tuple[str, ...] = ALL
     words: str = ""
-    is_ros1: bool = False
-    release: Stores = Stores.ROS2_JAZZY
 
     def build(self, folder: Path) -> Path:
         """Write it below a folder; return its path."""
-        make = Messages(self.is_ros1, self.release)
-        return self.write(folder / self.name, make, self.items(make))
+        return self.write(folder / self.name, self.items())
 
 
-def _battery(make: Messages, number: int, ns: int) -> Iterable[Item]:
-    cells = [make.make("acme_msgs/msg/Cell", 3.7)]
-    kind = "acme_msgs/msg/Battery"
-    yield "/battery", kind, ns, make.make(kind, make.header(ns, ""), 12.0, cells)
-
-
-def _second_device(make: Messages, number: int, ns: int) -> Iterable[Item]:
-    other = Drive("/rear/image_raw", "/rear/camera_info", "/rear/depth/image_raw", "", "", frame="rear", mount="")
-    for topic, kind, log, message in other.items(make):
-        if log // PERIOD == ns // PERIOD:
-            yield topic, kind, log, message
-
-
-def _jpeg_copy(make: Messages, number: int, ns: int) -> Iterable[Item]:
-    gray, _ = see(CAMERA, number)
-    yield "/camera/camera/color/image_raw/compressed", *_timed(encode(make, gray, "jpeg", ns, "camera_optical"), ns)
-
-
-def _step(back: int, number_of_first: int = 6) -> Instant:
-    """Return times of a clock that is set by so many ns before an image."""
-    return lambda number: steady(number) + back * (number >= number_of_first)
-
-
-D = Drive()
-OWN = Drive("/image_raw", "/camera_info", "/depth/image_raw", odom="/odom")
-ROBOT = Drive("/robot1/front/rgb/image", "/robot1/front/rgb/camera_info", "/robot1/front/depth_registered/image")
-KINECT = Drive("/camera/rgb/image_color", "/camera/rgb/camera_info", "/camera/depth_registered/image_raw")
-FRONT = Drive("/front/image_raw", "/front/camera_info", "/front/depth/image_raw", others=_second_device)
-APART = replace(D, depth="/camera/camera/depth/image_rect_raw", depth_info="/camera/camera/depth/camera_info")
-APART = replace(APART, depth_frame="depth_optical")
-PACKED = f"{D.image}/compressed"
-INFRA = ("/camera/camera/infra1/image_rect_raw", "/camera/camera/infra2/image_rect_raw")
-NO_MAP, NO_ODOMETRY, ONLY = ("localize", "mcl"), ("map", "localize"), ("localize",)
-NO_WAY = "on /tf_static, found no way"
-
-
-def of(
-    name: str,
-    drive: Drive = D,
-    write: Write | None = None,
-    jobs: tuple[str, ...] = ALL,
-    words: str = "",
-    *,
-    is_ros1: bool = False,
-    **changes: Any,
-) -> Exhibit:
+def of(name: str, write: Write | None = None, jobs: tuple[str, ...] = ALL, words: str = "", **changes: Any) -> Exhibit:
     """Return a drive, changed in some fields, as an exhibit."""
-    return Exhibit(name, replace(drive, **changes).items, write or ros2(), jobs, words, is_ros1=is_ros1)
+    return Exhibit(name, Drive(**changes).items, write or MCAP, jobs, words)
 
 
-def _storages() -> list[Exhibit]:
-    direct = {
+def _set(**values: Any) -> Callable[[Any], None]:
+    """Return a change of a calibration."""
+
+    def change(info: Any) -> None:
+        for name, value in values.items():
+            setattr(info, name, value)
+
+    return change
+
+
+def _step(back: int) -> Instant:
+    """Return times of a clock that is set by so many ns before the seventh image."""
+    return lambda number: steady(number) + back * (number >= 6)
+
+
+def exhibits() -> list[Exhibit]:
+    """Return the whole zoo: containers, names, encodings, clocks and faults."""
+    containers = {
         "mcap_plain": mcap(CompressionType.NONE),
-        "mcap_zstd": mcap(),
         "mcap_lz4": mcap(CompressionType.LZ4),
-        "mcap_small_chunks": mcap(chunk_size=1000),
         "mcap_no_chunks": mcap(use_chunking=False),
         "mcap_no_statistics": mcap(use_statistics=False, use_summary_offsets=False),
-        "mcap_no_repeats": mcap(repeat_channels=False, repeat_schemas=False),
-        "mcap_in_parts": mcap(num_files=3),
         "mcap_no_crc": mcap(enable_crcs=False),
-        "mcap_alone": ros2(is_lone=True),
         "sqlite_alone": ros2("sqlite", is_lone=True),
-        "sqlite_no_metadata": ros2("sqlite", has_metadata=False),
+        "ros1": ros1(),
+        "ros1_bz2": ros1("bz2"),
+        "ros1_lz4": ros1("lz4"),
     }
     modes = [(storage, mode) for storage in ("mcap", "sqlite") for mode in ("", "file", "message")]
-    old = {"ros1": ros1(), "ros1_bz2": ros1("bz2"), "ros1_lz4": ros1("lz4")}
-    return [
-        *(of(name, write=write) for name, write in direct.items()),
-        *(of(f"rosbags_{storage}_{mode}".strip("_"), write=ros2(storage, mode)) for storage, mode in modes),
-        *(of(name, write=write, is_ros1=True, others=_battery) for name, write in old.items()),
-        of("ros1_old_tf", write=ros1(), is_ros1=True, tf=OLD_TF),
-        of("ros1_compressed", write=ros1(), is_ros1=True, image=PACKED, encoding="jpeg"),
-        replace(of("humble_sqlite", write=ros2("sqlite")), release=Stores.ROS2_HUMBLE),
-        replace(of("foxy_sqlite", write=ros2("sqlite")), release=Stores.ROS2_FOXY),
-        of("unknown_types", others=_battery),
-    ]
-
-
-def _names() -> list[Exhibit]:
-    deep = partial(six_cameras, topic="/car/cam_{}/raw/image")
+    containers |= {f"rosbags_{storage}_{mode}".strip("_"): ros2(storage, mode) for storage, mode in modes}
     packed = partial(six_cameras, topic="/{}/image_raw/compressed", encoding="jpeg")
+    depth, jpeg = Drive.depth, f"{Drive.image}/compressed"
+    boot, height, tf = SECOND - EPOCH, "height by --mounting", (("odom", "base_link"),)
+    own: dict[str, Any] = {"image": "/image_raw", "info": "/camera_info", "depth": "/depth/image_raw", "odom": "/odom"}
+    kinect: dict[str, Any] = {"image": "/camera/rgb/image_color", "info": "/camera/rgb/camera_info"}
     return [
-        of("own_names", OWN),
-        of("robot_namespace", ROBOT),
-        of("kinect_names", KINECT),
-        of("depth_apart", APART),
-        of("raw_and_jpeg", others=_jpeg_copy),
-        of("two_devices", FRONT, jobs=(), words="choose by --image"),
+        *(of(name, write) for name, write in containers.items()),
+        of("own_names", **own),
+        of("kinect_names", depth="/camera/depth_registered/image_raw", **kinect),
         of("mono", depth="", jobs=NO_MAP, words="expected depth images"),
         of("no_odometry", odom="", jobs=NO_ODOMETRY, words="expected odometry"),
         of("no_camera_info", info="", jobs=(), words="expected one topic with camera_info"),
         of("no_images", image="", depth="", jobs=(), words="expected images (--image)"),
-        Exhibit("stereo", stereo, ros2(), NO_ODOMETRY),
-        Exhibit("stereo_by_frames", partial(stereo, baseline=0.0, has_frames=True), ros2(), NO_ODOMETRY),
-        Exhibit("stereo_only_p", partial(stereo, has_k=False), ros2(), ("map",), "found focal length 0"),
-        Exhibit("stereo_no_baseline", partial(stereo, baseline=0.0), ros2(), ONLY, "expected -fx * baseline"),
-        Exhibit("infra_names", partial(stereo, names=INFRA), ros2(), NO_ODOMETRY),
-        Exhibit("rig", six_cameras, ros2(), NO_ODOMETRY, "choose by --image"),
-        Exhibit("rig_deep_names", deep, ros2(), NO_ODOMETRY),
-        Exhibit("rig_jpeg", packed, ros2(), NO_ODOMETRY),
-        Exhibit("rig_with_lenses", partial(six_cameras, has_lenses=True), ros2(), NO_ODOMETRY),
-        Exhibit("panorama", panorama, ros2(), NO_MAP),
-        Exhibit("panorama_no_info", partial(panorama, info=""), ros2(), NO_MAP),
-        Exhibit("panorama_tf", partial(panorama, moving=True), ros2(), NO_MAP),
-    ]
-
-
-def _encodings() -> list[Exhibit]:
-    raw = [*(name for name in RAW if name not in ("rgb8", "nv12")), "padded"]
-    depths = {"compressedDepth": "compressedDepth", "compressedDepth 32FC1": "compressedDepth"}
-    depths |= {"16UC1; png compressed": "compressed", "png": "compressed"}
-    bad = {
-        "nv12": ("encoding: expected one of", D.image),
-        "short": ("data: expected", D.image),
-        "h264": ("expected PNG or JPEG", PACKED),
-        "webp": ("expected PNG or JPEG", PACKED),
-        "ffmpeg": ("(video: ffmpeg_image_transport_msgs", PACKED),
-    }
-    rvl: dict[str, Any] = {"depth": f"{D.depth}/compressedDepth", "depth_encoding": "rvl"}
-    return [
-        *(of(f"image_{name}", encoding=name) for name in raw),
-        *(of(f"image_{name}", image=PACKED, encoding=name) for name in ("jpeg", "png")),
-        *(of(f"depth_{name}", depth_encoding=name) for name in ("32FC1", "mono16", "big")),
-        *(
-            of("depth_" + name.replace("; ", "_").replace(" ", "_"), depth=f"{D.depth}/{end}", depth_encoding=name)
-            for name, end in depths.items()
-        ),
-        *(of(f"bad_{n}", image=topic, encoding=n, jobs=(), words=words) for n, (words, topic) in bad.items()),
-        of("bad_rvl", jobs=NO_MAP, words="rvl", **rvl),
-        of("bad_depth_nothing", depth_encoding="nothing", jobs=NO_MAP, words="expected some measured pixels"),
-    ]
-
-
-def _faults() -> list[Exhibit]:
-    long, boot = replace(D, num=12), SECOND - EPOCH
-    none, height = "header.stamp: expected", "height by --mounting"
-    tf = (("odom", "base_link"),)
-    return [
-        of("k_is_0", has_k=False, jobs=(), words="found focal length 0"),
-        of("unknown_lens", model="mei", jobs=(), words="distortion_model: expected"),
-        of("other_size", info_size=(640, 480), jobs=(), words="image size: expected 640 x 480"),
-        of("stamps_0", stamp=lambda number: 0, depth_ns=0, jobs=(), words=f"{none} a time, found 0"),
-        of("stamps_frozen", stamp=lambda number: EPOCH, jobs=(), words=f"{none} one that grows"),
+        Exhibit("stereo", stereo, jobs=NO_ODOMETRY),
+        Exhibit("stereo_no_baseline", partial(stereo, baseline=0.0), jobs=ONLY, words="expected -fx * baseline"),
+        Exhibit("rig", six_cameras, jobs=NO_ODOMETRY, words="choose by --image"),
+        Exhibit("rig_deep_names", partial(six_cameras, topic="/car/cam_{}/raw/image"), jobs=NO_ODOMETRY),
+        Exhibit("rig_jpeg", packed, jobs=NO_ODOMETRY),
+        Exhibit("panorama", panorama, jobs=NO_MAP),
+        *(of(f"image_{name}", encoding=name) for name in RAW if name != "rgb8"),
+        *(of(f"image_{name}", image=jpeg, encoding=name) for name in ("jpeg", "png")),
+        *(of(f"depth_{name}", depth_encoding=name) for name in ("32FC1", "mono16")),
+        of("depth_compressed", depth=f"{depth}/compressedDepth", depth_encoding="16UC1; compressedDepth"),
+        of("depth_16UC1_png_compressed", depth=f"{depth}/compressed", depth_encoding="16UC1; png compressed"),
+        of("bad_h264", image=jpeg, encoding="h264", jobs=(), words="expected PNG or JPEG"),
+        of("k_is_0", change=_set(k=np.zeros(9)), jobs=(), words="found focal length 0"),
+        of("unknown_lens", change=_set(distortion_model="mei"), jobs=(), words="distortion_model: expected"),
+        of("other_size", change=_set(width=640, height=480), jobs=(), words="image size: expected 640 x 480"),
+        of("stamps_0", stamp=lambda number: 0, depth_ns=0, jobs=(), words="header.stamp: expected a time, found 0"),
+        of("stamps_frozen", stamp=lambda number: EPOCH, jobs=(), words="header.stamp: expected one that grows"),
         of("odometry_stamps_0", odom_stamp=lambda number: 0, jobs=NO_ODOMETRY, words="expected odometry"),
         of("depth_late", depth_ns=45_000_000, jobs=NO_MAP, words="expected stamps within 20 ms"),
-        of("depth_without_frames", APART, mount="", jobs=ONLY, words=NO_WAY),
         of("no_frames", mount="", jobs=NO_ODOMETRY, words=height),
         of("empty_frames", frame="", mount="", jobs=NO_ODOMETRY, words=height),
         of("mount_on_tf", mount="/tf"),
@@ -489,16 +381,11 @@ def _faults() -> list[Exhibit]:
         of("recorder_since_boot", log=lambda number: steady(number) + boot),
         of("recorder_behind", log=lambda number: steady(number) - 3 * SECOND),
         of("slow", stamp=lambda n: EPOCH + 3 * n * SECOND, log=lambda n: EPOCH + 3 * n * SECOND),
-        of("clock_set_back", long, stamp=_step(-HOUR)),
-        of("clock_set_forward", long, stamp=_step(HOUR)),
-        of("both_clocks_set_back", long, stamp=_step(-HOUR), log=_step(-HOUR)),
-        of("one_stamp_0", long, stamp=lambda number: steady(number) * (number != 3)),
+        of("clock_set_back", num=12, stamp=_step(-HOUR)),
+        of("clock_set_forward", num=12, stamp=_step(HOUR)),
+        of("both_clocks_set_back", num=12, stamp=_step(-HOUR), log=_step(-HOUR)),
+        of("one_stamp_0", num=12, stamp=lambda number: steady(number) * (number != 3)),
         of("odometry_on_tf", odom="", moving=tf),
         of("odometry_on_tf_in_a_map", odom="", moving=(("map", "odom"), *tf)),
         of("pose_on_tf", odom="", moving=(("map", "base_link"),), jobs=NO_ODOMETRY, words="expected odometry"),
     ]
-
-
-def exhibits() -> list[Exhibit]:
-    """Return the whole zoo."""
-    return [*_storages(), *_names(), *_encodings(), *_faults()]

@@ -30,16 +30,10 @@ NUM_IMAGES, FAULT = 36, 12  # of a drive; the first image that a fault spoils
 GRACE = 3  # images after that
 STEPS = (0.15, 0.5, 1.0)  # between images, m
 MAX_SLIP = 0.3  # of the way, more or less than there was
-SKIPPED = 6  # images of the drive, over which the vehicle is carried along its own street
 START_SIGMA = np.array([0.3, 0.3, np.radians(3.0)])  # of the start that is given, m, m, rad
 MAX_LOSS, MAX_FALSE = 1.0, 0.1  # of the images of healthy drives: not TRACKING; said to contradict odometry, %
 
 Fault = Callable[[Drive, Drive, float], Drive]  # of a drive, with another one, 0 to 1 by number
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments."""
-    trials.add_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> Report:
@@ -47,7 +41,7 @@ def run(options: argparse.Namespace) -> Report:
     count, num_towns = COUNTS[options.size]
     found: dict[str, list[Trial]] = {name: [] for name in FAULTS}
     for seed in range(options.seed, options.seed + num_towns):
-        _drive(seed, count, options.likeness, found)
+        _drive(seed, count, found)
     report, rows = Report("contradictions"), [_row(name, these) for name, these in found.items()]
     head = ("fault", "drives", "TRACKING before", "TRACKING after", "wrong", "DEGRADED wrong", "right at end")
     title = f"Images from {FAULT + GRACE} on, poses beyond {NEAR_M:g} m or 10 deg are wrong"
@@ -56,13 +50,13 @@ def run(options: argparse.Namespace) -> Report:
     return report
 
 
-def _drive(town: int, count: int, likeness: str, found: dict[str, list[Trial]]) -> None:
+def _drive(town: int, count: int, found: dict[str, list[Trial]]) -> None:
     """Add what the filter says of the drives of one town, by fault."""
-    site, plan = trials.town(town, likeness)
+    site, plan = trials.town(town)
     studio, drives = Studio("town", town), []
     for number in range(count):
         rng = np.random.default_rng([town, number, 113])
-        line = kidnapped_line(plan, NUM_IMAGES + SKIPPED, STEPS[number % len(STEPS)], rng)
+        line = kidnapped_line(plan, NUM_IMAGES, STEPS[number % len(STEPS)], rng)
         drives.append(studio.record(line, 900 + number))
     for number, drive in enumerate(drives):
         start = drive.truth(0) + START_SIGMA * np.random.default_rng([number, 127]).standard_normal(3)
@@ -90,12 +84,6 @@ def slipping(drive: Drive, other: Drive, share: float) -> Drive:
     )
 
 
-def carried_on(drive: Drive, other: Drive, share: float) -> Drive:
-    """Return the drive with some of its way carried: the wheels stand, and roll again further along the street."""
-    rows = np.concatenate([np.arange(FAULT), np.arange(FAULT + SKIPPED, NUM_IMAGES + SKIPPED)])
-    return _cut(drive, rows, _spliced(drive.odometry, drive.odometry, rows))
-
-
 def carried_off(drive: Drive, other: Drive, share: float) -> Drive:
     """Return a drive that goes on where another one does: lifted, and put down anywhere."""
     rows = np.arange(NUM_IMAGES)
@@ -109,13 +97,7 @@ def carried_off(drive: Drive, other: Drive, share: float) -> Drive:
     )
 
 
-FAULTS: dict[str, Fault] = {
-    "healthy": healthy,
-    "frozen": frozen,
-    "slipping": slipping,
-    "carried on": carried_on,
-    "carried off": carried_off,
-}
+FAULTS: dict[str, Fault] = {"healthy": healthy, "frozen": frozen, "slipping": slipping, "carried off": carried_off}
 
 
 def _cut(drive: Drive, rows: NDArray[np.integer], odometry: Array) -> Drive:

@@ -1,4 +1,4 @@
-"""Drives through the simulator's worlds: ways, images of any camera, truth, odometry and tilt."""
+"""Drives through the simulator's worlds: ways, panoramas, truth, odometry and tilt."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 
 from cycab_sim.params import CarParams, LightParams, RenderParams, TrafficParams
 from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.sensors.cameras import OPTICAL, panorama
+from cycab_sim.sensors.cameras import panorama
 from cycab_sim.sensors.imaging import expose
-from cycab_sim.simulator import T_BASE_TORCH
 from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.town import Plan
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import World, build_world
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
-from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
+from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
 
 RADIUS = 5.0  # of the bends of a way, m
@@ -29,40 +28,14 @@ SIDE = 100.0  # of the part of the town that is considered, m
 MAX_OFFSET = 1.3  # to the right or left of the middle of the street, m; cars are parked further out
 MARGIN = 2.0  # from the edge of that part, m
 HEIGHT = 1.8  # of the camera above the ground, m
-BODY_AXES = SE3.from_parts(np.eye(3), [0.4, 0.0, HEIGHT])  # a panorama's axes are those of the vehicle
-OPTICAL_AXES = SE3.from_parts(OPTICAL, [0.4, 0.0, HEIGHT])
-UP_AXES = SE3.from_parts([[0, 1, 0], [-1, 0, 0], [0, 0, 1]], [0.4, 0.0, HEIGHT])  # looks at the zenith
+PANORAMA = panorama(360, 96, "panorama")  # 96 degrees high, of which 85 are compared
+T_BASE_CAMERA = SE3.from_parts(np.eye(3), [0.4, 0.0, HEIGHT])
 WAY_SHARE, TURN_DEG = 0.05, 1.0  # odometry: share of a step; for a way of one metre, growing with its square root
 TILT_DEG = 0.2  # of the IMU
 CLEAR = 1.2  # room around the camera that traffic leaves free, m
 READ_NOISE, SHOT_NOISE = 1.2, 0.012  # grey levels, as of the vehicle's camera
 SHADOWLESS = LightParams(exposure=0.5)
 LIGHTS = (LightParams(), LightParams(sun="95,20", exposure=0.7), LightParams(sun="320,60", exposure=1.2), SHADOWLESS)
-NIGHT = LightParams(sun="300,22.0h", has_street_lamps=True, torch=3000.0, exposure=900.0)  # head lamp, street lamps
-NIGHT_NOISE = 3.0  # times that by day
-LEVELS, LEVEL, MAX_GAIN = (30.0, 170.0), 90.0, 50.0  # mean grey levels that an exposure is left at by night, and set to
-
-
-@dataclass(frozen=True)
-class Lens:
-    """A camera and where it sits on the vehicle."""
-
-    camera: Camera
-    T_base_camera: SE3
-
-
-PANORAMA = Lens(panorama(360, 96, "panorama"), BODY_AXES)  # 96 degrees high, of which 85 are compared
-_FOCAL = 160.0 / np.tan(np.radians(50.0))
-PINHOLE_100 = Lens(Pinhole(320, 240, _FOCAL, _FOCAL, 159.5, 119.5), OPTICAL_AXES)
-_PER_RAD = 150.0 / np.radians(95.0)
-FISHEYE_190 = Lens(Fisheye(300, 300, _PER_RAD, _PER_RAD, 149.5, 149.5), OPTICAL_AXES)
-FISHEYE_UP = Lens(Fisheye(300, 300, _PER_RAD, _PER_RAD, 149.5, 149.5), UP_AXES)
-LENSES = {  # degrees of view; forward, or to the sky
-    "panorama": PANORAMA,
-    "pinhole_100": PINHOLE_100,
-    "fisheye_190": FISHEYE_190,
-    "fisheye_190_up": FISHEYE_UP,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +43,6 @@ class Drive:
     """Images (K, H, W) u1, true poses of the base T_map_base (K,), odometry (K, 3) m, rad, and tilts (K, 3, 3)."""
 
     images: NDArray[np.uint8]
-    lens: Lens
     T_map_base: SE3
     odometry: Array
     tilts: Array  # R_level_base as the IMU has it
@@ -78,14 +50,12 @@ class Drive:
     def __len__(self) -> int:
         return len(self.images)
 
-    def observation(self, index: int, *, has_imu: bool = True) -> Observation:
+    def observation(self, index: int) -> Observation:
         """Return what the filter takes for one image."""
-        T_base_camera = self.lens.T_base_camera
-        tilt = self.tilts[index] if has_imu else np.eye(3)
-        T_base_level = SE3.from_parts(np.eye(3), T_base_camera.translation)
+        T_base_level = SE3.from_parts(np.eye(3), T_BASE_CAMERA.translation)
         T_odom_level = SE3.from_planar(*(float(x) for x in self.odometry[index])) @ T_base_level
-        rotation = tilt @ T_base_camera.rotation
-        return Observation(self.images[index], self.lens.camera, (index + 1) * 10**9, rotation, T_odom_level)
+        rotation = self.tilts[index]
+        return Observation(self.images[index], PANORAMA, (index + 1) * 10**9, rotation, T_odom_level)
 
     @property
     def mirrored(self) -> Drive:
@@ -97,7 +67,7 @@ class Drive:
     def truth(self, index: int) -> Array:
         """Return x, y, yaw (3,) of the level camera in the map."""
         T_map_base = self.T_map_base[index]
-        place = (T_map_base @ self.lens.T_base_camera).translation
+        place = (T_map_base @ T_BASE_CAMERA).translation
         return np.array([place[0], place[1], float(T_map_base.yaw)])
 
 
@@ -108,42 +78,29 @@ class Studio:
     world: str
     seed: int
 
-    def record(self, line: Array, seed: int, lens: Lens = PANORAMA, light: LightParams = LIGHTS[0]) -> Drive:
+    def record(self, line: Array, seed: int, light: LightParams = LIGHTS[0]) -> Drive:
         """Return a drive along planar poses (K, 3) of the base; `seed` decides every noise."""
         rng = np.random.default_rng([self.seed, seed, 71])
         T_map_base = self._on_ground(line)
-        images = self._images(T_map_base, lens, light, seed)
-        return Drive(images, lens, T_map_base, _odometry(line, rng), _tilts(T_map_base, rng))
+        images = self._images(T_map_base, light, seed)
+        return Drive(images, T_map_base, _odometry(line, rng), _tilts(T_map_base, rng))
 
     def _on_ground(self, line: Array) -> SE3:
         ground, vehicle = _built(self.world, self.seed).ground, CarParams()
         poses = [ground.follow(SE3.from_planar(*map(float, p)), vehicle.wheelbase, vehicle.width) for p in line]
         return SE3.from_matrix(np.stack([pose.matrix for pose in poses]))
 
-    def _images(self, T_map_base: SE3, lens: Lens, light: LightParams, seed: int) -> NDArray[np.uint8]:
+    def _images(self, T_map_base: SE3, light: LightParams, seed: int) -> NDArray[np.uint8]:
         renderer, traffic = _renderer(self.world, self.seed, light)
         images = []
         for index in range(len(T_map_base.matrix)):
-            T_map_camera = T_map_base[index] @ lens.T_base_camera
+            T_map_camera = T_map_base[index] @ T_BASE_CAMERA
             if traffic is not None:
                 stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
                 renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
-            images.append(take(renderer, light, lens.camera, T_map_base[index], T_map_camera, (self.seed, seed, index)))
+            levels, _ = renderer.render(PANORAMA, T_map_camera, is_gray=True)
+            images.append(expose(levels, READ_NOISE, SHOT_NOISE, (self.seed, seed, index)))
         return np.stack(images)
-
-
-def take(
-    renderer: Renderer, light: LightParams, camera: Camera, T_map_base: SE3, T_map_camera: SE3, seed: tuple[int, ...]
-) -> NDArray[np.uint8]:
-    """Return what a camera sees; by night by the car's head lamp, and exposed to a mean grey level."""
-    is_night = light.torch > 0.0
-    renderer.torch = T_map_base @ T_BASE_TORCH if is_night else None
-    levels, _ = renderer.render(camera, T_map_camera, is_gray=True)
-    if is_night and not LEVELS[0] < levels.mean() < LEVELS[1]:
-        gain = (LEVEL / max(float(levels.mean()), 1.0)) ** light.gamma
-        levels, _ = renderer.render(camera, T_map_camera, is_gray=True, gain=min(gain, MAX_GAIN))
-    noise = NIGHT_NOISE if is_night else 1.0
-    return expose(levels, noise * READ_NOISE, noise**2 * SHOT_NOISE, seed)
 
 
 @lru_cache(maxsize=2)
@@ -205,19 +162,11 @@ def sampled(path: Path, step: float, count: int) -> Array:
     return path.at(np.arange(count) * step)[:, :3]
 
 
-def kidnapped(
-    studio: Studio,
-    plan: Plan,
-    count: int,
-    num_images: int,
-    lens: Lens,
-    lights: Sequence[LightParams],
-    step: float = 1.0,
-) -> list[Drive]:
-    """Return drives from anywhere, each with one of the lights; images are `step` m apart."""
-    lines = [kidnapped_line(plan, num_images, step, np.random.default_rng([studio.seed, n, 83])) for n in range(count)]
+def kidnapped(studio: Studio, plan: Plan, count: int, num_images: int, lights: Sequence[LightParams]) -> list[Drive]:
+    """Return drives from anywhere, each with one of the lights; images are a metre apart."""
+    lines = [kidnapped_line(plan, num_images, 1.0, np.random.default_rng([studio.seed, n, 83])) for n in range(count)]
     order = sorted(range(count), key=lambda number: number % len(lights))  # shadows are cast once for each light
-    made = {n: studio.record(lines[n], n, lens, lights[n % len(lights)]) for n in order}
+    made = {n: studio.record(lines[n], n, lights[n % len(lights)]) for n in order}
     return [made[number] for number in range(count)]
 
 

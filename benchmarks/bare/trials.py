@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
-import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,9 +12,7 @@ from benchmarks.bare.drives import HEIGHT, Drive, limits
 from cycab_sim.world.town import Plan, draw_plan
 from cycab_sim.world.worlds import geometry_cloud
 from mcl_depth.belief.particles import wrap_angle
-from mcl_depth.belief.resampling import sample_uniform
 from mcl_depth.filter import Filter
-from mcl_depth.geometry.area import Area
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
@@ -32,13 +27,12 @@ NEAR_M, NEAR_DEG = 1.0, 10.0  # a pose this close to the truth is the right plac
 
 @dataclass(frozen=True)
 class Trial:
-    """What a filter said of K images: state and reason, errors of the likeliest place (K,), CPU time."""
+    """What a filter said of K images: state and reason, errors of the likeliest place (K,)."""
 
     states: tuple[State, ...]
     reasons: tuple[str, ...]
     meters: Array
     degrees: Array
-    milliseconds: Array
     p_chance: Array
 
     @property
@@ -66,68 +60,32 @@ class Trial:
         """Images with the status TRACKING at a wrong place."""
         return int(np.sum(self.is_tracking & ~self.is_right))
 
-    @property
-    def first(self) -> int:
-        """Number of the image, from 1, from which on it tracked the right place to the end; 0: never."""
-        good = self.is_tracking & self.is_right
-        bad = np.flatnonzero(~good)
-        number = int(bad[-1]) + 2 if len(bad) else 1
-        return number if number <= len(good) else 0
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what all benchmarks of bare geometry share."""
-    kinds = ("gradients", "learned")
-    parser.add_argument("--likeness", choices=kinds, default=kinds[0], help="of image and depth (%(default)s)")
-
-
-def site(world: str, seed: int, likeness: str, settings: Mapping[str, Any]) -> Site:
-    """Return the bare geometry of a world, without what comes and goes, ready for the filter."""
-    cloud = cloud_from_points(geometry_cloud(seed, SPACING, world).astype(np.float32), world)
-    return Site(cloud, HEIGHT, build(FilterParams, {"likeness.kind": likeness, **settings}))
-
-
-def town(seed: int, likeness: str = "gradients", share: float = 1.0, folder: str = "") -> tuple[Site, Plan]:
-    """Return the 100 x 100 m around the middle of a town, or a share of it from the left; all else is the preset's.
-
-    `folder`: where depth features are kept.
-    """
-    plan = draw_plan(seed)
+def town(seed: int, share: float = 1.0) -> tuple[Site, Plan]:
+    """Return the 100 x 100 m around the middle of a town, or a share of it from the left, and the town's plan."""
+    plan, cloud = draw_plan(seed), geometry_cloud(seed, SPACING, "town")
     x0, y0, x1, y1 = limits(plan)
-    box = f"{x0:.2f},{y0:.2f},{x0 + share * (x1 - x0):.2f},{y1:.2f}"
-    return site("town", seed, likeness, {"area.limits": box, "cache.folder": folder}), plan
+    box = {"area.limits": f"{x0:.2f},{y0:.2f},{x0 + share * (x1 - x0):.2f},{y1:.2f}"}
+    return Site(cloud_from_points(cloud.astype(np.float32), "town"), HEIGHT, build(FilterParams, box)), plan
 
 
-def run_filter(
-    site: Site,
-    drive: Drive,
-    seed: int,
-    *,
-    has_imu: bool = True,
-    start_area: Area | None = None,
-    start: tuple[Array, Array] | None = None,
-) -> Trial:
+def run_filter(site: Site, drive: Drive, seed: int, start: tuple[Array, Array] | None = None) -> Trial:
     """Return what a filter says of the images of a drive.
 
-    It knows nothing, or that it is somewhere in `start_area`, or a `start`: pose (3,) and standard deviations (3,).
+    It knows nothing, or a `start`: pose (3,) and standard deviations (3,).
     """
     filter_ = Filter(replace(site.params, seed=seed), site.depth_map, site.area)
-    if start_area is not None:
-        count = site.params.resampling.num_particles
-        filter_.particles = sample_uniform(start_area, count, np.random.default_rng(seed))
     if start is not None:
         (x, y, yaw), (sigma_x, sigma_y, sigma_yaw) = start
         covariance = np.diag(np.square([sigma_x, sigma_y, 0.1, 0.1, 0.1, sigma_yaw]))
         filter_.start(SE3.from_planar(float(x), float(y), float(yaw)), covariance)
     found: list[tuple[Any, ...]] = []
     for index in range(len(drive)):
-        observation, started = drive.observation(index, has_imu=has_imu), time.process_time()
-        estimate = filter_.update(observation)
-        elapsed = 1e3 * (time.process_time() - started)
+        estimate = filter_.update(drive.observation(index))
         error, status = place_of(estimate) - drive.truth(index), estimate.status
         degrees = abs(float(np.degrees(wrap_angle(error[2]))))
         meters = float(np.hypot(*error[:2]))
-        found.append((status.state, str(status.reason), meters, degrees, elapsed, status.p_chance))
+        found.append((status.state, str(status.reason), meters, degrees, status.p_chance))
     states, reasons, *numbers = zip(*found, strict=True)
     return Trial(states, reasons, *map(np.array, numbers))
 

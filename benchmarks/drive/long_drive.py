@@ -20,7 +20,6 @@ from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.reference import SphereMap
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
@@ -74,7 +73,7 @@ def run(options: argparse.Namespace) -> Report:
     rmse, worst = float(np.sqrt(np.mean(lateral**2))), float(np.abs(lateral).max())
     notes = [
         f"{length:.0f} m taught, {len(taught.graph)} key spheres, {taught.num_lost} spheres lost;"
-        f" localiser {dict(driven.states)}; end {driven.end}",
+        f" localiser {dict(driven.states)}; end {driven.end}"
     ]
     of = Headline("drives and missions", f"{length:.0f} m of a city on another day, by one camera")
     bounds = [
@@ -104,13 +103,13 @@ def teach(simulator: Simulator, way: float) -> Taught:
     return Taught(mapper.graph, np.array(stamps), T_map_base, _moved(truth), num_lost)
 
 
-def drive(simulator: Simulator, taught: Taught, sphere_map: SphereMap | None = None) -> Driven:
-    """Follow the taught path by the camera alone, in a map; None: in that of the taught drive."""
+def drive(simulator: Simulator, taught: Taught) -> Driven:
+    """Follow the taught path by the camera alone."""
     params = FollowerParams()
     xy, yaw = taught.poses.translation[:, :2], np.asarray(taught.poses.yaw)
     speeds = taught_speeds(xy, taught.stamps_ns)
     path = reference_path(xy, yaw, speeds, path=params.path, driving=params.speed, vehicle=params.vehicle)
-    localizer, follower = Localizer(LocalizerParams(), sphere_map or taught), Follower(params, path)
+    localizer, follower = Localizer(LocalizerParams(), taught), Follower(params, path)
     T_camera_base = simulator.mounts["camera"].T_base_camera.inverse()
     localizer.search.T_base_body = simulator.mounts["camera"].T_base_camera
     driven, truth, command, state = Driven(np.zeros((0, 2))), [], VehicleCommand(), FollowerState.IDLE

@@ -31,8 +31,8 @@ from benchmarks.drive.mission_town import (
     Driven,
     Town,
     named,
-    rounded_way,
 )
+from benchmarks.drive.ways import rounded_way
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
 from cycab_sim.simulator import START_NS, Simulator
@@ -84,28 +84,30 @@ class City:
         return Simulator(build(SimParams, {**CITY, "seed": self.seed, **more}), rounded_way(self.corners))
 
     def prepare(self) -> None:
-        """Drive the tour by the simulator's driver into a bag and map it; what is there already is kept."""
-        bag, made = self.folder / "teach", self.folder / "map"
-        if not bag.is_dir():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self.teach(bag)
-        if not made.is_dir():
-            rig, taught = self.folder / "rig.yaml", self.folder / "taught.tum"
-            call("map", bag, "-o", made, "--rig", rig, "--taught", taught, "--anchor", "truth", "--jobs", self.jobs)
+        """Drive the tour by the simulator's driver into a bag and map it."""
+        self.folder.mkdir(parents=True)
+        self.teach(self.folder / "teach")
+        rig, taught = self.folder / "rig.yaml", self.folder / "taught.tum"
+        words = ("--rig", rig, "--taught", taught, "--anchor", "truth", "--jobs", self.jobs)
+        call("map", self.folder / "teach", "-o", self.folder / "map", *words)
 
     def teach(self, path: Path) -> None:
         """Write the bag of the drive."""
-        bus = OfflineBus(start_ns=START_NS)
-        simulator = self.simulator(TEACHING | {"rig.file": str(self.folder / "rig.yaml")})
-        outputs = publish_on(bus, simulator)
-        with BagWriter(path) as bag:
-            while not simulator.is_taught:
-                bus.now_ns = simulator.time_ns
-                for name in simulator.take_due():
-                    outputs.publish(name)
-                for _ in record(bus.settle(), bag, bus):
-                    pass
-                simulator.step(simulator.teach_command(), STEP_NS // 5)
+        record_drive(self.simulator(TEACHING | {"rig.file": str(self.folder / "rig.yaml")}), path)
+
+
+def record_drive(simulator: Simulator, path: Path, length_m: float = np.inf) -> None:
+    """Let the simulator's driver drive, so far at most; write what its node would publish into a bag."""
+    bus = OfflineBus(start_ns=START_NS)
+    outputs = publish_on(bus, simulator)
+    with BagWriter(path) as bag:
+        while simulator.driver.distance < length_m and not simulator.is_taught:
+            bus.now_ns = simulator.time_ns
+            for name in simulator.take_due():
+                outputs.publish(name)
+            for _ in record(bus.settle(), bag, bus):
+                pass
+            simulator.step(simulator.teach_command(), STEP_NS // 5)
 
 
 def publish_on(bus: OfflineBus, simulator: Simulator) -> Outputs:
@@ -174,7 +176,7 @@ class CameraTown(Town):
             self.step(Driven("", ""), may_walk=False)
 
     @property
-    def told(self) -> str:  # type: ignore[override]
+    def told(self) -> str:
         """How well the localizer did."""
         errors = np.array(self.errors)
         return (

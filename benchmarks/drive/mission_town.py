@@ -14,10 +14,9 @@ from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.action import Navigate
 from tf2_msgs.msg import TFMessage
 
+from benchmarks.drive.ways import rounded_way
 from cycab_sim.params import ActuatorParams, CarParams
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
-from cycab_sim.world.paths import Path as Way
-from cycab_sim.world.paths import Piece, turn
 from path_follower.path import Pose2
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
@@ -68,8 +67,6 @@ class Driven:
 
 class Town:
     """The network, the nodes, the car, and who walks before it."""
-
-    told = ""  # of the localizer
 
     def __init__(self, folder: Path, seed: int) -> None:
         self.rng = np.random.default_rng(seed)
@@ -269,21 +266,6 @@ def taught_drives(rng: np.random.Generator) -> list[TaughtDrive]:
             TaughtDrive(even_curve(x - off * np.sin(yaw), y + off * np.cos(yaw), yaw, np.full(len(x), CRUISE)))
         )
     return drives
-
-
-def rounded_way(corners: tuple[tuple[float, float], ...]) -> Way:
-    """Return the way along an open polygon whose inner corners are arcs of 6 m radius."""
-    points = np.array(corners)
-    legs = np.diff(points, axis=0)
-    lengths, heads = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
-    turns = (np.diff(heads) + np.pi) % (2 * np.pi) - np.pi
-    cuts = np.concatenate([[0.0], 6.0 * np.tan(np.abs(turns) / 2), [0.0]])
-    pieces: list[Piece] = []
-    for number, length in enumerate(lengths):
-        pieces.append(Piece(float(length - cuts[number] - cuts[number + 1])))
-        if number < len(turns):
-            pieces.append(turn(6.0, float(np.degrees(turns[number]))))
-    return Way((*corners[0], float(heads[0])), tuple(pieces))
 
 
 def named(network: Network) -> Network:

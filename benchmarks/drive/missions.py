@@ -33,16 +33,11 @@ def run(options: argparse.Namespace) -> Report:
     with tempfile.TemporaryDirectory() as name:
         drive_in(Town(Path(name), options.seed), "missions", QUICK if is_quick else FULL, report)
         if not is_quick:
-            city = City(options.city_map or Path(name) / "city", options.seed, options.threads)
+            city = City(Path(name) / "city", options.seed, options.threads)
             town = CameraTown(Path(name), city, options.seed)
             drive_in(town, "missions by a camera", BY_CAMERA, report)
             report.notes.append(town.told)
     return report
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare where the map of a city is kept, which takes an hour to make."""
-    parser.add_argument("--city-map", type=Path, metavar="DIR", help="map of the city of an earlier run of this seed")
 
 
 def drive_in(town: Town, what: str, count: int, report: Report) -> None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,15 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.commands import call
+from benchmarks.drive.mission_cameras import record_drive
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import SimParams
-from cycab_sim.ros.outputs import Outputs
 from cycab_sim.sensors.rigs import rig_file_text
 from cycab_sim.simulator import Simulator
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.params import build
-from sphere_nav.ros import qos
-from sphere_nav.ros.bags import BagReader, BagWriter
+from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import message_to_status, stamp_ns
 from sphere_nav.ros.maps.reader import FILE_NAME, open_map
 from sphere_nav_tools.cli.demo.demo import OTHER_DAY, SIMULATION, TOUR
@@ -39,7 +37,6 @@ from sphere_nav_tools.offline.pose_bags import read_poses
 HELP = "a way of the simulator repeated in nine lights and seasons; the map grows where it was not tracked"
 KINDS = ("", "overcast", "autumn", "winter", "snow", "wet", "low_sun", "dusk", "night_lamps")  # "": the taught day
 WAYS = (("straight", 30.0), ("two_turns", 100.0), ("tour", 490.0))  # paths of the simulator and how long they are, m
-STEP_NS = 10_000_000
 WELL_TRACKED = 0.99  # share of a drive's images; what is below it is driven by the rig and extends the map
 MAX_CLOUDS = 0.7  # share of the sun that passing clouds take, at most
 MOVING_M_S = 0.05  # slower is standing: a drive begins when the vehicle does
@@ -103,35 +100,9 @@ class Way:
         """Drive along the way by the simulator's driver; write what its node would publish."""
         seen = {"camera.period": 0.0} if by_rig else {"rig.kind": "none"}
         simulator = Simulator(build(SimParams, self.simulation(more | seen)))
-        with BagWriter(bag) as writer:
-            outputs = Outputs(_Recorder(writer, simulator), simulator)  # type: ignore[arg-type]
-            outputs.publish_statics()
-            while simulator.driver.distance < self.length_m and not simulator.is_taught:
-                for name in simulator.take_due():
-                    outputs.publish(name)
-                simulator.step(simulator.teach_command(), STEP_NS)
+        record_drive(simulator, bag, self.length_m)
         if simulator.rig is not None:
             (bag / "rig.yaml").write_text(rig_file_text(simulator.rig, ""), encoding="utf-8")
-
-
-class _Recorder:
-    """Takes publishers as a node does, and writes what they send into a bag, at the simulator's time."""
-
-    def __init__(self, bag: BagWriter, simulator: Simulator) -> None:
-        self._bag, self._simulator = bag, simulator
-
-    def add_publisher(self, topic: str, kind: type[Any], profile: Any = qos.STATE) -> _Topic:
-        """Return what has `publish`; a topic on which nothing comes is not written."""
-        return _Topic(lambda message: self._write(topic, kind, profile, message))
-
-    def _write(self, topic: str, kind: type[Any], profile: Any, message: Any) -> None:
-        self._bag.add_topic(topic, kind, profile)
-        self._bag.write(topic, message, self._simulator.time_ns)
-
-
-@dataclass(frozen=True)
-class _Topic:
-    publish: Callable[[Any], None]
 
 
 @dataclass(frozen=True)

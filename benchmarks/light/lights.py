@@ -6,53 +6,38 @@ Light is of the world: shadows lie on the geometry, patches are anchored to it, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.rgbd_data import Frame
-from sphere_nav.geometry import SE3, Pinhole
+from benchmarks.rgbd_data import CAMERA, Frame
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 
 BLUR_PX = 12.0  # of the mean about which it is inverted, at 640 x 480
 NORMAL_PX = 4.0  # over which normals are smoothed: ranges are rough
+PATCH_M = 0.7  # wavelength of patches of which the contrast is inverted
+CELL_M, BIAS_M = 0.02, 0.06  # side of a cell of the map of shadows; what is nearer to the occluder is lit
+LAMP_M, NEAR_M = 1.0, 0.7  # how far a lamp lights; nearer than this a torch is no brighter
 Gray = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class Extent:
-    """How large what is lit is, m."""
-
-    patch_m: float  # wavelength of patches of which the contrast is inverted
-    cell_m: float  # of the map of shadows: side of a cell
-    bias_m: float  # what is nearer to the occluder is lit
-    lamp_m: float  # how far a lamp lights
-    near_m: float  # nearer than this a torch is no brighter
-
-
-ROOM = Extent(patch_m=0.7, cell_m=0.02, bias_m=0.06, lamp_m=1.0, near_m=0.7)
-STREET = Extent(patch_m=7.0, cell_m=0.2, bias_m=0.6, lamp_m=10.0, near_m=7.0)
 
 
 class Light:
     """Another light of a room: what a camera at a pose would see of its surfaces by it."""
 
-    def __init__(
-        self, kind: str, share: float, seed: int, frames: Sequence[Frame], camera: Pinhole, extent: Extent
-    ) -> None:
-        self._kind, self._share, self._camera, self._extent = kind, share, camera, extent
-        random, size = np.random.default_rng(seed), extent.lamp_m
+    def __init__(self, kind: str, share: float, seed: int, frames: Sequence[Frame]) -> None:
+        self._kind, self._share = kind, share
+        random = np.random.default_rng(seed)
         points = [self._points(frame.depth_m)[0][::4, ::4].reshape(-1, 3) for frame in frames]
         clouds = [frame.T_world_camera.apply(one) for frame, one in zip(frames, points, strict=True)]
         world = np.concatenate(clouds)
         up = -np.mean([frame.T_world_camera.rotation[:, 1] for frame in frames], axis=0)
         back = -np.mean([frame.T_world_camera.rotation[:, 2] for frame in frames], axis=0)
-        self._lamp = np.mean(world, axis=0) + size * (random.normal(0.0, 0.5, 3) + 0.7 * up + 0.8 * back)
+        self._lamp = np.mean(world, axis=0) + LAMP_M * (random.normal(0.0, 0.5, 3) + 0.7 * up + 0.8 * back)
         direction = up + random.uniform(0.2, 0.9) * back + random.normal(0.0, 0.5, 3)
         self._sun = direction / np.linalg.norm(direction)
-        self._waves = random.normal(0.0, 2.0 * np.pi / extent.patch_m, (6, 3)), random.uniform(0.0, 2.0 * np.pi, 6)
+        self._waves = random.normal(0.0, 2.0 * np.pi / PATCH_M, (6, 3)), random.uniform(0.0, 2.0 * np.pi, 6)
         self._shadow_map(world)
 
     def shine(self, gray: Gray, depth_m: Gray, T_world_camera: SE3) -> Gray:
@@ -70,14 +55,12 @@ class Light:
         if self._kind == "lamp":
             away = self._lamp - world
             distance = np.linalg.norm(away, axis=-1)
-            lit = (
-                np.abs(np.sum(away * facing, axis=-1)) / distance / np.maximum(distance / self._extent.lamp_m, 0.5) ** 2
-            )
+            lit = np.abs(np.sum(away * facing, axis=-1)) / distance / np.maximum(distance / LAMP_M, 0.5) ** 2
             return 0.35 + 1.6 * lit
         sun = np.maximum(np.sum(facing * self._sun, axis=-1), 0.15) * self._is_lit(world)
         distance = np.linalg.norm(points, axis=-1)
         beam = np.exp(-((points[..., 0] / points[..., 2]) ** 2 + (points[..., 1] / points[..., 2]) ** 2) / 0.18)
-        away = np.maximum(distance, self._extent.near_m) / self._extent.lamp_m
+        away = np.maximum(distance, NEAR_M) / LAMP_M
         torch = beam * np.abs(np.sum(points * normals, axis=-1)) / distance / away**2
         return 0.30 + 1.0 * sun + 1.1 * torch
 
@@ -98,7 +81,7 @@ class Light:
         values[label[unknown == 0]] = depth_m[unknown == 0]
         depth = cv2.bilateralFilter(cv2.medianBlur(values[label], 5), 9, 0.05, 5.0)
         v, u = np.indices(depth.shape)
-        camera = self._camera
+        camera = CAMERA
         rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], axis=-1)
         points = rays * depth[..., None]
         across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
@@ -123,9 +106,9 @@ class Light:
         u, v, height = np.moveaxis(world @ self._axes.T, -1, 0)
         row, column = self._cells(u, v)
         row, column = np.clip(row, 0, self._top.shape[0] - 1), np.clip(column, 0, self._top.shape[1] - 1)
-        return height > self._top[row, column] - self._extent.bias_m
+        return height > self._top[row, column] - BIAS_M
 
     def _cells(self, u: Array, v: Array) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """Return row and column of places across the direction of the sun."""
-        row, column = (v - self._corner[1]) / self._extent.cell_m, (u - self._corner[0]) / self._extent.cell_m
+        row, column = (v - self._corner[1]) / CELL_M, (u - self._corner[0]) / CELL_M
         return row.astype(int), column.astype(int)

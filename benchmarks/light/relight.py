@@ -1,4 +1,4 @@
-"""A recorded room and a recorded street in other light, made by their depth and poses: what one extension is worth.
+"""A recorded room in other light, made by its depth and poses: what one extension is worth.
 
 A map is made of some images; others, in another light, extend it; the rest in that light is localised in the map alone,
 in the extended one, and in a map of that light alone; and the first light in the extended map. Lights follow from the
@@ -11,7 +11,6 @@ import argparse
 import json
 import shutil
 import tempfile
-from abc import ABC, abstractmethod
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,21 +20,18 @@ import cv2
 import numpy as np
 
 from benchmarks.commands import TRUTH, call
-from benchmarks.light.lights import ROOM, STREET, Gray, Light
+from benchmarks.light.lights import Gray, Light
 from benchmarks.report import Bound, Headline, Report, Table
-from benchmarks.rgbd_data import CAMERA, Frame, Recording
-from sphere_nav.geometry import SE3, Pinhole
+from benchmarks.rgbd_data import Recording
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.offline.evaluation import evaluate_poses
-from sphere_nav_tools.offline.importing.kitti import open_kitti
 from sphere_nav_tools.offline.pose_bags import read_poses
 
-HELP = "a recorded room and street in other light: images placed before and after one extension of the map"
+HELP = "a recorded room in other light: images placed before and after one extension of the map"
 LIGHTS = (("season", 0.6), ("season", 0.85), ("season", 1.0), ("lamp", 1.0))  # what, share of the other light
 NUM_FRAMES, STEP = 120, 3  # drives in the room are every third of them, and the next two of each
 MAX_WORSE = 1.5  # error by that of the map of that light alone
-FARTHEST_M = 80.0  # stereo tells no more of what is beyond
+WRONG = (0.1, 5.0)  # m, deg
 COLUMNS = ("light", "map alone", "extension", "after it", "own map", "first light before", "first light after")
 
 
@@ -70,27 +66,12 @@ class Result(NamedTuple):
     day_after: Placed
 
 
-class Place(ABC):
-    """A recorded place in several lights, and what the commands make of it in a folder."""
+class Room:
+    """A recorded room in several lights, and what the commands make of it in a folder."""
 
-    name: str
-    wrong: tuple[float, float]  # m, deg: a pose that is wrong
-    topics: tuple[str, ...] = ()  # words for `localize`, where they are not the usual ones
-
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, recording: Recording, folder: Path, num_frames: int = NUM_FRAMES) -> None:
         self.folder = folder
-
-    @abstractmethod
-    def base(self) -> Placed:
-        """Map the first light, localise in it."""
-
-    @abstractmethod
-    def drives(self, name: str, light: Light) -> Drives:
-        """Make the bags in a light."""
-
-    @abstractmethod
-    def light(self, kind: str, share: float, seed: int) -> Light:
-        """Return another light of this place."""
+        self._recording, self._num_frames = recording, num_frames
 
     def compare(self, kind: str, share: float, seed: int, day: Placed) -> tuple[Result, str]:
         """Localise before and after one extension, and in a map of the light alone; return what was said of it, too."""
@@ -116,24 +97,14 @@ class Place(ABC):
         poses, summary = self.folder / "poses.tum", self.folder / "summary.json"
         given = "localize", self.folder / name, self.folder / drive, "-o", poses, "--json", summary, "--overwrite"
         with suppress(ValueError):  # no image was placed, which the summary says
-            call(*given, *self.topics, *words)
+            call(*given, *words)
         found = json.loads(summary.read_text(encoding="utf-8"))
         placed = sum(found["states"].get(state, 0) for state in ("TRACKING", "DEGRADED"))
         if not found["poses"]:
             return Placed(found["images"], placed, 0, np.nan)
         errors = evaluate_poses(read_tum(poses), read_poses(self.folder / drive, TRUTH)).errors
-        is_wrong = (errors.translation_m > self.wrong[0]) | (np.degrees(errors.rotation_rad) > self.wrong[1])
+        is_wrong = (errors.translation_m > WRONG[0]) | (np.degrees(errors.rotation_rad) > WRONG[1])
         return Placed(found["images"], placed, int(is_wrong.sum()), 1e3 * float(np.median(errors.translation_m)))
-
-
-class Room(Place):
-    """A recording of a room."""
-
-    name, wrong = "redkitchen", (0.1, 5.0)
-
-    def __init__(self, recording: Recording, folder: Path, num_frames: int = NUM_FRAMES) -> None:
-        super().__init__(folder)
-        self._recording, self._num_frames = recording, num_frames
 
     def base(self) -> Placed:
         """Map the first drive in its own light, localise the third one in it."""
@@ -151,7 +122,7 @@ class Room(Place):
     def light(self, kind: str, share: float, seed: int, what: type[Light] = Light) -> Light:
         """Return another light of this room."""
         frames = [self._recording.frame(path) for path in self._paths(0)[::5]]
-        return what(kind, share, seed, frames, CAMERA, ROOM)
+        return what(kind, share, seed, frames)
 
     def _paths(self, number: int) -> list[Path]:
         return [self._recording.poses / f"frame-{i:06d}.pose.txt" for i in range(number, self._num_frames, STEP)]
@@ -170,88 +141,22 @@ class Room(Place):
         call("import", "seven_scenes", folder, "-o", bag, "--truth-camera", "colour")
 
 
-class Street(Place):
-    """A recording of a street by a stereo pair: every second pair is mapped, the left images of the others placed."""
-
-    name, wrong = "kitti_06", (0.5, 5.0)
-    topics = "--image", "left/image_raw", "--info", "left/camera_info"
-
-    def __init__(self, data: Path, folder: Path) -> None:
-        super().__init__(folder)
-        self._data, self._recording = data, open_kitti(data)
-        right = self._recording.views["right"]
-        assert isinstance(right.camera, Pinhole)
-        self._camera, self._baseline_m = right.camera, right.baseline_m
-
-    def base(self) -> Placed:
-        """Map every second pair in its own light, localise the others in it."""
-        for name, first in (("day", 0), ("day_others", 1)):
-            self._import(self._data, name, first)
-        self.map("day", "map_day")
-        return self.localize("map_day", "day_others")
-
-    def light(self, kind: str, share: float, seed: int) -> Light:
-        """Return another light of this street."""
-        seen = [self._frame(index, is_left=True) for index in range(0, self._recording.num_frames, 5)]
-        return Light(kind, share, seed, seen, self._camera, STREET)
-
-    def drives(self, name: str, light: Light) -> Drives:
-        """Make the bags of every second pair in a light, and of the others."""
-        folder = self.folder / f"{name}_images"
-        for side in self._recording.views:
-            for index, instant in enumerate(self._recording.instants):
-                one, source = self._frame(index, is_left=side == "left"), Path(instant.images[side].where)
-                path = folder / source.parent.name / source.name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                _write(path, light.shine(one.gray.astype(np.float32), one.depth_m, one.T_world_camera))
-        for file in ("calib.txt", "times.txt", "poses.txt"):
-            shutil.copy(self._data / file, folder / file)
-        self._import(folder, name, 0)
-        self._import(folder, f"{name}_others", 1)
-        return Drives(f"{name}_others", name, "day_others")
-
-    def _frame(self, index: int, *, is_left: bool) -> Frame:
-        """Return an image with its depth by the pair, and its pose."""
-        instant = self._recording.instants[index]
-        left, right = (cv2.imread(shot.where, cv2.IMREAD_GRAYSCALE) for shot in instant.images.values())
-        assert instant.T_map_link is not None
-        T_world_left = T_BODY_OPTICAL.inverse() @ instant.T_map_link @ T_BODY_OPTICAL
-        focal_m = self._camera.fx * self._baseline_m
-        if is_left:
-            return Frame(f"{index}", left, depth(left, right, focal_m), T_world_left)
-        mirrored = depth(right[:, ::-1].copy(), left[:, ::-1].copy(), focal_m)[:, ::-1]
-        T_left_right = SE3.from_parts(np.eye(3), [self._baseline_m, 0.0, 0.0])
-        return Frame(f"{index}", right, mirrored, T_world_left @ T_left_right)
-
-    def _import(self, data: Path, name: str, first: int) -> None:
-        frames = f"{first}:{self._recording.num_frames}:2"
-        call("import", "kitti", data, "-o", self.folder / name, "--frames", frames)
-
-
 def run(options: argparse.Namespace) -> Report:
-    """Measure every light of every place that is there."""
-    report, is_quick = Report("relight", notes=[__doc__ or ""]), options.size == "quick"
+    """Measure every light."""
+    recording, is_quick = Recording.open(options.data), options.size == "quick"
+    if recording is None:
+        return Report("relight", skipped=f"no redkitchen with COLMAP's poses in {options.data}")
+    report, found, rows = Report("relight", notes=[__doc__ or ""]), list[Result](), list[tuple[str, ...]]()
     with tempfile.TemporaryDirectory() as name:
-        places: list[Place] = []
-        if (recording := Recording.open(options.data)) is not None:
-            places.append(Room(recording, Path(name) / "room", 60 if is_quick else NUM_FRAMES))
-        if not is_quick and (options.data / "driving" / "kitti_06").is_dir():
-            places.append(Street(options.data / "driving" / "kitti_06", Path(name) / "street"))
-        for place in places:
-            place.folder.mkdir()
-            day, found = (
-                place.base(),
-                list[Result](),
-            )
-            rows = list[tuple[str, ...]]()
-            for number, (kind, share) in enumerate(LIGHTS[:1] if is_quick else LIGHTS):
-                result, said = place.compare(kind, share, options.seed + number, day)
-                found.append(result)
-                alone, *others = map(str, result)
-                rows.append((f"{kind} {share:.0%}, seed {options.seed + number}", alone, said, *others))
-            report.tables.append(Table(f"{place.name}: images placed, wrong ones, median error", COLUMNS, rows))
-            report.bounds += judge(place.name, found)
-    report.skipped = "" if report.bounds else f"neither redkitchen nor kitti_06 in {options.data}"
+        room = Room(recording, Path(name), 60 if is_quick else NUM_FRAMES)
+        day = room.base()
+        for number, (kind, share) in enumerate(LIGHTS[:1] if is_quick else LIGHTS):
+            result, said = room.compare(kind, share, options.seed + number, day)
+            found.append(result)
+            alone, *others = map(str, result)
+            rows.append((f"{kind} {share:.0%}, seed {options.seed + number}", alone, said, *others))
+    report.tables.append(Table("Images placed, wrong ones, median error", COLUMNS, rows))
+    report.bounds += judge("redkitchen", found)
     return report
 
 
@@ -276,17 +181,6 @@ def judge(what: str, found: list[Result]) -> list[Bound]:
         Bound(f"{what}: images of the first light lost by it", 0, lost, ""),
         Bound(f"{what}: its median error over that before, worst", 1.1, blur, ""),
     ]
-
-
-def depth(near: Any, other: Any, focal_m: float) -> Gray:
-    """Return the depth (H, W) m of a left image by its right one, NaN where it is not found."""
-    matcher = cv2.StereoSGBM_create(
-        minDisparity=0, numDisparities=128, blockSize=5, P1=200, P2=3200, disp12MaxDiff=1, uniquenessRatio=5,
-        speckleWindowSize=100, speckleRange=2, mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
-    )  # fmt: skip
-    disparity = matcher.compute(near, other).astype(np.float32) / 16
-    found = np.where(disparity > focal_m / FARTHEST_M, focal_m / np.maximum(disparity, 1e-3), np.nan)
-    return found.astype(np.float32)
 
 
 def _write(path: Path, gray: Gray) -> None:

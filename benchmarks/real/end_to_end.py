@@ -1,4 +1,4 @@
-"""Recordings from end to end through the commands: import, map, localise, register, against their truth.
+"""Recordings from end to end through the commands: import, map, localise, against their truth.
 
 Redkitchen is judged by COLMAP's poses, straightened: COLMAP takes a rolling shutter for a global one. The frames that
 are mapped, and those of the same kitchen that are localised by colour alone, follow from the seed.
@@ -7,7 +7,6 @@ are mapped, and those of the same kitchen that are localised by colour alone, fo
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ from sphere_nav_tools.offline.evaluation import evaluate_poses
 from sphere_nav_tools.offline.mapping.drive import fit_poses
 from sphere_nav_tools.offline.pose_bags import read_poses
 
-HELP = "import, map, localise and register recorded data through the commands"
+HELP = "import, map and localise recorded data through the commands"
 HELD_OUT, INTERLEAVED = (8.0, 0.4), (2.5, 0.1)  # mm, deg: medians
 NEES = 0.5, 2.0  # least and largest mean, over 6 degrees of freedom
 FALSE_FIX_M = 0.15
@@ -68,9 +67,8 @@ def run(options: argparse.Namespace) -> Report:
         if (recording := Recording.open(options.data)) is not None:
             for split in splits(options.seed, is_quick=is_quick):
                 kitchen(recording, split, folder / split.what.replace(" ", "_"), report)
-        for name, measure in (("driving/kitti_06", stereo), ("rgbd_spheres", spheres)):
-            if (options.data / name).is_dir():
-                measure(options.data / name, folder / name.replace("/", "_"), report)
+        if (options.data / "driving" / "kitti_06").is_dir():
+            stereo(options.data / "driving" / "kitti_06", folder / "kitti_06", report)
     report.skipped = "" if report.bounds else f"no recordings in {options.data}"
     return report
 
@@ -153,19 +151,4 @@ def stereo(data: Path, folder: Path, report: Report) -> None:
         Bound(f"kitti_06: the same from frame {STEADY} on", 0.75, steady, "%", headline=Headline(MAP, "kitti_06")),
         Bound("kitti_06: odd frames by the left image, median error", 5.0, 1e2 * np.median(errors(odd, truth)), "cm"),
         Bound("kitti_06: odd frames by the left image, aligned, median", 5.0, 1e2 * aligned, "cm", headline=of),
-    ]
-
-
-def spheres(data: Path, folder: Path, report: Report) -> None:
-    """Two RGB-D spheres registered from identity."""
-    call("import", "spherical", data, "-o", folder / "bag")
-    call("register", f"{folder / 'bag'}:0", f"{folder / 'bag'}:1", "--json", folder / "found.json")
-    found = json.loads((folder / "found.json").read_text())
-    reference = read_poses(folder / "bag", TRUTH).T_map_body
-    moved, turned = (reference[0].inverse() @ reference[1]).distance(SE3(np.array(found["T_a_b"]["matrix"])))
-    before, after = found["residual_at_guess"]["mad"], found["residual"]["mad"]
-    report.bounds += [
-        Bound("rgbd_spheres: off the reference", 5.0, 1e2 * float(moved), "cm"),
-        Bound("rgbd_spheres: turn off the reference", 0.6, float(np.degrees(turned)), "deg"),
-        Bound(f"rgbd_spheres: MAD {before:.1f} -> {after:.1f}, after over before", 0.9, after / before, ""),
     ]

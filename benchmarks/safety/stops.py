@@ -19,10 +19,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.action import ActionClient
+from sensor_msgs.msg import LaserScan
+from sphere_nav_msgs.action import Navigate
+from sphere_nav_msgs.srv import LoadTrajectory
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 from tqdm import tqdm
 
 from benchmarks.fault_processes import PATIENCE, Base
 from benchmarks.report import Bound, Headline, Report, Table
+from path_follower.routes.building import TaughtDrive, build_network, even_curve
+from path_follower.routes.network import Spot
+from path_follower.routes.network_file import write_network
+from sphere_nav.ros import qos
+from sphere_nav_tools.cli.operate.link import Link
 
 HELP = "stops, pauses and presses at random moments over DDS: how far does the vehicle move after them?"
 TRIALS, QUICK_TRIALS = 200, 12
@@ -56,8 +69,6 @@ def run(options: argparse.Namespace) -> Report:
 
 def session(rule: str, count: int, draw: random.Random) -> list[tuple[str, float]]:
     """Return for each trial how it was driven, and by how many m/s the speed grew after the answer."""
-    import rclpy
-
     os.environ["ROS_DOMAIN_ID"] = "45"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -87,10 +98,6 @@ def spawn(module: str, *words: str) -> subprocess.Popen[bytes]:
 
 def prepare(folder: Path) -> None:
     """Write a straight path, and a network of it with a place at its end."""
-    from path_follower.routes.building import TaughtDrive, build_network, even_curve
-    from path_follower.routes.network import Spot
-    from path_follower.routes.network_file import write_network
-
     x = np.arange(0.0, LENGTH, 0.1)
     network = build_network([TaughtDrive(even_curve(x, 0 * x, 0 * x, 0 * x + 1.4))], "", 1.2)
     write_network(folder / "routes.geojson", network.with_place("end", Spot(max(network.edges), LENGTH - 5.0)))
@@ -102,16 +109,6 @@ class StoppedBase(Base):
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
-        from geometry_msgs.msg import TransformStamped
-        from rclpy.action import ActionClient
-        from sphere_nav_msgs.action import Navigate
-        from sphere_nav_msgs.srv import LoadTrajectory
-        from std_srvs.srv import Trigger
-        from tf2_msgs.msg import TFMessage
-
-        from sphere_nav.ros import qos
-        from sphere_nav_tools.cli.operate.link import Link
-
         self.goal: Any = None
         self.file, self.has_obstacle = str(folder / "path.csv"), False
         self.calls = {name: self.node.create_client(Trigger, f"path_follower/{name}") for name in ("stop", "pause")}
@@ -125,8 +122,6 @@ class StoppedBase(Base):
 
     def speak(self) -> None:
         """Say what the base says, and what the scanner sees."""
-        from sensor_msgs.msg import LaserScan
-
         super().speak()
         scan = LaserScan(angle_min=-1.57, angle_max=1.57, angle_increment=float(np.pi / 180), range_max=20.0)
         scan.header.frame_id, scan.header.stamp = "laser", self.node.get_clock().now().to_msg()
@@ -159,9 +154,6 @@ class StoppedBase(Base):
 
     def begin(self, way: str) -> None:
         """Ask for motion, again and again, until it was accepted."""
-        from sphere_nav_msgs.action import Navigate
-        from sphere_nav_msgs.srv import LoadTrajectory
-
         clients = (self.load, self.start, *self.calls.values())
         self.live(PATIENCE, lambda: all(c.service_is_ready() for c in clients) and self.goals.server_is_ready())
         end = time.monotonic() + PATIENCE

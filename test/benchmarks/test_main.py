@@ -25,6 +25,8 @@ def test_every_name_is_of_one_group_and_told():
     found = [name for group in main.GROUPS for name in main.names(group)]
     assert len(found) == len(set(found)) > 20
     assert all(told for group in main.GROUPS for told in main.names(group).values())
+    told = {path.stem for path in main.FOLDER.glob("*/*.py") if "\nHELP =" in path.read_text(encoding="utf-8")}
+    assert told == set(found)
 
 
 @pytest.mark.parametrize("words", [[], ["--help"], ["drive", "--help"]])
@@ -38,7 +40,7 @@ def test_help_names_what_there_is_and_imports_no_benchmark(words):
     code = "\n".join(lines)
     said = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert said.stdout.splitlines()[-1] == "['benchmarks.machine', 'benchmarks.report'] 0"
-    assert "following" in said.stdout
+    assert "missions" in said.stdout
 
 
 def test_a_wrong_group_or_name_is_refused(capsys):

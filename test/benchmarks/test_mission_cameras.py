@@ -8,7 +8,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from benchmarks.drive.mission_cameras import TOUR, Taught
-from benchmarks.drive.mission_town import PLACES, named, rounded_way
+from benchmarks.drive.mission_town import PLACES, named
+from benchmarks.drive.ways import rounded_way
 from cycab_sim.world.city import build_city
 from cycab_sim.world.traffic.loops import _room
 from path_follower.routes.building import TaughtDrive, build_network, even_curve

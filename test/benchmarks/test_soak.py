@@ -13,7 +13,7 @@ def sample(seconds, growth_kb_per_hour, threads):
     spike = 50_000 * (seconds % 300 == 0)  # kB: the process was in the middle of something
     anonymous = 10_000 + int(growth_kb_per_hour * seconds / HOUR) + spike
     looks = {"node": {"anonymous": anonymous, "handles": 20, "threads": threads, "cpu": 0.1 * seconds}}
-    return {"time": seconds, "looks": looks, "shared_bytes": 100, "way": 0.0, "counts": {}}
+    return {"time": seconds, "looks": looks, "shared_bytes": 100, "way": 0.0, "reason": ""}
 
 
 @pytest.mark.parametrize(
