@@ -86,6 +86,11 @@ def test_what_only_one_end_of_is_known_joins_nothing():
     assert Assembly(seen, {0: CAMERAS[0]}).num_lost() == 4
 
 
+def test_without_a_view_of_the_first_camera_nothing_is_joined():
+    found = assemble([sighting(1, 0, 0, rigs(1)[0])], CAMERAS[0], 2, np.random.default_rng(0))
+    assert (found.cameras, found.boards) == ({}, {})
+
+
 @pytest.mark.parametrize("size", [(6, 4), (5, 5), (4, 4), (5, 4)])
 def test_turns_of_a_board_put_its_corners_on_each_other(size):
     board = Board("b", *size, 0.1)

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.starting import camera_observations
 from rig_calibration.boards.state import camera_state
-from rig_calibration.boards.views import observations
+from rig_calibration.boards.views import BoardView, observations
 from sphere_nav.geometry import SE3
 
 
@@ -12,6 +14,14 @@ def test_views_must_come_by_camera():
     points, pixels = [np.zeros((4, 3))] * 2, [np.zeros((4, 2))] * 2
     with pytest.raises(ValueError, match="sorted by camera"):
         observations([1, 0], [0, 0], [0, 0], points, pixels)
+
+
+def test_rows_of_one_camera():
+    board = Board("b", 4, 3, 0.1)
+    views = [BoardView("c", str(n), "b", np.arange(5 + n), np.full((5 + n, 2), float(n))) for n in range(2)]
+    seen = camera_observations(views, {"b": board})
+    assert seen.starts.tolist() == [0, 5, 11]
+    np.testing.assert_array_equal(seen.per_view_rms(np.ones((11, 2)), np.ones(11)), np.full(2, np.sqrt(2.0)))
 
 
 def test_a_step_moves_poses_from_the_right():
