@@ -9,6 +9,7 @@ from pathlib import Path
 
 from sphere_nav.geometry.trajectory_error import ALIGNMENTS
 from sphere_nav_tools.offline.evaluation import (
+    AUTO,
     ESTIMATE_TOPICS,
     TRUTH_TOPICS,
     error_table,
@@ -23,10 +24,11 @@ examples:
   sphere_nav evaluate poses.tum truth.tum
   sphere_nav evaluate poses.tum drive_bag --json errors.json --plot errors.png
   sphere_nav evaluate poses.tum drive_bag --truth-topic /ground_truth/odometry --align poses --tolerance 0.02
-  sphere_nav evaluate poses.tum drive_bag --align poses --align-by taught.tum teaching_bag
+  sphere_nav evaluate poses.tum drive_bag --align-by taught.tum teaching_bag
 
 A map has a frame of its own, and first of all its place in the frame of the truth must be found. --align poses finds it
-from all positions and rotations together, also for a straight path; wrong poses count little. --align-by finds it on
+from all positions and rotations together, also for a straight path; wrong poses count little. It is chosen where the
+poses differ by half a metre or 5 deg, and at least five times less once they are aligned. --align-by finds it on
 the drive that made the map (sphere_nav map --taught), so that nothing is fitted to the poses that are judged. se3 and
 sim3 fit positions alone, as evo does; the rotation about a straight path is then meaningless.
 
@@ -41,9 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("poses", type=Path, help="estimated poses: TUM file, or a bag")
     parser.add_argument("truth", type=Path, help="true poses: TUM file, or a bag")
-    parser.add_argument("--align", choices=ALIGNMENTS, default="none", help="move the estimate first (default: none)")
     parser.add_argument(
-        "--align-by", nargs=2, type=Path, metavar=("POSES", "TRUTH"), help="find the alignment on these (--align poses)"
+        "--align",
+        choices=(AUTO, *ALIGNMENTS),
+        default=AUTO,
+        help="move the estimate first (default: poses where map and truth have frames of their own, else none)",
+    )
+    parser.add_argument(
+        "--align-by", nargs=2, type=Path, metavar=("POSES", "TRUTH"), help="find the alignment on these"
     )
     parser.add_argument("--json", type=Path, metavar="F", help="write all numbers to this file")
     parser.add_argument("--plot", type=Path, metavar="F", help="draw top view and errors over time (png, pdf or svg)")
@@ -65,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     aligned_by = None
     if arguments.align_by:
         if arguments.align == "none":
-            raise ValueError("--align-by: expected --align poses, se3 or sim3 with it, found none")
+            raise ValueError("--align-by: expected no --align, or poses, se3 or sim3, found none")
         poses, true_poses = arguments.align_by
         aligned_by = (
             read_trajectory(poses, arguments.poses_topic if is_bag(poses) else None, ESTIMATE_TOPICS),

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav_tools.offline.evaluation import AUTO
 from sphere_nav_tools.offline.pose_bags import read_poses
 from sphere_nav_tools.offline.settings import add_overwrite, check_free
 
@@ -16,17 +17,17 @@ BAG is what `sphere_nav localize --bag` or `sphere_nav mcl --bag` wrote, or a re
 of a vehicle. The truth is a TUM file, another bag, or ground_truth/... in BAG itself. The ending of FILE chooses the
 format: png, pdf or svg. With --map the picture shows by which experience of a map of many days each image was placed.
 
-A map has a frame of its own. Where the truth has another one, errors are those of the frames, many metres. --align
-poses finds the place of the map by all poses, as sphere_nav evaluate does, and draws the truth there.
+A map has a frame of its own. Where the truth has another one, --align poses finds the place of the map by all poses, as
+sphere_nav evaluate does, and draws the truth there. It is chosen, and said, where it makes sense.
 
 examples:
   sphere_nav plot result -o result.png
   sphere_nav plot result -o result.pdf --truth truth.tum
-  sphere_nav plot result -o result.png --truth drive_bag --align poses
+  sphere_nav plot result -o result.png --truth drive_bag --align none
   sphere_nav plot result -o result.png --map day_and_night
   sphere_nav plot vehicle.mcap -o vehicle.png --pose /car/pose --status /car/status
 """
-ALIGNED = ("none", "poses")  # those of sphere_nav evaluate that keep the picture as the map has it
+ALIGNED = (AUTO, "none", "poses")  # those of sphere_nav evaluate that keep the picture as the map has it
 ENDINGS = (".png", ".pdf", ".svg")
 
 
@@ -37,7 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pose", metavar="TOPIC", help="poses (found by name)")
     parser.add_argument("--status", metavar="TOPIC", help="status of the localiser (found by type)")
     parser.add_argument("--truth", type=Path, metavar="F", help="true poses: TUM file, or a bag (those in BAG)")
-    parser.add_argument("--align", choices=ALIGNED, default="none", help="move the truth to the map (default: none)")
+    parser.add_argument(
+        "--align",
+        choices=ALIGNED,
+        default=AUTO,
+        help="move the truth to the map (default: where it has a frame of its own)",
+    )
     parser.add_argument("--map", type=Path, metavar="MAP", help="the map it was localised in: show its experiences")
     add_overwrite(parser)
 
@@ -65,5 +71,6 @@ def run(arguments: argparse.Namespace) -> int:
     )
     plot_figure.draw_localization(output, poses, errors, statuses, served)
     told = [*plot_figure.describe_states(statuses), *plot_figure.describe_experiences(served)]
+    told += [errors.alignment] if errors is not None and errors.alignment else []
     print("\n".join([*told, f"{output}: {0 if poses is None else len(poses)} poses"]))
     return 0

@@ -26,6 +26,9 @@ from sphere_nav_tools.offline.pose_bags import is_bag, read_poses
 
 TRUTH_TOPICS = ("ground_truth/pose", "ground_truth/odometry")
 ESTIMATE_TOPICS = ("pose", "odometry")
+AUTO = "auto"  # alignment: by poses where map and truth have frames of their own
+OWN_FRAME = (0.5, np.radians(5.0))  # m, rad that medians are off at least where frames differ, and this many times what
+OWN_FRAME_RATIO = 5.0  # is left once the poses are aligned; test_evaluation
 METRICS = ("translation_m", "rotation_deg", "lateral_m", "longitudinal_m")
 
 
@@ -69,6 +72,10 @@ def evaluate_poses(
         paired, paired_truth, directions = estimate[first], truth[second], directions[second]
     if not len(paired):
         raise ValueError(f"stamps: expected some in common within {tolerance_s:g} s, found {_spans(estimate, truth)}")
+    is_chosen = alignment == AUTO
+    if is_chosen:
+        has_own_frame = aligned_by is not None or have_own_frames(paired, paired_truth)
+        alignment = "poses" if has_own_frame else "none"
     T_truth_estimate, scale = find_alignment((paired, paired_truth), alignment, aligned_by)
     paired = paired.moved(T_truth_estimate, scale)
     errors = absolute_errors(paired, paired_truth, directions)
@@ -78,12 +85,40 @@ def evaluate_poses(
         **_absolute(errors),
         "rpe": _relative(paired, paired_truth, rpe_length_m),
         "nees": _consistency(paired, paired_truth),
-        "alignment": {"kind": alignment, "scale": scale, "T_truth_estimate": T_truth_estimate.matrix.tolist()},
+        "alignment": {
+            "kind": alignment,
+            "is_chosen": is_chosen,
+            "scale": scale,
+            "T_truth_estimate": T_truth_estimate.matrix.tolist(),
+        },
         "num_estimates": len(estimate),
         "num_truth": len(truth),
         "length_m": float(paired_truth.distances[-1]),
     }
     return Judged(paired, paired_truth, truth, errors, report)
+
+
+def have_own_frames(estimate: Trajectory, truth: Trajectory) -> bool:
+    """Whether paired poses differ by where their frames are, far more than by anything that is left then."""
+    moved = estimate.moved(*align_trajectories(estimate, truth, "poses"))
+    raw, left = (
+        [float(np.median(values)) for values in one.T_map_body.distance(truth.T_map_body)] for one in (estimate, moved)
+    )
+    return any(
+        before > max(floor, OWN_FRAME_RATIO * after) for before, after, floor in zip(raw, left, OWN_FRAME, strict=True)
+    )
+
+
+def describe_alignment(report: dict[str, Any]) -> str:
+    """Return in one line what was done to compare frames, nothing where they were taken as they are."""
+    found = report["alignment"]
+    if found["kind"] == "none":
+        return ""
+    meters, radians = SE3(np.array(found["T_truth_estimate"])).distance(SE3.identity())
+    size = f", scale {found['scale']:.5f}" if found["scale"] != 1.0 else ""
+    line = f"aligned by {found['kind']}: {meters:.4f} m, {np.degrees(radians):.3f} deg{size}"
+    why = ": map and truth have frames of their own (--align none compares them as they are)"
+    return line + why * found["is_chosen"]
 
 
 def find_alignment(
@@ -111,16 +146,12 @@ def error_table(report: dict[str, Any]) -> str:
         cells = "".join(f"{value:10.4f}" for value in row.values()) if row else f"{'-':>10}"
         lines.append(f"{name:16}{cells}")
     if found := report["nees"]:
-        lines.append(f"NEES {found['mean']:.2f} (6 degrees of freedom, {found['n']} covariances)")
+        lines.append(
+            f"NEES {found['mean']:.2f} ({found['n']} covariances): 6 where they are right, more where too small"
+        )
         axes = ", ".join(f"{name} {value:.2f}" for name, value in found["axes"].items())
         lines.append(f"NEES of each axis of the body (1 degree of freedom): {axes}")
-    moved = SE3(np.array(report["alignment"]["T_truth_estimate"]))
-    meters, radians = moved.distance(SE3.identity())
-    if report["alignment"]["kind"] != "none":
-        scale = report["alignment"]["scale"]
-        size = f", scale {scale:.5f}" if scale != 1.0 else ""
-        lines.append(f"aligned by {report['alignment']['kind']}: {meters:.4f} m, {np.degrees(radians):.3f} deg{size}")
-    return "\n".join(lines)
+    return "\n".join([*lines, *filter(None, [describe_alignment(report)])])
 
 
 def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -24,23 +25,30 @@ from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.experiences import names_of_experiences
-from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses
+from sphere_nav_tools.offline.evaluation import AUTO, TRUTH_TOPICS, describe_alignment, evaluate_poses
 from sphere_nav_tools.offline.pose_bags import READINGS, is_bag, read_poses
 
 STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
 POSE_NAMES = ("pose", "odometry")
-COLORS = {
+COLORS = {  # of Okabe and Ito, whom nobody's eyes fail
     State.UNCONFIGURED: "#5f6368",
     State.NO_MAP: "#5f6368",
     State.NOT_LOCALISED: "#9aa0a6",
-    State.SEARCHING: "#6fa8dc",
-    State.PROBATION: "#ffd966",
-    State.TRACKING: "#2ca02c",
-    State.DEGRADED: "#ff9900",
-    State.LOST: "#d62728",
+    State.SEARCHING: "#56B4E9",
+    State.PROBATION: "#F0E442",
+    State.TRACKING: "#009E73",
+    State.DEGRADED: "#E69F00",
+    State.LOST: "#D55E00",
 }
-TRUTH, ESTIMATE, LATERAL, LONGITUDINAL, ROTATION = "#9aa0a6", "#1f77b4", "#d62728", "#2ca02c", "#8c564b"
-Errors = tuple[Trajectory, AbsoluteErrors]  # the truth in the frame of the map, and what poses are off it
+TRUTH, ESTIMATE, LATERAL, LONGITUDINAL, ROTATION = "#9aa0a6", "#0072B2", "#D55E00", "#0072B2", "#E69F00"
+
+
+class Errors(NamedTuple):
+    """The truth in the frame of the map, what poses are off it, and in words how the frames were compared."""
+
+    truth: Trajectory
+    absolute: AbsoluteErrors
+    alignment: str
 
 
 def find_pose_topic(bag: BagReader) -> str:
@@ -68,7 +76,7 @@ def read_statuses(bag: BagReader, topic: str) -> list[Status]:
     return [conversions.message_to_status(message) for _, _, message in bag.messages([topic])]
 
 
-def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignment: str = "none") -> Errors | None:
+def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignment: str = AUTO) -> Errors | None:
     """Return truth and errors; None where a bag has no truth that is asked for by nobody.
 
     alignment: that finds the place of the map in the frame of the truth (`ALIGNMENTS`); the truth is moved to the map.
@@ -85,7 +93,7 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignme
         true = read_tum(truth)
     judged = evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)
     T_map_truth = SE3(np.array(judged.report["alignment"]["T_truth_estimate"])).inverse()
-    return judged.truth.moved(T_map_truth), judged.errors
+    return Errors(judged.truth.moved(T_map_truth), judged.errors, describe_alignment(judged.report))
 
 
 def find_experiences(map_path: Path, statuses: list[Status]) -> dict[int, str]:
@@ -131,7 +139,7 @@ def draw_localization(
     """
     stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
     start = int(min(stamps))
-    lines = {} if errors is None else {"truth": errors[0].positions[:, :2]}
+    lines = {} if errors is None else {"truth": errors.truth.positions[:, :2]}
     marks = {}
     if poses is not None and len(poses):
         lines["pose"] = poses.positions[:, :2]
@@ -140,6 +148,7 @@ def draw_localization(
     with drawn(path, (13, 7)) as figure:
         cells = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.4), height_ratios=(1.0, 1.0, 1.0))
         top_view(figure.add_subplot(cells[:, 0]), lines, marks)
+        figure.suptitle(errors.alignment if errors is not None else "", fontsize="small")
         rows = [figure.add_subplot(cells[row, 1]) for row in range(3)]
         for axes in rows[1:]:
             axes.sharex(rows[0])
@@ -165,9 +174,11 @@ def top_view(axes: Axes, lines: Mapping[str, Array], marks: Mapping[str, Array])
         axes.plot(*path.T, ".-", label=name, color=color, lw=width, ms=size, zorder=2 - number)
     for number, (name, places) in enumerate(marks.items()):
         axes.plot(*places.T, "o", color=f"C{number + 1}", ms=4, label=name)
-    for path in list(lines.values())[-1:]:
+    for name, path in list(lines.items())[-1:]:
         axes.plot(*path[0], "o", color="black", ms=5, label="start")
-        axes.legend(loc="best")
+        axes.plot(*path[-1], "s", color="black", ms=5, label="end")
+        axes.set_title(f"From above: {len(path)} places of {name.split(',')[0]}", loc="left")
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=2, frameon=False)
     in_meters(axes)
 
 
@@ -193,16 +204,27 @@ def _draw_errors(axes: Axes, errors: Errors | None, start: int) -> None:
     if errors is None:
         axes.text(0.5, 0.5, "no truth", transform=axes.transAxes, ha="center", va="center", color=TRUTH)
         return
-    _draw_sides(axes, (errors[0].stamps_ns - start) * 1e-9, errors[1])
+    _draw_sides(axes, (errors.truth.stamps_ns - start) * 1e-9, errors.absolute)
 
 
 def _draw_sides(axes: Axes, seconds: NDArray[np.floating], errors: AbsoluteErrors) -> None:
-    axes.plot(seconds, errors.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
-    axes.plot(seconds, errors.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
-    axes.legend(loc="upper right")
+    for values, color, name in (
+        (errors.lateral_m, LATERAL, "lateral (left)"),
+        (errors.longitudinal_m, LONGITUDINAL, "longitudinal (ahead)"),
+    ):
+        axes.plot(seconds, values, color=color, lw=1, label=name)
+    median = 1e3 * float(np.median(errors.translation_m))
+    axes.set_title(f"Error of {len(seconds)} poses, median {median:.3g} mm", loc="left")
+    legend_above(axes)
+
+
+def legend_above(axes: Axes, **options: Any) -> None:
+    """Put the legend above a view, where no curve is."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0.1, **options)
 
 
 def _draw_states(axes: Axes, statuses: list[Status], start: int) -> None:
+    axes.set_title(f"State, and reason, of {len(statuses)} images", loc="left")
     runs = runs_of(statuses, start)
     present = [state for state in State if any(run[0] == state for run in runs)]
     reasons = sorted({reason for _, reason, _, _ in runs if reason})
@@ -221,7 +243,8 @@ def _draw_times(axes: Axes, statuses: list[Status], start: int) -> None:
     timed = [status for status in statuses if status.milliseconds > 0.0]
     seconds = np.array([(status.stamp_ns - start) * 1e-9 for status in timed])
     axes.plot(seconds, [status.milliseconds for status in timed], ".", color=ESTIMATE, ms=3)
-    axes.set_ylabel("time for an image [ms]")
+    axes.set_ylabel("[ms]")
+    axes.set_title(f"Time for each of {len(timed)} images", loc="left")
     if timed:
         axes.set_yscale("log")
 
@@ -244,8 +267,7 @@ def draw_evaluation(
         for axes, name, color in ((lower, "translation [m]", ESTIMATE), (turned, "rotation [°]", ROTATION)):
             axes.set_ylabel(f"error of {name}", color=color)
             axes.tick_params(axis="y", labelcolor=color)
-            axes.margins(y=0.25)  # for the legend
             axes.set_ylim(bottom=0.0)
         turned.grid(visible=False)
         lower.set_xlabel("time [s]")
-        lower.legend(handles=both, loc="upper right")
+        legend_above(lower, handles=both)

@@ -14,6 +14,7 @@ from sphere_nav.geometry.trajectory_error import absolute_errors, directions_of_
 from sphere_nav_tools.cli.constants import MOVING, TRUTH_SPACING
 from sphere_nav_tools.offline.pose_bags import read_poses
 
+TAUGHT = "taught.tum"
 TRUTH, ESTIMATE = "/ground_truth/odometry", "/pose"
 
 
@@ -22,7 +23,7 @@ class DriveErrors:
     """lateral (N,) m: true distance from the taught path, left positive, at path lengths `along` (N,) m.
 
     `longitudinal` (M,) m: estimated minus true place along the direction of motion, for each pose of the localiser, at
-    `seconds` (M,).
+    `seconds` (M,). `drift` (M,) m: what of it the map was off itself there, when it was taught.
     """
 
     taught: Array
@@ -31,12 +32,13 @@ class DriveErrors:
     lateral: Array
     seconds: Array
     longitudinal: Array
+    drift: Array
     share_driven: float
 
 
 def find_map(folder: Path) -> SE3:
     """Return T_world_map: the map begins where the teaching drive truly began."""
-    truth, taught = read_truth(folder / "teach"), read_tum(folder / "taught.tum")
+    truth, taught = read_truth(folder / "teach"), read_tum(folder / TAUGHT)
     first = np.maximum(taught.stamps_ns[:1], truth.stamps_ns[0])  # the car still stands when recording begins
     at, known = truth.at(first)
     if not known.all():
@@ -45,7 +47,10 @@ def find_map(folder: Path) -> SE3:
 
 
 def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
-    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world."""
+    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world.
+
+    The poses of the map (taught.tum) lie beside the bag of the teaching drive.
+    """
     truth = read_truth(drive)
     driven, taught = (_crop_to_motion(one).positions[:, :2] for one in (truth, read_truth(teach)))
     along, lateral = distances_from_path(driven, taught)
@@ -53,8 +58,18 @@ def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
     at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(2e8))
     found = absolute_errors(estimate[known], at, directions_of_motion(at)).longitudinal_m
     seconds = (estimate.stamps_ns[known] - estimate.stamps_ns[0]) / 1e9
+    drift = map_drift(at.positions[:, :2], teach.with_name(TAUGHT), read_truth(teach), T_world_map)
     length = float(np.hypot(*np.diff(taught, axis=0).T).sum())
-    return DriveErrors(taught, driven, along, lateral, seconds, found, float(along.max() / length))
+    return DriveErrors(taught, driven, along, lateral, seconds, found, drift, float(along.max() / length))
+
+
+def map_drift(places: Array, taught: Path, truth: Trajectory, T_world_map: SE3) -> Array:
+    """Return how far ahead of the truth the map is at places (M, 2) m of the world: at its next taught pose."""
+    poses = read_tum(taught).moved(T_world_map)
+    at, known = truth.at(poses.stamps_ns, max_gap_ns=round(2e8))
+    ahead = absolute_errors(poses[known], at, directions_of_motion(at)).longitudinal_m
+    nearest = [int(np.argmin(np.sum((at.positions[:, :2] - place) ** 2, axis=1))) for place in places]
+    return np.asarray(ahead)[nearest]
 
 
 def distances_from_path(points: Array, path: Array) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.experiences import find_places, split_by_experience
 from sphere_nav.spheres.graph import Experience, SphereGraph
 
+EPOCHS_S = 1e8  # stamps before it, in 1973, are of no calendar
 HELP = """\
 Tell what is in a map: key spheres, edges, size, extent, and with which parameters it was made.
 
@@ -39,15 +41,55 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(values | ({"parameters": parameters} if arguments.parameters else {}), indent=2))
         return 0
-    width = max(len(name) for name in values)
-    experiences = values.pop("experiences")
-    for name, value in values.items():
-        print(f"{name:<{width}}  {value}")
-    for experience in experiences:
-        print(f"{'experience':<{width}}  " + ", ".join(f"{name} {value}" for name, value in experience.items()))
+    print("\n".join(in_words(values)))
     for name, value in parameters.items():
         print(f"  {name}: {value}")
     return 0
+
+
+def in_words(facts: dict[str, Any]) -> list[str]:
+    """Return the facts about a map as one reads them, a line each."""
+    f = facts
+    width, height = f["sphere_size"]
+    places = ", ".join(f"{n} with {many}" for many, n in f["places_by_experiences"].items())
+    rows = [
+        ("map", f"{f['path']}, id {f['map_id']}, format {f['format_version']}, made by {f['software']}"),
+        ("from", f"{f['source']}, {_when(f['first_stamp_s'])} to {_when(f['last_stamp_s'])}"),
+        ("frame", f"{f['frame']}" + (f", its origin at {f['origin']}" if f["origin"] else "")),
+        ("way", f"{f['length_m']:.2f} m, within {' x '.join(f'{side:.2f}' for side in f['extent_m'])} m (x, y, z)"),
+        ("key spheres", f"{f['key_spheres']}, {f['edges']} edges, {f['loops']} of them loops"),
+        ("apart", _span(f["spacing_m"])),
+        ("valid within", _span(f["region_radius_m"])),
+        (
+            "images",
+            f"{width} x {height} pixels, {f['pixels_per_degree']:g} a degree, {f['measured_share']:.0%} with range",
+        ),
+        ("view", "all around" if f["whole_sphere"] else "a part of the sphere"),
+        ("size", f"{f['megabytes']:g} MB, {f['megabytes_per_sphere']:g} a key sphere"),
+        ("rig", "calibration in the map" if f["rig"] else "none"),
+        ("experiences", f"{len(f['experiences'])}; places by how many they have: {places}"),
+    ]
+    for experience in f["experiences"]:
+        served, last = experience["images_served"], experience["last_served_s"]
+        used = f"placed {served:g} images, last {_when(last)}" if last else "placed no image yet"
+        drive = f"drive {experience['drive'] or 'without a name'}, {_when(experience['first_stamp_s'])}"
+        rows.append(
+            (f"  {experience['name'] or 'first'}", f"{experience['key_spheres']} key spheres of {drive}; {used}")
+        )
+    column = max(len(name) for name, _ in rows)
+    return [f"{name:<{column}}  {text}" for name, text in rows]
+
+
+def _when(seconds: float) -> str:
+    """Return a stamp as date and time (UTC); those of a simulator, which begin at 0, in seconds."""
+    if seconds < EPOCHS_S:
+        return f"{seconds:.1f} s"
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _span(found: list[float]) -> str:
+    """Return the smallest, the median and the largest of lengths."""
+    return f"{found[0]:.2f} to {found[2]:.2f} m, median {found[1]:.2f} m" if found else "not known"
 
 
 def map_facts(reader: MapReader) -> dict[str, Any]:

@@ -24,7 +24,7 @@ def odom_base(seconds):
 def tree():
     tree = TransformTree()
     tree.add(se3_to_transform(T_BASE_CAMERA, 0, "base_link", "camera"), is_static=True)
-    tree.add(se3_to_transform(T_MAP_ODOM, 0, "/map", "odom"), is_static=True)
+    tree.add(se3_to_transform(T_MAP_ODOM, 0, "map", "odom"), is_static=True)
     for number in range(5):
         tree.add(se3_to_transform(odom_base(number), number * SECOND, "odom", "base_link"))
     return tree

@@ -117,8 +117,24 @@ def test_a_map_frame_found_on_the_teaching_drive_is_applied_to_another(files, ca
     assert call(*words) == 0
     assert json.loads((files / "e.json").read_text())["translation_m"]["median"] < 1e-6  # it hides it
     assert "aligned by poses: " in capsys.readouterr().out
-    with pytest.raises(ValueError, match="--align-by: expected --align poses, se3 or sim3 with it"):
-        call(files / "driven.tum", files / "truth.tum", *pair)
+    assert call(*words[:4], *pair) == 0  # nothing else is needed
+    assert json.loads((files / "e.json").read_text())["translation_m"]["median"] == pytest.approx(0.05, abs=1e-6)
+    with pytest.raises(ValueError, match="--align-by: expected no --align, or poses, se3 or sim3, found none"):
+        call(*words[:2], *pair, "--align", "none")
+
+
+def test_frames_of_their_own_are_found_and_said(files, capsys):
+    for motion, is_own in [
+        ([3, 1, 0.5, 0.1, 0.2, 1.0], True),
+        ([0, 0, 0, 0, 0, 0.2], True),
+        ([0.1, 0, 0, 0, 0, 0.01], False),
+    ]:
+        write_tum(files / "driven.tum", TRUTH.moved(SE3.exp(motion)))
+        assert call(files / "driven.tum", files / "truth.tum", "--json", files / "e.json") == 0
+        assert ("frames of their own (--align none compares" in capsys.readouterr().out) is is_own
+        found = json.loads((files / "e.json").read_text())
+        assert found["alignment"]["kind"] == ("poses" if is_own else "none")
+        assert (found["translation_m"]["median"] < 1e-6) is is_own
 
 
 def line(num_poses=50, hertz=10.0):
@@ -172,7 +188,7 @@ def test_an_error_stands_in_its_row_of_the_table():
     assert lines[2].split() == ["translation_m", *["0.1000"] * 4]
     assert [line.split()[0] for line in lines[3:6]] == ["rotation_deg", "lateral_m", "longitudinal_m"]
     assert lines[6].startswith("rpe_m / 1 m")
-    assert lines[-2] == "NEES 1.00 (6 degrees of freedom, 25 covariances)"
+    assert lines[-2] == "NEES 1.00 (25 covariances): 6 where they are right, more where too small"
     axes = "x 1.00, y 0.00, z 0.00, roll 0.00, pitch 0.00, yaw 0.00"
     assert lines[-1] == f"NEES of each axis of the body (1 degree of freedom): {axes}"
     short = error_table(evaluate_poses(off(errors)[:3], STRAIGHT).report)

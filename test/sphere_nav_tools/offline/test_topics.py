@@ -31,13 +31,15 @@ def parse(*words):
 
 
 def test_options_name_our_topics():
-    words = ("--image", "/a", "--depth-info", "/b", "--camera", "front=/c", "--remap", "/imu/data:=/d")
+    words = ("--image", "/a", "--depth-info", "/b", "--camera", "front=/c", "--remap", "/tf:=/d")
     assert chosen_topics(parse(*words)) == {
         "image_raw": "/a",
         "depth/camera_info": "/b",
         "cameras/front/image_raw": "/c",
-        "imu/data": "/d",
+        "tf": "/d",
     }
+    with pytest.raises(ValueError, match=r"--remap: expected one of our topics .*, found 'imu/data': nobody reads it"):
+        chosen_topics(parse("--remap", "/imu/data:=/d"))
 
 
 def test_what_is_told_is_what_is_understood():

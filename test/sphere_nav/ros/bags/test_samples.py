@@ -38,7 +38,7 @@ def test_a_good_image_shows_its_frame_size_and_encoding():
 def test_one_good_message_is_enough():
     good = array_to_image(GRAY, 2 * SECOND, "a", "mono8")
     bad = array_to_image(GRAY, SECOND, "a", "mono8")
-    bad.encoding = "nv12"
+    bad.encoding = "yuv444"
     assert examine_samples([(1, bad), (2, good)], IMAGE, "/a").problem == ""
     assert "encoding: expected one of" in examine_samples([(1, bad), (2, bad)], IMAGE, "/a").problem
 
