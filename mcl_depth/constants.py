@@ -117,7 +117,7 @@ FAR_M = 100.0  # range given to what is far
 SAMPLES = 2  # a side of a pixel of the panorama; a photograph that is finer by more is halved first
 OTHER_ANSWER = np.radians(20.0)  # a rotation farther from the best one than this is another answer
 
-# Learned likeness (likeness/test_encoder): what the networks were trained with, benchmarks/likeness/train.py of 76c5c3cb
+# Learned likeness (likeness/test_encoder): what the networks were trained with (train.py of 76c5c3cb)
 LCN_COLUMNS = 1 / 36, 1 / 9  # radii of the contrast normalisation by the width of a panorama: 10 and 40 degrees
 MIN_CONTRAST_LEVELS = 2.0  # smallest standard deviation that grey levels are divided by
 IMAGE_CLIP = np.float32(4.0)  # of the contrast

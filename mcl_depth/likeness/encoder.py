@@ -1,8 +1,9 @@
 """Two small convolutional networks, of images and of depth images, whose outputs are alike where the two fit.
 
 What an edge of depth looks like in a photograph is learned from pairs that the simulator draws
-(`benchmarks/likeness/train.py` of commit 76c5c3cb), where eq. 2 of N17 takes every gradient for one. Both networks are convolutions with
-columns that wrap around, so a turned panorama has turned features, and all headings are one circular correlation.
+(`benchmarks/likeness/train.py` of commit 76c5c3cb), where eq. 2 of N17 takes every gradient for one. Both networks are
+convolutions with columns that wrap around, so a turned panorama has turned features, and all headings are one circular
+correlation.
 """
 
 from __future__ import annotations
