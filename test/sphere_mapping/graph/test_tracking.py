@@ -109,6 +109,24 @@ def test_a_key_sphere_is_where_both_ways_put_it_and_goes_on_as_fast():
     np.testing.assert_allclose(tracker.motion.velocity(), velocity, atol=1e-6)
 
 
+def test_a_key_sphere_that_is_unrolled_anew_is_measured_anew():
+    tracker, graph = started(2)
+    bent = POSES[2] @ SE3.exp([0.02, 0.01, 0.0, 0.0, 0.0, 0.005])  # what a wrong velocity does to an image
+    alignment = tracker.align(prepared(bent, 2), None, graph)
+    tracker.update(prepared(bent, 2), alignment.T_world_camera, None, alignment)
+    node, edge = tracker.make_key(1, graph)
+    graph.add(node)
+    graph.connect(edge)
+    sphere = prepared(POSES[2], 2).sphere
+    found = tracker.replace_newest(sphere, graph)
+    assert node.T_map_sphere.distance(POSES[2])[0] > 0.015
+    assert found[1].sphere is sphere is tracker.last.sphere is tracker.references[0][1].sphere
+    (measured,) = found.edges
+    for T_map_sphere in (found[1].T_map_sphere, tracker.motion.newest, found[0].T_map_sphere @ measured.T_a_b):
+        assert T_map_sphere.distance(POSES[2])[0] < 0.003
+    assert tracker.is_key
+
+
 @pytest.mark.slow
 def test_rounding_does_not_grow_from_key_sphere_to_key_sphere():
     """An inverse is a transpose: what is not quite a rotation would be twice as far from one with each."""
