@@ -20,7 +20,7 @@ from sphere_mapping.constants import (
 )
 from sphere_mapping.graph.loop_closure import drift, lengths_from, seen_pairs
 from sphere_mapping.graph.optimum import optimize_map
-from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, find_candidates, verify
+from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, believed, find_candidates, verify
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -97,11 +97,7 @@ def join_closely(base: Submap, drive: Submap, joined: SphereGraph, params: Mappe
     joins = [edge for edge in joined.edges if edge.a in base.graph.nodes and edge.b in drive.graph.nodes]
     is_whole = drive.load(min(drive.graph.nodes)).camera.is_whole
     pairs = seen_pairs(moved, base.graph, set(), is_whole=is_whole)
-    trials = (
-        LoopTrial(newer.id, drive.load(newer.id), ((older.id, base.load(older.id), guess),), params.registration)
-        for older, newer in pairs
-        for guess in [older.T_map_sphere.inverse() @ newer.T_map_sphere]
-    )
+    trials = (believed(older, newer, base.load, drive.load, params.registration) for older, newer in pairs)
     found = [edge for edge in run(verify, trials) if edge is not None]
     return join_graphs(base.graph, drive.graph, [*joins, *found])
 

@@ -29,7 +29,7 @@ from sphere_mapping.constants import (
 )
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, find_candidates, verify
+from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, believed, find_candidates, verify
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.features import Features, features_of_sphere
@@ -70,7 +70,7 @@ class LoopCloser:
         joined |= {(loop.a, loop.b) for loop in loops}
         is_whole = self._load(ids[0]).camera.is_whole
         seen = list(seen_pairs(graph, graph, joined, is_whole=is_whole))
-        trials = (self._trial(newer.id, self._load(newer.id), believed(older, newer)) for older, newer in seen)
+        trials = (believed(older, newer, self._load, self._load, self._params.registration) for older, newer in seen)
         return loops + [loop for loop in run(verify, trials) if loop is not None]
 
     def recognize(self, graph: SphereGraph, current: PreparedSphere) -> Candidate | None:
@@ -103,11 +103,6 @@ class LoopCloser:
         return LoopTrial(newer_id, newer, (older,), self._params.registration)
 
 
-def believed(older: KeySphere, newer: KeySphere) -> Candidate:
-    """Return two key spheres as the graph has them."""
-    return Candidate(older.id, older.T_map_sphere.inverse() @ newer.T_map_sphere, 0)
-
-
 def passed(graph: SphereGraph, newer_id: int, min_way_m: float) -> list[int]:
     """Return the key spheres that the way to one has passed and not come back to, however it may have drifted."""
     found, way = list[int](), 0.0
@@ -134,8 +129,6 @@ def choose_candidate(graph: SphereGraph, newer_id: int, found: list[Candidate]) 
     if not possible:
         return None
     best, *others = possible
-    if not is_return(ways.get(best.older, np.inf), best.T_older_newer):
-        return None
     is_best = all(is_clear(graph, best, [other], _spread(ways, best, other)) for other in others)
     return best if is_best else None
 
@@ -161,11 +154,6 @@ def is_possible(graph: SphereGraph, newer_id: int, one: Candidate, ways: dict[in
 def drift(way: float) -> tuple[float, float]:
     """Return the standard deviations in m and rad of the graph over so many metres of way."""
     return DRIFT_START[0] + DRIFT[0] * way, DRIFT_START[1] + DRIFT[1] * way
-
-
-def is_return(way: float, T_older_newer: SE3) -> bool:
-    """Say whether a way came back: an edge errs by its length, a chain by its way, so of going on neither gains."""
-    return bool(way >= MIN_DETOUR * float(np.linalg.norm(T_older_newer.translation)))
 
 
 def place_of(graph: SphereGraph, one: Candidate) -> SE3:

@@ -86,15 +86,6 @@ def test_of_two_places_alike_none_is_taken_unless_drift_tells_them_apart():
     assert choose_candidate(far, 101, []) is None
 
 
-def test_going_on_is_no_loop():
-    graph = chain(0.0, 0.3, 0.6, 0.9)
-    assert (
-        choose_candidate(graph, 3, [Candidate(0, SE3.from_planar(0.9, 0, 0), 60)]) is None
-    )  # the way is as long as the edge
-    back = chain(0.0, 0.9, 0.1)
-    assert choose_candidate(back, 2, [Candidate(0, SE3.from_planar(0.1, 0, 0), 60)]) is not None
-
-
 def seen(graph, *, is_whole=True):
     return [(a.id, b.id) for a, b in seen_pairs(graph, graph, joined_pairs(graph), is_whole=is_whole)]
 
