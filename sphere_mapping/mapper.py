@@ -56,7 +56,10 @@ class Mapper:
         if self._tracker.last is None:
             return self._update(current, self.T_map_first, odometry, None, keyframes.FIRST, unroll)
         if self._unroll_newest is not None:
-            self._straighten_newest(current, odometry, unroll, self._unroll_newest)
+            moves = odometry, unroll, self._unroll_newest
+            if (straight := self._tracker.straighten_newest(current, *moves, self.graph)) is not None:
+                self.graph = straight
+                self._finish_newest()
         current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
         if not alignment.is_converged and self._keep_last():  # what follows is nearer to it
             current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
@@ -102,15 +105,8 @@ class Mapper:
         """What the key spheres look like."""
         return self._loops.index
 
-    def _update(
-        self,
-        current: PreparedSphere,
-        T_map_sphere: SE3,
-        odometry: SE3 | None,
-        alignment: Alignment | None,
-        reason: str,
-        unroll: Unroll | None,
-    ) -> MapUpdate:
+    def _update(self, current: PreparedSphere, T_map_sphere: SE3, odometry: SE3 | None, alignment: Alignment | None,
+                reason: str, unroll: Unroll | None) -> MapUpdate:  # fmt: skip
         """Take down where a sphere is, keep it as key sphere if there is a reason, and report."""
         self._tracker.update(current, T_map_sphere, odometry, alignment)
         if reason != keyframes.NOT_YET:
@@ -126,10 +122,7 @@ class Mapper:
         return [self.add(*one) for one in spheres][-1]
 
     def _keep_last(self, unroll: Unroll | None = None) -> bool:
-        """Make the last sphere the next key sphere; return whether it was not one already.
-
-        A loop is closed with it: with one that is to be unrolled anew when the next sphere has told how it moved.
-        """
+        """Make the last sphere the next key sphere, to be unrolled anew; return whether it was not one already."""
         if self._tracker.last is None or self._tracker.is_key:
             return False
         node, edge = self._tracker.make_key(self.first_id + len(self.graph), self.graph)
@@ -146,8 +139,7 @@ class Mapper:
     def _finish_newest(self) -> None:
         """Close a loop with the newest key sphere, which stays as it is now."""
         self._unroll_newest = None
-        newest_id = list(self.graph.nodes)[-1]
-        newest = dict(self._tracker.references).get(newest_id) or self._loops.prepare(newest_id)
+        newest_id, newest = self._tracker.references[0]
         if self.params.loop.automatic and (loop := self._loops.find(self.graph, newest, newest_id)):
             self._correct(self._optimum.with_loop(self.graph, loop))
 
@@ -156,20 +148,3 @@ class Mapper:
         self._tracker.follow(self.graph, corrected)
         self.num_loops += len(corrected.edges) - len(self.graph.edges)
         self.graph = corrected
-
-    def _straighten_newest(
-        self, current: PreparedSphere, odometry: SE3 | None, unroll: Unroll | None, unroll_newest: Unroll
-    ) -> None:
-        """Unroll the newest key sphere by the motion from the sphere before it to the one after it, measure it anew.
-
-        By the motion that led to it alone it would be half an interval late, and err with its own pose. The first one
-        and the second are rolling alike, so that their motion shows rightly.
-        """
-        is_first = len(self.tracks) == 1
-        _, alignment = self._tracker.align_moving(current, odometry, None if is_first else unroll, self.graph)
-        if not alignment.is_converged:
-            return
-        if self._tracker.is_key and not self._tracker.motion.num_lost:
-            velocity = self._tracker.motion.velocity_through(alignment.T_world_camera, current.sphere.stamp_ns)
-            self.graph = self._tracker.replace_newest(unroll_newest(velocity), self.graph)
-        self._finish_newest()

@@ -164,6 +164,28 @@ class SphereTracker:
         newest = self.references[0][0] if self.references else next(iter(before.nodes))
         self.motion.transform(corrected[newest].T_map_sphere @ before[newest].T_map_sphere.inverse())
 
+    def straighten_newest(
+        self,
+        current: PreparedSphere,
+        odometry: SE3 | None,
+        unroll: Unroll | None,
+        unroll_newest: Unroll,
+        graph: SphereGraph,
+    ) -> SphereGraph | None:
+        """Unroll the newest key sphere by the motion from the sphere before it to the one after it, measure it anew.
+
+        By the motion that led to it alone it would be half an interval late, and err with its own pose. The first one
+        and the second are rolling alike, so that their motion shows rightly. None where the next one is not aligned.
+        """
+        is_first = len(self.references) == 1 and self.motion.before is None
+        _, alignment = self.align_moving(current, odometry, None if is_first else unroll, graph)
+        if not alignment.is_converged:
+            return None
+        if not self.is_key or self.motion.num_lost:
+            return graph
+        velocity = self.motion.velocity_through(alignment.T_world_camera, current.sphere.stamp_ns)
+        return self.replace_newest(unroll_newest(velocity), graph)
+
     def replace_newest(self, sphere: Sphere, graph: SphereGraph) -> SphereGraph:
         """Put another sphere in place of the last one, the newest key sphere; return the graph with it, measured anew.
 
