@@ -53,7 +53,7 @@ SHARED_ERROR = 2.0  # factor of what key spheres disagree by: they err together,
 EDGE_ERROR = 2.0  # factor of the covariance of an edge
 MAX_OBSERVED_SIGMAS = 3.0  # that one observation counts at most; 1 in 370 by chance
 REFUSED_FADING = 0.8  # weight that observations keep with each refused image (references/test_map_error)
-EDGE_HOPS, MAX_LOOP_SIGMAS = 2, 4.74  # edges around a key sphere that count; of a loop: chi of 6 at 0.001
+EDGE_HOPS, MAX_LOOP_SIGMAS = 5, 4.74  # edges around a key sphere that count; of a loop: chi of 6 at 0.001
 MIN_EDGE_M = 0.1  # shorter edges say nothing of a meter
 
 # Acceptance (judge/test_acceptance): a first value refuses, a second one means care: DEGRADED.

@@ -43,6 +43,8 @@ DRIFT = (0.02, 0.003)  # standard deviations of the graph, by the meters on the 
 DRIFT_START = (0.1, 0.02)  # the same of no way at all
 DRIFT_GATE = 3.0  # standard deviations of drift that are believed: 1 in 370, were they Gaussian
 FARTHEST_PASSED_M = 50.0  # on the way back: nothing farther looks alike merely because it is near
+MAX_AWAY = 1.0  # between views that see the same: by the region of the one, plus a radian
+NUM_OLDER = 3  # of them that edges join with each key sphere: the one before it, the second and the third
 MIN_DETOUR = 4.0  # way between two spheres by their distance; along a shorter one the chain is the better measure
 
 # Another drive in the map (test_extension)
@@ -87,7 +89,6 @@ MOUNT_WAIT_S = 1.0  # of stamps, that a live node waits for /tf_static and the I
 # A drive placed in a map (experiences/test_joining)
 NUM_PASSES = 3  # of places sought, and the drive placed by them
 TRACK_SHARE = 0.01  # standard deviation of a sphere by its distance from the key sphere before it
-MAX_AWAY = 1.0  # between views that are aligned by ranges: by the region of the one, plus a radian
 MIN_RANGE_JOINS = 3  # key spheres that must agree where ranges alone say where the drive was
 MIN_RANGE_CONSENT = 0.8  # of all that fits by ranges alone, which must be of one place: a box is two, 0.5 to 0.72
 MIN_CONFIRMED_SHARE = 0.7  # of the places that both saw by what was found, where ranges must fit

@@ -8,7 +8,6 @@ sphere itself is kept as observed: nothing is fused into it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.incremental import IncrementalOptimum
@@ -48,17 +47,19 @@ class Mapper:
         self._tracker = SphereTracker(self.params)
         self._features.clear()
         self._loops, self._optimum = LoopCloser(self.params, self.load_sphere, self._features), IncrementalOptimum()
-        self._unroll_first: Unroll | None = None  # of a rolling shutter, until it is known how the camera moved
+        self._unroll_newest: Unroll | None = None  # the newest key sphere, until it is known how the camera moved on
         self._lost: Given | None = None
 
     def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
         """Map one sphere; `odometry` is its T_odom_sphere; `unroll` makes that of a rolling shutter by its velocity."""
         current = PreparedSphere(sphere, self.params.registration)
         if self._tracker.last is None:
-            self._unroll_first = unroll
-            return self._update(current, self.T_map_first, odometry, None, keyframes.FIRST)
-        if unroll is not None and self._unroll_first is not None:
-            self._replace_first(current, odometry, self._unroll_first)
+            return self._update(current, self.T_map_first, odometry, None, keyframes.FIRST, unroll)
+        if self._unroll_newest is not None:
+            moves = odometry, unroll, self._unroll_newest
+            if (straight := self._tracker.straighten_newest(current, *moves, self.graph)) is not None:
+                self.graph = straight
+                self._finish_newest()
         current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
         if not alignment.is_converged and self._keep_last():  # what follows is nearer to it
             current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
@@ -70,13 +71,14 @@ class Mapper:
             self._tracker.motion.lose()
             return MapUpdate(sphere.stamp_ns, None, alignment)
         reason = self._tracker.why_key(alignment, self.graph)
-        return self._update(current, alignment.T_world_camera, odometry, alignment, reason)
+        return self._update(current, alignment.T_world_camera, odometry, alignment, reason, unroll)
 
     def keep_end(self, *, is_near: bool = False) -> bool:
         """Keep the last sphere if it `is_near` or the newest key sphere is half its reach away; say whether it was."""
         if self._tracker.last is None:
             return False
-        self._unroll_first = None  # a first sphere that nothing followed stays as it is
+        if self._unroll_newest is not None:  # a sphere that nothing followed stays as it is
+            self._finish_newest()
         is_kept = (is_near or self._tracker.is_far(self.graph)) and self._keep_last()
         self._spheres.flush(self.graph)
         return is_kept
@@ -103,15 +105,14 @@ class Mapper:
         """What the key spheres look like."""
         return self._loops.index
 
-    def _update(
-        self, current: PreparedSphere, T_map_sphere: SE3, odometry: SE3 | None, alignment: Alignment | None, reason: str
-    ) -> MapUpdate:
+    def _update(self, current: PreparedSphere, T_map_sphere: SE3, odometry: SE3 | None, alignment: Alignment | None,
+                reason: str, unroll: Unroll | None) -> MapUpdate:  # fmt: skip
         """Take down where a sphere is, keep it as key sphere if there is a reason, and report."""
         self._tracker.update(current, T_map_sphere, odometry, alignment)
         if reason != keyframes.NOT_YET:
-            self._keep_last()
+            self._keep_last(unroll)
         self.tracks.append(self._tracker.track(self.graph))
-        if self._unroll_first is None and len(self.tracks) > 1:  # before, it may be given up
+        if self._unroll_newest is None and len(self.tracks) > 1:  # before, it may be given up
             self._spheres.flush(self.graph)
         return MapUpdate(current.sphere.stamp_ns, self._tracker.motion.newest, alignment, reason)
 
@@ -120,8 +121,8 @@ class Mapper:
         self._begin()
         return [self.add(*one) for one in spheres][-1]
 
-    def _keep_last(self) -> bool:
-        """Make the last sphere the next key sphere, close a loop with it; return whether it was not one already."""
+    def _keep_last(self, unroll: Unroll | None = None) -> bool:
+        """Make the last sphere the next key sphere, to be unrolled anew; return whether it was not one already."""
         if self._tracker.last is None or self._tracker.is_key:
             return False
         node, edge = self._tracker.make_key(self.first_id + len(self.graph), self.graph)
@@ -130,21 +131,20 @@ class Mapper:
             self.graph.connect(edge)
         if self.tracks and self.tracks[-1].stamp_ns == node.stamp_ns:
             self.tracks[-1] = self._tracker.track(self.graph)
-        if self.params.loop.automatic and (loop := self._loops.find(self.graph, self._tracker.last, node.id)):
-            self._correct(self._optimum.with_loop(self.graph, loop))
+        self._unroll_newest = unroll
+        if unroll is None:
+            self._finish_newest()
         return True
+
+    def _finish_newest(self) -> None:
+        """Close a loop with the newest key sphere, which stays as it is now."""
+        self._unroll_newest = None
+        newest_id, newest = self._tracker.references[0]
+        if self.params.loop.automatic and (loop := self._loops.find(self.graph, newest, newest_id)):
+            self._correct(self._optimum.with_loop(self.graph, loop))
 
     def _correct(self, corrected: SphereGraph) -> None:
         """Go on with the graph with more loops, where everything is where all edges fit best."""
         self._tracker.follow(self.graph, corrected)
         self.num_loops += len(corrected.edges) - len(self.graph.edges)
         self.graph = corrected
-
-    def _replace_first(self, current: PreparedSphere, odometry: SE3 | None, unroll: Unroll) -> None:
-        """Unroll the first sphere by its motion to the second: both are rolling alike, so that this shows rightly."""
-        alignment = self._tracker.align(current, odometry, self.graph)
-        if alignment.is_converged:
-            first = unroll(self._tracker.motion.velocity_to(alignment.T_world_camera, current.sphere.stamp_ns))
-            self.graph = SphereGraph([replace(self.graph[self.first_id], sphere=first)])
-            self._tracker.replace_first(first)
-            self._unroll_first = None

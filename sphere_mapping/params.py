@@ -45,8 +45,7 @@ class LoopParams:
     """Loop closures (`loop_closure.py`)."""
 
     automatic: bool = param(True, "look at every new key sphere whether its place was seen before")
-    max_distance_m: float = param(1.0, "distance up to which two key spheres are compared", "m", low=0.0)
-    min_way_m: float = param(1.0, "way between two key spheres that are compared", "m", low=0.0)
+    min_way_m: float = param(1.0, "way between two key spheres that are compared by appearance", "m", low=0.0)
 
 
 @parameters

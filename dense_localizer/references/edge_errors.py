@@ -1,7 +1,8 @@
 """How sure the place of a key sphere is among those around it: what all edges there say together.
 
 An edge that one way alone has measured is wide. Where both its ends are known by other edges, the motion between them
-is as sure as those make it: of the few key spheres around one the information of all edges is added up and inverted.
+is as sure as those make it: of the key spheres around one the information of all edges is added up and inverted. The
+errors of edges add up along the graph: what is told is how far a key sphere is off all of them, not the next one alone.
 """
 
 from __future__ import annotations
@@ -25,22 +26,21 @@ class EdgeErrors:
                 self._edges.setdefault(end, []).append(edge)
 
     def covariance(self, sphere_id: int) -> Array | None:
-        """Return the mean covariance (6, 6) of the motions to the neighbours of a key sphere, its own axes.
+        """Return the mean covariance (6, 6) of the motions to the key spheres around one, its own axes.
 
-        A neighbour that another drive added later says how sure that one is: the map stayed where it was. None where
-        there is no other.
+        One that another drive added later says how sure that one is: the map stayed where it was. None where there is
+        no other.
         """
         if sphere_id not in self._found:
             self._found[sphere_id] = self._average(sphere_id)
         return self._found[sphere_id]
 
     def _average(self, sphere_id: int) -> Array | None:
-        ends = {end for edge in self._edges.get(sphere_id, ()) for end in (edge.a, edge.b) if end != sphere_id}
-        if not ends:
+        if sphere_id not in self._edges:
             return None
         own, motions = self._graph[sphere_id], relative_covariances(self._graph, self._edges, sphere_id)
         found = []
-        for other in (self._graph[end] for end in sorted(ends & motions.keys())):
+        for other in (self._graph[node] for node in motions):
             if other.id < sphere_id or other.experience == own.experience:
                 R = np.kron(np.eye(2), own.T_map_sphere.rotation.T @ other.T_map_sphere.rotation)
                 found.append(R @ motions[other.id] @ R.T)
@@ -52,10 +52,11 @@ def relative_covariances(graph: SphereGraph, edges_of: dict[int, list[Edge]], sp
 
     By all edges among those that are reached over `EDGE_HOPS` edges, refuted loops and edges that say nothing left out.
     """
-    local = {sphere_id}
+    local = newest = {sphere_id}
     for _ in range(EDGE_HOPS):
-        reached = (edge for node in local for edge in edges_of.get(node, ()) if is_usable(graph, edge))
-        local |= {end for edge in reached for end in (edge.a, edge.b)}
+        reached = (edge for node in newest for edge in edges_of.get(node, ()) if is_usable(graph, edge))
+        newest = {end for edge in reached for end in (edge.a, edge.b)} - local
+        local = local | newest
     rows = {node: slice(6 * k, 6 * k + 6) for k, node in enumerate(sorted(local - {sphere_id}))}
     information = np.zeros((6 * len(rows), 6 * len(rows)))
     for node in sorted(local):

@@ -34,8 +34,9 @@ from sphere_mapping.constants import (
     TRACK_SHARE,
 )
 from sphere_mapping.experiences.parts import refine_by_parts, search_by_parts, spread
-from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_graphs
+from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_closely, join_graphs
 from sphere_mapping.graph.keyframes import Track
+from sphere_mapping.graph.loop_closure import away
 from sphere_mapping.graph.verification import Run
 from sphere_mapping.params import MapperParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
@@ -154,7 +155,7 @@ def join_drive(
         rival_m = find_rival(find_places(base.graph, joined, images, load_base), load_base)
         if rival_m > 0.0:
             return Joined(None, f"{told}; ranges fit as well {rival_m:g} m away")
-    return Joined(joined, told)
+    return Joined(join_closely(base, drive, joined, params, run), told)
 
 
 def find_first(
@@ -201,16 +202,16 @@ def locate_edges(images: Sequence[DriveSphere]) -> Iterator[Edge]:
     """Yield for each key sphere of the drive the join by the nearest image that the localizer was sure of."""
     nearest: dict[int, tuple[float, DriveSphere]] = {}
     for image in images:
-        away = float(np.linalg.norm(image.track.T_key_sphere.translation))
+        away_m = float(np.linalg.norm(image.track.T_key_sphere.translation))
         if image.located is not None and image.located.is_sure:
             known = nearest.get(image.track.key_id)
-            if known is None or away < known[0]:
-                nearest[image.track.key_id] = away, image
-    for key_id, (away, image) in nearest.items():
+            if known is None or away_m < known[0]:
+                nearest[image.track.key_id] = away_m, image
+    for key_id, (away_m, image) in nearest.items():
         assert image.located is not None
         T_sphere_key = image.track.T_key_sphere.inverse()
         adjoint = T_sphere_key.inverse().adjoint()
-        floor = np.repeat([EDGE_FLOOR[0] + TRACK_SHARE * away, EDGE_FLOOR[1]], 3) ** 2
+        floor = np.repeat([EDGE_FLOOR[0] + TRACK_SHARE * away_m, EDGE_FLOOR[1]], 3) ** 2
         covariance = adjoint @ image.located.covariance @ adjoint.T + np.diag(floor)
         T_a_key = image.located.T_a_sphere @ T_sphere_key
         yield Edge(image.located.a, key_id, T_a_key, symmetric_inverse(covariance), is_loop=True)
@@ -265,10 +266,10 @@ def find_places(
     for node in base:
         motions = [node.T_map_sphere.inverse() @ joined[one.track.key_id].T_map_sphere @ one.track.T_key_sphere
                    for one in images]  # fmt: skip
-        away = [_away(T, node.region_radius_m or 1.0, is_whole=load_base(node.id).is_whole) for T in motions]
-        best = int(np.argmin(away))
+        apart = [away(T, node.region_radius_m or 1.0, load_base(node.id).is_whole) for T in motions]
+        best = int(np.argmin(apart))
         located = images[best].located
-        if away[best] <= MAX_AWAY and not (located is not None and located.is_sure):
+        if apart[best] <= MAX_AWAY and not (located is not None and located.is_sure):
             found.append(Place(node, images[best], motions[best]))
     return found
 
@@ -334,9 +335,3 @@ def is_same(one: SE3, other: SE3) -> bool:
     """Say whether two motions are one."""
     distance, angle = one.distance(other)
     return bool(distance <= MAX_GAP[0] and angle <= MAX_GAP[1])
-
-
-def _away(T_a_b: SE3, reach_m: float, *, is_whole: bool) -> float:
-    """Return how far apart two views are: by the reach of the one, and by a radian where they have an edge."""
-    distance, angle = SE3.identity().distance(T_a_b)
-    return float(distance) / reach_m + (0.0 if is_whole else float(angle))

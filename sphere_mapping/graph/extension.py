@@ -18,9 +18,9 @@ from sphere_mapping.constants import (
     NUM_ALIKE,
     NUM_TRIED,
 )
-from sphere_mapping.graph.loop_closure import drift, lengths_from
+from sphere_mapping.graph.loop_closure import drift, lengths_from, seen_pairs
 from sphere_mapping.graph.optimum import optimize_map
-from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, find_candidates, verify
+from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, believed, find_candidates, verify
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -86,6 +86,20 @@ def join_graphs(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) ->
     placed = optimize_map(SphereGraph([origin, *moved], [*moved.edges, *seen])).graph
     nodes = [*base, *(node for node in placed if node.id != origin.id)]
     return SphereGraph(nodes, [*base.edges, *drive.edges, *edges])
+
+
+def join_closely(base: Submap, drive: Submap, joined: SphereGraph, params: MapperParams, run: Run = map) -> SphereGraph:
+    """Return a joined graph with edges between key spheres of the drive and those of the map that see the same.
+
+    A join by the localizer is as good as one image; what both ways of two key spheres measure is as good as the map.
+    """
+    moved = SphereGraph(joined[node.id] for node in drive.graph)
+    joins = [edge for edge in joined.edges if edge.a in base.graph.nodes and edge.b in drive.graph.nodes]
+    is_whole = drive.load(min(drive.graph.nodes)).camera.is_whole
+    pairs = seen_pairs(moved, base.graph, set(), is_whole=is_whole)
+    trials = (believed(older, newer, base.load, drive.load, params.registration) for older, newer in pairs)
+    found = [edge for edge in run(verify, trials) if edge is not None]
+    return join_graphs(base.graph, drive.graph, [*joins, *found])
 
 
 def place_of_drive(base: SphereGraph, drive: SphereGraph, edge: Edge) -> SE3:

@@ -7,6 +7,7 @@ the way between the two spheres has drifted by some per cent, not by a house.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, MutableMapping
 
 import numpy as np
@@ -19,15 +20,17 @@ from sphere_mapping.constants import (
     DRIFT_GATE,
     DRIFT_START,
     FARTHEST_PASSED_M,
+    MAX_AWAY,
     MIN_DETOUR,
     MIN_LEAD,
     NUM_ALIKE,
+    NUM_OLDER,
     SAME_PLACE_M,
 )
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, find_candidates, verify
-from sphere_mapping.params import LoopParams, MapperParams
+from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, believed, find_candidates, verify
+from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.features import Features, features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -55,7 +58,7 @@ class LoopCloser:
         return verify(self._trial(newer_id, newer.sphere, chosen)) if chosen is not None else None
 
     def find_all(self, graph: SphereGraph, run: Run = map) -> list[Edge]:
-        """Return every verified loop that the graph lacks, by appearance and among spheres that are believed near."""
+        """Return every verified loop that the graph lacks, by appearance and of spheres that see the same."""
         self.index_all(graph)
         joined, ids = joined_pairs(graph), list(graph.nodes)
         placed = run(find_candidates, (self._lookup(graph, newer_id) for newer_id in ids))
@@ -65,8 +68,9 @@ class LoopCloser:
         trials = (self._trial(newer_id, self._load(newer_id), one) for newer_id, one in chosen if one is not None)
         loops = [loop for loop in run(verify, trials) if loop is not None]
         joined |= {(loop.a, loop.b) for loop in loops}
-        near = list(near_pairs(graph, self._params.loop, joined))
-        trials = (self._trial(newer.id, self._load(newer.id), believed(older, newer)) for older, newer in near)
+        is_whole = self._load(ids[0]).camera.is_whole
+        seen = list(seen_pairs(graph, graph, joined, is_whole=is_whole))
+        trials = (believed(older, newer, self._load, self._load, self._params.registration) for older, newer in seen)
         return loops + [loop for loop in run(verify, trials) if loop is not None]
 
     def recognize(self, graph: SphereGraph, current: PreparedSphere) -> Candidate | None:
@@ -99,11 +103,6 @@ class LoopCloser:
         return LoopTrial(newer_id, newer, (older,), self._params.registration)
 
 
-def believed(older: KeySphere, newer: KeySphere) -> Candidate:
-    """Return two key spheres as the graph has them."""
-    return Candidate(older.id, older.T_map_sphere.inverse() @ newer.T_map_sphere, 0)
-
-
 def passed(graph: SphereGraph, newer_id: int, min_way_m: float) -> list[int]:
     """Return the key spheres that the way to one has passed and not come back to, however it may have drifted."""
     found, way = list[int](), 0.0
@@ -130,8 +129,6 @@ def choose_candidate(graph: SphereGraph, newer_id: int, found: list[Candidate]) 
     if not possible:
         return None
     best, *others = possible
-    if not is_return(ways.get(best.older, np.inf), best.T_older_newer):
-        return None
     is_best = all(is_clear(graph, best, [other], _spread(ways, best, other)) for other in others)
     return best if is_best else None
 
@@ -157,11 +154,6 @@ def is_possible(graph: SphereGraph, newer_id: int, one: Candidate, ways: dict[in
 def drift(way: float) -> tuple[float, float]:
     """Return the standard deviations in m and rad of the graph over so many metres of way."""
     return DRIFT_START[0] + DRIFT[0] * way, DRIFT_START[1] + DRIFT[1] * way
-
-
-def is_return(way: float, T_older_newer: SE3) -> bool:
-    """Say whether a way came back: an edge errs by its length, a chain by its way, so of going on neither gains."""
-    return bool(way >= MIN_DETOUR * float(np.linalg.norm(T_older_newer.translation)))
 
 
 def place_of(graph: SphereGraph, one: Candidate) -> SE3:
@@ -197,21 +189,31 @@ def joined_pairs(graph: SphereGraph) -> set[tuple[int, int]]:
     return {(min(edge.a, edge.b), max(edge.a, edge.b)) for edge in graph.edges}
 
 
-def near_pairs(
-    graph: SphereGraph, params: LoopParams, joined: set[tuple[int, int]]
+def seen_pairs(
+    graph: SphereGraph, known: SphereGraph, joined: set[tuple[int, int]], *, is_whole: bool
 ) -> Iterator[tuple[KeySphere, KeySphere]]:
-    """Yield pairs (older, newer) near each other, far apart on the way, and not yet joined."""
+    """Yield pairs (older, newer) of `known` and `graph` that see the same and are not yet joined, few of each newer.
+
+    Second and third neighbours among them: where each key sphere hangs on the one before it, errors add up.
+    """
+    reach_m = MAX_AWAY * max((node.region_radius_m or 1.0 for node in known), default=1.0)
+    num_older = Counter(newer_id for _, newer_id in joined)
     for newer in graph:
         found = [
-            older
-            for older in graph.near(newer.T_map_sphere.translation, params.max_distance_m)
+            (away(older.T_map_sphere.inverse() @ newer.T_map_sphere, older.region_radius_m or 1.0, is_whole), older.id)
+            for older in known.near(newer.T_map_sphere.translation, reach_m)
             if older.id < newer.id and (older.id, newer.id) not in joined
         ]
-        ways = lengths_from(graph, newer.id) if found else {}
-        for older in found:
-            way = ways.get(older.id, np.inf)
-            if way >= params.min_way_m and is_return(way, older.T_map_sphere.inverse() @ newer.T_map_sphere):
-                yield older, newer
+        number = max(0, NUM_OLDER - num_older[newer.id])
+        for apart, older_id in sorted(found)[:number]:
+            if apart <= MAX_AWAY:
+                yield known[older_id], newer
+
+
+def away(T_a_b: SE3, reach_m: float, is_whole: bool) -> float:
+    """Return how far apart two views are: by the reach of the one, and by a radian where they have an edge."""
+    distance, angle = SE3.identity().distance(T_a_b)
+    return float(distance) / reach_m + (0.0 if is_whole else float(angle))
 
 
 def with_loops(graph: SphereGraph, loops: list[Edge]) -> SphereGraph:

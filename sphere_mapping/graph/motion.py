@@ -102,6 +102,12 @@ class DriveMotion:
             return np.zeros(6)
         return (self.newest.inverse() @ T_map_sphere).log() / ((stamp_ns - self.last.stamp_ns) * 1e-9)
 
+    def velocity_through(self, T_map_next: SE3, stamp_ns: int) -> NDArray[np.float64]:
+        """Return the velocity (6,) at the last sphere by the one before it and the next one, at a stamp."""
+        if self.before is None or stamp_ns <= self.before.stamp_ns:
+            return self.velocity_to(T_map_next, stamp_ns)
+        return (self.before.T_map_sphere.inverse() @ T_map_next).log() / ((stamp_ns - self.before.stamp_ns) * 1e-9)
+
     def expect(self, stamp_ns: int, T_odom_sphere: SE3 | None = None) -> Expectation:
         """Return the expected pose and how far off it may be: by odometry, by velocity, or not at all.
 

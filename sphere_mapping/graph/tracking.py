@@ -10,7 +10,7 @@ import numpy as np
 
 from sphere_mapping.constants import CONTRADICTED, MAX_PASSES, NUM_LOST, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
-from sphere_mapping.graph.both_ways import confirm, find_motion, why_denied
+from sphere_mapping.graph.both_ways import confirm, find_motion, measure_motion, why_denied
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.loop_closure import LoopCloser
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
@@ -164,10 +164,47 @@ class SphereTracker:
         newest = self.references[0][0] if self.references else next(iter(before.nodes))
         self.motion.transform(corrected[newest].T_map_sphere @ before[newest].T_map_sphere.inverse())
 
-    def replace_first(self, sphere: Sphere) -> None:
-        """Put another sphere in place of the last one, the only reference."""
+    def straighten_newest(
+        self,
+        current: PreparedSphere,
+        odometry: SE3 | None,
+        unroll: Unroll | None,
+        unroll_newest: Unroll,
+        graph: SphereGraph,
+    ) -> SphereGraph | None:
+        """Unroll the newest key sphere by the motion from the sphere before it to the one after it, measure it anew.
+
+        By the motion that led to it alone it would be half an interval late, and err with its own pose. The first one
+        and the second are rolling alike, so that their motion shows rightly. None where the next one is not aligned.
+        """
+        is_first = len(self.references) == 1 and self.motion.before is None
+        _, alignment = self.align_moving(current, odometry, None if is_first else unroll, graph)
+        if not alignment.is_converged:
+            return None
+        if not self.is_key or self.motion.num_lost:
+            return graph
+        velocity = self.motion.velocity_through(alignment.T_world_camera, current.sphere.stamp_ns)
+        return self.replace_newest(unroll_newest(velocity), graph)
+
+    def replace_newest(self, sphere: Sphere, graph: SphereGraph) -> SphereGraph:
+        """Put another sphere in place of the last one, the newest key sphere; return the graph with it, measured anew.
+
+        Its edge is the last one that the graph was given. Where nothing confirms it the sphere stays where it was.
+        """
+        (key_id, _), *older = self.references
         self.last = PreparedSphere(sphere, self._params.registration)
-        self.references = [(self.references[0][0], self.last)]
+        self.references = [(key_id, self.last), *older]
+        node, edges = replace(graph[key_id], sphere=sphere, region_radius_m=self.last.region_m), list(graph.edges)
+        if older and edges:
+            before_id, before = older[0]
+            guess = graph[before_id].T_map_sphere.inverse() @ node.T_map_sphere
+            motion = measure_motion(before, self.last, guess, self._params.registration)
+            if motion is not None and (edges[-1].a, edges[-1].b) == (before_id, key_id):
+                edges[-1] = motion.edge(before_id, key_id, is_loop=False)
+                T_map_sphere = graph[before_id].T_map_sphere @ motion.T_a_b
+                self.motion.transform((T_map_sphere @ node.T_map_sphere.inverse()).orthonormal())
+                node = replace(node, T_map_sphere=T_map_sphere)
+        return SphereGraph([node if one.id == key_id else one for one in graph], edges)
 
     def _edge_to(self, newer_id: int, graph: SphereGraph) -> Edge | None:
         """Return the edge from the newest reference to the last sphere, measured both ways; None for the first."""

@@ -18,7 +18,7 @@ from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.appearance.pose import find_pose
-from sphere_nav.spheres.graph import Edge
+from sphere_nav.spheres.graph import Edge, KeySphere
 from sphere_nav.spheres.sphere import Sphere
 
 Asked = TypeVar("Asked")
@@ -51,6 +51,18 @@ class LoopTrial:
     newer: Sphere
     older: tuple[tuple[int, Sphere, SE3], ...]
     params: MappingRegistrationParams
+
+
+def believed(
+    older: KeySphere,
+    newer: KeySphere,
+    load_older: Callable[[int], Sphere],
+    load_newer: Callable[[int], Sphere],
+    params: MappingRegistrationParams,
+) -> LoopTrial:
+    """Return two key spheres to be aligned from where the graph has them."""
+    guess = older.T_map_sphere.inverse() @ newer.T_map_sphere
+    return LoopTrial(newer.id, load_newer(newer.id), ((older.id, load_older(older.id), guess),), params)
 
 
 def find_candidates(lookup: Lookup) -> list[Candidate]:

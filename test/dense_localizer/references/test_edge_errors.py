@@ -9,6 +9,7 @@ from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 
 HERE = SE3.identity()
 LOOSE, TIGHT = 1e-2, 1e-6
+EDGE_HOPS = 5  # written out: imported, a change would go unseen
 
 
 def graph_of(edges, poses=None, experiences=None):
@@ -27,11 +28,13 @@ def sigma2(edges, sphere_id, **more):
     return None if found is None else float(found[0, 0])
 
 
-def test_in_a_chain_it_is_the_mean_of_the_edges():
-    edges = [edge(0, 1, 1e-4), edge(1, 2, 3e-4), edge(2, 3, 1.0)]
-    assert sigma2(edges, 0) == pytest.approx(1e-4)
-    assert sigma2(edges, 1) == pytest.approx(2e-4)
-    assert sigma2(edges, 2) == pytest.approx((3e-4 + 1.0) / 2)
+def test_in_a_chain_errors_add_up_to_all_that_few_edges_reach():
+    edges = [edge(0, 1, 1e-4), edge(1, 2, 3e-4), edge(2, 3, 5e-4)]
+    assert sigma2(edges, 0) == pytest.approx((1 + 4 + 9) / 3 * 1e-4)
+    assert sigma2(edges, 1) == pytest.approx((1 + 3 + 8) / 3 * 1e-4)
+    assert sigma2(edges, 2) == pytest.approx((4 + 3 + 5) / 3 * 1e-4)
+    far = [edge(k, k + 1, 1e-4) for k in range(EDGE_HOPS + 3)]
+    assert sigma2(far, 0) == pytest.approx((EDGE_HOPS + 1) / 2 * 1e-4)
 
 
 def test_a_wide_edge_is_as_sure_as_the_way_around_it():

@@ -79,7 +79,7 @@ def test_a_drive_that_was_added_uncertain_leaves_the_map_as_certain_as_it_was():
     ]
     error = MapError(SphereGraph(nodes, edges), CovarianceParams(map_sigma_m=0.0, map_sigma_rad=0.0))
     found = [error.covariance(i, SE3.identity())[0, 0] / EDGE_ERROR for i in range(4)]
-    np.testing.assert_allclose(found, [1e-6, 1e-6, (1e-2 + 9e-6) / 2, 9e-6])
+    np.testing.assert_allclose(found, [1e-6, 1e-6, (2e-2 + 1e-6 + 9e-6) / 3, (2e-2 + 1e-6 + 27e-6) / 3])
 
 
 @pytest.mark.slow

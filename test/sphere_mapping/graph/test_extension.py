@@ -4,7 +4,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_graphs
+from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_closely, join_graphs
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, MapperParams
 from sphere_nav.geometry import SE3, Spherical
@@ -59,6 +59,28 @@ def test_a_foreign_place_is_not_joined(taught):
     joins = find_joins(submap(taught), submap(drive(sharp_room(seed=1), WEST, 100)), PARAMS)
     assert joins.edges == []
     assert str(joins).startswith(f"{joins.num_spheres} key spheres looked up")
+
+
+@pytest.mark.slow
+def test_key_spheres_of_a_drive_are_measured_against_those_of_the_map(taught):
+    poses = [pose @ SE3.from_planar(0.1, -0.15, 0.02) for pose in EAST]
+    newer = drive(sharp_room(), poses, first_id=100)
+    truth = {node.id: poses[node.stamp_ns // 200_000_000] for node in newer.graph}
+    rng = np.random.default_rng(3)
+    located = []  # by a localizer that is off by 4 mm and 0.1 degrees on each axis
+    for node in newer.graph:
+        old = taught.graph.nearest(truth[node.id].translation)[0]
+        off = SE3.exp(rng.normal(size=6) * np.repeat([0.004, 0.002], 3))
+        T_a_b = old.T_map_sphere.inverse() @ truth[node.id] @ off
+        located.append(Edge(old.id, node.id, T_a_b, np.diag(np.repeat([0.004, 0.002], 3) ** -2.0), is_loop=True))
+    joined = join_graphs(taught.graph, newer.graph, located)
+    closely = join_closely(submap(taught), submap(newer), joined, PARAMS)
+    before, after = (
+        np.mean([graph[node_id].T_map_sphere.distance(pose)[0] for node_id, pose in truth.items()])
+        for graph in (joined, closely)
+    )
+    assert after < 0.5 * before
+    assert all(closely[node.id].T_map_sphere is node.T_map_sphere for node in taught.graph)  # the map stays
 
 
 def row(first_id, number):

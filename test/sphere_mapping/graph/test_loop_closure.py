@@ -9,12 +9,12 @@ from sphere_mapping.graph.loop_closure import (
     LoopCloser,
     choose_candidate,
     joined_pairs,
-    near_pairs,
     passed,
+    seen_pairs,
     with_loops,
 )
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.params import LoopParams, MapperParams
+from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.room import sharp_room
@@ -86,26 +86,26 @@ def test_of_two_places_alike_none_is_taken_unless_drift_tells_them_apart():
     assert choose_candidate(far, 101, []) is None
 
 
-def test_going_on_is_no_loop():
-    graph = chain(0.0, 0.3, 0.6, 0.9)
-    assert (
-        choose_candidate(graph, 3, [Candidate(0, SE3.from_planar(0.9, 0, 0), 60)]) is None
-    )  # the way is as long as the edge
-    back = chain(0.0, 0.9, 0.1)
-    assert choose_candidate(back, 2, [Candidate(0, SE3.from_planar(0.1, 0, 0), 60)]) is not None
-    assert list(near_pairs(graph, LoopParams(min_way_m=0.0), joined_pairs(graph))) == []
+def seen(graph, *, is_whole=True):
+    return [(a.id, b.id) for a, b in seen_pairs(graph, graph, joined_pairs(graph), is_whole=is_whole)]
 
 
-def test_believed_near_means_near_in_space_far_on_the_way_and_not_joined():
-    graph = chain(0.0, 2.0, 4.0, 2.1, 0.1)
+def test_second_and_third_neighbours_are_joined_and_what_was_passed_on_the_way_back():
+    reach = [replace(node, region_radius_m=2.5) for node in chain(0.0, 0.8, 1.6, 2.4, 8.0, 1.7)]
+    graph = SphereGraph(reach, chain(0.0, 0.8, 1.6, 2.4, 8.0, 1.7).edges)
+    assert seen(graph) == [(0, 2), (1, 3), (0, 3), (2, 5), (3, 5)]  # 5 is joined with 4, which it does not see
+    graph.connect(Edge(1, 3, SE3.from_planar(1.6, 0, 0), np.eye(6), is_loop=True))
+    assert seen(graph) == [(0, 2), (0, 3), (2, 5), (3, 5)]
+    graph.connect(Edge(0, 3, SE3.from_planar(2.4, 0, 0), np.eye(6), is_loop=True))
+    assert seen(graph) == [(0, 2), (2, 5), (3, 5)]
 
-    def found(min_way_m):
-        return [(a.id, b.id) for a, b in near_pairs(graph, LoopParams(min_way_m=min_way_m), joined_pairs(graph))]
 
-    assert found(2.0) == [(1, 3), (0, 4)]  # ways of 3.9 and 7.9 m
-    assert found(5.0) == [(0, 4)]
-    graph.connect(Edge(0, 4, SE3.identity(), np.eye(6), is_loop=True))
-    assert found(2.0) == [(1, 3)]
+def test_views_that_are_turned_away_are_not_joined_unless_they_see_all_around():
+    turned = [SE3.from_planar(0.1 * k, 0.0, 0.45 * k) for k in range(4)]
+    nodes = [KeySphere(k, k, T, region_radius_m=1.0) for k, T in enumerate(turned)]
+    graph = SphereGraph(nodes, [Edge(k, k + 1, turned[0].inverse() @ turned[1], np.eye(6)) for k in range(3)])
+    assert seen(graph) == [(0, 2), (1, 3), (0, 3)]
+    assert seen(graph, is_whole=False) == []  # 0.2 m and 0.9 rad
 
 
 @pytest.mark.parametrize("spacing", [0.5], ids=lambda m: f"every {m} m")

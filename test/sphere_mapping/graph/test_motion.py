@@ -25,6 +25,16 @@ def test_velocity_is_carried_on_in_proportion_to_time():
     close(moving().predict(150), STEP @ SE3.exp(STEP.log() / 2))
 
 
+def test_the_velocity_at_a_sphere_is_by_those_before_and_after_it():
+    prior, faster = moving(), SE3.exp(3.0 * STEP.log())
+    after = STEP @ faster
+    np.testing.assert_allclose(prior.velocity_through(after, 200), 2.0 * STEP.log() / 100e-9, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(prior.velocity_to(after, 200), 3.0 * STEP.log() / 100e-9, rtol=1e-9, atol=1e-6)
+    first = DriveMotion()
+    first.update(Placed(0, SE3.identity()))
+    np.testing.assert_allclose(first.velocity_through(STEP, 100), STEP.log() / 100e-9, rtol=1e-9, atol=1e-6)
+
+
 def test_a_long_gap_is_not_extrapolated_without_end():
     close(moving().predict(100_000), STEP @ SE3.exp(STEP.log() * MAX_EXTRAPOLATION))
 

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -107,6 +108,44 @@ def test_a_key_sphere_is_where_both_ways_put_it_and_goes_on_as_fast():
     assert node.T_map_sphere.distance(POSES[2])[0] < 0.003 < ahead.distance(POSES[2])[0]
     assert node.T_map_sphere is tracker.motion.newest
     np.testing.assert_allclose(tracker.motion.velocity(), velocity, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("is_converged", "num_lost", "is_unrolled"), [(True, 0, True), (True, 1, False), (False, 0, False)]
+)
+def test_a_key_sphere_is_unrolled_by_the_motion_through_it(is_converged, num_lost, is_unrolled, monkeypatch):
+    tracker, graph = started(2)
+    graph.add(tracker.make_key(1, graph)[0])
+    tracker.motion.num_lost, used = num_lost, []
+    after = STEP @ SE3.exp(3.0 * STEP.log())  # it is accelerating
+    monkeypatch.setattr(
+        tracker, "align_moving", lambda *_: (None, SimpleNamespace(is_converged=is_converged, T_world_camera=after))
+    )
+    current, sphere = prepared(POSES[2], 2), tracker.last.sphere
+    found = tracker.straighten_newest(current, None, None, lambda velocity: used.append(velocity) or sphere, graph)
+    assert (found is None) == (not is_converged)
+    assert len(used) == is_unrolled
+    if is_unrolled:
+        np.testing.assert_allclose(used[0], 2.0 * STEP.log() / 0.1, atol=1e-9)
+        assert tracker.is_key
+
+
+def test_a_key_sphere_that_is_unrolled_anew_is_measured_anew():
+    tracker, graph = started(2)
+    bent = POSES[2] @ SE3.exp([0.02, 0.01, 0.0, 0.0, 0.0, 0.005])  # what a wrong velocity does to an image
+    alignment = tracker.align(prepared(bent, 2), None, graph)
+    tracker.update(prepared(bent, 2), alignment.T_world_camera, None, alignment)
+    node, edge = tracker.make_key(1, graph)
+    graph.add(node)
+    graph.connect(edge)
+    sphere = prepared(POSES[2], 2).sphere
+    found = tracker.replace_newest(sphere, graph)
+    assert node.T_map_sphere.distance(POSES[2])[0] > 0.015
+    assert found[1].sphere is sphere is tracker.last.sphere is tracker.references[0][1].sphere
+    (measured,) = found.edges
+    for T_map_sphere in (found[1].T_map_sphere, tracker.motion.newest, found[0].T_map_sphere @ measured.T_a_b):
+        assert T_map_sphere.distance(POSES[2])[0] < 0.003
+    assert tracker.is_key
 
 
 @pytest.mark.slow
