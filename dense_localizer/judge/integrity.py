@@ -100,9 +100,7 @@ class Integrity:
         """
         choice = chosen.choice
         if alignment is None:
-            limit, detail = MIN_VISIBLE_SHARE, "no key sphere covers the view"
-            refusal = refuse(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
-            return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refusal)
+            return refuse_uncovered(prediction, choice)
         images, registration = chosen.covered, self._params.registration
         motion = prediction.frame_motion(self._params.camera.readout)
         has_failed, chance = not alignment.is_converged, None
@@ -124,8 +122,6 @@ class Integrity:
         limits, before = (self._params.acceptance, registration.max_mad), None if prediction.is_guess else prediction
         given = choice, before, *limits, structure
         acceptance, covariance = self._weigh_lens(assess(alignment, covariance, *given), alignment, covariance, given)
-        if before is not None and acceptance.is_accepted:
-            covariance = cover_slip(pose, covariance, before)
         evidence = prediction, choice, acceptance, alignment, motion, images
         if structure is not None and structure.support.num_cells:
             chance = min(structure.support.chance, 1.0 if chance is None else chance)
@@ -138,7 +134,7 @@ class Integrity:
     def _weigh_lens(
         self, acceptance: Acceptance, alignment: Alignment, covariance: NDArray[np.float64], given: Given
     ) -> tuple[Acceptance, NDArray[np.float64]]:
-        """Return what the lens leaves of an acceptance, and the covariance with it; a refused pose tells nothing of it.
+        """Return what the lens leaves of an acceptance, and the covariance with it and a slip; none of a refused pose.
 
         A start is not held to it: what follows is.
         """
@@ -149,7 +145,9 @@ class Integrity:
         covariance = covariance + verdict.covariance
         if before is None:
             return acceptance, covariance
-        return verdict.qualify(assess(alignment, covariance, *given)), covariance
+        acceptance = verdict.qualify(assess(alignment, covariance, *given))
+        is_covered = acceptance.is_accepted
+        return acceptance, cover_slip(alignment.T_world_camera, covariance, before) if is_covered else covariance
 
     def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> Finding:
         """Begin at a candidate that a search has found; return what is against its lens."""
@@ -172,6 +170,12 @@ class Integrity:
         by_odometry = self._odometry.find(sample) if sample else FINE
         findings = candidate.finding, candidate.prediction.finding, by_odometry
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)
+
+
+def refuse_uncovered(prediction: Prediction, choice: Choice) -> PoseCandidate:
+    """Return the candidate of images that no reference covers."""
+    finding = Finding(Reason.LOW_OVERLAP, choice.overlap, MIN_VISIBLE_SHARE, "no key sphere covers the view")
+    return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refuse(finding))
 
 
 def lenses_of(structure: Structure | None) -> tuple[LensError, ...]:
