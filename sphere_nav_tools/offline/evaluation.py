@@ -74,8 +74,7 @@ def evaluate_poses(
         raise ValueError(f"stamps: expected some in common within {tolerance_s:g} s, found {_spans(estimate, truth)}")
     is_chosen = alignment == AUTO
     if is_chosen:
-        has_own_frame = aligned_by is not None or have_own_frames(paired, paired_truth)
-        alignment = "poses" if has_own_frame else "none"
+        alignment = "poses" if aligned_by is not None or have_own_frames(paired, paired_truth) else "none"
     T_truth_estimate, scale = find_alignment((paired, paired_truth), alignment, aligned_by)
     paired = paired.moved(T_truth_estimate, scale)
     errors = absolute_errors(paired, paired_truth, directions)
@@ -85,17 +84,17 @@ def evaluate_poses(
         **_absolute(errors),
         "rpe": _relative(paired, paired_truth, rpe_length_m),
         "nees": _consistency(paired, paired_truth),
-        "alignment": {
-            "kind": alignment,
-            "is_chosen": is_chosen,
-            "scale": scale,
-            "T_truth_estimate": T_truth_estimate.matrix.tolist(),
-        },
+        "alignment": _alignment(alignment, is_chosen, T_truth_estimate, scale),
         "num_estimates": len(estimate),
         "num_truth": len(truth),
         "length_m": float(paired_truth.distances[-1]),
     }
     return Judged(paired, paired_truth, truth, errors, report)
+
+
+def _alignment(kind: str, is_chosen: bool, T_truth_estimate: SE3, scale: float) -> dict[str, Any]:
+    moved = T_truth_estimate.matrix.tolist()
+    return {"kind": kind, "is_chosen": is_chosen, "scale": scale, "T_truth_estimate": moved}
 
 
 def have_own_frames(estimate: Trajectory, truth: Trajectory) -> bool:

@@ -15,7 +15,7 @@ ESTIMATION = GEOMETRY | {L + "estimation", L + "kernel_cache"}
 MAPS = ESTIMATION | {L + "spheres"}
 MAY_IMPORT: dict[str, set[str]] = {
     L + "params": set(),
-    L + "kernel_cache": set(),
+    L + "kernel_cache": {L + "params"},
     L + "geometry": {L + "params"},
     L + "estimation": GEOMETRY | {L + "kernel_cache"},
     L + "spheres": ESTIMATION,
