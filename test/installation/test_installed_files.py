@@ -14,7 +14,14 @@ import pytest
 
 from architecture.tree import EXECUTABLES, MODULES, PACKAGES, ROOT, differences, installed
 
-NOT_INSTALLED = {"benchmarks", "docs", "launch", "scripts", "test"}  # of the root, with Python files, but no packages
+NOT_INSTALLED = {
+    "benchmarks",
+    "docs",
+    "examples",
+    "launch",
+    "scripts",
+    "test",
+}  # of the root, with Python files, but no packages
 
 
 def visible_python_files() -> set[Path]:

@@ -16,8 +16,13 @@ def copy(tmp_path, monkeypatch):
         (tmp_path / "at" / name / "kernels.py").write_text(f"# {name}\n")
     monkeypatch.setattr(folder, "ROOT", tmp_path / "at")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    folder.cache_folder.cache_clear()
+    forget()
     yield tmp_path / "at"
+    forget()
+
+
+def forget():
+    folder.cache_root.cache_clear()
     folder.cache_folder.cache_clear()
 
 
