@@ -58,8 +58,6 @@ def evaluate_poses(
     `aligned_by`: another estimate in the same frame and its truth, such as those of the drive that made the map. The
     alignment is found on these alone; else on the estimate itself.
     """
-    if not (len(estimate) and len(truth)):
-        raise ValueError(f"poses: expected some to measure and true ones, found {len(estimate)} and {len(truth)}")
     tolerance_ns = round(tolerance_s * 1e9)
     directions = directions_of_motion(truth)
     covered, _ = associate(truth.stamps_ns, estimate.stamps_ns, tolerance_ns)
@@ -195,5 +193,5 @@ def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Tr
 
 
 def _spans(*trajectories: Trajectory) -> str:
-    spans = (f"{t.stamps_ns[0] / 1e9:.3f} ... {t.stamps_ns[-1] / 1e9:.3f} s" for t in trajectories)
-    return " against ".join(spans)
+    ends = (t.stamps_ns[[0, -1]] / 1e9 if len(t) else None for t in trajectories)
+    return " against ".join("no poses" if span is None else f"{span[0]:.3f} ... {span[1]:.3f} s" for span in ends)
