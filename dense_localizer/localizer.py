@@ -119,9 +119,9 @@ class Localizer:
             self._prior.start(candidate.T_map_camera, candidate.covariance, frame.stamp_ns, frame.T_odom_camera)
             self.references.prefetch(candidate.T_map_camera, None, is_rig=candidate.is_rig)
             self.search.reset()
-            finding = self._integrity.start(frame, candidate)
+            self._integrity.start(frame, candidate)
             self._states.start()
-            self._states.confirm(frame.stamp_ns, is_good=candidate.acceptance.is_good and not finding.reason)
+            self._states.confirm(frame.stamp_ns, is_good=candidate.acceptance.is_good)
         return self._report(frame, finding, candidate)
 
     def relocalize(self, T_map_camera: SE3 | None = None) -> CameraEstimate | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from sphere_nav.localization.status import INPUT_REMEDIES, Reason
 
 REMEDIES = INPUT_REMEDIES | {
-    Reason.LENS: "calibrate, or publish the camera_info of this image: a rectified one has no distortion",
     Reason.LOW_OVERLAP: "the camera looks at what the map has not seen: turn back, or map this view too",
     Reason.LIGHT_CHANGE: "the light differs from the map's: check exposure limits, or map again in this light",
     Reason.OUTLIERS: "much of the view differs from the map: wait until it is free, or map again",

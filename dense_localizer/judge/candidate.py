@@ -16,7 +16,6 @@ from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.localization.status import Finding
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.lens import LensError
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,6 @@ class PoseCandidate:
     is_by_map: bool = True  # else by the last images alone
     is_by_range: bool = False  # by geometry alone
     is_by_parts: bool = False  # parts of the view have proven it, however little the whole resembles the map
-    lenses: tuple[LensError, ...] = ()  # what the image tells of them, where that was asked
     chance: float | None = None  # that as many parts agree in a wrong place, where they were asked
 
     def refuse(self, finding: Finding) -> PoseCandidate:

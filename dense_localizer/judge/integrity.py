@@ -25,13 +25,12 @@ from dense_localizer.constants import (
     REMAINING_BIAS,
 )
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.judge.acceptance import Acceptance, assess, cover_slip, refuse
+from dense_localizer.judge.acceptance import assess, cover_slip, refuse
 from dense_localizer.judge.candidate import PoseCandidate
-from dense_localizer.judge.lens_watch import LensWatch
 from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
 from dense_localizer.motion_prior import Prediction
-from dense_localizer.params import AcceptanceParams, LocalizerParams
-from dense_localizer.references.reference import Choice, References, RigChoice
+from dense_localizer.params import LocalizerParams
+from dense_localizer.references.reference import References, RigChoice
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, Finding, Reason, State
 from sphere_nav.photometric import Alignment, RegistrationParams
@@ -39,7 +38,6 @@ from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import PoseBias
-from sphere_nav.photometric.checks.lens import LensError
 from sphere_nav.photometric.checks.structure import (
     EVERYTHING,
     NOTHING,
@@ -52,7 +50,6 @@ from sphere_nav.photometric.constants import GRADIENT_SHARE, MAX_PREDICTED_CHANC
 from sphere_nav.photometric.parts.registration import register_parts
 
 # All checks of one image take as long as to align it: no two in the same one.
-Given = tuple[Choice, Prediction | None, AcceptanceParams, float, Structure | None]  # what an alignment is judged by
 CHECKS_DUE = {FIT_PHASE: Aspect.FIT, OCCLUSION_PHASE: Aspect.OCCLUSION, LIGHT_PHASE: Aspect.ILLUMINATION}
 
 
@@ -62,14 +59,12 @@ class Integrity:
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references, self._map_error, self._params = references, references.error, params
         self._odometry = OdometryCheck(params.prior.odometry_error)
-        self._lens = LensWatch()
         self._is_refused = False  # the image before, which could be used
         self._count, self._is_biased = 0, False  # biased: when last checked
 
     def reset(self) -> None:
         """Forget the stream: it is another, or an operator has said where the camera is; the map stays known."""
         self._odometry.reset()
-        self._lens.reset()
         self._count, self._is_biased, self._is_refused = 0, False, False
 
     def begin(self, frame: LocalizerInput, state: State) -> None:
@@ -100,7 +95,9 @@ class Integrity:
         """
         choice = chosen.choice
         if alignment is None:
-            return refuse_uncovered(prediction, choice)
+            limit, detail = MIN_VISIBLE_SHARE, "no key sphere covers the view"
+            refusal = refuse(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
+            return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refusal)
         images, registration = chosen.covered, self._params.registration
         motion = prediction.frame_motion(self._params.camera.readout)
         has_failed, chance = not alignment.is_converged, None
@@ -120,67 +117,32 @@ class Integrity:
         T_sphere_camera = choice.views[0].T_world_reference.inverse() @ pose
         covariance = alignment.covariance + remaining + self._map_error.covariance(choice.ids[0], T_sphere_camera)
         limits, before = (self._params.acceptance, registration.max_mad), None if prediction.is_guess else prediction
-        given = choice, before, *limits, structure
-        acceptance, covariance = self._weigh_lens(assess(alignment, covariance, *given), alignment, covariance, given)
+        acceptance = assess(alignment, covariance, choice, before, *limits, structure)
+        if before is not None and acceptance.is_accepted:
+            covariance = cover_slip(pose, covariance, before)
         evidence = prediction, choice, acceptance, alignment, motion, images
         if structure is not None and structure.support.num_cells:
             chance = min(structure.support.chance, 1.0 if chance is None else chance)
         is_by_parts = is_by_parts or (chance is not None and chance <= MAX_PREDICTED_CHANCE)
-        candidate = PoseCandidate(
-            pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts, chance=chance
-        )
-        return replace(candidate, lenses=lenses_of(structure))
+        return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts, chance=chance)
 
-    def _weigh_lens(
-        self, acceptance: Acceptance, alignment: Alignment, covariance: NDArray[np.float64], given: Given
-    ) -> tuple[Acceptance, NDArray[np.float64]]:
-        """Return what the lens leaves of an acceptance, and the covariance with it and a slip; none of a refused pose.
-
-        A start is not held to it: what follows is.
-        """
-        choice, before, *_, structure = given
-        if not acceptance.is_accepted:
-            return acceptance, covariance
-        verdict = self._lens.judge(lenses_of(structure), choice.ids[0])
-        covariance = covariance + verdict.covariance
-        if before is None:
-            return acceptance, covariance
-        acceptance = verdict.qualify(assess(alignment, covariance, *given))
-        is_covered = acceptance.is_accepted
-        return acceptance, cover_slip(alignment.T_world_camera, covariance, before) if is_covered else covariance
-
-    def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> Finding:
-        """Begin at a candidate that a search has found; return what is against its lens."""
+    def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> None:
+        """Begin at a candidate that a search has found."""
         self._is_refused = False
-        self._lens.add(candidate.lenses, candidate.choice.ids[0])
         sample = _make_sample(frame, candidate)
         if sample is not None:
             self._odometry.start(sample)
-        return self._lens.judge((), candidate.choice.ids[0]).finding
 
     def confirm(self, frame: LocalizerInput, candidate: PoseCandidate) -> Finding:
         """Note an accepted candidate; return what is against it: by itself, by what preceded it, by odometry."""
         alignment, registration = candidate.alignment, self._params.registration
         self._count, self._is_biased, self._is_refused = self._count + 1, candidate.is_biased, False
-        if candidate.lenses:
-            self._lens.add(candidate.lenses, candidate.choice.ids[0])
         if self._count % INTEGRITY_PERIOD == MAP_PHASE and alignment is not None and not candidate.is_biased:
             self._map_error.observe(candidate.images, alignment, registration, candidate.motion)
         sample = _make_sample(frame, candidate)
         by_odometry = self._odometry.find(sample) if sample else FINE
         findings = candidate.finding, candidate.prediction.finding, by_odometry
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)
-
-
-def refuse_uncovered(prediction: Prediction, choice: Choice) -> PoseCandidate:
-    """Return the candidate of images that no reference covers."""
-    finding = Finding(Reason.LOW_OVERLAP, choice.overlap, MIN_VISIBLE_SHARE, "no key sphere covers the view")
-    return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refuse(finding))
-
-
-def lenses_of(structure: Structure | None) -> tuple[LensError, ...]:
-    """Return what was told of lenses, where that was asked."""
-    return structure.lenses if structure is not None else ()
 
 
 def align_by_parts(

@@ -55,7 +55,6 @@ class Reason(StrEnum):
     FROZEN = "FROZEN"
     BAD_STAMP = "BAD_STAMP"
     BAD_INFO = "BAD_INFO"
-    LENS = "LENS"
     TF_STALE = "TF_STALE"
     LOW_OVERLAP = "LOW_OVERLAP"
     LOW_TEXTURE = "LOW_TEXTURE"

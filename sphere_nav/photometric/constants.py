@@ -26,16 +26,7 @@ EDGE_PIXELS, EDGE_SHARE = 2, 0.05  # test_reference, test_esm
 NUM_SAMPLES, MIN_SAMPLES = 2048, 100  # test_samples, test_structure
 NUM_REWEIGHTINGS = 2  # times that robust weights are found; one is too few (test_bias), a third changes little
 BIAS_STEPS = 6  # at most, to a pose without a bias; test_illumination, test_occlusion
-
-# The lens (checks/lens.py): an image is larger about its centre by a share; all in test_lens
-LENS_PIECES = 24  # of the pixels in scan order, whose scatter is the deviation of the share
-LENS_LOOK, LENS_DONE = (
-    1,
-    0.003,
-)  # level, from the finest one, of a first look; share below which the finest tells the rest
-LENS_LEVELS = 2, 2, 1, 1, 0, 0  # of the steps by which a larger one is found
-MAX_SHARE = 0.3  # beyond it nothing is told
-LENS_LEAD = 0.05  # of the agreement of gradients, by which another lens must explain the image better
+LENS_PIECES = 24  # of the pixels in scan order, whose scatter is the deviation of the stretch; test_structure
 
 # Illumination gradient
 GRADIENT_ORDER = 2  # half periods of the gain across the image, both axes together; test_illumination

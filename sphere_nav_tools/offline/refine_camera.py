@@ -28,7 +28,6 @@ from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.localization.status import Reason
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.ros import conversions
@@ -111,8 +110,6 @@ class RecordedDrive:
         stamps, poses = [], []
         for stamp, image in tqdm(self._images(), desc="localise", unit="image", leave=False, disable=None):
             estimate = localizer.update(image, camera, stamp)
-            if estimate.status.reason == Reason.LENS:  # withheld for what is refined here
-                estimate = estimate.expose_candidate()
             if estimate.T_map_camera is not None and estimate.candidate is not None:
                 stamps.append(stamp)
                 poses.append(estimate.T_map_camera)

@@ -14,7 +14,6 @@ import pytest
 
 from dense_localizer.inputs import Inputs
 from dense_localizer.judge.integrity import Integrity
-from dense_localizer.judge.lens_watch import LensWatch
 from dense_localizer.judge.odometry_check import OdometryCheck
 from dense_localizer.motion_prior import PosePrior
 from dense_localizer.params import LocalizerParams, PriorParams
@@ -102,7 +101,6 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "InterFrame": (lambda: InterFrame(RegistrationParams()), "reset", "params"),
     "JointEvidence": (lambda: JointEvidence(0.5, 1.0), "reset", "edge new_way"),
     "Lineage": (Lineage, "clear", "scores"),  # of the images that are forgotten
-    "LensWatch": (LensWatch, "reset", ""),
     "MapTransform": (lambda: MapTransform(endpoints(), odometry_input(), "map", "base"), "clear",
                      "endpoints odometry map_frame base_frame broadcaster"),
     "MotionConsistency": (lambda: MotionConsistency(FOLLOWER, None), "reset", "params predictor errors"),

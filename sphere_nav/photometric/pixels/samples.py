@@ -25,14 +25,14 @@ from sphere_nav.photometric.pixels.selection import choose_pixels
 class Sample:
     """Pixels of one view: points (N, 3) m in the camera, gradients by the point (N, 3) in both images, residuals (N,).
 
-    by_lens (N, 2) is its derivative by (s, k), the image being larger about its centre by s + k r^2, r 1 at a corner;
-    current (N,) is the grey level of the image, at (N, 2) the place in it, -1...1 on both axes.
+    by_stretch (N,) is the derivative of the residual by the stretch, current (N,) the grey level of the image,
+    at (N, 2) the place in it, -1...1 on both axes.
     """
 
     points: Array
     of_reference: Array
     of_image: Array
-    by_lens: Array
+    by_stretch: Array
     current: Array
     residual: Array
     at: Array
@@ -106,14 +106,5 @@ def warp_sample(blocks: Floats, T: Floats, camera: KernelCamera, level: Level, l
     seen = out[:-1, out[-1] > 0.0].astype(np.float64)
     points, of_reference, of_image = (np.ascontiguousarray(rows.T) for rows in np.split(seen[:9], 3))
     at = (level.camera.project(points)[0] - center) / center
-    by_size, current, residual = seen[9:]
-    square = (at * center) ** 2 @ np.full(2, 1.0 / np.sum(np.square(center)))
-    return Sample(
-        points,
-        of_reference,
-        of_image,
-        by_size[:, None] * np.stack([np.ones(len(at)), square], axis=1),
-        current,
-        residual,
-        at,
-    )
+    by_stretch, current, residual = seen[9:]
+    return Sample(points, of_reference, of_image, by_stretch, current, residual, at)

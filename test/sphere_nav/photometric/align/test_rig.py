@@ -9,7 +9,6 @@ from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.problem import AlignmentState
 from sphere_nav.photometric.align.rig import RigImage, RigProblem
 from sphere_nav.photometric.align.rotation import register_rig_rotation
-from sphere_nav.photometric.checks.lens import mean_share
 from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
@@ -74,8 +73,7 @@ def test_two_cameras_find_their_motion(images):
     assert xi @ np.linalg.solve(found.covariance, xi) < 25.0  # 6 degrees of freedom, 1 in 3000
     structure = find_rig_structure(images, found, PARAMS)
     assert structure.agreement > 0.5
-    assert [one.name for one in structure.lenses] == [image.name for image in images]
-    assert max(mean_share(one.share) for one in structure.lenses) < 0.01
+    assert abs(structure.stretch) < 0.03
 
 
 @pytest.mark.slow
