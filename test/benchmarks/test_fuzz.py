@@ -65,7 +65,7 @@ def test_mutations_change_something_and_repeat(rng):
 
 @pytest.mark.dds
 def test_a_short_run_over_everything(tmp_path):
-    outcomes = fuzz.fuzz(make_targets(tmp_path), tmp_path, seed=11, count=700)
+    outcomes = fuzz.fuzz(make_targets(tmp_path), tmp_path, seed=11, count=800)
     assert len(outcomes) > 25
     assert [failure for outcome in outcomes for failure in outcome.failures] == []
     assert sum(outcome.num_refused for outcome in outcomes) > 300

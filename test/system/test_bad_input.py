@@ -43,7 +43,7 @@ BAGS = {
     "no_images": lambda: without("/image_raw"),
     "no_info": lambda: without("/camera_info"),
     "no_truth": lambda: without("/ground_truth/pose"),
-    "other_size": lambda: with_info(width=320, height=240),
+    "other_size": lambda: with_info(width=320, height=240, k=[200.0, 0.0, 159.5, 0.0, 200.0, 119.5, 0.0, 0.0, 1.0]),
     "no_focal_length": lambda: with_info(k=[0.0] * 9),
     "nan_depth": lambda: with_depth(np.nan),
 }

@@ -172,7 +172,7 @@ def test_map_info_tells_what_is_there(room_map, capsys):
     smallest, median, largest = found["region_radius_m"]
     assert 0.3 < smallest <= median <= largest < 20.0  # of a room whose walls are 1.5 to 4 m away
     assert call("map-info", room_map) == 0
-    assert "key_spheres" in capsys.readouterr().out
+    assert "key spheres" in capsys.readouterr().out
 
 
 @pytest.mark.slow
