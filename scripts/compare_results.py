@@ -184,16 +184,17 @@ def commands(results: Results) -> None:
         bus = OfflineBus()
         values = {"trajectory": str(demo / "taught.tum"), "enable_stamped_cmd_vel": True, "source": source}
         node: Any = bus.add(PathFollowerNode, values)
+        shell = getattr(node, "shell", node.endpoints)  # where a revision that is compared still has both
         published, num_told = [], -1
         with BagReader(demo / "drive") as reader:
             for item in replay(reader, bus):
                 kind = type(item.message)
                 published.append((item.topic, f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}", item.message))
                 if item.topic == "/path_follower/status":
-                    if num_told >= 0 or node.shell.call("start").success:
+                    if num_told >= 0 or shell.call("start").success:
                         num_told += 1
                     if num_told in CALLS:
-                        node.shell.call(CALLS[num_told])
+                        shell.call(CALLS[num_told])
         if num_told < 0:
             raise RuntimeError("path_follower: expected a start, found it refused to the end")
         results.add_messages(f"by {source}", published)
