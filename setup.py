@@ -49,5 +49,9 @@ setup(
     # without pytest colcon runs unittest, finds nothing and reports success
     extras_require={"test": ["pytest"], "view": ["viser>=1.1,<2"], "cluster": ["distributed"]},
     zip_safe=False,
-    entry_points={"console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()]},
+    entry_points={
+        "console_scripts": ["sphere_nav = sphere_nav_tools.cli.main:main"]
+        + [f"{name} = sphere_nav.ros.shared_files:main" for name in EXECUTABLES if name != "sphere_nav"],
+        "sphere_nav.nodes": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()],
+    },
 )

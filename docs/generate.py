@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 from collections.abc import Iterator
-from importlib import metadata
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import dense_localizer.reasons
@@ -16,6 +16,7 @@ from sphere_nav.localization.status import Reason
 from sphere_nav.params.render import to_markdown, to_yaml
 from sphere_nav.ros.live import ShellParams
 from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.shared_files import NODES
 
 ROOT = Path(__file__).resolve().parents[1]
 INTRODUCTION = """\
@@ -52,6 +53,7 @@ sphere_nav plot result -o result.png
 
 | what you see | cause | what to do |
 | --- | --- | --- |
+| `waits for ...` | the node lacks this; map, topics and rates follow | give it that, until `ready: ...` comes |
 | `waiting for image_raw (...): no publisher` | the camera's topic has another name | set `driver`, or remap the topic |
 | `... is incompatible: reliability` | the publisher is best effort, or volatile | `qos_overrides`, as the line says |
 | `taking F as base_link` | the place of the camera is not known | publish `/tf_static`, or set `mounting` |
@@ -80,7 +82,7 @@ FOLLOWER = """\
 def node_classes() -> Iterator[type[ManagedNode]]:
     """Yield the class of every node, in order of name."""
     found = []
-    for entry in metadata.distribution("sphere_nav").entry_points.select(group="console_scripts"):
+    for entry in entry_points(group=NODES):
         module = importlib.import_module(entry.module)
         classes = [item for item in vars(module).values() if isinstance(item, type) and issubclass(item, ManagedNode)]
         found += [item for item in classes if item.__module__ == module.__name__ and is_node(item)]

@@ -8,12 +8,11 @@ from dense_localizer.inputs import CameraImage
 from dense_localizer.judge.residual import residual_image
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import DenseLocalizerParams
-from dense_localizer.reasons import REMEDIES
 from dense_localizer.ros.drive_recorder import DriveRecorder
 from dense_localizer.ros.maps import Maps, read_calibration
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import FINE, BaseEstimate, Finding, State, Status, status_of
+from sphere_nav.localization.status import FINE, BaseEstimate, Finding, Reason, State, Status, status_of
 from sphere_nav.photometric import warm_up
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.intake import Cameras
@@ -30,6 +29,7 @@ class DenseLocalizerNode(LocalizerNode):
     NAME = "dense_localizer"
     PARAMS = DenseLocalizerParams
     HAS_SPHERE_INFO = True
+    NO_MAP = "set `map`, or call ~/load_map"
     params: DenseLocalizerParams
 
     def configure(self) -> None:
@@ -127,7 +127,7 @@ class DenseLocalizerNode(LocalizerNode):
     def refuse(self, stamp_ns: int, finding: Finding) -> Status:
         """Return the status of an image that cannot be used."""
         if self.localizer is None:
-            return status_of(State.NO_MAP, stamp_ns, finding, REMEDIES)
+            return status_of(State.NO_MAP, stamp_ns, Finding(Reason.NONE, advice=self.NO_MAP))
         return self.localizer.refuse(stamp_ns, finding).status
 
     def silence(self, elapsed_s: float, finding: Finding) -> Status | None:

@@ -31,6 +31,7 @@ from sphere_nav.ros.service import one_line
 
 MADE_AT_ONCE = 512  # depth images that an image waits for: about a second
 WAIT = "wait; cache.folder keeps it for the next start"
+NO_CLOUD = "set `cloud`, call ~/load_cloud, or publish the topic cloud"
 STEP = 2  # every second pixel of every second row of a sphere becomes a point
 
 
@@ -119,7 +120,9 @@ class GeometryLoader:
 
     def status(self, stamp: int, fault: Finding) -> Status:
         """Return what an image is answered with while there is no filter."""
-        if self.geometry is None or self.fault is not FINE:
+        if self.geometry is None:
+            return status_of(State.NO_MAP, stamp, Finding(Reason.NONE, advice=NO_CLOUD))
+        if self.fault is not FINE:
             return status_of(State.NO_MAP, stamp, self.fault, REMEDIES)
         if fault is FINE and self._share < 1.0:
             fault = Finding(Reason.NO_CONVERGENCE, self._share, 1.0, "share of the map that is made ready", WAIT)

@@ -12,7 +12,7 @@ from mcl_depth.filter import Filter
 from mcl_depth.likeness.comparison import check_headings
 from mcl_depth.likeness.kinds import check_likeness
 from mcl_depth.params import MclDepthParams
-from mcl_depth.ros.clouds import GeometryLoader
+from mcl_depth.ros.clouds import NO_CLOUD, GeometryLoader
 from mcl_depth.ros.views import HomingGuide, Views
 from mcl_depth.warm_up import warm_up
 from sphere_nav.geometry import SE3, so3
@@ -32,6 +32,7 @@ class MclDepthNode(LocalizerNode):
     NAME = "mcl_depth"
     PARAMS = MclDepthParams
     HAS_SPHERE_INFO = True
+    NO_MAP = NO_CLOUD
     params: MclDepthParams
 
     def configure(self) -> None:

@@ -144,7 +144,7 @@ def status_of(
 def describe_status(status: Status) -> str:
     """Return a status in one line."""
     if not status.reason:
-        return str(status.state)
+        return f"{status.state}: {status.remedy}" if status.remedy else str(status.state)
     return f"{status.state}: {status.reason} ({status.value:.3g}, limit {status.limit:.3g}): {status.remedy}"
 
 

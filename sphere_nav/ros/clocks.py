@@ -9,7 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from math import inf
 
-from sphere_nav.ros.constants import CLOCK_PATIENCE_S, MAX_AHEAD_NS, MAX_CAUGHT_UP_NS, MAX_LOOK_S
+from sphere_nav.ros.constants import (
+    CLOCK_PATIENCE_S,
+    FORGET,
+    MAX_AHEAD_NS,
+    MAX_CAUGHT_UP_NS,
+    MAX_LOOK_S,
+    MAX_PATIENCE_S,
+)
 
 
 def ahead_s(stamp_ns: int, now_ns: int) -> float:
@@ -36,9 +43,10 @@ class ClockWatch:
     def __init__(self, give_up: float = inf, patience: float = CLOCK_PATIENCE_S, max_look: float = MAX_LOOK_S) -> None:
         """`patience`: s of standstill until it counts as a pause; `give_up`: s without a publisher until it is none.
 
+        On a slow machine a simulator's clock advances in long steps; patience grows to twice the last ones.
         `max_look`: s between two looks that count; in a longer gap this process stood, not the clock.
         """
-        self._give_up, self._patience, self._max_look = give_up, patience, max_look
+        self._give_up, self._least, self._patience, self._max_look = give_up, patience, patience, max_look
         self._clock_ns, self._seen_ns = 0, 0
         self.stood = 0.0  # s of steady time since the clock advanced
         self.abandoned = 0.0  # s of these without a publisher
@@ -47,6 +55,8 @@ class ClockWatch:
         """Look at both clocks; `has_publisher`, asked while the first one stands: could somebody let it go on."""
         passed = min((steady_ns - self._seen_ns) / 1e9, self._max_look)
         stands = clock_ns == self._clock_ns != 0
+        slow = 0.0 if stands else min(2.0 * self.stood, MAX_PATIENCE_S)
+        self._patience = max(self._least, slow, self._patience - FORGET * passed)
         self.stood = self.stood + passed if stands else 0.0
         is_held = self.is_standing and has_publisher()
         self.abandoned = self.abandoned + passed if stands and not is_held else 0.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 # Stamps and clocks (test_clocks)
 MAX_AHEAD_NS = 100_000_000  # /clock may come later than what it stamps; more is a wrong clock
 CLOCK_PATIENCE_S = 0.4  # of steady time without an advance of the node's clock: the ramp to zero begins
+MAX_PATIENCE_S, FORGET = 3.0, 0.1  # s of patience with a slow simulator; share of the time by which it shrinks again
 MAX_LOOK_S = 0.1  # between two looks at the clock
 MAX_CAUGHT_UP_NS = 10_000_000_000  # of simulated time; all silence has been judged after so long
 

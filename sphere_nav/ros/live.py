@@ -20,6 +20,8 @@ from sphere_nav.ros.node import ManagedNode, ThrottledLog
 from sphere_nav.ros.rclpy_shell import RclpyShell
 from sphere_nav.ros.service import one_line
 
+SUBJECTS = ("map", "cloud", "trajectory", "network", "rig", "input", "bag", "world", "output")  # what a node works on
+
 
 @params_class
 class ShellParams:
@@ -144,6 +146,13 @@ class LiveShell(RclpyShell, NodeShell, LifecycleNode):
         """Hand on that the clock went backwards."""
         if self.is_configured:
             self.node.clock_jumped()
+
+    def _subject(self) -> str:
+        named = ((name, getattr(self.node.params, name, "")) for name in SUBJECTS)
+        return ", ".join(f"{name} {value}" for name, value in named if value and isinstance(value, str))
+
+    def _lack(self) -> str:
+        return self.node.lack()
 
     def _life(self) -> Iterable[DiagnosticStatus]:
         label = self._state_machine.current_state[1]

@@ -84,6 +84,10 @@ class ManagedNode:
         """Go on with other values of the live parameters."""
         self.params = params
 
+    def lack(self) -> str:
+        """Return what it needs besides its inputs, and how to give it; empty where it has that."""
+        return ""
+
     def unfinished(self) -> str:
         """Return in one line what would be left half done if the process ended now, and what to do about it."""
         return ""

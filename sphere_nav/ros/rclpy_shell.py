@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from copy import copy
+from math import inf
 from typing import Any, cast
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -25,6 +26,7 @@ from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
+from sphere_nav.ros.shared_files import software
 from sphere_nav.ros.subscription import Subscription
 
 
@@ -75,6 +77,7 @@ class RclpyShell(Endpoints, Node):
         """Begin: after rclpy's constructor, when parameters are declared."""
         self.is_active = False
         self._entities: list[Callable[[], object]] = []
+        self._counts: dict[str, int] | None = None  # messages of each input at the last look, while active
         self._own_publishers: list[Publisher] = []
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.STATE)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -222,12 +225,34 @@ class RclpyShell(Endpoints, Node):
 
     # --- health
     def _tell_health(self) -> None:
+        self._tell_ready()
         for line in unserved(self, self._own_publishers):
             self.log.warning(line, every=EXPLAIN_PERIOD)
         callbacks = self._status(self.callbacks_name, *self.failures.examine())
         array = DiagnosticArray(status=[*self._life(), callbacks, *self._lacks(), *self._reported()])
         array.header.stamp = ns_to_time(self.now_ns())
         self._diagnostics.publish(array)
+
+    def _tell_ready(self) -> None:
+        """Say once what the node works with, and once more when all has come; the rates are those of a second."""
+        heard = [wanted for wanted in self.inputs if wanted.is_required or wanted.num_received]
+        counts = {wanted.resolved: wanted.num_received for wanted in heard}
+        before, self._counts = self._counts, counts if self.is_active else None
+        if not self.is_active or before is None:
+            return
+        rates = {topic: (count - before.get(topic, 0)) / HEALTH_PERIOD for topic, count in counts.items()}
+        lacks = self._lack() or ", ".join(topic for topic, count in counts.items() if not count)
+        reads = ", ".join(f"{topic} {rate:g} Hz" for topic, rate in rates.items())
+        sends = ", ".join(publisher.topic_name for publisher in self._own_publishers)
+        what = "".join(f"; {one}" for one in (self._subject(), reads and f"reads {reads}", f"sends {sends}") if one)
+        word = f"waits for {lacks}" if lacks else "ready"
+        self.log.info(f"{word}: {software()}{what}", every=inf, key=word)
+
+    def _subject(self) -> str:
+        return ""
+
+    def _lack(self) -> str:
+        return ""
 
     def _life(self) -> Iterable[DiagnosticStatus]:
         return ()

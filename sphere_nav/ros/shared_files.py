@@ -1,4 +1,4 @@
-"""Files that the package brings along (config/, launch/), found in a checkout and where they are installed."""
+"""What the package brings along: files (config/, launch/), found in a checkout and where they are installed; nodes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,24 @@ from importlib import metadata
 from pathlib import Path
 
 PACKAGE = "sphere_nav"
+NODES = "sphere_nav.nodes"  # entry points of setup.py
+
+
+def main() -> int:
+    """Run a node, named as its executable; before the second that importing it takes say that it starts."""
+    name = Path(sys.argv[0]).name
+    if not {"--help", "-h"} & set(sys.argv):
+        sys.stderr.write(f"{name}: {software()} starts\n")
+        sys.stderr.flush()
+    return int(node_entry(name).load()())
+
+
+def node_entry(name: str) -> metadata.EntryPoint:
+    """Return where a node begins; ValueError for one that is not installed."""
+    entries = tuple(metadata.entry_points(group=NODES, name=name))
+    if not entries:
+        raise ValueError(f"{name}: expected an installed executable of this name, found none: install sphere_nav anew")
+    return entries[0]
 
 
 def share_file(name: str) -> Path:

@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -17,6 +16,7 @@ from typing import Any, Self
 import yaml
 
 from sphere_nav.ros.constants import END_PATIENCE_S
+from sphere_nav.ros.shared_files import node_entry
 from sphere_nav_tools.cli.constants import MIN_WORK_SHARE
 
 # However this process ends, the kernel of Linux then tells its children to (PR_SET_PDEATHSIG is 1).
@@ -25,17 +25,9 @@ NODE = "from {module} import main; sys.exit(main())"
 LOOK = 5.0  # s over which it is measured who works
 
 
-def module_of(node: str) -> str:
-    """Return the module of an executable, as it is installed."""
-    entries = tuple(entry_points(group="console_scripts", name=node))
-    if not entries:
-        raise ValueError(f"{node}: expected an installed executable of this name, found none: install sphere_nav anew")
-    return entries[0].module
-
-
 def node_command(node: str, *words: str) -> list[str]:
     """Return the command of a node that ends with this process."""
-    return python_command(NODE.format(module=module_of(node)), *words)
+    return python_command(NODE.format(module=node_entry(node).module), *words)
 
 
 def python_command(code: str, *words: str) -> list[str]:
@@ -77,7 +69,7 @@ class Processes:
         parameters = self.folder / f"{node}.yaml"
         parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
         self._nodes.add(node)
-        self.run(node, NODE.format(module=module_of(node)), "--ros-args", "--params-file", str(parameters))
+        self.run(node, NODE.format(module=node_entry(node).module), "--ros-args", "--params-file", str(parameters))
 
     def run(self, name: str, code: str, *words: str) -> None:
         """Run Python code as a process."""

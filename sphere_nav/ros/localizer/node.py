@@ -46,6 +46,7 @@ class LocalizerNode(ManagedNode):
     """Converts, asks the localiser, converts back."""
 
     HAS_SPHERE_INFO: ClassVar[bool] = False  # panoramas can be localised
+    NO_MAP: ClassVar[str]  # what to do where there is nothing to localise in
     params: NodeParams
 
     # --- what a localiser says
@@ -115,8 +116,14 @@ class LocalizerNode(ManagedNode):
         self.add_timer(WATCH_PERIOD_S, self.on_watch, is_wall=True)
 
     def activate(self) -> None:
-        """Wait for the first image from now on."""
+        """Wait for the first image from now on; what is missing first is said first."""
         self.waits_since_ns = self.own_ns()
+        if not self.has_map:
+            self.outputs.tell(self.refuse(self.now_ns(), FINE), **self.values())
+
+    def lack(self) -> str:
+        """Return how to give it a map, where it has none."""
+        return "" if self.has_map else f"a map ({self.NO_MAP})"
 
     def clock_jumped(self) -> None:
         """Forget everything with a stamp."""
@@ -209,13 +216,14 @@ class LocalizerNode(ManagedNode):
     def find_silence(self) -> Status | None:
         """Return what to say of the time since the last usable image, judged by arrival, which no stamp moves."""
         now_ns = self.own_ns()
+        if not self.has_map:
+            return self.refuse(self.now_ns(), FINE)
         if self.heard_ns:
             return self.silence((now_ns - self.heard_ns) * 1e-9, self.refusal)
         waited = (now_ns - self.waits_since_ns) * 1e-9
         if waited <= FIRST_IMAGE_S:
             return None
-        state = State.NOT_LOCALISED if self.has_map else State.NO_MAP
-        return status_of(state, self.now_ns(), Finding(Reason.TIMEOUT, waited, FIRST_IMAGE_S))
+        return status_of(State.NOT_LOCALISED, self.now_ns(), Finding(Reason.TIMEOUT, waited, FIRST_IMAGE_S))
 
     # --- poses that are given
     def needs_help(self) -> bool:

@@ -44,7 +44,9 @@ def test_without_a_cloud_every_image_is_answered_by_no_map():
     bus.add(MclDepthNode)
     bus.deliver("/sphere_info", conversions.camera_to_sphere_info(Spherical(128, 64), "base_link"))
     bus.deliver("/image_raw", picture(1))
-    assert [status.state for status in statuses(bus)] == ["NO_MAP"]
+    told = statuses(bus)  # at once, and for the image
+    assert [(status.state, status.reason) for status in told] == [("NO_MAP", "")] * 2
+    assert {status.remedy for status in told} == {"set `cloud`, call ~/load_cloud, or publish the topic cloud"}
 
 
 def test_images_without_calibration_are_answered_after_a_while(room):

@@ -73,6 +73,21 @@ def test_a_pause_begins_after_four_tenths_of_a_second_by_looks_of_a_tenth():
     assert watch.is_standing
 
 
+def test_a_clock_of_slow_steps_is_called_a_pause_once():
+    watch, changes, was_standing = ClockWatch(GIVE_UP), [], False
+    for k in range(400):  # 10 s; from 1 s on a step of /clock takes 0.8 s
+        watch.observe((5 + max(0, k - 40) // 32) * SECOND, SECOND + k * SECOND // 40)
+        changes += [k] if watch.is_standing != was_standing else []
+        was_standing = watch.is_standing
+    assert len(changes) == 2
+    stand(watch, 50 * SECOND, 20 * SECOND, 3.1)  # a real pause is seen all the same
+    assert watch.is_standing
+    for k in range(1600):  # 40 s of a clock that goes on, and it is as alert as at first
+        watch.observe((51 + k) * SECOND, 24 * SECOND + k * SECOND // 40)
+    stand(watch, 5000 * SECOND, 64 * SECOND, CLOCK_PATIENCE_S + 0.05)
+    assert watch.is_standing
+
+
 def test_a_clock_that_stands_too_long_is_given_up():
     for give_up, end in ((2.0, 2.0), (0.1, 0.4)):
         watch = ClockWatch(give_up)

@@ -18,6 +18,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import ns_to_time
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import WARN, ManagedNode
+from sphere_nav.ros.shared_files import software
 from worlds.patience import Patience
 
 PATIENCE = 15.0  # s; discovery takes a fraction of one, on a busy machine several
@@ -28,6 +29,7 @@ class DoublerParams:
     factor: int = param(2, "what a number is multiplied by", low=1, high=9)
     gain: float = param(0.5, "another factor", low=0.0, is_live=True)
     file: str = param("good", "file to open")
+    map: str = param("hall", "what it works on")
 
 
 class Doubler(ManagedNode):
@@ -130,6 +132,22 @@ def test_messages_and_diagnostics(make_desk):
     assert {pair.key: pair.value for pair in status.values} == {"number": "14"}
     assert desk.text("lifecycle") == "active"
     desk.until(lambda: desk.text("input number") == "receiving")
+
+
+def test_one_line_says_what_a_node_waits_for_and_one_when_it_is_ready(make_desk, monkeypatch):
+    desk, lines = make_desk(), {}
+    monkeypatch.setattr(desk.shell.log, "info", lambda text, *, every=0.0, key="": lines.setdefault(key, text))
+    monkeypatch.setattr(desk.node, "lack", lambda: "" if len(desk.doubled) else "a map (set `map`)")
+    assert desk.shell.start()
+    desk.until(lambda: lines)
+    sent = f"{software()}; map hall; reads /number 0 Hz, /latched 0 Hz; sends /doubled"
+    assert lines == {"waits for a map (set `map`)": f"waits for a map (set `map`): {sent}"}
+    desk.send(14)
+    latched = desk.peer.create_publisher(String, "latched", qos.LATCHED)
+    latched.publish(String())
+    desk.until(lambda: "ready" in lines)
+    assert lines["ready"].startswith("ready: sphere_nav ")
+    assert lines["ready"].endswith(" Hz; sends /doubled")
 
 
 def test_what_is_refused_is_told(make_desk):

@@ -1,9 +1,11 @@
-"""Files that the package brings along are found."""
+"""Files that the package brings along are found, and its nodes, which say at once that they start."""
 
+import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from runpy import run_path
 from shutil import copy
+from types import SimpleNamespace
 
 import pytest
 
@@ -37,3 +39,35 @@ def test_wherever_it_was_installed_its_files_are_found_from_the_code(tmp_path, m
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "interpreter"))
     found = run_path(str(code))["share_file"]("config/site.yaml")
     assert found == tmp_path / shared / "config" / "site.yaml"
+
+
+# --- the first line of a node
+@pytest.fixture
+def started(monkeypatch):
+    """Make one node known, and return what was run."""
+    done = []
+
+    def entry_points(group, name):
+        return [SimpleNamespace(load=lambda: lambda: len(done.append((group, name)) or done) - 1)]
+
+    monkeypatch.setattr(shared_files.metadata, "version", lambda name: "1.2.3")
+    monkeypatch.setattr(shared_files.metadata, "entry_points", entry_points)
+    return done
+
+
+def test_a_node_says_at_once_that_it_starts_and_is_run(started, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["/opt/bin/blinker", "--ros-args"])
+    assert shared_files.main() == 0
+    assert started == [("sphere_nav.nodes", "blinker")]
+    assert capsys.readouterr().err == "blinker: sphere_nav 1.2.3 starts\n"
+
+
+def test_help_is_all_that_is_said_to_who_asks_for_it(started, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["blinker", "--help"])
+    shared_files.main()
+    assert (len(started), capsys.readouterr().err) == (1, "")
+
+
+def test_nothing_heavy_is_loaded_before_the_first_line():
+    code = "import sys, sphere_nav.ros.shared_files; print({'numpy', 'rclpy', 'cv2'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"

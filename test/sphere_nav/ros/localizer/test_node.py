@@ -41,6 +41,8 @@ class Parrot(LocalizerNode):
     NAME = "parrot"
     PARAMS = NodeParams
 
+    NO_MAP, has_map = "set `map`", True
+
     def configure(self):
         self.check, self.searches, self.state = InputCheck(InputParams()), [], State.SEARCHING
         super().configure()
@@ -118,6 +120,22 @@ def test_every_image_is_answered():
     assert set(answer) == {"/pose", "/odometry", "/tf", "/status"}
     assert answer["/status"].milliseconds > 0.0
     assert set(bench.see(frame="other")) == {"/status"}
+
+
+def test_a_map_that_is_missing_is_said_before_a_camera_that_is():
+    class Lost(Parrot):
+        has_map = False
+
+        def refuse(self, stamp_ns, finding):
+            return status_of(State.NO_MAP, stamp_ns, replace(finding, advice=self.NO_MAP))
+
+    bench = Bench()
+    bench.node = bench.bus.add(Lost, {"base_frame": ""})
+    assert bench.node.outputs.state is State.NO_MAP  # before anything came
+    said = [(one.state, one.reason, one.remedy) for one in bench.wait(6 * SECOND) if one.state == "NO_MAP"]
+    assert set(said) == {("NO_MAP", "", "set `map`")}
+    assert bench.node.lack() == "a map (set `map`)"
+    assert Parrot.lack(bench.bus.add(Parrot, {"base_frame": ""})) == ""
 
 
 def test_silence_is_told_in_time_and_ends_with_the_next_image():
