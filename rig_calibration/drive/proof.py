@@ -9,8 +9,9 @@ does not tell apart is named.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import ndtr, stdtrit
@@ -101,7 +102,12 @@ class LensProof:
         yield from dict.fromkeys(tell_apart(self.found, k) for k in unobserved or [int(np.argmax(sigma))])
 
 
-def prove(images: Sequence[DriveImage], given: Lens, max_readout: float = np.inf) -> LensProof:
+def prove(
+    images: Sequence[DriveImage],
+    given: Lens,
+    max_readout: float = np.inf,
+    progress: Callable[[], object] = lambda: None,
+) -> LensProof:
     """Refine the camera by a drive and judge each half by the other one.
 
     Images in the order of the drive. What the drive does not tell stays as it was given. ValueError with fewer images
@@ -111,13 +117,14 @@ def prove(images: Sequence[DriveImage], given: Lens, max_readout: float = np.inf
         expected = f"expected at least {2 * MIN_HALF} images that are localised, three a half"
         raise ValueError(f"drive: {expected}, found {len(images)}")
     given = given.beside_map(any(image.T_map_optical is not None for image in images))
-    found = refine_camera(images, given, num_blocks=2 * NUM_RUNS)
+    refine = partial(refine_camera, progress=progress)
+    found = refine(images, given, num_blocks=2 * NUM_RUNS)
     held = tuple(name for name in found.unobserved if name in given.names[:MAP])
     if held:
-        found = refine_camera(images, given, (found.lens, found.states), held, 2 * NUM_RUNS)
+        found = refine(images, given, (found.lens, found.states), held, 2 * NUM_RUNS)
     middle = len(images) // 2
     parts = [(images[:middle], found.states[:middle]), (images[middle:], found.states[middle:])]
-    halves = [refine_camera(part, given, (found.lens, states), held).lens for part, states in parts]
+    halves = [refine(part, given, (found.lens, states), held).lens for part, states in parts]
     gains = [
         run.mean()
         for (part, states), lens in zip(parts, reversed(halves), strict=True)

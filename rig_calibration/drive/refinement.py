@@ -60,17 +60,21 @@ def refine_camera(
     start: tuple[Lens, Sequence[ImageState]] | None = None,
     held: Collection[str] = (),
     num_blocks: int = 0,
+    progress: Callable[[], object] = lambda: None,
 ) -> RefinedCamera:
     """Estimate lens and readout from images with their places in a map; `lens` is what was known beforehand.
 
     `start` is where to start at full size, if it is near; `held` names what stays as it was known; neighbours in
-    `num_blocks` runs of images may err alike. Raises ValueError with fewer images than three: their scatter is the
+    `num_blocks` runs of images may err alike; each step calls `progress`.
+
+    Raises ValueError with fewer images than three: their scatter is the
     covariance.
     """
     if len(images) < 3:
         raise ValueError(f"drive: expected at least three images that are localised, found {len(images)}")
 
     def linearize(found: Lens, states: Sequence[ImageState], level: int) -> Elimination:
+        progress()
         pairs = zip(images, states, strict=True)
         parts = [weigh_part(*differentiate(image, state, found, level)) for image, state in pairs]
         return Elimination(parts, prior_sigma, found.values - lens.values)

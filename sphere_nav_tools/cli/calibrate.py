@@ -22,17 +22,18 @@ EXAMPLES = """\
 examples:
   sphere_nav calibrate recordings/cam0 recordings/cam1 --board 8x6 --square 0.03 -o rig.yaml
   sphere_nav calibrate 'left*.jpg' 'right*.jpg' --board 9x6 --square 0.025 -o rig.yaml
+  sphere_nav calibrate board.mp4 --board 8x6 --square 0.03 -o rig.yaml
   sphere_nav calibrate recordings/* --boards boards.yaml --model fisheye -o rig.yaml
 
-One folder, or one quoted glob, for each camera. Images of one instant have the same name, or the same number in it.
-A board counts inner corners. rig_report.json and rig_report.png are written beside rig.yaml.
+One folder, one quoted glob, or one video for each camera. Images of one instant have the same name, or the same number
+in it (videos: begun together). A board counts inner corners. rig_report.json and .png are written beside rig.yaml.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("images", nargs="+", metavar="IMAGES", help="a folder or a glob for each camera")
+    parser.add_argument("images", nargs="+", metavar="IMAGES", help="a folder, a glob or a video for each camera")
     parser.add_argument("--board", metavar="8x6", help="inner corners of the board")
     parser.add_argument("--square", type=float, metavar="M", help="side of a square in m")
     parser.add_argument("--charuco", type=float, metavar="M", help="a ChArUco board with markers of this side in m")

@@ -39,7 +39,8 @@ Turn a recorded data set into an MCAP bag with our topics.
   images        image files or videos. Of a rig (--rig; each camera a folder or video of its name):
                 cameras/<name>/image_raw. Of one camera (--camera, or a rig file of one): image_raw. Of a stereo pair
                 left, right: left/image_raw, right/image_raw; rectified with --camera and --baseline, raw with a rig
-                file of left and right. Equirectangular pairs top, bottom (--baseline): sphere.
+                file of left and right. Of a 360 camera (--panorama): image_raw, sphere_info, to localise with.
+                Equirectangular pairs top, bottom (--baseline): sphere.
                 Names that are times since 1970 are stamps.
 
 The true poses go to ground_truth/pose: body axes (x forward, y left, z up) of the camera of image_raw, of the left
@@ -54,6 +55,7 @@ examples:
   sphere_nav import images six_folders -o drive --rig rig.yaml --fps 15
   sphere_nav import images pair -o drive --camera 707.1,707.1,601.9,183.1 --baseline 0.537
   sphere_nav import images panoramas -o spheres --baseline 0.2
+  sphere_nav import images walk_360.mp4 -o drive --panorama
 """
 KINECT_SIZE = (640, 480)
 LENSES = {  # fx, fy, cx, cy in px, as the data sets' pages tell them
@@ -86,6 +88,7 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
     )
     images = parser.add_argument_group("images")
     images.add_argument("--rig", type=Path, metavar="FILE", help="rig file of the cameras")
+    images.add_argument("--panorama", action="store_true", help="of a 360 camera, equirectangular, 2 H x H")
     images.add_argument("--baseline", type=float, metavar="M", help="m between left and right, or top and bottom")
     images.add_argument("--fps", type=float, metavar="N", help="images a second without stamps (a video's own; 10)")
     _add_kinect_arguments(parser)
@@ -172,7 +175,9 @@ READERS: dict[str, Callable[[argparse.Namespace], Recording]] = {
     "four_seasons": lambda given: open_four_seasons(given.folder),
     "nclt": lambda given: open_nclt(given.folder),
     "spherical": lambda given: open_spherical(given.folder),
-    "images": lambda given: open_images(given.folder, given.rig, given.camera, given.baseline, given.fps),
+    "images": lambda given: open_images(
+        given.folder, given.rig, given.camera, given.baseline, given.fps, is_panorama=given.panorama
+    ),
 }
 
 

@@ -1,4 +1,4 @@
-"""Images of boards in files: those of one instant found by their names, and the boards in all of them."""
+"""Images of boards in files or videos: those of one instant found by their names, and the boards in all of them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import glob
 import os
 import re
 from collections import Counter, defaultdict
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from rig_calibration.boards.board import Board
@@ -20,16 +23,23 @@ from rig_calibration.boards.sharpness import edge_width
 from rig_calibration.boards.views import BoardView, Indices
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.encoded import read_image_file
+from sphere_nav_tools.offline.importing.frames import VIDEOS, Video
 
+Source: TypeAlias = Path | NDArray[Any]  # of a grey image: a file, or its levels
 NUM_SIZED = 4  # images of a camera whose boards are counted
+NUM_OF_VIDEO = 80  # images that are taken of a video
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 
 
-def find_images(arguments: list[str]) -> dict[str, dict[str, Path]]:
-    """Return the images of every camera by the instant that their names tell."""
+def find_images(arguments: list[str]) -> dict[str, dict[str, Source]]:
+    """Return the images of every camera by the instant that their names tell, or their numbers in a video."""
     cameras: dict[str, list[Path]] = defaultdict(list)
+    videos: dict[str, dict[str, Source]] = {}
     for text in arguments:
         path = Path(text)
+        if path.suffix.lower() in VIDEOS:
+            videos[re.sub(r"\W", "_", path.stem)] = dict(read_video(path))
+            continue
         if path.is_dir():
             files = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
             name = path.resolve().name
@@ -40,8 +50,16 @@ def find_images(arguments: list[str]) -> dict[str, dict[str, Path]]:
             raise ValueError(f"{text}: expected images, found none")
         cameras[re.sub(r"\W", "_", name)].extend(files)
     named = [{file.stem for file in files} for files in cameras.values()]
-    is_by_name = len(named) == 1 or bool(set.intersection(*named))
-    return {name: {_instant(file, is_by_name): file for file in files} for name, files in cameras.items()}
+    is_by_name = len(named) < 2 or bool(set.intersection(*named))
+    return videos | {name: {_instant(file, is_by_name): file for file in files} for name, files in cameras.items()}
+
+
+def read_video(path: Path) -> Iterator[tuple[str, Source]]:
+    """Yield images spread over a video, by their number."""
+    video = Video(path)
+    chosen = np.unique(np.linspace(0, video.number - 1, min(NUM_OF_VIDEO, video.number)).round().astype(int))
+    for index in tqdm(chosen, f"reading {path.name}", leave=False, unit="image"):
+        yield f"{index:06d}", cv2.cvtColor(video.read(int(index)), cv2.COLOR_BGR2GRAY)
 
 
 def _instant(file: Path, is_by_name: bool) -> str:
@@ -54,7 +72,7 @@ def _instant(file: Path, is_by_name: bool) -> str:
 
 
 def detect_boards(
-    cameras: dict[str, dict[str, Path]], boards: tuple[Board, ...]
+    cameras: dict[str, dict[str, Source]], boards: tuple[Board, ...]
 ) -> tuple[dict[str, tuple[int, int]], list[BoardView]]:
     """Look for the boards in all images, in threads: OpenCV works outside of Python's lock."""
     work = [(name, instant, path) for name, files in cameras.items() for instant, path in files.items()]
@@ -70,7 +88,7 @@ def detect_boards(
                 if sizes.setdefault(name, size) != size:
                     expected = "x".join(map(str, sizes[name]))
                     told = f"expected {expected} as other images of {name}, found {size[0]}x{size[1]}"
-                    raise ValueError(f"{path}: {told}")
+                    raise ValueError(f"{path if isinstance(path, Path) else instant}: {told}")
                 views += [BoardView(name, instant, board, *corners) for board, corners in seen.items()]
         finally:
             pool.shutdown(cancel_futures=True)
@@ -78,7 +96,7 @@ def detect_boards(
 
 
 def check_board_sizes(
-    cameras: dict[str, dict[str, Path]], boards: tuple[Board, ...], views: list[BoardView]
+    cameras: dict[str, dict[str, Source]], boards: tuple[Board, ...], views: list[BoardView]
 ) -> list[str]:
     """Return a line where the chessboards in the images have another size than any that was given.
 
@@ -92,7 +110,7 @@ def check_board_sizes(
     for name, files in cameras.items():
         seen = {view.instant for view in views if view.camera == name}
         for instant in sorted(files, key=lambda instant: (instant not in seen, instant))[:NUM_SIZED]:
-            gray = np.asarray(read_image_file(files[instant], cv2.IMREAD_GRAYSCALE))
+            gray = _read_gray(files[instant])
             for size in grid_sizes(gray, len(boards)):
                 found[(max(size), min(size))] += 1
     count = sum(found.values())
@@ -104,12 +122,16 @@ def check_board_sizes(
 
 
 def _find_boards(
-    path: Path, boards: tuple[Board, ...]
+    source: Source, boards: tuple[Board, ...]
 ) -> tuple[tuple[int, int], dict[str, tuple[Indices, Array, float]]]:
     """Return the size (width, height) of an image and the corners of the boards in it, with their blur."""
-    gray = np.asarray(read_image_file(path, cv2.IMREAD_GRAYSCALE))
+    gray = _read_gray(source)
     by_name = {board.name: board for board in boards}
     found = detect_all(gray, boards)
     return (gray.shape[1], gray.shape[0]), {
         name: (*corners, edge_width(gray, by_name[name], *corners)) for name, corners in found.items()
     }
+
+
+def _read_gray(source: Source) -> NDArray[Any]:
+    return np.asarray(read_image_file(source, cv2.IMREAD_GRAYSCALE)) if isinstance(source, Path) else source

@@ -105,7 +105,7 @@ def offer_map(recording: OpenedBag) -> Offer:
     has_depth = any(stream.is_depth and not stream.problem for stream in finder.streams)
     if recording.rig or (not has_depth and len(finder.views(has_pairs=True)) >= MIN_RIG_CAMERAS):
         return _offer_rig(recording, command)
-    return Offer("map", missing="; ".join(dict.fromkeys(reasons)))
+    return Offer("map", missing="; ".join(dict.fromkeys([*reasons, *finder.alone])))
 
 
 def check_depth_topics(recording: OpenedBag, found: dict[str, str]) -> None:
@@ -148,6 +148,7 @@ def _rectified(topics: Mapping[str, str]) -> str:
     return f"{', '.join(found)}: rectified, P of camera_info is used" if found else ""
 
 
+NO_ODOMETRY = f"without odometry (nav_msgs/Odometry, or a frame that moves above {BASE_FRAME} on /tf) walk slowly"
 PANORAMA_NOTE = "ready, if the images, which have no camera_info, are whole spheres (equirectangular)"
 
 
@@ -208,15 +209,13 @@ def offer_mcl(recording: OpenedBag) -> Offer:
     choice, more = _or_panorama(finder, finder.find(("image_raw", finder.lens)))
     if not choice.topics:
         return Offer("mcl", missing=choice.reason)
-    if not recording.odometry:
-        expected = f"odometry (nav_msgs/Odometry, or a frame that moves above {BASE_FRAME} on /tf)"
-        return Offer("mcl", missing=f"expected {expected}, found none")
     frame = finder.by_name[choice.topics["image_raw"]].frame_id
     if not recording.mounting and not finder.frames.is_connected(BASE_FRAME, frame):
         expected = f"{BASE_FRAME} and {frame or 'the images'} on /tf_static, or the height by --mounting"
         return Offer("mcl", missing=f"expected {expected}, found neither")
     clouds = ", ".join(stream.topic for stream in finder.streams if stream.type == CLOUD)
-    note = f"ready; the bag has point clouds, too ({clouds})" if clouds else ""
+    notes = [f"the bag has point clouds, too ({clouds})"] * bool(clouds) + [NO_ODOMETRY] * (not recording.odometry)
+    note = "; ".join(["ready", *notes]) if notes else ""
     command = ["sphere_nav", "mcl", CLOUD_FILE, str(recording.path), "-o", f"{recording.path.stem}_mcl.tum"]
     words = options_of(finder.odometry | choice.topics)
     return Offer("mcl", [*command, *words, *more], note=PANORAMA_NOTE if more else note, reason=choice.reason)

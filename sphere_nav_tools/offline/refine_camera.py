@@ -6,7 +6,8 @@ Without a map: where the depth camera of an RGB-D camera sits beside the image's
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,6 +68,13 @@ class Located:
         return moved.log() / elapsed_s
 
 
+@contextmanager
+def working(what: str) -> Iterator[Callable[[], object]]:
+    """Show steps of an unknown number on a terminal, and the time that they take; each calls what is yielded."""
+    with tqdm(desc=what, unit="step", bar_format="{desc}: {n} steps, {elapsed}", leave=False, disable=None) as bar:
+        yield bar.update
+
+
 class RecordedDrive:
     """The images of a bag."""
 
@@ -85,11 +93,13 @@ class RecordedDrive:
         given = lens = Lens.of(self.camera, self._arguments.readout)
         for _ in range(REFINE_ROUNDS):
             images = self._locate(sphere_map, lens)
-            found = refine_camera(images, given).lens
+            with working("refine the lens") as step:
+                found = refine_camera(images, given, progress=step).lens
             is_settled, lens = lens_distance(lens, found) < SETTLED_PX, found
             if is_settled:
                 break
-        return prove(images, given, self._period())
+        with working("test it on each half") as step:
+            return prove(images, given, self._period(), progress=step)
 
     def _period(self) -> float:
         """Return the time between two images in s, longer than any readout; infinite where there is none."""

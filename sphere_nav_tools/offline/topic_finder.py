@@ -38,6 +38,7 @@ from sphere_nav_tools.offline.topics import (
     role_of,
 )
 
+ALONE = "one camera alone cannot map: add depth, a second camera beside it, or a rig; it can localise in a map"
 CAMERAS = "cameras"  # images of a rig, which the stitcher makes spheres of
 CAMERA_IS_VEHICLE = "0,0,0,0,0,0"  # a mounting
 SIDES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"))
@@ -181,7 +182,12 @@ class TopicFinder:
             if choice.topics:
                 return kind
             reasons.append(choice.reason)
-        raise BagError(f"{self.bag.path}: topics: {'; '.join(dict.fromkeys(reasons))}")
+        raise BagError(f"{self.bag.path}: topics: {'; '.join(dict.fromkeys([*reasons, *self.alone]))}")
+
+    @property
+    def alone(self) -> list[str]:
+        """What to add where there is one camera and nothing that measures range."""
+        return [ALONE] * (len(self.views(has_pairs=True)) == 1)
 
     def drivers(self) -> list[Driver]:
         """Return the presets whose topics are all there under their usual names, those with registered depth first."""

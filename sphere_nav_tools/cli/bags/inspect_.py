@@ -15,6 +15,7 @@ from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.tf import TransformError, TransformTree
 from sphere_nav_tools.offline import topics
+from sphere_nav_tools.offline.importing.images import how_to_import
 from sphere_nav_tools.offline.offers import OpenedBag, find_offers
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
@@ -22,8 +23,11 @@ HELP = """\
 Tell what a bag offers: its topics with type, rate, frame and size; then for mapping, localising and mcl what is
 missing, or the command to type. Topics may have any names. MAP and CLOUD stand for a map and a file of geometry.
 
+A video or a folder of images is no bag yet: the command that makes one is printed.
+
 examples:
   sphere_nav inspect drive
+  sphere_nav inspect walk_360.mp4
   sphere_nav inspect recording.mcap --json offer.json
   sphere_nav inspect six_cameras --rig rig.yaml
   sphere_nav inspect recording.db3 --driver zed --mounting 0.4,0,1.1,0,0,0
@@ -32,7 +36,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("bag", type=Path, metavar="BAG", help="a recording")
+    parser.add_argument("bag", type=Path, metavar="BAG", help="a recording; or a video, or a folder of images")
     parser.add_argument("--json", type=Path, metavar="F", help="also write it as JSON")
     parser.add_argument("--rig", type=Path, metavar="F", help="rig file of the cameras in the bag")
     topics.add_options(parser)
@@ -40,6 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the topics and the offers; 1 if the bag is good for none of the jobs."""
+    if words := how_to_import(arguments.bag):
+        print("\n".join(words))
+        return 0
     with BagReader(arguments.bag) as bag:
         finder = TopicFinder.of(bag, arguments)
         streams, (first, last) = finder.streams, bag.time_range

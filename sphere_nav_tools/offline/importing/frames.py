@@ -28,6 +28,11 @@ SIGNS: dict[str, tuple[tuple[str, ...], ...]] = {
 }  # format -> alternatives, of which all names must be there
 
 
+def is_image(file: Path) -> bool:
+    """Whether a file is an image, by its name."""
+    return file.suffix.lower() in IMAGES
+
+
 def guess_format(folder: Path) -> str:
     """Return the format whose files are in the folder; empty: none of SIGNS."""
     for name, alternatives in SIGNS.items():
@@ -74,7 +79,7 @@ class Folder:
 
     def __init__(self, path: Path) -> None:
         self.path, self.hz = path, float("nan")
-        self.files = sorted((file for file in path.iterdir() if file.suffix.lower() in IMAGES), key=_order)
+        self.files = sorted(filter(is_image, path.iterdir()), key=_order)
         if not self.files:
             raise ValueError(f"{path}: expected images or videos, found none")
         self.number = len(self.files)
@@ -115,7 +120,7 @@ def open_frames(folder: Path, name: str) -> Frames:
     """Return the images of a camera: the folder of that name, a video of that name, or, for '', the folder itself."""
     if folder.is_file() and not name:
         return Video(folder)
-    if (folder / name).is_dir() and (name or any(file.suffix.lower() in IMAGES for file in folder.iterdir())):
+    if (folder / name).is_dir() and (name or any(map(is_image, folder.iterdir()))):
         return Folder(folder / name)
     files = sorted(folder.iterdir()) if folder.is_dir() else [folder]
     videos = [file for file in files if file.suffix.lower() in VIDEOS and file.stem == (name or file.stem)]

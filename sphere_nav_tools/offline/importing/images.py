@@ -1,7 +1,8 @@
-"""Plain images: of a rig, of one camera, of a stereo pair, or pairs of panoramas, one above the other."""
+"""Plain images: of a rig, of one camera, of a stereo pair, panoramas, or pairs of these, one above the other."""
 
 from __future__ import annotations
 
+import shlex
 from functools import partial
 from pathlib import Path
 
@@ -16,7 +17,14 @@ from sphere_mapping.acquisition.range.semi_global import check_order
 from sphere_nav.geometry import SE3, Pinhole, Rig, Spherical
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.spheres.sphere import Sphere
-from sphere_nav_tools.offline.importing.frames import Frames, instants_of, open_frames
+from sphere_nav_tools.offline.importing.frames import (
+    VIDEOS,
+    Frames,
+    guess_format,
+    instants_of,
+    is_image,
+    open_frames,
+)
 from sphere_nav_tools.offline.importing.recording import (
     CAMERA_FRAME,
     OPTICAL_FRAME,
@@ -29,29 +37,44 @@ from sphere_nav_tools.offline.importing.recording import (
     require_folder,
 )
 from sphere_nav_tools.offline.importing.spherical import sphere_recording
+from sphere_nav_tools.offline.topic_finder import ALONE
 
+BAGS = (".mcap", ".db3", ".bag", "metadata.yaml")
 RIG_FRAME = "rig_link"
 LEVELS = ("top", "bottom")
+OPTIONS = "--rig, --camera (one camera, with --baseline a rectified pair), --panorama or --baseline"
 
 
 def open_images(
-    folder: Path, rig: Path | None, lens: tuple[float, ...] | None, baseline_m: float | None, hz: float | None
+    folder: Path,
+    rig: Path | None,
+    lens: tuple[float, ...] | None,
+    baseline_m: float | None,
+    hz: float | None,
+    *,
+    is_panorama: bool = False,
 ) -> Recording:
-    """Open what the options tell: a rig file, a lens (with a baseline: rectified left and right), or top and bottom."""
+    """Open what the options tell: a rig file, a lens (with a baseline: rectified left and right), or panoramas.
+
+    Panoramas with a baseline are top and bottom; without, `is_panorama`, they are of one camera, to localise with.
+    """
     if baseline_m is not None and not baseline_m > 0:
         raise ValueError(f"--baseline: expected a positive length in m, found {baseline_m}")
     if hz is not None and not hz > 0:
         raise ValueError(f"--fps: expected a positive number, found {hz}")
     if not folder.is_file():
         require_folder(folder)
+    if is_panorama and not (rig or lens or baseline_m):
+        frames, height, width = _sized(folder)
+        check_panorama(frames.path, width, height)
+        view = View("", CAMERA_FRAME, Spherical(width, height), is_told=False)
+        return camera_recording({"camera": frames}, {"camera": view}, hz)
     if rig is not None:
         return _rig_recording(folder, read_rig(rig), hz)
     if baseline_m is not None and lens is None:
         return _panoramas(folder, baseline_m, hz)
     if lens is None:
-        raise ValueError(
-            f"{folder}: images: expected --rig, --camera (one camera, with --baseline a rectified pair) or --baseline"
-        )
+        raise ValueError(f"{folder}: images: expected one of {OPTIONS}")
     if baseline_m is None:
         frames = open_frames(folder, "")
         return camera_recording({"camera": frames}, {"camera": View("", OPTICAL_FRAME, _pinhole(frames, lens))}, hz)
@@ -59,6 +82,30 @@ def open_images(
     model = _pinhole(cameras["left"], lens)
     views = pair_views(model, model, SE3.from_parts(np.eye(3), [baseline_m, 0.0, 0.0]), baseline_m)
     return camera_recording(cameras, views, hz)
+
+
+def how_to_import(path: Path) -> list[str]:
+    """Return what a video, or a folder that is a data set or has images, is, and the command for it; else nothing."""
+    if any(file.name.endswith(BAGS) for file in path.glob("*")):
+        return []
+    words = f"sphere_nav import {{}} {shlex.quote(str(path))} -o {shlex.quote(path.stem)}_bag"
+    if kind := path.is_dir() and guess_format(path):
+        return [f"{path}: a data set, {kind}; as a bag:", f"  {words.format(kind)}"]
+    if path.suffix.lower() not in VIDEOS and not (path.is_dir() and any(map(is_image, path.iterdir()))):
+        return []
+    frames, height, width = _sized(path)
+    what = f"{path}: {frames.number} images of {width} x {height}; as a bag, to localise with:"
+    if width == 2 * height:
+        return [what, f"  {words.format('images')} --panorama", ALONE]
+    lens = f"--camera {width},{width},{(width - 1) / 2:g},{(height - 1) / 2:g}"
+    guess = "  or with fx,fy,cx,cy of your lens in px (here: a guess by the size), K1,K2,P1,P2 behind them"
+    return [
+        what,
+        f"  {words.format('images')} --rig rig.yaml    (sphere_nav calibrate)",
+        f"  {words.format('images')} {lens}",
+        guess,
+        ALONE,
+    ]
 
 
 def camera_recording(
@@ -100,10 +147,15 @@ def _rig_recording(folder: Path, rig: Rig, hz: float | None) -> Recording:
 
 def _pinhole(frames: Frames, lens: tuple[float, ...]) -> Pinhole:
     """Return the camera of a lens fx, fy, cx, cy and distortion, of the size of the first image."""
-    again = open_frames(frames.path, "")  # a video is read once, from its beginning
-    height, width = again.read(0).shape[:2]
+    _, height, width = _sized(frames.path)
     fx, fy, cx, cy, *distortion = lens
     return Pinhole(width, height, fx, fy, cx, cy, tuple(distortion))
+
+
+def _sized(path: Path) -> tuple[Frames, int, int]:
+    """Return the images of one camera, with their height and width."""
+    again = open_frames(path, "")  # a video is read once, from its beginning
+    return open_frames(path, ""), *again.read(0).shape[:2]
 
 
 def _panoramas(folder: Path, baseline_m: float, hz: float | None) -> Recording:
@@ -139,7 +191,12 @@ def match_panoramas(
 
 def _read_panorama(frames: Frames, number: int) -> NDArray[np.uint8]:
     image = frames.read(number)
-    if image.shape[1] != 2 * image.shape[0]:
-        found = f"expected 2 H x H pixels of a whole sphere, found {image.shape[1]} x {image.shape[0]}"
-        raise ValueError(f"{frames.path}: image {number}: {found}")
+    check_panorama(f"{frames.path}: image {number}", image.shape[1], image.shape[0])
     return image
+
+
+def check_panorama(where: Path | str, width: int, height: int) -> None:
+    """Raise ValueError for an image that is no whole sphere."""
+    if width != 2 * height:
+        found = f"found {width} x {height}: export it as equirectangular"
+        raise ValueError(f"{where}: expected 2 H x H pixels of a whole sphere, {found}")

@@ -13,13 +13,14 @@ import numpy as np
 from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.untrusted import number, read_text
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory
 from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
+    camera_to_sphere_info,
     se3_to_odometry,
     se3_to_pose_stamped,
     se3_to_transform,
@@ -110,7 +111,9 @@ class Recording:
             yield topic, make()
         shots = [(self.views[name], shot) for name, shot in instant.images.items()]
         for view, shot in shots:
-            if view.is_told:
+            if isinstance(view.camera, Spherical):
+                yield f"{view.prefix}sphere_info", camera_to_sphere_info(view.camera, view.frame_id)
+            elif view.is_told:
                 info = camera_to_info(view.camera, shot.stamp_ns, view.frame_id, baseline=view.baseline_m)
                 yield f"{view.prefix}camera_info", info
         for view, shot in shots:

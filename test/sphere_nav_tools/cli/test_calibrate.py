@@ -124,3 +124,16 @@ def test_cameras_are_named_by_their_folder_or_by_what_their_files_begin_with(tmp
     assert list(found) == ["front_cam", "left", folder]
     assert [len(files) for files in found.values()] == [2, 2, 2]
     assert find_images([str(tmp_path / "7.png")])[folder] == {"7": tmp_path / "7.png"}
+
+
+def test_a_video_is_images_spread_over_it_by_their_number(tmp_path):
+    video = cv2.VideoWriter(str(tmp_path / "my board.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (64, 48))
+    for number in range(200):
+        video.write(np.full((48, 64, 3), number, np.uint8))
+    video.release()
+    images = find_images([str(tmp_path / "my board.avi")])["my_board"]
+    assert len(images) == 80
+    assert [*images][:2] + [*images][-1:] == ["000000", "000003", "000199"]
+    levels = [float(image.mean()) for image in images.values()]
+    np.testing.assert_allclose(levels, [int(number) for number in images], atol=2.0)
+    assert {image.shape for image in images.values()} == {(48, 64)}

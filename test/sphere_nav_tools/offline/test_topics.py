@@ -117,10 +117,13 @@ def test_several_cameras_localize_by_the_map_of_their_rig_or_by_their_own_calibr
     assert "choose by --image" in offer_localize(recording(RIG[0], RIG[1])).missing
 
 
-def test_bare_geometry_needs_odometry_and_the_height_of_the_camera():
+def test_bare_geometry_needs_the_height_of_the_camera_and_names_odometry_that_is_missing():
     one = (RIG[0], INFOS[0])
     assert offer_mcl(recording(*one, ODOM, tree=MOUNTED)).command[:3] == ["sphere_nav", "mcl", "CLOUD"]
-    assert offer_mcl(recording(*one, tree=MOUNTED)).missing.startswith("expected odometry (nav_msgs/Odometry, or")
+    alone = offer_mcl(recording(*one, tree=MOUNTED))
+    assert alone.command[:3] == ["sphere_nav", "mcl", "CLOUD"]
+    assert alone.note.startswith("ready; without odometry (nav_msgs/Odometry, or")
+    assert "odometry" not in offer_mcl(recording(*one, ODOM, tree=MOUNTED)).note
     assert "base_link and front on /tf_static, or the height" in offer_mcl(recording(*one, ODOM)).missing
     assert offer_mcl(recording(*one, ODOM, mounting="0,0,1,0,0,0")).command
     moving = frames(("odom", "base_link"), is_static=False)

@@ -1,6 +1,7 @@
 """Folders of images, videos, rings of sensors and recorded sets become bags that the other commands read."""
 
 import json
+import shlex
 from dataclasses import replace
 
 import cv2
@@ -98,10 +99,47 @@ def test_a_video_of_one_camera_keeps_its_rate(tmp_path):
     assert np.diff(headers(tmp_path / "bag")["image_raw"]).tolist() == [40_000_000] * 2
 
 
+def test_a_360_video_becomes_images_that_say_they_are_whole_spheres(capsys, tmp_path):
+    video = cv2.VideoWriter(str(tmp_path / "walk.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (128, 64))
+    for number in range(3):
+        video.write(np.full((64, 128, 3), 40 * number, np.uint8))
+    video.release()
+    assert call("inspect", tmp_path / "walk.avi") == 0
+    [line] = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  sphere_nav import")]
+    words = shlex.split(line.replace("walk_bag", str(tmp_path / "bag")))  # as it is typed
+    assert call(*words[1:]) == 0
+    with BagReader(tmp_path / "bag") as bag:
+        [info, *_] = [item.message for item in bag.messages(["/sphere_info"])]
+        [image, *more] = [item.message for item in bag.messages(["/image_raw"])]
+    assert (info.width, info.height, info.frame_id) == (128, 64, image.header.frame_id)
+    assert len(more) == 2
+    capsys.readouterr()
+    call("inspect", tmp_path / "bag")
+    printed = capsys.readouterr().out
+    assert "sphere_nav localize MAP" in printed
+    assert "is_panorama" not in printed  # it is told
+    assert "one camera alone cannot map: add depth" in printed
+
+
+def test_a_folder_that_is_no_bag_is_named_with_its_command(capsys, tmp_path):
+    write(tmp_path / "phone" / "1.png", wall(0.0))
+    for name in ("image_1.png", "range_1.png"):
+        write(tmp_path / "ring" / name, wall(0.0))
+    (tmp_path / "empty").mkdir()
+    assert call("inspect", tmp_path / "phone") == call("inspect", tmp_path / "ring") == 0
+    printed = capsys.readouterr().out
+    assert "1 images of 320 x 240" in printed
+    assert "phone_bag --camera 320,320,159.5,119.5" in printed
+    assert f"sphere_nav import spherical {tmp_path / 'ring'} -o ring_bag" in printed
+    assert call("inspect", tmp_path / "empty") == 2
+    assert call("import", "images", tmp_path / "phone", "-o", tmp_path / "bag", "--panorama") == 2
+    assert "phone: expected 2 H x H pixels of a whole sphere, found 320 x 240" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ((), "images: expected --rig, --camera (one camera, with --baseline a rectified pair) or --baseline"),
+        ((), "images: expected one of --rig, --camera (one camera, with --baseline a rectified pair), --panorama or"),
         (("--baseline", "-1"), "--baseline: expected a positive length in m"),
         (("--baseline", "0.3"), "expected a folder top of images or a video top.mp4, found left, right"),
         (
