@@ -17,6 +17,7 @@ from sphere_nav.localization import FINE, Finding, InputCheck, Reason
 from sphere_nav.localization.constants import SAMPLE_STEP
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.pixels.pyramid import match_sharpness
 from sphere_nav.spheres.range_alignment import DepthImage
 
 
@@ -53,8 +54,9 @@ class LocalizerInput:
 class Inputs:
     """Checks the streams of the cameras of one body."""
 
-    def __init__(self, params: LocalizerParams) -> None:
-        self._params = params
+    def __init__(self, params: LocalizerParams, pixels_per_radian: float) -> None:
+        """Check for a map whose key spheres have so many pixels per radian."""
+        self._params, self._pixels_per_radian = params, pixels_per_radian
         self.reset()
 
     def reset(self) -> None:
@@ -89,6 +91,7 @@ class Inputs:
             findings.append(replace(finding, detail=f"camera {one.name}: {finding.detail}") if one.name else finding)
             if finding.reason is Reason.NONE:
                 pyramid = build_pyramid(one.image, one.camera, self._params.registration.pyramid)
+                pyramid = match_sharpness(pyramid, self._pixels_per_radian)
                 usable.append(RigImage(pyramid, _mount_at_stamp(one, velocity), name=one.name))
         finding = next((one for one in findings if one.reason is not Reason.NONE), FINE)
         seen = next((one for one in images if one.depth is not None), None)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -128,6 +128,9 @@ class References:
         self._pixels = PixelPrefetch(params.registration, is_live=is_live)
         self._prefetched: NDArray[np.float64] | None = None
         self._last: tuple[Camera, tuple[int, ...]] | None = None  # camera and key spheres of the last choice
+        first = sphere_map.load_sphere(min(sphere_map.graph.nodes)).camera
+        self.pixels_per_radian = first.pixels_per_radian
+        self._window_rad = contrast_window(first)  # of local contrast, the same in all images and key spheres
 
     def close(self) -> None:
         """End what is being prepared; nothing can be chosen any more."""
@@ -280,11 +283,6 @@ class References:
         """Return a prepared sphere with the pixels that were chosen last."""
         self._pixels.use(key)
         return self._spheres.get(key)
-
-    @cached_property
-    def _window_rad(self) -> float:
-        """The window of local contrast, the same in all images and key spheres; read where key spheres are prepared."""
-        return contrast_window(self._map.load_sphere(min(self._map.graph.nodes)).camera)
 
     def _in_contrast(self, one: RigImage) -> RigImage:
         """Return an image by its local contrast; those of the latest instant are kept."""

@@ -14,6 +14,7 @@ MIN_VIEW_PIXELS = 50  # fewest of a view, or of such a level, to be used; test_o
 MAX_SHIFT = 0.1  # of the image's width: a selection is used again while the image has moved less; test_selection
 LATE_SHIFT = 0.2  # the same, while another thread selects; test_selection
 OVERLAP_CELL = 3  # pixels of the coarsest level: so wide that a covered cell holds a reference pixel; test_overlap
+SHARPER_LEVELS, MIN_LEVELS = 0.35, 2  # an image of 0.8 to 1.6 times the pixels of the map; levels kept; test_pyramid
 CONE_GRID = 33  # rows and columns of pixels that show what a camera sees; test_selection
 CONE_MARGIN = np.radians(3.0)  # of the cone: rays bend between two of those pixels; test_selection
 SQUARE_MARGIN = 1e-4  # rad, of the cone of a square: float32; pixels/test_kernels

@@ -18,7 +18,7 @@ SECOND = 10**9
 def test_a_black_image_leaves_the_other_cameras_and_is_named(room):
     good = CameraImage(room.photograph(PINHOLE, at(0.0)), PINHOLE, MOUNT, "front")
     black = CameraImage(np.zeros((120, 160), np.uint8), PINHOLE, MOUNT, "back")
-    inputs = Inputs(PARAMS)
+    inputs = Inputs(PARAMS, 1e6)
     report = inputs.check((good, black), SECOND)
     assert [image.name for image in report.images] == ["front"]
     assert report.finding.reason is Reason.LOW_TEXTURE
@@ -30,7 +30,7 @@ def test_a_camera_that_was_later_is_where_the_body_went(room):
     image = room.photograph(PINHOLE, at(0.0))
     later = CameraImage(image, PINHOLE, MOUNT, "side", delay_s=0.01)
     step = SE3.exp([1.0, 0.2, 0.0, 0.0, 0.0, 0.5])  # in a second
-    (seen,) = Inputs(PARAMS).check((later,), 3 * SECOND, velocity=step.log()).images
+    (seen,) = Inputs(PARAMS, 1e6).check((later,), 3 * SECOND, velocity=step.log()).images
     expected = step @ SE3.exp(0.01 * step.log()) @ MOUNT
     np.testing.assert_allclose(seen.pose(step).matrix, expected.matrix, atol=1e-12)
 
@@ -39,7 +39,7 @@ def test_still_images_are_a_fault_of_a_camera_that_moves_or_may(room):
     """From 0.05 m/s on it moves."""
     for speed, reason in [(0.04, Reason.NONE), (0.06, Reason.FROZEN), (None, Reason.FROZEN)]:
         params = build(LocalizerParams, SMALL_IMAGES | {"input.allow_still": True})
-        inputs, image = Inputs(params), CameraImage(room.photograph(PINHOLE, at(0.0)), PINHOLE)
+        inputs, image = Inputs(params, 1e6), CameraImage(room.photograph(PINHOLE, at(0.0)), PINHOLE)
         velocity = None if speed is None else speed * np.array([0.0, 0.6, 0.8, 5.0, 0.0, 0.0])
         found = [inputs.check((image,), (k + 1) * SECOND // 20, velocity=velocity).finding for k in range(4)]
         assert found[-1].reason is reason
@@ -52,5 +52,5 @@ def test_still_images_are_a_fault_of_a_camera_that_moves_or_may(room):
 )
 def test_a_camera_stays_where_it_is_mounted_unless_the_body_is_known_to_have_moved(room, mount, delay_s, velocity):
     image = CameraImage(room.photograph(PINHOLE, at(0.0)), PINHOLE, mount, delay_s=delay_s)
-    (seen,) = Inputs(PARAMS).check((image,), SECOND, velocity=velocity).images
+    (seen,) = Inputs(PARAMS, 1e6).check((image,), SECOND, velocity=velocity).images
     assert seen.T_body_camera is mount

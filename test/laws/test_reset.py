@@ -95,7 +95,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                "waypoints way params offsets"),
     "ImageMotion": (lambda: ImageMotion(None), "reset", "map"),
     "InputCheck": (lambda: InputCheck(InputParams()), "reset", "params"),
-    "Inputs": (lambda: Inputs(LocalizerParams()), "reset", "params"),
+    "Inputs": (lambda: Inputs(LocalizerParams(), 1e6), "reset", "params pixels_per_radian"),
     "Integrity": (lambda: Integrity(SimpleNamespace(error=None), LocalizerParams()), "reset",
                   "references map_error params"),  # the map stays known
     "InterFrame": (lambda: InterFrame(RegistrationParams()), "reset", "params"),

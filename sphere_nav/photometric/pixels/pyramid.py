@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera, Spherical
 from sphere_nav.photometric.align.projection import KernelCamera, kernel_camera
+from sphere_nav.photometric.constants import MIN_LEVELS, SHARPER_LEVELS
 from sphere_nav.photometric.params import PyramidParams
 from sphere_nav.photometric.pixels import kernels
 
@@ -92,6 +94,16 @@ def build_pyramid(
     for smaller in cameras[1:]:
         levels.append(Level(_pad(_halve(levels[-1]), pad), smaller, pad))
     return Pyramid(tuple(levels))
+
+
+def match_sharpness(pyramid: Pyramid, pixels_per_radian: float) -> Pyramid:
+    """Leave out the levels that are sharper than what they are compared with can show.
+
+    Compared pixel by pixel, a sharp image resembles a blurred one little.
+    """
+    levels = pyramid.levels
+    finest = math.floor(math.log2(levels[0].camera.pixels_per_radian / pixels_per_radian) + SHARPER_LEVELS)
+    return Pyramid(levels[min(max(finest, 0), max(len(levels) - MIN_LEVELS, 0)) :])
 
 
 def check_image(image: Image, camera: Camera) -> None:

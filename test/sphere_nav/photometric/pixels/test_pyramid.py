@@ -5,6 +5,7 @@ import pytest
 
 from sphere_nav.geometry import Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, build_pyramid
+from sphere_nav.photometric.pixels.pyramid import match_sharpness
 
 
 def test_levels_halve_image_and_camera_together(rng):
@@ -29,3 +30,12 @@ def test_an_image_of_another_size_or_kind_is_refused():
     for image in [np.zeros((30, 41), np.uint8), np.zeros((30, 40, 3), np.uint8), np.zeros((30, 40))]:
         with pytest.raises(ValueError, match="image: expected"):
             build_pyramid(image, Pinhole(40, 30, 30.0, 30.0, 19.5, 14.5))
+
+
+@pytest.mark.parametrize(("sharper", "width"), [(0.1, 160), (1.5, 160), (1.6, 80), (3.1, 80), (3.2, 40), (99.0, 40)])
+def test_an_image_much_sharper_than_the_map_is_compared_as_the_map_can_show_it(sharper, width):
+    camera = Pinhole(160, 120, 310.0, 310.0, 79.5, 59.5)
+    pyramid = build_pyramid(np.zeros((120, 160), np.uint8), camera, PyramidParams(num_levels=4, min_side=8))
+    found = match_sharpness(pyramid, camera.pixels_per_radian / sharper)
+    assert found.cameras[0].width == width
+    assert found.levels[-1] is pyramid.levels[-1]
