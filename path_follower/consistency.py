@@ -26,6 +26,7 @@ from path_follower.constants import (
     COMMAND_ERRORS,
     MAX_GAP_NS,
     MAX_ODOMETRY_SILENCE,
+    MAX_YAW_DEVIATION,
     RELEVANT,
     SLOW_SIGMAS,
     STILL,
@@ -266,7 +267,7 @@ def judge_covariance(covariance: Array | None, limits: SafetyParams) -> Doubt:
         return Doubt(StopVerdict(StopReason.POSE_UNCERTAIN, detail=found))
     position = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
     yaw = math.sqrt(max(float(covariance[2, 2]), 0.0))
-    checks = ((position, limits.max_deviation, "m"), (yaw, limits.max_yaw_deviation, "rad"))
+    checks = ((position, limits.max_deviation, "m"), (yaw, MAX_YAW_DEVIATION, "rad"))
     value, limit, unit = max(checks, key=lambda check: check[0] / check[1])
     if value <= limit:
         return Doubt()

@@ -22,6 +22,7 @@ SAME_DIRECTION = 0.3  # rad: passes of the path turned this much more than the b
 SEARCH_WINDOW = 2.0  # m ahead of the last place on the path within which the next one is looked for; test_safety
 
 # Control law
+K_X = 0.8  # 1/m, gain of the longitudinal error (M15 eq. 25); test_speed
 EPSILON = 0.1  # m/s, keeps the longitudinal gain alive where U* is 0 (M15 eq. 25); test_speed
 GOAL_TOLERANCE = 0.05  # m before its end a segment is finished; test_speed
 MAX_BANDWIDTH = 2.5  # rad/s; of the loop in time at most: docs/notes/control_loop.md, chosen on S-curves; test_speed
@@ -39,6 +40,8 @@ SAME_SPEED = 1e-12  # m/s below which easing is at its goal; test_vehicle
 MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits: two images of 10 Hz; test_vehicle
 
 # Stops
+MAX_SCAN_SILENCE = 0.4  # s, once there was a scan: as of odometry; test_safety
+MAX_YAW_DEVIATION = 0.25  # rad of standard deviation: drives slowly above it, stops above twice; test_consistency
 REACTION = 0.3  # s until the brakes act: dead time, lag and an image; test_obstacles
 SWEEP_STEP = 0.2  # m between the footprints that are checked: half the smallest thing to stop for; test_obstacles
 ACROSS = 7  # places across the way that beams must have measured: 0.25 m apart; test_obstacles

@@ -83,7 +83,7 @@ class Follower(Arming):
         self.location = replace(here, arc_length=self.location.arc_length) if self.is_standing else here
         predicted = self.predictor.predict(pose, self.watch.pose_ns, now_ns, self.measured_speed)
         ahead = path.advance(predicted, self.location, window)
-        virtual = path.at(ahead.arc_length + self.params.steering.distance, ahead.segment)
+        virtual = path.at(ahead.arc_length, ahead.segment)
         remaining = path.end_of(ahead.segment) - ahead.arc_length
         return TrackingError(errors_of(predicted, virtual), virtual, self.location, remaining)
 
@@ -120,7 +120,7 @@ class Follower(Arming):
         curvature = curvature_law(tracking.reference, tracking.errors, self.params.steering, self.limiter.last.speed)
         if not self.mode.is_driving:
             return 0.0, curvature
-        speed = speed_law(tracking.reference, tracking.errors.longitudinal, self.params.speed)
+        speed = speed_law(tracking.reference, tracking.errors.longitudinal)
         is_starting = self.limiter.is_starting(curvature)
         slow = self.params.speed.slow if self.watch.is_slow else self.params.vehicle.max_speed
         coming = eased_speed(self.path, tracking, self.limiter.last, self.limiter.gain, self.params.vehicle)

@@ -72,14 +72,13 @@ class PathParams:
 
 @parameters
 class SpeedParams:
-    """The speeds U* along the trajectory, and the longitudinal part of the law (M15 eq. 25)."""
+    """The speeds U* along the trajectory."""
 
     cruise: float = param(1.4, "speed where nothing asks for less", "m/s", low=0.05, is_live=True)
     is_as_taught: bool = param(True, "not faster than the taught drive, where it has stamps")
     lateral_acceleration: float = param(1.0, "largest lateral acceleration in bends", "m/s^2", low=0.01)
     slow: float = param(0.5, "largest speed while the localisation is DEGRADED", "m/s", low=0.0, is_live=True)
     creep: float = param(0.1, "speed of the last steps and while the wheels turn at a start", "m/s", low=0.01)
-    k_x: float = param(0.8, "gain of the longitudinal error", "1/m", low=0.0)
 
 
 @parameters
@@ -90,7 +89,6 @@ class SteeringParams:
         0.81, "gain of the lateral error: the square of the natural frequency along the way", "1/m^2", low=0.0
     )
     k_psi: float = param(1.8, "gain of the heading error: twice damping times natural frequency", "1/m", low=0.0)
-    distance: float = param(0.0, "virtual vehicle ahead of the predicted position (d of M15)", "m", low=0.0)
 
 
 @parameters
@@ -107,7 +105,6 @@ class SafetyParams:
     max_deviation: float = param(
         0.5, "standard deviation of the position above which it drives slowly; above twice that it stops", "m", low=0.01
     )
-    max_yaw_deviation: float = param(0.25, "the same of the heading", "rad", low=0.01)
     is_motion_checked: bool = param(True, "stop where the pose moves otherwise than wheels (odom) and commands")
     resume: str = param(
         "moving",
@@ -120,7 +117,6 @@ class SafetyParams:
         1.0, "largest difference to the heading of the path", "rad", low=0.1, high=3.2, is_live=True
     )
     is_scan_required: bool = param(False, "stop if no scan comes")
-    max_scan_silence: float = param(0.4, "longest time without a scan, once there was one", "s", low=0.01)
     obstacle_margin: float = param(0.15, "added to every side of the body", "m", low=0.0, is_live=True)
 
 

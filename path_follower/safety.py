@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from path_follower.consistency import Doubt
-from path_follower.constants import MIN_POINTS, SEARCH_WINDOW
+from path_follower.constants import MAX_SCAN_SILENCE, MIN_POINTS, SEARCH_WINDOW
 from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
@@ -173,7 +173,7 @@ class SafetyMonitor:
         return FINE
 
     def _judge_scan(self, now_ns: int) -> StopVerdict:
-        limit, why = self.params.safety.max_scan_silence, self.scan_refusal
+        limit, why = MAX_SCAN_SILENCE, self.scan_refusal
         refused = f" (refused: {why})" if why else ""
         if self.scan_ns < 0:
             missing = StopVerdict(StopReason.SCAN_TIMEOUT, 0.0, limit, f"no scan yet{refused}")

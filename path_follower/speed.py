@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from path_follower.command import TrackingError
-from path_follower.constants import EPSILON, GOAL_TOLERANCE
+from path_follower.constants import EPSILON, GOAL_TOLERANCE, K_X
 from path_follower.params import FollowerParams, SpeedParams, VehicleParams
 from path_follower.path import ReferencePath, ReferencePoint
 from path_follower.vehicle import Motion
 from sphere_nav.geometry.arrays import Array
 
 
-def speed_law(reference: ReferencePoint, e_x: float, params: SpeedParams) -> float:
+def speed_law(reference: ReferencePoint, e_x: float) -> float:
     """Return U = U* - k_x (|U*| + epsilon) e_x (eq. 25) in m/s, never against the direction of the segment."""
-    speed = reference.speed - params.k_x * (abs(reference.speed) + EPSILON) * e_x
+    speed = reference.speed - K_X * (abs(reference.speed) + EPSILON) * e_x
     return reference.direction * max(0.0, reference.direction * speed)
 
 

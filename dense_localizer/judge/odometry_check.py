@@ -7,7 +7,6 @@ both is estimated from how their motions differ, by the change of the motion wit
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +24,7 @@ from dense_localizer.constants import (
 from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.odometry import PoseBuffer
 from sphere_nav.localization.status import FINE, Finding, Reason
 
 
@@ -47,7 +47,7 @@ class OdometryCheck:
 
     def reset(self) -> None:
         """Nothing is known: the stream or the map is another, or an operator has said where the camera is."""
-        self._samples: deque[OdometrySample] = deque()
+        self._samples = PoseBuffer[OdometrySample]()  # odometry at the stamps of images
         self._trusted: OdometrySample | None = None
         self._driven = np.zeros(2)  # m and rad that odometry has driven since the last trusted place
         self._last_odom: SE3 | None = None
@@ -59,7 +59,7 @@ class OdometryCheck:
     def propagate(self, T_odom_camera: SE3 | None, *, is_trusted: bool) -> None:
         """Note odometry at the stamp of an image, placed or not; whether the last one placed is trusted."""
         if is_trusted and self._is_new:
-            self._trusted, self._driven, self._is_new = self._samples[-1], np.zeros(2), False
+            self._trusted, self._driven, self._is_new = self._samples[-1][2], np.zeros(2), False
         self._is_trusted = is_trusted
         if T_odom_camera is not None and self._last_odom is not None:
             self._driven = self._driven + np.array(self._last_odom.distance(T_odom_camera))
@@ -93,11 +93,8 @@ class OdometryCheck:
             self._dispute, self._trusted = FINE, None  # it has held for long
         elif self._dispute is FINE and not self._is_trusted:
             self._check_place(sample)
-        self._samples.append(sample)
-        while (
-            self._samples
-            and sample.stamp_ns - self._samples[0].stamp_ns > (MOTION_INTERVAL_S + 2 * MOTION_SHIFT_S) * 1e9
-        ):
+        self._samples.append((sample.stamp_ns, sample.T_odom_camera, sample))
+        while self._samples and sample.stamp_ns - self._samples[0][0] > (MOTION_INTERVAL_S + 2 * MOTION_SHIFT_S) * 1e9:
             self._samples.popleft()
         if sample.stamp_ns - self._compared_ns >= MOTION_INTERVAL_S * 1e9:
             self._compare(sample)
@@ -119,28 +116,19 @@ class OdometryCheck:
     def _compare(self, now: OdometrySample) -> None:
         """Compare the motions over the last interval; add what they show of the delay."""
         first = next(
-            (one for one in self._samples if now.stamp_ns - one.stamp_ns <= (MOTION_INTERVAL_S + 0.02) * 1e9), now
+            (one for _, _, one in self._samples if now.stamp_ns - one.stamp_ns <= (MOTION_INTERVAL_S + 0.02) * 1e9), now
         )
         shift_ns = int(MOTION_SHIFT_S * 1e9)
-        ends = self._interpolate(first.stamp_ns - shift_ns), self._interpolate(now.stamp_ns - shift_ns)
+        ends = [self._samples.at(one.stamp_ns - shift_ns) for one in (first, now)]
         if first is now or ends[0] is None or ends[1] is None:
             return
         self._compared_ns = now.stamp_ns
         T_odometry = first.T_odom_camera.inverse() @ now.T_odom_camera
         T_images = first.T_map_camera.inverse() @ now.T_map_camera
         residual = (T_odometry.inverse() @ T_images).log()
-        change = (T_odometry.inverse() @ ends[0].inverse() @ ends[1]).log() / MOTION_SHIFT_S
+        change = (T_odometry.inverse() @ ends[0][0].inverse() @ ends[1][0]).log() / MOTION_SHIFT_S
         meters, radians = first.T_odom_camera.distance(now.T_odom_camera)
         sigma = np.hypot(np.repeat([self._error * meters, self._error * radians], 3), COMPARISON_SIGMA)
         weight = 1.0 / (sigma**2 + np.diagonal(first.covariance) + np.diagonal(now.covariance))
         self._information = DELAY_FORGETTING * self._information + float(change @ (weight * change))
         self._score = DELAY_FORGETTING * self._score + float(change @ (weight * residual))
-
-    def _interpolate(self, stamp_ns: int) -> SE3 | None:
-        """Return odometry between two images; None where it is not known."""
-        for before, after in zip(self._samples, list(self._samples)[1:], strict=False):
-            if before.stamp_ns <= stamp_ns <= after.stamp_ns:
-                share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
-                step = (before.T_odom_camera.inverse() @ after.T_odom_camera).log()
-                return before.T_odom_camera @ SE3.exp(share * step)
-        return None

@@ -14,7 +14,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from path_follower.path import Pose2
-from path_follower.routes.constants import TICK
+from path_follower.routes.constants import MAX_TURN, TICK
 from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState, Request
 from path_follower.routes.mission_file import read_mission, state_folder, write_course, write_mission
 from path_follower.routes.network_file import network_path, read_network, to_geojson
@@ -141,7 +141,7 @@ class RouteNavigator(ManagedNode):
         elif mission.pose is None:
             raise ValueError("start: expected a place, or a pose of the vehicle, found neither")
         else:
-            starts = self.network.locate(mission.pose[0], p.reach, p.max_turn)
+            starts = self.network.locate(mission.pose[0], p.reach, MAX_TURN)
         goals = mission.spots_of(Goal(request.place))
         route = plan(self.network, starts, goals, cruise=p.cruise, closed=mission.closed_now(self.now()))
         response.success, response.edges = True, [leg.name for leg in route.legs]

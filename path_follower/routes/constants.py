@@ -29,6 +29,8 @@ TURN_RATE = 1.2  # 1/m of steering angle a metre, rad: at 0.6 m/s the wheels tur
 
 # Missions (test_mission)
 TICK = 0.2  # s
+MAX_SILENCE = 2.0  # s without pose, status of the localiser or of the follower
+MAX_TURN = 0.35  # rad, 20 deg, between the vehicle, or a goal, and the heading of the network
 CALL_PATIENCE = 5.0  # s for an answer of the follower
 STEADY = 1.0  # s of TRACKING before a start
 PAUSE_RETRY = 1.0  # s between two requests to pause

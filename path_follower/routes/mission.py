@@ -25,6 +25,8 @@ from path_follower.routes.constants import (
     BEHIND_FRONT,
     CALL_PATIENCE,
     LATE,
+    MAX_SILENCE,
+    MAX_TURN,
     PAUSE_RETRY,
     RETRY,
     SMOOTHED,
@@ -143,7 +145,7 @@ class Mission:
             self.progress = max(self.progress, way)
 
     def _has_heard(self, now: float) -> bool:
-        return self._heard is not None and now - self._heard[1] <= self.params.max_silence
+        return self._heard is not None and now - self._heard[1] <= MAX_SILENCE
 
     def _way_of(self, view: FollowerView, course: Course | None = None) -> float | None:
         """Return how far the follower is on a course in m, which it has smoothed; None: it has another path.
@@ -322,13 +324,13 @@ class Mission:
 
     def _lacks(self, now: float) -> str:
         """Return what keeps a mission from starting, in one line."""
-        if self.localizer is None or now - self.localizer[1] > self.params.max_silence:
+        if self.localizer is None or now - self.localizer[1] > MAX_SILENCE:
             return "no status of the localiser: see that it runs"
         if self.localizer[0] != State.TRACKING:
             return f"the localiser is {self.localizer[0]}: wait for TRACKING, or call its relocalize"
-        if self.pose is None or now - self.pose[1] > self.params.max_silence:
+        if self.pose is None or now - self.pose[1] > MAX_SILENCE:
             return "no pose: see the localiser and the topic of the pose"
-        if self.view is None or now - self.view.at > self.params.max_silence:
+        if self.view is None or now - self.view.at > MAX_SILENCE:
             return SILENT
         return "path_follower is under way" if self.view.state in UNDER_WAY else ""
 
@@ -341,8 +343,8 @@ class Mission:
 
     def _drive(self, now: float) -> Request | None:
         view = self.view
-        if view is None or now - view.at > self.params.max_silence:
-            if now - self._since > self.params.max_silence:
+        if view is None or now - view.at > MAX_SILENCE:
+            if now - self._since > MAX_SILENCE:
                 self._go(MissionState.HELD, now, "no status of path_follower: see that it runs, then call resume")
         elif (
             view.state == FollowerState.FINISHED and self.progress > (self.course.length if self.course else 0.0) - 1.0
@@ -352,7 +354,7 @@ class Mission:
             self._stopped(view, now)
         elif view.state in (*ON_THE_MOVE, FollowerState.STOPPING):
             self.reason = f"{view.reason}: {view.remedy}" if view.reason else ""
-        elif now - self._since > self.params.max_silence:
+        elif now - self._since > MAX_SILENCE:
             self._go(MissionState.HELD, now, f"path_follower is {view.state}, it began anew: call resume")
         return None
 
@@ -471,7 +473,7 @@ class Mission:
         """Return where on the network a goal is; ValueError for one that is not there."""
         if goal.place or goal.pose is None:
             return self.network.spots_of(self.network.node_of(goal.place))
-        spots = self.network.locate(goal.pose, self.params.reach, self.params.max_turn)
+        spots = self.network.locate(goal.pose, self.params.reach, MAX_TURN)
         if not spots:
             expected = f"one within {self.params.reach:g} m of the network, heading along it"
             raise ValueError(f"pose: expected {expected}, found x {goal.pose.x:.2f}, y {goal.pose.y:.2f}")
@@ -487,7 +489,7 @@ class Mission:
         if self.goal is None or self.pose is None:
             raise ValueError("no goal, or no pose")
         closed, cruise = self.closed_now(now), self.params.cruise
-        starts = self.network.locate(self.pose[0], self.params.reach, self.params.max_turn)
+        starts = self.network.locate(self.pose[0], self.params.reach, MAX_TURN)
         if not starts:
             raise ValueError(
                 f"no way: expected a vehicle within {self.params.reach:g} m of the network, heading along it"

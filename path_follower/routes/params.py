@@ -16,12 +16,8 @@ class MissionParams:
     reach: float = param(
         1.0, "largest distance of the vehicle, or of a goal, from the network", "m", low=0.05, high=3.0
     )
-    max_turn: float = param(0.35, "largest difference to the heading of the network, 20 deg", "rad", low=0.02, high=0.8)
     patience: float = param(15.0, "how long an obstacle may stand before another way is taken", "s", low=0.0)
     memory: float = param(300.0, "how long an edge counts as closed for an obstacle", "s", low=0.0)
-    max_silence: float = param(
-        2.0, "longest time without pose, status of the localiser or of path_follower", "s", low=0.2
-    )
     is_resuming: bool = param(True, "go on by itself where a pose, a status or a scan was missing and is back")
 
 

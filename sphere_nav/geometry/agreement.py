@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
 from sphere_nav.geometry.arrays import PLANAR, Array
+from sphere_nav.geometry.odometry import PoseBuffer
 from sphere_nav.geometry.se3 import SE3
 
 LIMIT = math.sqrt(16.266)  # chi^2 of three degrees of freedom, 99.9 %
@@ -33,19 +33,12 @@ class Difference:
         return f"{self.meters:.2f} m, {turn:.1f} deg apart: {self.distance:.1f} standard deviations, limit {LIMIT:.1f}"
 
 
-@dataclass(frozen=True)
-class _Item:
-    stamp_ns: int
-    pose: SE3
-    covariance: Array
-
-
 class Agreement:
     """Remembers the poses of two sources, 0 and 1; stamps need not be the same, but must be `max_gap_s` close."""
 
     def __init__(self, max_gap_s: float = 1.0) -> None:
         self._max_gap_ns = round(max_gap_s * 1e9)
-        self._sources: tuple[deque[_Item], deque[_Item]] = (deque(maxlen=MEMORY), deque(maxlen=MEMORY))
+        self._sources = PoseBuffer[Array](maxlen=MEMORY), PoseBuffer[Array](maxlen=MEMORY)
 
     def clear(self) -> None:
         """Forget everything, as after a jump of the clock."""
@@ -55,32 +48,17 @@ class Agreement:
     def add(self, source: int, stamp_ns: int, pose: SE3, covariance: Array) -> Difference | None:
         """Take a pose with its local covariance (6, 6); return the difference where both are known at one time."""
         own, other = self._sources[source], self._sources[1 - source]
-        if own and stamp_ns <= own[-1].stamp_ns:
+        if own and stamp_ns <= own[-1][0]:
             return None
-        item = _Item(stamp_ns, pose, np.asarray(covariance, dtype=np.float64))
-        own.append(item)
-        there = self._at(other, stamp_ns)
+        here = pose, np.asarray(covariance, dtype=np.float64)
+        own.append((stamp_ns, *here))
+        there = other.at(stamp_ns, self._max_gap_ns)
         if there is not None:
-            return difference(item.pose, item.covariance, there.pose, there.covariance)
-        for passed in reversed(other):
-            here = self._at(own, passed.stamp_ns)
-            if here is not None:
-                return difference(here.pose, here.covariance, passed.pose, passed.covariance)
-        return None
-
-    def _at(self, items: deque[_Item], stamp_ns: int) -> _Item | None:
-        """Return the pose at a stamp between two that are close enough."""
-        after = None
-        for before in reversed(items):
-            if before.stamp_ns == stamp_ns:
-                return before
-            if before.stamp_ns < stamp_ns:
-                if after is None or after.stamp_ns - before.stamp_ns > self._max_gap_ns:
-                    return None
-                share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
-                pose = before.pose @ SE3.exp(share * (before.pose.inverse() @ after.pose).log())
-                return _Item(stamp_ns, pose, after.covariance)
-            after = before
+            return difference(*here, *there)
+        for passed_ns, passed, passed_covariance in reversed(other):
+            between = own.at(passed_ns, self._max_gap_ns)
+            if between is not None:
+                return difference(*between, passed, passed_covariance)
         return None
 
 

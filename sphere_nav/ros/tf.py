@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections import deque
 from collections.abc import Iterable
 from typing import Protocol
 
-import numpy as np
 from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.odometry import PoseBuffer, move_on
 from sphere_nav.ros import qos
 from sphere_nav.ros.constants import LOG_PERIOD_S, PARENT_HOLD_NS, TF_MEMORY_NS
 from sphere_nav.ros.conversions import se3_to_transform, stamp_ns, transform_to_se3
@@ -37,7 +35,7 @@ class TransformTree:
         self._memory_ns = memory_ns
         self._parents: dict[str, str] = {}
         self._static: dict[str, SE3] = {}
-        self._moving: dict[str, deque[tuple[int, SE3]]] = {}
+        self._moving: dict[str, PoseBuffer[None]] = {}
 
     def add(self, message: TransformStamped, *, is_static: bool = False) -> str:
         """Add T_parent_child; return what had to give way for it in one line, mostly nothing.
@@ -112,14 +110,14 @@ class TransformTree:
         self._moving.clear()
 
     def _remember(self, child: str, stamp: int, T_parent_child: SE3) -> None:
-        history = self._moving.setdefault(child, deque())
+        history = self._moving.setdefault(child, PoseBuffer())
         if history and stamp < history[-1][0]:
             if history[-1][0] - stamp > self._memory_ns:
                 history.clear()
             else:
                 return
         if not history or stamp > history[-1][0]:
-            history.append((stamp, T_parent_child))
+            history.append((stamp, T_parent_child, None))
         while stamp - history[0][0] > self._memory_ns:
             history.popleft()
 
@@ -138,13 +136,13 @@ class TransformTree:
 
     def carry_on(self, child: str, stamp: int, max_age_ns: int) -> SE3 | None:
         """Return T_parent_child of a frame that moves at a stamp in ns, for a short time as it moved last."""
-        history = self._moving.get(child) or deque()
+        history = self._moving.get(child) or PoseBuffer[None]()
         if len(history) < 2 or not history[0][0] <= stamp <= history[-1][0] + max_age_ns:
             return None
         if stamp <= history[-1][0]:
             return self._one(child, stamp)
         before = next((entry for entry in reversed(history) if history[-1][0] - entry[0] >= max_age_ns), history[0])
-        return _between(before, history[-1], stamp)
+        return move_on(before[1], history[-1][1], (stamp - before[0]) / (history[-1][0] - before[0]))
 
     def _chain(self, frame: str) -> list[str]:
         chain = [frame]
@@ -169,14 +167,11 @@ class TransformTree:
             raise TransformError(f"{name}: nothing heard since the clock jumped")
         if stamp is None:
             return history[-1][1]
-        first, last = history[0][0], history[-1][0]
-        if not first <= stamp <= last:
-            late = (stamp - last) / 1e9 if stamp > last else (stamp - first) / 1e9
+        known = history.at(stamp)
+        if known is None:
+            late = (stamp - history[-1 if stamp > history[-1][0] else 0][0]) / 1e9
             raise TransformError(f"{name}: expected stamp {stamp / 1e9:.3f} s, found up to {late:+.3f} s away")
-        after = bisect_left(history, stamp, key=lambda entry: entry[0])
-        if history[after][0] == stamp:
-            return history[after][1]
-        return _between(history[after - 1], history[after], stamp)
+        return known[0]
 
     def _ancestors(self, frame: str) -> list[str]:
         known = frame in self._parents or frame in self._parents.values()
@@ -262,9 +257,3 @@ class TransformBroadcaster:
             self._told |= {transform.child_frame_id: transform for transform in transforms}
             transforms = list(self._told.values())
         self._output.publish(TFMessage(transforms=transforms))
-
-
-def _between(before: tuple[int, SE3], after: tuple[int, SE3], stamp: int) -> SE3:
-    share = (stamp - before[0]) / (after[0] - before[0])
-    between = (before[1].inverse() @ after[1]).log()
-    return before[1] @ SE3.exp(share * np.asarray(between))

@@ -24,26 +24,26 @@ def reference(speed, direction=1):
 
 def test_a_vehicle_that_is_ahead_is_slower_by_what_equation_25_says():
     for ahead, speed in [(0.0, 1.4), (0.5, 0.8), (-0.5, 2.0)]:
-        assert speed_law(reference(1.4), ahead, SPEED) == pytest.approx(speed)
+        assert speed_law(reference(1.4), ahead) == pytest.approx(speed)
 
 
 def test_an_error_along_the_path_falls_by_a_factor_e_in_the_time_of_the_gain():
     virtual, vehicle, step = 0.0, 0.5, 0.001
-    seconds = 1 / 1.2  # error' = -k_x (U* + epsilon) error
+    seconds = 1 / 1.2  # error' = -K_X (U* + epsilon) error
     for _ in range(round(seconds / step)):
-        vehicle += speed_law(reference(1.4), vehicle - virtual, SPEED) * step
+        vehicle += speed_law(reference(1.4), vehicle - virtual) * step
         virtual += 1.4 * step
     assert vehicle - virtual == pytest.approx(0.5 / math.e, rel=1e-3)
 
 
 def test_backwards_the_law_mirrors():
-    assert speed_law(reference(-1.0, -1), 0.2, SPEED) == pytest.approx(-speed_law(reference(1.0), -0.2, SPEED))
+    assert speed_law(reference(-1.0, -1), 0.2) == pytest.approx(-speed_law(reference(1.0), -0.2))
 
 
 def test_a_vehicle_far_ahead_stands_and_does_not_drive_back():
-    assert speed_law(reference(0.5), 10.0, SPEED) == 0.0
-    assert speed_law(reference(-0.5, -1), -10.0, SPEED) == 0.0
-    assert speed_law(reference(0.0), -0.5, SPEED) == pytest.approx(0.04)  # it creeps to where it should stand
+    assert speed_law(reference(0.5), 10.0) == 0.0
+    assert speed_law(reference(-0.5, -1), -10.0) == 0.0
+    assert speed_law(reference(0.0), -0.5) == pytest.approx(0.04)  # it creeps to where it should stand
 
 
 def test_bends_are_slow_by_lateral_acceleration():

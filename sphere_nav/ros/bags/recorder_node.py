@@ -14,7 +14,7 @@ from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagWriter
 from sphere_nav.ros.bags.recording_sets import NAMES, belongs
-from sphere_nav.ros.constants import FLUSH_PERIOD, LOSS_PERIOD, OFFERS_PERIOD, TOPICS_PERIOD
+from sphere_nav.ros.constants import FLUSH_PERIOD, LOSS_PERIOD, OFFERS_PERIOD, RECORDER_QUEUE, TOPICS_PERIOD
 from sphere_nav.ros.interfaces import message_class
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import OK, WARN, ManagedNode
@@ -31,7 +31,6 @@ class RecorderParams:
     topics: str = param("", "topics to record, separated by spaces")
     topic_set: str = param("", "record every topic of a kind: all of them, or those of a set", choices=NAMES)
     compressed: bool = param(True, "compress with zstd; not worth it for raw images of a noisy camera")
-    queue: int = param(100, "messages of a topic that may wait while the disk is slow", "messages", low=1, high=10000)
 
 
 class BagRecorder(ManagedNode):
@@ -126,7 +125,7 @@ class BagRecorder(ManagedNode):
         if present is not None:
             self.remove_subscription(present)
         write = partial(self._write, topic)
-        profile = qos.adapted(offers, self.params.queue)
+        profile = qos.adapted(offers, RECORDER_QUEUE)
         wanted = self.add_subscription(topic, message_type, write, profile, is_required=False, raw=True)
         if present is not None:
             wanted.num_received, wanted.num_lost = present.num_received, present.num_lost

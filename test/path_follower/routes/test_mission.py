@@ -7,6 +7,7 @@ from path_follower.modes import WITHDRAWN, Event, Mode
 from path_follower.params import VehicleParams
 from path_follower.path import Pose2
 from path_follower.reasons import StopReason, StopVerdict
+from path_follower.routes.constants import MAX_SILENCE
 from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState
 from path_follower.routes.network import Spot
 from path_follower.routes.params import MissionParams
@@ -134,7 +135,7 @@ def test_a_goal_that_nobody_could_stop_is_refused(trip):
     """The permission of a follower that says nothing is not known, so a stop of it would not be seen."""
     trip.live(1.0)
     trip.silent = "follower"
-    trip.live(PARAMS.max_silence + TICK)
+    trip.live(MAX_SILENCE + TICK)
     with pytest.raises(ValueError, match="no status of path_follower: see that it runs"):
         trip.mission.begin(GOAL, trip.now)
 
