@@ -212,6 +212,16 @@ def test_a_held_place_is_doubted_after_a_contradiction_until_images_confirm_it_a
     assert doubts(None, 11, [seen(finding=SLIP), *[seen()] * 3]) is SLIP
 
 
+def test_a_contradiction_counts_as_the_worst_image_of_a_held_place():
+    grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
+
+    def chance(finding):
+        evidence = Evidence(grid, RATE)
+        return evidence.prove(Images(grid, 0, None), pose, seen(finding=finding), is_held=True).p_chance
+
+    assert chance(SLIP) > 2.0 * chance(FINE)
+
+
 def test_a_place_that_images_do_not_follow_from_is_a_start_on_trial():
     grid, pose = grid_of(), np.array([6.0, 5.0, 0.0])
     evidence = Evidence(grid, RATE)

@@ -84,6 +84,10 @@ def test_of_two_places_alike_none_is_taken_unless_drift_tells_them_apart():
     assert choose_candidate(far, 101, [here, there]) is None
     assert choose_candidate(far, 101, [here, replace(there, num_inliers=20)]) == here
     assert choose_candidate(far, 101, []) is None
+    near = Candidate(100, SE3.from_planar(-783.5, 0, 0), 58)  # 5 m beside `farther`, 784 m of way less: one place
+    farther = Candidate(2, SE3.from_planar(5.5, 0, 0), 60)
+    assert choose_candidate(far, 101, [near, farther]) == farther
+    assert choose_candidate(far, 101, [replace(near, num_inliers=62), farther]) == replace(near, num_inliers=62)
 
 
 def seen(graph, *, is_whole=True):

@@ -38,6 +38,9 @@ def test_folding_of_strong_distortion_is_refused():
     largest = fold * (1 - 0.1 * fold**2)
     rays = camera.unproject([[499.5 + 150 * (largest - 0.01), 499.5], [499.5 + 150 * (largest + 0.01), 499.5]])
     assert np.isfinite(rays).all(axis=-1).tolist() == [True, False]
+    unfolding = Fisheye(1000, 1000, 150.0, 150.0, 499.5, 499.5, (-0.1, 0.0044, 0.0, 0.0))  # grows again from 2.8 on
+    rays = unfolding.unproject([[499.5 + 150 * 1.36, 499.5], [499.5 + 150 * 1.38, 499.5]])  # the fold: 1.369
+    assert np.isfinite(rays).all(axis=-1).tolist() == [True, False]
 
 
 def test_wrong_coefficients_are_refused():

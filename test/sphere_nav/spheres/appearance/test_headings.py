@@ -7,6 +7,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.spheres.appearance.headings import (
+    GRID,
     TURN_RAD,
     cut_view,
     draw_sphere,
@@ -92,3 +93,12 @@ def test_of_what_no_camera_saw_nothing_is_compared():
     whole = cut_view(ROOM.photograph(PINHOLE, turned(0.5)), PINHOLE, T_BODY_OPTICAL)
     assert 0 < len(view.norm) < 0.7 * len(whole.norm)
     assert np.all(np.isfinite(view.direction))
+
+
+def test_the_strongest_half_of_the_edges_is_compared():
+    image = ROOM.photograph(PINHOLE, turned(0.5)).astype(np.float32)
+    v, u = np.indices((GRID.height, GRID.width))
+    _, is_seen = PINHOLE.project(GRID.unproject(np.stack([u, v], axis=-1)) @ T_BODY_OPTICAL.rotation)
+    view = cut_view(image, PINHOLE, T_BODY_OPTICAL)
+    assert 0.4 < len(view.row) / np.count_nonzero(is_seen) < 0.5  # cells with few of them are left out
+    assert np.mean(np.linalg.norm(view.direction, axis=1)) > 0.7  # 0.48 of all, 0.19 of the others

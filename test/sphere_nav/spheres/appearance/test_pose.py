@@ -3,7 +3,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.appearance.features import Features, features_of_image, features_of_sphere
-from sphere_nav.spheres.appearance.pose import _angles, find_pose
+from sphere_nav.spheres.appearance.pose import _angles, find_pose, match_features
 from worlds.room import optical, sharp_room
 
 # Written out: imported, a change would go unseen.
@@ -59,6 +59,17 @@ def synthetic(num, T_sphere_camera, seed=0, noise_rad=0.0):
     descriptors = (200 * np.eye(num, 128)).astype(np.uint8)
     query = Features(rays.astype(np.float32), np.full(num, np.nan, np.float32), descriptors)
     return query, Features((points / range_m[:, None]).astype(np.float32), range_m.astype(np.float32), descriptors)
+
+
+def test_a_feature_belongs_to_the_sharpest_match_and_to_none_where_two_are_as_sharp():
+    query, known = synthetic(4, SE3.identity())
+    descriptors = known.descriptors.copy()
+    descriptors[1], descriptors[0, 2] = descriptors[0], 40  # 0 and 1 look alike, 0 not quite as the query
+    twins = Features(known.rays, known.range_m, descriptors)
+    assert match_features(query, known).tolist() == [[0, 0], [1, 1], [2, 2], [3, 3]]
+    assert match_features(query, twins).tolist() == [[0, 1], [2, 2], [3, 3]]
+    descriptors[0] = descriptors[1]
+    assert match_features(query, twins).tolist() == [[2, 2], [3, 3]]
 
 
 T_SYNTHETIC = SE3.exp([0.4, -0.7, 0.2, 0.1, -0.2, 0.5])
