@@ -81,6 +81,11 @@ class PageClient:
         """Click a button."""
         self.set(label, True)
 
+    def hold(self, label):
+        """Say once that a button is held."""
+        uuid = self.find(label)
+        self._send("GuiButtonHoldMessage", uuid=uuid, frequency=self.parts[uuid]["_hold_callback_freqs"][0])
+
     def forge(self, uuid, value):
         """Say that a value has changed, whether it is shown here or not."""
         self._send("GuiUpdateMessage", uuid=uuid, updates={"value": value})

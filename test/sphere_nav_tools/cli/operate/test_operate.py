@@ -14,14 +14,10 @@ from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.operate import words
+from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_ahead
 from sphere_nav_tools.cli.operate.link import Link
-from sphere_nav_tools.cli.operate.page import COLORS, Desk
-from sphere_nav_tools.cli.operate.words import (
-    Heard,
-    banner,
-    ellipse,
-    places_of,
-)
+from sphere_nav_tools.cli.operate.page import possible
+from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, places_of, scale_bar, timeline
 
 
 @pytest.mark.parametrize(
@@ -160,31 +156,112 @@ class Scene:
 
 
 @pytest.fixture
-def desk():
-    desk = Desk.__new__(Desk)
-    camera = SimpleNamespace(position=(-3.0, 0.0, 25.0), look_at=(0.0, 0.0, 0.0))
-    desk.client = SimpleNamespace(scene=Scene(), camera=camera, atomic=nullcontext)
-    desk._drawn, desk._places, desk._middle = {}, [], np.zeros(3)
-    desk._follows, desk._place = SimpleNamespace(value=True), SimpleNamespace(options=(), value="")
-    return desk
+def chart():
+    camera = SimpleNamespace(position=(0.0, 0.0, 0.0), look_at=(0.0, 0.0, 0.0))
+    return Chart(SimpleNamespace(scene=Scene(), camera=camera, atomic=nullcontext))
 
 
-def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(desk):
+def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(chart):
     covariance = np.diag([0.09, 0.01])
-    desk._show_car((5.0, 3.0, np.pi / 2, covariance), 0.2)
-    assert desk._car.position == pytest.approx((5.0, 3.6, 0.3))
-    assert desk._car.wxyz == pytest.approx((np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
-    (box, _, values), (lines, _, outline) = desk.client.scene.added
-    assert (box, values["dimensions"], values["color"]) == ("box", (1.9, 1.2, 0.6), COLORS["car"])
-    assert (lines, outline["colors"]) == ("line_segments", COLORS["car"])
+    chart._show_car((5.0, 3.0, np.pi / 2, covariance), 0.2)
+    assert chart._car.position == pytest.approx((5.0, 3.0, 0.0))
+    assert chart._car.wxyz == pytest.approx((np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
+    (body,) = (values for kind, _, values in chart.client.scene.added if kind == "box")
+    assert (body["dimensions"], body["color"]) == ((1.9, 1.2, 0.6), COLORS["car"])
+    assert body["position"] == pytest.approx((0.6, 0.0, 0.3))
+    (outline,) = (values for _, name, values in chart.client.scene.added if name == "/covariance")
     low, high = outline["points"].min(axis=(0, 1)), outline["points"].max(axis=(0, 1))
-    np.testing.assert_allclose(low, [4.4, 2.8, 0.65], atol=0.01)
-    np.testing.assert_allclose(high, [5.6, 3.2, 0.65], atol=0.01)
-    desk._show_car((6.0, 3.0, 0.0, covariance), 0.9)
-    assert [kind for kind, *_ in desk.client.scene.added].count("box") == 1  # it moves
-    assert desk._car.position == pytest.approx((6.6, 3.0, 0.3))
-    desk._show_car((6.0, 3.0, 0.0, covariance), 1.1)
-    boxes = [values["color"] for kind, _, values in desk.client.scene.added if kind == "box"]
+    np.testing.assert_allclose(low, [-0.6, -0.2, 0.65], atol=0.01)
+    np.testing.assert_allclose(high, [0.6, 0.2, 0.65], atol=0.01)
+    chart._show_car((6.0, 3.0, 0.0, covariance), 0.9)
+    assert [kind for kind, *_ in chart.client.scene.added].count("box") == 1  # it moves
+    assert chart._car.position == chart._doubt.position == pytest.approx((6.0, 3.0, 0.0))
+    chart._show_car((6.0, 3.0, 0.0, covariance), 1.1)
+    boxes = [values["color"] for kind, _, values in chart.client.scene.added if kind == "box"]
     assert boxes == [COLORS["car"], COLORS["old"]]
-    desk._show_car(None, np.inf)
-    assert len([kind for kind, *_ in desk.client.scene.added if kind == "box"]) == 2
+    chart._show_car(None, np.inf)
+    assert len([kind for kind, *_ in chart.client.scene.added if kind == "box"]) == 2
+
+
+def test_a_view_glides_after_the_vehicle_and_never_jumps(chart):
+    chart.client.camera.position, chart.client.camera.look_at = (0.0, -0.02, 25.0), (0.0, 0.0, 0.0)
+    chart._goal = np.array([2.9, 0.0])
+    chart.glide()
+    assert chart.client.camera.look_at == (0.0, 0.0, 0.0)  # still in the middle
+    chart._goal, steps = np.array([30.0, 0.0]), []
+    for _ in range(200):
+        before = chart.client.camera.look_at[0]
+        chart.glide()
+        steps.append(chart.client.camera.look_at[0] - before)
+    assert 0.0 <= min(steps) <= max(steps) < 2.4
+    assert chart.client.camera.look_at[0] == pytest.approx(27.0, abs=0.1)
+    np.testing.assert_allclose(np.subtract(chart.client.camera.position, chart.client.camera.look_at), (0, -0.02, 25))
+    chart.follows, chart._goal = False, np.zeros(2)
+    chart.glide()
+    assert chart.client.camera.look_at[0] == pytest.approx(27.0, abs=0.1)
+
+
+def test_the_way_ahead_begins_where_the_vehicle_is():
+    path = np.column_stack([np.arange(11.0), np.zeros(11)])
+    assert way_ahead(path, SimpleNamespace(progress=4.0))[0].tolist() == [4.0, 0.0]
+    assert len(way_ahead(path, SimpleNamespace(progress=99.0))) == 2
+    assert way_ahead(None, SimpleNamespace(progress=4.0)) is None
+
+
+def test_a_click_is_where_its_ray_meets_the_ground():
+    assert ground_point((1.0, 2.0, 10.0), (0.3, 0.0, -1.0)).tolist() == pytest.approx([4.0, 2.0])
+    assert ground_point((1.0, 2.0, 10.0), (0.3, 0.0, 0.1)) is None
+
+
+@pytest.mark.parametrize(
+    ("state", "mission", "is_pressed", "shown"),
+    [
+        ("IDLE", "IDLE", False, {"start"}),
+        ("STOPPED", "IDLE", True, set()),
+        ("DRIVING", "IDLE", False, {"pause", "stop"}),
+        ("PAUSED", "IDLE", False, {"resume", "stop"}),
+        ("PAUSED", "IDLE", True, {"stop"}),
+        ("IDLE", "WAITING", False, {"pause", "stop"}),
+        ("", "IDLE", False, set()),
+    ],
+)
+def test_buttons_are_shown_where_they_do_something(state, mission, is_pressed, shown):
+    seen = Heard()
+    if state:
+        seen.hear("follower", SimpleNamespace(state=state, reason=""))
+    seen.hear("mission", SimpleNamespace(state=mission))
+    assert {name for name, is_shown in possible(seen, is_pressed).items() if is_shown} == shown
+
+
+def test_a_stop_is_offered_where_the_vehicle_has_gone_silent(monkeypatch):
+    seen = Heard()
+    seen.hear("follower", SimpleNamespace(state="IDLE", reason=""))
+    now = words.time.monotonic()
+    monkeypatch.setattr(words.time, "monotonic", lambda: now + 5.0)
+    assert possible(seen, False) == {"start": False, "resume": False, "pause": False, "stop": True}
+    assert "UNKNOWN silent" in timeline(seen)
+
+
+def test_health_tells_errors_first_and_forgets_who_has_ended(monkeypatch):
+    seen, now = Heard(), words.time.monotonic()
+    told = {"fine": (0, "10 Hz", now), "disk": (2, "full", now), "warm": (1, "hot", now), "late": (0, "", now - 9.0)}
+    seen.hear("diagnostics", told | {"gone": (2, "broken", now - 31.0)})
+    text = health(seen)
+    order = [text.index(word) for word in ("disk", "late", "warm", "fine")]
+    assert order == sorted(order)
+    assert "STALE</b> late" in text
+    assert "gone" not in text
+
+
+def test_the_time_line_keeps_states_as_long_as_they_last(monkeypatch):
+    seen, now = Heard(), words.time.monotonic()
+    for at, state in ((0.0, "IDLE"), (0.1, "IDLE"), (60.0, "DRIVING"), (60.5, "DRIVING")):
+        monkeypatch.setattr(words.time, "monotonic", lambda at=at: now + at)
+        seen.hear("follower", SimpleNamespace(state=state, reason="", remedy=""))
+    assert [state for _, state, _ in seen.past] == ["IDLE", "UNKNOWN", "DRIVING"]  # nothing was heard between
+
+
+def test_a_scale_is_a_round_length():
+    assert "width:100px" in scale_bar(0.05, 0.0)
+    assert "5 m" in scale_bar(0.05, 0.0)
+    assert "rotate(90)" in scale_bar(0.02, 90.0)

@@ -2,6 +2,8 @@
 
 import threading
 import time
+import urllib.error
+import urllib.request
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import pytest
 pytest.importorskip("viser", reason="optional: pip install viser")
 import rclpy
 from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
@@ -144,7 +146,7 @@ def test_commands_are_confirmed_by_the_node(follower, enter):
     follower.refusal = "OFF_PATH: 3 m, limit 1"
     page.click("start")
     page.wait_for("start: OFF_PATH: 3 m, limit 1")
-    page.click("go there")
+    page.click("make the way there")
     page.wait_for("expected one of route_navigator, found none")
 
 
@@ -181,6 +183,46 @@ def test_with_the_dead_mans_switch_a_lost_page_presses_the_emergency_stop_within
     time.sleep(1.0)
     assert follower.state == "DRIVING"  # it is pressed once
     page.is_silent = False
+
+
+def test_an_emergency_stop_needs_no_websocket(yard, follower, enter):
+    follower.state = "DRIVING"
+    with urllib.request.urlopen(
+        f"{link_to('127.0.0.1', yard[2].port, TOKEN)}/emergency_stop", timeout=WAIT_S
+    ) as answer:
+        assert answer.status == 200
+    wait_until(lambda: follower.reason == "EMERGENCY_STOP")
+    assert "released" in yard[1].release_emergency()
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        urllib.request.urlopen(f"{link_to('127.0.0.1', yard[2].port, 'guess_of_it')}/emergency_stop", timeout=WAIT_S)
+
+
+def test_by_hand_the_vehicle_drives_while_a_button_is_held_and_stands_at_once_after(yard, follower, enter):
+    link, heard = yard[1], []
+    wheels = follower.node.create_subscription(
+        Twist, "cmd_vel", lambda twist: heard.append((time.monotonic(), twist.linear.x)), qos.COMMAND
+    )
+    wait_until(lambda: link.node.count_subscribers("cmd_vel"))
+    page = enter()
+    page.wait_for("ahead, to the left")
+    assert follower.node.count_publishers("/cmd_vel") == 0  # nobody is there who could drive
+
+    def hold():
+        page.hold("ahead")
+        return any(speed == 0.8 for _, speed in heard)
+
+    wait_until(hold)
+    last = time.monotonic()  # the browser is gone
+    wait_until(lambda: heard[-1][1] == 0.0)
+    assert heard[-1][0] - last < 0.5
+    wait_until(lambda: follower.node.count_publishers("/cmd_vel") == 0)
+    heard.clear()
+    wait_until(hold)
+    page.click("ahead")  # let go
+    wait_until(lambda: heard[-1][1] == 0.0)
+    follower.state = "DRIVING"
+    wait_until(lambda: "expected a vehicle that stands" in link.hold(0.8, 0.0))
+    follower.node.destroy_subscription(wheels)
 
 
 def test_an_emergency_stop_stays_pressed_when_it_is_pressed_twice_or_its_page_is_closed(yard, follower, enter):
