@@ -25,6 +25,7 @@ from sphere_nav_tools.cli.operate.ground import Ground, ground_of
 from sphere_nav_tools.cli.operate.link import AT_REST, GOES_ON, Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.places import name_place, network_of, way_to
+from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
 from sphere_nav_tools.cli.operate.teaching import Teaching
 from sphere_nav_tools.cli.operate.words import Heard, banner, health, log_of, timeline
 from sphere_nav_tools.cli.view.server import colored
@@ -45,9 +46,18 @@ PACE = {  # by hand: m/s, rad/s
 class OperatorPage:
     """Serves any number of browsers until `close`; what one of them presses, all of them see."""
 
-    def __init__(self, link: Link, teaching: Teaching, *, host: str, port: int, token: str) -> None:
+    def __init__(
+        self,
+        link: Link,
+        teaching: Teaching,
+        simulated: SimulatedVehicle | None = None,
+        *,
+        host: str,
+        port: int,
+        token: str,
+    ) -> None:
         """`token`: of the link to it."""
-        self.link, self.teaching = link, teaching
+        self.link, self.teaching, self.simulated = link, teaching, simulated
         self._closed = threading.Event()
         self._ground: tuple[Path | None, Ground | None] = None, None
         self.server = make_server("operate", host, port, token, {"emergency_stop": self._press})
@@ -271,6 +281,8 @@ class Desk:
         made, path = self.teaching.map_of(name), self.teaching.path_of(f"{name}.tum")
         if made is None:
             return f"map: expected one in {self.teaching.folder}, found none: make it first"
+        if self.page.simulated is not None and path is not None:
+            return self.page.simulated.use(made, path)
         told = self.link.load_map(str(made))
         return f"{told}; {self.link.load_path(str(path))}" if path else told
 
