@@ -178,8 +178,7 @@ class Page:
         client.camera.on_update(lambda _: changed.set())
         client.gui.add_markdown(KEYS)
         target = client.gui.add_number("key sphere", 0, min=0, max=max(self._graph.nodes), step=1)
-        go = client.gui.add_button("fly there")
-        go.on_click(lambda _: self._fly_to_id(client, int(target.value)))
+        client.gui.add_button("fly there").on_click(lambda _: self._fly_to_id(client, int(target.value)))
         has_pictures = client.gui.add_checkbox("synthesised view", True)
         has_pictures.on_update(lambda _: changed.set())
         looks = {ANY_LOOK: None} | {str(one): one for one in self._scene.experiences}
@@ -188,8 +187,7 @@ class Page:
         look.on_update(lambda _: changed.set())
         text = client.gui.add_markdown("")
         minimap = client.gui.add_image(self._minimap.draw(browser_pose(client.camera)), label="map, x to the right")
-        reset = client.gui.add_button("back to the begin")
-        reset.on_click(lambda _: self.fly(client, self._start))
+        client.gui.add_button("back to the begin").on_click(lambda _: self.fly(client, self._start))
         shot = client.gui.add_button("screenshot")
 
         def draw(is_still: bool) -> bool:
