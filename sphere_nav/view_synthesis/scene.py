@@ -52,20 +52,27 @@ class Scene:
         return tuple(self._parts)
 
     def render(
-        self, T_map_camera: SE3, camera: Camera, experience: Experience | None = None, *, is_waiting: bool = True
+        self,
+        T_map_camera: SE3,
+        camera: Camera,
+        experience: Experience | None = None,
+        *,
+        is_waiting: bool = True,
+        count: int = NUM_BLENDED,
     ) -> SynthesizedView:
         """Return the view from a pose in one experience, or by the nearest key spheres of any.
 
+        `count`: key spheres of which it is made; more of them fill holes and take longer.
         With `is_waiting` false by what is ready, others are prepared meanwhile. ValueError or OSError where a key
         sphere cannot be read.
         """
         graph = self._graph(experience)
-        nodes = graph.nearest(T_map_camera.translation, NUM_BLENDED + 1)
-        wanted = nodes[:NUM_BLENDED]
+        nodes = graph.nearest(T_map_camera.translation, count + 1)
+        wanted = nodes[:count]
         coming = [self._request(node.id) for node in wanted]
         if not is_waiting and not any(one.done() for one in coming):
             wanted, coming = self._stand_in(T_map_camera, graph) or (wanted, coming)
-        weights = self._weights(nodes, T_map_camera)
+        weights = self._weights(nodes, T_map_camera, count)
         placed = [
             PlacedSurface(one.result(), node.T_map_sphere, float(weight))
             for node, one, weight in zip(wanted, coming, weights, strict=False)
@@ -73,9 +80,9 @@ class Scene:
         ]
         return synthesize(placed or [PlacedSurface(coming[0].result(), wanted[0].T_map_sphere)], T_map_camera, camera)
 
-    def is_ready(self, T_map_camera: SE3, experience: Experience | None = None) -> bool:
+    def is_ready(self, T_map_camera: SE3, experience: Experience | None = None, count: int = NUM_BLENDED) -> bool:
         """Say whether the view from a pose needs nothing that is not prepared."""
-        nodes = self._graph(experience).nearest(T_map_camera.translation, NUM_BLENDED)
+        nodes = self._graph(experience).nearest(T_map_camera.translation, count)
         return all(self._request(node.id).done() for node in nodes)
 
     def close(self) -> None:
@@ -85,9 +92,9 @@ class Scene:
     def _graph(self, experience: Experience | None) -> SphereGraph:
         return self._source.graph if experience is None else self._parts[experience]
 
-    def _weights(self, nodes: Sequence[KeySphere], T_map_camera: SE3) -> list[float]:
+    def _weights(self, nodes: Sequence[KeySphere], T_map_camera: SE3, count: int) -> list[float]:
         distances = [float(np.linalg.norm(node.T_map_sphere.translation - T_map_camera.translation)) for node in nodes]
-        if len(distances) <= NUM_BLENDED:
+        if len(distances) <= count:
             distances.append(2.0 * max(distances))
         return list(blend_weights(distances))
 

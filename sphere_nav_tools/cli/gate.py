@@ -15,9 +15,10 @@ import os
 import re
 import secrets
 import socket
+import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from http import HTTPStatus
 from io import StringIO
@@ -64,8 +65,9 @@ class Guesses:
 class Gate:
     """Judges requests by the host that they name, the page that they come from, and the token."""
 
-    def __init__(self, host: str, token: str) -> None:
-        """`host`: the address that is served at."""
+    def __init__(self, host: str, token: str, acts: Mapping[str, Callable[[], None]] | None = None) -> None:
+        """`host`: the address that is served at; `acts`: what is done for who asks for a path, by a thread."""
+        self._acts = acts or {}
         self.is_closed = False  # whether the server asks it
         self._token, self._names = token.encode(), own_names(host)
         self._guesses: dict[str, Guesses] = {}
@@ -78,6 +80,9 @@ class Gate:
         if refusal is not None:
             return connection.respond(refusal[0], f"{refusal[1]}\n")
         connection.is_admitted, request.path = True, f"/{rest}"
+        if rest in self._acts:
+            threading.Thread(target=self._acts[rest], daemon=True).start()
+            return connection.respond(HTTPStatus.OK, "asked for\n")
         return None
 
     def judge(self, guess: bytes, headers: Headers, here: str, visitor: str) -> Refusal | None:
@@ -174,8 +179,13 @@ def import_viser(command: str) -> Any:
     return viser
 
 
-def make_server(command: str, host: str, port: int, token: str) -> Any:
-    """Return a server of pages behind its gate; ValueError where the gate cannot be put before it."""
+def make_server(
+    command: str, host: str, port: int, token: str, acts: Mapping[str, Callable[[], None]] | None = None
+) -> Any:
+    """Return a server of pages behind its gate; ValueError where the gate cannot be put before it.
+
+    `acts`: what a page may ask for without its websocket, by path.
+    """
     viser = import_viser(command)
 
     class Server(viser.ViserServer):  # type: ignore[name-defined]
@@ -183,7 +193,7 @@ def make_server(command: str, host: str, port: int, token: str) -> Any:
             """Refuse: no page goes through a tunnel of others because a browser asks for it."""
             return None
 
-    gate = Gate(host, token)
+    gate = Gate(host, token, acts)
     with gated(gate), redirect_stdout(StringIO()):  # where viser tells a link without the token
         server = Server(host=host, port=port, label=f"sphere_nav {command}", verbose=False)
     if not gate.is_closed:

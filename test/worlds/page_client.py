@@ -63,7 +63,8 @@ class PageClient:
     def text(self):
         """Return what can be read."""
         fields = ("label", "content", "_markdown")
-        return "\n".join(str(part[field]) for part in list(self.parts.values()) for field in fields if field in part)
+        shown = (str(part[field]) for part in list(self.parts.values()) for field in fields if field in part)
+        return "\n".join(("", *shown, ""))
 
     def wait_for(self, words):
         """Wait until something can be read."""
@@ -74,12 +75,22 @@ class PageClient:
 
     def set(self, label, value):
         """Change a value, or click a button (True)."""
-        self.wait_for(label)
+        self.wait_for(f"\n{label}\n")
         self.forge(self.find(label), value)
 
     def click(self, label):
         """Click a button."""
         self.set(label, True)
+
+    def hold(self, label):
+        """Say once that a button is held."""
+        uuid = self.find(label)
+        self._send("GuiButtonHoldMessage", uuid=uuid, frequency=self.parts[uuid]["_hold_callback_freqs"][0])
+
+    def click_map(self, x, y):
+        """Click on a point of the ground, seen from above."""
+        ray = {"ray_origin": (x, y, 9.0), "ray_direction": (0.0, 0.0, -1.0)}
+        self._send("ScenePointerMessage", event_type="click", screen_pos=((0.5, 0.5),), modifier=None, **ray)
 
     def forge(self, uuid, value):
         """Say that a value has changed, whether it is shown here or not."""

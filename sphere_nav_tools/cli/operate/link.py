@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionClient
 from rclpy.context import Context
@@ -28,11 +30,23 @@ from sphere_nav_msgs.srv import LoadMap, LoadTrajectory
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
+from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import read_gray
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.node import ThrottledLog
-from sphere_nav_tools.cli.constants import ANSWER_S, CONFIRMED_S, MISSION_S, STOP_ANSWER_S, WITHDRAW_S
+from sphere_nav_tools.cli.constants import (
+    ANSWER_S,
+    CONFIRMED_S,
+    HELD_S,
+    MISSION_S,
+    NO_IMAGE_S,
+    RATE_S,
+    SILENT_S,
+    STOP_ANSWER_S,
+    STRIDE_S,
+    WITHDRAW_S,
+)
 from sphere_nav_tools.cli.operate.words import Heard, Place, places_of
 
 AT_REST = ("NO_PATH", "IDLE", "STOPPED", "FINISHED")
@@ -47,6 +61,7 @@ CancelGoal = Navigate.Impl.CancelGoalService
 ACTIONS = ("navigate", "navigate_to_pose")  # what a mission is begun by: ours, and that of Nav2
 LOOK_S = 0.02
 TRAIL_STEP_M, MAX_TRAIL = 0.1, 20_000
+GUESS = np.diag([0.25, 0.25, 0.01, 0.01, 0.01, 0.03])  # covariance of a pose that a person drags: 0.5 m, 10 deg
 Found = TypeVar("Found")
 
 
@@ -59,8 +74,11 @@ class Link:
         rclpy.init(context=self._context, domain_id=domain_id)
         self.node = rclpy.create_node("operator_page", namespace=namespace, context=self._context)
         self._image_topic, self._num_watching = image_topic, 0
+        self._watched_at, self._image_times = 0.0, deque[float](maxlen=200)
         self._pictures: list[Any] = []
         self._emergency: Any = None
+        self._wheels: Any = None  # publishes cmd_vel while a person drives, and only then
+        self._held, self._held_at = (0.0, 0.0), -math.inf
         self._lock = threading.Lock()
         calls = {f"path_follower/{name}": Trigger for name in EXPECTED}
         calls |= {"path_follower/load_trajectory": LoadTrajectory, "dense_localizer/load_map": LoadMap}
@@ -95,6 +113,8 @@ class Link:
         subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos.STATE)
         subscribe(NavigatorStatus, "route_navigator/status", lambda m: seen.hear("mission", m), qos.LATCHED)
         subscribe(String, "route_navigator/network", self._on_network, qos.LATCHED)
+        self._initial = self.node.create_publisher(PoseWithCovarianceStamped, "initialpose", qos.STATE)
+        self.node.create_timer(STRIDE_S, self._stride)
 
     def watch_pictures(self, is_watching: bool) -> None:
         """Count the pages that show pictures: while there is none, no image is sent here and no residual is made."""
@@ -102,15 +122,27 @@ class Link:
             self._num_watching += 1 if is_watching else -1
             if self._num_watching and not self._pictures:
                 kind = CompressedImage if self._image_topic.endswith("/compressed") else Image
-                hear = self.seen.hear
+                self._watched_at, hear = time.monotonic(), self.seen.hear
                 self._pictures = [
-                    self.node.create_subscription(kind, self._image_topic, lambda m: hear("image", m), qos.SENSOR),
+                    self.node.create_subscription(kind, self._image_topic, self._on_image, qos.SENSOR),
                     self.node.create_subscription(Image, "residual", lambda m: hear("residual", m), qos.LARGE),
                 ]
             elif not self._num_watching:
                 for picture in self._pictures:
                     self.node.destroy_subscription(picture)
                 self._pictures = []
+
+    def _on_image(self, message: Any) -> None:
+        self.seen.hear("image", message)
+        self._image_times.append(time.monotonic())
+
+    def describe_images(self) -> str:
+        """Return how many images come in a second, or since when there is none."""
+        now, (_, age) = time.monotonic(), self.seen.told("image")
+        age = min(age, now - self._watched_at)
+        if age > NO_IMAGE_S:
+            return f"NO IMAGE on {self._image_topic} for {age:.0f} s: check the camera"
+        return f"{sum(now - at < RATE_S for at in self._image_times) / RATE_S:.1f} images/s"
 
     def picture(self, name: str) -> Any:
         """Return the newest `image` or `residual` as grey levels (H, W); None while there is none, or it is broken."""
@@ -236,6 +268,67 @@ class Link:
         if others:
             return f"emergency stop: withdrawn here; {', '.join(others)} decides: press and release it there"
         return "emergency stop: released; start drives again"
+
+    # --- driven by hand, at walking pace
+    def hands_off(self) -> str:
+        """Return why nobody may drive by hand now; empty where one may."""
+        status, age = self.seen.told("follower")
+        others = self.node.get_publishers_info_by_topic(self.node.resolve_topic_name("cmd_vel"))
+        names = [info.node_name for info in others if info.node_name != self.node.get_name()]
+        if self.is_pressed or (age < SILENT_S and status.state not in AT_REST):
+            return "by hand: expected a vehicle that stands, no emergency stop pressed: press stop, or release it"
+        return f"by hand: {', '.join(names)} drives by cmd_vel: end it first" if names else ""
+
+    def hold(self, speed: float, turn: float) -> str:
+        """Drive for as long as this is called again within `HELD_S`; return why not, empty where it drives."""
+        if refusal := self.hands_off():
+            return refusal
+        with self._lock:
+            self._held, self._held_at = (speed, turn), time.monotonic()
+            if self._wheels is None:
+                heard = self.node.get_subscriptions_info_by_topic(self.node.resolve_topic_name("cmd_vel"))
+                is_stamped = any(info.topic_type.endswith("TwistStamped") for info in heard)
+                self._wheels = self.node.create_publisher(TwistStamped if is_stamped else Twist, "cmd_vel", qos.COMMAND)
+        return ""
+
+    def let_go(self) -> None:
+        """Stand, at once."""
+        with self._lock:
+            self._held, self._held_at = (0.0, 0.0), min(self._held_at, time.monotonic() - HELD_S)
+        self._stride()
+
+    def _stride(self) -> None:
+        """Send what is held; zero from when it is held no more, for `WITHDRAW_S`, then nothing."""
+        with self._lock:
+            if self._wheels is None:
+                return
+            age = time.monotonic() - self._held_at
+            speed, turn = self._held if age < HELD_S and self._emergency is None else (0.0, 0.0)
+            twist = Twist()
+            twist.linear.x, twist.angular.z = speed, turn
+            if self._wheels.msg_type is TwistStamped:
+                message = TwistStamped(twist=twist)
+                message.header.stamp, message.header.frame_id = self.node.get_clock().now().to_msg(), "base_link"
+                self._wheels.publish(message)
+            else:
+                self._wheels.publish(twist)
+            if age > HELD_S + WITHDRAW_S:
+                self.node.destroy_publisher(self._wheels)
+                self._wheels = None
+
+    def guess_pose(self, x: float, y: float, yaw: float) -> str:
+        """Tell the localiser where the vehicle is, about."""
+        status, age = self.seen.told("follower")
+        if age < SILENT_S and status.state not in AT_REST:
+            return "pose: expected a vehicle that stands: press stop first"
+        T, stamp = SE3.from_planar(x, y, yaw), self.node.get_clock().now().nanoseconds
+        self._initial.publish(conversions.se3_to_pose_with_covariance(T, GUESS, stamp, "map"))
+        return f"pose: {x:.1f}, {y:.1f} m, {math.degrees(yaw):.0f} deg is told to the localiser"
+
+    @property
+    def has_navigator(self) -> bool:
+        """Whether somebody takes missions."""
+        return self._navigator.server_is_ready()
 
     @property
     def is_pressed(self) -> bool:

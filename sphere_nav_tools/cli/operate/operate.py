@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import threading
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.page import OperatorPage
+from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
 from sphere_nav_tools.cli.operate.teaching import Teaching
 
 HELP = """\
@@ -21,6 +23,7 @@ It serves this machine only, unless --host says otherwise. The link that it prin
 without. The emergency stop of the page does not replace the one on the vehicle.
 
 examples:
+  sphere_nav operate --simulator --folder maps
   sphere_nav operate --folder maps
   sphere_nav operate --folder maps --host 0.0.0.0
   sphere_nav operate --folder maps --namespace car2 --map-options "--rig rig.yaml"
@@ -30,6 +33,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("--folder", type=Path, default=Path(), metavar="DIR", help="of recordings, maps and paths (.)")
+    parser.add_argument("--simulator", action="store_true", help="with a simulated vehicle, in a ROS domain of its own")
     gate.add_options(parser, port=8081)
     parser.add_argument("--namespace", default="", help="of the vehicle's nodes")
     parser.add_argument("--image", default="image_raw", metavar="TOPIC", help="picture to show (%(default)s)")
@@ -45,10 +49,14 @@ def run(arguments: argparse.Namespace) -> int:
     if not folder.is_dir():
         raise ValueError(f"--folder: expected a folder, found {folder}")
     what = ["-p", f"topics:={arguments.record}"] if arguments.record else ["-p", "topic_set:=raw"]
+    simulated = SimulatedVehicle(folder) if arguments.simulator else None
+    if simulated is not None:
+        os.environ.update(simulated.environment)
+        what = ["-p", "topic_set:=all", "-p", "use_sim_time:=true"]
     teaching = Teaching(folder, what, shlex.split(arguments.map_options))
     link = Link(arguments.namespace, arguments.image)
     try:
-        page = OperatorPage(link, teaching, host=arguments.host, port=arguments.port, token=token)
+        page = OperatorPage(link, teaching, simulated, host=arguments.host, port=arguments.port, token=token)
         print(f"{gate.link_to(arguments.host, page.port, token)}  (Ctrl-C ends it)", flush=True)
         try:
             threading.Event().wait()
@@ -57,4 +65,6 @@ def run(arguments: argparse.Namespace) -> int:
     finally:
         link.close()
         teaching.close()
+        if simulated is not None:
+            simulated.close()
     return 0

@@ -6,44 +6,65 @@ among what it was offered, and is never a path.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, PERIOD_S, PICTURE_S
+from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, GLIDE_S, HOLD_HZ, MISSION_S, PERIOD_S, PICTURE_S, SILENT_S
 from sphere_nav_tools.cli.gate import make_server
-from sphere_nav_tools.cli.operate.link import Link
+from sphere_nav_tools.cli.operate.chart import BEGIN, Chart, ground_point
+from sphere_nav_tools.cli.operate.ground import Ground, ground_of
+from sphere_nav_tools.cli.operate.link import AT_REST, GOES_ON, Link
+from sphere_nav_tools.cli.operate.look import dressing
+from sphere_nav_tools.cli.operate.places import name_place, network_of, way_to
+from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
 from sphere_nav_tools.cli.operate.teaching import Teaching
-from sphere_nav_tools.cli.operate.words import Place, banner, ellipse, health, log_of, pieces, way_driven
+from sphere_nav_tools.cli.operate.words import Heard, banner, health, log_of, timeline
 from sphere_nav_tools.cli.view.server import colored
 
 ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
-COLORS = {
-    "car": (200, 30, 30),
-    "old": (140, 140, 140),
-    "path": (40, 90, 160),
-    "trail": (220, 120, 30),
-    "spheres": (150, 150, 150),
-    "place": (20, 130, 60),
-}
-BODY_M = (1.9, 1.2, 0.6)  # of the box that stands for the vehicle, as the Cycab
+DARK_KEY = "sphere_nav_dark"
 NO_PATH, NO_PLACE = "(no path here)", "(no places heard)"
+STOPS, MOVES, OTHER = "red", "green", "blue"  # what a button does to the vehicle
+LOOKS, GOES, NAMES, POSES = "only looks", "sets a goal", "chooses a place to name", "dragged: where the vehicle is"
+PACE = {  # by hand: m/s, rad/s
+    "ahead": (0.8, 0.0),
+    "ahead, to the left": (0.6, 0.3),
+    "ahead, to the right": (0.6, -0.3),
+    "back": (-0.4, 0.0),
+}
 
 
 class OperatorPage:
     """Serves any number of browsers until `close`; what one of them presses, all of them see."""
 
-    def __init__(self, link: Link, teaching: Teaching, *, host: str, port: int, token: str) -> None:
+    def __init__(
+        self,
+        link: Link,
+        teaching: Teaching,
+        simulated: SimulatedVehicle | None = None,
+        *,
+        host: str,
+        port: int,
+        token: str,
+    ) -> None:
         """`token`: of the link to it."""
-        self.link, self.teaching = link, teaching
+        self.link, self.teaching, self.simulated = link, teaching, simulated
         self._closed = threading.Event()
-        self.server = make_server("operate", host, port, token)
+        self._ground: tuple[Path | None, Ground | None] = None, None
+        self.server = make_server("operate", host, port, token, {"emergency_stop": self._press})
         self.server.scene.set_up_direction("+z")
+        self.server.initial_camera.position, self.server.initial_camera.look_at = BEGIN, (0.0, 0.0, 0.0)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        self.server.gui.main_panel.dock_right()
         self.server.on_client_connect(lambda client: Desk(self, client))
 
     @property
@@ -61,6 +82,28 @@ class OperatorPage:
         self._closed.set()
         self.server.stop()
 
+    def _press(self) -> None:
+        self.link.seen.say(self.link.press_emergency())
+
+    def map_in_use(self) -> Path | None:
+        """Return the map in the folder that the localiser uses; None where it is not here."""
+        status, _ = self.link.seen.told("localizer")
+        return self.teaching.with_map(status.map_id) if status is not None else None
+
+    def ground(self) -> Ground | None:
+        """Return the ground of the map in use as soon as it is drawn, which a thread does once."""
+        made = self.map_in_use()
+        if made is not None and made != self._ground[0]:
+            self._ground = made, None
+            threading.Thread(target=self._draw_ground, args=(made,), daemon=True).start()
+        return self._ground[1]
+
+    def _draw_ground(self, made: Path) -> None:
+        try:
+            self._ground = made, ground_of(made)
+        except (ValueError, OSError) as error:
+            self.link.seen.say(str(error))
+
     def has(self, client: Any) -> bool:
         """Whether a browser is still there."""
         return not self._closed.is_set() and client.client_id in self.server.get_clients()
@@ -71,10 +114,9 @@ class Desk:
 
     def __init__(self, page: OperatorPage, client: Any) -> None:
         self.page, self.client, self.link, self.teaching = page, client, page.link, page.teaching
-        self._drawn: dict[str, int] = {}
-        self._places: list[Place] = []
-        self._middle = np.zeros(3)  # of what the map shows
-        client.camera.position, client.camera.look_at = (-3.0, 0.0, 25.0), (0.0, 0.0, 0.0)
+        self.chart = Chart(client)
+        self._clicked: tuple[float, float] | None = None
+        self._is_heard = False
         self._add_stops()
         tabs = client.gui.add_tab_group()
         with tabs.add_tab("drive"):
@@ -85,46 +127,65 @@ class Desk:
             self._add_camera()
         with tabs.add_tab("health"):
             self._health = client.gui.add_html(health(self.link.seen))
-        for work in (self._live, self._watch):
+        client.scene.on_click()(self._on_click)
+        for work in (self._live, self._watch, self._glide):
             threading.Thread(target=work, daemon=True).start()
 
     # --- what stands on it
     def _add_stops(self) -> None:
-        """Put the emergency stop twice: first in the panel, and in a window of its own that no list scrolls away."""
+        """Put the emergency stop where nothing scrolls, folds or covers it, then what is possible in this state."""
         gui = self.client.gui
-        self._emergencies = [gui.add_button("EMERGENCY STOP", color="red", icon="hand-stop")]
-        window = gui.add_panel()
-        with window.add_tab("emergency"):
-            self._emergencies.append(gui.add_button("EMERGENCY STOP", color="red", icon="hand-stop"))
-        window.float(x=20.0, y=240.0, width=220.0)  # below what a browser reports
-        for button in self._emergencies:  # pressed once more it is still pressed: two quick clicks release nothing
-            button.on_click(lambda _: self._do(self.link.press_emergency))
-        self._release = gui.add_button("release the emergency stop", visible=self.link.is_pressed)
+        self._emergency = gui.add_button("EMERGENCY STOP", color=STOPS, icon="hand-stop")
+        self._emergency.on_click(lambda _: self._do(self.link.press_emergency))  # pressed once more: still pressed
+        gui.add_html(dressing(self._emergency._impl.uuid))
+        self._beat = gui.add_html("")
+        self._banner, self._scale = gui.add_html(banner(self.link.seen)), gui.add_html("")
+        self._release = gui.add_button("release the emergency stop", color=OTHER, visible=self.link.is_pressed)
         self._release.on_click(lambda _: self._do(self.link.release_emergency))
-        self._banner = gui.add_html(banner(self.link.seen))
-        for name, color in (("start", "green"), ("pause", "yellow"), ("resume", "green"), ("stop", "orange")):
-            button = gui.add_button(name, color=color)
-            button.on_click(lambda _, name=name: self._do(lambda: self.link.command(name)))
-        self._log = gui.add_html("")
+        self._buttons = {}
+        for name, color in (("start", MOVES), ("resume", MOVES), ("pause", STOPS), ("stop", STOPS)):
+            self._buttons[name] = gui.add_button(name, color=color, visible=False)
+            self._buttons[name].on_click(lambda _, name=name: self._do(lambda: self.link.command(name)))
+        self._past, self._log = gui.add_html(""), gui.add_html("")
 
     def _add_drive(self) -> None:
         gui = self.client.gui
         self._path = gui.add_dropdown("path", self.teaching.paths or [NO_PATH])
-        gui.add_button("load path").on_click(lambda _: self._do(self._load_path))
+        gui.add_button("load path", color=OTHER).on_click(lambda _: self._do(self._load_path))
         self._place = gui.add_dropdown("place", [NO_PLACE])
-        gui.add_button("go there").on_click(lambda _: self._do(self._go))
+        self._there = gui.add_button("go there", color=MOVES)
+        self._there.on_click(lambda _: self._do(self._go))
+        self._click = gui.add_dropdown("a click on the map", (LOOKS, GOES, NAMES, POSES))
+        self._click.on_update(lambda _: self._on_mode())
+        self._to_goal = gui.add_button("make the way to the goal", color=OTHER, visible=False)
+        self._to_goal.on_click(lambda _: self._do(self._go_to_click))
+        self._new_place = gui.add_text("name of the place", "", visible=False)
+        self._keep_place = gui.add_button("name it", color=OTHER, visible=False)
+        self._keep_place.on_click(lambda _: self._do(self._name_place))
         self._follows = gui.add_checkbox("map moves with the vehicle", True)
         self._is_watched = gui.add_checkbox("stop the vehicle when this page is lost (dead-man switch)", False)
+        self._is_dark = gui.add_checkbox("dark", False)
+        self._is_dark.on_update(lambda _: self._dress())
 
     def _add_teach(self) -> None:
         gui, teaching = self.client.gui, self.teaching
         self._name = gui.add_text("name", "")
-        gui.add_button("record").on_click(lambda _: self._do(lambda: teaching.record(self._name.value)))
-        gui.add_button("end of the drive").on_click(lambda _: self._do(teaching.finish))
+        self._record = gui.add_button("record", color=OTHER)
+        self._record.on_click(lambda _: self._do(lambda: teaching.record(self._name.value)))
+        self._job = gui.add_html("")
+        self._hands, self._pace = gui.add_markdown(""), []
+        for name, (speed, turn) in PACE.items():
+            button = gui.add_button(name, color=MOVES)
+            button.on_hold(lambda _, v=speed, w=turn: self._hold(v, w), callback_hz=HOLD_HZ)
+            button.on_click(lambda _: self.link.let_go())
+            self._pace.append(button)
+        self._finish = gui.add_button("end of the drive", color=OTHER)
+        self._finish.on_click(lambda _: self._do(teaching.finish))
         self._recorded = gui.add_dropdown("drive", teaching.drives or [NO_PATH])
-        gui.add_button("make its map").on_click(lambda _: self._do(lambda: teaching.map(self._recorded.value)))
-        gui.add_button("localise in its map").on_click(lambda _: self._do(self._use))
-        self._job = gui.add_markdown("")
+        self._map = gui.add_button("make its map", color=OTHER)
+        self._map.on_click(lambda _: self._do(lambda: teaching.map(self._recorded.value)))
+        self._use_map = gui.add_button("localise in its map", color=OTHER)
+        self._use_map.on_click(lambda _: self._do(self._use))
 
     def _add_camera(self) -> None:
         gui, grey = self.client.gui, colored(np.full((120, 160), 128, np.uint8))
@@ -147,23 +208,97 @@ class Desk:
         path = self.teaching.path_of(self._path.value)
         return self.link.load_path(str(path)) if path else f"path: expected one in {self.teaching.folder}, found none"
 
+    def _hold(self, speed: float, turn: float) -> None:
+        refusal = self.link.hold(speed, turn)
+        if refusal and refusal not in "".join(self.link.seen.lines):
+            self.link.seen.say(refusal)
+
     def _go(self) -> str:
-        chosen = next((place for place in self._places if place.name == self._place.value), None)
-        return self.link.go(chosen) if chosen else "place: expected one of route_navigator, found none"
+        places = self.link.seen.told("places")[0] or ()
+        chosen = next((place for place in places if place.name == self._place.value), None)
+        if chosen is None:
+            return "place: expected one of route_navigator, found none"
+        return self.link.go(chosen) if self.link.has_navigator else self._make_way((chosen.x, chosen.y))
+
+    def _go_to_click(self) -> str:
+        return self._make_way(self._clicked) if self._clicked else "goal: expected a click on the map, found none"
+
+    def _make_way(self, goal: tuple[float, float]) -> str:
+        """Hand the way to a goal to the follower; nothing moves before start is pressed."""
+        made, taught = self._in_use()
+        pose, age = self.link.seen.told("pose")
+        if age > SILENT_S:
+            return "goal: expected a localised vehicle, found no pose: see the state of the localisation"
+        file = way_to(network_of(made, taught), pose[:3], goal, self.teaching.folder)
+        return f"way to {goal[0]:.1f}, {goal[1]:.1f}: {self.link.load_path(str(file))}; start drives"
+
+    def _name_place(self) -> str:
+        if self._clicked is None:
+            return "place: expected a click on the map, found none"
+        made, taught = self._in_use()
+        self.link.seen.hear("places", name_place(made, taught, self._new_place.value, *self._clicked))
+        told = "; route_navigator reads it when it starts anew" if self.link.has_navigator else ""
+        return f"place {self._new_place.value}: kept in {made.name}{told}"
+
+    def _in_use(self) -> tuple[Path, Path | None]:
+        """Return the map that the localiser uses, and the path taught with it; ValueError where it is not here."""
+        made = self.page.map_in_use()
+        if made is None:
+            raise ValueError(f"map: expected that of the localiser in {self.teaching.folder}, found none")
+        return made, self.teaching.path_of(f"{made.name.removesuffix('_map')}.tum")
+
+    def _on_mode(self) -> None:
+        """Show what a click on the map is for."""
+        mode, scene = self._click.value, self.client.scene
+        for part, wanted in ((self._to_goal, GOES), (self._new_place, NAMES), (self._keep_place, NAMES)):
+            part.visible = mode == wanted
+        if mode != POSES:
+            scene.remove_by_name("/floor")
+            return
+        floor = scene.add_box("/floor", dimensions=(2000.0, 2000.0, 0.01), position=(0.0, 0.0, -0.1), opacity=0.02)
+        floor.on_drag("left")(self._on_drag)
+
+    def _on_click(self, event: Any) -> None:
+        point = ground_point(event.ray_origin, event.ray_direction)
+        if point is not None and self._click.value in (GOES, NAMES):
+            self._clicked = float(point[0]), float(point[1])
+            self.chart.mark("clicked", [point])
+
+    def _on_drag(self, event: Any) -> None:
+        """Show the pose that is dragged; where the button is let go, tell it."""
+        camera = np.asarray(self.client.camera.position)
+        ends = np.array([event.start_position, event.end_position])
+        begin, end = (ground_point(camera, at - camera) for at in ends)
+        if begin is None or end is None or np.hypot(*(end - begin)) < 0.1:
+            return
+        self.chart.mark("dragged", [begin, end])
+        if event.phase == "end":
+            yaw = math.atan2(*(end - begin)[::-1])
+            self._do(lambda: self.link.guess_pose(float(begin[0]), float(begin[1]), yaw))
 
     def _use(self) -> str:
         name = self._recorded.value
         made, path = self.teaching.map_of(name), self.teaching.path_of(f"{name}.tum")
         if made is None:
             return f"map: expected one in {self.teaching.folder}, found none: make it first"
+        if self.page.simulated is not None and path is not None:
+            return self.page.simulated.use(made, path)
         told = self.link.load_map(str(made))
         return f"{told}; {self.link.load_path(str(path))}" if path else told
 
     # --- what changes by itself
+    def _dress(self) -> None:
+        self.client.local_storage.set_item(DARK_KEY, "1" if self._is_dark.value else "")
+        self.client.gui.configure_theme(
+            show_logo=False, show_share_button=False, control_width="large", dark_mode=self._is_dark.value
+        )
+
     def _live(self) -> None:
         """Show what is new until the browser leaves."""
         picture_s = 0.0
         try:
+            with suppress(TimeoutError):
+                self._is_dark.value = bool(self.client.local_storage.get_item(DARK_KEY, timeout=1.0))
             while self.page.has(self.client):
                 self._show()
                 if self._shows_pictures.value and time.monotonic() - picture_s > PICTURE_S:
@@ -173,8 +308,17 @@ class Desk:
         except RuntimeError:
             pass  # it has left
         finally:
-            if self._shows_pictures.value:
-                self.link.watch_pictures(False)
+            for is_watching in (self._shows_pictures.value, self._is_heard):
+                if is_watching:
+                    self.link.watch_pictures(False)
+
+    def _glide(self) -> None:
+        """Let the view follow until the browser leaves."""
+        with suppress(RuntimeError):
+            while self.page.has(self.client):
+                self.chart.follows = self._follows.value
+                self.chart.glide()
+                time.sleep(GLIDE_S)
 
     def _watch(self) -> None:
         """Press the emergency stop when the page is lost while its dead-man switch is on: once, until it lives again.
@@ -201,78 +345,44 @@ class Desk:
         return True
 
     def _show(self) -> None:
-        seen = self.link.seen
-        set_if_new(self._banner, "content", banner(seen))
+        seen, teaching = self.link.seen, self.teaching
+        told, is_recording = teaching.describe(), teaching.is_recording
+        self._beat.content = f'<i id="sn-beat" data-beat="{time.monotonic():.1f}"></i>'
+        if is_recording != self._is_heard:  # whether images come is of interest as long as a drive is recorded
+            self._is_heard = is_recording
+            self.link.watch_pictures(is_recording)
+            if teaching.name in teaching.drives:
+                self._recorded.options, self._recorded.value = tuple(teaching.drives), teaching.name
+        job = f"{told} · {self.link.describe_images()}" if is_recording else ""
+        set_if_new(self._banner, "content", banner(seen, job))
+        set_if_new(self._scale, "content", self.chart.scale())
+        set_if_new(self._past, "content", timeline(seen))
         set_if_new(self._log, "content", log_of(seen))
         set_if_new(self._health, "content", health(seen))
-        set_if_new(self._job, "content", f"`{self.teaching.describe()}`" if self.teaching.describe() else "")
-        for button in self._emergencies:
-            set_if_new(button, "label", "EMERGENCY STOP is pressed" if self.link.is_pressed else "EMERGENCY STOP")
-        set_if_new(self._release, "visible", self.link.is_pressed)
-        set_if_new(self._path, "options", tuple(self.teaching.paths or [NO_PATH]))
-        set_if_new(self._recorded, "options", tuple(self.teaching.drives or [NO_PATH]))
-        self._show_places(seen.told("places")[0] or [])
-        self._draw("path", seen.told("path")[0], COLORS["path"], 0.02)
-        driven = way_driven(seen)
-        self._draw("driven", driven, COLORS["trail"], 0.2)  # well above: from far away depths of a browser are coarse
-        if driven:
-            self._move_map(*driven[-1])
-        self._show_spheres(seen.told("spheres")[0])
-        self._show_car(*seen.told("pose"))
-
-    def _draw(self, name: str, points: Any, color: tuple[int, ...], height: float) -> None:
-        """Draw a line, where it is another one than the last time."""
-        if points is None or self._drawn.get(name) == (mark := hash((len(points), np.asarray(points[-1:]).tobytes()))):
-            return
-        self._drawn[name] = mark
-        line = pieces(points, height)
-        if len(line):
-            self.client.scene.add_line_segments(
-                f"/{name}", points=line, colors=color, thickness=3.0, thickness_units="screen"
-            )
-
-    def _show_spheres(self, points: Any) -> None:
-        if points is None or not len(points) or self._drawn.get("spheres") == len(points):
-            return
-        self._drawn["spheres"] = len(points)
-        solid = np.column_stack([points, np.zeros(len(points))]).astype(np.float32)
-        self.client.scene.add_point_cloud("/spheres", points=solid, colors=COLORS["spheres"], point_size=0.25)
-
-    def _show_places(self, places: list[Place]) -> None:
-        if places == self._places:
-            return
-        self._places = places
-        self._place.options = tuple(place.name for place in places) or (NO_PLACE,)
-        for i, place in enumerate(places):
-            spot = (place.x, place.y, 0.0)
-            ball = self.client.scene.add_icosphere(f"/place_{i}", radius=0.5, color=COLORS["place"], position=spot)
-            ball.on_click(lambda _, name=place.name: set_if_new(self._place, "value", name))
-            self.client.scene.add_label(f"/place_{i}/name", place.name)
-
-    def _show_car(self, pose: Any, age: float) -> None:
-        if pose is None:
-            return
-        x, y, yaw, covariance = pose
-        color = COLORS["car" if age < 1.0 else "old"]
-        turned = (float(np.cos(0.5 * yaw)), 0.0, 0.0, float(np.sin(0.5 * yaw)))
-        ahead = (x + 0.6 * np.cos(yaw), y + 0.6 * np.sin(yaw), 0.5 * BODY_M[2])  # the base is the rear axle
-        scene = self.client.scene
-        if self._drawn.get("car") != hash(color):
-            self._drawn["car"] = hash(color)
-            self._car = scene.add_box("/car", color=color, dimensions=BODY_M, opacity=0.8)
-        self._car.position, self._car.wxyz = ahead, turned
-        outline = pieces(ellipse(x, y, covariance), BODY_M[2] + 0.05)
-        scene.add_line_segments("/covariance", points=outline, colors=color, thickness=2.0, thickness_units="screen")
-
-    def _move_map(self, x: float, y: float) -> None:
-        """Move the view as the vehicle moves; how it is turned and how near it is, the mouse says."""
-        step = np.array([x, y, 0.0]) - self._middle
-        if not self._follows.value or np.hypot(*step[:2]) < 0.5:
-            return
-        camera, self._middle = self.client.camera, self._middle + step
-        with self.client.atomic():
-            position, look_at = np.array(camera.position) + step, np.array(camera.look_at) + step
-            camera.position, camera.look_at = position, look_at
+        set_if_new(self._job, "content", f'<div style="padding:0 1em">{escape(told)}</div>')
+        pressed = self.link.is_pressed
+        set_if_new(self._emergency, "label", "EMERGENCY STOP is pressed" if pressed else "EMERGENCY STOP")
+        set_if_new(self._release, "visible", pressed)
+        for name, is_shown in possible(seen, pressed).items():
+            set_if_new(self._buttons[name], "visible", is_shown)
+        is_busy = bool(teaching.busy)
+        hands_off = self.link.hands_off()
+        set_if_new(self._hands, "content", hands_off or "**By hand**, while a button is held:")
+        for part, is_shown in (
+            *((button, not hands_off) for button in self._pace),
+            (self._record, not is_busy),
+            (self._finish, is_recording),
+            (self._map, not is_busy and bool(teaching.drives)),
+            (self._use_map, not is_busy and teaching.map_of(self._recorded.value) is not None),
+        ):
+            set_if_new(part, "visible", is_shown)
+        set_if_new(self._path, "options", tuple(teaching.paths or [NO_PATH]))
+        set_if_new(self._recorded, "options", tuple(teaching.drives or [NO_PATH]))
+        places = tuple(place.name for place in seen.told("places")[0] or ()) or (NO_PLACE,)
+        set_if_new(self._place, "options", places)
+        set_if_new(self._there, "label", "go there" if self.link.has_navigator else "make the way there")
+        set_if_new(self._there, "color", MOVES if self.link.has_navigator else OTHER)
+        self.chart.show(seen, self.page.ground())
 
     def _show_pictures(self) -> None:
         for name, shown in self._pictures.items():
@@ -286,3 +396,18 @@ def set_if_new(handle: Any, field: str, value: Any) -> None:
     """Set what a part of the page shows; what is there already is not sent again."""
     if getattr(handle, field) != value:
         setattr(handle, field, value)
+
+
+def possible(seen: Heard, is_pressed: bool) -> dict[str, bool]:
+    """Return which commands do something now. A stop does wherever it is not known that the vehicle stands."""
+    status, age = seen.told("follower")
+    mission, mission_age = seen.told("mission")
+    is_known = age < SILENT_S
+    state = status.state if is_known else ""
+    mission_state = mission.state if mission_age < MISSION_S else "IDLE"
+    return {
+        "start": state in ("IDLE", "STOPPED", "FINISHED") and mission_state == "IDLE" and not is_pressed,
+        "resume": (state == "PAUSED" or mission_state in ("PAUSED", "HELD")) and not is_pressed,
+        "pause": state in ("DRIVING", "SLOW") or mission_state in GOES_ON,
+        "stop": (state not in AT_REST and status is not None) or mission_state != "IDLE",
+    }

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import time
@@ -15,10 +16,14 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from sphere_nav.ros.bags.writer import PARTIAL
+from sphere_nav.ros.maps.reader import open_map
 from sphere_nav_tools.cli.processes import node_command, python_command
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
-MAPPING = "from sphere_nav_tools.cli.main import main; sys.exit(main(sys.argv[1:]))"
+MAPPING = (  # then its check, which tells what it found
+    "from sphere_nav_tools.cli.main import main; "
+    "sys.exit(main(sys.argv[1:]) or main(['map-verify', sys.argv[sys.argv.index('-o') + 1]]))"
+)
 PATHS = (".tum", ".csv", ".yaml", ".geojson")
 LOG_HEAD = re.compile(r"(\[[^\]]*\] ){2}\[[^\]]*\]: ")  # level, stamp and node of a line in the log
 MAX_LINE = 200
@@ -33,6 +38,7 @@ class Teaching:
         self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
         self._process: subprocess.Popen[bytes] | None = None
         self._job, self.name, self._begun = "", "", 0.0
+        self._ids: dict[Path, str] = {}  # of the maps
 
     def check(self, name: str) -> str:
         """Return why a drive cannot have this name; empty where it can."""
@@ -86,6 +92,15 @@ class Teaching:
         """Return the file of a path; None for a name that is not offered."""
         return self.folder / name if name in self.paths else None
 
+    def with_map(self, map_id: str) -> Path | None:
+        """Return the map in the folder that has this id; None where there is none."""
+        for name in self.drives:
+            made = self.map_of(name)
+            if made is not None and made not in self._ids:
+                with open_map(made) as reader:
+                    self._ids[made] = str(reader.info.map_id)
+        return next((made for made, found in self._ids.items() if map_id and found == map_id), None)
+
     def map_of(self, drive: str) -> Path | None:
         """Return the map of a drive; None where there is none."""
         made = self._made(drive)[1]
@@ -96,15 +111,24 @@ class Teaching:
         is_here = Path(os.path.realpath(path)).is_relative_to(self.folder)
         return is_here and all(self._holds(part) for part in path.glob("*"))
 
+    @property
+    def is_recording(self) -> bool:
+        """Whether a drive is being recorded."""
+        return self._job == "recording" and bool(self.busy)
+
     def describe(self) -> str:
         """Return in one line what is going on, or how it ended."""
         if self._process is None:
             return ""
         status, said = self._process.poll(), self._last_words()
         if status is None:
+            seconds = time.monotonic() - self._begun
             size = sum(path.stat().st_size for path in (self.folder / (self.name + PARTIAL)).glob("*")) / 1e6
-            grown = f", {size:.1f} MB" if self._job == "recording" else ""
-            return f"{self._job} {self.name}: {time.monotonic() - self._begun:.0f} s{grown} {said}".strip()
+            left = shutil.disk_usage(self.folder).free / 1e9
+            grown = f", {size:.1f} MB, {size / max(seconds, 1.0):.1f} MB/s, {left:.0f} GB left"
+            return f"{self._job} {self.name}: {seconds:.0f} s{grown if self.is_recording else ''} {said}".strip()
+        if status == 0 and self._job == "mapping":
+            self._ids.pop(self._made(self.name)[1], None)
         return f"{self._job} {self.name}: {'done' if status == 0 else f'FAILED ({status})'} {said}".strip()
 
     def close(self) -> None:

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from sphere_nav.geometry.files.untrusted import load_json, number
 from sphere_nav_tools.cli.constants import MISSION_S, SILENT_S
 
-MAX_TOLD = 8  # lines of the log that are shown
+MAX_TOLD, MAX_PAST = 8, 500  # lines of the log that are shown; states of the vehicle that are remembered
 MAX_DRAWN = 2000  # points of a line on the map
-LEVELS = ("OK", "WARN", "ERROR", "STALE")
+LEVELS, URGENCY = ("OK", "WARN", "ERROR", "STALE"), (3, 2, 0, 1)  # how soon each of them is told
 GOOD, FAIR, BAD, NONE = "#2b8a3e", "#b35c00", "#c92a2a", "#666666"
+# One colour a meaning: green is as wanted, orange is slower or not yet, red stands for a reason, grey is at rest.
 COLORS = {"DRIVING": GOOD, "FINISHED": GOOD, "TRACKING": GOOD, "SLOW": FAIR, "PAUSED": FAIR, "DEGRADED": FAIR}
-COLORS |= {"IDLE": NONE, "NO_PATH": NONE, "PROBATION": FAIR, "SEARCHING": FAIR}
+COLORS |= {"IDLE": NONE, "NO_PATH": NONE, "PROBATION": FAIR, "SEARCHING": FAIR, "STOPPING": FAIR}
+PAST_S, GONE_S = 300.0, 30.0  # of the time line; after which who has ended is no longer told of
 
 
 class Place(NamedTuple):
@@ -38,11 +40,19 @@ class Heard:
         self._told: dict[str, tuple[Any, float]] = {}
         self._lock = threading.Lock()
         self.lines: deque[str] = deque(maxlen=MAX_TOLD)
+        self.past: deque[tuple[float, str, str]] = deque(maxlen=MAX_PAST)  # since when, state and reason
 
     def hear(self, name: str, value: Any) -> None:
         """Keep a value."""
+        now = time.monotonic()
         with self._lock:
-            self._told[name] = value, time.monotonic()
+            _, heard = self._told.get(name, (None, now))
+            self._told[name] = value, now
+        if name == "follower":
+            if now - heard > SILENT_S:
+                self.past.append((heard, "UNKNOWN", "silent"))
+            if not self.past or self.past[-1][1:] != (value.state, value.reason):
+                self.past.append((now, value.state, value.reason))
 
     def told(self, name: str) -> tuple[Any, float]:
         """Return the newest value and its age in s; None and infinity before the first."""
@@ -67,9 +77,12 @@ def places_of(text: str) -> list[Place]:
     return places
 
 
-def banner(seen: Heard) -> str:
-    """Return state, reason and remedy of follower and localiser as HTML; whatever they say is text."""
-    rows = []
+def banner(seen: Heard, job: str = "") -> str:
+    """Return state, reason and remedy of vehicle and localiser as HTML, the vehicle's first and large.
+
+    `job`: what is being taught; whatever the nodes say is text.
+    """
+    rows = [_row("teaching", "TEACHING", job, "", GOOD)] if job else []
     for title, name in (("vehicle", "follower"), ("localisation", "localizer")):
         status, age = seen.told(name)
         if status is None or age > SILENT_S:
@@ -79,6 +92,7 @@ def banner(seen: Heard) -> str:
         found = f"{status.value:.3g}, limit {status.limit:.3g}" if status.limit else ""
         reason = " ".join(word for word in (status.reason, found) if word)
         rows.append(_row(title, status.state, reason, status.remedy))
+    rows[0] = rows[0].replace("<b ", '<b class="sn-word" ', 1)
     status, age = seen.told("follower")
     if status is not None and age <= SILENT_S:
         rows.append(f"<div>{status.progress:.1f} m driven, {status.distance_to_end:.1f} m to the end</div>")
@@ -86,15 +100,45 @@ def banner(seen: Heard) -> str:
     if age < MISSION_S and mission.state != "IDLE":
         left = f"{mission.distance_remaining:.0f} m, {mission.time_remaining:.0f} s to {mission.next_place}"
         rows.append(f"<div>mission: {escape(mission.state)} on {escape(mission.edge)}, {escape(left)}</div>")
-    return f'<div style="padding:0 1em;font-size:0.9em">{"".join(rows)}</div>'
+    return f'<div class="sn-state">{"".join(rows)}</div>'
 
 
-def _row(title: str, state: str, reason: str, remedy: str) -> str:
-    color = COLORS.get(state, BAD)
+def _row(title: str, state: str, reason: str, remedy: str, color: str = "") -> str:
+    color = color or (NONE if state == "UNKNOWN" and reason == "nothing heard" else COLORS.get(state, BAD))
     why = f"<div>{escape(reason)}</div>" if reason else ""
     what = f"<div>&rarr; {escape(remedy)}</div>" if remedy else ""
     head = f'<b style="background:{color};color:white;padding:0 0.4em">{escape(state)}</b> {escape(title)}'
     return f'<div style="margin-bottom:0.4em">{head}{why}{what}</div>'
+
+
+def timeline(seen: Heard) -> str:
+    """Return what the vehicle did in the last minutes as HTML, now at the right."""
+    now, parts, past = math.ceil(time.monotonic()), [], list(seen.past)
+    ends = [*(begin for begin, _, _ in past[1:]), now]
+    status, age = seen.told("follower")
+    spans = [(begin, end, state, reason) for (begin, state, reason), end in zip(past, ends, strict=False)]
+    if status is not None and age > SILENT_S:
+        spans.append((now - age, now, "UNKNOWN", "silent"))
+    for begin, end, state, reason in spans:
+        left, right = (max(0.0, 100.0 * (1.0 - (now - at) / PAST_S)) for at in (begin, end))
+        if right > 0.0:
+            text, told = escape(state), escape(f"{state} {reason}, {now - begin:.0f} s ago")
+            style = f"left:{left:.2f}%;width:{right - left:.2f}%;background:{COLORS.get(state, BAD)}"
+            text = text if right - left > 12.0 else ""
+            parts.append(f'<div style="{style};color:white;padding:5px 4px" title="{told}">{text}</div>')
+    last = f"{status.reason}: {status.remedy}" if status is not None and status.reason and status.remedy else ""
+    ticks = f"<span>-{PAST_S / 60:.0f} min</span><span>{escape(last[:90])}</span><span>now</span>"
+    line = f'<div style="display:flex;justify-content:space-between">{ticks}</div>'
+    return f'<div class="sn-past"><div class="sn-bar">{"".join(parts)}</div>{line}</div>'
+
+
+def scale_bar(metres_a_pixel: float, turn_deg: float) -> str:
+    """Return a bar of a round length, and an arrow that points to y of the map (north where it has a datum) as HTML."""
+    length = 10.0 ** math.floor(math.log10(max(120.0 * metres_a_pixel, 1e-3)))
+    length *= next(factor for factor in (5.0, 2.0, 1.0) if factor * length <= 120.0 * metres_a_pixel)
+    arrow = f'<svg width="26" height="26" viewBox="-13 -13 26 26"><g transform="rotate({turn_deg:.0f})">'
+    arrow += '<path d="M0-12 L6 8 L0 4 L-6 8Z" fill="#c92a2a"/></g></svg>'
+    return f'<div class="sn-scale"><i style="width:{length / metres_a_pixel:.0f}px"></i>{length:g} m {arrow}N (y)</div>'
 
 
 def log_of(seen: Heard) -> str:
@@ -104,15 +148,16 @@ def log_of(seen: Heard) -> str:
 
 
 def health(seen: Heard) -> str:
-    """Return /diagnostics as HTML, what is wrong first; an entry that is not repeated becomes STALE."""
+    """Return /diagnostics as HTML, what is wrong first; what is not repeated becomes STALE, then goes."""
     known, _ = seen.told("diagnostics")
-    now, rows = time.monotonic(), []
-    for name, (level, text, heard) in (known or {}).items():
-        rows.append((-level if now - heard < 5 * SILENT_S else -3, name, text))
-    cells = []
-    for level, name, text in sorted(rows):
-        color = (GOOD, FAIR, BAD, NONE)[min(-level, 3)]
-        word = LEVELS[min(-level, 3)]
+    now, cells = time.monotonic(), []
+    rows = [
+        (level if now - heard < 5 * SILENT_S else len(LEVELS) - 1, name, text)
+        for name, (level, text, heard) in (known or {}).items()
+        if now - heard < GONE_S
+    ]
+    for level, name, text in sorted(rows, key=lambda row: (URGENCY[row[0]], row[1])):
+        color, word = (GOOD, FAIR, BAD, NONE)[level], LEVELS[level]
         cells.append(f'<div><b style="color:{color}">{word}</b> {escape(name)}: {escape(text)}</div>')
     return f'<div style="padding:0 1em;font-size:0.8em">{"".join(cells) or "nothing heard"}</div>'
 

@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.spheres.graph import Experience, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav.view_synthesis.constants import NUM_BLENDED
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
 from sphere_nav_tools.cli.gate import make_server
 from sphere_nav_tools.cli.view.drive import Shot
 
 SIDE, BORDER = 300, 20  # px
-MIN_EXTENT_M = 10.0
+MIN_EXTENT_M, BARS_M = 10.0, (1000.0, 500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 COLORS = {
     "paper": (250, 250, 247),
     "way": (150, 150, 150),
@@ -47,6 +48,10 @@ class Minimap:
         for edge in graph.edges:
             ends = [tuple(self.pixel(graph[end].T_map_sphere)) for end in (edge.a, edge.b)]
             cv2.line(self._base, *ends, COLORS["loops" if edge.is_loop else "way"], 1, cv2.LINE_AA)
+        bar = next(length for length in BARS_M if length <= 0.4 * extent or length == BARS_M[-1])
+        cv2.line(self._base, (BORDER, SIDE - 8), (BORDER + round(bar * self._scale), SIDE - 8), (0, 0, 0), 2)
+        told = (BORDER, SIDE - 14)
+        cv2.putText(self._base, f"{bar:g} m", told, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)
         for node in graph:
             cv2.circle(self._base, tuple(self.pixel(node.T_map_sphere)), 2, COLORS["key"], -1, cv2.LINE_AA)
 
@@ -68,9 +73,10 @@ class Minimap:
         return picture
 
 
-MAX_SIDE = 800  # px, of a view; the browser enlarges it
+MAX_SIDE, MOVING_SIDE = 800, 480  # px, of a view, and of one while the camera moves; the browser enlarges it
+NUM_FILLING, STILL_S = 4, 0.3  # key spheres of a view once the camera stands, and when it does
+KEYS = "**W A S D** move, **Q E** down and up, mouse turns, wheel nears; a click on a key sphere flies there."
 FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
-IDLE_S = 0.5
 ANY_LOOK = "the nearest key spheres"
 
 
@@ -89,7 +95,7 @@ class Page:
         token: str,
     ) -> None:
         """`experience`: the look of the map that browsers are shown first; None: the nearest key spheres of any."""
-        self._first = experience
+        self._first, self._start = experience, start
         self._graph, self._scene, self._minimap = graph, scene, Minimap(graph)
         self._closed = threading.Event()
         self.server = make_server("view", host, port, token)
@@ -170,9 +176,9 @@ class Page:
         """Set a new browser up, with a thread that draws for it."""
         changed = threading.Event()
         client.camera.on_update(lambda _: changed.set())
+        client.gui.add_markdown(KEYS)
         target = client.gui.add_number("key sphere", 0, min=0, max=max(self._graph.nodes), step=1)
-        go = client.gui.add_button("fly there")
-        go.on_click(lambda _: self._fly_to_id(client, int(target.value)))
+        client.gui.add_button("fly there").on_click(lambda _: self._fly_to_id(client, int(target.value)))
         has_pictures = client.gui.add_checkbox("synthesised view", True)
         has_pictures.on_update(lambda _: changed.set())
         looks = {ANY_LOOK: None} | {str(one): one for one in self._scene.experiences}
@@ -181,47 +187,57 @@ class Page:
         look.on_update(lambda _: changed.set())
         text = client.gui.add_markdown("")
         minimap = client.gui.add_image(self._minimap.draw(browser_pose(client.camera)), label="map, x to the right")
+        client.gui.add_button("back to the begin").on_click(lambda _: self.fly(client, self._start))
         shot = client.gui.add_button("screenshot")
 
-        def draw() -> bool:
+        def draw(is_still: bool) -> bool:
             T = browser_pose(client.camera)
             minimap.image = self._minimap.draw(T)
             if not has_pictures.value:
                 client.scene.set_background_image(None)
                 return True
             begin = time.perf_counter()
-            view, is_whole = self._view(client, T, looks[look.value])
+            view, is_whole = self._view(client, T, looks[look.value], is_still)
             client.scene.set_background_image(shown(view), format="jpeg", jpeg_quality=85)
             text.content = (
+                f"{whereabouts(self._graph, T)}\n\n"
                 f"{1e3 * (time.perf_counter() - begin):.0f} ms a view, {100 * view.is_known.mean():.0f} % seen"
             )
             return is_whole
 
         def send_screenshot(_: Any) -> None:
             lens = browser_camera(client.camera)
-            view = self._scene.render(browser_pose(client.camera), lens, looks[look.value])
+            view = self._scene.render(browser_pose(client.camera), lens, looks[look.value], count=NUM_FILLING)
             client.send_file_download("view.png", encoded(shown(view), ".png"))
 
         shot.on_click(send_screenshot)
         changed.set()
         threading.Thread(target=self._follow, args=(client, changed, draw), daemon=True).start()
 
-    def _view(self, client: Any, T: SE3, experience: Experience | None) -> tuple[SynthesizedView, bool]:
-        """Return what is ready of a view, and whether nothing is on its way any more."""
-        is_whole = self._scene.is_ready(T, experience)
-        return self._scene.render(T, browser_camera(client.camera), experience, is_waiting=False), is_whole
+    def _view(self, client: Any, T: SE3, experience: Experience | None, is_still: bool) -> tuple[SynthesizedView, bool]:
+        """Return what is ready of a view, and whether nothing is on its way any more.
+
+        While the camera moves it is small; when it stands the next key spheres fill its holes.
+        """
+        count, side = (NUM_FILLING, MAX_SIDE) if is_still else (NUM_BLENDED, MOVING_SIDE)
+        is_whole = self._scene.is_ready(T, experience, count)
+        lens = browser_camera(client.camera, side)
+        return self._scene.render(T, lens, experience, is_waiting=False, count=count), is_whole
 
     def _fly_to_id(self, client: Any, sphere_id: int) -> None:
         if sphere_id in self._graph.nodes:
             self.fly(client, self._graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL)
 
-    def _follow(self, client: Any, changed: threading.Event, draw: Callable[[], bool]) -> None:
-        """Draw whenever the camera of a browser has moved, until it leaves."""
+    def _follow(self, client: Any, changed: threading.Event, draw: Callable[[bool], bool]) -> None:
+        """Draw whenever the camera of a browser has moved, and once more when it stands, until it leaves."""
+        is_whole = True
         while not self._closed.is_set() and client.client_id in self.server.get_clients():
-            if changed.wait(IDLE_S):
+            if changed.wait(STILL_S):
                 changed.clear()
-                if not draw():
-                    changed.set()  # what was on its way will be there
+                draw(False)
+                is_whole = False
+            elif not is_whole:
+                is_whole = draw(True)  # else what is on its way will be there
 
 
 def put(client: Any, T_map_camera: SE3) -> None:
@@ -237,6 +253,14 @@ def browser_pose(camera: Any) -> SE3:
     return SE3.from_quaternion([x, y, z, w], camera.position)
 
 
+def whereabouts(graph: SphereGraph, T_map_camera: SE3) -> str:
+    """Return where a camera is, in words."""
+    (node,), (x, y, z) = graph.nearest(T_map_camera.translation), T_map_camera.translation
+    ahead = T_map_camera.rotation[:, 2]
+    heading, away = np.degrees(np.arctan2(ahead[1], ahead[0])), T_map_camera.distance(node.T_map_sphere)[0]
+    return f"x {x:.1f}, y {y:.1f}, z {z:.1f} m, looks {heading:.0f} deg; {away:.1f} m from key sphere {node.id}"
+
+
 def look_at(T_map_camera: SE3) -> NDArray[np.float64]:
     """Return the point (3,) in front of a camera about which the mouse turns it."""
     return T_map_camera.translation + T_map_camera.rotation[:, 2]
@@ -248,10 +272,10 @@ def drawn_lens(camera: Camera) -> dict[str, float]:
     return {"fov": fov, "aspect": camera.width / camera.height}
 
 
-def browser_camera(camera: Any) -> Pinhole:
-    """Return the lens of a browser's camera; views are no larger than `MAX_SIDE`."""
+def browser_camera(camera: Any, side: int = MAX_SIDE) -> Pinhole:
+    """Return the lens of a browser's camera; views are no larger than `side`."""
     aspect = float(camera.aspect)
-    width = round(MAX_SIDE * min(aspect, 1.0))
+    width = round(side * min(aspect, 1.0))
     height = max(round(width / aspect), 1)
     focal = 0.5 * height / np.tan(0.5 * float(camera.fov))
     return Pinhole(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))

@@ -17,7 +17,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.view.drive import Drive
-from sphere_nav_tools.cli.view.server import Page, encoded, shown
+from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, encoded, shown
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free
 
@@ -120,7 +120,7 @@ def write_view(scene: Scene, T_map_camera: SE3, arguments: argparse.Namespace) -
         raise ValueError(f"{output}: expected a file {', '.join(ENDINGS)}, found ending {output.suffix!r}")
     check_free(arguments, output)
     experience = find_experience(scene, arguments.experience)
-    view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience)
+    view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience, count=NUM_FILLING)
     output.write_bytes(encoded(shown(view), output.suffix))
     print(f"{output}: {arguments.size}, {100 * view.is_known.mean():.1f} % seen")
     return 0

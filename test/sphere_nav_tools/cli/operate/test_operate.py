@@ -2,7 +2,6 @@
 
 import json
 import sys
-from contextlib import nullcontext
 from itertools import chain, repeat
 from types import SimpleNamespace
 
@@ -15,13 +14,8 @@ from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.operate import words
 from sphere_nav_tools.cli.operate.link import Link
-from sphere_nav_tools.cli.operate.page import COLORS, Desk
-from sphere_nav_tools.cli.operate.words import (
-    Heard,
-    banner,
-    ellipse,
-    places_of,
-)
+from sphere_nav_tools.cli.operate.page import possible
+from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, places_of, scale_bar, timeline
 
 
 @pytest.mark.parametrize(
@@ -145,46 +139,55 @@ def test_a_pose_is_told_with_its_heading_and_covariance(ears):
     assert ears.seen.told("trail")[0][0].tolist() == [3.0, -4.0]
 
 
-class Scene:
-    """Keeps what is added to it, as a browser would."""
-
-    def __init__(self):
-        self.added = []
-
-    def __getattr__(self, kind):
-        def add(name, *words, **values):
-            self.added.append((kind.removeprefix("add_"), name, values))
-            return SimpleNamespace(position=None, wxyz=None, on_click=lambda act: self.added.append(("click", act, {})))
-
-        return add
-
-
-@pytest.fixture
-def desk():
-    desk = Desk.__new__(Desk)
-    camera = SimpleNamespace(position=(-3.0, 0.0, 25.0), look_at=(0.0, 0.0, 0.0))
-    desk.client = SimpleNamespace(scene=Scene(), camera=camera, atomic=nullcontext)
-    desk._drawn, desk._places, desk._middle = {}, [], np.zeros(3)
-    desk._follows, desk._place = SimpleNamespace(value=True), SimpleNamespace(options=(), value="")
-    return desk
+@pytest.mark.parametrize(
+    ("state", "mission", "is_pressed", "shown"),
+    [
+        ("IDLE", "IDLE", False, {"start"}),
+        ("STOPPED", "IDLE", True, set()),
+        ("DRIVING", "IDLE", False, {"pause", "stop"}),
+        ("PAUSED", "IDLE", False, {"resume", "stop"}),
+        ("PAUSED", "IDLE", True, {"stop"}),
+        ("IDLE", "WAITING", False, {"pause", "stop"}),
+        ("", "IDLE", False, set()),
+    ],
+)
+def test_buttons_are_shown_where_they_do_something(state, mission, is_pressed, shown):
+    seen = Heard()
+    if state:
+        seen.hear("follower", SimpleNamespace(state=state, reason=""))
+    seen.hear("mission", SimpleNamespace(state=mission))
+    assert {name for name, is_shown in possible(seen, is_pressed).items() if is_shown} == shown
 
 
-def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(desk):
-    covariance = np.diag([0.09, 0.01])
-    desk._show_car((5.0, 3.0, np.pi / 2, covariance), 0.2)
-    assert desk._car.position == pytest.approx((5.0, 3.6, 0.3))
-    assert desk._car.wxyz == pytest.approx((np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
-    (box, _, values), (lines, _, outline) = desk.client.scene.added
-    assert (box, values["dimensions"], values["color"]) == ("box", (1.9, 1.2, 0.6), COLORS["car"])
-    assert (lines, outline["colors"]) == ("line_segments", COLORS["car"])
-    low, high = outline["points"].min(axis=(0, 1)), outline["points"].max(axis=(0, 1))
-    np.testing.assert_allclose(low, [4.4, 2.8, 0.65], atol=0.01)
-    np.testing.assert_allclose(high, [5.6, 3.2, 0.65], atol=0.01)
-    desk._show_car((6.0, 3.0, 0.0, covariance), 0.9)
-    assert [kind for kind, *_ in desk.client.scene.added].count("box") == 1  # it moves
-    assert desk._car.position == pytest.approx((6.6, 3.0, 0.3))
-    desk._show_car((6.0, 3.0, 0.0, covariance), 1.1)
-    boxes = [values["color"] for kind, _, values in desk.client.scene.added if kind == "box"]
-    assert boxes == [COLORS["car"], COLORS["old"]]
-    desk._show_car(None, np.inf)
-    assert len([kind for kind, *_ in desk.client.scene.added if kind == "box"]) == 2
+def test_a_stop_is_offered_where_the_vehicle_has_gone_silent(monkeypatch):
+    seen = Heard()
+    seen.hear("follower", SimpleNamespace(state="IDLE", reason=""))
+    now = words.time.monotonic()
+    monkeypatch.setattr(words.time, "monotonic", lambda: now + 5.0)
+    assert possible(seen, False) == {"start": False, "resume": False, "pause": False, "stop": True}
+    assert "UNKNOWN silent" in timeline(seen)
+
+
+def test_health_tells_errors_first_and_forgets_who_has_ended(monkeypatch):
+    seen, now = Heard(), words.time.monotonic()
+    told = {"fine": (0, "10 Hz", now), "disk": (2, "full", now), "warm": (1, "hot", now), "late": (0, "", now - 9.0)}
+    seen.hear("diagnostics", told | {"gone": (2, "broken", now - 31.0)})
+    text = health(seen)
+    order = [text.index(word) for word in ("disk", "late", "warm", "fine")]
+    assert order == sorted(order)
+    assert "STALE</b> late" in text
+    assert "gone" not in text
+
+
+def test_the_time_line_keeps_states_as_long_as_they_last(monkeypatch):
+    seen, now = Heard(), words.time.monotonic()
+    for at, state in ((0.0, "IDLE"), (0.1, "IDLE"), (60.0, "DRIVING"), (60.5, "DRIVING")):
+        monkeypatch.setattr(words.time, "monotonic", lambda at=at: now + at)
+        seen.hear("follower", SimpleNamespace(state=state, reason="", remedy=""))
+    assert [state for _, state, _ in seen.past] == ["IDLE", "UNKNOWN", "DRIVING"]  # nothing was heard between
+
+
+def test_a_scale_is_a_round_length():
+    assert "width:100px" in scale_bar(0.05, 0.0)
+    assert "5 m" in scale_bar(0.05, 0.0)
+    assert "rotate(90)" in scale_bar(0.02, 90.0)

@@ -1,7 +1,10 @@
 """The page over DDS and websocket: commands and who confirms them, missions, two pages, dead-man switch, the folder."""
 
+import sys
 import threading
 import time
+import urllib.error
+import urllib.request
 
 import numpy as np
 import pytest
@@ -9,14 +12,14 @@ import pytest
 pytest.importorskip("viser", reason="optional: pip install viser")
 import rclpy
 from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future as RclpyFuture
 from sphere_nav_msgs.action import Navigate
-from sphere_nav_msgs.msg import FollowerStatus, NavigatorStatus
+from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus, NavigatorStatus
 from sphere_nav_msgs.srv import LoadTrajectory
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
@@ -24,14 +27,18 @@ from std_srvs.srv import Trigger
 from path_follower.routes.building import TaughtDrive, build_network, even_curve
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import to_geojson
+from sphere_nav.geometry import SE3
 from sphere_nav.ros import qos
+from sphere_nav.ros.maps.writer import MapDetails, save_map
 from sphere_nav_tools.cli.gate import link_to
 from sphere_nav_tools.cli.operate.link import Link
-from sphere_nav_tools.cli.operate.page import OperatorPage
+from sphere_nav_tools.cli.operate.page import NAMES, OperatorPage
 from sphere_nav_tools.cli.operate.teaching import Teaching
 from sphere_nav_tools.cli.operate.words import Place
 from worlds import patience
+from worlds.localizer import make_map
 from worlds.page_client import WAIT_S, PageClient
+from worlds.room import Room
 
 TOKEN = "a token of the yard"
 SWITCH = "stop the vehicle when this page is lost (dead-man switch)"
@@ -49,6 +56,7 @@ class FakeFollower:
         self.state, self.reason, self.emergency, self.loaded = "IDLE", "", [], []
         self.refusal, self.x = "", 0.0
         self.status = self.node.create_publisher(FollowerStatus, "~/status", qos.STATE)
+        self.localizer = self.node.create_publisher(LocalizationStatus, "status", qos.STATE)
         self.pose = self.node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
         self.node.create_timer(0.05, self.tell)
         for name, state in STATES.items():
@@ -59,6 +67,9 @@ class FakeFollower:
         self.executor.add_node(self.node)
         self.thread = threading.Thread(target=self.executor.spin, daemon=True)
         self.thread.start()
+
+    def tell_map(self, map_id):
+        self.localizer.publish(LocalizationStatus(state="TRACKING", map_id=map_id))
 
     def tell(self):
         self.status.publish(FollowerStatus(state=self.state, reason=self.reason, remedy="<b>see</b> the log"))
@@ -144,7 +155,7 @@ def test_commands_are_confirmed_by_the_node(follower, enter):
     follower.refusal = "OFF_PATH: 3 m, limit 1"
     page.click("start")
     page.wait_for("start: OFF_PATH: 3 m, limit 1")
-    page.click("go there")
+    page.click("make the way there")
     page.wait_for("expected one of route_navigator, found none")
 
 
@@ -181,6 +192,46 @@ def test_with_the_dead_mans_switch_a_lost_page_presses_the_emergency_stop_within
     time.sleep(1.0)
     assert follower.state == "DRIVING"  # it is pressed once
     page.is_silent = False
+
+
+def test_an_emergency_stop_needs_no_websocket(yard, follower, enter):
+    follower.state = "DRIVING"
+    with urllib.request.urlopen(
+        f"{link_to('127.0.0.1', yard[2].port, TOKEN)}/emergency_stop", timeout=WAIT_S
+    ) as answer:
+        assert answer.status == 200
+    wait_until(lambda: follower.reason == "EMERGENCY_STOP")
+    assert "released" in yard[1].release_emergency()
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        urllib.request.urlopen(f"{link_to('127.0.0.1', yard[2].port, 'guess_of_it')}/emergency_stop", timeout=WAIT_S)
+
+
+def test_by_hand_the_vehicle_drives_while_a_button_is_held_and_stands_at_once_after(yard, follower, enter):
+    link, heard = yard[1], []
+    wheels = follower.node.create_subscription(
+        Twist, "cmd_vel", lambda twist: heard.append((time.monotonic(), twist.linear.x)), qos.COMMAND
+    )
+    wait_until(lambda: link.node.count_subscribers("cmd_vel"))
+    page = enter()
+    page.wait_for("ahead, to the left")
+    assert follower.node.count_publishers("/cmd_vel") == 0  # nobody is there who could drive
+
+    def hold():
+        page.hold("ahead")
+        return any(speed == 0.8 for _, speed in heard)
+
+    wait_until(hold)
+    last = time.monotonic()  # the browser is gone
+    wait_until(lambda: heard[-1][1] == 0.0)
+    assert heard[-1][0] - last < 0.5
+    wait_until(lambda: follower.node.count_publishers("/cmd_vel") == 0)
+    heard.clear()
+    wait_until(hold)
+    page.click("ahead")  # let go
+    wait_until(lambda: heard[-1][1] == 0.0)
+    follower.state = "DRIVING"
+    wait_until(lambda: "expected a vehicle that stands" in link.hold(0.8, 0.0))
+    follower.node.destroy_subscription(wheels)
 
 
 def test_an_emergency_stop_stays_pressed_when_it_is_pressed_twice_or_its_page_is_closed(yard, follower, enter):
@@ -326,3 +377,76 @@ def test_stop_is_confirmed_only_where_follower_and_navigator_both_have_stopped(
     follower.refusal = "the vehicle is deaf"
     assert yard[1].command("stop") == "stop: the vehicle is deaf"
     wait_until(lambda: navigator.state == "IDLE")  # what can be stopped is stopped
+
+
+RECORDER = """
+import pathlib, signal, sys, time
+bag = pathlib.Path(sys.argv[1]); bag.with_name(bag.name + '.partial').mkdir()
+
+def end(*_):
+    bag.mkdir(); (bag / 'a.mcap').write_bytes(b'0')
+    sys.exit(print('82 messages'))
+
+signal.signal(signal.SIGINT, end)
+print('ready', flush=True)
+time.sleep(60)
+"""
+MAPPER = "import shutil, sys; shutil.copytree(sys.argv[1], sys.argv[2]); shutil.copy(sys.argv[3], sys.argv[4])"
+
+
+@pytest.fixture
+def programs(tmp_path, monkeypatch):
+    """Stand for the recorder and the mapper, which have tests of their own; return the id of the map that is made."""
+    made = make_map(Room(), [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)])
+    save_map(tmp_path / "map", made.graph, MapDetails(map_id="yard"))
+    rows = [f"{10 + k} {-1.0 + 0.1 * k} 0 0 0 0 0 1" for k in range(41)]
+    (tmp_path / "way.tum").write_text("\n".join(rows) + "\n")
+
+    def map_by(_, *words):
+        made, taught = words[words.index("-o") + 1], words[words.index("--taught") + 1]
+        return [sys.executable, "-c", MAPPER, str(tmp_path / "map"), made, str(tmp_path / "way.tum"), taught]
+
+    bag = "sphere_nav_tools.cli.operate.teaching."
+    output = len("output:=")
+    monkeypatch.setattr(f"{bag}node_command", lambda _, *words: [sys.executable, "-c", RECORDER, words[2][output:]])
+    monkeypatch.setattr(f"{bag}python_command", map_by)
+    return "yard"
+
+
+@pytest.mark.slow
+def test_from_teaching_to_why_it_stands_by_clicks_alone(yard, follower, enter, programs):
+    page, link = enter(), yard[1]
+    page.set("name", "round")
+    page.click("record")
+    page.wait_for("NO IMAGE on image_raw for")
+    page.click("end of the drive")
+    page.wait_for("recording round: done 82 messages")
+    page.set("drive", "round")
+    page.click("make its map")
+    page.wait_for("mapping round: done")
+    assert yard[2].teaching.map_of("round")
+    follower.tell_map(programs)
+    wait_until(lambda: yard[2].map_in_use() is not None)
+    page.set("a click on the map", NAMES)
+    page.click_map(2.0, 0.3)
+    page.set("name of the place", "gate")
+    wait_until(lambda: page.parts[page.find("name it")]["visible"])
+    page.click("name it")
+    page.wait_for("place gate: kept in round_map")
+    assert [place.name for place in link.seen.told("places")[0]] == ["home", "gate"]
+    page.set("place", "gate")
+    page.click("make the way there")
+    page.wait_for("way to 2.0, 0.0")
+    assert follower.loaded[-1].endswith("course.csv")
+    assert follower.state == "IDLE"  # nothing moves before start
+    for name, state in (("start", "DRIVING"), ("pause", "PAUSED"), ("resume", "DRIVING")):
+        wait_until(lambda name=name: page.parts[page.find(name)]["visible"])
+        page.click(name)
+        page.wait_for(f"{name}: {state}")
+    page.click("EMERGENCY STOP")
+    page.wait_for("emergency stop: STOPPED EMERGENCY_STOP")
+    page.wait_for("&rarr; &lt;b&gt;see&lt;/b&gt; the log")  # why, and what to do
+    assert not page.parts[page.find("start")]["visible"]
+    page.click("release the emergency stop")
+    page.wait_for("released; start drives again")
+    page.set("a click on the map", "only looks")

@@ -1,5 +1,6 @@
 """Recording and mapping by buttons: names, one job at a time, how it ended. The programs have tests of their own."""
 
+import re
 import sys
 
 import pytest
@@ -49,7 +50,7 @@ def test_a_drive_is_recorded_and_mapped_by_its_name(desk):
     assert desk.describe() == ""
     assert desk.finish() == "nothing is being recorded"
     assert desk.record("yard") == "recording yard"
-    wait_for(lambda: "2.0 MB ready" in desk.describe())
+    wait_for(lambda: re.search(r"2\.0 MB, \d\.\d MB/s, \d+ GB left ready", desk.describe()))
     assert desk.record("other") == "recording yard is not over"
     assert desk.drives == []  # a map is made of a drive that is complete
     assert "being completed" in desk.finish()

@@ -1,5 +1,6 @@
 """The parts of the viewer that need no browser: lenses, poses, pictures, the map from above, the words beside them."""
 
+import threading
 from types import SimpleNamespace
 
 import cv2
@@ -29,6 +30,30 @@ def test_a_browser_looks_where_its_camera_looks():
     found = server.browser_pose(SimpleNamespace(wxyz=(w, x, y, z), position=T.translation))
     np.testing.assert_allclose(found.matrix, T.matrix, atol=1e-12)
     np.testing.assert_allclose(server.look_at(T), T.apply(np.array([[0.0, 0.0, 1.0]]))[0])  # a metre ahead
+
+
+def test_a_camera_is_told_where_it_is():
+    graph = SphereGraph([KeySphere(3, 0, SE3.from_planar(1.0, 2.0, 0.0)), KeySphere(7, 0, SE3.identity())])
+    told = server.whereabouts(graph, SE3.from_planar(1.0, 2.5, np.pi / 2) @ T_BODY_OPTICAL)
+    assert told == "x 1.0, y 2.5, z 0.0 m, looks 90 deg; 0.5 m from key sphere 3"
+
+
+def test_a_view_is_small_while_the_camera_moves_and_whole_once_it_stands():
+    asked, drawn = [], []
+    page = server.Page.__new__(server.Page)
+    page._scene = SimpleNamespace(
+        is_ready=lambda T, look, count: True,
+        render=lambda T, lens, look, is_waiting, count: asked.append((lens.width, count)),
+    )
+    client = SimpleNamespace(camera=SimpleNamespace(aspect=1.6, fov=1.0), client_id=0)
+    for is_still in (False, True):
+        page._view(client, T, None, is_still)
+    assert asked == [(480, 2), (800, 4)]
+    page._closed, changed = threading.Event(), threading.Event()
+    page.server = SimpleNamespace(get_clients=lambda: (0,) if len(drawn) < 2 else ())
+    changed.set()
+    page._follow(client, changed, lambda is_still: drawn.append(is_still) or True)
+    assert drawn == [False, True]
 
 
 def test_holes_are_dark_and_files_keep_their_colors():

@@ -1,0 +1,159 @@
+"""The map as one browser shows it: the ground from above, what is on it, and a view that follows without a jump."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import SE3
+from sphere_nav_tools.cli.operate.ground import Ground
+from sphere_nav_tools.cli.operate.words import Heard, Place, ellipse, pieces, scale_bar, way_driven
+
+COLORS = {
+    "car": (200, 30, 30),
+    "old": (140, 140, 140),
+    "path": (120, 140, 170),
+    "ahead": (30, 110, 230),
+    "trail": (220, 120, 30),
+    "spheres": (150, 150, 150),
+    "place": (20, 130, 60),
+    "mark": (200, 30, 160),
+}
+BODY_M = (1.9, 1.2, 0.6)  # of the box that stands for the vehicle, as the Cycab
+BEGIN = (0.0, -0.5, 25.0)  # of the view at first, m: from above, y up
+CALM, GLIDE = 0.12, 0.08  # share of the height that the vehicle may leave the middle; of the way back in a step
+
+
+class Chart:
+    """What one browser's map shows."""
+
+    def __init__(self, client: Any) -> None:
+        self.client, self.follows = client, True
+        self._drawn: dict[str, int] = {}
+        self._places: Sequence[Place] = ()
+        self._goal: NDArray[np.float64] | None = None  # where the view glides to
+        client.scene.add_grid("/grid", infinite_grid=True, cell_size=1.0, section_size=10.0, fade_distance=120.0)
+
+    def show(self, seen: Heard, ground: Ground | None) -> None:
+        """Draw what is new."""
+        if ground is not None and self._is_new("ground", id(ground)):
+            place, turn = (*ground.middle, -0.01), (0.0, 1.0, 0.0, 0.0)  # a picture's y points down
+            self.client.scene.add_image(
+                "/ground", ground.picture, *ground.size, format="png", position=place, wxyz=turn, cast_shadow=False
+            )
+        path, driven = seen.told("path")[0], way_driven(seen)
+        self.draw("path", path, COLORS["path"], 0.02)
+        self.draw("ahead", way_ahead(path, seen.told("follower")[0]), COLORS["ahead"], 0.06, 6.0)
+        self.draw("driven", driven, COLORS["trail"], 0.2)  # well above: from far away depths of a browser are coarse
+        self._show_spheres(seen.told("spheres")[0])
+        self._show_places(seen.told("places")[0] or ())
+        self._show_car(*seen.told("pose"))
+        self._goal = driven[-1] if driven else None
+
+    def draw(self, name: str, points: Any, color: tuple[int, ...], height: float, width: float = 3.0) -> None:
+        """Draw a line, where it is another one than the last time."""
+        if points is None:
+            return
+        ends = np.round(2.0 * np.concatenate([np.ravel(points[:1]), np.ravel(points[-1:])]))  # half metres
+        line = pieces(points, height)
+        if len(line) and self._is_new(name, hash(ends.tobytes())):
+            self.client.scene.add_line_segments(
+                f"/{name}", points=line, colors=color, thickness=width, thickness_units="screen"
+            )
+
+    def mark(self, name: str, points: Any) -> None:
+        """Show where the map was clicked, or what is being dragged: an arrow through two points, a cross at one."""
+        begin, end = np.asarray(points[0], float), np.asarray(points[-1], float)
+        along = end - begin if len(points) > 1 else np.array([0.6, 0.6])
+        across = np.array([-along[1], along[0]])
+        cross = [begin - along, begin + along, begin, begin - across, begin + across]
+        arrow = [begin, end, end - 0.25 * along + 0.15 * across, end, end - 0.25 * along - 0.15 * across]
+        self._drawn.pop(name, None)
+        self.draw(name, cross if len(points) == 1 else arrow, COLORS["mark"], 0.7, 4.0)
+
+    def scale(self) -> str:
+        """Return the scale of what is seen, and where y of the map points, as HTML."""
+        camera = self.client.camera
+        height = max(float(np.linalg.norm(np.subtract(camera.position, camera.look_at))), 0.1)
+        w, x, y, z = camera.wxyz
+        up = -SE3.from_quaternion([x, y, z, w], (0.0, 0.0, 0.0)).rotation[:2, 1]
+        turn = float(np.degrees(np.arctan2(up[0], up[1])))
+        pixels = max(float(camera.image_height), 1.0)
+        return scale_bar(2.0 * height * float(np.tan(0.5 * camera.fov)) / pixels, -turn)
+
+    def glide(self) -> None:
+        """Move the view a little towards the vehicle where that leaves its middle; how it is turned, the mouse says."""
+        if not self.follows or self._goal is None:
+            return
+        camera = self.client.camera
+        position, look_at = np.array(camera.position), np.array(camera.look_at)
+        way = np.array([*(self._goal - look_at[:2]), 0.0])
+        distance, calm = float(np.hypot(*way[:2])), CALM * float(np.linalg.norm(position - look_at))
+        if distance <= calm:
+            return
+        step = GLIDE * way * (distance - calm) / distance
+        with self.client.atomic():
+            camera.position, camera.look_at = position + step, look_at + step
+
+    def _show_spheres(self, points: Any) -> None:
+        if points is None or not len(points) or not self._is_new("spheres", len(points)):
+            return
+        solid = np.column_stack([points, np.zeros(len(points))]).astype(np.float32)
+        self.client.scene.add_point_cloud("/spheres", points=solid, colors=COLORS["spheres"], point_size=0.25)
+
+    def _show_places(self, places: Sequence[Place]) -> None:
+        if places == self._places:
+            return
+        for i in range(len(self._places)):
+            self.client.scene.remove_by_name(f"/place_{i}")
+        self._places = places
+        for i, place in enumerate(places):
+            spot = (place.x, place.y, 0.0)
+            self.client.scene.add_icosphere(f"/place_{i}", radius=0.4, color=COLORS["place"], position=spot)
+            self.client.scene.add_label(f"/place_{i}/name", place.name)
+
+    def _show_car(self, pose: Any, age: float) -> None:
+        if pose is None:
+            return
+        x, y, yaw, covariance = pose
+        color, scene = COLORS["car" if age < 1.0 else "old"], self.client.scene
+        if self._is_new("car", hash(color)):
+            front = (0.6, 0.0, 0.5 * BODY_M[2])  # the base is the rear axle
+            self._car = scene.add_frame("/car", show_axes=False)
+            scene.add_box("/car/body", color=color, dimensions=BODY_M, position=front, opacity=0.8)
+            nose = pieces([(0.6, 0.4), (1.8, 0.0), (0.6, -0.4)], BODY_M[2] + 0.05)
+            scene.add_line_segments(
+                "/car/nose", points=nose, colors=(255, 255, 255), thickness=3.0, thickness_units="screen"
+            )
+        if self._is_new("covariance", hash((color, np.round(np.log(np.abs(covariance) + 1e-6), 1).tobytes()))):
+            outline = pieces(ellipse(0.0, 0.0, covariance), BODY_M[2] + 0.05)
+            self._doubt = scene.add_line_segments(
+                "/covariance", points=outline, colors=color, thickness=2.0, thickness_units="screen"
+            )
+        self._car.position, self._car.wxyz = (x, y, 0.0), (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
+        self._doubt.position = (x, y, 0.0)
+
+    def _is_new(self, name: str, mark: int) -> bool:
+        """Whether what is to be drawn is another one than the last time."""
+        is_new, self._drawn[name] = self._drawn.get(name) != mark, mark
+        return is_new
+
+
+def way_ahead(path: Any, status: Any) -> Any:
+    """Return the points of a path that are still to be driven; None without one."""
+    if path is None or status is None or len(path) < 2:
+        return None
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    return path[min(int(np.searchsorted(arc, status.progress)), len(path) - 2) :]
+
+
+def ground_point(origin: Any, direction: Any) -> NDArray[np.float64] | None:
+    """Return where a ray meets the ground (2,); None where it does not."""
+    if direction[2] > -1e-6:
+        return None
+    point: NDArray[np.float64] = np.asarray(origin, float) - np.asarray(direction, float) * (origin[2] / direction[2])
+    return point[:2]

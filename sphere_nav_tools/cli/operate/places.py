@@ -1,0 +1,48 @@
+"""Places on the paths of the map in use, named by a click, and the way to one of them as a path for the follower."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from path_follower.params import VehicleParams
+from path_follower.routes.course import make_course
+from path_follower.routes.mission_file import write_course
+from path_follower.routes.network import Network
+from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
+from path_follower.routes.planning import plan
+from sphere_nav_tools.cli.operate.words import Place, places_of
+
+COURSE = "course.csv"
+CRUISE = 1.4  # m/s, by which ways are compared
+
+
+def network_of(made: Path, taught: Path | None) -> Network:
+    """Return the network of a map; or that of the drive that it was made of. ValueError for neither."""
+    from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
+
+    if network_path(made).exists():
+        return read_network(network_path(made))
+    if taught is None:
+        raise ValueError("places: expected a map with a taught path, found none: sphere_nav route build makes one")
+    return routes.read_network_of([taught], routes.map_id_of(made), VehicleParams().width)
+
+
+def name_place(made: Path, taught: Path | None, name: str, x: float, y: float) -> list[Place]:
+    """Name the place of the network that is closest to a point, keep it in the map, and return all places."""
+    from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
+
+    network = network_of(made, taught)
+    named = network.with_place(name, routes.find_spot(network, x, y, None))
+    write_network(network_path(made), named)
+    return places_of(to_geojson(named, is_dense=False))
+
+
+def way_to(network: Network, pose: tuple[float, float, float], goal: tuple[float, float], folder: Path) -> Path:
+    """Write the way from a pose to the closest point of the network, and return the file; ValueError for no way."""
+    from sphere_nav_tools.offline import routes  # matplotlib takes half a second to import
+
+    begin, end = routes.find_spot(network, *pose), routes.find_spot(network, *goal, None)
+    way, vehicle = plan(network, [begin], [end], cruise=CRUISE), VehicleParams()
+    file = folder / COURSE
+    write_course(file, make_course(network, way.legs, None, vehicle), network.map_id, vehicle.max_speed)
+    return file

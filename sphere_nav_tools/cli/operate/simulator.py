@@ -1,0 +1,55 @@
+"""A simulated vehicle for the page: it is taught by hand, and drives by its camera once a map is chosen."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from sphere_nav_tools.cli.demo.domains import claim_domain
+from sphere_nav_tools.cli.processes import Processes
+
+SIMULATION = {
+    "has_stamped_command": False,  # the clock waits for nobody
+    "camera.period": 0.2,
+    "camera.size": "448,336",
+    "capture.when": "always",
+    "capture.distance": 1.5,
+}
+DRIVERS = ("path_follower", "dense_localizer")
+CLOCK = {"use_sim_time": True}
+
+
+class SimulatedVehicle:
+    """The simulator, and the nodes that drive it; they end with this."""
+
+    def __init__(self, folder: Path) -> None:
+        """`folder`: where what they say is kept."""
+        logs = folder / "simulator_logs"
+        logs.mkdir(exist_ok=True)
+        self._processes = Processes(logs, claim_domain())
+        self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
+        self._is_driven = False
+        self._starter.submit(self._processes.start, "cycab_sim", SIMULATION).result()
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """In which others meet it."""
+        return self._processes.environment
+
+    def use(self, made: Path, taught: Path) -> str:
+        """Drive by a map along the path that was taught with it; nothing moves before start is pressed."""
+
+        def start() -> None:
+            for node in DRIVERS if self._is_driven else ():
+                self._processes.stop(node)
+            self._processes.start("dense_localizer", CLOCK | {"map": str(made)})
+            self._processes.start("path_follower", CLOCK | {"trajectory": str(taught)})
+            self._is_driven = True
+
+        self._starter.submit(start).result()
+        return f"{made.name}: localiser and follower start"
+
+    def close(self) -> None:
+        """End all."""
+        self._processes.__exit__(None, None, None)
+        self._starter.shutdown()
