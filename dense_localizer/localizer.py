@@ -34,8 +34,7 @@ class Localizer:
     """One camera, or several of one body, in one map; live ones never wait for a key sphere, else runs are equal."""
 
     def __init__(self, params: LocalizerParams, sphere_map: SphereMap, *, is_live: bool = False) -> None:
-        self.params = params
-        self._inter_frame = InterFrame(params.registration)
+        self.params, self._inter_frame = params, InterFrame(params.registration)
         self._prior = PosePrior(params.prior, sphere_map.graph, self._inter_frame)
         self.references = References(sphere_map, params, is_live=is_live)
         self._inputs = Inputs(params, self.references.pixels_per_radian)
