@@ -2,104 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
 
 from sphere_mapping.constants import ANCHOR_SIGMA, DESCENT_TOLERANCE, MAX_STEPS, ROBUST_WIDTH
-from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
+from sphere_mapping.graph.pose_graph import PoseGraph
 from sphere_nav.geometry.arrays import Array
 
-ANGLE_FIRST = [3, 4, 5, 0, 1, 2]  # our (v, omega) in GTSAM's order of space (omega, v); in the plane they agree
+ANGLE_FIRST = [3, 4, 5, 0, 1, 2]  # our (v, omega) in GTSAM's order (omega, v)
 
 
 class DescentResult(NamedTuple):
-    """Where a descent ended: poses (N, d + 1, d + 1), the weighted sum of squares there, and its steps."""
+    """Where a descent ended: poses (N, 4, 4), the weighted sum of squares there, and its steps."""
 
     poses: Array
     chi2: float
     iterations: int
 
 
-class Kind(NamedTuple):
-    """GTSAM's classes for the plane or for space."""
-
-    pose: Callable[..., Any]
-    at: Callable[[gtsam.Values, int], Any]
-    prior: Callable[..., Any]
-    between: Callable[..., Any]
-
-
-KINDS = {
-    2: Kind(
-        lambda T: gtsam.Pose2(T[0, 2], T[1, 2], np.arctan2(T[1, 0], T[0, 0])),
-        gtsam.Values.atPose2,
-        gtsam.PriorFactorPose2,
-        gtsam.BetweenFactorPose2,
-    ),
-    3: Kind(
-        gtsam.Pose3,
-        gtsam.Values.atPose3,
-        gtsam.PriorFactorPose3,
-        gtsam.BetweenFactorPose3,
-    ),
-}
-
-
 def factors_of(graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
     """Return an edge's error as log(T_measured^-1 T_a^-1 T_b) with its full information matrix."""
-    kind, factors = KINDS[graph.dimension], gtsam.NonlinearFactorGraph()
-    order = ANGLE_FIRST if graph.dimension == 3 else [0, 1, 2]
+    factors = gtsam.NonlinearFactorGraph()
     huber = gtsam.noiseModel.mEstimator.Huber.Create(ROBUST_WIDTH)
-    ordered = np.ascontiguousarray(graph.information[:, order][:, :, order])
+    ordered = np.ascontiguousarray(graph.information[:, ANGLE_FIRST][:, :, ANGLE_FIRST])
     for (a, b), motion, information, is_robust in zip(
         graph.ends.tolist(), graph.motions, ordered, graph.is_robust, strict=True
     ):
         noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Information(information)
         noise = gtsam.noiseModel.Robust.Create(huber, noise) if is_robust else noise
-        factors.add(kind.between(a, b, kind.pose(motion), noise))
+        factors.add(gtsam.BetweenFactorPose3(a, b, gtsam.Pose3(motion), noise))
     return factors
 
 
-def chi2_of(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array) -> float:
+def chi2_of(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> float:
     """Return the weighted sum of squares at some poses; GTSAM's error is half of it."""
-    return float(2.0 * factors.error(values_of(graph, poses)))
+    return float(2.0 * factors.error(values))
 
 
 def minimize_poses(
-    factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array, max_steps: int = MAX_STEPS["descent"]
+    factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, start: gtsam.Values | None = None
 ) -> DescentResult | None:
-    """Return where Levenberg-Marquardt ends from these poses, None where it breaks down."""
-    kind, anchored = KINDS[graph.dimension], placed_factors(factors, graph, poses)
-    settings = gtsam.LevenbergMarquardtParams()
-    settings.setMaxIterations(max_steps)
+    """Return where Levenberg-Marquardt ends, None where it breaks down: from the chordal solution, or a given start."""
+    anchored, settings = placed_factors(factors, graph), gtsam.LevenbergMarquardtParams()
+    settings.setMaxIterations(MAX_STEPS["descent"])
     settings.setRelativeErrorTol(DESCENT_TOLERANCE)
     settings.setAbsoluteErrorTol(0.0)
     try:
-        optimizer = gtsam.LevenbergMarquardtOptimizer(anchored, values_of(graph, poses), settings)
+        first = gtsam.InitializePose3.initialize(anchored) if start is None else start
+        optimizer = gtsam.LevenbergMarquardtOptimizer(anchored, first, settings)
         values = optimizer.optimize()
     except RuntimeError:  # an indeterminate system: the start was hopeless
         return None
-    found = np.array([kind.at(values, row).matrix() for row in range(len(poses))])
-    chi2 = float(2.0 * factors.error(values))
+    found = np.array([values.atPose3(row).matrix() for row in range(len(graph.ids))])
+    chi2 = chi2_of(factors, values)
     return DescentResult(found, chi2, int(optimizer.iterations())) if np.isfinite(chi2) else None
 
 
-def placed_factors(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array) -> gtsam.NonlinearFactorGraph:
+def placed_factors(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
     """Return the factors and those that hold the anchors where they are."""
-    kind, size = KINDS[graph.dimension], TANGENT_SIZE[graph.dimension]
     anchored = gtsam.NonlinearFactorGraph(factors)
-    noise = gtsam.noiseModel.Isotropic.Sigma(size, ANCHOR_SIGMA)
+    noise = gtsam.noiseModel.Isotropic.Sigma(6, ANCHOR_SIGMA)
     for row in graph.anchors:
-        anchored.add(kind.prior(int(row), kind.pose(poses[row]), noise))
+        anchored.add(gtsam.PriorFactorPose3(int(row), gtsam.Pose3(graph.poses[row]), noise))
     return anchored
 
 
-def values_of(graph: PoseGraph, poses: Array) -> gtsam.Values:
-    """Return the poses as GTSAM has them."""
-    values, kind = gtsam.Values(), KINDS[graph.dimension]
-    for row, pose in enumerate(poses):
-        values.insert(row, kind.pose(pose))
+def values_of(graph: PoseGraph) -> gtsam.Values:
+    """Return the poses of a graph as GTSAM has them."""
+    values = gtsam.Values()
+    for row, pose in enumerate(graph.poses):
+        values.insert(row, gtsam.Pose3(pose))
     return values

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from scipy.special import chdtri
 
 from sphere_mapping.constants import COST_TOLERANCE, TOO_MUCH
-from sphere_mapping.graph.chordal import chordal_poses
-from sphere_mapping.graph.factors import DescentResult, chi2_of, factors_of, minimize_poses
-from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph, from_spheres, to_spheres
+from sphere_mapping.graph.factors import DescentResult, chi2_of, factors_of, minimize_poses, values_of
+from sphere_mapping.graph.pose_graph import PoseGraph, from_spheres, to_spheres
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import SphereGraph
 
@@ -22,7 +21,7 @@ GIVEN, CHORDAL = "given", "chordal"
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """Poses (N, d + 1, d + 1) that fit best, and what is known about them.
+    """Poses (N, 4, 4) that fit best, and what is known about them.
 
     chi2_before, chi2_after: weighted sum of squares at the given poses and at these.
     start: where the descent that won began; solutions: where each of them ended.
@@ -54,17 +53,17 @@ def optimize_map(graph: SphereGraph) -> CorrectedMap:
         return CorrectedMap(graph, None)
     problem = from_spheres(graph)
     factors = factors_of(problem)
-    solutions = {CHORDAL: minimize_poses(factors, problem, chordal_poses(problem))}
+    solutions = {CHORDAL: minimize_poses(factors, problem)}
     if not fits(problem, solutions[CHORDAL]):
-        solutions[GIVEN] = minimize_poses(factors, problem, problem.poses)
-    optimum = _best(solutions, chi2_of(factors, problem, problem.poses))
+        solutions[GIVEN] = minimize_poses(factors, problem, values_of(problem))
+    optimum = _best(solutions, chi2_of(factors, values_of(problem)))
     return CorrectedMap(to_spheres(graph, optimum.poses), optimum)
 
 
 def fits(graph: PoseGraph, solution: DescentResult | None) -> bool:
     """Say whether edges that are as good as they say would leave as much as this: in all but one of a thousand maps."""
     num_free = len(graph.ends) - len(graph.ids) + len(graph.anchors)  # edges more than poses need
-    limit = chdtri(TANGENT_SIZE[graph.dimension] * num_free, TOO_MUCH) if num_free else 0.0
+    limit = chdtri(6 * num_free, TOO_MUCH) if num_free else 0.0
     return solution is not None and solution.chi2 <= limit
 
 

@@ -14,18 +14,16 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import SphereGraph
 
-TANGENT_SIZE = {2: 3, 3: 6}  # (v, omega) in the plane and in space
-
 
 @dataclass(frozen=True, eq=False)
 class PoseGraph:
-    """N poses and M motions between them, in the plane (d = 2) or in space (d = 3).
+    """N poses and M motions between them.
 
     ids: (N,) names of the poses.
-    poses: (N, d + 1, d + 1) T_map_i, where an optimization starts.
+    poses: (N, 4, 4) T_map_i, where an optimization starts.
     ends: (M, 2) rows a, b of the poses that an edge joins.
-    motions: (M, d + 1, d + 1) T_a_b as measured.
-    information: (M, p, p) of xi in T_a_b exp(xi), xi = (v, omega); p = 3 in the plane, 6 in space.
+    motions: (M, 4, 4) T_a_b as measured.
+    information: (M, 6, 6) of xi in T_a_b exp(xi), xi = (v, omega).
     is_robust: (M,) edges that lose weight where they fit badly.
     """
 
@@ -36,11 +34,6 @@ class PoseGraph:
     information: Array
     is_robust: NDArray[np.bool_]
 
-    @property
-    def dimension(self) -> int:
-        """2 in the plane, 3 in space."""
-        return self.poses.shape[-1] - 1
-
     @cached_property
     def anchors(self) -> NDArray[np.int64]:
         """Rows (C,) of the poses that stay where they are: the first one of every connected part."""
@@ -48,19 +41,6 @@ class PoseGraph:
         joined = coo_array((np.ones(len(a)), (a, b)), shape=(len(self.ids), len(self.ids)))
         _, parts = connected_components(joined, directed=False)
         return np.unique(parts, return_index=True)[1].astype(np.int64)
-
-    @cached_property
-    def precisions(self) -> tuple[Array, Array]:
-        """Isotropic precision (M,) of each edge's rotation (kappa) and of its translation (tau).
-
-        Rosen et al., SE-Sync (IJRR 2019), as its authors read these files: the matrices' nearest isotropic ones.
-        """
-        d = self.dimension
-        translation, rotation = self.information[:, :d, :d], self.information[:, d:, d:]
-        tau = d / np.trace(np.linalg.inv(translation), axis1=1, axis2=2)
-        if d == 2:
-            return rotation[:, 0, 0], tau
-        return 1.5 / np.trace(np.linalg.inv(rotation), axis1=1, axis2=2), tau
 
 
 def from_spheres(graph: SphereGraph) -> PoseGraph:
