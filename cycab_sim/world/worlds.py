@@ -82,19 +82,17 @@ def build_world(world: str, seed: int, path: str = "two_turns") -> World:
     raise ValueError(f"world: expected one of {', '.join(WORLDS)}, found {world!r}")
 
 
-def geometry_cloud(
-    seed: int, spacing: float = 0.1, world: str = "town", has_clutter: bool = False
-) -> NDArray[np.float64]:
+def geometry_cloud(seed: int, spacing: float = 0.1, world: str = "town") -> NDArray[np.float64]:
     """Return points (N, 3) m on the surfaces of a static world, about one each `spacing` m, no colour.
 
-    Without `has_clutter`, what comes and goes is missing: parked cars, bins and crates. Traffic never belongs to it.
+    What comes and goes is missing: parked cars, bins and crates. Traffic never belongs to it.
     """
     if not (np.isfinite(spacing) and spacing > 0.0):
         raise ValueError(f"spacing: expected a distance above 0 m, found {spacing}")
     built = build_world(world, seed)
     x0, y0, x1, y1 = built.bounds
     faces = built.mesh.triangles.astype(np.float64)
-    keep = has_clutter | ~built.mesh.is_clutter[built.mesh.surface_of]
+    keep = ~built.mesh.is_clutter[built.mesh.surface_of]
     points = _sample(faces[keep], spacing, np.random.default_rng([seed, 51]), (x0, y0, x1, y1))
     cells = np.floor(points / spacing).astype(np.int64)
     low, size = cells.min(axis=0), np.ptp(cells, axis=0) + 1
