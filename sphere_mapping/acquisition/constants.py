@@ -190,7 +190,6 @@ TURN_STD = np.radians(0.3)  # of a camera's turn about each axis: what a mount g
 LENS_STD = (0.003, 0.005, 0.005)  # of the logarithm of the focal length, of the principal point by the focal length
 NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a match counts less
 RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is
-RAY_STEP, PIXEL_STEP = 1e-5, 0.05  # of central differences, whose own error is then below 1e-8
 
 # Rectified pairs (stereo/test_stereo, stereo/test_stereo_pair)
 BELOW_ZERO_PX, MIN_DISPARITY_PX = 1.0, 1.0  # searched below 0, for what rectification leaves; trusted from there on
