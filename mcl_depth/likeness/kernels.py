@@ -8,8 +8,8 @@ import os
 
 import numpy as np
 
-from mcl_depth.geometry.kernels import arctangent2
 from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
+from sphere_nav.photometric.align.iteration.kernels import arctangent2
 
 # Threads that spin while they wait stall every other process of a small vehicle computer; read when a kernel starts.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")

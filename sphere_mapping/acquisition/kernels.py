@@ -29,17 +29,6 @@ def add_band(fine, coarse, weight, total):
 
 
 @njit(**OPTIONS)
-def to_levels(total, image):
-    """Write total (H, W, c) i16 as grey levels 1...255 to image (H, W, c) u8."""
-    height, width, channels = total.shape
-    for y in range(height):
-        for x in range(width):
-            for c in range(channels):
-                value = np.floor(total[y, x, c] / SCALE + 0.5)
-                image[y, x, c] = np.uint8(min(max(value, 1.0), 255.0))
-
-
-@njit(**OPTIONS)
 def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, top, first, u, v):
     """Write camera pixels u, v (h, w) f32 of a block of a sphere whose inverse range (H, W) f32 is known everywhere.
 
@@ -410,48 +399,6 @@ def settle(refined, start, information, left, slopes, limits, value, std):
 
 
 @njit(**OPTIONS)
-def double_size(plane, wraps, double):
-    """Write twice the values of plane (h, w) f32 at twice its size to double (2 h, 2 w) f32, linear between pixels.
-
-    Pixel k is centred on pixel 2 k; beside NaN is NaN.
-    """
-    height, width = plane.shape
-    for v in range(height):
-        row, below = plane[v], plane[min(v + 1, height - 1)]
-        for u in range(width):
-            right = u + 1 if u + 1 < width else (0 if wraps else u)
-            double[2 * v, 2 * u] = np.float32(2.0) * row[u]
-            double[2 * v, 2 * u + 1] = row[u] + row[right]
-            double[2 * v + 1, 2 * u] = row[u] + below[u]
-            double[2 * v + 1, 2 * u + 1] = np.float32(0.5) * ((row[u] + row[right]) + (below[u] + below[right]))
-
-
-@njit(**OPTIONS)
-def take_over(matched, aligned, most, start):
-    """Write where alignment starts at twice the size of what was matched (h, w) f32 to start (2 h, 2 w) f32.
-
-    aligned (2 h, 2 w) f32: what the coarser level's own alignment found, taken where it is no farther than `most` px
-    from the match.
-    """
-    for v in range(start.shape[0]):
-        row = matched[v // 2]
-        for u in range(start.shape[1]):
-            match = np.float32(2.0) * row[u // 2]
-            start[v, u] = aligned[v, u] if abs(aligned[v, u] - match) <= most else match
-
-
-@njit(**OPTIONS)
-def prefer_surer(value, std, other, other_std, share):
-    """Put other values (H, W) f32 where value is NaN, or its deviation more than 1 / share times as large."""
-    height, width = value.shape
-    for v in range(height):
-        for u in range(width):
-            is_other = (value[v, u] != value[v, u]) | (other_std[v, u] < share * std[v, u])
-            value[v, u] = other[v, u] if is_other else value[v, u]
-            std[v, u] = other_std[v, u] if is_other else std[v, u]
-
-
-@njit(**OPTIONS)
 def _steady_step(before, after):
     """Return the smaller of two steps in a row, 0 where they turn: beside an edge it is that of the surface itself."""
     least = min(abs(before), abs(after))
@@ -751,8 +698,6 @@ def warm_up() -> None:
     add_band(byte, byte, plane, total)
     color, color_total = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4, 3), np.int16)
     add_band(color, color, plane, color_total)
-    for sums, image in ((total, byte), (color_total, color)):
-        to_levels(sums, image)
     grid, out = np.zeros((3, 3, 2, 2), np.float32), np.empty((4, 4), np.float32)
     levels = np.array([0.0, 1.0], np.float32)
     warp_by_range(grid, levels, 2, plane, 0, 0, 0, 0, out, out.copy())
@@ -766,9 +711,6 @@ def warm_up() -> None:
     ratios = np.zeros((1, 4, 8), np.float32)
     cost_ratios(above, below, below, ratios.copy(), -1, 1, ratios)
     settle(plane, plane, plane, plane, np.ones((2, 4, 4), np.float32), np.ones(4, np.float32), out, out.copy())
-    double_size(plane, True, np.empty((8, 8), np.float32))
-    take_over(plane, np.ones((8, 8), np.float32), np.float32(1.0), np.empty((8, 8), np.float32))
-    prefer_surer(plane.copy(), plane.copy(), plane, plane, np.float32(0.5))
     smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
     products = np.zeros((3, 4, 4), np.float32)
     compare_steps(level, level, plane, 0, False, products)

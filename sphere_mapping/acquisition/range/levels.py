@@ -22,7 +22,7 @@ from sphere_mapping.acquisition.constants import (
     UNKNOWN_PX,
     UNKNOWN_SIDE,
 )
-from sphere_mapping.acquisition.kernels import compare_steps, correlate_alike, double_size
+from sphere_mapping.acquisition.kernels import compare_steps, correlate_alike
 from sphere_mapping.acquisition.range.semi_global import Image, Plane
 
 Flags = NDArray[np.bool_]
@@ -47,8 +47,13 @@ def interpolate(disparity: Plane, is_whole: bool) -> Plane:
 
     Pixel k is centred on pixel 2 k; all numbers are twice as large.
     """
+    right = np.roll(disparity, -1, axis=1)
+    if not is_whole:
+        right[:, -1] = disparity[:, -1]
+    below, diagonal = (np.concatenate([plane[1:], plane[-1:]]) for plane in (disparity, right))
     double = np.empty((2 * disparity.shape[0], 2 * disparity.shape[1]), np.float32)
-    double_size(disparity, is_whole, double)
+    double[::2, ::2], double[::2, 1::2], double[1::2, ::2] = 2 * disparity, disparity + right, disparity + below
+    double[1::2, 1::2] = (disparity + right + (below + diagonal)) / 2
     return double
 
 

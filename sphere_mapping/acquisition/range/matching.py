@@ -45,10 +45,8 @@ from sphere_mapping.acquisition.constants import (
 from sphere_mapping.acquisition.kernels import (
     NUM_DISPARITIES,
     align_along_columns,
-    prefer_surer,
     settle,
     smooth,
-    take_over,
 )
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.levels import (
@@ -117,7 +115,8 @@ def match_columns(
         num_steps = REFINE_STEPS if k >= halvings else STEPS_AGAIN
         own = refine(*levels[k], start, _params_at(params, k), num_steps, is_whole=search.is_whole, jobs=jobs)
         if coarser is not None:
-            prefer_surer(own.value, own.std, coarser.value, coarser.std, np.float32(SURER))
+            is_other = np.isnan(own.value) | (coarser.std < np.float32(SURER) * own.std)
+            own.value[is_other], own.std[is_other] = coarser.value[is_other], coarser.std[is_other]
         found = own
     assert found is not None
     return _without_borrowed(found, levels[1], search.is_whole) if halvings else found
@@ -203,10 +202,8 @@ def _seen_at(levels: int, disparity: Plane, shape: tuple[int, ...]) -> Plane:
 
 def _start_again(matched: Plane, aligned: Plane) -> Plane:
     """Return where a level that is not matched itself starts: what the coarser one has aligned, else its match."""
-    height, width = min(2 * matched.shape[0], aligned.shape[0]), min(2 * matched.shape[1], aligned.shape[1])
-    start = np.full_like(aligned, np.nan)
-    take_over(matched, aligned[:height, :width], np.float32(2 * MAX_REFINEMENT), start[:height, :width])
-    return start
+    match = fit(double(matched), aligned.shape)
+    return np.where(np.abs(aligned - match) <= np.float32(2 * MAX_REFINEMENT), aligned, match)
 
 
 def _first_at(search: Search, level: int) -> int:
