@@ -313,26 +313,6 @@ def _join_terms(sums, share, out):
         out[i] = sums[i, 0] + weight * sums[i, 1]
 
 
-@njit(**OPTIONS)
-def compare_headings(vx, vy, vm, seen, dx, dy, dm, num_alpha):
-    """Return eq. 2 (num_alpha,) f4 of visual and depth features (H, W) f4; seen (H, W) f4, or empty for all."""
-    H, W = vx.shape
-    sums = np.zeros((num_alpha, 3))
-    rows = np.empty((3, 2 * W), np.float32)
-    for y in range(H):
-        for half in range(2):
-            for x in range(W):
-                rows[0, half * W + x] = dx[y, x]
-                rows[1, half * W + x] = dy[y, x]
-                rows[2, half * W + x] = dm[y, x]
-        _add_row(vx[y], vy[y], vm[y], rows[0], rows[1], rows[2], sums)
-        if seen.size > 0:
-            _add_seen(seen[y], rows[2], sums)
-    out = np.empty(num_alpha, np.float32)
-    _join_terms(sums, seen.mean() if seen.size > 0 else 1.0, out)
-    return out
-
-
 @njit(parallel=True, **OPTIONS)
 def compare_headings_many(vx, vy, vm, seen, directions, magnitudes, scales, indices, num_alpha):
     """Return eq. 2 (M, num_alpha) f4 for the coded panoramas (N, H, W) of indices (M,)."""

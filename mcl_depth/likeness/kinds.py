@@ -11,9 +11,17 @@ from numpy.typing import NDArray
 from mcl_depth.constants import MIN_SEEN
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness import learned
-from mcl_depth.likeness.comparison import depth_features_many, similarity_many, visual_features
+from mcl_depth.likeness.comparison import similarity_many
 from mcl_depth.likeness.encoder import PACKAGED, EncoderPair, load_encoders
-from mcl_depth.likeness.features import FeatureStack, GradientFeatures, Image, Mask, Stack
+from mcl_depth.likeness.features import (
+    FeatureStack,
+    GradientFeatures,
+    Image,
+    Mask,
+    Stack,
+    depth_features_many,
+    visual_features,
+)
 from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack
 from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.likeness.partial_filter import PartialFilter

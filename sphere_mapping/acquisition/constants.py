@@ -49,15 +49,8 @@ DETAIL_WINDOW = 7  # directions, side of the neighborhood whose detail is compar
 MIN_CORRELATION = 0.8  # of that detail
 FAINT_DETAIL, FLAT_DETAIL = 0.01, 0.04  # deviation of log levels: below, nothing is correlated; there is no detail
 
-# Seams (stitching/test_feathering, stitching/test_strips)
+# Seams (stitching/test_strips)
 NUM_BANDS = 4  # of the Laplacian pyramid, Burt and Adelson 1983: the coarsest blends over 32 px
-SEAM_FROM_BORDER = 0.02  # rad from a camera's border, where views are compared along the seams
-BAND_DEG = 6.0  # to either side of a seam where views are compared
-FADE_DEG = 8.0  # standard deviation of the smoothing, and so of the fading
-FAINT_SHARE = 0.05  # of compared directions around one, below which the change fades
-USUAL_CHANGE, LARGEST_CHANGE = 0.1, 0.3  # of a logarithm of a ratio: more is seldom light, it is parallax; never
-DARK = 20.0  # grey level below which a ratio says little
-MIN_CHANGE = 0.008  # of a logarithm: less is not seen
 CAP_ROWS = 128  # next to a pole, where seams spread over many columns, make strips of their own
 ALONE = 0.999  # share above which a view has a pixel to itself
 INVERSE_LEVELS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0], np.float32)  # 1/m; test_stitcher

@@ -71,46 +71,6 @@ def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, top, f
 
 
 @njit(**OPTIONS)
-def _spread(values, step, first, line):
-    """Write values (n, c) f32 of the middles of every `step` pixels to the pixels from `first` on: line (w * c) f32."""
-    channels, last = values.shape[1], values.shape[0] - 1
-    for i in range(line.size // channels):
-        x = (np.float32(first + i) + np.float32(0.5)) / np.float32(step) - np.float32(0.5)
-        x = min(max(x, np.float32(0.0)), np.float32(last))
-        left = min(int(x), max(last - 1, 0))
-        right, share = min(left + 1, last), x - np.float32(left)
-        for c in range(channels):
-            line[i * channels + c] = values[left, c] + share * (values[right, c] - values[left, c])
-
-
-@njit(**OPTIONS)
-def change_levels(part, factor, step, top, first, height, width):
-    """Multiply levels 1...255 of height x width pixels of part (h, w * c) u8 from (top, first) on.
-
-    factor (h / step, w / step, c) f32 is that of the middle of step x step pixels, linear between; beyond the outermost
-    ones it goes on.
-    """
-    channels, last = factor.shape[2], factor.shape[0] - 1
-    least, most = np.float32(1.0), np.float32(255.0)
-    above, below = np.empty(width * channels, np.float32), np.empty(width * channels, np.float32)
-    upper = -1
-    for v in range(top, top + height):
-        y = min(
-            max((np.float32(v) + np.float32(0.5)) / np.float32(step) - np.float32(0.5), np.float32(0.0)),
-            np.float32(last),
-        )
-        here = min(int(y), max(last - 1, 0))
-        if here != upper:
-            upper = here
-            _spread(factor[upper], step, first, above)
-            _spread(factor[min(upper + 1, last)], step, first, below)
-        share, row = y - np.float32(upper), part[v, first * channels : (first + width) * channels]
-        for i in range(row.size):
-            level = np.rint(np.float32(row[i]) * (above[i] + share * (below[i] - above[i])))
-            row[i] = np.uint8(min(max(level, least), most))
-
-
-@njit(**OPTIONS)
 def find_same_detail(one, other, both, row, column, radius, at, min_correlation, faint, flat, is_same):
     """Write which of the places at (N, 2) i32 of a block show the same detail in two images (H, W) f32 to is_same (N,).
 
@@ -701,8 +661,6 @@ def warm_up() -> None:
     grid, out = np.zeros((3, 3, 2, 2), np.float32), np.empty((4, 4), np.float32)
     levels = np.array([0.0, 1.0], np.float32)
     warp_by_range(grid, levels, 2, plane, 0, 0, 0, 0, out, out.copy())
-    change_levels(color.reshape(4, -1), np.ones((2, 2, 3), np.float32), 2, 0, 0, 4, 4)
-    change_levels(byte.reshape(4, -1), np.ones((2, 2, 1), np.float32), 2, 0, 0, 4, 4)
     found = np.zeros(1, np.bool_)
     find_same_detail(plane, plane, plane > 0, 0, 0, 1, np.zeros((1, 2), np.int32), 0.5, 0.1, 0.2, found)
     level = np.zeros((4, 4), np.uint8)

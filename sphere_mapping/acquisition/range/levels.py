@@ -53,7 +53,7 @@ def interpolate(disparity: Plane, is_whole: bool) -> Plane:
     below, diagonal = (np.concatenate([plane[1:], plane[-1:]]) for plane in (disparity, right))
     double = np.empty((2 * disparity.shape[0], 2 * disparity.shape[1]), np.float32)
     double[::2, ::2], double[::2, 1::2], double[1::2, ::2] = 2 * disparity, disparity + right, disparity + below
-    double[1::2, 1::2] = (disparity + right + (below + diagonal)) / 2
+    double[1::2, 1::2] = (disparity + right + below + diagonal) / 2
     return double
 
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS
 from sphere_mapping.acquisition.kernels import SCALE, add_band, warp_by_range
-from sphere_mapping.acquisition.stitching.feathering import feather
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
 from sphere_mapping.acquisition.stitching.views import Layout, StitchedView
 
@@ -35,7 +34,6 @@ def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | No
         warp_view(view, images[view.name], inverse_range, tiles)
         for view, tiles in zip(layout.views, layout.tiles, strict=True)
     ]
-    feather(parts, [view.block for view in layout.views], layout.seams, layout.step, layout.tiles)
     for view, part in zip(layout.views, parts, strict=True):
         _put(image, part, view.block, view.is_owned)
     for strip in layout.strips:
