@@ -116,6 +116,7 @@ class Focal:
 
     def halve(self) -> Self:
         """Return the camera of the next pyramid level."""
-        size = {"width": self.width // 2, "height": self.height // 2}
-        center = {"cx": (self.cx + 0.5) / 2 - 0.5, "cy": (self.cy + 0.5) / 2 - 0.5}
-        return replace(self, **size, **center, fx=self.fx / 2, fy=self.fy / 2)
+        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
+        return replace(
+            self, width=self.width // 2, height=self.height // 2, fx=self.fx / 2, fy=self.fy / 2, cx=cx, cy=cy
+        )
