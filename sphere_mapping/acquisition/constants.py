@@ -65,7 +65,6 @@ MIN_RANGE_M = 0.1  # what is nearer is not trusted
 MAX_MAGNIFICATION, MAX_SUPERSAMPLING = 1.5, 4  # beyond it an image is sampled more finely and averaged; at most
 WITHOUT_RANGE_M = 1e3  # taken for color where no range is known at all
 MAX_DEPTH_STEP = 0.04  # relative step of depth between neighbors that is an edge
-RANGE_CORRECTIONS = 3  # steps along the ray; each removes the parallax error by an order or two
 MAX_CORRECTION = 0.01  # relative, of the last step; more is a surface that this direction does not see
 FEATHER_PX = 16.0  # width of the band over which a view fades out at its border (partial/test_joining)
 
