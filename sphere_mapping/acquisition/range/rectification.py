@@ -148,7 +148,10 @@ def matches_of(
     }
     matches = []
     for a, b in combinations(found, 2):
-        pairs = _pair(found[a], found[b])
+        is_far = found[a][1].astype(np.float32) @ found[b][1].T.astype(np.float32) < np.cos(
+            np.radians(MAX_PARALLAX_DEG)
+        )
+        pairs = pair_descriptors(found[a][2], found[b][2], is_far)
         if len(pairs[0]) >= MIN_PAIR_MATCHES:
             pixels = found[a][0][pairs[0]]
             ranges = None if points_sphere is None else _range_at(pixels, views[a], points_sphere)
@@ -212,16 +215,16 @@ def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array) -> Array:
     return np.where(np.isfinite(distance), ranges[nearest], np.nan)
 
 
-def _pair(first: tuple, second: tuple) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return indices (N,) of features that choose each other, clearly, and not too far apart on the sphere."""
-    nothing = np.zeros(0, np.intp), np.zeros(0, np.intp)
-    if len(first[0]) < 2 or len(second[0]) < 2:
-        return nothing
-    a, b = first[2], second[2]
+def pair_descriptors(
+    a: NDArray[np.float32], b: NDArray[np.float32], is_far: NDArray[np.bool_] | None = None
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return indices (N,) of descriptors (M, 128) that choose each other, clearly, and are not said to be too far."""
+    if min(len(a), len(b)) < 2:
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
     squares = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1)[None] - 2 * a @ b.T
     distance = np.sqrt(np.maximum(squares, 0.0))
-    is_far = first[1].astype(np.float32) @ second[1].T.astype(np.float32) < np.cos(np.radians(MAX_PARALLAX_DEG))
-    distance[is_far] = np.inf
+    if is_far is not None:
+        distance[is_far] = np.inf
     two = np.partition(distance, 1, axis=1)[:, :2]
     best = np.argmin(distance, axis=1)
     is_mutual = np.argmin(distance, axis=0)[best] == np.arange(len(best))
