@@ -97,7 +97,6 @@ BEYOND_PX = 3  # disparities this near to the largest of a level are left to the
 MIN_AGREEMENT = 0.95  # of the least cost elsewhere to that of a coarser level's disparity, seen at a finer level
 SURER = 0.5  # of a finer level's deviation, below which a coarser level's disparity is preferred
 LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
-SIDE_PX, SIDE_SHARE = 4, 0.07  # how far texture is looked for beside a pixel; share of the largest squared slope
 EDGE_PX = 3  # matches this near to a jump are not trusted
 JUMP = (0.6, 0.1)  # px, and by the disparity: least step over that neighborhood that is a jump
 UNKNOWN_SIDE, FROM_UNKNOWN = 7, 2  # px: side of an unknown region that counts, and how far one keeps off it

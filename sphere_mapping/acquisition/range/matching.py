@@ -55,7 +55,6 @@ from sphere_mapping.acquisition.range.levels import (
     double,
     fit,
     halve_image,
-    has_texture_around,
     interpolate,
     is_borrowed,
     usable_at,
@@ -110,8 +109,6 @@ def match_columns(
             assert coarser is not None
             start = _start_again(start, coarser.value)
         start[~usable_at(is_usable, k, shape) | (start > search.last_px / 2**k + BEYOND_PX)] = np.nan
-        if k > halvings:
-            start[~has_texture_around(levels[k][0], search.is_whole)] = np.nan
         num_steps = REFINE_STEPS if k >= halvings else STEPS_AGAIN
         own = refine(*levels[k], start, _params_at(params, k), num_steps, is_whole=search.is_whole, jobs=jobs)
         if coarser is not None:
