@@ -186,7 +186,8 @@ def resample_range(
     """Return the range along the rays (height, width) of the window from depth along the camera's z axis."""
     inverse = inverse_depth(depth_m)
     if np.any(T_sphere_camera.translation):
-        range_m = _registration(camera, T_sphere_camera.matrix.tobytes(), window).ranges(inverse)
+        moved = _registration(camera, T_sphere_camera.matrix.tobytes(), window)
+        range_m: NDArray[np.floating] = moved.ranges(inverse)
     else:
         u, v, _, z_of_ray = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
         with np.errstate(divide="ignore"):
