@@ -7,7 +7,7 @@ Gauss-Newton, from coarse images to fine ones (`elimination.py`).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
