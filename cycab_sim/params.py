@@ -302,7 +302,7 @@ class SimParams:
     seed: int = param(1, "decides the town and every noise", low=0)
     noise_seed: int = param(1, "decides the noise only", low=0)
     mode: str = param("drive", "who drives: the topic cmd_vel, or the simulator itself", choices=("drive", "teach"))
-    world: str = param("town", "where it drives", choices=("town", "city", "corridor", "ramp", "road", "square"))
+    world: str = param("town", "where it drives", choices=("town", "city", "corridor", "ramp"))
     path: str = param(
         "two_turns", "path to start on and to teach, in the town", choices=("two_turns", "block", "straight")
     )

@@ -35,14 +35,14 @@ class Advice:
 class Homing:
     """Goes from waypoint to waypoint; `compare` gives the comparison of an image with the map."""
 
-    def __init__(self, path: Array, params: DirectionParams, start: int = 0) -> None:
-        """`path` (N, 2) m; the vehicle is near waypoint `start` of the path resampled at `params.spacing`."""
+    def __init__(self, path: Array, params: DirectionParams) -> None:
+        """`path` (N, 2) m; the vehicle is near the first waypoint of the path resampled at `params.spacing`."""
         self.waypoints = waypoints_of(path, params.spacing)
         steps = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
         self._way = [float(value) for value in np.concatenate([[0.0], np.cumsum(steps)])]
         self._params = params
         self._offsets = sample_offsets(params.distance_step)
-        self.restart(start)
+        self.restart()
 
     def restart(self, waypoint: int = 0) -> None:
         """Say that the vehicle is near a waypoint."""

@@ -11,7 +11,8 @@ from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.constants import STEP_EVERY
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
-from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
+from mcl_depth.likeness.comparison import num_alpha_for, similarity_many
+from mcl_depth.likeness.features import depth_features_many, visual_features
 from mcl_depth.likeness.kinds import check_likeness
 from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.likeness.partial_filter import PartialFilter

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-FALSE_ALARM = 1e-3  # of calibrations whose camera is as it was (boards/test_agreement, drive/test_depth_pose)
+FALSE_ALARM = 1e-3  # of calibrations whose camera is as it was (boards/test_agreement, drive/test_proof)
 
 # Corners in an image (boards/test_chessboard, test_charuco)
 HALVED_FROM = 600  # rows and columns from which on several boards are looked for at half size
@@ -55,7 +55,7 @@ MIN_TILT_DEG = 6.0  # RMS of the boards' tilt: 20 deg to all sides are advised
 MIN_COVERED = 0.4  # of the cells of an image, and of each half of it: else there the lens is a guess
 MAX_HALVES_MM, MAX_HALVES_DEG, MAX_HALVES_FOCAL = 5.0, 0.3, 0.01  # between halves of the images
 
-# Refinement by a drive (drive/test_refinement, test_depth_pose)
+# Refinement by a drive (drive/test_refinement)
 UNOBSERVED = 0.5  # of the deviation known beforehand: more is left than the drive has told
 MIN_PIXELS, MIN_SIGMA = 100, 0.5  # of an image, to say anything; grey levels of their noise
 MARGIN = 1.0  # px from the border
@@ -68,9 +68,6 @@ MAX_TANGENT = 1.5  # of a ray to the axis of the map's lens, up to which its err
 SAME_ROW = 1e-3  # rows by which a pixel and the instant of its row may differ: sampling errs by more
 HELD = 1e-6  # of those: of a parameter that stays as it was known, in a lens and in a mounting
 LENS_FLOOR = 5e-3  # of those: what sampling of image and map leaves however many images there are
-DEPTH_STEPS, MIN_DEPTH_STEP = 15, 0.05  # as LENS_STEPS, MIN_LENS_STEP
-DEPTH_SIGMA = np.repeat([0.05, np.radians(3.0)], 3)  # (6,) m, rad, before: of a camera that nobody calibrated
-DEPTH_FLOOR = np.repeat([0.001, np.radians(0.03)], 3)  # (6,) m, rad: what sampling leaves however many pairs
 
 # What proves a refined lens (drive/test_proof)
 NUM_RUNS = 5  # of consecutive images in a half of the drive: neighbours err alike, runs hardly
@@ -80,16 +77,6 @@ APART = 0.5  # of how far both halves are off the given lens: as far may they be
 LENS_GRID = (9, 7)  # pixels at which two lenses are compared
 SIGMAS = 3.0  # that a standard deviation is to hold for, as it does of a normal error
 BLAMED = 2.0  # times more would be known of a parameter, were another one known: both are not told apart
-
-# Points of a depth camera (drive/test_depth_pixels)
-NUM_POINTS = 5_000  # of a frame, on a grid: chosen by the image, they would pull to where it is chosen
-NUM_DEPTH_LEVELS = 4  # of the pyramid
-PLANE_REACH, PLANE_STEP_PX = 3, 2  # a plane is fitted to 7 x 7 pixels, every second one
-MIN_MEASURED = 0.7  # share of them
-FLAT = 0.01  # rms of depth about the plane, relative; more is an edge
-MIN_COSINE = 0.2  # between ray and normal
-CELL_PX = 6  # side of the squares in which the nearest point hides what is behind
-HIDDEN = 1.05  # times farther than the nearest is behind it
 
 # Mounting by odometry (drive/test_mounting): x y z roll pitch yaw in m and rad, scales of ways and turns
 PIECE_M, PIECE_RAD = 1.0, 0.3  # driven or turned, whichever comes first

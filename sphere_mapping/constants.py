@@ -56,7 +56,7 @@ MAX_SEEDS = 20  # joins whose word is compared with that of all others
 MERGE_REACH = 0.5  # of the radius of a sphere's region: how near it must be to what another one was nearest to
 MERGE_SPACING = 0.75  # the same of the distance from that one to the next on its drive: the map keeps its density
 
-# Optimization (test_factors, test_incremental, test_optimum)
+# Optimization (test_incremental, test_optimum)
 ANCHOR_SIGMA = 1e-6  # m and rad: anchors stay where they are
 ROBUST_WIDTH = 2.0  # standard deviations beyond which a robust edge loses weight (Huber)
 LARGE = 300  # key spheres from which on iSAM2 pays

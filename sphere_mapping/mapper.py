@@ -73,13 +73,13 @@ class Mapper:
         reason = self._tracker.why_key(alignment, self.graph)
         return self._update(current, alignment.T_world_camera, odometry, alignment, reason, unroll)
 
-    def keep_end(self, *, is_near: bool = False) -> bool:
-        """Keep the last sphere if it `is_near` or the newest key sphere is half its reach away; say whether it was."""
+    def keep_end(self) -> bool:
+        """Keep the last sphere if the newest key sphere is half its reach away; say whether it was."""
         if self._tracker.last is None:
             return False
         if self._unroll_newest is not None:  # a sphere that nothing followed stays as it is
             self._finish_newest()
-        is_kept = (is_near or self._tracker.is_far(self.graph)) and self._keep_last()
+        is_kept = self._tracker.is_far(self.graph) and self._keep_last()
         self._spheres.flush(self.graph)
         return is_kept
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.drive.street import build_road
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.world.paths import Path, Piece
-from cycab_sim.world.road import build_road
 from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere

@@ -43,10 +43,10 @@ SIGNS: tuple[tuple[Color, Color], ...] = (
 )  # fmt: skip
 
 
-def pick(rng: np.random.Generator, options: tuple[Color, ...], spread: float = 0.12) -> Color:
+def pick(rng: np.random.Generator, options: tuple[Color, ...]) -> Color:
     """Return one of the colours, a little lighter or darker."""
     color = options[int(rng.integers(len(options)))]
-    factor = 1.0 + spread * (2.0 * rng.random() - 1.0)
+    factor = 1.0 + 0.12 * (2.0 * rng.random() - 1.0)
     return (color[0] * factor, color[1] * factor, color[2] * factor)
 
 

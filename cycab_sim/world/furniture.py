@@ -168,8 +168,8 @@ def add_lump(mesh: MeshBuilder, center: Array, radius: float, leaves: Finish, rn
 
 
 @cache
-def _sphere_faces(levels: int = 2) -> tuple[Array, NDArray[np.int64]]:
-    """Return an octahedron split `levels` times: directions (P, 3) and faces (F, 3)."""
+def _sphere_faces() -> tuple[Array, NDArray[np.int64]]:
+    """Return an octahedron split twice: directions (P, 3) and faces (F, 3)."""
     points = [
         np.array(p, dtype=np.float64) for p in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
     ]
@@ -184,7 +184,7 @@ def _sphere_faces(levels: int = 2) -> tuple[Array, NDArray[np.int64]]:
             middles[key] = len(points) - 1
         return middles[key]
 
-    for _ in range(levels):
+    for _ in range(2):
         split = []
         for a, b, c in faces:
             ab, bc, ca = middle(a, b), middle(b, c), middle(c, a)

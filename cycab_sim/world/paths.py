@@ -51,9 +51,9 @@ class Path:
             pose, begin = arc(pose, piece.length, piece.curvature), begin + piece.length
         return poses
 
-    def project(self, x: float, y: float, near: float, reach: float = 3.0) -> float:
-        """Return the distance along the path of the point closest to (x, y), searched within `near` +- `reach` m."""
-        s = near + np.linspace(-reach, reach, 241)
+    def project(self, x: float, y: float, near: float) -> float:
+        """Return the distance along the path of the point closest to (x, y), searched within `near` +- 3 m."""
+        s = near + np.linspace(-3.0, 3.0, 241)
         if not self.is_closed:
             s = np.clip(s, 0.0, self.length)
         poses = self.at(s)

@@ -1,4 +1,4 @@
-"""The worlds: a town; a city; a corridor where every bay looks like the next; a ramp of 8 %; a road of 1 km; a square.
+"""The worlds: a town; a city; a corridor where every bay looks like the next; a ramp of 8 %.
 
 `build_world` gives the mesh, the ground that the car follows and the taught path; `geometry_cloud` the bare geometry.
 """
@@ -17,13 +17,12 @@ from cycab_sim.world.building import add_house
 from cycab_sim.world.city import BOUNDS, build_city, tour
 from cycab_sim.world.mesh import BOX_FACES, Mesh, MeshBuilder, placed
 from cycab_sim.world.paths import Path, Piece
-from cycab_sim.world.road import ROAD_BOUNDS, SQUARE, build_road, build_square, road_path, square_path
 from cycab_sim.world.town import build_town, taught_path
-from cycab_sim.world.traffic.loops import Loop, city_loops, road_loops, square_loops, town_loops
+from cycab_sim.world.traffic.loops import Loop, city_loops, town_loops
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 
-WORLDS = ("town", "city", "corridor", "ramp", "road", "square")
+WORLDS = ("town", "city", "corridor", "ramp")
 CORRIDOR, BAY, HALF_WIDTH, STOREY = 160.0, 8.0, 1.7, 3.2  # m
 NICHE, NICHE_DEPTH = 1.6, 0.6  # one a bay on either side, m
 BREAKS = np.array([-200.0, 20.0, 60.0, 80.0, 120.0, 400.0])  # x of the ramp world's breaks, m
@@ -80,26 +79,20 @@ def build_world(world: str, seed: int, path: str = "two_turns") -> World:
     if world == "ramp":
         ground = GroundProfile(tuple(BREAKS), tuple(HEIGHTS))
         return World(_build_ramp(seed), ground, Path((0.0, -0.5, 0.0), (Piece(130.0),)), (-20.0, -20.0, 160.0, 20.0))
-    if world == "road":
-        return World(build_road(seed), GroundProfile(), road_path(), ROAD_BOUNDS, road_loops(), is_wide=True)
-    if world == "square":
-        return World(build_square(seed), GroundProfile(), square_path(), SQUARE, square_loops(), is_wide=True)
     raise ValueError(f"world: expected one of {', '.join(WORLDS)}, found {world!r}")
 
 
-def geometry_cloud(
-    seed: int, spacing: float = 0.1, world: str = "town", has_clutter: bool = False
-) -> NDArray[np.float64]:
+def geometry_cloud(seed: int, spacing: float = 0.1, world: str = "town") -> NDArray[np.float64]:
     """Return points (N, 3) m on the surfaces of a static world, about one each `spacing` m, no colour.
 
-    Without `has_clutter`, what comes and goes is missing: parked cars, bins and crates. Traffic never belongs to it.
+    What comes and goes is missing: parked cars, bins and crates. Traffic never belongs to it.
     """
     if not (np.isfinite(spacing) and spacing > 0.0):
         raise ValueError(f"spacing: expected a distance above 0 m, found {spacing}")
     built = build_world(world, seed)
     x0, y0, x1, y1 = built.bounds
     faces = built.mesh.triangles.astype(np.float64)
-    keep = has_clutter | ~built.mesh.is_clutter[built.mesh.surface_of]
+    keep = ~built.mesh.is_clutter[built.mesh.surface_of]
     points = _sample(faces[keep], spacing, np.random.default_rng([seed, 51]), (x0, y0, x1, y1))
     cells = np.floor(points / spacing).astype(np.int64)
     low, size = cells.min(axis=0), np.ptp(cells, axis=0) + 1

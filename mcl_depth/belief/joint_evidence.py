@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
-from mcl_depth.belief.kernels import relax, shift_headings
+from mcl_depth.belief.kernels import shift_headings
 from mcl_depth.belief.motion_model import relative_motion
 from mcl_depth.constants import COST, FORGETTING, MAX_STEPS, NEARLY, NEW_TURN, STEP_EVERY, TURNS, WAY_SHARE
 from sphere_nav.geometry.arrays import Array
@@ -73,9 +74,7 @@ class JointEvidence:
         moved = np.empty_like(total)
         shift_headings(total, shifts, turn, np.float32(0.0), moved)  # of a place that was off the map nothing is known
         for _ in range(self._num_steps(float(np.hypot(motion[0], motion[1])))):
-            relaxed = np.empty_like(total)
-            relax(moved, COST, relaxed)
-            moved = relaxed
+            moved = relax(moved)
         return moved
 
     def _num_steps(self, way: float) -> int:
@@ -85,6 +84,14 @@ class JointEvidence:
         if is_due:
             self._num_images -= STEP_EVERY
         return min(max(far, int(is_due)), MAX_STEPS)
+
+
+def relax(field: Field) -> Field:
+    """Return the best of each element, its neighbouring headings less COST, and the neighbouring cells of these."""
+    turned = np.maximum(field, np.maximum(np.roll(field, 1, axis=0), np.roll(field, -1, axis=0)) - COST)
+    beside = [maximum_filter1d(turned, 3, axis, mode="nearest") for axis in (1, 2)]
+    best: Field = np.maximum(turned, np.maximum(*beside) - COST)
+    return best
 
 
 @dataclass(frozen=True)

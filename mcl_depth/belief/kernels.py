@@ -22,25 +22,6 @@ def shift_headings(field, shifts, turn, outside, out):
 
 
 @njit(**OPTIONS)
-def relax(field, cost, out):
-    """Write the best of each element, its neighbouring headings less `cost`, and the neighbouring cells of these."""
-    A, X, Y = field.shape
-    turned = np.empty((X, Y), np.float32)
-    for a in range(A):
-        left, right = field[a - 1], field[(a + 1) % A]
-        for x in range(X):
-            for y in range(Y):
-                turned[x, y] = max(field[a, x, y], max(left[x, y], right[x, y]) - cost)
-        for x in range(X):
-            for y in range(Y):
-                best = turned[max(x - 1, 0), y]
-                best = max(best, turned[min(x + 1, X - 1), y])
-                best = max(best, turned[x, max(y - 1, 0)])
-                best = max(best, turned[x, min(y + 1, Y - 1)])
-                out[a, x, y] = max(turned[x, y], best - cost)
-
-
-@njit(**OPTIONS)
 def is_maximum(field, mask, reach_headings, reach):
     """Return which elements (A, X, Y) of cells in mask (X, Y) exceed all others of the mask within reach, as bool."""
     A, X, Y = field.shape

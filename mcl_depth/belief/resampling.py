@@ -90,19 +90,17 @@ def scale_similarities(similarities: Array) -> Array:
     return np.clip((similarities - CHANCE) / (high - CHANCE), 0.0, 1.0)
 
 
-def compute_weights(
-    similarities: Array, prior: Array, exponent: float = EXPONENT, min_effective_share: float = MIN_EFFECTIVE_SHARE
-) -> Array:
+def compute_weights(similarities: Array, prior: Array) -> Array:
     """Return weights (N,) of sum 1: `prior` times s ** lambda; all alike where nothing distinguishes them.
 
-    One picture alone may not decide between places that look alike: lambda is lowered until `min_effective_share` of
+    One picture alone may not decide between places that look alike: lambda is lowered until MIN_EFFECTIVE_SHARE of
     the particles carries the belief. Places off the map (s = 0) are not among them.
     """
     is_possible = similarities > 0.0
     if is_possible.any():
         prior = np.where(is_possible, prior, 0.0)
     logs = np.log(np.maximum(scale_similarities(similarities), 1e-30))
-    wanted = min_effective_share * int(np.count_nonzero(is_possible))
+    exponent, wanted = EXPONENT, MIN_EFFECTIVE_SHARE * int(np.count_nonzero(is_possible))
     if wanted > 0.0 and _effective(exponent * logs, prior) < wanted:
         low, high = 0.0, exponent
         for _ in range(SEARCH_STEPS):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, label
 from scipy.spatial import cKDTree
 
@@ -37,20 +37,14 @@ class Area:
         return cKDTree(self.middles).query(positions)[0] <= self.step
 
 
-def find_area(
-    points: NDArray[np.floating], heights: Callable[[Array], Array], params: AreaParams, box: ArrayLike | None = None
-) -> Area:
+def find_area(points: NDArray[np.floating], heights: Callable[[Array], Array], params: AreaParams) -> Area:
     """Return the largest connected area, and others that are rooms; `points` (N, 3) are the map.
 
     `heights` is the camera's height at (N, 2). A closed door parts rooms for the vehicle, not for where it may begin.
-
-    `box` (x0, y0, x1, y1) in m bounds it, beside the parameter `limits`.
     """
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-    for bounds in (box, limits_of(params.limits)):
-        if bounds is not None:
-            corners = np.asarray(bounds, dtype=np.float64)
-            low, high = np.maximum(low, corners[:2]), np.minimum(high, corners[2:])
+    if (limits := limits_of(params.limits)) is not None:
+        low, high = np.maximum(low, limits[:2]), np.minimum(high, limits[2:])
     counts = np.maximum(np.ceil((high - low) / params.step), 0).astype(np.int64)
     if counts.min() < 1 or counts.prod() > MAX_ELEMENTS:
         raise ValueError(f"area: expected 1 to {MAX_ELEMENTS} squares of {params.step:g} m, found {counts.tolist()}")
@@ -111,20 +105,21 @@ def _has_floor(middles: Array, points: NDArray[np.floating], heights: Callable[[
 class Ground:
     """Height of the ground under (x, y), from points (N, 3) of the map."""
 
-    def __init__(self, points: NDArray[np.floating], step: float = GROUND_STEP) -> None:
-        self._step = step
+    def __init__(self, points: NDArray[np.floating]) -> None:
         self._low = points[:, :2].min(axis=0).astype(np.float64)
-        cells = np.floor((points[:, :2] - self._low) / step).astype(np.int64)
+        cells = np.floor((points[:, :2] - self._low) / GROUND_STEP).astype(np.int64)
         shape = cells.max(axis=0) + 1
         if shape.prod() > MAX_ELEMENTS:
-            raise ValueError(f"ground: expected at most {MAX_ELEMENTS} squares of {step:g} m, found {shape.tolist()}")
+            raise ValueError(
+                f"ground: expected at most {MAX_ELEMENTS} squares of {GROUND_STEP:g} m, found {shape.tolist()}"
+            )
         lowest = np.full(shape, np.inf)
         np.minimum.at(lowest, (cells[:, 0], cells[:, 1]), points[:, 2])
-        self._heights = _fill(lowest, step)
+        self._heights = _fill(lowest)
 
     def heights(self, positions: Array) -> Array:
         """Return the height (N,) m of the ground at (N, 2), bilinear; NaN where the map has no ground."""
-        place = (positions - self._low) / self._step - 0.5
+        place = (positions - self._low) / GROUND_STEP - 0.5
         first = np.floor(place).astype(np.int64)
         share = place - first
         limit = np.array(self._heights.shape) - 1
@@ -142,10 +137,10 @@ class Ground:
             return np.where((weight > 1e-3) & ~outside, total / weight, np.nan)
 
 
-def _fill(lowest: Array, step: float) -> Array:
+def _fill(lowest: Array) -> Array:
     """Return the grid with holes filled from the nearest square within reach; the rest NaN."""
     is_empty = ~np.isfinite(lowest)
     distance, nearest = distance_transform_edt(is_empty, return_indices=True)
     filled = lowest[nearest[0], nearest[1]]
-    filled[distance * step > GROUND_REACH] = np.nan
+    filled[distance * GROUND_STEP > GROUND_REACH] = np.nan
     return filled

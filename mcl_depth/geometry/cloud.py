@@ -1,4 +1,4 @@
-"""A point cloud as a map: checked, counted, thinned."""
+"""A point cloud as a map: checked."""
 
 from __future__ import annotations
 
@@ -58,25 +58,3 @@ def cloud_from_points(points: ArrayLike, name: str = "cloud") -> Cloud:
             " than a metre from all others: this looks like millimetres"
         )
     return Cloud(np.ascontiguousarray(found, np.float32), name, tuple(warnings))
-
-
-def thin_cloud(
-    cloud: Cloud, voxel_m: float, center: ArrayLike | None = None, pixel_rad: float = np.radians(1.0)
-) -> Cloud:
-    """Keep the mean of the points of every cube of side `voxel_m`.
-
-    With `center` (3,) the cubes grow with the distance from it, by powers of two, as far as they stay within a pixel
-    of `pixel_rad`.
-    """
-    if not voxel_m > 0:
-        raise ValueError(f"voxel: expected a side above 0 m, found {voxel_m:g}")
-    points = cloud.points.astype(np.float64)
-    level = np.zeros(len(points))
-    if center is not None:
-        width = np.linalg.norm(points - np.asarray(center, np.float64), axis=1) * pixel_rad
-        level = np.floor(np.log2(np.maximum(width / voxel_m, 1.0)))
-    cubes = np.floor((points - points.min(axis=0)) / (voxel_m * 2.0**level)[:, None]).astype(np.int64)
-    keys = np.ravel_multi_index((*cubes.T, level.astype(np.int64)), (*(cubes.max(axis=0) + 1), int(level.max()) + 1))
-    _, owner, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    means = [np.bincount(owner, weights=column) / counts for column in points.T]
-    return Cloud(np.stack(means, axis=1).astype(np.float32), cloud.name, cloud.warnings)

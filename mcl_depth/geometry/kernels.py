@@ -9,6 +9,7 @@ import os
 import numpy as np
 
 from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
+from sphere_nav.photometric.align.iteration.kernels import arctangent2
 
 # Threads that spin while they wait stall every other process of a small vehicle computer; read when a kernel starts.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -19,24 +20,6 @@ BLOCK = 256  # points projected at once
 MAX_STACK = 4096
 MAX_SPLAT = 12.0  # px, half width of the largest drawn point
 PI = np.float32(math.pi)
-HALF_PI = np.float32(math.pi / 2)
-
-
-@njit(**OPTIONS)
-def arctangent2(y, x):
-    """Four-quadrant arctangent in float32, error below 3e-7 rad, made of operations that vectorise."""
-    ax, ay = abs(x), abs(y)
-    large, small = max(ax, ay), min(ax, ay)
-    t = small / max(large, np.float32(1e-30))
-    shifted = t > np.float32(0.41421356)
-    s = (t - np.float32(1.0)) / (t + np.float32(1.0)) if shifted else t
-    q = s * s
-    p = np.float32(8.05374449538e-2) * q - np.float32(1.38776856032e-1)
-    p = (p * q + np.float32(1.99777106478e-1)) * q - np.float32(3.33329491539e-1)
-    a = p * q * s + s + (np.float32(math.pi / 4) if shifted else np.float32(0.0))
-    a = HALF_PI - a if ay > ax else a
-    a = PI - a if x < 0 else a
-    return -a if y < 0 else a
 
 
 # ---- drawing ----------------------------------------------------------------------------------------------------

@@ -85,7 +85,7 @@ def mesh_from_faces(vertices: NDArray[np.floating], triangles: NDArray[np.intege
     return TriangleMesh(checked.points, owner.reshape(-1, 3).astype(np.int32), name, notes + checked.warnings)
 
 
-def sample_surface(mesh: TriangleMesh, spacing_m: float = 0.05, seed: int = 0) -> Cloud:
+def sample_surface(mesh: TriangleMesh, spacing_m: float = 0.05) -> Cloud:
     """Return points spread evenly over the faces, about one to every square of side `spacing_m`."""
     corners = mesh.vertices[mesh.triangles].astype(np.float64)
     along, across = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -94,7 +94,7 @@ def sample_surface(mesh: TriangleMesh, spacing_m: float = 0.05, seed: int = 0) -
     if count > MAX_ELEMENTS:
         raise ValueError(f"{mesh.name}: expected at most {MAX_ELEMENTS} samples, found {count}: choose a wider spacing")
     # stratified along the running sum of the areas, a low-discrepancy pair inside each triangle
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     places = (np.arange(count) + rng.random(count)) / count * area.sum()
     face = np.minimum(np.searchsorted(np.cumsum(area), places), len(area) - 1)
     root, b = np.sqrt(rng.random(count)), rng.random(count)

@@ -107,7 +107,8 @@ def _ascii(path: Path, body: bytes, elements: list[Element]) -> _Rows:
                 table = np.array(b" ".join(part).split(), np.float64).reshape(item.count, len(item.scalars))
                 found.points = list(table.T)
             elif item.is_polygons:
-                found.triangles = _fans([_corners(line.split(), item) for line in part])
+                polygons = (np.array([_corners(line.split(), item)], np.int64) for line in part)
+                found.triangles = np.concatenate([found.triangles, *map(_fans, polygons)])
         except (ValueError, OverflowError) as error:
             raise ValueError(f"{path}: {item.name}: expected {item.count} rows, found {error!s:.60}") from None
     return found
@@ -153,49 +154,37 @@ def _corners(words: list[bytes], item: Element) -> list[int]:
 
 
 def _faces(path: Path, body: bytes, start: int, item: Element, order: str) -> tuple[NDArray[np.int64], int]:
-    """Return the triangles of a face element and where it ends; all rows as long as the first is the fast case."""
-    if not item.count:
-        return _fans([]), start
-    first, _ = _face(path, body, start, item, order, 0)
-    lengths = [len(values) for values in first]
-    kinds = [
-        part
-        for (name, counted, kind), length in zip(item.properties, lengths, strict=True)
-        for part in ([(f"number of {name}", order + counted)] if counted else []) + [(name, order + kind, (length,))]
-    ]
-    same = np.dtype(kinds)
-    names = [name for name, _, _ in item.properties]
-    which = next(name for name in names if name in INDICES)
-    if len(set(names)) == len(names) and len(body) - start >= item.count * same.itemsize:
-        table = np.frombuffer(body, same, item.count, start)
-        told = [np.all(table[f"number of {n}"] == lengths[i]) for i, n in enumerate(names) if item.properties[i][1]]
-        if all(told) and lengths[names.index(which)] == 3:
-            return table[which].astype(np.int64).reshape(-1, 3), start + item.count * same.itemsize
-    polygons = []
-    for number in range(item.count):
-        values, start = _face(path, body, start, item, order, number)
-        polygons.append(values[names.index(which)].astype(np.int64).tolist())
-    return _fans(polygons), start
+    """Return the triangles of a face element and where it ends; rows as long as the one before are read at once."""
+    lists = [i for i, (_, counted, _) in enumerate(item.properties) if counted]
+    which = next(i for i in lists if item.properties[i][0] in INDICES)
+    triangles, number, most = [np.zeros((0, 3), np.int64)], 0, 1
+    while number < item.count:
+        row = _row_of(path, body, start, item, order, number)
+        table = np.frombuffer(body, row, min(item.count - number, most, (len(body) - start) // row.itemsize), start)
+        is_same = np.all([table[f"n{i}"] == table[f"n{i}"][0] for i in lists], axis=0)
+        run = len(table) if is_same.all() else int(np.argmin(is_same))
+        triangles.append(_fans(table[f"v{which}"][:run].astype(np.int64)))
+        number, start, most = number + run, start + run * row.itemsize, 2 * run
+    return np.concatenate(triangles), start
 
 
-def _face(
-    path: Path, body: bytes, start: int, item: Element, order: str, number: int
-) -> tuple[list[NDArray[np.generic]], int]:
-    """Return the values of each property of one face, and where it ends."""
-    found: list[NDArray[np.generic]] = []
-    for _, counted, kind in item.properties:
+def _row_of(path: Path, body: bytes, start: int, item: Element, order: str, number: int) -> np.dtype:
+    """Return what one face looks like: n0, n1, ... are the lengths of its lists, v0, v1, ... the values."""
+    kinds: list[tuple] = []
+    for i, (_, counted, kind) in enumerate(item.properties):
         count_type, item_type, n = np.dtype(order + (counted or kind)), np.dtype(order + kind), 1
         if counted:
             n = int(np.frombuffer(body, count_type, 1, start)[0]) if start + count_type.itemsize <= len(body) else -1
+            kinds.append((f"n{i}", count_type))
             start += count_type.itemsize
         if not 0 <= n <= MAX_FACE or start + n * item_type.itemsize > len(body):
             raise ValueError(f"{path}: face {number}: expected up to {MAX_FACE} corners within the file, found {n}")
-        found.append(np.frombuffer(body, item_type, n, start))
+        kinds.append((f"v{i}", item_type, (n,)))
         start += n * item_type.itemsize
-    return found, start
+    return np.dtype(kinds)
 
 
-def _fans(polygons: list[list[int]]) -> NDArray[np.int64]:
-    """Return triangles (T, 3) that cover the polygons."""
-    fans = [(row[0], row[i], row[i + 1]) for row in polygons for i in range(1, len(row) - 1)]
-    return np.array(fans, np.int64).reshape(-1, 3)
+def _fans(polygons: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return triangles (T, 3) that cover polygons (N, k)."""
+    first = polygons[:, :1].repeat(max(polygons.shape[1] - 2, 0), axis=1)
+    return np.stack([first, polygons[:, 1:-1], polygons[:, 2:]], axis=-1).reshape(-1, 3)

@@ -14,29 +14,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import OTHER_ANSWER
 from mcl_depth.likeness import kernels
-from mcl_depth.likeness.features import (
-    FeatureStack,
-    GradientFeatures,
-    depth_features,
-    depth_features_many,
-    stack_features,
-    visual_features,
-)
-
-__all__ = [
-    "FeatureStack",
-    "GradientFeatures",
-    "Heading",
-    "check_headings",
-    "depth_features",
-    "depth_features_many",
-    "heading",
-    "num_alpha_for",
-    "similarity",
-    "similarity_many",
-    "stack_features",
-    "visual_features",
-]
+from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 
 Similarities = NDArray[np.float32]
 
@@ -55,18 +33,6 @@ def check_headings(step_deg: float, num_columns: int) -> None:
     if num_columns % count:
         column = 360.0 / num_columns
         raise ValueError(f"alpha step: expected a multiple of a column, {column:g} deg, found {step_deg:g} deg")
-
-
-def similarity(visual: GradientFeatures, depth: GradientFeatures, num_alpha: int) -> Similarities:
-    """Return eq. 2 for all headings, (num_alpha,).
-
-    s[i] belongs to the heading alpha_i = i * 2 pi / num_alpha of the camera in the map: the angle, to the left, from
-    the map's x axis to the camera's forward axis (centre column). What the map shows at column u then appears at
-    column u + alpha_i * W / 2 pi of the image.
-    """
-    _check(visual, depth.shape, num_alpha)
-    arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
-    return kernels.compare_headings(*arrays, depth.x, depth.y, depth.magnitude, num_alpha)
 
 
 def similarity_many(

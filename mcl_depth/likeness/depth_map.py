@@ -54,7 +54,7 @@ class DepthMap:
         self.camera_height = camera_height
         self.edge = params.cache.max_distance * np.sqrt(2.0)
         camera = synthesizer.camera
-        self.likeness = likeness_of(params, camera)
+        self.likeness: Any = likeness_of(params, camera)  # one of two, each with features of its own
         self.cache: DepthCache[Any] = DepthCache(params.cache.max_megabytes << 20, self.likeness.empty)
         self._filters: dict[str, tuple[str, SpectralFilter]] = {}  # with the places that they are of
         self._num_unsaved = 0  # depth images that are not on disk

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -121,38 +120,16 @@ def visual_features(gray: Image, is_seen: Mask | None = None) -> GradientFeature
     return GradientFeatures(x, y, magnitude, None if inner.all() else inner)
 
 
-def depth_features(range_m: Image, params: ComparisonParams) -> GradientFeatures:
-    """Return the gradients of a range panorama (H, W) in m after NaN interpolation and LCN (eq. 1, algorithm 1)."""
-    range_m = _panorama(range_m, "depth image")
-    x, y, magnitude = kernels.depth_gradients(range_m, *_options(params, range_m.shape[1]))
-    return GradientFeatures(x, y, magnitude)
-
-
 def depth_features_many(ranges_m: Image, params: ComparisonParams) -> FeatureStack:
     """Return the features of range panoramas (M, H, W) in m; in parallel."""
     if ranges_m.ndim != 3:
         raise ValueError(f"depth images: expected shape (M, H, W), found {ranges_m.shape}")
     ranges_m = np.ascontiguousarray(ranges_m, np.float32)
-    parts = kernels.encode_depth_many(ranges_m, *_options(params, ranges_m.shape[2]))
+    parts = kernels.encode_depth_many(ranges_m, *options_of(params, ranges_m.shape[2]))
     return FeatureStack(parts[0], parts[1], parts[2])
 
 
-def stack_features(features: Sequence[GradientFeatures]) -> FeatureStack:
-    """Return depth features of the same size as a stack."""
-    if not features:
-        raise ValueError("features: expected at least one panorama, found none")
-    first = features[0]
-    if any(item.shape != first.shape for item in features):
-        raise ValueError("features: expected panoramas of one size, found several")
-    stack = FeatureStack.empty(len(features), first.shape[0], first.shape[1])
-    for i, item in enumerate(features):
-        stack.scales[i] = kernels.encode_features(
-            item.x, item.y, item.magnitude, stack.directions[i], stack.magnitudes[i]
-        )
-    return stack
-
-
-def _options(params: ComparisonParams, width: int) -> tuple[bool, bool, float, int, float]:
+def options_of(params: ComparisonParams, width: int) -> tuple[bool, bool, float, int, float]:
     """Return what the kernels of depth images take, in their order."""
     share = LCN_SHARE_OUTDOORS if params.is_sky_far else LCN_SHARE
     is_sky_far = params.is_sky_far and not params.is_measured_only  # what is unknown was not measured

@@ -8,8 +8,8 @@ import os
 
 import numpy as np
 
-from mcl_depth.geometry.kernels import arctangent2
 from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
+from sphere_nav.photometric.align.iteration.kernels import arctangent2
 
 # Threads that spin while they wait stall every other process of a small vehicle computer; read when a kernel starts.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -311,26 +311,6 @@ def _join_terms(sums, share, out):
         if share < 1.0:
             weight = 1.0 / max(sums[i, 2], 0.5 * share)
         out[i] = sums[i, 0] + weight * sums[i, 1]
-
-
-@njit(**OPTIONS)
-def compare_headings(vx, vy, vm, seen, dx, dy, dm, num_alpha):
-    """Return eq. 2 (num_alpha,) f4 of visual and depth features (H, W) f4; seen (H, W) f4, or empty for all."""
-    H, W = vx.shape
-    sums = np.zeros((num_alpha, 3))
-    rows = np.empty((3, 2 * W), np.float32)
-    for y in range(H):
-        for half in range(2):
-            for x in range(W):
-                rows[0, half * W + x] = dx[y, x]
-                rows[1, half * W + x] = dy[y, x]
-                rows[2, half * W + x] = dm[y, x]
-        _add_row(vx[y], vy[y], vm[y], rows[0], rows[1], rows[2], sums)
-        if seen.size > 0:
-            _add_seen(seen[y], rows[2], sums)
-    out = np.empty(num_alpha, np.float32)
-    _join_terms(sums, seen.mean() if seen.size > 0 else 1.0, out)
-    return out
 
 
 @njit(parallel=True, **OPTIONS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,16 @@ from numpy.typing import NDArray
 from mcl_depth.constants import MIN_SEEN
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness import learned
-from mcl_depth.likeness.comparison import depth_features_many, similarity_many, visual_features
+from mcl_depth.likeness.comparison import similarity_many
 from mcl_depth.likeness.encoder import PACKAGED, EncoderPair, load_encoders
-from mcl_depth.likeness.features import FeatureStack, GradientFeatures, Image, Mask, Stack
+from mcl_depth.likeness.features import (
+    FeatureStack,
+    GradientFeatures,
+    Image,
+    Mask,
+    depth_features_many,
+    visual_features,
+)
 from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack
 from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.likeness.partial_filter import PartialFilter
@@ -31,46 +38,6 @@ class Filters(Protocol):
 
     def spectral(self, kind: type[Kind], positions: NDArray[np.float64]) -> Kind:
         """Return the filter of a kind for places (N, 2)."""
-        ...
-
-
-class LikenessKind(Protocol):
-    """What a kind of likeness has to give."""
-
-    name: str  # of all that features depend on, beside what is synthesised
-    min_seen: float  # of the panorama that an image must show
-
-    def image(self, gray: Image, is_seen: Mask) -> Visual:
-        """Return the features of a level panorama (H, W) of grey levels."""
-        ...
-
-    def empty(self, capacity: int) -> Any:
-        """Return room for the features of so many depth panoramas."""
-        ...
-
-    def depths(self, ranges_m: Image) -> Stack:
-        """Return the features of range panoramas (M, H, W) in m."""
-        ...
-
-    def similarities(self, visual: Any, stack: Any, slots: NDArray[np.int64], num_headings: int) -> Curves:
-        """Return the similarity (M, num_headings) of an image with some panoramas of a stack."""
-        ...
-
-    def filters(self, *, is_large: bool) -> tuple[type[SpectralFilter], ...]:
-        """Return the filters that images of a map of many, or few, places may need."""
-        ...
-
-    def survey(
-        self,
-        visual: Any,
-        filters: Filters,
-        positions: NDArray[np.float64],
-        num_headings: int,
-        rows: NDArray[np.int64] | None,
-        *,
-        is_large: bool,
-    ) -> Curves:
-        """Return how well an image fits at places (N, 2) of the map, or at some rows of them, (N, num_headings)."""
         ...
 
 
@@ -182,7 +149,7 @@ def check_likeness(params: FilterParams) -> EncoderPair | None:
     return encoders
 
 
-def likeness_of(params: FilterParams, camera: Spherical) -> LikenessKind:
+def likeness_of(params: FilterParams, camera: Spherical) -> GradientLikeness | LearnedLikeness:
     """Return the likeness of the parameters for a window of the sphere."""
     encoders = check_likeness(params)
     if encoders is None:

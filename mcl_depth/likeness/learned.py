@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -17,7 +16,6 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from mcl_depth.constants import CHANCE, FINENESS
-from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.encoder import EncoderPair
 from mcl_depth.likeness.features import Mask, Stack
 from mcl_depth.likeness.matched_filter import ABOVE_MEAN, best_around
@@ -25,6 +23,7 @@ from mcl_depth.likeness.spectra import (
     BATCH,
     Curves,
     Image,
+    KeptArrays,
     Spectra,
     correlate,
     encode_spectra,
@@ -33,8 +32,6 @@ from mcl_depth.likeness.spectra import (
     spectra_of,
 )
 from sphere_nav.geometry import Spherical
-
-ARRAYS = ("codes", "scales")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +118,7 @@ def compare_learned(visual: LearnedFeatures, stack: LearnedStack, num_alpha: int
 
 
 @dataclass(frozen=True)
-class LearnedFilter:
+class LearnedFilter(KeptArrays):
     """Spectra of N cells, ready for images.
 
     codes (F, N, 2 P) int8: real, then imaginary parts of the spectra of all channels row by row, P = C h; scales
@@ -137,16 +134,6 @@ class LearnedFilter:
         samples = np.concatenate(list(_spectra_of_cells(stack, sample_slots(slots))), axis=1)
         scales = scales_of(samples)
         return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales)
-
-    def save(self, folder: Path) -> None:
-        """Write everything into a folder."""
-        save_arrays(folder, dict(zip(ARRAYS, (self.codes, self.scales), strict=True)))
-
-    @classmethod
-    def load(cls, folder: Path) -> Self | None:
-        """Return what `save` wrote; None where there is no such folder. A damaged one is ValueError."""
-        found = load_arrays(folder, ARRAYS)
-        return None if found is None else cls(*(np.array(array) for array in found))
 
     def curves(self, visual: LearnedFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.

@@ -14,13 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import BARE_SHARE, FINENESS, NUM_FREQUENCIES, SHRINKAGE
-from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 from mcl_depth.likeness.spectra import (
     BATCH,
@@ -28,6 +26,7 @@ from mcl_depth.likeness.spectra import (
     DOUBLE_SINES,
     IS_DIRECTION,
     Curves,
+    KeptArrays,
     Spectra,
     correlate,
     encode_spectra,
@@ -38,12 +37,11 @@ from mcl_depth.likeness.spectra import (
     spectral_covariance,
 )
 
-ARRAYS = ("codes", "scales", "inverses")
 ABOVE_MEAN = range(1, NUM_FREQUENCIES)  # the mean over azimuth tells no heading
 
 
 @dataclass(frozen=True)
-class MatchedFilter:
+class MatchedFilter(KeptArrays):
     """Spectra of N cells, ready for images.
 
     codes (F, N, 2 P) int8: real, then imaginary parts of the spectra of all pictures row by row, P = 6 H; scales
@@ -60,16 +58,6 @@ class MatchedFilter:
         samples = np.concatenate(list(_spectra_of_cells(stack, sample_slots(slots))), axis=1)
         scales = scales_of(samples)
         return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales, _inverses(samples))
-
-    def save(self, folder: Path) -> None:
-        """Write everything into a folder."""
-        save_arrays(folder, dict(zip(ARRAYS, (self.codes, self.scales, self.inverses), strict=True)))
-
-    @classmethod
-    def load(cls, folder: Path) -> MatchedFilter | None:
-        """Return what `save` wrote; None where there is no such folder. A damaged one is ValueError."""
-        found = load_arrays(folder, ARRAYS)
-        return None if found is None else cls(*(np.array(array) for array in found))
 
     def curves(self, visual: GradientFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.

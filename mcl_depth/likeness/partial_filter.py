@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +28,6 @@ from mcl_depth.constants import (
     PART_SHRINKAGE,
     ROOT,
 )
-from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 from mcl_depth.likeness.spectra import (
     BATCH,
@@ -38,6 +36,7 @@ from mcl_depth.likeness.spectra import (
     FREQUENCIES,
     Curves,
     Image,
+    KeptArrays,
     Spectra,
     correlate,
     encode_spectra,
@@ -49,7 +48,6 @@ from mcl_depth.likeness.spectra import (
     spectral_covariance,
 )
 
-ARRAYS = ("codes", "scales", "energies", "energy_scales", "covariances")
 ENERGY_FREQUENCIES = range(NUM_ENERGY_FREQUENCIES)
 
 
@@ -66,7 +64,7 @@ def double_gradients(visual: GradientFeatures, power: float = 1.0) -> Image:
 
 
 @dataclass(frozen=True)
-class PartialFilter:
+class PartialFilter(KeptArrays):
     """Spectra of N cells, ready for images.
 
     codes (F, N, 2 P) int8: real, then imaginary parts of the spectra of both components of the doubled gradients row by
@@ -92,16 +90,6 @@ class PartialFilter:
         codes = encode_spectra(_tensors_of_cells(stack, slots), scales, slots)
         energy_codes = encode_spectra(_energies_of_cells(stack, slots), energy_scales, slots)
         return cls(codes, scales, energy_codes, energy_scales, (covariances / level).astype(np.complex64))
-
-    def save(self, folder: Path) -> None:
-        """Write everything into a folder."""
-        save_arrays(folder, {name: getattr(self, name) for name in ARRAYS})
-
-    @classmethod
-    def load(cls, folder: Path) -> PartialFilter | None:
-        """Return what `save` wrote; None where there is no such folder. A damaged one is ValueError."""
-        found = load_arrays(folder, ARRAYS)
-        return None if found is None else cls(*(np.array(array) for array in found))
 
     def curves(
         self,

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Self
 
 import numpy as np
 import scipy.fft
@@ -10,6 +13,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import CODE_RANGE, MIN_PLACES, NUM_FREQUENCIES
 from mcl_depth.likeness import kernels
+from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.likeness.kernels import COSINES, NO_DIRECTION, SINES, SQUARES
 
@@ -100,3 +104,18 @@ def correlate(codes: Codes, weights: Spectra, rows: NDArray[np.int64] | None, fi
     full[:, first : first + num] = spectra[:num].T
     curves: Curves = scipy.fft.irfft(full, count, axis=1, norm="forward")
     return curves
+
+
+@dataclass(frozen=True)
+class KeptArrays:
+    """Spectra of the cells of a map: arrays that are kept in a folder, one file each."""
+
+    def save(self, folder: Path) -> None:
+        """Write everything into a folder."""
+        save_arrays(folder, {item.name: getattr(self, item.name) for item in fields(self)})
+
+    @classmethod
+    def load(cls, folder: Path) -> Self | None:
+        """Return what `save` wrote; None where there is no such folder. A damaged one is ValueError."""
+        found = load_arrays(folder, [item.name for item in fields(cls)])
+        return None if found is None else cls(*(np.array(array) for array in found))

@@ -15,7 +15,7 @@ from sphere_nav_msgs.srv import LoadCloud
 
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import limits_of
-from mcl_depth.geometry.cloud import Cloud, cloud_from_points, thin_cloud
+from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.geometry.files import TILE_ENDINGS, read_geometry
 from mcl_depth.geometry.geodetic import Geodetic, declared_crs
 from mcl_depth.geometry.mesh import TriangleMesh
@@ -165,8 +165,10 @@ class GeometryLoader:
 
 
 def count_points(geometry: Cloud | TriangleMesh, voxel_m: float) -> int:
-    """Return the number of points after thinning; of vertices of surfaces."""
-    return len(geometry.vertices) if isinstance(geometry, TriangleMesh) else len(thin_cloud(geometry, voxel_m))
+    """Return the number of cubes of a cloud that hold points; of vertices of surfaces."""
+    if isinstance(geometry, TriangleMesh):
+        return len(geometry.vertices)
+    return len(np.unique(np.floor((geometry.points - geometry.box[0]) / voxel_m), axis=0))
 
 
 def find_map_id(path: str) -> str:

@@ -1,1 +1,1 @@
-"""A drive -> lens, mounting and depth camera."""
+"""A drive -> lens and mounting."""

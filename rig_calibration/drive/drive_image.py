@@ -75,10 +75,7 @@ class DriveImage:
 
 @dataclass(frozen=True)
 class ImageState:
-    """What is estimated of one image, its pose and how its grey levels become the map's; or of a pair (depth_pair.py).
-
-    `pose` is T_map_camera; of a pair T_second_first, and the grey levels of the first become those of the second.
-    """
+    """What is estimated of one image: T_map_camera, and how its grey levels become the map's."""
 
     pose: SE3
     gain: float = 1.0

@@ -2,15 +2,13 @@
 
 Each image is compared with the map where its pixels should be (M15 eq. 4, 33-35). Lens and readout time are shared by
 all images; pose, gain and bias of each image are its own and are eliminated (Schur complement) in every step of
-Gauss-Newton, from coarse images to fine ones (`elimination.py`). Pairs of images share the pose of a depth camera
-(`depth_pose.py`) in the same way.
+Gauss-Newton, from coarse images to fine ones (`elimination.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
@@ -20,12 +18,10 @@ from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Elimination
 from sphere_nav.geometry.arrays import Array
 
-Shared = TypeVar("Shared")
-
 
 @dataclass(frozen=True, eq=False)
-class Refined:
-    """What a drive tells of P shared parameters: their covariance (P, P), beside what was known of them before."""
+class RefinedCamera:
+    """The lens, the names of its P parameters, their covariance (P, P), and the equations that it solves."""
 
     names: tuple[str, ...]
     prior_sigma: Array
@@ -33,6 +29,8 @@ class Refined:
     states: tuple[ImageState, ...]
     num_pixels: int
     residual: float  # robust standard deviation in grey levels
+    lens: Lens
+    equations: Elimination
 
     @property
     def deviations(self) -> dict[str, float]:
@@ -44,14 +42,6 @@ class Refined:
         """Parameters that the drive does not tell: their deviation is about what it was before."""
         is_left = np.sqrt(np.diagonal(self.covariance)) > UNOBSERVED * self.prior_sigma
         return tuple(name for name, left in zip(self.names, is_left, strict=True) if left)
-
-
-@dataclass(frozen=True, eq=False)
-class RefinedCamera(Refined):
-    """The lens, whose names are those of the parameters, and the equations that it solves."""
-
-    lens: Lens
-    equations: Elimination
 
 
 def refine_camera(
@@ -84,28 +74,14 @@ def refine_camera(
     if start is not None:
         states, levels = list(start[1]), range(1)
     found = lens if start is None else start[0]
-    found, states = estimate_shared(found, states, levels, linearize, Lens.moved, LENS_STEPS, MIN_LENS_STEP)
+    for level in levels:
+        for _ in range(LENS_STEPS):
+            step, own, size = linearize(found, states, level).step()
+            found = found.moved(step)
+            states = [state.moved(one) for state, one in zip(states, own, strict=True)]
+            if size < MIN_LENS_STEP:
+                break
     last = linearize(found, states, 0)
     covariance = last.covariance(num_blocks) + np.diag((LENS_FLOOR * prior_sigma) ** 2)
     told = last.num_pixels, last.sigma
     return RefinedCamera(found.names, lens.prior_sigma, covariance, tuple(states), *told, found, last)
-
-
-def estimate_shared(
-    shared: Shared,
-    states: list[ImageState],
-    levels: Iterable[int],
-    linearize: Callable[[Shared, Sequence[ImageState], int], Elimination],
-    move: Callable[[Shared, Array], Shared],
-    max_steps: int,
-    min_step: float,
-) -> tuple[Shared, list[ImageState]]:
-    """Return what images share, and the state of each, after Gauss-Newton at some levels; each ends at `min_step`."""
-    for level in levels:
-        for _ in range(max_steps):
-            step, own, size = linearize(shared, states, level).step()
-            shared = move(shared, step)
-            states = [state.moved(one) for state, one in zip(states, own, strict=True)]
-            if size < min_step:
-                break
-    return shared, states

@@ -49,15 +49,8 @@ DETAIL_WINDOW = 7  # directions, side of the neighborhood whose detail is compar
 MIN_CORRELATION = 0.8  # of that detail
 FAINT_DETAIL, FLAT_DETAIL = 0.01, 0.04  # deviation of log levels: below, nothing is correlated; there is no detail
 
-# Seams (stitching/test_feathering, stitching/test_strips)
+# Seams (stitching/test_strips)
 NUM_BANDS = 4  # of the Laplacian pyramid, Burt and Adelson 1983: the coarsest blends over 32 px
-SEAM_FROM_BORDER = 0.02  # rad from a camera's border, where views are compared along the seams
-BAND_DEG = 6.0  # to either side of a seam where views are compared
-FADE_DEG = 8.0  # standard deviation of the smoothing, and so of the fading
-FAINT_SHARE = 0.05  # of compared directions around one, below which the change fades
-USUAL_CHANGE, LARGEST_CHANGE = 0.1, 0.3  # of a logarithm of a ratio: more is seldom light, it is parallax; never
-DARK = 20.0  # grey level below which a ratio says little
-MIN_CHANGE = 0.008  # of a logarithm: less is not seen
 CAP_ROWS = 128  # next to a pole, where seams spread over many columns, make strips of their own
 ALONE = 0.999  # share above which a view has a pixel to itself
 INVERSE_LEVELS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0], np.float32)  # 1/m; test_stitcher
@@ -72,7 +65,6 @@ MIN_RANGE_M = 0.1  # what is nearer is not trusted
 MAX_MAGNIFICATION, MAX_SUPERSAMPLING = 1.5, 4  # beyond it an image is sampled more finely and averaged; at most
 WITHOUT_RANGE_M = 1e3  # taken for color where no range is known at all
 MAX_DEPTH_STEP = 0.04  # relative step of depth between neighbors that is an edge
-RANGE_CORRECTIONS = 3  # steps along the ray; each removes the parallax error by an order or two
 MAX_CORRECTION = 0.01  # relative, of the last step; more is a surface that this direction does not see
 FEATHER_PX = 16.0  # width of the band over which a view fades out at its border (partial/test_joining)
 
@@ -105,7 +97,6 @@ BEYOND_PX = 3  # disparities this near to the largest of a level are left to the
 MIN_AGREEMENT = 0.95  # of the least cost elsewhere to that of a coarser level's disparity, seen at a finer level
 SURER = 0.5  # of a finer level's deviation, below which a coarser level's disparity is preferred
 LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
-SIDE_PX, SIDE_SHARE = 4, 0.07  # how far texture is looked for beside a pixel; share of the largest squared slope
 EDGE_PX = 3  # matches this near to a jump are not trusted
 JUMP = (0.6, 0.1)  # px, and by the disparity: least step over that neighborhood that is a jump
 UNKNOWN_SIDE, FROM_UNKNOWN = 7, 2  # px: side of an unknown region that counts, and how far one keeps off it
@@ -190,7 +181,6 @@ TURN_STD = np.radians(0.3)  # of a camera's turn about each axis: what a mount g
 LENS_STD = (0.003, 0.005, 0.005)  # of the logarithm of the focal length, of the principal point by the focal length
 NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a match counts less
 RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is
-RAY_STEP, PIXEL_STEP = 1e-5, 0.05  # of central differences, whose own error is then below 1e-8
 
 # Rectified pairs (stereo/test_stereo, stereo/test_stereo_pair)
 BELOW_ZERO_PX, MIN_DISPARITY_PX = 1.0, 1.0  # searched below 0, for what rectification leaves; trusted from there on

@@ -29,17 +29,6 @@ def add_band(fine, coarse, weight, total):
 
 
 @njit(**OPTIONS)
-def to_levels(total, image):
-    """Write total (H, W, c) i16 as grey levels 1...255 to image (H, W, c) u8."""
-    height, width, channels = total.shape
-    for y in range(height):
-        for x in range(width):
-            for c in range(channels):
-                value = np.floor(total[y, x, c] / SCALE + 0.5)
-                image[y, x, c] = np.uint8(min(max(value, 1.0), 255.0))
-
-
-@njit(**OPTIONS)
 def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, top, first, u, v):
     """Write camera pixels u, v (h, w) f32 of a block of a sphere whose inverse range (H, W) f32 is known everywhere.
 
@@ -79,46 +68,6 @@ def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, top, f
                 u[y, gx * step + i] = u0 + fw * (u1 - u0)
                 v[y, gx * step + i] = v0 + fw * (v1 - v0)
             left, right = right, left
-
-
-@njit(**OPTIONS)
-def _spread(values, step, first, line):
-    """Write values (n, c) f32 of the middles of every `step` pixels to the pixels from `first` on: line (w * c) f32."""
-    channels, last = values.shape[1], values.shape[0] - 1
-    for i in range(line.size // channels):
-        x = (np.float32(first + i) + np.float32(0.5)) / np.float32(step) - np.float32(0.5)
-        x = min(max(x, np.float32(0.0)), np.float32(last))
-        left = min(int(x), max(last - 1, 0))
-        right, share = min(left + 1, last), x - np.float32(left)
-        for c in range(channels):
-            line[i * channels + c] = values[left, c] + share * (values[right, c] - values[left, c])
-
-
-@njit(**OPTIONS)
-def change_levels(part, factor, step, top, first, height, width):
-    """Multiply levels 1...255 of height x width pixels of part (h, w * c) u8 from (top, first) on.
-
-    factor (h / step, w / step, c) f32 is that of the middle of step x step pixels, linear between; beyond the outermost
-    ones it goes on.
-    """
-    channels, last = factor.shape[2], factor.shape[0] - 1
-    least, most = np.float32(1.0), np.float32(255.0)
-    above, below = np.empty(width * channels, np.float32), np.empty(width * channels, np.float32)
-    upper = -1
-    for v in range(top, top + height):
-        y = min(
-            max((np.float32(v) + np.float32(0.5)) / np.float32(step) - np.float32(0.5), np.float32(0.0)),
-            np.float32(last),
-        )
-        here = min(int(y), max(last - 1, 0))
-        if here != upper:
-            upper = here
-            _spread(factor[upper], step, first, above)
-            _spread(factor[min(upper + 1, last)], step, first, below)
-        share, row = y - np.float32(upper), part[v, first * channels : (first + width) * channels]
-        for i in range(row.size):
-            level = np.rint(np.float32(row[i]) * (above[i] + share * (below[i] - above[i])))
-            row[i] = np.uint8(min(max(level, least), most))
 
 
 @njit(**OPTIONS)
@@ -407,48 +356,6 @@ def settle(refined, start, information, left, slopes, limits, value, std):
             variance = factor / information[v, u] + calibration * along
             value[v, u] = refined[v, u] if is_good else nan
             std[v, u] = np.sqrt(variance) if is_good else nan
-
-
-@njit(**OPTIONS)
-def double_size(plane, wraps, double):
-    """Write twice the values of plane (h, w) f32 at twice its size to double (2 h, 2 w) f32, linear between pixels.
-
-    Pixel k is centred on pixel 2 k; beside NaN is NaN.
-    """
-    height, width = plane.shape
-    for v in range(height):
-        row, below = plane[v], plane[min(v + 1, height - 1)]
-        for u in range(width):
-            right = u + 1 if u + 1 < width else (0 if wraps else u)
-            double[2 * v, 2 * u] = np.float32(2.0) * row[u]
-            double[2 * v, 2 * u + 1] = row[u] + row[right]
-            double[2 * v + 1, 2 * u] = row[u] + below[u]
-            double[2 * v + 1, 2 * u + 1] = np.float32(0.5) * ((row[u] + row[right]) + (below[u] + below[right]))
-
-
-@njit(**OPTIONS)
-def take_over(matched, aligned, most, start):
-    """Write where alignment starts at twice the size of what was matched (h, w) f32 to start (2 h, 2 w) f32.
-
-    aligned (2 h, 2 w) f32: what the coarser level's own alignment found, taken where it is no farther than `most` px
-    from the match.
-    """
-    for v in range(start.shape[0]):
-        row = matched[v // 2]
-        for u in range(start.shape[1]):
-            match = np.float32(2.0) * row[u // 2]
-            start[v, u] = aligned[v, u] if abs(aligned[v, u] - match) <= most else match
-
-
-@njit(**OPTIONS)
-def prefer_surer(value, std, other, other_std, share):
-    """Put other values (H, W) f32 where value is NaN, or its deviation more than 1 / share times as large."""
-    height, width = value.shape
-    for v in range(height):
-        for u in range(width):
-            is_other = (value[v, u] != value[v, u]) | (other_std[v, u] < share * std[v, u])
-            value[v, u] = other[v, u] if is_other else value[v, u]
-            std[v, u] = other_std[v, u] if is_other else std[v, u]
 
 
 @njit(**OPTIONS)
@@ -751,13 +658,9 @@ def warm_up() -> None:
     add_band(byte, byte, plane, total)
     color, color_total = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4, 3), np.int16)
     add_band(color, color, plane, color_total)
-    for sums, image in ((total, byte), (color_total, color)):
-        to_levels(sums, image)
     grid, out = np.zeros((3, 3, 2, 2), np.float32), np.empty((4, 4), np.float32)
     levels = np.array([0.0, 1.0], np.float32)
     warp_by_range(grid, levels, 2, plane, 0, 0, 0, 0, out, out.copy())
-    change_levels(color.reshape(4, -1), np.ones((2, 2, 3), np.float32), 2, 0, 0, 4, 4)
-    change_levels(byte.reshape(4, -1), np.ones((2, 2, 1), np.float32), 2, 0, 0, 4, 4)
     found = np.zeros(1, np.bool_)
     find_same_detail(plane, plane, plane > 0, 0, 0, 1, np.zeros((1, 2), np.int32), 0.5, 0.1, 0.2, found)
     level = np.zeros((4, 4), np.uint8)
@@ -766,9 +669,6 @@ def warm_up() -> None:
     ratios = np.zeros((1, 4, 8), np.float32)
     cost_ratios(above, below, below, ratios.copy(), -1, 1, ratios)
     settle(plane, plane, plane, plane, np.ones((2, 4, 4), np.float32), np.ones(4, np.float32), out, out.copy())
-    double_size(plane, True, np.empty((8, 8), np.float32))
-    take_over(plane, np.ones((8, 8), np.float32), np.float32(1.0), np.empty((8, 8), np.float32))
-    prefer_surer(plane.copy(), plane.copy(), plane, plane, np.float32(0.5))
     smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
     products = np.zeros((3, 4, 4), np.float32)
     compare_steps(level, level, plane, 0, False, products)

@@ -83,7 +83,7 @@ def join_graphs(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) ->
     moved = drive.with_poses({node.id: T_base_drive @ node.T_map_sphere for node in drive})
     origin = KeySphere(-1, 0, SE3.identity())
     seen = [replace(edge, a=origin.id, T_a_b=base[edge.a].T_map_sphere @ edge.T_a_b) for edge in edges]
-    placed = optimize_map(SphereGraph([origin, *moved], [*moved.edges, *seen])).graph
+    placed = optimize_map(SphereGraph([origin, *moved], [*moved.edges, *seen]))
     nodes = [*base, *(node for node in placed if node.id != origin.id)]
     return SphereGraph(nodes, [*base.edges, *drive.edges, *edges])
 

@@ -11,10 +11,9 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from sphere_mapping.constants import ANCHOR_SIGMA, LARGE, MAX_STEPS, RELINEARIZE
-from sphere_mapping.graph.factors import factors_of
+from sphere_mapping.constants import LARGE, MAX_STEPS, RELINEARIZE
+from sphere_mapping.graph.factors import factors_of, hold, values_of
 from sphere_mapping.graph.loop_closure import with_loops
-from sphere_mapping.graph.pose_graph import PoseGraph
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
@@ -46,16 +45,13 @@ class IncrementalOptimum:
 
     def _solve(self, nodes: Sequence[KeySphere], edges: Sequence[Edge]) -> None:
         """Take note of what is new, and go on, by Gauss-Newton, until nothing moves."""
-        values, anchors = gtsam.Values(), [] if self._row else nodes[:1]
+        anchors = [] if self._row else nodes[:1]
         for node in nodes:
-            self._row[node.id] = row = len(self._row)
-            values.insert(row, gtsam.Pose3(node.T_map_sphere.matrix))
-        factors = factors_of(self._as_arrays(edges))
-        noise = gtsam.noiseModel.Isotropic.Sigma(6, ANCHOR_SIGMA)
-        for node in anchors:
-            factors.add(gtsam.PriorFactorPose3(self._row[node.id], gtsam.Pose3(node.T_map_sphere.matrix), noise))
+            self._row[node.id] = len(self._row)
+        factors = factors_of(edges, self._row)
+        hold(factors, anchors, self._row)
         self._num_edges += len(edges)
-        self._solver.update(factors, values)
+        self._solver.update(factors, values_of(nodes, self._row))
         for _ in range(MAX_STEPS["loop"]):
             if not self._solver.update().getVariablesRelinearized():
                 break
@@ -71,14 +67,3 @@ class IncrementalOptimum:
         poses = SE3.from_parts(found[rows, :9].reshape(-1, 3, 3), found[rows, 9:]).orthonormal()
         ids = np.array(list(self._row))[rows]
         return {int(node_id): poses[k] for k, node_id in enumerate(ids)}
-
-    def _as_arrays(self, edges: Sequence[Edge]) -> PoseGraph:
-        """Return some edges, their ends by rows."""
-        return PoseGraph(
-            np.arange(len(self._row)),
-            np.empty((0, 4, 4)),
-            np.array([(self._row[edge.a], self._row[edge.b]) for edge in edges], dtype=np.int64),
-            np.array([edge.T_a_b.matrix for edge in edges]),
-            np.array([edge.information for edge in edges]),
-            np.array([edge.is_loop for edge in edges]),
-        )

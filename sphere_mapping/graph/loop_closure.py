@@ -218,7 +218,7 @@ def away(T_a_b: SE3, reach_m: float, is_whole: bool) -> float:
 
 def with_loops(graph: SphereGraph, loops: list[Edge]) -> SphereGraph:
     """Return the graph with loop edges added, at the poses that fit all edges best."""
-    return optimize_map(graph.with_edges(loops)).graph
+    return optimize_map(graph.with_edges(loops))
 
 
 def _spread(ways: dict[int, float], best: Candidate, other: Candidate) -> float:

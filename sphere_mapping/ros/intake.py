@@ -12,7 +12,7 @@ from sphere_nav_msgs.msg import AugmentedSphere
 from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.mount import CameraMount
-from sphere_mapping.ros.rgbd_intake import DEPTH, DEPTH_INFO, OnRgbd, RgbdIntake
+from sphere_mapping.ros.rgbd_intake import DEPTH, DEPTH_INFO, RgbdIntake
 from sphere_mapping.ros.stereo_intake import OnPair, Report, StereoIntake, report_nothing
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions, qos
@@ -51,7 +51,7 @@ class Intake:
 
     `lookup(target, source)` tells T_target_source of two frames, as /tf_static has it, or raises ValueError.
     `find_mount(frame, is_optical)` tells T_base_body of the camera of a frame; without it the camera is the base.
-    `report` and `on_pair` are those of a StereoIntake, `on_rgbd` that of an RgbdIntake.
+    `report` and `on_pair` are those of a StereoIntake.
     """
 
     def __init__(
@@ -61,12 +61,11 @@ class Intake:
         lookup: Callable[[str, str], SE3],
         report: Report = report_nothing,
         on_pair: OnPair | None = None,
-        on_rgbd: OnRgbd | None = None,
         find_mount: FindMount = lambda frame_id, is_optical: SE3.identity(),
     ) -> None:
         self._params, self._deliver, self._find_mount = params, on_sphere, find_mount
         self.stereo = StereoIntake(params.mapper, lookup, report, on_pair)
-        self._rgbd_intake = RgbdIntake(params, lookup, on_rgbd)
+        self._rgbd_intake = RgbdIntake(params, lookup)
         self._infos: dict[str, CameraInfo] = {}
         self._is_rectified: dict[str, bool] = {}  # the images of a calibration
         self._frame_id = ""

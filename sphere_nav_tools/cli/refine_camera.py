@@ -1,4 +1,4 @@
-"""`sphere_nav refine-camera`: lens and readout time of a camera from a drive in a map, or where its depth sits."""
+"""`sphere_nav refine-camera`: lens and readout time of a camera from a drive in a map."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from sphere_nav_tools.offline.refine_camera import (
     RecordedDrive,
     mounting_by_odometry,
     mounting_lines,
-    run_depth,
     text_of,
 )
 from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free
@@ -21,7 +20,7 @@ from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check
 HELP = """\
 Correct the calibration of a camera by a recorded drive, without boards.
 
-With MAP: focal lengths, centre, distortion and readout time (rolling shutter). The focal length in camera_info must be
+Focal lengths, centre, distortion and readout time (rolling shutter). The focal length in camera_info must be
 within 5 % of the true one. The result is a calibration file of ROS (camera_info_manager) with `readout` and
 `standard_deviations`. Turn and move while recording, past surfaces near and far that fill the image. With odometry in
 the bag the file also says where the camera sits on the vehicle (`mounting`; --mounting and the nodes read it).
@@ -30,35 +29,27 @@ The lens found from one half of the drive must explain the images of the other h
 both halves must agree. Otherwise nothing is written, the status is 1, and the quantities that the drive does not
 separate are named. A wrong lens cannot be found in a map that was made with the same wrong lens.
 
-Without MAP: where the depth camera of an RGB-D camera sits beside the colour camera, from a bag with images and depth.
-The result is a file for the parameter depth_pose of sphere_mapper. Move in all directions, by half of the distance to
-what the camera sees, before surfaces of several slopes; give --readout for a rolling shutter. What the drive does not
-determine is named (status 1). The scale of depth is never found.
-
 examples:
   sphere_nav refine-camera campus drive2 -o camera.yaml
   sphere_nav refine-camera campus drive2 -o camera.yaml --image /front/image_raw --images 60
-  sphere_nav refine-camera kitchen -o depth.yaml --readout 0.0227
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", metavar="MAP", nargs="?", help="map made by `sphere_nav map`, best by another camera")
-    parser.add_argument("source", metavar="BAG", help="bag with images, camera_info, and depth without MAP")
+    parser.add_argument("map", metavar="MAP", help="map made by `sphere_nav map`, best by another camera")
+    parser.add_argument("source", metavar="BAG", help="bag with images and camera_info")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="YAML", help="calibration to write")
     parser.add_argument("--images", type=int, default=40, metavar="N", help="images that are compared (%(default)s)")
     parser.add_argument("--readout", type=float, default=0.0, metavar="S", help="where to start, s (%(default)s)")
     add_overwrite(parser)
     topics.add_options(parser)
-    add_settings(parser, "dense_localizer, without MAP of sphere_mapper")
+    add_settings(parser, "dense_localizer")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Localise and refine in turn; 1, with nothing written, if the drive does not prove a better lens."""
     check_free(arguments, arguments.output)
-    if arguments.map is None:
-        return run_depth(arguments)
     drive = RecordedDrive(arguments)
     with open_map(arguments.map) as sphere_map:
         proof = drive.refine(sphere_map)

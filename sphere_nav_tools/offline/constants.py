@@ -23,14 +23,6 @@ AHEAD = 2  # instants stitched before the mapper has their spheres: always as ma
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
 MAX_PAIRS = 400  # of the drive's beginning
 
-# A depth camera by its drive (mapping/test_drive)
-NUM_PAIRS = 16  # that the way is shared among: few long ones tell more than many short ones
-PARALLAX = (0.03, 0.15)  # distance between two images over the range of what they see: least and largest
-MAX_TURN = np.radians(15.0)  # between the two, so that they see the same
-# Levels of the pyramid: to half the size, where neighboring pixels of a mosaic are independent; then once more with
-# hidden points found anew.
-DEPTH_LEVELS = ((3, 2, 1), (1,))
-
 # A driving camera by its drive in a map (test_refine_camera)
 MAX_PAUSE_S = 0.3  # between two images that tell a velocity
 MAX_ODOMETRY_GAP_NS = 200_000_000  # between two poses

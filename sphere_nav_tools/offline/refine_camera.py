@@ -1,7 +1,4 @@
-"""What is wrong with the calibration of a camera, and where it sits on the vehicle, from a drive in a map.
-
-Without a map: where the depth camera of an RGB-D camera sits beside the image's, from a drive.
-"""
+"""What is wrong with the calibration of a camera, and where it sits on the vehicle, from a drive in a map."""
 
 from __future__ import annotations
 
@@ -18,28 +15,23 @@ from tqdm import tqdm
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from rig_calibration.drive.depth_pose import RefinedDepth
 from rig_calibration.drive.drive_image import DriveImage, collect
 from rig_calibration.drive.drive_lens import Lens
 from rig_calibration.drive.mounting import NAMES, Mounting, find_mounting
 from rig_calibration.drive.proof import LensProof, lens_distance, prove
 from rig_calibration.drive.refinement import refine_camera
-from sphere_mapping.mapper import Mapper
-from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.ros import conversions
-from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.camera.mounting import NAMES as POSE
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import camera_to_info
-from sphere_nav.ros.maps.reader import MapDetails, MapReader
+from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav_tools.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S, REFINE_ROUNDS, SETTLED_PX
-from sphere_nav_tools.offline.mapping.depth_drive import describe_components, refine_depth
-from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, replay_mapper
 from sphere_nav_tools.offline.pose_bags import read_poses
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
 from sphere_nav_tools.offline.topic_finder import TopicFinder
@@ -208,41 +200,3 @@ def mounting_lines(found: Mounting) -> Iterator[str]:
         yield f"{name:<15}{value:10.4f} +- {sigma:.4f}{note}"
     if found.unobserved:
         yield "a place shows in turns, a height on ramps and bumps only: measure what is missing"
-
-
-def run_depth(arguments: argparse.Namespace) -> int:
-    """Map the drive, refine the depth camera by pairs of it; 1 if the drive does not tell everything."""
-    given = {"camera.readout": arguments.readout, "mapper.loop.automatic": False}
-    values = given | arguments.settings | {"input": "rgbd"}
-    with BagReader(arguments.source) as bag:
-        finder = TopicFinder.of(bag, arguments)
-        kind = finder.find_kind()
-        if kind != "rgbd":
-            raise BagError(f"{arguments.source}: expected images with depth where no MAP is given, found {kind}")
-        found = finder.require(finder.find(TOPICS["rgbd"]))
-        values = {"slack_s": finder.slack_s(found["image_raw"])} | values
-        drive = replay_mapper(Recipe(arguments.source, values, found, MapDetails()), Mapper)
-        if not drive.mapper.tracks:
-            raise BagError(f"{arguments.source}: expected images to align, found none: {drive.refusal}")
-        estimate = refine_depth(bag, values, found, drive)
-    arguments.output.write_text(depth_file_text(estimate.found), encoding="utf-8")
-    print("\n".join([*report_depth(estimate.found, str(arguments.output)), *filter(None, [estimate.verdict])]))
-    return 1 if estimate.found.unobserved else 0
-
-
-def depth_file_text(found: RefinedDepth) -> str:
-    """Return the file that `depth_pose` takes: x y z roll pitch yaw (m, rad), their standard deviations beside."""
-    values = [*found.T_image_depth.translation, *found.T_image_depth.angles]
-    deviations = zip(POSE, found.deviations.values(), strict=True)
-    content = {name: float(value) for name, value in zip(POSE, values, strict=True)}
-    return yaml.safe_dump({"depth_pose": content, "standard_deviations": dict(deviations)}, sort_keys=False)
-
-
-def report_depth(found: RefinedDepth, output: str) -> Iterator[str]:
-    """Yield what is printed."""
-    yield f"{len(found.states)} pairs, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels -> {output}"
-    yield "depth camera in the axes of the image's (x right, y down, z ahead):"
-    yield from describe_components(found)
-    if found.unobserved:
-        yield "record surfaces at several distances and slopes, and move by half of their distance, not only turn"
-    yield f"to map with it: sphere_nav map BAG -o MAP --set depth_pose={output}"

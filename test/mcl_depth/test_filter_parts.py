@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.belief.resampling import compute_weights, low_variance_indices
-from mcl_depth.constants import CHANCE
+from mcl_depth.belief.resampling import low_variance_indices
 from mcl_depth.homing import Homing, sample_offsets, waypoints_of
 from mcl_depth.likeness.depth_cache import DepthCache
 from mcl_depth.likeness.features import FeatureStack
@@ -20,12 +19,6 @@ def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():
         counts = np.bincount(low_variance_indices(shares, 500, start), minlength=20)
         assert np.all(np.abs(counts - 500 * shares) < 1.0)
         assert counts.sum() == 500
-
-
-def test_weights_follow_the_power_law_above_chance():
-    s, prior = CHANCE + np.array([0.1, 0.2, 0.4]), np.full(3, 1 / 3)
-    found = compute_weights(s, prior, exponent=2.0, min_effective_share=0.0)
-    np.testing.assert_allclose(found, np.array([1, 4, 16]) / 21)
 
 
 def empty(count):

@@ -15,7 +15,7 @@ from sphere_nav.params import build
 KERNELS = (  # that an image, or a panorama that it is compared with, goes through
     likeness.visual_gradients, likeness.encode_depth_many, likeness.compare_headings_many,
     likeness.correlate_codes, geometry.draw_many, columns.draw_columns, columns.fit_planes, columns.find_gaps,
-    columns.join_planes, belief.shift_headings, belief.relax, belief.is_maximum,
+    columns.join_planes, belief.shift_headings, belief.is_maximum,
 )  # fmt: skip
 
 

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cycab_sim.world.boards import BoardWorld, boards_around, ring_rig, wandering
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.bundle import jacobian, residuals
 from rig_calibration.boards.detect import detect_all
@@ -16,6 +15,7 @@ from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.rig import Rig
+from worlds.boards import BoardWorld, boards_around, ring_rig, wandering
 
 PARAMS = CalibrationParams()
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.world import city, road
+from cycab_sim.world import city
 from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.paths import Path, rounded
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT
@@ -104,32 +104,6 @@ def city_loops() -> tuple[Loop, ...]:
         *_loops("cycle", cycles, 4.0),
         *_loops("walk", walks[: len(blocks)], 0.8, KERB_HEIGHT),
         *_loops("walk", walks[len(blocks) :], 2.0),
-    )
-
-
-def road_loops() -> tuple[Loop, ...]:
-    """Return the loop of the road: against the car, and back behind the houses."""
-    middle, ends = road.road_path(0.0), road.BEYOND + 8.0
-    ways = np.arange(-ends, middle.length + ends, 1.0)
-    against = np.array([road.place_beside(middle, s, road.LANE)[:2, 3] for s in ways[::-1]])
-    behind = np.array([road.place_beside(middle, s, road.WALL + 2 * road.DEEP)[:2, 3] for s in ways])
-    corners = np.concatenate([against, behind, against[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
-    s = np.arange(0.0, along[-1] - SPACING / 2, SPACING)
-    return (Loop("road", np.stack([np.interp(s, along, axis) for axis in corners.T], axis=1)),)
-
-
-def square_loops() -> tuple[Loop, ...]:
-    """Return the loops of the square: a road around it, cyclists and people upon it."""
-    rings = [_inset(road.SQUARE, d) for d in (3.0, 26.0, 45.0)]
-    upon = [
-        [(-50.0, 16.0), (45.0, 16.0), (45.0, 30.0), (-50.0, 30.0)],
-        [(-40.0, -40.0), (50.0, -40.0), (50.0, -15.0), (-40.0, -15.0)],
-    ]
-    return (
-        *_loops("road", rings[:1], 6.0),
-        *_loops("cycle", rings[1:2], 6.0),
-        *_loops("walk", [rings[2][::-1], *upon], 2.0),
     )
 
 

@@ -20,15 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
-    MAX_CORRECTION,
-    MAX_DEPTH_STEP,
     MAX_MAGNIFICATION,
     MAX_SUPERSAMPLING,
     MIN_RANGE_M,
-    RANGE_CORRECTIONS,
     WITHOUT_RANGE_M,
 )
-from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
+from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration, inverse_depth, sample_inverse
 from sphere_mapping.acquisition.partial.joining import Patch, join_views
 from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
 from sphere_mapping.params import PartialParams
@@ -154,11 +151,11 @@ def _resample_rolling(
     camera, rotation = view.camera, view.T_sphere_camera.rotation.tobytes()
     inverse = inverse_depth(view.depth_m)
     u, v, weight, z_of_ray = _ray_table(camera, rotation, window)
-    near = _sample(inverse, u, v) * z_of_ray
+    near = sample_inverse(inverse, u, v) * z_of_ray
     near = continued(near, np.isfinite(near))
     rows = roll(u, v, camera, view.T_sphere_camera, window, twist, np.nan_to_num(near))
     with np.errstate(divide="ignore"):
-        range_m = 1.0 / (_sample(inverse, rows.u, rows.v) * rows.z_of_ray) + rows.further
+        range_m = 1.0 / (sample_inverse(inverse, rows.u, rows.v) * rows.z_of_ray) + rows.further
     seen = (weight > 0) & (rows.u >= 0) & (rows.u <= camera.width - 1) & (rows.v >= 0) & (rows.v <= camera.height - 1)
     sampled = cv2.remap(view.image, rows.u, rows.v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     image = np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None])
@@ -189,11 +186,12 @@ def resample_range(
     """Return the range along the rays (height, width) of the window from depth along the camera's z axis."""
     inverse = inverse_depth(depth_m)
     if np.any(T_sphere_camera.translation):
-        range_m = _move_range(inverse, camera, T_sphere_camera, window)
+        moved = _registration(camera, T_sphere_camera.matrix.tobytes(), window)
+        range_m: NDArray[np.floating] = moved.ranges(inverse)
     else:
         u, v, _, z_of_ray = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
         with np.errstate(divide="ignore"):
-            range_m = 1.0 / (_sample(inverse, u, v) * z_of_ray)
+            range_m = 1.0 / (sample_inverse(inverse, u, v) * z_of_ray)
     return _trusted(range_m, params)
 
 
@@ -209,47 +207,6 @@ def resample_nearest(values: Plane, camera: Camera, T_sphere_camera: SE3, window
     return np.where(weight > 0, sampled, np.float32(np.nan))
 
 
-def inverse_depth(depth_m: NDArray[np.floating]) -> Plane:
-    """Return 1 / depth; +Inf (known to be far) becomes 0; NaN, -Inf, zero and negative depth become NaN."""
-    depth = np.asarray(depth_m, dtype=np.float32)
-    return np.divide(1.0, depth, out=np.full(depth.shape, np.nan, dtype=np.float32), where=depth > 0)
-
-
-def _move_range(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Range:
-    """Return the range seen from the centre of the sphere by a camera beside it."""
-    range_m = _splat(inverse, camera, T_sphere_camera, window)
-    rays = pixel_rays(window)
-    z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
-    z_of_center = float(T_sphere_camera.inverse().translation[2])
-    step = np.full(range_m.shape, np.nan)
-    for _ in range(RANGE_CORRECTIONS):
-        u, v, _ = _pixels_of(rays * range_m[..., None], camera, T_sphere_camera)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            z_seen = 1.0 / _sample(inverse, u, v)
-            step = (z_seen - (range_m * z_of_ray + z_of_center)) / np.maximum(z_of_ray, 0.1)
-        range_m = range_m + step
-    return np.where((np.abs(step) < MAX_CORRECTION * range_m), range_m, np.nan)
-
-
-def _splat(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> NDArray[np.float64]:
-    """Return the range (height, width) of the camera's points in the window to about a pixel, NaN where none falls."""
-    rays = pixel_rays(camera)
-    with np.errstate(divide="ignore"):
-        points_camera = rays / (rays[..., 2] * inverse)[..., None]
-    points = T_sphere_camera.apply(points_camera[np.all(np.isfinite(points_camera), axis=2)])
-    pixels, _ = window.project(points)
-    nearest = np.full((window.height, window.width), np.inf, dtype=np.float32)
-    u, v = np.ascontiguousarray(pixels.T, dtype=np.float32)
-    splat_nearest(u, v, np.linalg.norm(points, axis=1).astype(np.float32), window.is_whole, nearest)
-    return np.where(np.isinf(nearest), np.nan, nearest.astype(np.float64))
-
-
-def _sample(inverse: Plane, u: Plane, v: Plane) -> Plane:
-    sampled = np.empty(u.size, dtype=np.float32)
-    sample_inverse_depth(inverse, u.ravel(), v.ravel(), MAX_DEPTH_STEP, sampled)
-    return sampled.reshape(u.shape)
-
-
 def _pixels_of(points_sphere: NDArray[np.float64], camera: Camera, T_sphere_camera: SE3) -> tuple[Plane, Plane, Plane]:
     """Return u, v and the distance to the image's border in pixels (0 outside) of points (H, W, 3)."""
     pixels, visible = camera.project(T_sphere_camera.inverse().apply(points_sphere))
@@ -261,6 +218,11 @@ def _pixels_of(points_sphere: NDArray[np.float64], camera: Camera, T_sphere_came
 
 def _float32(values: NDArray[np.float64]) -> Plane:
     return np.ascontiguousarray(np.nan_to_num(values, nan=-1e4), dtype=np.float32)
+
+
+@lru_cache(maxsize=16)
+def _registration(camera: Camera, T_sphere_camera: bytes, window: Spherical) -> DepthRegistration:
+    return DepthRegistration(camera, window, SE3(np.frombuffer(T_sphere_camera).reshape(4, 4)))
 
 
 @lru_cache(maxsize=16)

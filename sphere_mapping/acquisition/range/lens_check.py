@@ -16,7 +16,6 @@ from sphere_mapping.acquisition.constants import (
     INFO_TOLERANCE,
     LENS_FEATURES,
     LENS_SIDE,
-    MAX_RATIO,
     MAX_RAYS_DEG,
     MIN_LENS_MATCHES,
     MIN_SHARED_VIEW,
@@ -26,7 +25,7 @@ from sphere_mapping.acquisition.constants import (
     RAY_GRID,
     VIEW_GRID,
 )
-from sphere_mapping.acquisition.range.semi_global import Image
+from sphere_mapping.acquisition.range.rectification import Image, Matches, pair_descriptors
 from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
@@ -57,15 +56,6 @@ def _angle_between(ours: Camera, theirs: Camera) -> float:
     rays = [camera.unproject(np.stack([u, v], axis=-1)) for camera in (ours, theirs)]
     cosine = np.sum(rays[0] * rays[1], axis=-1)
     return float(np.degrees(np.arccos(np.clip(np.nanmedian(cosine), -1.0, 1.0))))
-
-
-@dataclass(frozen=True, eq=False)
-class _Matches:
-    """Pixels (N, 2) of two cameras that show the same."""
-
-    first: str
-    second: str
-    pixels: tuple[Array, Array]
 
 
 @dataclass(frozen=True)
@@ -111,7 +101,7 @@ def weigh_lenses(rig: Rig, images: Mapping[str, Image]) -> LensEvidence:
     others = _other_lenses(rig)
     pairs = [pair for pair in combinations(images, 2) if any(_is_shared(one, *pair) for one in (rig, *others.values()))]
     matches = _match_all(images, pairs)
-    num = sum(len(one.pixels[0]) for one in matches)
+    num = sum(len(one.pixels_first) for one in matches)
     if num < MIN_LENS_MATCHES:
         return LensEvidence(num)
     shares = {lens: _share_that_fits(other, matches) for lens, other in others.items()}
@@ -143,18 +133,12 @@ def _is_shared(rig: Rig, first: str, second: str) -> bool:
     return float(weight[seen[0][1] & seen[1][1]].sum()) >= MIN_SHARED_VIEW * float(weight.sum())
 
 
-def _match_all(images: Mapping[str, Image], pairs_of_cameras: Sequence[tuple[str, str]]) -> list[_Matches]:
+def _match_all(images: Mapping[str, Image], pairs_of_cameras: Sequence[tuple[str, str]]) -> list[Matches]:
     found = {name: _features(image) for name, image in images.items()}
     matches = []
     for a, b in pairs_of_cameras:
-        if min(len(found[a][0]), len(found[b][0])) >= 2:
-            pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(found[a][1], found[b][1], k=2)
-            back = cv2.BFMatcher(cv2.NORM_L2).match(found[b][1], found[a][1])
-            mutual = {(one.trainIdx, one.queryIdx) for one in back}
-            clear = [one for one, two in pairs if one.distance < MAX_RATIO * two.distance]
-            sure = np.array([(m.queryIdx, m.trainIdx) for m in clear if (m.queryIdx, m.trainIdx) in mutual], np.intp)
-            sure = sure.reshape(-1, 2)
-            matches.append(_Matches(a, b, (found[a][0][sure[:, 0]], found[b][0][sure[:, 1]])))
+        first, second = pair_descriptors(found[a][1], found[b][1])
+        matches.append(Matches(a, b, found[a][0][first], found[b][0][second]))
     return matches
 
 
@@ -169,9 +153,11 @@ def _features(image: Image) -> tuple[Array, NDArray[np.float32]]:
     return (pixels + 0.5) * factor - 0.5, descriptors
 
 
-def _share_that_fits(rig: Rig, matches: list[_Matches]) -> float:
+def _share_that_fits(rig: Rig, matches: list[Matches]) -> float:
     """Return the share of all matches that two cameras may see so, of a point at some range."""
-    fits = [_fits(rig.camera(one.first), rig.camera(one.second), *one.pixels) for one in matches]
+    fits = [
+        _fits(rig.camera(one.first), rig.camera(one.second), one.pixels_first, one.pixels_second) for one in matches
+    ]
     return float(np.mean(np.concatenate(fits)))
 
 

@@ -17,12 +17,10 @@ from sphere_mapping.acquisition.constants import (
     OWN_FLOOR,
     OWN_LEVELS,
     OWN_RADIUS,
-    SIDE_PX,
-    SIDE_SHARE,
     UNKNOWN_PX,
     UNKNOWN_SIDE,
 )
-from sphere_mapping.acquisition.kernels import compare_steps, correlate_alike, double_size
+from sphere_mapping.acquisition.kernels import compare_steps, correlate_alike
 from sphere_mapping.acquisition.range.semi_global import Image, Plane
 
 Flags = NDArray[np.bool_]
@@ -47,8 +45,13 @@ def interpolate(disparity: Plane, is_whole: bool) -> Plane:
 
     Pixel k is centred on pixel 2 k; all numbers are twice as large.
     """
+    right = np.roll(disparity, -1, axis=1)
+    if not is_whole:
+        right[:, -1] = disparity[:, -1]
+    below, diagonal = (np.concatenate([plane[1:], plane[-1:]]) for plane in (disparity, right))
     double = np.empty((2 * disparity.shape[0], 2 * disparity.shape[1]), np.float32)
-    double_size(disparity, is_whole, double)
+    double[::2, ::2], double[::2, 1::2], double[1::2, ::2] = 2 * disparity, disparity + right, disparity + below
+    double[1::2, 1::2] = (disparity + right + below + diagonal) / 2
     return double
 
 
@@ -66,22 +69,6 @@ def usable_at(is_usable: Flags, level: int, shape: tuple[int, ...]) -> Flags:
     side = 2 ** (level + 1) + 1
     eroded = cv2.erode(is_usable.astype(np.uint8), np.ones((side, side), np.uint8))
     return fit(eroded[:: 2**level, :: 2**level].astype(np.float32), shape) > 0
-
-
-def has_texture_around(image: Image, is_whole: bool) -> Flags:
-    """Return the pixels (H, W) that have texture along the columns themselves, or on all four sides.
-
-    A block that reaches from a bare surface to the edge of another one shows the range of the edge. What is texture is
-    told by the most textured side, so that this holds for faint texture, too.
-    """
-    off, length = SIDE_PX - 1, 2 * SIDE_PX + 1
-    squares = np.square(cv2.Sobel(_pad(image, SIDE_PX + 2, is_whole), cv2.CV_32F, 0, 1, ksize=1) / 2)
-    middle = slice(SIDE_PX + 2, -SIDE_PX - 2)
-    before, after = slice(SIDE_PX + 2 - off, -SIDE_PX - 2 - off), slice(SIDE_PX + 2 + off, -SIDE_PX - 2 + off)
-    upright, level = (cv2.boxFilter(squares, -1, size) for size in ((3, length), (length, 3)))
-    sides = [upright[middle, before], upright[middle, after], level[before, middle], level[after, middle]]
-    enough = np.float32(SIDE_SHARE) * np.maximum.reduce(sides)
-    return (cv2.blur(squares, (3, 3))[middle, middle] >= enough) | (np.minimum.reduce(sides) >= enough)
 
 
 def at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> Flags:
@@ -163,8 +150,3 @@ def _extremes(disparity: Plane, kernel: NDArray[np.uint8]) -> tuple[Plane, Plane
     known = ~np.isnan(disparity)
     high = cv2.dilate(np.where(known, disparity, np.float32(-UNKNOWN_PX)), kernel)
     return high, cv2.erode(np.where(known, disparity, np.float32(UNKNOWN_PX)), kernel)
-
-
-def _pad(image: Image, margin: int, is_whole: bool) -> Image:
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    return cv2.copyMakeBorder(image, margin, margin, margin, margin, border)

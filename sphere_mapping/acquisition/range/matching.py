@@ -45,10 +45,8 @@ from sphere_mapping.acquisition.constants import (
 from sphere_mapping.acquisition.kernels import (
     NUM_DISPARITIES,
     align_along_columns,
-    prefer_surer,
     settle,
     smooth,
-    take_over,
 )
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.levels import (
@@ -57,7 +55,6 @@ from sphere_mapping.acquisition.range.levels import (
     double,
     fit,
     halve_image,
-    has_texture_around,
     interpolate,
     is_borrowed,
     usable_at,
@@ -112,12 +109,11 @@ def match_columns(
             assert coarser is not None
             start = _start_again(start, coarser.value)
         start[~usable_at(is_usable, k, shape) | (start > search.last_px / 2**k + BEYOND_PX)] = np.nan
-        if k > halvings:
-            start[~has_texture_around(levels[k][0], search.is_whole)] = np.nan
         num_steps = REFINE_STEPS if k >= halvings else STEPS_AGAIN
         own = refine(*levels[k], start, _params_at(params, k), num_steps, is_whole=search.is_whole, jobs=jobs)
         if coarser is not None:
-            prefer_surer(own.value, own.std, coarser.value, coarser.std, np.float32(SURER))
+            is_other = np.isnan(own.value) | (coarser.std < np.float32(SURER) * own.std)
+            own.value[is_other], own.std[is_other] = coarser.value[is_other], coarser.std[is_other]
         found = own
     assert found is not None
     return _without_borrowed(found, levels[1], search.is_whole) if halvings else found
@@ -203,10 +199,8 @@ def _seen_at(levels: int, disparity: Plane, shape: tuple[int, ...]) -> Plane:
 
 def _start_again(matched: Plane, aligned: Plane) -> Plane:
     """Return where a level that is not matched itself starts: what the coarser one has aligned, else its match."""
-    height, width = min(2 * matched.shape[0], aligned.shape[0]), min(2 * matched.shape[1], aligned.shape[1])
-    start = np.full_like(aligned, np.nan)
-    take_over(matched, aligned[:height, :width], np.float32(2 * MAX_REFINEMENT), start[:height, :width])
-    return start
+    match = fit(double(matched), aligned.shape)
+    return np.where(np.abs(aligned - match) <= np.float32(2 * MAX_REFINEMENT), aligned, match)
 
 
 def _first_at(search: Search, level: int) -> int:

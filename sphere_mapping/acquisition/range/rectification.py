@@ -4,15 +4,13 @@ Features that two cameras see must lie in one plane with both centres. The rotat
 that make them do so best, and differ least from the rig file by the file's own uncertainty, are found by robust least
 squares (M15 section 4.3.1, step 3). Centres stay: at their baselines the images say next to nothing about them.
 
-A camera has six values: turn (3) in rad, logarithm of the focal length, centre (2) in shares of it. An error is a
-function of two rays, and a ray changes with its own camera's values only: every match has slopes for two cameras.
+A camera has six values: turn (3) in rad, logarithm of the focal length, centre (2) in shares of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations
 from typing import Any
 
@@ -30,10 +28,8 @@ from sphere_mapping.acquisition.constants import (
     MAX_RATIO,
     MIN_PAIR_MATCHES,
     NEAR_EPIPOLE,
-    PIXEL_STEP,
     POLE_DEG,
     RANGE_SHARE,
-    RAY_STEP,
     RECTIFY_SCALES_DEG,
     RECTIFY_SIFT,
     TURN_STD,
@@ -44,9 +40,6 @@ from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import SE3, OCam, Rig, RigCamera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.geometry.so3 import hat, left_jacobian
-
-Error = Callable[[Array, Array, Array], Array]  # of rays (N, 3) of both cameras and the baseline (3,) -> (N,) rad
 
 NUM_VALUES = 6  # of a camera
 
@@ -76,34 +69,10 @@ def epipolar_errors(rig: Rig, matches: Sequence[Matches]) -> Array:
 
 def match_angles(rig: Rig, matches: Sequence[Matches], scale: float) -> Array:
     """Return the angles (M,) by the scale, of all matches off their planes and of those with range off their place."""
-    found = [error(*_rays(rig, match)) for match, error in _terms(matches, scale)]
+    found = [_off_plane(*_rays(rig, match)) for match in matches]
+    ranged = [(match, match.range_first) for match in matches if match.range_first is not None]
+    found += [_off_range(range_m, scale, *_rays(rig, match)) for match, range_m in ranged]
     return np.nan_to_num(np.concatenate(found)) / scale
-
-
-def slopes(rig: Rig, values: Array, matches: Sequence[Matches], scale: float) -> Array:
-    """Return the change (M, 6 N) of `match_angles` of the corrected rig with the values (6 N,)."""
-    guess, rows = correct(rig, values), []
-    for match, error in _terms(matches, scale):
-        x, y, along = _rays(guess, match)
-        by_x = _by_ray(partial(lambda error, y, along, ray: error(ray, y, along), error, y, along), x)
-        by_y = _by_ray(partial(lambda error, x, along, ray: error(x, ray, along), error, x, along), y)
-        row = np.zeros((len(x), values.size))
-        for name, pixels, by_ray in (
-            (match.first, match.pixels_first, by_x),
-            (match.second, match.pixels_second, by_y),
-        ):
-            own = slice(NUM_VALUES * rig.names.index(name), NUM_VALUES * (rig.names.index(name) + 1))
-            row[:, own] = np.einsum("ni,nik->nk", by_ray, _ray_by_values(rig.camera(name), values[own], pixels))
-        rows.append(row)
-    return np.nan_to_num(np.concatenate(rows)) / scale
-
-
-def _terms(matches: Sequence[Matches], scale: float) -> Iterator[tuple[Matches, Error]]:
-    for match in matches:
-        yield match, _off_plane
-    for match in matches:
-        if match.range_first is not None:
-            yield match, partial(_off_range, match.range_first, scale)
 
 
 def _off_plane(x: Array, y: Array, along: Array) -> Array:
@@ -131,30 +100,6 @@ def _rays(rig: Rig, match: Matches) -> tuple[Array, Array, Array]:
     x = first.camera.unproject(match.pixels_first) @ first.T_rig_camera.rotation.T
     y = second.camera.unproject(match.pixels_second) @ second.T_rig_camera.rotation.T
     return x, y, second.T_rig_camera.translation - first.T_rig_camera.translation
-
-
-def _by_ray(error: Callable[[Array], Array], rays: Array) -> Array:
-    """Return the slopes (N, 3) of an error with the rays."""
-    steps = RAY_STEP * np.eye(3)
-    return np.stack([(error(rays + step) - error(rays - step)) / (2 * RAY_STEP) for step in steps], axis=1)
-
-
-def _ray_by_values(part: RigCamera, own: Array, pixels: Array) -> Array:
-    """Return the change (N, 3, 6) of the rays of pixels, in the frame of the rig, with the camera's values.
-
-    A shifted centre is a shifted pixel, a longer focal length a pixel nearer to the centre.
-    """
-    moved = _change(part, own)
-    camera: Any = moved.camera
-    steps = PIXEL_STEP * np.eye(2)
-    shifted = [camera.unproject(pixels + step) - camera.unproject(pixels - step) for step in steps]
-    by_u, by_v = (change / (2 * PIXEL_STEP) for change in shifted)
-    by_turn = -hat(camera.unproject(pixels)) @ left_jacobian(-own[:3])
-    from_center = pixels - (camera.cx, camera.cy)
-    by_focal = -(by_u * from_center[:, :1] + by_v * from_center[:, 1:])
-    fx, fy = part.camera.coefficients[:2]
-    by_lens = np.stack([by_focal, -fx * by_u, -fy * by_v], axis=2)
-    return moved.T_rig_camera.rotation @ np.concatenate([by_turn, by_lens], axis=2)
 
 
 def _change(part: RigCamera, own: Array) -> RigCamera:
@@ -203,7 +148,10 @@ def matches_of(
     }
     matches = []
     for a, b in combinations(found, 2):
-        pairs = _pair(found[a], found[b])
+        is_far = found[a][1].astype(np.float32) @ found[b][1].T.astype(np.float32) < np.cos(
+            np.radians(MAX_PARALLAX_DEG)
+        )
+        pairs = pair_descriptors(found[a][2], found[b][2], is_far)
         if len(pairs[0]) >= MIN_PAIR_MATCHES:
             pixels = found[a][0][pairs[0]]
             ranges = None if points_sphere is None else _range_at(pixels, views[a], points_sphere)
@@ -223,13 +171,9 @@ def rectify(rig: Rig, matches: Sequence[Matches]) -> RigCorrection:
         scale = np.radians(scale_deg)
 
         def cost(now: Array, scale: float = scale) -> Array:
-            return np.concatenate([_soften(match_angles(correct(rig, now), matches, scale))[0], now / prior])
+            return np.concatenate([_soften(match_angles(correct(rig, now), matches, scale)), now / prior])
 
-        def change(now: Array, scale: float = scale) -> Array:
-            weights = _soften(match_angles(correct(rig, now), matches, scale))[1]
-            return np.vstack([weights[:, None] * slopes(rig, now, matches, scale), np.diag(1 / prior)])
-
-        values = least_squares(cost, values, change, method="trf", x_scale=prior, max_nfev=20).x
+        values = least_squares(cost, values, method="trf", x_scale=prior, max_nfev=20).x
     better = correct(rig, values)
     after = epipolar_errors(better, matches)
     angles_deg = np.degrees(np.linalg.norm(values.reshape(-1, NUM_VALUES)[:, :3], axis=1))
@@ -237,12 +181,9 @@ def rectify(rig: Rig, matches: Sequence[Matches]) -> RigCorrection:
     return RigCorrection(better, dict(zip(names, angles_deg.tolist(), strict=True)), *medians)
 
 
-def _soften(values: Array) -> tuple[Array, Array]:
-    """Return values (M,) whose squares are Cauchy's loss, and their slopes."""
-    root = np.sqrt(np.log1p(np.square(values)))
-    is_small = np.abs(values) < 1e-6
-    slope = np.abs(values) / (1 + np.square(values)) / np.where(is_small, 1.0, root)
-    return np.copysign(root, values), np.where(is_small, 1.0, slope)
+def _soften(values: Array) -> Array:
+    """Return values (M,) whose squares are Cauchy's loss."""
+    return np.copysign(np.sqrt(np.log1p(np.square(values))), values)
 
 
 def _features(rig_view: RigView, image: Image, rays: Array) -> tuple[Array, Array, NDArray[np.float32]]:
@@ -274,16 +215,16 @@ def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array) -> Array:
     return np.where(np.isfinite(distance), ranges[nearest], np.nan)
 
 
-def _pair(first: tuple, second: tuple) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return indices (N,) of features that choose each other, clearly, and not too far apart on the sphere."""
-    nothing = np.zeros(0, np.intp), np.zeros(0, np.intp)
-    if len(first[0]) < 2 or len(second[0]) < 2:
-        return nothing
-    a, b = first[2], second[2]
+def pair_descriptors(
+    a: NDArray[np.float32], b: NDArray[np.float32], is_far: NDArray[np.bool_] | None = None
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return indices (N,) of descriptors (M, 128) that choose each other, clearly, and are not said to be too far."""
+    if min(len(a), len(b)) < 2:
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
     squares = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1)[None] - 2 * a @ b.T
     distance = np.sqrt(np.maximum(squares, 0.0))
-    is_far = first[1].astype(np.float32) @ second[1].T.astype(np.float32) < np.cos(np.radians(MAX_PARALLAX_DEG))
-    distance[is_far] = np.inf
+    if is_far is not None:
+        distance[is_far] = np.inf
     two = np.partition(distance, 1, axis=1)[:, :2]
     best = np.argmin(distance, axis=1)
     is_mutual = np.argmin(distance, axis=0)[best] == np.arange(len(best))

@@ -41,10 +41,10 @@ def in_threads(work: Callable[[Item], Answer], items: Iterable[Item], jobs: int)
     return list(map(work, items) if jobs == 1 else _pool(jobs).map(work, items))
 
 
-def find_clear_matches(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:
+def find_clear_matches(top: Image, bottom: Image, first: int, *, is_whole: bool) -> Plane:
     """Return the disparity (H, W) from `first` on, NaN where no match is clearly the best of those searched."""
-    found = match_semi_globally(top, bottom, first, is_whole=is_whole, jobs=jobs)
-    [ratio] = compare_costs(top, bottom, [found], first, is_whole=is_whole, jobs=jobs)
+    found = match_semi_globally(top, bottom, first, is_whole=is_whole)
+    [ratio] = compare_costs(top, bottom, [found], first, is_whole=is_whole, jobs=1)
     found[~(ratio >= MIN_COST_RATIO)] = np.nan
     return found
 

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS
-from sphere_mapping.acquisition.kernels import SCALE, add_band, to_levels, warp_by_range
-from sphere_mapping.acquisition.stitching.feathering import feather
+from sphere_mapping.acquisition.kernels import SCALE, add_band, warp_by_range
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
 from sphere_mapping.acquisition.stitching.views import Layout, StitchedView
 
@@ -35,7 +34,6 @@ def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | No
         warp_view(view, images[view.name], inverse_range, tiles)
         for view, tiles in zip(layout.views, layout.tiles, strict=True)
     ]
-    feather(parts, [view.block for view in layout.views], layout.seams, layout.step, layout.tiles)
     for view, part in zip(layout.views, parts, strict=True):
         _put(image, part, view.block, view.is_owned)
     for strip in layout.strips:
@@ -102,8 +100,7 @@ def _join(strip: Strip, layout: Layout, parts: Sequence[Image]) -> Image:
     for total in reversed(totals[:-1]):
         finer = cv2.pyrUp(joined, dstsize=(total.shape[1], total.shape[0])).reshape(total.shape)
         joined = cv2.add(total, finer).reshape(total.shape)
-    image = np.empty(joined.shape, np.uint8)
-    to_levels(joined, image)
+    image = np.clip((joined + 8) >> 4, 1, 255).astype(np.uint8)  # of sixteenths
     return image[:, :, 0] if is_gray else image
 
 

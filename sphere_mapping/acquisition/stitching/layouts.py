@@ -45,8 +45,7 @@ class Layouts:
 
     def _make(self, level: str, names: tuple[str, ...]) -> Layout:
         rig_views = [self._view_at(self.views[name], level) for name in names]
-        layout = layout_of(rig_views, self.whole, self._blend.distance_m, NUM_BANDS)
-        return layout if self._blend.has_gains else replace(layout, seams=())
+        return layout_of(rig_views, self.whole, self._blend.distance_m, NUM_BANDS)
 
     def _view_at(self, rig_view: RigView, level: str) -> RigView:
         """Return the rig_view as seen from the centre of its level."""

@@ -1,4 +1,4 @@
-"""Which part of a view's block a sphere needs: what it shows, what strips mix and what is compared along the seams.
+"""Which part of a view's block a sphere needs: what it shows and what strips mix.
 
 The block of a camera that shows a pole has all columns, from the one pole to the other. A third of it is enough.
 """
@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.stitching.feathering import Seam
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
 
 ROWS = 4  # cells of a tile: as wide as it is needed anywhere in them
@@ -23,20 +22,15 @@ def tiles_of(
     block: Block,
     is_owned: NDArray[np.uint8],
     strips: Sequence[Strip],
-    seams: Sequence[Seam],
     step: int,
     width: int,
 ) -> tuple[Block, ...]:
     """Return the rectangles of a view's block that are needed, by their place in it, in multiples of `step`.
 
-    is_owned: (h, w) of the block, not 0 where the sphere shows the view. Seams are given at every
-    step-th pixel of a sphere of `width` columns.
+    is_owned: (h, w) of the block, not 0 where the sphere of `width` columns shows the view.
     """
     rows, columns = block.height // step, block.width // step
     is_used: Flags = np.asarray(np.any((is_owned > 0).reshape(rows, step, columns, step), axis=(1, 3)), np.bool_)
-    for seam in seams:
-        if view in (seam.first, seam.second):
-            is_used |= block.at(step.bit_length() - 1).cut(seam.weight > 0)
     for strip in strips:
         for share in strip.shares:
             if share.view == view:

@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS, SEAM_FROM_BORDER, VERY_FAR_M
-from sphere_mapping.acquisition.stitching.feathering import Seam, seams_of
+from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS, VERY_FAR_M
 from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
 from sphere_mapping.acquisition.stitching.tiles import tiles_of
 from sphere_nav.geometry import SE3, Camera, Rig, RigCamera, Spherical
@@ -74,8 +73,6 @@ class Layout:
     views: tuple[StitchedView, ...]
     owner: NDArray[np.int8]
     strips: tuple[Strip, ...]
-    seams: tuple[Seam, ...]
-    step: int  # px of the sphere between directions where views are compared along the seams
     tiles: tuple[tuple[Block, ...], ...]
 
     @property
@@ -135,13 +132,11 @@ def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float,
     for number, ((rig_view, block), projected) in enumerate(zip(kept, seen, strict=True)):
         is_owned = _cut_once((owner == number).astype(np.uint8) * np.uint8(255), block)
         views.append(StitchedView(rig_view, block, _table(*projected), is_owned, _by_range(rig_view, whole, block)))
-    seams = seams_of(owner, [_seen_at(view.rig_view, whole, align, distance_m) for view in views], align)
     strips = strips_of(owner, len(kept), num_bands)
     tiles = (
-        tiles_of(number, view.block, view.is_owned, strips, seams, align, whole.width)
-        for number, view in enumerate(views)
+        tiles_of(number, view.block, view.is_owned, strips, align, whole.width) for number, view in enumerate(views)
     )
-    return Layout(whole, tuple(views), owner, strips, seams, align, tuple(tiles))
+    return Layout(whole, tuple(views), owner, strips, tuple(tiles))
 
 
 def block_around(is_wanted: Flags, whole: Spherical, step: int, margin: int, align: int) -> Block | None:
@@ -168,13 +163,6 @@ def block_rays(whole: Spherical, block: Block, step: int = 1) -> NDArray[np.floa
     v = block.row + step * np.arange(-(-block.height // step) + extra)
     u = block.column + step * np.arange(-(-block.width // step) + extra)
     return whole.unproject(np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).astype(np.float64))
-
-
-def _seen_at(rig_view: RigView, whole: Spherical, step: int, distance_m: float) -> Flags:
-    """Return which blocks (H / step, W / step) of step x step pixels a camera sees by their middle."""
-    middle = Block(step // 2, step // 2, whole.height - step // 2, whole.width - step // 2)
-    rays = block_rays(whole, middle, step)[: whole.height // step, : whole.width // step]
-    return _see(rig_view, rays, distance_m)[2] > SEAM_FROM_BORDER
 
 
 def _owners(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, step: int) -> NDArray[np.int8]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
@@ -91,3 +92,31 @@ def check_lens(fx: float, fy: float, cx: float, cy: float) -> None:
         raise ValueError(f"focal length: expected positive fx, fy (calibrated camera), found {fx}, {fy}")
     if not (abs(cx) <= MAX_LENGTH and abs(cy) <= MAX_LENGTH):
         raise ValueError(f"centre: expected finite cx, cy within {MAX_LENGTH:g} px, found {cx}, {cy}")
+
+
+@dataclass(frozen=True)
+class Focal:
+    """What cameras have whose image is a plane: its size, focal lengths and centre in pixels."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        check_size(self.width, self.height)
+        check_lens(self.fx, self.fy, self.cx, self.cy)
+
+    @property
+    def pixels_per_radian(self) -> float:
+        """Angular resolution on the optical axis."""
+        return float(np.sqrt(self.fx * self.fy))
+
+    def halve(self) -> Self:
+        """Return the camera of the next pyramid level."""
+        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
+        return replace(
+            self, width=self.width // 2, height=self.height // 2, fx=self.fx / 2, fy=self.fy / 2, cx=cx, cy=cy
+        )

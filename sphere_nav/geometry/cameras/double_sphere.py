@@ -4,36 +4,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry.arrays import TINY, Array
-from sphere_nav.geometry.cameras.camera import check_lens, check_size, inside
+from sphere_nav.geometry.cameras.camera import Focal, inside
 
 
 @dataclass(frozen=True)
-class DoubleSphere:
+class DoubleSphere(Focal):
     """Optical frame: z forward, x right, y down; wide fisheyes in closed form.
 
     A point goes to a unit sphere, to a second one `xi` further along the axis, and from there to the image by a pinhole
     whose centre is shifted by alpha / (1 - alpha). xi = alpha = 0 is the pinhole camera.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
     xi: float = 0.0
     alpha: float = 0.0
     model: ClassVar[str] = "double_sphere"
 
     def __post_init__(self) -> None:
-        check_size(self.width, self.height)
-        check_lens(self.fx, self.fy, self.cx, self.cy)
+        super().__post_init__()
         if not (-1.0 < self.xi <= 1.0 and 0.0 <= self.alpha <= 1.0):
             raise ValueError(
                 f"double sphere: expected -1 < xi <= 1 and 0 <= alpha <= 1, found xi {self.xi}, alpha {self.alpha}"
@@ -47,7 +40,7 @@ class DoubleSphere:
     @property
     def pixels_per_radian(self) -> float:
         """Angular resolution on the optical axis."""
-        return float(np.sqrt(self.fx * self.fy) / (1 + self.xi))
+        return super().pixels_per_radian / (1 + self.xi)
 
     @property
     def min_cosine(self) -> float:
@@ -88,12 +81,6 @@ class DoubleSphere:
         J[..., 0, 0] += 1 / divisor
         J[..., 1, 1] += 1 / divisor
         return np.diag([self.fx, self.fy]) @ J
-
-    def halve(self) -> Self:
-        """Return the camera of the next pyramid level."""
-        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
-        size = (self.width // 2, self.height // 2)
-        return type(self)(*size, self.fx / 2, self.fy / 2, cx, cy, self.xi, self.alpha)
 
     def _terms(self, p: Array) -> tuple[Array, Array, Array, Array]:
         """Return d1, xi d1 + z, d2 and what x and y are divided by (eq. 40 to 42)."""

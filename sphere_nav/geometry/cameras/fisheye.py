@@ -4,33 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, check_lens, check_size, inside
+from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, Focal, inside
 
 MIN_SINE = 1e-9
 
 
 @dataclass(frozen=True)
-class Fisheye:
+class Fisheye(Focal):
     """Optical frame: z forward, x right, y down; the image radius is f (a + k1 a^3 + k2 a^5 + k3 a^7 + k4 a^9)."""
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
     distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     model: ClassVar[str] = "fisheye"
 
     def __post_init__(self) -> None:
-        check_size(self.width, self.height)
-        check_lens(self.fx, self.fy, self.cx, self.cy)
+        super().__post_init__()
         if len(self.distortion) != 4 or not np.all(np.isfinite(self.distortion)):
             raise ValueError(f"distortion: expected 4 finite numbers, found {self.distortion}")
 
@@ -38,11 +31,6 @@ class Fisheye:
     def coefficients(self) -> Array:
         """(fx, fy, cx, cy, k1, k2, k3, k4, largest angle from the axis in radians)."""
         return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion, self.max_angle])
-
-    @property
-    def pixels_per_radian(self) -> float:
-        """Angular resolution on the optical axis."""
-        return float(np.sqrt(self.fx * self.fy))
 
     @cached_property
     def max_angle(self) -> float:
@@ -96,11 +84,6 @@ class Fisheye:
         J[..., 1, 1] = along * cy * cy + across * cx * cx
         J[..., 0, 2], J[..., 1, 2] = by_z * cx, by_z * cy
         return np.diag([self.fx, self.fy]) @ J
-
-    def halve(self) -> Self:
-        """Return the camera of the next pyramid level."""
-        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
-        return type(self)(self.width // 2, self.height // 2, self.fx / 2, self.fy / 2, cx, cy, self.distortion)
 
     def _radius(self, angle: Array) -> Array:
         k1, k2, k3, k4 = self.distortion

@@ -20,7 +20,6 @@ NUM_LENS = 12  # fx fy cx cy and up to eight coefficients
 K3, XI = 8, 9  # of an omni; b2 b3 b4 s of an ocam stand from 4 on
 MODELS = ("pinhole", "fisheye", "omni", "ocam")
 OCAM_DEGREE = 4  # as OCamCalib's own default
-EQUIDISTANT = (-1 / 3, 0.0, -1 / 45)  # b2 b3 b4: r cot r, by its series
 STEP = 1e-6  # of coefficients, which pixels are nearly linear in
 
 
@@ -46,7 +45,7 @@ def first_lens(model: str, focal: float, center: tuple[float, float]) -> Array:
     if model == "omni":
         found[:2], found[XI] = 2.0 * focal, 1.0
     elif model == "ocam":
-        found[4:7] = EQUIDISTANT
+        found[4:7] = -1 / 3, 0.0, -1 / 45  # b2 b3 b4: r cot r, by its series
     return found
 
 

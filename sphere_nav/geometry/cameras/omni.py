@@ -4,31 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import Focal
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 
 MAX_XI = 1e3  # a mirror's is 1 at most, a fisheye's 1 to 3
 
 
 @dataclass(frozen=True)
-class Omni:
+class Omni(Focal):
     """Optical frame: z forward, x right, y down; Kalibr's `omni` with `radtan`, OpenCV's `omnidir`.
 
     A point goes to the unit sphere, from there by a distorted pinhole whose centre lies `xi` behind the sphere's:
     (x, y) / (z + xi d), then k1 k2 p1 p2 [k3] and fx fy cx cy. xi = 0 is the pinhole camera.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
     xi: float = 0.0
     distortion: tuple[float, ...] = ()
     model: ClassVar[str] = "omni"
@@ -52,7 +47,7 @@ class Omni:
     @property
     def pixels_per_radian(self) -> float:
         """Angular resolution on the optical axis."""
-        return float(np.sqrt(self.fx * self.fy) / (1.0 + self.xi))
+        return super().pixels_per_radian / (1.0 + self.xi)
 
     @cached_property
     def max_radius(self) -> float:
@@ -92,11 +87,6 @@ class Omni:
         J = self._plane.J_project(self._shifted(p, distance) / distance[..., None]) / distance[..., None, None]
         with_xi: Array = J + J[..., :, 2:] * (self.xi * p / distance[..., None])[..., None, :]
         return with_xi
-
-    def halve(self) -> Self:
-        """Return the camera of the next pyramid level."""
-        half = self._plane.halve()
-        return type(self)(half.width, half.height, half.fx, half.fy, half.cx, half.cy, self.xi, self.distortion)
 
     def _shifted(self, p: Array, distance: Array) -> Array:
         """Return points (..., 3) as the pinhole behind the sphere sees them."""

@@ -4,34 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, check_lens, check_size, inside
+from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, Focal, inside
 
 NUM_DISTORTION = 8  # k1 k2 p1 p2 k3 k4 k5 k6, the order of OpenCV and ROS
 MIN_DEPTH = 1e-6
 
 
 @dataclass(frozen=True)
-class Pinhole:
+class Pinhole(Focal):
     """Optical frame: z forward, x right, y down (M15 eq. 26). Focal lengths and centre in pixels."""
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
     distortion: tuple[float, ...] = ()
     model: ClassVar[str] = "pinhole"
 
     def __post_init__(self) -> None:
-        check_size(self.width, self.height)
-        check_lens(self.fx, self.fy, self.cx, self.cy)
+        super().__post_init__()
         if len(self.distortion) > NUM_DISTORTION or not np.all(np.isfinite(self.distortion)):
             raise ValueError(f"distortion: expected up to {NUM_DISTORTION} finite numbers, found {self.distortion}")
 
@@ -45,11 +38,6 @@ class Pinhole:
     def is_distorted(self) -> bool:
         """Whether any distortion coefficient is not zero."""
         return any(self.distortion)
-
-    @property
-    def pixels_per_radian(self) -> float:
-        """Angular resolution on the optical axis."""
-        return float(np.sqrt(self.fx * self.fy))
 
     @cached_property
     def max_radius(self) -> float:
@@ -96,18 +84,6 @@ class Pinhole:
         J_perspective[..., 0, 0] = J_perspective[..., 1, 1] = inverse_z
         J_perspective[..., :, 2] = -xy * inverse_z[..., None]
         return np.diag([self.fx, self.fy]) @ self._J_distort(xy) @ J_perspective
-
-    def halve(self) -> Self:
-        """Return the camera of the next pyramid level."""
-        return type(self)(
-            self.width // 2,
-            self.height // 2,
-            self.fx / 2,
-            self.fy / 2,
-            (self.cx + 0.5) / 2 - 0.5,
-            (self.cy + 0.5) / 2 - 0.5,
-            self.distortion,
-        )
 
     def _undistort(self, target: Array) -> Array:
         xy = target

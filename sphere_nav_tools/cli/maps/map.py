@@ -21,15 +21,13 @@ and size (`sphere_nav inspect BAG` shows how), or named by options.
 
 The map frame is that of base_link at the first sphere, level by an IMU of the bag or by the ground. The map is the same
 for every number of jobs. Until it is whole, what is mapped stays in MAP.drive.partial, also after a crash, of which
-`sphere_nav map-verify` makes a map. Parts of the bag that cannot be read are left out and reported. One line says so
-if an RGB-D drive contradicts the pose of its depth camera (`sphere_nav refine-camera`).
+`sphere_nav map-verify` makes a map. Parts of the bag that cannot be read are left out and reported.
 
 examples:
   sphere_nav map kitchen -o kitchen_map
   sphere_nav map kitchen -o kitchen_map --anchor truth --trajectory kitchen.tum
   sphere_nav map campus_drive -o campus --taught campus.tum
   sphere_nav map recording -o hall --image /camera/color/image_raw --depth /camera/aligned_depth_to_color/image_raw
-  sphere_nav map kitchen -o kitchen_map --set depth_pose=depth.yaml
   sphere_nav map drive -o drive_map --anchor survey
   sphere_nav map second_drive -o both_maps --extend drive_map
   sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048 --jobs 2

@@ -10,7 +10,6 @@ import numpy as np
 from tqdm import tqdm
 
 from sphere_mapping.graph.graph_file import write_g2o
-from sphere_mapping.graph.pose_graph import from_spheres
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
@@ -83,8 +82,8 @@ def write_geojson(reader: MapReader, path: Path, arguments: argparse.Namespace) 
 
 
 def write_graph(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
-    """Write the graph: information of (translation, rotation vector), as `optimize` and GTSAM read it."""
-    write_g2o(path, from_spheres(reader.graph))
+    """Write the graph: information of (translation, rotation vector), as GTSAM reads it."""
+    write_g2o(path, reader.graph)
     return f"{len(reader.graph)} vertices, {len(reader.graph.edges)} edges"
 
 

@@ -51,7 +51,6 @@ class MappedDrive:
     damages: list[str] = field(default_factory=list)
     kind: str = ""  # of what was mapped: cameras, sphere, rgbd, stereo
     stereo: str = ""  # what was found of the pair
-    depth: str = ""  # and of the depth camera, where it sits elsewhere
 
     def trajectory(self, *, is_base: bool) -> Trajectory:
         """Return the pose of the camera (body axes) of every placed sphere, or the vehicle's, as the graph has it."""
@@ -117,7 +116,6 @@ class MappedDrive:
             f"{len(placed)} spheres placed, {self.num_lost} lost, {len(mapper.graph)} kept, {mapper.num_loops} loops "
             f"closed, {placed.distances[-1]:.2f} m"
         )
-        lines += [self.depth] if self.depth else []
         lines += [f"refused: {self.refusal}"] if self.refusal else []
         lines += [f"not readable, left out: {'; '.join(self.damages)}"] if self.damages else []
         if truth is None or self.loss or (T_truth_map := self.anchor(truth)) is None:

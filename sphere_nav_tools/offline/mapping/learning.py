@@ -97,7 +97,7 @@ def map_plan(
     if not drive.mapper.tracks:
         reason = drive.refusal or "no complete instant"
         raise BagError(f"{arguments.bag}: expected spheres to map, found none: {reason}")
-    plan.judge(drive)
+    drive.kind, drive.stereo = plan.kind, plan.stereo
     writer.finish(drive.mapper.graph, appearance=drive.mapper.appearance)
     with open_map(writer.path) as mapped:
         status = finish_map(arguments, drive, mapped, base, workers, plan.recipe.details.rig)

@@ -12,8 +12,6 @@ from sphere_nav.params import build
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav_tools.offline.constants import OFFLINE_DEADLINE_S
-from sphere_nav_tools.offline.mapping.depth_drive import judge_depth
-from sphere_nav_tools.offline.mapping.drive import MappedDrive
 from sphere_nav_tools.offline.mapping.replay_mapper import Recipe
 from sphere_nav_tools.offline.mapping.stereo_drive import find_field
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
@@ -34,13 +32,6 @@ class MappingPlan:
         """Parameters of the mapper."""
         params: SphereMapperParams = build(SphereMapperParams, self.recipe.values)
         return params
-
-    def judge(self, drive: MappedDrive) -> None:
-        """Take down what is to be told of the cameras beside what was mapped."""
-        drive.kind, drive.stereo = self.kind, self.stereo
-        if self.kind == "rgbd" and drive.mapper.tracks:
-            with BagReader(self.recipe.bag, damages=[]) as bag:
-                drive.depth = judge_depth(bag, dict(self.recipe.values), self.recipe.remap, drive)
 
 
 def make_plan(arguments: argparse.Namespace, rig: str) -> MappingPlan:

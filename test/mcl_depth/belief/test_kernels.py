@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from mcl_depth.belief.kernels import is_maximum, relax, shift_headings
+from mcl_depth.belief.joint_evidence import relax
+from mcl_depth.belief.kernels import is_maximum, shift_headings
 
 
 def field_of(seed, shape=(12, 9, 7)):
@@ -22,12 +23,11 @@ def test_headings_are_shifted_each_by_its_own_way():
 
 
 def test_the_best_neighbour_counts_less_its_cost():
-    field, out = field_of(3), np.empty((12, 9, 7), np.float32)
-    relax(field, np.float32(0.4), out)
-    turned = np.maximum(field, np.maximum(np.roll(field, 1, axis=0), np.roll(field, -1, axis=0)) - np.float32(0.4))
+    field = 5.0 * field_of(3)
+    turned = np.maximum(field, np.maximum(np.roll(field, 1, axis=0), np.roll(field, -1, axis=0)) - 2.5)
     cross = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], bool)[None]
     beside = maximum_filter(turned, footprint=cross, mode="constant", cval=-np.inf)
-    np.testing.assert_allclose(out, np.maximum(turned, beside - 0.4), atol=1e-6)
+    np.testing.assert_allclose(relax(field), np.maximum(turned, beside - 2.5), atol=1e-6)
 
 
 def test_maxima_are_those_of_a_maximum_filter_and_of_equal_ones_the_first_counts():

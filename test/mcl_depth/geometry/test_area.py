@@ -17,9 +17,9 @@ def floor(x0, x1, y0=0.0, y1=4.0, slope=0.0):
     return np.column_stack([x.ravel(), y.ravel(), slope * x.ravel()])
 
 
-def area_of(points, params=PARAMS, box=None):
+def area_of(points, params=PARAMS):
     ground = Ground(points)
-    return find_area(points, lambda xy: ground.heights(xy) + 1.2, params, box)
+    return find_area(points, lambda xy: ground.heights(xy) + 1.2, params)
 
 
 def test_the_ground_follows_a_slope_and_ends_with_the_map():

@@ -9,7 +9,7 @@ import laspy
 import numpy as np
 import pytest
 
-from mcl_depth.geometry.cloud import cloud_from_points, thin_cloud
+from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
 from mcl_depth.geometry.las import read_points
@@ -118,11 +118,6 @@ def test_a_packed_tile_is_read_and_one_that_is_cut_short_is_refused(tmp_path: Pa
     (tmp_path / "b.laz").write_bytes(data[: len(data) // 2])
     with pytest.raises(ValueError, match=r"b\.laz: .*expected"):
         read_geometry(tmp_path / "b.laz")
-
-
-def test_thinning_keeps_one_point_a_cube() -> None:
-    grid = np.stack(np.meshgrid(*[np.arange(8) * 0.1] * 3), axis=-1).reshape(-1, 3) + 0.01
-    assert len(thin_cloud(cloud_from_points(grid), 0.2)) == 4**3
 
 
 def test_a_floor_plan_has_its_door_cut_out(tmp_path: Path) -> None:
@@ -249,18 +244,6 @@ def test_a_map_may_be_as_far_away_as_twenty_times_its_width(far, width, is_refus
                 cloud_from_points(points)
         else:
             assert len(cloud_from_points(points)) == 50
-
-
-def test_cubes_grow_with_the_distance_as_far_as_a_pixel() -> None:
-    """Pixels of 0.01 rad and cubes of 0.1 m: 0.1 m to 20 m, 0.2 m to 40 m, 0.4 m to 80 m."""
-    for distance, side in ((15.0, 0.1), (30.0, 0.2), (60.0, 0.4)):
-        y = np.arange(0.0, 6.4, 0.05) + 0.025
-        points = np.column_stack([np.full(len(y), distance), y, np.zeros(len(y))])
-        found = thin_cloud(cloud_from_points(points), 0.1, (0.0, 0.0, 0.0), 0.01)
-        assert len(found) == pytest.approx(6.4 / side, abs=1)
-        np.testing.assert_allclose(found.points.mean(axis=0), points.mean(axis=0), atol=0.1)
-    with pytest.raises(ValueError, match="voxel: expected a side above 0 m, found 0"):
-        thin_cloud(cloud_from_points(points), 0.0)
 
 
 def test_points_of_a_surface_are_spread_by_area() -> None:

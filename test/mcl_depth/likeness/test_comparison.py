@@ -5,18 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.likeness.comparison import (
-    check_headings,
-    depth_features,
-    depth_features_many,
-    heading,
-    num_alpha_for,
-    similarity,
-    similarity_many,
-    stack_features,
-    visual_features,
-)
+from mcl_depth.likeness.comparison import check_headings, heading, num_alpha_for, similarity_many
+from mcl_depth.likeness.features import depth_features_many, visual_features
 from mcl_depth.params import ComparisonParams
+from worlds.panoramas import depth_features
 
 H, W = 12, 36
 PARAMS = ComparisonParams()
@@ -54,6 +46,12 @@ def normalized(G: np.ndarray) -> np.ndarray:
     return G / np.linalg.norm(G, axis=-1).sum()
 
 
+def similarity(visual, range_m, num_alpha):
+    """Eq. 2 (num_alpha,) with one panorama of two."""
+    stack = depth_features_many(np.stack([np.ones_like(range_m), range_m]), PARAMS)
+    return similarity_many(visual, stack, num_alpha, np.array([1]))[0]
+
+
 @pytest.fixture
 def images(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """A grey panorama and a range panorama, unrelated."""
@@ -63,27 +61,17 @@ def images(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.slow
 def test_similarity_is_equation_2_for_every_rotation(images) -> None:
     gray, range_m = images
-    found = similarity(visual_features(gray), depth_features(range_m, PARAMS), 12)
+    found = similarity(visual_features(gray), range_m, 12)
     Gv, Gd = normalized(literal_sobel(gray.astype(float))), literal_sobel(literal_lcn(range_m.astype(float), RADIUS))
     Gd = normalized(Gd)
     expected = [literal_similarity(Gv, np.roll(Gd, i * W // 12, axis=1)) for i in range(12)]
-    np.testing.assert_allclose(found, expected, rtol=1e-4)  # float32 sums
-
-
-def test_coded_features_give_the_same_similarity(images) -> None:
-    gray, range_m = images
-    visual, depth = visual_features(gray), depth_features(range_m, PARAMS)
-    one = similarity(visual, depth, 12)
-    coded = similarity_many(visual, stack_features([depth]), 12)[0]
-    many = similarity_many(visual, depth_features_many(np.stack([range_m, range_m]), PARAMS), 12, np.array([1]))[0]
-    np.testing.assert_allclose(coded, one, rtol=5e-3)  # half a step of 0.7 degrees and 1 % of magnitude, averaged
-    np.testing.assert_array_equal(many, coded)
+    np.testing.assert_allclose(found, expected, rtol=5e-3)  # half a step of 0.7 degrees and 1 % of magnitude, averaged
 
 
 def test_a_turned_camera_has_the_heading_of_the_turn(images) -> None:
     _, range_m = images
     gray = np.roll(range_m, 9, axis=1)  # the camera turned to the left sees everything farther right
-    found = heading(similarity(visual_features(gray), depth_features(range_m, PARAMS), W))
+    found = heading(similarity(visual_features(gray), range_m, W))
     assert abs(found.yaw - np.pi / 2) < np.radians(10)  # one step
     assert found.margin > 0.3  # noise has no second answer
 
@@ -111,8 +99,7 @@ def test_unseen_pixels_count_nothing(images) -> None:
     is_seen = np.zeros((H, W), bool)
     is_seen[:, 8:30] = True
     other = np.where(is_seen, gray, 255 - gray).astype(np.float32)
-    depth = depth_features(range_m, PARAMS)
-    one, two = (similarity(visual_features(image, is_seen), depth, 12) for image in (gray, other))
+    one, two = (similarity(visual_features(image, is_seen), range_m, 12) for image in (gray, other))
     np.testing.assert_array_equal(one, two)
 
 

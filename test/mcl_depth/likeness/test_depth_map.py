@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.likeness.comparison import visual_features
 from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.likeness.features import visual_features
 from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.likeness.similarity_cache import Comparison

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcl_depth.likeness.comparison import GradientFeatures, depth_features, depth_features_many, similarity_many
+from mcl_depth.likeness.comparison import similarity_many
+from mcl_depth.likeness.features import GradientFeatures, depth_features_many
 from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.params import ComparisonParams
-from worlds.panoramas import NUM_HEADINGS, WIDTH, rooms, square_room
+from worlds.panoramas import NUM_HEADINGS, WIDTH, depth_features, rooms, square_room
 
 NUM_CELLS = 300
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.likeness.comparison import GradientFeatures, depth_features_many
+from mcl_depth.likeness.features import GradientFeatures, depth_features_many
 from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import ComparisonParams
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window

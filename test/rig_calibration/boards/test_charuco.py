@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.world.boards import BoardWorld
 from rig_calibration.boards import charuco
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.detect import detect_all
@@ -14,6 +13,7 @@ from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera, so3
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
+from worlds.boards import BoardWorld
 
 NUM_INSTANTS = 14
 BOARDS = tuple(Board(f"b{n}", 6, 4, 0.1, "charuco", 0.075, first_marker=20 * n) for n in range(2))

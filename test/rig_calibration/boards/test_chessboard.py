@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from cycab_sim.world.boards import BoardWorld
 from rig_calibration.boards import chessboard
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.detect import detect_all
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, so3
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
+from worlds.boards import BoardWorld
 
 pytestmark = pytest.mark.slow
 

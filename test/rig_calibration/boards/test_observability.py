@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from cycab_sim.world.boards import BoardWorld, boards_around, ring_rig, vertical_rig, wandering
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.cameras.rig import Rig
+from worlds.boards import BoardWorld, boards_around, ring_rig, vertical_rig, wandering
 
 pytestmark = pytest.mark.slow
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.world.boards import BoardWorld
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.quality import quality_warnings
 from rig_calibration.boards.validation import Validation
@@ -14,6 +13,7 @@ from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Pinhole, so3
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
+from worlds.boards import BoardWorld
 
 pytestmark = pytest.mark.slow
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.world.boards import BoardWorld, boards_around, ring_rig, wandering
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.rejection import noise_px, reject, view_medians
 from rig_calibration.boards.views import BoardView, observations
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.cameras.rig import Rig
+from worlds.boards import BoardWorld, boards_around, ring_rig, wandering
 
 PARAMS = CalibrationParams()
 NOISE_PX = 0.1

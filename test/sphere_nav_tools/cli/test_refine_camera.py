@@ -1,4 +1,4 @@
-"""`sphere_nav refine-camera`: a drive tells the lens, where the camera sits, and where its depth camera does."""
+"""`sphere_nav refine-camera`: a drive tells the lens, and where the camera sits."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,7 +10,6 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros import qos
@@ -21,8 +20,7 @@ from sphere_nav.ros.maps.reader import save_map
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.refine_camera import mounting_by_odometry, mounting_lines, mounting_values
 from worlds.localizer import STEP_NS, at, make_map
-from worlds.recordings import FRAME, stamp, stereo, write_bag
-from worlds.room import optical, sharp_room, wide_room
+from worlds.room import wide_room
 
 START_NS = 1_000_000_000
 CAMERA = Pinhole(200, 150, 140.0, 140.5, 101.0, 73.0, (-0.06, 0.01, 0.0, 0.0))
@@ -113,60 +111,3 @@ def test_a_drive_that_is_too_short_says_so(tmp_path):
     found, reason = mounting_by_odometry(options(tmp_path / "bag"), "optical", "/wheels", drive(tmp_path / "bag", 40))
     assert found is None
     assert reason == "expected a drive of at least 8 pieces of 1 m or 17 deg, found 1"
-
-
-COLOR = Pinhole(240, 180, 190.0, 190.0, 119.5, 89.5)
-ROOM = sharp_room((2.0, 1.6, 1.2), 0.2)
-T_IMAGE_DEPTH = SE3.exp([-0.016, 0.006, -0.01, 0.010, -0.011, 0.009])  # 20 mm, 1 deg
-NUM_FRAMES = 18
-
-
-def way(number):
-    """A camera that sways while it moves ahead and turns."""
-    t = 0.5 * number
-    turn = [0.0, 0.0, 0.0, 0.08 * np.sin(1.3 * t), 0.06 * np.sin(1.7 * t + 1), 0.15 * t]
-    return SE3.exp([-0.6 + 0.12 * t, 0.3 * np.sin(t), 0.25 * np.cos(1.4 * t), 0.0, 0.0, 0.0]) @ SE3.exp(turn)
-
-
-def rgbd(T_image_depth, place=way):
-    """Image and depth of a camera whose depth is said to be registered to the image."""
-
-    def instant(number):
-        T_room_camera = optical(place(number))
-        _, range_m = ROOM.render(COLOR, T_room_camera @ T_image_depth)
-        depth_m = (range_m * COLOR.unproject(pixel_grid(COLOR))[..., 2]).astype(np.float32)
-        yield "camera_info", camera_to_info(COLOR, stamp(number), FRAME)
-        yield "depth/image_raw", array_to_image(depth_m, stamp(number), FRAME, "32FC1")
-        image = ROOM.photograph(COLOR, T_room_camera, number)
-        yield "image_raw", array_to_image(image, stamp(number), FRAME, "mono8")
-
-    return instant
-
-
-@pytest.fixture(scope="module")
-def bags(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("depth")
-    return {
-        "wrong": write_bag(folder / "wrong", rgbd(T_IMAGE_DEPTH), numbers=range(NUM_FRAMES)),
-        "still": write_bag(folder / "still", rgbd(SE3.identity(), lambda _: way(0)), numbers=range(3)),
-        "stereo": write_bag(folder / "stereo", stereo, numbers=range(2)),
-    }
-
-
-def call(*words):
-    return main([str(word) for word in words])
-
-
-@pytest.mark.slow
-def test_a_wrong_pose_is_named_found_and_mapped_with(bags, tmp_path, capsys):
-    assert call("map", bags["wrong"], "-o", tmp_path / "bent") == 0
-    assert "depth camera: this drive places it elsewhere" in capsys.readouterr().out
-    output = tmp_path / "depth.yaml"
-    assert call("refine-camera", bags["wrong"], "-o", output) == 0
-    assert "NOT OBSERVED" not in capsys.readouterr().out
-    off = read_mounting(str(output), "depth_pose").distance(T_IMAGE_DEPTH)
-    assert off[0] < 0.01  # deviations are 2 to 5 mm, 0.05 deg
-    assert off[1] < np.radians(0.2)
-    assert set(yaml.safe_load(output.read_text())["standard_deviations"]) == {"x", "y", "z", "roll", "pitch", "yaw"}
-    assert call("map", bags["wrong"], "-o", tmp_path / "straight", "--set", f"depth_pose={output}") == 0
-    assert "depth camera" not in capsys.readouterr().out

@@ -1,7 +1,6 @@
 """A mapped drive: its truth, its survey, what is told of it, and which pairs of it are compared."""
 
 from dataclasses import replace
-from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,7 +16,6 @@ from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav_tools.offline.mapping import drive as mapped
-from sphere_nav_tools.offline.mapping.depth_drive import DepthEstimate, choose_pairs, velocity_at
 from sphere_nav_tools.offline.mapping.drive import MappedDrive, Truth, check_survey, fit_poses, move_to_truth, truth_of
 from sphere_nav_tools.offline.mapping.extension import place_start
 from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, replay_mapper
@@ -58,11 +56,11 @@ def test_a_summary_counts_spheres_and_compares_with_the_truth(drive):
     lines = drive.summary(laid_out(WAY))
     assert lines[0].startswith("5 spheres placed, 2 lost, 3 kept, 1 loops closed")
     assert "median 0.0 mm, max 0.0 mm" in lines[1]
-    drive.mapper.num_loops, drive.stereo, drive.depth = 0, "stereo: ...", "depth: ..."
+    drive.mapper.num_loops, drive.stereo = 0, "stereo: ..."
     drive.refused, drive.damages = {"{n} of depth": 3}, ["chunk 7", "chunk 9"]
     counted = lines[0].replace("1 loops", "0 loops")
     left_out = "not readable, left out: chunk 7; chunk 9"
-    assert drive.summary(None) == ["stereo: ...", counted, "depth: ...", "refused: 3 of depth", left_out]
+    assert drive.summary(None) == ["stereo: ...", counted, "refused: 3 of depth", left_out]
 
 
 def test_a_drive_that_is_lost_says_so_and_tells_no_drift(drive):
@@ -192,53 +190,6 @@ def test_a_survey_is_refused_when_more_than_half_of_the_motions_contradict(num_w
 
 
 # Written out: imported, a change would go unseen.
-MAX_TURN, PARALLAX = np.radians(15.0), (0.03, 0.15)
-
-
-def trajectory_of(poses):
-    return Trajectory(np.arange(len(poses)) * 100_000_000, SE3(np.stack([pose.matrix for pose in poses])))
-
-
-def test_pairs_have_parallax_and_follow_each_other():
-    way = trajectory_of([SE3.from_planar(0.05 * k, 0.0, 0.01 * k) for k in range(200)])
-    pairs = choose_pairs(way, 2.0)
-    assert len(pairs) > 8
-    assert all(first < second for first, second in pairs)
-    assert all(before[1] <= after[0] for before, after in pairwise(pairs))
-    lengths = [way.T_map_body[first].distance(way.T_map_body[second]) for first, second in pairs]
-    assert all(length >= PARALLAX[1] * 2.0 - 1e-9 and turn <= MAX_TURN for length, turn in lengths)
-
-
-def test_pairs_share_the_way_within_the_bounds_of_parallax():
-    for length, range_m, reach in [(1.6, 2.0, 0.10), (0.4, 2.0, 0.06), (40.0, 2.0, 0.30)]:
-        count = 2000
-        way = trajectory_of([SE3.from_planar(length * k / count, 0.0, 0.0) for k in range(count + 1)])
-        pairs = choose_pairs(way, range_m)
-        moved = [float(way.T_map_body[a].distance(way.T_map_body[b])[0]) for a, b in pairs]
-        assert min(moved) == pytest.approx(reach, abs=length / count + 1e-9)
-        assert max(moved) == pytest.approx(reach, abs=2 * length / count + 1e-9)
-        assert len(pairs) <= 32
-
-
-def test_a_camera_that_moves_to_the_right_and_turns_left_has_that_velocity():
-    way = trajectory_of([SE3.from_planar(0.0, -0.1 * k, 0.05 * k) for k in range(5)])  # to the right, turning left
-    found = velocity_at(way, 0)
-    assert found[0] == pytest.approx(1.0, abs=0.05)  # x of the optical axes is to the right
-    assert found[4] == pytest.approx(-0.5)  # about y, which looks down
-
-
-def test_a_verdict_tells_millimeters_and_degrees_with_their_signs():
-    T_used = SE3.exp([0.02, 0.0, 0.0, 0.0, 0.0, 0.0])
-    T_found = SE3.exp([-0.003, 0.0, 0.0, 0.0, np.radians(-0.5), 0.0]) @ T_used
-    sigma = np.array([0.001, 0.002, 0.003, *np.radians([0.1, 0.2, 0.3])])
-    found = SimpleNamespace(T_image_depth=T_found, covariance=np.diag(sigma**2), contradicts=lambda T: T is T_used)
-    line = DepthEstimate(found, T_used).verdict
-    assert "x -3.00 +- 1.00, y +0.00 +- 2.00, z " in line
-    assert "ry -0.50 +- 0.20" in line
-    assert "false alarm 0.1%" in line
-    assert DepthEstimate(found, T_found).verdict == ""
-
-
 CAMERA = Spherical(128, 64)
 SECOND = 1_000_000_000
 

@@ -23,7 +23,7 @@ BLUR_PX, NOISE = 0.7, 2.0
 
 
 Seen = TypeVar("Seen")
-Board = Any  # of `rig_calibration`, which the simulator does not import: a chessboard or a ChArUco board
+Board = Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ def pattern(board: Board) -> NDArray[np.bool_]:
     squares = np.repeat(np.repeat(is_dark[..., None, None], count, axis=-2), count, axis=-1)
     inner = slice(round(margin), round(margin) + side)
     for number, (y, x) in enumerate(np.argwhere(~is_dark)):
-        squares[y, x, inner, inner] = marker_image(dictionary, board.first_marker + number, side) < 128
+        squares[y, x, inner, inner] = dictionary.generateImageMarker(board.first_marker + number, side) < 128
     return squares
 
 
@@ -157,12 +157,6 @@ def _levels(squares: NDArray[np.bool_], xy: Array, paper: tuple[Array, Array]) -
     x, y = np.clip(x, 0, squares.shape[1] - 1), np.clip(y, 0, squares.shape[0] - 1)
     level = np.where(is_square & squares[y, x, module[..., 1], module[..., 0]], 35.0, 215.0)
     return np.where(np.all((xy > paper[0]) & (xy < paper[1]), axis=-1), level, -1.0)
-
-
-def marker_image(dictionary: Any, number: int, side: int) -> NDArray[np.uint8]:
-    """Return a marker (side, side), by the function's name of OpenCV since 4.7 or before."""
-    draw = getattr(cv2.aruco, "generateImageMarker", None) or cv2.aruco.drawMarker
-    return np.asarray(draw(dictionary, int(number), side))
 
 
 def vertical_rig(size: tuple[int, int] = (960, 720)) -> Rig:
@@ -205,20 +199,12 @@ def ring_rig(size: tuple[int, int] = (960, 720)) -> Rig:
     return Rig(tuple(cameras), "ring")
 
 
-def boards_around(
-    make: Callable[..., Board], num_boards: int, distance_m: float, rng: np.random.Generator, kind: str = "chessboard"
-) -> tuple[tuple[Board, ...], SE3]:
-    """Return boards on a circle around the origin, facing it, tilted a little; `make` is the class of a board.
-
-    Chessboards differ in size, ChArUco boards of 8x6 corners in their markers (up to seven in DICT_4X4_250).
-    """
+def boards_around(make, num_boards, distance_m, rng):
+    """Return boards on a circle around the origin, facing it, tilted a little; `make` is the class of a board."""
     sizes = [(9, 6), (8, 7), (10, 7), (9, 8), (11, 6), (10, 5)]
     boards, poses = [], []
-    for number in range(num_boards):
-        if kind == "charuco":
-            board = make(f"board{number}", 8, 6, 0.12, kind, 0.09, first_marker=32 * number)
-        else:
-            board = make(f"board{number}", *sizes[number], 0.12)
+    for number, size in enumerate(sizes[:num_boards]):
+        board = make(f"board{number}", *size, 0.12)
         turn = so3.exp([0.0, 0.0, 2.0 * np.pi * (number + 0.5) / num_boards])
         R = turn @ OPTICAL @ so3.exp(rng.normal(0.0, 0.15, 3))
         center = turn @ [distance_m, 0.0, rng.uniform(-0.15, 0.15)]
