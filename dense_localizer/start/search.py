@@ -89,6 +89,9 @@ class PoseSearch:
             self._T_map_guess = None
         if self._T_map_guess is not None:
             yield self._propose_near(frame, self._T_map_guess)
+            is_gray = self._references.knows_contrast and not self._references.by_contrast
+            if is_gray and self._finding.reason is not Reason.AMBIGUOUS:  # by night grey levels lead away from it
+                yield [replace(Prediction.guess(self._T_map_guess, is_near=True), by_contrast=True)]
         if frame.stamp_ns >= self._next_ns and (self._is_automatic or self._is_requested):
             self._next_ns = frame.stamp_ns + int(SEARCH_PERIOD_S * 1e9)
             yield from self._propose_anywhere(frame)

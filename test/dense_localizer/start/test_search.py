@@ -9,6 +9,7 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
 from dense_localizer.start.search import PoseSearch
+from dense_localizer.start.startup import SearchResult
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.params import build
@@ -64,7 +65,17 @@ def test_a_pose_that_is_given_is_tried_as_it_is(room, room_map):
     search.find(LocalizerInput(10**9, images=(RigImage(pyramid_at(room, at(0.3, 0.1, 0.2))),)), note)
     assert tried[0].T_map_camera is given
     assert len(tried) > 1
+    assert not any(one.by_contrast for one in tried)  # it was found by grey levels
     references.close()
+
+
+@pytest.mark.parametrize(("reason", "number"), [(Reason.LOW_OVERLAP, 1), (Reason.AMBIGUOUS, 0)])
+def test_a_given_pose_that_grey_levels_refuse_is_asked_by_contrast(asked, monkeypatch, reason, number):
+    search, ask = asked
+    monkeypatch.setattr("dense_localizer.start.search.decide", lambda *_: SearchResult(None, Finding(reason)))
+    search.request(at(0.3))
+    (tried,) = ask(1, 0.0)
+    assert sum(one.by_contrast is True and one.T_map_camera is tried[0].T_map_camera for one in tried) == number
 
 
 @pytest.mark.parametrize(("away_m", "is_refused"), [(9.9, False), (10.1, True)])
