@@ -18,7 +18,7 @@ from sphere_nav.params.homes import at_home
 C = TypeVar("C")
 SCALARS = (bool, int, float, str)
 
-__all__ = ["Leaf", "build", "group", "leaves", "param", "parameters", "to_mapping"]
+__all__ = ["Leaf", "build", "group", "leaves", "param", "parameters", "plain_frame", "to_mapping"]
 
 
 def param(
@@ -120,6 +120,11 @@ def build(cls: type[C], values: Mapping[str, Any]) -> C:
     return _construct(cls, values, "")
 
 
+def plain_frame(name: str) -> str:
+    """Return the name of a frame as tf2 takes it: without the leading slash of ROS 1."""
+    return name.lstrip("/")
+
+
 def to_mapping(instance: Any) -> dict[str, Any]:
     """Return the values of a parameters object by dotted name, the inverse of `build`."""
     values: dict[str, Any] = {}
@@ -148,7 +153,7 @@ def _own_leaves(cls: type, only: str) -> Iterator[Leaf]:
 
 def _as_meant(name: str, value: Any) -> Any:
     """Return a value with the home folder for `~/`; a frame without the leading slash of ROS 1."""
-    return value.lstrip("/") if name.endswith("frame") else at_home(value)
+    return plain_frame(value) if name.endswith("frame") else at_home(value)
 
 
 def _construct(cls: type[C], values: Mapping[str, Any], prefix: str) -> C:

@@ -14,6 +14,7 @@ from rclpy.action import ActionServer
 from rclpy.action.server import CancelResponse, GoalResponse, ServerGoalHandle
 from rclpy.node import Node
 
+from sphere_nav.ros.conversions.frames import plain_frames
 from sphere_nav.ros.service import one_line
 
 
@@ -22,7 +23,7 @@ class ActionGoal:
 
     def __init__(self, server: GuardedActionServer, handle: ServerGoalHandle) -> None:
         self._server, self._handle = server, handle
-        self.request: Any = handle.request
+        self.request: Any = plain_frames(handle.request)
 
     @property
     def is_canceled(self) -> bool:
@@ -67,7 +68,7 @@ class GuardedActionServer(ActionServer):
 
         def accept(request: Any) -> GoalResponse:
             try:
-                check(request)
+                check(plain_frames(request))
             except Exception as error:
                 report(f"{name}: goal rejected", error)
                 return GoalResponse.REJECT

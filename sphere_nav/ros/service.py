@@ -8,6 +8,7 @@ from typing import Any
 
 from sphere_nav.geometry.files.untrusted import printable
 from sphere_nav.params.homes import at_home
+from sphere_nav.ros.conversions.frames import plain_frames
 
 Handler = Callable[[Any, Any], Any]
 MAX_LINE = 600  # characters: what was found may be a whole file
@@ -25,7 +26,7 @@ def answer_always(handler: Handler, name: str, report: Callable[[str, str], None
         try:
             if isinstance(path := getattr(request, "path", None), str):
                 request.path = at_home(path)
-            return handler(request, response)
+            return handler(plain_frames(request), response)
         except Exception as error:
             refused = type(response)()
             if hasattr(refused, "success"):

@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+from functools import cache
+from importlib import import_module
 from typing import Any
 
-HOLDERS = ("transforms", "poses")  # fields of messages whose items have headers of their own
+from sphere_nav.params import plain_frame
+
+NAMES = ("frame_id", "child_frame_id")
 
 
 def plain_frames(message: Any) -> Any:
-    """Return a message after its frames have lost their leading slashes; every message that comes passes here."""
-    parts = [message]
-    for field in HOLDERS:
-        parts += getattr(message, field, ())
-    for part in parts:
-        for owner, field in ((getattr(part, "header", None), "frame_id"), (part, "frame_id"), (part, "child_frame_id")):
-            name = getattr(owner, field, "")
-            if isinstance(name, str) and name.startswith("/"):
-                setattr(owner, field, name.lstrip("/"))
+    """Return a message, request or goal after its frames have lost their leading slashes; all that comes passes here."""
+    for field in _fields(type(message)):
+        value = getattr(message, field)
+        if field in NAMES:
+            setattr(message, field, plain_frame(value))
+        else:
+            for part in value if hasattr(value, "__len__") else (value,):
+                plain_frames(part)
     return message
+
+
+@cache
+def _fields(kind: type[Any]) -> tuple[str, ...]:
+    """Return the fields of a type that are names of frames, or have some in them."""
+    kinds = kind.get_fields_and_field_types()
+    return tuple(field for field, text in kinds.items() if field in NAMES or _has_frames(text))
+
+
+def _has_frames(text: str) -> bool:
+    """Whether a field of a type as rclpy writes it, such as sequence<geometry_msgs/PoseStamped>, has frames in it."""
+    name = text.removeprefix("sequence<").partition("[")[0].partition(",")[0].rstrip(">")
+    package, _, kind = name.partition("/")
+    return bool(kind) and bool(_fields(getattr(import_module(f"{package}.msg"), kind)))

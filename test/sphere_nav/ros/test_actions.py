@@ -25,6 +25,7 @@ class Walker(ManagedNode):
         self.endpoints.add_action("walk", Navigate, check=self.check, begin=self.begin, cancel=self.cancel)
 
     def check(self, request):
+        assert request.pose.header.frame_id == "map"
         if request.place == "nowhere":
             raise ValueError("place: expected one that exists")
         if request.place == "broken":
@@ -33,6 +34,7 @@ class Walker(ManagedNode):
     def begin(self, goal):
         if goal.request.place == "late":
             raise KeyError("late")
+        assert goal.request.pose.header.frame_id == "map"
         self.goals.append(goal)
 
     def cancel(self, goal):
@@ -79,6 +81,7 @@ class Walk:
 
     def ask(self, place):
         request = Navigate.Goal(place=place)
+        request.pose.header.frame_id = "/map"  # as of ROS 1
         return self.done(self.client.send_goal_async(request, lambda message: self.feedback.append(message.feedback)))
 
 

@@ -3,13 +3,16 @@
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import serialize_message
+from sphere_nav_msgs.action import Navigate
 from sphere_nav_msgs.msg import SphereInfo
+from sphere_nav_msgs.srv import Relocalize
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions.frames import plain_frames
 from sphere_nav.ros.interfaces import from_bytes
+from sphere_nav.ros.service import answer_always
 from sphere_nav.ros.subscription import Subscription
 
 
@@ -37,3 +40,11 @@ def test_leading_slashes_go_wherever_a_message_comes_from():
     assert (path.poses[0].header.frame_id, sphere.frame_id) == ("map", "a/b")
     assert heard[::2] == heard[1::2]
     assert plain_frames(Odometry()) == Odometry()
+
+
+def test_leading_slashes_go_from_what_is_asked():
+    request, goal = Relocalize.Request(), Navigate.Goal()
+    request.guess.header.frame_id = goal.pose.header.frame_id = "/map"
+    answer = answer_always(lambda asked, response: asked.guess.header.frame_id, "relocalize", print)
+    assert answer(request, Relocalize.Response()) == "map"
+    assert plain_frames(goal).pose.header.frame_id == "map"
