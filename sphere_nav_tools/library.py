@@ -221,8 +221,9 @@ def read_images(path: str | Path, **options: str) -> Iterator[tuple[int, NDArray
     parser = argparse.ArgumentParser(prog="read_images", exit_on_error=False)
     topics.add_options(parser, has_cameras=False)
     recorded = RecordedCamera(path, _parsed(parser, [], options))
+    levels = conversions.Levels()
     for stamp_ns, message in recorded.messages():
-        image = conversions.image_to_rgb(message)
+        image = conversions.image_to_rgb(message, levels)
         yield stamp_ns, image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2), recorded.camera
 
 

@@ -70,6 +70,7 @@ class Intake:
         self._is_rectified: dict[str, bool] = {}  # the images of a calibration
         self._frame_id = ""
         streams = [topic for topic in TOPICS[params.input] if topic.endswith("image_raw")]
+        self._levels = {topic: conversions.Levels() for topic in streams}
         self._sync = Synchronizer(streams, params.slack_s, WAIT_S, "fail")
 
     def subscribe(self, endpoints: Endpoints) -> None:
@@ -102,11 +103,12 @@ class Intake:
         self._on_sphere(conversions.message_to_sphere(message), self._mount(message.header.frame_id, is_optical=False))
 
     def _on_image(self, topic: str, message: AnyImage) -> None:
-        stamp, read = conversions.stamp_ns(message), read_depth if topic == DEPTH else read_rgb
+        stamp = conversions.stamp_ns(message)
+        pixels = read_depth(message) if topic == DEPTH else read_rgb(message, levels=self._levels[topic])
         if topic == TOPICS[self._params.input][0]:
             self._frame_id = message.header.frame_id
         make = self._rgbd if self._params.input == "rgbd" else self._stereo
-        for instant in self._sync.put(topic, stamp, read(message), stamp):
+        for instant in self._sync.put(topic, stamp, pixels, stamp):
             if not instant.is_failed and (made := make(instant)) is not None:
                 self._on_sphere(*made)
 

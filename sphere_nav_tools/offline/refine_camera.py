@@ -135,8 +135,9 @@ class RecordedDrive:
                 yield collect(pyramid, choice.views[0], T_map_camera, velocity)
 
     def _images(self) -> Iterator[tuple[int, NDArray[Any]]]:
+        levels = conversions.Levels()
         for stamp, message in self._recorded.messages():
-            yield stamp, conversions.image_to_gray(message)
+            yield stamp, conversions.image_to_gray(message, levels)
 
 
 def text_of(proof: LensProof, frame_id: str, mounting: Mounting | None) -> str:

@@ -82,6 +82,7 @@ class RigIntake:
         self._T_rig_lidar = read_mounting(params.cloud.mounting, "cloud.mounting")
         self._now_ns, self._lookup, self._on_instants = now_ns, lookup, on_instants
         self.clouds, self._has_points = Clouds(params.cloud.max_age_s), True
+        self._levels = {name: conversions.Levels() for name in rig.names}
         depths = tuple(name + DEPTH for name in rig.names) if params.has_depth else ()
         is_ready = self.clouds.has_since if params.has_cloud else lambda stamp_ns: True
         waiting = params.sync.slack_s, params.sync.deadline_s, params.sync.policy
@@ -135,7 +136,7 @@ class RigIntake:
 
     def _on_image(self, name: str, message: AnyImage) -> None:
         camera = self.rig.camera(name).camera
-        image = read_rgb(message, (camera.width, camera.height), name)
+        image = read_rgb(message, (camera.width, camera.height), name, self._levels[name])
         check_sphere_image(image, camera, f"{name}: image size")
         self._put(name, message, image)
 

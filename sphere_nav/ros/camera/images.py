@@ -23,22 +23,25 @@ def image_topic(topic: str, transport: str, *, is_depth: bool = False) -> tuple[
 
 
 def read_rgb(
-    message: AnyImage, size: tuple[int, int] | None = None, size_name: str = "camera_info"
+    message: AnyImage,
+    size: tuple[int, int] | None = None,
+    size_name: str = "camera_info",
+    levels: conversions.Levels | None = None,
 ) -> NDArray[np.uint8]:
-    """Return (H, W, 3) RGB or (H, W) grey, uint8.
+    """Return (H, W, 3) RGB or (H, W) grey, uint8; `levels` of the stream, where it is one.
 
     A compressed image of another size (width, height) than the camera's is not unpacked; `size_name`: whose that is.
     """
     if isinstance(message, Image):
-        return conversions.image_to_rgb(message)
-    if size is not None:
-        return conversions.compressed_to_array(message, size, size_name)
-    return conversions.image_to_rgb(conversions.decompress(message))
+        return conversions.image_to_rgb(message, levels)
+    return conversions.compressed_to_array(message, size, size_name, levels)
 
 
-def read_gray(message: AnyImage, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
-    """Return grey levels (H, W) uint8; `size` as of `read_rgb`."""
-    pixels = read_rgb(message, size)
+def read_gray(
+    message: AnyImage, size: tuple[int, int] | None = None, levels: conversions.Levels | None = None
+) -> NDArray[np.uint8]:
+    """Return grey levels (H, W) uint8; `size` and `levels` as of `read_rgb`."""
+    pixels = read_rgb(message, size, levels=levels)
     return cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels
 
 

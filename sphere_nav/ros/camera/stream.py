@@ -100,6 +100,7 @@ class CameraStream:
         self.T_base_camera: SE3 | None = None
         self._fault = Finding(Reason.BAD_INFO, detail="no camera_info yet")
         self._is_refused = False  # the calibration that came
+        self._levels = conversions.Levels()
         self.image_frame = self._info_frame = ""
 
     @property
@@ -184,7 +185,7 @@ class CameraStream:
             advice = "a topic is of one camera: check the remapping of image_raw and camera_info, or call reset"
             self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=advice))
         try:
-            image = read_gray(message, (self.camera.width, self.camera.height))
+            image = read_gray(message, (self.camera.width, self.camera.height), self._levels)
         except ValueError as error:
             self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=ENCODINGS))
         odometry = self._odometry.predict(stamp)

@@ -17,6 +17,7 @@ from sphere_nav.ros.conversions.cameras import (
 from sphere_nav.ros.conversions.clouds import cloud_to_message, message_to_cloud
 from sphere_nav.ros.conversions.graphs import graph_to_message, message_to_graph
 from sphere_nav.ros.conversions.images import (
+    Levels,
     array_to_image,
     compressed_to_array,
     compressed_to_image,
@@ -53,6 +54,7 @@ from sphere_nav.ros.conversions.stamps import header, ns_to_time, stamp_ns, time
 from sphere_nav.ros.conversions.status import message_to_status, status_to_message
 
 __all__ = [
+    "Levels",
     "array_to_image",
     "as_rectified",
     "camera_from_info",

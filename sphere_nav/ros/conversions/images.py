@@ -118,11 +118,23 @@ def array_to_image(pixels: NDArray[Any], stamp: int, frame_id: str, encoding: st
     )
 
 
-def image_to_rgb(message: Image) -> Bytes:
-    """Return (H, W, 3) RGB, or (H, W) for a grey image, uint8; of 16 bits the upper eight of those that are used."""
+class Levels:
+    """The levels of one stream in eight bits: of 16 the upper eight of those that its brightest pixel so far needs."""
+
+    def __init__(self) -> None:
+        self.bits = SENSOR_BITS[0]
+
+    def to_bytes(self, pixels: NDArray[np.uint16]) -> Bytes:
+        """Return an image of the stream; a dark one keeps the scale of the bright ones before it."""
+        self.bits = max(self.bits, used_bits(pixels))
+        return (pixels >> (self.bits - 8)).astype(np.uint8)
+
+
+def image_to_rgb(message: Image, levels: Levels | None = None) -> Bytes:
+    """Return (H, W, 3) RGB, or (H, W) for a grey image, uint8; `levels` of its stream, else of this image alone."""
     pixels = image_to_array(message)
     if pixels.dtype == np.uint16 and message.encoding not in DEPTH_ENCODINGS:
-        pixels = (pixels >> (used_bits(pixels) - 8)).astype(np.uint8)
+        pixels = (levels or Levels()).to_bytes(pixels)
     if pixels.dtype != np.uint8:
         raise ValueError(f"encoding: expected a grey or colour image, found {message.encoding!r}")
     if message.encoding in IN_PAIRS and pixels.shape[1] % 2:
@@ -136,9 +148,9 @@ def used_bits(pixels: NDArray[np.uint16]) -> int:
     return next(bits for bits in SENSOR_BITS if highest < 1 << bits)
 
 
-def image_to_gray(message: Image) -> Bytes:
-    """Return the grey levels (H, W) uint8."""
-    return to_gray_bytes(image_to_rgb(message))
+def image_to_gray(message: Image, levels: Levels | None = None) -> Bytes:
+    """Return the grey levels (H, W) uint8; `levels` as of `image_to_rgb`."""
+    return to_gray_bytes(image_to_rgb(message, levels))
 
 
 def depth_to_meters(message: Image) -> Floats:
@@ -156,10 +168,15 @@ def depth_to_meters(message: Image) -> Floats:
 
 
 def compressed_to_array(
-    message: CompressedImage, size: tuple[int, int] | None = None, size_name: str = "camera_info"
+    message: CompressedImage,
+    size: tuple[int, int] | None = None,
+    size_name: str = "camera_info",
+    levels: Levels | None = None,
 ) -> Bytes:
     """Decode JPEG or PNG to (H, W, 3) RGB or (H, W) grey, uint8; before that its size (width, height) is compared."""
-    pixels = decode_file(message.data, MAX_PIXELS, cv2.IMREAD_ANYCOLOR, size, size_name)
+    pixels = decode_file(message.data, MAX_PIXELS, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH, size, size_name)
+    if pixels.dtype == np.uint16:
+        pixels = (levels or Levels()).to_bytes(pixels)
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if pixels.ndim == 3 else pixels
 
 

@@ -56,11 +56,12 @@ class Drive:
 
     def shots(self) -> Iterator[Shot]:
         """Yield what is known of every image, in order. BagError for damage."""
+        levels = conversions.Levels()
         for stamp, message in self._recorded.messages():
-            gray: NDArray[Any] = conversions.image_to_gray(message)
+            gray: NDArray[Any] = conversions.image_to_gray(message, levels)
             estimate = self._localizer.update(gray, self.camera, stamp)
             residual = residual_image(gray, self.camera, estimate.candidate) if estimate.candidate is not None else None
-            image = conversions.image_to_rgb(message)
+            image = conversions.image_to_rgb(message, levels)
             image = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
             yield Shot(stamp, image, residual, estimate.T_map_camera, estimate.status)
 

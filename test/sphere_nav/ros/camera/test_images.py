@@ -10,7 +10,7 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.ros.camera.images import image_topic, read_depth, read_gray, read_rgb
 from sphere_nav.ros.camera.stream import panorama_of
-from sphere_nav.ros.conversions import array_to_image, header
+from sphere_nav.ros.conversions import Levels, array_to_image, header
 
 COLORS = np.random.default_rng(0).integers(0, 256, (8, 16, 3), dtype=np.uint8)
 DEPTH_M = np.linspace(0.5, 4.0, 128, dtype=np.float32).reshape(8, 16)
@@ -47,6 +47,19 @@ def test_sixteen_bits_lose_the_lower_eight():
     levels = np.arange(128, dtype=np.uint16).reshape(8, 16) * 500
     for message in (array_to_image(levels, 1, "optical", "mono16"), compressed(levels, "mono16; png compressed")):
         np.testing.assert_array_equal(read_gray(message), levels >> 8)
+
+
+@pytest.mark.parametrize("size", [None, (16, 8)])
+def test_a_dark_image_keeps_the_scale_of_the_bright_ones_of_its_stream(size):
+    bright = np.linspace(0, 4095, 128).astype(np.uint16).reshape(8, 16)  # 12 bits
+    dark = bright // 8
+    for send in (lambda levels: array_to_image(levels, 1, "optical", "mono16"), compressed):
+        stream, other = Levels(), Levels()
+        for levels in (dark[:, :1].repeat(16, 1), bright, dark, bright):
+            seen = read_gray(send(levels), size, stream)
+        np.testing.assert_array_equal(seen, bright >> 4)
+        np.testing.assert_array_equal(read_gray(send(dark), size, stream), dark >> 4)
+        np.testing.assert_array_equal(read_gray(send(dark), size, other), dark >> 2)  # all that is known of it
 
 
 def test_depth_in_millimeters_is_read_in_meters():

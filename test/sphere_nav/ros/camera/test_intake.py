@@ -86,6 +86,14 @@ def test_images_wait_for_calibration_and_transform_and_come_in_order():
     assert gate.pictures[0].camera == CAMERA
 
 
+def test_a_dark_image_of_sixteen_bits_is_not_stretched():
+    gate = ready()
+    bright = PIXELS.astype(np.uint16) * 32  # up to 4064: 12 bits
+    for second, levels in enumerate((bright, bright // 8), 1):
+        gate.send("image_raw", array_to_image(levels, second * SECOND, "optical", "mono16"))
+    np.testing.assert_array_equal(gate.pictures[-1].image, bright // 8 >> 4)
+
+
 def test_too_long_without_a_transform_is_said():
     gate = Gate(max_waiting=1)
     gate.info()
