@@ -19,11 +19,10 @@ from typing import Any
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.params.homes import at_home
 from sphere_nav.ros.camera.drivers import read_driver, topics_by_driver
-from sphere_nav.ros.constants import MAX_RESTARTS
+from sphere_nav.ros.constants import ABSOLUTE, MAX_RESTARTS
 from sphere_nav.ros.site_file import check_site_file, meant
 
 Values = Mapping[str, str]
-ABSOLUTE = ("/tf", "/tf_static", "/clock")  # would be shared by all vehicles of a domain
 MAPPER_TOPICS = {"sphere": "sphere", "rgbd": "depth/image_raw", "stereo": "right/image_raw"}
 TRUE, FALSE = ("true", "True", "yes", "1"), ("false", "False", "no", "0")
 FLAG = (*TRUE, *FALSE)

@@ -31,6 +31,7 @@ from sphere_nav.params.render import to_yaml
 from sphere_nav.ros.executor import GuardedExecutor
 from sphere_nav.ros.live import LiveShell, ShellParams
 from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.remapping import check_rules
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.shared_files import share_file
 
@@ -66,7 +67,7 @@ def run(
     with until_signal(node_class.PATIENCE, lambda: "".join(node.unfinished() for node in nodes)) as stopped:
 
         def serve() -> int:
-            status = _serve(node_class, stopped, values or {}, nodes, prepare)
+            status = _serve(node_class, words, stopped, values or {}, nodes, prepare)
             return status or int(any(node.unfinished() for node in nodes))
 
         return in_context(node_class.NAME, args, serve)
@@ -125,6 +126,7 @@ def until_signal(patience: float, unfinished: Callable[[], str]) -> Iterator[Fut
 
 def _serve(
     node_class: type[ManagedNode],
+    words: Sequence[str],
     stopped: Future,
     values: Mapping[str, Any],
     nodes: list[ManagedNode],
@@ -134,6 +136,9 @@ def _serve(
         shell = LiveShell(node_class, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
     except ValueError as error:
         sys.stderr.write(f"{node_class.NAME}: {error}\n")
+        return 2
+    if not _check_remapping(shell, node_class.NAME, words):
+        shell.destroy_node()
         return 2
     nodes.append(shell.node)
     prepare(shell.node)
@@ -150,6 +155,18 @@ def _serve(
     finally:
         executor.shutdown(timeout_sec=0.5)
         shell.destroy_node()
+
+
+def _check_remapping(shell: LiveShell, name: str, words: Sequence[str]) -> bool:
+    """Say which rules of the command line rename nothing; whether none of them is a mistake."""
+    try:
+        lines = check_rules(words, name, shell.get_name(), shell.get_namespace(), shell.node.endpoints.driver_topics)
+    except ValueError as error:
+        shell.log.error(f"cannot start: {error}")
+        return False
+    for line in lines:
+        shell.log.warning(line)
+    return True
 
 
 def _watch(wakeups: socket.socket, stopped: Future, patience: float, unfinished: Callable[[], str]) -> None:

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 from sphere_nav.ros.camera.drivers import topics_by_driver
 from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
+from sphere_nav.ros.remapping import POLICY
 from sphere_nav.ros.shared_files import share_file
 from sphere_nav_tools.cli.up import parse
 
@@ -26,7 +27,6 @@ examples:
   sphere_nav keystore keys navigation map:=maps/campus image:=/front/image_raw guard:=true
   sphere_nav keystore keys mapping rig:=rig.yaml namespace:=car2
 """
-POLICY = "config/security.policy.xml"
 BESIDE = ("vehicle", "operator", "bag_recorder")  # beside what a composition starts
 FIND_SROS2 = "ros2 security: expected the tools of the package sros2 (apt install ros-jazzy-sros2)"
 

@@ -12,7 +12,7 @@ NAMES = ("frame_id", "child_frame_id")
 
 
 def plain_frames(message: Any) -> Any:
-    """Return a message, request or goal after its frames have lost their leading slashes; all that comes passes here."""
+    """Return a message, request or goal whose frames have lost their leading slashes; all that comes passes here."""
     for field in _fields(type(message)):
         value = getattr(message, field)
         if field in NAMES:
