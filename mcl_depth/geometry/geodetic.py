@@ -18,6 +18,7 @@ from mcl_depth.geometry.survey_frame import GeoKey, geo_keys, read_las_head
 from sphere_nav.geometry.arrays import Array
 
 AXIS, FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # of WGS 84, m
+ECCENTRICITY2 = FLATTENING * (2.0 - FLATTENING)
 SCALE, FALSE_EAST, FALSE_NORTH_SOUTH = 0.9996, 500_000.0, 10_000_000.0  # of UTM; m
 ZONES = {326: 0.0, 258: 0.0, 327: FALSE_NORTH_SOUTH}  # EPSG codes by hundreds, with their false northing
 NUM_ZONES = 60
@@ -42,6 +43,16 @@ class Geodetic:
     def degrees(self, east: float, north: float) -> Array:
         """Return latitude and longitude (2,) in degrees of coordinates in m."""
         return self._degrees(east, north)
+
+
+def place_on_earth(latitude: float, longitude: float, height: float = 0.0) -> tuple[Array, Array]:
+    """Return the axes east, north, up (3, 3), in columns, and the position (3,) m about the Earth's center; radians."""
+    (s_lat, s_lon), (c_lat, c_lon) = np.sin([latitude, longitude]), np.cos([latitude, longitude])
+    up = np.array([c_lat * c_lon, c_lat * s_lon, s_lat])
+    east = np.array([-s_lon, c_lon, 0.0])
+    radius = AXIS / np.sqrt(1.0 - ECCENTRICITY2 * s_lat**2)
+    center = np.array([0.0, 0.0, ECCENTRICITY2 * radius * s_lat])
+    return np.stack([east, np.cross(up, east), up], axis=1), (radius + height) * up - center
 
 
 def utm_degrees(east: float, north: float, zone: int) -> Array:

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mcl_depth.geometry.geodetic import AXIS, FLATTENING
+from mcl_depth.geometry.geodetic import AXIS, ECCENTRICITY2, place_on_earth
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import SphereGraph
 
-ECCENTRICITY2 = FLATTENING * (2.0 - FLATTENING)
 DECIMALS = 9  # of a degree: a tenth of a millimetre
 
 
@@ -46,15 +45,8 @@ class Datum:
         x, y, z = T_map_any.translation
         c, s = np.cos(np.radians(self.heading)), np.sin(np.radians(self.heading))
         east, north = s * x - c * y, c * x + s * y
-        lat, lon = np.radians(self.latitude), np.radians(self.longitude)
-        axes = np.array(
-            [
-                [-np.sin(lon), -np.sin(lat) * np.cos(lon), np.cos(lat) * np.cos(lon)],
-                [np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat) * np.sin(lon)],
-                [0.0, np.cos(lat), np.sin(lat)],
-            ]
-        )
-        return _geodetic(_geocentric(lat, lon) + axes @ np.array([east, north, z]))
+        axes, origin = place_on_earth(*np.radians([self.latitude, self.longitude]))
+        return _geodetic(origin + axes @ np.array([east, north, z]))
 
 
 def geojson(graph: SphereGraph, datum: Datum) -> str:
@@ -74,14 +66,6 @@ def geojson(graph: SphereGraph, datum: Datum) -> str:
 
 def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
     return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
-
-
-def _geocentric(lat: float, lon: float) -> np.ndarray:
-    """Return the geocentric position (3,) in m of a point on the ellipsoid."""
-    radius = AXIS / np.sqrt(1.0 - ECCENTRICITY2 * np.sin(lat) ** 2)
-    horizontal = radius * np.cos(lat)
-    up = radius * (1.0 - ECCENTRICITY2) * np.sin(lat)
-    return np.array([horizontal * np.cos(lon), horizontal * np.sin(lon), up])
 
 
 def _geodetic(point: np.ndarray) -> list[float]:

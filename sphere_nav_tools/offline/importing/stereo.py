@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mcl_depth.geometry.geodetic import AXIS
+from mcl_depth.geometry.geodetic import place_on_earth
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole
 from sphere_nav.geometry.files.opencv_file import load_opencv
 from sphere_nav.geometry.files.untrusted import number, numbers, read_text, required
@@ -35,8 +35,7 @@ MODELS: dict[str, type[Pinhole] | type[Fisheye]] = {"radial-tangential": Pinhole
 MAX_TRUTH_GAP_NS = 500_000_000  # between two true poses with an image between them; 4Seasons gives key frames alone
 # 4Seasons was recorded around Munich; its truth is about the Earth's center. One frame for all of it: east, north, up
 # at 48.14 deg north, 11.58 deg east, 520 m above the ellipsoid (WGS 84); upright within 0.5 deg 50 km around
-MUNICH, MUNICH_M = np.radians([48.14, 11.58]), 520.0
-SQUARED_ECCENTRICITY = 0.00669437999014  # of WGS 84
+MUNICH = (*np.radians([48.14, 11.58]), 520.0)
 
 
 def open_euroc(folder: Path) -> Recording:
@@ -169,7 +168,8 @@ def _gnss_poses(folder: Path) -> Trajectory:
         elif line.count(",") == 6:
             named[name] = pose_of_row(np.array([number(word, f"{path}: {name}") for word in line.split(",")]), path)
     needed = required(named, str(path), ("transform_e_gpsw", "transform_w_gpsw", "transform_S_AS"))
-    T_map_visual = _T_munich_earth() @ needed["transform_e_gpsw"] @ needed["transform_w_gpsw"].inverse()
+    T_munich_earth = SE3.from_parts(*place_on_earth(*MUNICH)).inverse()
+    T_map_visual = T_munich_earth @ needed["transform_e_gpsw"] @ needed["transform_w_gpsw"].inverse()
     T_map_slam = T_map_visual @ needed["transform_S_AS"]
     stamps, poses, path = [], [], folder / "GNSSPoses.txt"
     for stamp, (*row, scale) in _stamped_rows(path, 8):
@@ -177,13 +177,3 @@ def _gnss_poses(folder: Path) -> Trajectory:
         poses.append(T_map_slam @ SE3.from_parts(pose.rotation, scale * pose.translation))
         stamps.append(stamp)
     return trajectory(stamps, poses, path)
-
-
-def _T_munich_earth() -> SE3:
-    """Return what takes coordinates about the Earth's center to east, north and up at MUNICH."""
-    latitude, longitude = MUNICH
-    east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
-    up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
-    radius = AXIS / np.sqrt(1.0 - SQUARED_ECCENTRICITY * np.sin(latitude) ** 2)
-    origin = (radius + MUNICH_M) * up - np.array([0.0, 0.0, SQUARED_ECCENTRICITY * radius * np.sin(latitude)])
-    return SE3.from_parts(np.stack([east, np.cross(up, east), up], axis=1), origin).inverse()

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from mcl_depth.geometry.geodetic import Geodetic, declared_crs, utm_degrees
+from mcl_depth.geometry.geodetic import AXIS, FLATTENING, Geodetic, declared_crs, place_on_earth, utm_degrees
 
-AXIS, FLATTENING = 6_378_137.0, 1.0 / 298.257223563  # WGS 84, m
 WKT = (
     'COMPD_CS["UTM 32N + height",PROJCS["WGS 84 / UTM zone 32N",GEOGCS["WGS 84",AUTHORITY["EPSG","4326"]],'
     'UNIT["metre",1,AUTHORITY["EPSG","9001"]],AUTHORITY["EPSG","32632"]],'
@@ -59,3 +58,14 @@ def test_a_tile_declares_its_system(tmp_path: Path, record: str) -> None:
     expected = "" if record == "none" else "EPSG:32632"
     assert declared_crs(tmp_path / "tiles" / "a.las") == declared_crs(tmp_path / "tiles") == expected
     assert declared_crs(tmp_path / "absent.npy") == ""
+
+
+def test_axes_and_places_about_the_center_of_the_earth():
+    axes, origin = place_on_earth(0.0, 0.0, 10.0)
+    np.testing.assert_allclose(origin, [AXIS + 10.0, 0.0, 0.0])
+    np.testing.assert_allclose(axes, [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-15)
+    _, pole = place_on_earth(np.pi / 2, 0.3)
+    np.testing.assert_allclose(pole, [0.0, 0.0, AXIS * (1.0 - FLATTENING)], atol=1e-8)
+    step = 1e-6  # rad to the north is along the meridian
+    (_, south), (axes, north) = place_on_earth(0.8, 0.2), place_on_earth(0.8 + step, 0.2)
+    np.testing.assert_allclose((north - south) / np.linalg.norm(north - south), axes[:, 1], atol=1e-6)
