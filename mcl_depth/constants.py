@@ -152,7 +152,11 @@ MIN_NORMAL_SHARE = 0.8  # of the normals of a coarse voxel that must agree for i
 # Where the vehicle may be (geometry/test_area, test_floor_plan)
 BODY = 0.3  # points this far above or below the camera are in its way, m
 GROUND_STEP, GROUND_REACH = 0.5, 1.5  # m: side of a square of ground or floor; how far one lends its height
+MAX_BLIND_M = 8.0  # around a scanner that saw no ground beneath it: 1.8 m up, from 13 degrees below the horizon on
+RAY, RAY_SPREAD = np.radians([0.35, 0.25]), 1.5  # azimuth and elevation of a direction; largest ratio of ranges in it
+SWEEP_SHARE = 0.9  # of the directions of one sweep that show one surface; the others cross an edge
 FLOOR_REACH, MIN_FLOOR_SHARE = 0.25, 0.5  # m to a point of a floor; share of a room's squares that have one
+MIN_HEIGHT_M = 0.05  # of a camera above the ground; less is a mounting that nobody told (test_filter)
 MESH_STEP = 0.15  # of the points that stand for a mesh in ground and area, m
 MAX_OFF_WALL, MIN_SILL = 0.15, 0.05  # m from an opening to its wall; a door that begins lower begins at the foot
 MIN_PIECE, SAME_CORNER = 1e-3, 0.02  # m of a wall; between the ends of walls that meet

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.constants import MESH_STEP
+from mcl_depth.constants import MESH_STEP, MIN_HEIGHT_M
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area, Ground, find_area
 from mcl_depth.geometry.cloud import Cloud
@@ -55,10 +55,13 @@ class Site:
         `is_ready`: the depth images are made now; else `prepare` has to be called before a filter needs them.
         """
         self.params = params = apply_preset(params, geometry.box)
+        height = params.camera_height or camera_height
+        if height < MIN_HEIGHT_M:
+            expected = "camera_height: expected that of the camera above the ground (or a mounting that tells it)"
+            raise ValueError(f"{expected}, {MIN_HEIGHT_M:g} m or more, found {height:g} m")
         points = sample_surface(geometry, MESH_STEP).points if isinstance(geometry, TriangleMesh) else geometry.points
         name = hashlib.sha256(points.tobytes()).hexdigest()
         self.synthesizer = DepthSynthesizer(geometry, params.synthesis)
-        height = params.camera_height or camera_height
         self.depth_map = DepthMap(self.synthesizer, Ground(points).heights, height, params, name)
         self.area: Area = find_area(points, self.depth_map.heights, params.area)
         self.places = SurveyGrid(self.depth_map, self.area.middles).positions  # (N, 2) m, compared with every image

@@ -12,7 +12,18 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, label
 from scipy.spatial import cKDTree
 
-from mcl_depth.constants import BODY, FLOOR_REACH, GROUND_REACH, GROUND_STEP, MAX_ELEMENTS, MIN_FLOOR_SHARE
+from mcl_depth.constants import (
+    BODY,
+    FLOOR_REACH,
+    GROUND_REACH,
+    GROUND_STEP,
+    MAX_BLIND_M,
+    MAX_ELEMENTS,
+    MIN_FLOOR_SHARE,
+    RAY,
+    RAY_SPREAD,
+    SWEEP_SHARE,
+)
 from mcl_depth.params import AreaParams
 from sphere_nav.geometry.arrays import Array
 
@@ -115,7 +126,9 @@ class Ground:
             )
         lowest = np.full(shape, np.inf)
         np.minimum.at(lowest, (cells[:, 0], cells[:, 1]), points[:, 2])
-        self._heights = _fill(lowest)
+        x, y = (low + GROUND_STEP * (np.arange(count) + 0.5) for low, count in zip(self._low, shape, strict=True))
+        is_blind = np.hypot(x[:, None], y) < blind_radius(points)
+        self._heights = _fill(lowest, is_blind)
 
     def heights(self, positions: Array) -> Array:
         """Return the height (N,) m of the ground at (N, 2), bilinear; NaN where the map has no ground."""
@@ -137,10 +150,28 @@ class Ground:
             return np.where((weight > 1e-3) & ~outside, total / weight, np.nan)
 
 
-def _fill(lowest: Array) -> Array:
-    """Return the grid with holes filled from the nearest square within reach; the rest NaN."""
+def blind_radius(points: NDArray[np.floating]) -> float:
+    """Return how far around the origin, m, a scanner that stood there saw no ground; 0 unless all is its one sweep.
+
+    From its own place a sweep has one range in each direction, and a hole beneath.
+    """
+    below = points[points[:, 2] < 0.0]
+    radius = float(np.hypot(below[:, 0], below[:, 1]).min()) if len(below) else 0.0
+    if not GROUND_REACH < radius < MAX_BLIND_M:
+        return 0.0
+    ranges = np.maximum(np.linalg.norm(points, axis=1), 1e-9)
+    angles = np.column_stack([np.arctan2(points[:, 1], points[:, 0]), np.arcsin(points[:, 2] / ranges)])
+    _, ray = np.unique(np.floor(angles / RAY).astype(np.int64), axis=0, return_inverse=True)
+    nearest, farthest = np.full(ray.max() + 1, np.inf), np.zeros(ray.max() + 1)
+    np.minimum.at(nearest, ray, ranges)
+    np.maximum.at(farthest, ray, ranges)
+    return radius if np.mean(farthest < RAY_SPREAD * nearest) > SWEEP_SHARE else 0.0
+
+
+def _fill(lowest: Array, is_blind: NDArray[np.bool_]) -> Array:
+    """Return the grid with holes filled from the nearest square within reach, or at any distance where `is_blind`."""
     is_empty = ~np.isfinite(lowest)
     distance, nearest = distance_transform_edt(is_empty, return_indices=True)
     filled = lowest[nearest[0], nearest[1]]
-    filled[distance * GROUND_STEP > GROUND_REACH] = np.nan
+    filled[(distance * GROUND_STEP > GROUND_REACH) & ~is_blind] = np.nan
     return filled

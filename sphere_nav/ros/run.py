@@ -31,9 +31,9 @@ from sphere_nav.params.render import to_yaml
 from sphere_nav.ros.executor import GuardedExecutor
 from sphere_nav.ros.live import LiveShell, ShellParams
 from sphere_nav.ros.node import ManagedNode
-from sphere_nav.ros.remapping import check_rules
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.shared_files import share_file
+from sphere_nav.ros.site_file import check_rules
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this one only
 TURN_S = 5e-4  # after which a thread lets another one run that waits; 10 times that by itself

@@ -13,8 +13,8 @@ from xml.etree import ElementTree
 
 from sphere_nav.ros.camera.drivers import topics_by_driver
 from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
-from sphere_nav.ros.remapping import POLICY
 from sphere_nav.ros.shared_files import share_file
+from sphere_nav.ros.site_file import POLICY
 from sphere_nav_tools.cli.up import parse
 
 HELP = """\

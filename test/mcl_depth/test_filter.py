@@ -32,6 +32,12 @@ def site():
     return Site(mesh, 1.2, build(FilterParams, SETTINGS))
 
 
+def test_a_camera_on_the_ground_is_a_height_that_nobody_told():
+    mesh = mesh_from_faces(box((0, 0, 0), (4, 3, 2)), np.arange(36).reshape(-1, 3), "room")
+    with pytest.raises(ValueError, match=r"^camera_height: expected .* 0.05 m or more, found 0 m$"):
+        Site(mesh, 0.0, FilterParams())
+
+
 def picture(site, pose):
     """What a camera might see: every point the brighter the nearer to the middle, which has the edges of the room."""
     camera, place = site.depth_map.camera, np.array([*pose[:2], 1.2])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.geometry.area import Ground, find_area
+from mcl_depth.geometry.area import Ground, blind_radius, find_area
 from mcl_depth.params import AreaParams
 
 PARAMS = AreaParams()
@@ -81,3 +81,24 @@ def test_what_is_within_thirty_centimeters_of_the_camera_is_in_its_way():
         assert (near < 0.2) == is_free
         if not is_free:
             assert 0.25 < near < 0.5  # the clearance
+
+
+def sweep(height, lowest_deg=-25.0):
+    """What a scanner sees of a flat court of 20 x 20 m, in its own frame."""
+    a, e = np.meshgrid(np.radians(np.arange(0.0, 360.0, 0.5)), np.radians(np.arange(lowest_deg, 15.0, 0.6)))
+    rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1).reshape(-1, 3)
+    with np.errstate(divide="ignore"):
+        ground = np.where(rays[:, 2] < 0.0, -height / rays[:, 2], np.inf)
+    return rays * np.minimum(ground, 10.0 / np.abs(rays[:, :2]).max(axis=1))[:, None]
+
+
+def test_the_place_of_the_scanner_is_in_the_area_of_its_one_sweep():
+    points = sweep(1.8)
+    radius = blind_radius(points)
+    assert radius == pytest.approx(1.8 / np.tan(np.radians(25.0)), rel=1e-6)
+    np.testing.assert_allclose(Ground(points).heights(np.array([[0.0, 0.0], [2.0, -1.0]])), -1.8, atol=1e-9)
+    assert area_of(points).contains(np.zeros((1, 2))).all()
+    several = np.concatenate([points, points * [1.0, 1.0, 0.5], points * [1.0, 1.0, 0.25]])
+    assert blind_radius(several) == 0.0  # more than one surface in a direction
+    assert np.isnan(Ground(several).heights(np.zeros((1, 2)))[0])
+    assert blind_radius(points + 3.0 * UP) == blind_radius(sweep(20.0)) == 0.0  # no ground; too high up

@@ -6,7 +6,7 @@ import pytest
 
 from path_follower.ros.control import ControlLoop
 from sphere_nav.ros.compositions import COMPOSITIONS
-from sphere_nav.ros.remapping import check_rules
+from sphere_nav.ros.site_file import check_rules
 from sphere_nav_tools.cli.processes import node_command
 from sphere_nav_tools.cli.up import ros_arguments
 
