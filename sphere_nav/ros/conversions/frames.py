@@ -13,7 +13,8 @@ NAMES = ("frame_id", "child_frame_id")
 
 def plain_frames(message: Any) -> Any:
     """Return a message, request or goal whose frames have lost their leading slashes; all that comes passes here."""
-    for field in _fields(type(message)):
+    kind: Any = type(message)
+    for field in _fields(kind):
         value = getattr(message, field)
         if field in NAMES:
             setattr(message, field, plain_frame(value))
