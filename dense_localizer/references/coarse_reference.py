@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from dense_localizer.constants import NUM_COARSE_LEVELS, NUM_COVERAGE_POINTS, NUM_LAID_OUT
 from sphere_nav.geometry import Spherical
 from sphere_nav.photometric import Reference, RegistrationParams, prepare_reference
+from sphere_nav.photometric.constants import CONTRAST_ANGLE
+from sphere_nav.photometric.pixels.contrast import local_contrast
 from sphere_nav.spheres.appearance.headings import draw_sphere
 from sphere_nav.spheres.sphere import Sphere
 
@@ -60,15 +62,18 @@ class CoarseReferences(dict[int, CoarseReference]):
         super().__init__()
         self._spheres, self._params = spheres, params
         self._latest: dict[int, None] = {}
-        self.panorama = lru_cache(NUM_LAID_OUT)(self._draw)
+        self.panorama = lru_cache(2 * NUM_LAID_OUT)(self._draw)
 
     def __missing__(self, sphere_id: int) -> CoarseReference:
         self[sphere_id] = CoarseReference.load_from(partial(self._spheres.__getitem__, sphere_id), self._params)
         return self[sphere_id]
 
-    def _draw(self, sphere_id: int) -> NDArray[np.float32]:
-        """Return the edges of a small sphere."""
-        return draw_sphere(self[sphere_id].load())
+    def _draw(self, sphere_id: int, by_contrast: bool = False) -> NDArray[np.float32]:
+        """Return the edges of a small sphere, or of its local contrast."""
+        sphere = self[sphere_id].load()
+        if by_contrast:
+            sphere = replace(sphere, image=local_contrast(sphere.levels, sphere.camera, CONTRAST_ANGLE))
+        return draw_sphere(sphere)
 
     def reference(self, sphere_id: int) -> Reference:
         """Return a prepared small sphere."""

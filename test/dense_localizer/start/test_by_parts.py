@@ -44,6 +44,17 @@ def test_a_start_from_nowhere_is_found_in_another_light(references):
     assert result.candidate.T_map_camera.distance(pose) < (0.06, 0.02)
 
 
+def test_edges_of_grey_levels_and_of_contrast_are_asked_in_turn(references, monkeypatch):
+    asked, panorama, pose = [], references.coarse.panorama, at(0.4, 0.1, 0.3)
+    monkeypatch.setattr(references.coarse, "panorama", lambda one, way: asked.append(way) or panorama(one, way))
+    parts, image = PartsSearch(references, PARAMS.registration), seen(pose)
+    for by_contrast in (False, True, False):
+        asked.clear()
+        best = parts.propose(image, SE3.identity())[0]
+        assert set(asked) == {by_contrast}
+        assert best.T_map_camera.distance(pose)[0] < 0.3
+
+
 def test_noise_has_no_guess(references):
     noise = np.random.default_rng(4).integers(0, 255, (240, 320), dtype=np.uint8)
     image = RigImage(build_pyramid(noise, CAMERA, PARAMS.registration.pyramid))
