@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 STYLE = """
-#STOP {position:fixed; z-index:10000; left:12px; bottom:12px; width:300px; height:76px !important; font-size:23px;
-  font-weight:700; border-radius:10px; background:#c92a2a; color:white; border:3px solid white}
-#STOP svg {margin-right:8px}
+#sn-stop {position:fixed; z-index:10000; left:12px; bottom:12px; width:300px; height:76px; font:700 23px sans-serif;
+  border-radius:10px; background:#c92a2a; color:white; border:3px solid white; cursor:pointer;
+  touch-action:manipulation}
 .mantine-Notifications-root {inset:auto auto 150px 12px !important}
 .sn-state {position:fixed; z-index:900; left:12px; top:12px; width:420px; max-width:calc(100vw - 48px);
   padding:10px 14px; border-radius:10px; background:var(--mantine-color-body);
@@ -20,52 +20,58 @@ STYLE = """
   background:var(--mantine-color-body); border-radius:6px}
 .sn-scale i {display:inline-block; height:6px; border:2px solid currentColor; border-top:0; margin-right:6px}
 .sn-scale svg {vertical-align:middle; margin-left:10px}
-#sn-lost {position:fixed; z-index:10001; left:12px; bottom:100px; width:640px; padding:14px; cursor:pointer;
+#sn-lost {position:fixed; z-index:10001; left:12px; bottom:100px; width:640px; padding:14px;
   background:#c92a2a; color:white;
   font:700 18px sans-serif; display:none; text-align:center}
 @media (max-width: 576px) {
-  #STOP {left:8px; right:8px; top:8px; bottom:auto; width:calc(100vw - 16px); height:64px !important}
+  #sn-stop {left:8px; right:8px; top:8px; bottom:auto; width:calc(100vw - 16px); height:64px}
   .sn-state {left:8px; top:80px; width:calc(100vw - 16px); max-width:none; padding:8px 10px; font-size:13px}
   .sn-word {font-size:26px}
   .sn-past {position:static; width:auto; height:auto; box-shadow:none}
   .sn-scale {left:8px; bottom:calc(40% + 8px)}
   #sn-lost {left:8px; right:8px; top:76px; bottom:auto; width:auto}
-  .mantine-Paper-root div:has(#STOP) {display:block !important; transform:none !important}
-  .mantine-Paper-root:has(#STOP) {width:100vw !important; max-height:40% !important}
+  .mantine-Paper-root:has(#sn-beat) {width:100vw !important; max-height:40% !important}
   .mantine-Notifications-root {inset:230px auto auto 8px !important}
-  .mantine-Paper-root:has(#STOP) .mantine-ScrollArea-viewport > div > div {width:100% !important}
+  .mantine-Paper-root:has(#sn-beat) .mantine-ScrollArea-viewport > div > div {width:100% !important}
 }
 """
-# A held button is let go when the window loses the focus; the stop is also asked for by a connection of its own.
+# The stop belongs to the document, not to the panel, and asks by a connection of its own; a held button is let go when
+# the window loses the focus.
 SCRIPT = """
 (() => {
   if (window.sphereNav) return; window.sphereNav = 1;
-  const token = location.pathname.split('/')[1], lost = document.createElement('div');
-  const ask = () => fetch('/' + token + '/emergency_stop', {cache: 'no-store', keepalive: true});
-  lost.id = 'sn-lost'; document.body.appendChild(lost);
-  lost.onclick = () => { lost.textContent = 'asking ...';
-    ask().then(r => { lost.textContent = r.ok ? 'EMERGENCY STOP was asked for' : 'REFUSED'; },
-               () => { lost.textContent = 'NOT REACHED: use the button on the vehicle'; }); };
-  addEventListener('pointerdown', e => { if (e.target.closest('#STOP')) ask().catch(() => 0); }, true);
+  const token = location.pathname.split('/')[1];
+  const put = (kind, id) => document.documentElement.appendChild(Object.assign(document.createElement(kind), {id}));
+  put('style', 'sn-style').textContent = document.getElementById('sn-dress').textContent;
+  const lost = put('div', 'sn-lost'), stop = put('button', 'sn-stop'), name = 'EMERGENCY STOP';
+  lost.textContent = 'NO CONNECTION: what you see is old. Press ' + name + ', or the button on the vehicle';
+  stop.textContent = name;
+  let told = 0;
+  const tell = text => { stop.textContent = text; told = Date.now(); };
+  const ask = e => { e.stopPropagation(); tell('asking ...');
+    fetch('/' + token + '/emergency_stop', {cache: 'no-store', keepalive: true}).then(
+      r => tell(r.ok ? name + ' asked for' : 'REFUSED: press on vehicle'),
+      () => tell('NOT REACHED: press on vehicle')); };
+  stop.addEventListener('pointerdown', ask);
+  stop.addEventListener('click', e => { if (!e.detail) ask(e); });
   const drop = () => document.querySelectorAll('button').forEach(
     b => b.dispatchEvent(new PointerEvent('pointercancel', {bubbles: true})));
   addEventListener('blur', drop); document.addEventListener('visibilitychange', drop);
   addEventListener('contextmenu', e => { if (e.target.closest('button')) e.preventDefault(); });
   let beat = '', heard = Date.now();
+  const hear = () => { heard = Date.now(); };
   setInterval(() => {
-    const now = document.getElementById('sn-beat');
-    if (now && now.dataset.beat !== beat) { beat = now.dataset.beat; heard = Date.now(); }
-    const isLost = Date.now() - heard > 3000;
-    if (isLost && lost.style.display !== 'block')
-      lost.textContent = 'NO CONNECTION: press here for EMERGENCY STOP, or the button on the vehicle';
-    lost.style.display = isLost ? 'block' : 'none';
+    const now = document.getElementById('sn-beat');  // none while the panel is folded: then the server is asked
+    if (!now && Date.now() - heard > 1000) fetch('/' + token + '/alive', {cache: 'no-store'}).then(hear, () => 0);
+    if (now && now.dataset.beat !== beat) { beat = now.dataset.beat; hear(); }
+    if (Date.now() - told > 3000)
+      stop.textContent = now && now.dataset.pressed && lost.style.display !== 'block' ? name + ' is pressed' : name;
+    lost.style.display = Date.now() - heard > 3000 ? 'block' : 'none';
   }, 250);
 })()
 """
 
 
-def dressing(stop: str) -> str:
-    """Return HTML that dresses the page; `stop`: the id of the button that is always in sight."""
-    script, style = (text.replace("#STOP", f"[id=\\'{stop}\\']") for text in (SCRIPT, STYLE))
-    style = style.replace("\\", "")
-    return f'<style>{style}</style><img src="data:," style="display:none" onerror="{script}">'
+def dressing() -> str:
+    """Return HTML that dresses the page and puts the stop into it."""
+    return f'<style id="sn-dress">{STYLE}</style><img src="data:," style="display:none" onerror="{SCRIPT}">'

@@ -60,7 +60,8 @@ class OperatorPage:
         self.link, self.teaching, self.simulated = link, teaching, simulated
         self._closed = threading.Event()
         self._ground: tuple[Path | None, Ground | None] = None, None
-        self.server = make_server("operate", host, port, token, {"emergency_stop": self._press})
+        acts = {"emergency_stop": self._press, "alive": lambda: None}  # what needs no websocket
+        self.server = make_server("operate", host, port, token, acts)
         self.server.scene.set_up_direction("+z")
         self.server.initial_camera.position, self.server.initial_camera.look_at = BEGIN, (0.0, 0.0, 0.0)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
@@ -133,11 +134,9 @@ class Desk:
 
     # --- what stands on it
     def _add_stops(self) -> None:
-        """Put the emergency stop where nothing scrolls, folds or covers it, then what is possible in this state."""
+        """Put the emergency stop into the document, then what is possible in this state."""
         gui = self.client.gui
-        self._emergency = gui.add_button("EMERGENCY STOP", color=STOPS, icon="hand-stop")
-        self._emergency.on_click(lambda _: self._do(self.link.press_emergency))  # pressed once more: still pressed
-        gui.add_html(dressing(self._emergency._impl.uuid))
+        gui.add_html(dressing())
         self._beat = gui.add_html("")
         self._banner, self._scale = gui.add_html(banner(self.link.seen)), gui.add_html("")
         self._release = gui.add_button("release the emergency stop", color=OTHER, visible=self.link.is_pressed)
@@ -347,7 +346,6 @@ class Desk:
     def _show(self) -> None:
         seen, teaching = self.link.seen, self.teaching
         told, is_recording = teaching.describe(), teaching.is_recording
-        self._beat.content = f'<i id="sn-beat" data-beat="{time.monotonic():.1f}"></i>'
         if is_recording != self._is_heard:  # whether images come is of interest as long as a drive is recorded
             self._is_heard = is_recording
             self.link.watch_pictures(is_recording)
@@ -361,7 +359,7 @@ class Desk:
         set_if_new(self._health, "content", health(seen))
         set_if_new(self._job, "content", f'<div style="padding:0 1em">{escape(told)}</div>')
         pressed = self.link.is_pressed
-        set_if_new(self._emergency, "label", "EMERGENCY STOP is pressed" if pressed else "EMERGENCY STOP")
+        self._beat.content = f'<i id="sn-beat" data-beat="{time.monotonic():.1f}" data-pressed="{"1" * pressed}"></i>'
         set_if_new(self._release, "visible", pressed)
         for name, is_shown in possible(seen, pressed).items():
             set_if_new(self._buttons[name], "visible", is_shown)

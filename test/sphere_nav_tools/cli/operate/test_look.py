@@ -1,12 +1,12 @@
-"""What dresses the page: the stop by its id, no quotes that would end the attribute."""
+"""What dresses the page: a stop of the document's own, no quotes that would end the attribute."""
 
 from sphere_nav_tools.cli.operate.look import dressing
 
 
-def test_the_stop_is_pinned_by_its_id_and_asked_for_apart():
-    text = dressing("a-1")
-    assert "#STOP" not in text
-    assert "[id='a-1'] {position:fixed" in text
+def test_the_stop_belongs_to_the_document_and_asks_by_a_request_of_its_own():
+    text = dressing()
+    assert "#sn-stop {position:fixed" in text
     script = text.split('onerror="')[1]
     assert script.count('"') == 1
-    assert r"closest('[id=\'a-1\']')" in script
+    assert "document.documentElement.appendChild" in script
+    assert "fetch('/' + token + '/emergency_stop'" in script

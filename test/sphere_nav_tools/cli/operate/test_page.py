@@ -142,6 +142,12 @@ def wait_until(holds):
     assert patience.wait_until(holds, 60.0)
 
 
+def ask_to_stop(yard):
+    """Ask as the button of the document does."""
+    with urllib.request.urlopen(f"{link_to('127.0.0.1', yard[2].port, TOKEN)}/emergency_stop", timeout=WAIT_S) as told:
+        assert told.status == 200
+
+
 def test_commands_are_confirmed_by_the_node(follower, enter):
     page = enter()
     page.click("load path")
@@ -222,13 +228,13 @@ def test_by_hand_the_vehicle_drives_while_a_button_is_held_and_stands_at_once_af
 
     wait_until(hold)
     last = time.monotonic()  # the browser is gone
-    wait_until(lambda: heard[-1][1] == 0.0)
+    assert patience.wait_until(lambda: heard[-1][1] == 0.0, 2.0)
     assert heard[-1][0] - last < 0.5
     wait_until(lambda: follower.node.count_publishers("/cmd_vel") == 0)
     heard.clear()
     wait_until(hold)
     page.click("ahead")  # let go
-    wait_until(lambda: heard[-1][1] == 0.0)
+    assert patience.wait_until(lambda: heard[-1][1] == 0.0, 2.0)
     follower.state = "DRIVING"
     wait_until(lambda: "expected a vehicle that stands" in link.hold(0.8, 0.0))
     follower.node.destroy_subscription(wheels)
@@ -239,9 +245,10 @@ def test_an_emergency_stop_stays_pressed_when_it_is_pressed_twice_or_its_page_is
     page.click("start")
     page.wait_for("start: DRIVING")
     assert follower.node.count_publishers("/emergency_stop") == 0  # no vehicle depends on a page
-    page.click("EMERGENCY STOP")
+    ask_to_stop(yard)
     page.wait_for("emergency stop: STOPPED EMERGENCY_STOP")
-    page.click("EMERGENCY STOP is pressed")
+    page.wait_for('data-pressed="1"')
+    ask_to_stop(yard)
     time.sleep(0.3)
     assert set(follower.emergency) == {True}
     page.close()
@@ -443,7 +450,7 @@ def test_from_teaching_to_why_it_stands_by_clicks_alone(yard, follower, enter, p
         wait_until(lambda name=name: page.parts[page.find(name)]["visible"])
         page.click(name)
         page.wait_for(f"{name}: {state}")
-    page.click("EMERGENCY STOP")
+    ask_to_stop(yard)
     page.wait_for("emergency stop: STOPPED EMERGENCY_STOP")
     page.wait_for("&rarr; &lt;b&gt;see&lt;/b&gt; the log")  # why, and what to do
     assert not page.parts[page.find("start")]["visible"]
