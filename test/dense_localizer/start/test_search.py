@@ -11,7 +11,7 @@ from dense_localizer.references.reference import References
 from dense_localizer.start.search import PoseSearch
 from dense_localizer.start.startup import SearchResult
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
@@ -37,7 +37,7 @@ def asked(room, room_map, monkeypatch):
     def ask(count, step_s, reason=Reason.LOW_OVERLAP):
         rounds = []
         for number in range(count):
-            search._finding, tried = Finding(reason) if reason else FINE, []
+            search._finding, tried = Verdict(reason) if reason else FINE, []
             frame = LocalizerInput(10**9 + round(number * step_s * 1e9), images=(RigImage(pyramid_at(room, at(0.3))),))
 
             def refuse(frame, guess, tried=tried):

@@ -10,7 +10,7 @@ from std_msgs.msg import Bool
 
 from path_follower.modes import FollowerState
 from path_follower.path import Pose2
-from path_follower.reasons import StopReason
+from path_follower.reasons import StopReason, describe
 from path_follower.ros import front
 from path_follower.ros.control import ControlLoop, Cycle
 from path_follower.ros.front import LOOP, LoopEnded, RemoteLoop, connected
@@ -86,7 +86,7 @@ def test_a_guard_that_lets_nothing_through_stops_the_vehicle_by_its_reason(bus, 
     loop.on_tick()
     loop.follower.tick(SECOND)
     assert loop.follower.mode.verdict.reason is StopReason.COMMAND_GUARD
-    assert "NO_HEARTBEAT: none for more than 0.25 s" in str(loop.follower.mode.verdict)
+    assert "NO_HEARTBEAT: none for more than 0.25 s" in describe(loop.follower.mode.verdict)
 
 
 def test_a_command_is_repeated_between_poses_that_are_far_apart(bus, loop):
