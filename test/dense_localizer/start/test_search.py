@@ -72,7 +72,7 @@ def test_a_pose_that_is_given_is_tried_as_it_is(room, room_map):
 @pytest.mark.parametrize(("reason", "number"), [(Reason.LOW_OVERLAP, 1), (Reason.AMBIGUOUS, 0)])
 def test_a_given_pose_that_grey_levels_refuse_is_asked_by_contrast(asked, monkeypatch, reason, number):
     search, ask = asked
-    monkeypatch.setattr("dense_localizer.start.search.decide", lambda *_: SearchResult(None, Finding(reason)))
+    monkeypatch.setattr("dense_localizer.start.search.decide", lambda *_: SearchResult(None, Verdict(reason)))
     search.request(at(0.3))
     (tried,) = ask(1, 0.0)
     assert sum(one.by_contrast is True and one.T_map_camera is tried[0].T_map_camera for one in tried) == number
