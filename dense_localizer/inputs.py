@@ -13,7 +13,7 @@ from dense_localizer.constants import MOVING_SPEED
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization import FINE, Finding, InputCheck, Reason
+from sphere_nav.localization import FINE, InputCheck, Reason, Verdict
 from sphere_nav.localization.constants import SAMPLE_STEP
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
@@ -44,7 +44,7 @@ class LocalizerInput:
     """
 
     stamp_ns: int
-    finding: Finding = FINE
+    finding: Verdict = FINE
     images: tuple[RigImage, ...] = ()
     T_odom_camera: SE3 | None = None  # of the body, where cameras are several
     is_clock_jump: bool = False  # stamps are of another time from here on
@@ -98,7 +98,7 @@ class Inputs:
         depth = self._check_depth(seen, finding, is_moving=is_moving) if seen is not None else None
         return LocalizerInput(stamp_ns, finding, tuple(usable), T_odom_camera, stream.is_clock_jump, depth)
 
-    def _check_depth(self, one: CameraImage, finding: Finding, *, is_moving: bool) -> DepthImage | None:
+    def _check_depth(self, one: CameraImage, finding: Verdict, *, is_moving: bool) -> DepthImage | None:
         """Return the depth beside an image, seen from the body; None where it is frozen, or the camera is not to trust.
 
         An image in which nothing is seen is no reason against it.

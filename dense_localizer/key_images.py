@@ -7,8 +7,7 @@ the map explained less than four fifths of its key images: it was tracked, but b
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -52,27 +51,9 @@ class KeyImages:
         return True
 
 
-class Explanation(NamedTuple):
-    """How many key images a drive has, and how many of them the map explained."""
-
-    num_images: int
-    num_explained: int
-
-    @classmethod
-    def of(cls, explained: Iterable[bool]) -> Explanation:
-        """Count."""
-        told = list(explained)
-        return cls(len(told), sum(told))
-
-    @property
-    def is_enough(self) -> bool:
-        """Whether there are images enough to say anything."""
-        return self.num_images >= MIN_KEY_IMAGES
-
-    @property
-    def is_lesson(self) -> bool:
-        """Whether the drive was tracked, but badly."""
-        return self.is_enough and self.num_explained < MIN_EXPLAINED_SHARE * self.num_images
+def is_lesson(explained: Sequence[bool]) -> bool:
+    """Say whether a drive was tracked, but badly, by whether the map explained each of its key images."""
+    return len(explained) >= MIN_KEY_IMAGES and sum(explained) < MIN_EXPLAINED_SHARE * len(explained)
 
 
 def is_explained(estimate: CameraEstimate) -> bool:

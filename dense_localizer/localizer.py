@@ -27,7 +27,7 @@ from dense_localizer.track.inter_frame import InterFrame
 from dense_localizer.track.range_support import RangeSupport
 from dense_localizer.track.visual_odometry import VisualOdometry
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.localization import FINE, Finding, Reason, StateMachine, Status
+from sphere_nav.localization import FINE, Reason, StateMachine, Status, Verdict
 
 
 class Localizer:
@@ -51,7 +51,7 @@ class Localizer:
         """Localize the images of one instant; odometry and all poses are those of their body."""
         return self._step(self._inputs.check(images, stamp_ns, T_odom, self._prior.velocity))
 
-    def refuse(self, stamp_ns: int, finding: Finding) -> CameraEstimate:
+    def refuse(self, stamp_ns: int, finding: Verdict) -> CameraEstimate:
         """Note an image that cannot even be read."""
         return self._step(LocalizerInput(stamp_ns, finding))
 
@@ -98,7 +98,7 @@ class Localizer:
         self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)
         return self._report(frame, finding if finding.reason else frame.finding, candidate)
 
-    def _hold(self, frame: LocalizerInput, finding: Finding, refused: PoseCandidate | None = None) -> CameraEstimate:
+    def _hold(self, frame: LocalizerInput, finding: Verdict, refused: PoseCandidate | None = None) -> CameraEstimate:
         """Go on from the prediction, for a while."""
         prediction = self._prior.predict(frame.stamp_ns, frame.T_odom_camera)
         self._prior.hold(prediction, frame.T_odom_camera)
@@ -132,7 +132,7 @@ class Localizer:
         stamp_ns, images = self._inputs.stream.last_stamp_ns, self._inter_frame.images
         return self._find_start(LocalizerInput(stamp_ns, FINE, images)) if stamp_ns and images else None
 
-    def silence(self, elapsed_s: float, finding: Finding = FINE) -> Status | None:
+    def silence(self, elapsed_s: float, finding: Verdict = FINE) -> Status | None:
         """Return what to say so long after the last usable image, if that is too long; the state follows stamps."""
         found = self._inputs.stream.find_silence(elapsed_s, finding)
         return found and report_status(self._states.after_silence, *found, self._prior.age(found[0]))
@@ -146,5 +146,5 @@ class Localizer:
         for one in (self._prior, self.search, self._integrity, self._states, self._inter_frame, self._visual_odometry):
             one.reset()
 
-    def _report(self, frame: LocalizerInput, finding: Finding, used: PoseCandidate | None = None) -> CameraEstimate:
+    def _report(self, frame: LocalizerInput, finding: Verdict, used: PoseCandidate | None = None) -> CameraEstimate:
         return report_estimate(self._states, self._prior, frame.stamp_ns, finding, used)

@@ -30,7 +30,7 @@ from dense_localizer.params import CovarianceParams, PriorParams
 from dense_localizer.track.inter_frame import InterFrame
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.spheres.graph import Experience, SphereGraph
 
@@ -76,11 +76,11 @@ class Prediction:
         )
 
     @property
-    def finding(self) -> Finding:
+    def finding(self) -> Verdict:
         """What makes a pose found from this prediction one to use with care."""
         if self.defies_odometry:
-            return Finding(Reason.ODOM_STALE, detail="odometry disagrees with the images")
-        return Finding(Reason.GAP, self.step_s, self.max_step_s) if self.step_s > self.max_step_s else FINE
+            return Verdict(Reason.ODOM_STALE, detail="odometry disagrees with the images")
+        return Verdict(Reason.GAP, self.step_s, self.max_step_s) if self.step_s > self.max_step_s else FINE
 
     def frame_motion(self, readout_s: float) -> FrameMotion | None:
         """Return the motion within the frame by that since the last alignment; None for a global shutter."""

@@ -26,7 +26,7 @@ from mcl_depth.params import FilterParams
 from mcl_depth.status import REMEDIES, count, judge_belief
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization import FINE, Finding, InputCheck, State, StateMachine, Status
+from sphere_nav.localization import FINE, InputCheck, State, StateMachine, Status, Verdict
 from sphere_nav.localization.status import status_of
 
 
@@ -67,13 +67,13 @@ class Filter:
         self._begin(sample_gaussian(T_map_level, covariance, self.area, count, self._rng), is_given=True)
         self._states.search()
 
-    def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
+    def refuse(self, stamp_ns: int, finding: Verdict) -> Estimate:
         """Take note of an image that cannot be used."""
         if self._states.is_following and self._reckoning.age(stamp_ns) > self.params.state.max_blind_s:
             self._states.lose()
         return Estimate(self._status(stamp_ns, finding))
 
-    def silence(self, elapsed_s: float, finding: Finding = FINE) -> Status | None:
+    def silence(self, elapsed_s: float, finding: Verdict = FINE) -> Status | None:
         """Return what to say so long after the last usable image, if that is too long."""
         silence = self._input.find_silence(elapsed_s, finding)
         return self._status(*silence, self._states.after_silence) if silence is not None else None
@@ -124,7 +124,7 @@ class Filter:
         belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance, proof.places(hypotheses))
         return self._estimate(observation, verdict.finding, belief)
 
-    def _estimate(self, observation: Observation, finding: Finding, belief: Belief | None = None) -> Estimate:
+    def _estimate(self, observation: Observation, finding: Verdict, belief: Belief | None = None) -> Estimate:
         """Return the likeliest place, moved to this image by odometry, if it may leave."""
         status, reckoning = self._status(observation.stamp_ns, finding), self._reckoning
         if reckoning.best is None or not self._states.is_trusted:
@@ -144,7 +144,7 @@ class Filter:
         self.odometry.forget()
         self.evidence.reset(is_given=is_given)
 
-    def _status(self, stamp_ns: int, finding: Finding, state: State | None = None) -> Status:
+    def _status(self, stamp_ns: int, finding: Verdict, state: State | None = None) -> Status:
         reckoning = self._reckoning
         words = state or self._states.state, stamp_ns, finding, REMEDIES
         return status_of(*words, quality=reckoning.quality, p_chance=self._p_chance, age=reckoning.age(stamp_ns))

@@ -23,7 +23,7 @@ from mcl_depth.constants import (
     MIN_WEIGHT,
 )
 from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Finding, Reason, State
+from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Reason, State, Verdict
 
 SMALL_MAP = "probability that the place is chance: a map this small has few places to tell it by"
 GIVE_A_START = "give an initial pose or a larger map, or drive on"
@@ -39,24 +39,24 @@ REMEDIES = INPUT_REMEDIES | {
 
 
 @dataclass(frozen=True)
-class Verdict:
+class BeliefVerdict:
     """What one image makes of the belief: nothing to say, a finding to be careful with, or a bad one."""
 
-    finding: Finding = FINE
+    finding: Verdict = FINE
     is_bad: bool = False
     is_lost: bool = False  # nobody knows where the vehicle is
     num_images: int = 1  # that it counts for on probation; where it is careful, 0 says that it does not end it
 
-    def beside(self, seen: Reconciled, doubt: Finding) -> Verdict:
+    def beside(self, seen: Reconciled, doubt: Verdict) -> BeliefVerdict:
         """Return the verdict beside what images have against odometry now, and a `doubt` that was not dispelled."""
         if not seen.is_known:
-            return Verdict(seen.finding, is_bad=True, is_lost=True)
+            return BeliefVerdict(seen.finding, is_bad=True, is_lost=True)
         if self.is_bad:
-            return self if seen.hint is FINE else Verdict(seen.hint, is_bad=True)
-        return self if doubt is FINE else Verdict(doubt)
+            return self if seen.hint is FINE else BeliefVerdict(seen.hint, is_bad=True)
+        return self if doubt is FINE else BeliefVerdict(doubt)
 
 
-def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> Verdict:
+def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> BeliefVerdict:
     """Judge the belief after an image.
 
     Where particles do not agree, or the place is not proven, and odometry failed, odometry is the reason that is given.
@@ -66,43 +66,43 @@ def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max
     if not is_unproven and verdict.finding.reason not in (Reason.NONE, Reason.NO_CONVERGENCE):
         return verdict
     if step.jump > 0.0:
-        return Verdict(Finding(Reason.JUMP_REJECTED, step.jump, 0.0), verdict.is_bad)
-    return verdict if step.is_known else Verdict(Finding(Reason.ODOM_STALE), verdict.is_bad)
+        return BeliefVerdict(Verdict(Reason.JUMP_REJECTED, step.jump, 0.0), verdict.is_bad)
+    return verdict if step.is_known else BeliefVerdict(Verdict(Reason.ODOM_STALE), verdict.is_bad)
 
 
-def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: float) -> Verdict:
+def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: float) -> BeliefVerdict:
     best = hypotheses[0]
     second = hypotheses[1].weight if len(hypotheses) > 1 else 0.0
     limit = EVEN_ODDS if proof.is_held else max_chance
     alike = proof.survey.alike() if proof.survey is not None else ()
     if len(alike):
         names = " or ".join(f"{x:.1f}, {y:.1f} at {np.degrees(yaw):.0f} deg" for x, y, yaw in alike)
-        return Verdict(Finding(Reason.AMBIGUOUS, proof.p_chance, limit, names), is_bad=True)
+        return BeliefVerdict(Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, names), is_bad=True)
     if second >= AMBIGUOUS_SHARE * best.weight:
-        return Verdict(Finding(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE), is_bad=True)
+        return BeliefVerdict(Verdict(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE), is_bad=True)
     if best.weight < MIN_WEIGHT:
-        return Verdict(Finding(Reason.NO_CONVERGENCE, best.weight, MIN_WEIGHT, "belief in one place"), True)
+        return BeliefVerdict(Verdict(Reason.NO_CONVERGENCE, best.weight, MIN_WEIGHT, "belief in one place"), True)
     if best.sigma_m > MAX_SIGMA_M:
-        return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_m, MAX_SIGMA_M, "spread in m"), True)
+        return BeliefVerdict(Verdict(Reason.NO_CONVERGENCE, best.sigma_m, MAX_SIGMA_M, "spread in m"), True)
     if best.sigma_rad > MAX_SIGMA_RAD:
-        return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_rad, MAX_SIGMA_RAD, "spread in rad"), True)
+        return BeliefVerdict(Verdict(Reason.NO_CONVERGENCE, best.sigma_rad, MAX_SIGMA_RAD, "spread in rad"), True)
     if not proof.agrees:
         detail = "another place fits the last images better"
-        return Verdict(Finding(Reason.AMBIGUOUS, proof.p_chance, limit, detail), is_bad=True)
+        return BeliefVerdict(Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, detail), is_bad=True)
     if proof.p_chance >= limit:
         words = (SMALL_MAP, GIVE_A_START) if proof.is_small else ("probability that the place is chance",)
-        return Verdict(Finding(Reason.OUTLIERS, proof.p_chance, limit, *words), is_bad=True)
+        return BeliefVerdict(Verdict(Reason.OUTLIERS, proof.p_chance, limit, *words), is_bad=True)
     if best.sigma_m > GOOD_SIGMA_M:
-        finding = Finding(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
-        return Verdict(finding, num_images=0 if proof.is_small else 1)
+        finding = Verdict(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
+        return BeliefVerdict(finding, num_images=0 if proof.is_small else 1)
     is_clear, is_joint = (
         proof.p_chance < CLEAR_SHARE * max_chance,
         proof.survey is not None and proof.survey.is_of_rooms,
     )
-    return Verdict(num_images=JOINT_IMAGES * (1 + is_clear) if is_joint else 1)
+    return BeliefVerdict(num_images=JOINT_IMAGES * (1 + is_clear) if is_joint else 1)
 
 
-def count(states: StateMachine, verdict: Verdict, stamp_ns: int) -> None:
+def count(states: StateMachine, verdict: BeliefVerdict, stamp_ns: int) -> None:
     """Let the state follow from the verdict on one image; a place on probation that is refused was none."""
     if not verdict.is_bad:
         if not states.is_following:

@@ -10,12 +10,13 @@ from path_follower.constants import STEADY_NS
 from path_follower.modes import WITHDRAWN, Event, Mode, Phase
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
-from path_follower.reasons import FINE, Severity, StopReason, StopVerdict
+from path_follower.reasons import FINE, Severity, StopReason, describe, severity_of
 from path_follower.safety import SafetyMonitor
 from path_follower.vehicle import Limiter, Motion, Predictor
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.localization.status import Verdict
 
-OPERATOR, EMERGENCY = StopVerdict(StopReason.OPERATOR), StopVerdict(StopReason.EMERGENCY_STOP)
+OPERATOR, EMERGENCY = Verdict(StopReason.OPERATOR), Verdict(StopReason.EMERGENCY_STOP)
 
 
 class Resumption:
@@ -28,7 +29,7 @@ class Resumption:
 
     def is_due(self, mode: Mode, now_ns: int, *, is_fine: bool, is_tracking: bool) -> bool:
         """Return whether to go on; `is_fine`: nothing speaks against motion, `is_tracking`: localised without doubt."""
-        may_pass = is_fine and mode.verdict.severity is Severity.MISSING and self._rule != "never"
+        may_pass = is_fine and severity_of(mode.verdict) is Severity.MISSING and self._rule != "never"
         if may_pass and mode.phase is Phase.YIELDING:
             return True
         if not (may_pass and is_tracking and mode.phase is Phase.WAITING and self._rule == "standing"):
@@ -123,7 +124,7 @@ class Arming:
             self.mode.take(Event.PRESS, EMERGENCY)
         self.watch.is_emergency = is_pressed
 
-    def stand(self, verdict: StopVerdict) -> None:
+    def stand(self, verdict: Verdict) -> None:
         """Be disarmed, at zero command: the vehicle is left alone, or what it did meanwhile is not known."""
         self.limiter.stand()
         self.predictor.reset()
@@ -135,7 +136,7 @@ class Arming:
         self.predictor.reset()
         self.consistency.reset()
         self.limiter.last_ns = None
-        self.mode.take(Event.RESET, StopVerdict(StopReason.CLOCK_STOPPED, detail="the clock went backwards"))
+        self.mode.take(Event.RESET, Verdict(StopReason.CLOCK_STOPPED, detail="the clock went backwards"))
 
     def _go(self, event: Event, now_ns: int) -> str:
         """Drive, for one of the events that lead there, if table, inputs and place allow it."""
@@ -144,11 +145,11 @@ class Arming:
             return refusal
         verdict, place = self._find_start(now_ns)
         if verdict is not FINE:
-            return str(verdict)
+            return describe(verdict)
         self.location = place
         return self.mode.take(event)
 
-    def _find_start(self, now_ns: int) -> tuple[StopVerdict, Location | None]:
+    def _find_start(self, now_ns: int) -> tuple[Verdict, Location | None]:
         """Return why a drive cannot begin now, or FINE and where."""
         verdict = self.watch.judge_inputs(now_ns)
         if verdict is not FINE or self.path is None:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from path_follower.modes import FollowerState, Mode
 from path_follower.path import Location, ReferencePath, ReferencePoint
-from path_follower.reasons import StopVerdict
+from path_follower.reasons import REMEDIES
 from path_follower.steering import Errors
+from sphere_nav.localization.status import Verdict
 
 
 @dataclass(frozen=True)
@@ -25,11 +26,16 @@ class FollowerReport:
     """What the follower does and why; lengths in m."""
 
     state: FollowerState
-    verdict: StopVerdict
+    verdict: Verdict
     progress: float
     distance_to_end: float
     is_armed: bool
     permission: int  # the number of the one in force, or of the last
+
+    @property
+    def remedy(self) -> str:
+        """One line that says what to do."""
+        return self.verdict.advise(REMEDIES)
 
 
 @dataclass(frozen=True)

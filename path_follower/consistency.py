@@ -37,9 +37,10 @@ from path_follower.constants import (
 )
 from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Pose2, between, compose_poses, wrap
-from path_follower.reasons import FINE, StopReason, StopVerdict
+from path_follower.reasons import FINE, StopReason
 from path_follower.vehicle import ORIGIN, Predictor
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.localization.status import Verdict
 
 NO_VARIANCE = np.zeros(3)
 
@@ -48,8 +49,8 @@ NO_VARIANCE = np.zeros(3)
 class Doubt:
     """What speaks against a pose: a reason to stop, and one to drive slowly; FINE where there is none."""
 
-    stop: StopVerdict = FINE
-    slow: StopVerdict = FINE
+    stop: Verdict = FINE
+    slow: Verdict = FINE
     share: float = 0.0  # of what stops, the largest error that has added up
 
 
@@ -184,7 +185,7 @@ class MotionConsistency:
             self._pose.add(moved, last.wheels, now.wheels, WHEEL_ERRORS, variance)
             self._wheels.add(between(last.wheels.pose, now.wheels.pose), *commanded, self._errors, NO_VARIANCE)
 
-    def _judge_motion(self, now: Instant) -> StopVerdict:
+    def _judge_motion(self, now: Instant) -> Verdict:
         """Name what is wrong; a blocked vehicle looks like a frozen pose where no wheels are heard."""
         pose, source = self._pose, "wheels" if self._odometry else "commands"
         if pose.share > 1.0:
@@ -192,13 +193,13 @@ class MotionConsistency:
             reason = StopReason.POSE_JUMP if pose.is_leap else StopReason.POSE_INCONSISTENT
             reason = StopReason.NOT_MOVING if pose.is_still else reason
             reason = StopReason.POSE_FROZEN if is_frozen else reason
-            return StopVerdict(reason, pose.share, 1.0, f"the pose is {pose.found} beside the motion of the {source}")
+            return Verdict(reason, pose.share, 1.0, f"the pose is {pose.found} beside the motion of the {source}")
         if self._wheels.share > 1.0 and self._wheels.is_still and pose.slow_share <= 1.0:
             found = f"wheels and pose are {self._wheels.found} beside the motion of the commands"
-            return StopVerdict(StopReason.NOT_MOVING, self._wheels.share, 1.0, found)
+            return Verdict(StopReason.NOT_MOVING, self._wheels.share, 1.0, found)
         return FINE
 
-    def _slow(self, uncertain: StopVerdict, now_ns: int) -> Doubt:
+    def _slow(self, uncertain: Verdict, now_ns: int) -> Doubt:
         """Drive slowly while the pose is uncertain, for a limited time, or beside the motion by less than stops."""
         share = self._pose.share
         if uncertain is FINE:
@@ -206,19 +207,19 @@ class MotionConsistency:
             if self._pose.slow_share <= 1.0:
                 return Doubt(share=share)
             advice = "driving slowly until pose and motion agree again"
-            return Doubt(FINE, StopVerdict(StopReason.POSE_INCONSISTENT, share, 1.0, self._pose.found, advice), share)
+            return Doubt(FINE, Verdict(StopReason.POSE_INCONSISTENT, share, 1.0, self._pose.found, advice), share)
         self._uncertain_ns = self._uncertain_ns if self._uncertain_ns >= 0 else now_ns
         seconds, limit = (now_ns - self._uncertain_ns) / 1e9, self.params.safety.max_degraded_time
         if seconds <= limit:
             return Doubt(FINE, uncertain, share)
         found = f"for {seconds:.3g} s, limit {limit:.3g}: {uncertain.detail}"
-        return Doubt(StopVerdict(uncertain.reason, seconds, limit, found), uncertain, share)
+        return Doubt(Verdict(uncertain.reason, seconds, limit, found), uncertain, share)
 
     # --- wheels
-    def _judge_wheels(self, now_ns: int) -> StopVerdict:
+    def _judge_wheels(self, now_ns: int) -> Verdict:
         """Return whether wheels that were heard are silent."""
         silence, limit = (now_ns - self._odometry[-1][0]) / 1e9 if self._odometry else 0.0, MAX_ODOMETRY_SILENCE
-        return StopVerdict(StopReason.ODOM_TIMEOUT, silence, limit) if silence > limit else FINE
+        return Verdict(StopReason.ODOM_TIMEOUT, silence, limit) if silence > limit else FINE
 
     def _wheels_at(self, time_ns: int) -> Reckoning | None:
         """Return the odometry at a time, between two messages or after the last; None before the first."""
@@ -257,14 +258,14 @@ def judge_covariance(covariance: Array | None, limits: SafetyParams) -> Doubt:
     if covariance is None:
         return Doubt()
     if not np.isfinite(covariance).all():
-        return Doubt(StopVerdict(StopReason.POSE_UNCERTAIN, detail="covariance: expected finite numbers"))
+        return Doubt(Verdict(StopReason.POSE_UNCERTAIN, detail="covariance: expected finite numbers"))
     if not np.diagonal(covariance).all():
         found = "covariance: expected that of x, y and yaw, found zeros: none is stated"
-        return Doubt(StopVerdict(StopReason.POSE_UNCERTAIN, detail=found))
+        return Doubt(Verdict(StopReason.POSE_UNCERTAIN, detail=found))
     values = np.linalg.eigvalsh(covariance)
     if values[0] < -1e-6 * max(values[-1], 1e-6):
         found = f"covariance: expected positive semidefinite, found the eigenvalue {values[0]:.3g}"
-        return Doubt(StopVerdict(StopReason.POSE_UNCERTAIN, detail=found))
+        return Doubt(Verdict(StopReason.POSE_UNCERTAIN, detail=found))
     position = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]), 0.0))
     yaw = math.sqrt(max(float(covariance[2, 2]), 0.0))
     checks = ((position, limits.max_deviation, "m"), (yaw, MAX_YAW_DEVIATION, "rad"))
@@ -272,8 +273,8 @@ def judge_covariance(covariance: Array | None, limits: SafetyParams) -> Doubt:
     if value <= limit:
         return Doubt()
     found = f"standard deviation {value:.3g} {unit}, limit {limit:.3g}"
-    slow = StopVerdict(StopReason.POSE_UNCERTAIN, value, limit, found, "driving slowly until the pose is certain again")
+    slow = Verdict(StopReason.POSE_UNCERTAIN, value, limit, found, "driving slowly until the pose is certain again")
     if value <= 2.0 * limit:
         return Doubt(FINE, slow)
     found = f"standard deviation {value:.3g} {unit}, limit {2.0 * limit:.3g}"
-    return Doubt(StopVerdict(StopReason.POSE_UNCERTAIN, value, 2.0 * limit, found), slow)
+    return Doubt(Verdict(StopReason.POSE_UNCERTAIN, value, 2.0 * limit, found), slow)

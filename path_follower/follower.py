@@ -9,11 +9,11 @@ from path_follower.command import Command, FollowerReport, TrackingError, report
 from path_follower.constants import GOAL_TOLERANCE, SEARCH_WINDOW
 from path_follower.modes import SLOWLY, Event, FollowerState
 from path_follower.path import Pose2
-from path_follower.reasons import FINE, StopReason, StopVerdict
+from path_follower.reasons import FINE, StopReason
 from path_follower.speed import bounded_speed, eased_speed, speed_law
 from path_follower.steering import curvature_law, errors_of
 from path_follower.vehicle import Motion, braked
-from sphere_nav.localization.status import State
+from sphere_nav.localization.status import State, Verdict
 
 
 class Follower(Arming):
@@ -53,7 +53,7 @@ class Follower(Arming):
         Where the clock stands, so does the vehicle that it belongs to: when it goes on, so does the drive.
         """
         motion = braked(self.limiter.last, self.params.vehicle.stop_deceleration * seconds)
-        verdict = StopVerdict(StopReason.CLOCK_STOPPED, detail="/clock stands", advice="drives on when the clock does")
+        verdict = Verdict(StopReason.CLOCK_STOPPED, detail="/clock stands", advice="drives on when the clock does")
         state = FollowerState.STOPPING if motion.speed else FollowerState.STOPPED
         status = self.report if self.mode.is_at_rest else replace(self.report, state=state, verdict=verdict)
         return self._command(now_ns, motion, None, status)
@@ -62,7 +62,7 @@ class Follower(Arming):
         yaw_rate = motion.yaw_rate(self.params.vehicle.virtual_wheelbase)
         return Command(now_ns, motion.speed, yaw_rate, motion.steering_angle, tracking, status)
 
-    def _why_slow(self) -> StopVerdict:
+    def _why_slow(self) -> Verdict:
         """Return why it drives slowly, where it does for the localisation."""
         doubt = self.watch.doubt.slow
         return FINE if not self.watch.is_slow else SLOWLY if doubt is FINE else doubt
@@ -87,7 +87,7 @@ class Follower(Arming):
         remaining = path.end_of(ahead.segment) - ahead.arc_length
         return TrackingError(errors_of(predicted, virtual), virtual, self.location, remaining)
 
-    def _judge(self, inputs: StopVerdict, tracking: TrackingError | None) -> StopVerdict:
+    def _judge(self, inputs: Verdict, tracking: TrackingError | None) -> Verdict:
         """Return the first reason against motion."""
         if inputs is not FINE or tracking is None or self.path is None:
             return inputs
@@ -95,7 +95,7 @@ class Follower(Arming):
         place = self.watch.judge_place(tracking.location) if place is FINE else place
         return self.watch.judge_way(self.path, tracking.location, self.limiter.last.speed) if place is FINE else place
 
-    def _follow_verdict(self, verdict: StopVerdict, now_ns: int) -> None:
+    def _follow_verdict(self, verdict: Verdict, now_ns: int) -> None:
         """Stop for a reason, or end a stop whose reason has gone, by the rule `safety.resume`."""
         self.mode.halt(verdict)
         is_tracking = self.watch.state == State.TRACKING
@@ -111,7 +111,7 @@ class Follower(Arming):
             if following < len(self.path.segments):
                 self.location = self.path.begin_of(following)
             else:
-                self.mode.take(Event.END, StopVerdict(StopReason.END_OF_PATH))
+                self.mode.take(Event.END, Verdict(StopReason.END_OF_PATH))
 
     def _law(self, tracking: TrackingError | None) -> tuple[float, float | None]:
         """Return speed and curvature by eq. 25; no curvature: the wheels stay."""

@@ -15,8 +15,8 @@ from path_follower.modes import SLOWLY, Event
 from path_follower.obstacles import points_on_arc, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
-from path_follower.reasons import FINE, StopReason, StopVerdict
-from sphere_nav.localization.status import State
+from path_follower.reasons import FINE, StopReason
+from sphere_nav.localization.status import State, Verdict
 
 
 class HomingFollower(Follower):
@@ -54,7 +54,7 @@ class HomingFollower(Follower):
         inputs = self.watch.judge_inputs(now_ns)
         self._follow_verdict(self._judge_way() if inputs is FINE else inputs, now_ns)
         if self.is_there and self.limiter.last.speed == 0.0:
-            self.mode.take(Event.END, StopVerdict(StopReason.END_OF_PATH))
+            self.mode.take(Event.END, Verdict(StopReason.END_OF_PATH))
         speed, curvature = self._steer(now_ns)
         motion = self._limited(speed, curvature, now_ns)
         slow = SLOWLY if self.watch.state == State.DEGRADED else FINE
@@ -72,21 +72,21 @@ class HomingFollower(Follower):
         """Refuse: the path is that of who gives the directions."""
         raise ValueError("path: expected none while driving by direction, found one: give it to mcl_depth")
 
-    def _find_start(self, now_ns: int) -> tuple[StopVerdict, Location | None]:
+    def _find_start(self, now_ns: int) -> tuple[Verdict, Location | None]:
         """Return why a drive cannot begin now, or FINE: there is a direction that can be driven."""
         verdict = self.watch.judge_inputs(now_ns)
         verdict = self._judge_way() if verdict is FINE else verdict
         is_over = verdict is FINE and self.is_there
-        return (StopVerdict(StopReason.END_OF_PATH) if is_over else verdict), None
+        return (Verdict(StopReason.END_OF_PATH) if is_over else verdict), None
 
-    def _judge_way(self) -> StopVerdict:
+    def _judge_way(self) -> Verdict:
         """Return whether the direction is too far aside, or something stands in the way."""
         angle = abs(self.direction or 0.0)
         if angle > MAX_ANGLE:
-            return StopVerdict(StopReason.OFF_PATH, angle, MAX_ANGLE)
+            return Verdict(StopReason.OFF_PATH, angle, MAX_ANGLE)
         distance = stopping_distance(self.limiter.last.speed, self.params)
         count = points_on_arc(self.watch.points, self.limiter.last.steering_angle, distance, self.params)
-        return StopVerdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
+        return Verdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
 
     def _steer(self, now_ns: int) -> tuple[float, float | None]:
         """Return speed and curvature of the circle that leads to a point ahead in the direction (pure pursuit).

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import enum
 
-from path_follower.reasons import FINE, Severity, StopReason, StopVerdict
+from path_follower.reasons import FINE, GENTLE, Severity, StopReason, severity_of
+from sphere_nav.localization.status import Verdict
 
 
 class FollowerState(enum.StrEnum):
@@ -65,7 +66,7 @@ NO_PATH, IDLE, DRIVING, PAUSED, YIELDING, WAITING, STOPPING, STOPPED, FINISHED =
 BRAKING, UNLOADED = "the vehicle is still braking", "no path is loaded"
 NO_PAUSE, NO_RESUME = "nothing to pause: {state}", "nothing to resume: {state}"
 MOVING = "expected a follower that stands, disarmed, found {state}: call stop first"
-SLOWLY = StopVerdict(StopReason.LOCALISATION_DEGRADED, advice="driving slowly until the localiser is TRACKING again")
+SLOWLY = Verdict(StopReason.LOCALISATION_DEGRADED, advice="driving slowly until the localiser is TRACKING again")
 
 # Event -> phase -> the next one, or in one line why not. A phase that is not named is left as it is, and that is done.
 # START and RESUME come here once the inputs allow motion, BACK where `safety.resume` does.
@@ -131,7 +132,7 @@ class Mode:
         return FollowerState.SLOW if is_slow else FollowerState(self.phase.value.partition(",")[0])
 
     @property
-    def verdict(self) -> StopVerdict:
+    def verdict(self) -> Verdict:
         """Why it does not drive, or drives slowly."""
         return self._slow if self.phase is DRIVING else self._worst
 
@@ -160,7 +161,7 @@ class Mode:
         found = TABLE[event].get(self.phase)
         return found.format(state=self.state) if isinstance(found, str) else ""
 
-    def take(self, event: Event, verdict: StopVerdict = FINE) -> str:
+    def take(self, event: Event, verdict: Verdict = FINE) -> str:
         """Let an event happen, for the reason of a verdict; return why not, empty where it is done."""
         found = TABLE[event].get(self.phase, self.phase)
         if isinstance(found, str):
@@ -169,20 +170,20 @@ class Mode:
             self.permission += 1
         if event in BEGINS_ANEW:
             self._worst, self._slow, self.is_stopping_hard = FINE, FINE, False
-        elif verdict.severity > self._worst.severity or (event is Event.END and found is not self.phase):
+        elif severity_of(verdict) > severity_of(self._worst) or (event is Event.END and found is not self.phase):
             self._worst = verdict
         self.phase = found
         return ""
 
-    def halt(self, verdict: StopVerdict) -> None:
+    def halt(self, verdict: Verdict) -> None:
         """Take what was found against motion; where no drive is going on, or worse was found, it is no news."""
         if self.phase in (NO_PATH, IDLE, FINISHED):
             return
-        self.is_stopping_hard = self.is_stopping_hard or not verdict.is_gentle
-        if verdict.severity > self._worst.severity:
-            self.take(FOUND[verdict.severity], verdict)
+        self.is_stopping_hard = self.is_stopping_hard or verdict.reason not in GENTLE
+        if severity_of(verdict) > severity_of(self._worst):
+            self.take(FOUND[severity_of(verdict)], verdict)
 
-    def settle(self, *, is_standing: bool, slow: StopVerdict = FINE) -> None:
+    def settle(self, *, is_standing: bool, slow: Verdict = FINE) -> None:
         """Follow what the vehicle does: a stop that stands has ended; `slow`: why it drives slowly, else FINE."""
         self._slow = slow
         if is_standing:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+
+from sphere_nav.localization.status import Verdict
 
 
 class StopReason(enum.StrEnum):
@@ -74,12 +75,12 @@ class Severity(enum.IntEnum):
     EMERGENCY = 5
 
 
-GENTLE = (StopReason.NONE, StopReason.OPERATOR, StopReason.END_OF_PATH)
+GENTLE = (StopReason.NONE, StopReason.OPERATOR, StopReason.END_OF_PATH)  # the ordinary deceleration is enough
 MISSING = (
     *(StopReason.POSE_TIMEOUT, StopReason.STATUS_TIMEOUT, StopReason.SCAN_TIMEOUT, StopReason.ODOM_TIMEOUT),
     StopReason.NOT_LOCALISED,
 )
-SEVERITY = {
+SEVERITY: dict[enum.StrEnum, Severity] = {
     **dict.fromkeys((StopReason.NONE, StopReason.END_OF_PATH), Severity.NONE),
     **dict.fromkeys(MISSING, Severity.MISSING),
     **dict.fromkeys(
@@ -90,37 +91,17 @@ SEVERITY = {
 }  # else WRONG
 
 
-@dataclass(frozen=True)
-class StopVerdict:
-    """A reason, what was measured for it and the limit it broke, in the same unit; `detail` says what was found."""
-
-    reason: StopReason
-    value: float = 0.0
-    limit: float = 0.0
-    detail: str = ""
-    advice: str = ""  # in place of the usual remedy
-
-    def __str__(self) -> str:
-        """Everything in one line; empty if all is fine."""
-        if self.reason is StopReason.NONE:
-            return ""
-        found = self.detail or (f"found {self.value:.3g}, limit {self.limit:.3g}" if self.limit else "")
-        return f"{self.reason}: {found}: {self.remedy}" if found else f"{self.reason}: {self.remedy}"
-
-    @property
-    def remedy(self) -> str:
-        """One line that says what to do."""
-        return self.advice or REMEDIES[self.reason]
-
-    @property
-    def is_gentle(self) -> bool:
-        """Whether the ordinary deceleration is enough."""
-        return self.reason in GENTLE
-
-    @property
-    def severity(self) -> Severity:
-        """How bad it is."""
-        return SEVERITY.get(self.reason, Severity.WRONG)
+FINE = Verdict(StopReason.NONE)
 
 
-FINE = StopVerdict(StopReason.NONE)
+def describe(verdict: Verdict) -> str:
+    """Return everything in one line; empty if all is fine."""
+    if verdict.reason is StopReason.NONE:
+        return ""
+    found = verdict.detail or (f"found {verdict.value:.3g}, limit {verdict.limit:.3g}" if verdict.limit else "")
+    return ": ".join(filter(None, (verdict.reason, found, verdict.advise(REMEDIES))))
+
+
+def severity_of(verdict: Verdict) -> Severity:
+    """Return how bad it is."""
+    return SEVERITY.get(verdict.reason, Severity.WRONG)

@@ -15,9 +15,9 @@ from path_follower.constants import MAX_SCAN_SILENCE, MIN_POINTS, SEARCH_WINDOW
 from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
-from path_follower.reasons import FINE, StopReason, StopVerdict
+from path_follower.reasons import FINE, StopReason
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import TRUSTED, Reason, State
+from sphere_nav.localization.status import TRUSTED, Reason, State, Verdict
 
 
 class SafetyMonitor:
@@ -87,44 +87,44 @@ class SafetyMonitor:
         is_degraded = self.params.safety.is_status_required and self.state == State.DEGRADED
         return is_degraded or self.doubt.slow is not FINE
 
-    def judge_inputs(self, now_ns: int) -> StopVerdict:
+    def judge_inputs(self, now_ns: int) -> Verdict:
         """Return why the inputs do not allow motion, or FINE."""
         if self.is_emergency:
-            return StopVerdict(StopReason.EMERGENCY_STOP)
+            return Verdict(StopReason.EMERGENCY_STOP)
         if self.outside is not FINE:
             return self.outside
         if self.is_pose_bad:
-            return StopVerdict(StopReason.BAD_POSE, detail=self.refusal)
+            return Verdict(StopReason.BAD_POSE, detail=self.refusal)
         judged = self._judge_pose(now_ns), self.doubt.stop, self._judge_status(now_ns), self._judge_scan(now_ns)
         for verdict in judged:
             if verdict is not FINE:
                 return verdict
         return FINE
 
-    def judge_map(self, path: ReferencePath) -> StopVerdict:
+    def judge_map(self, path: ReferencePath) -> Verdict:
         """Return whether the path is one of the localiser's map, as far as both say of which they are."""
         if not path.map_id or not self.map_id or path.map_id == self.map_id:
             return FINE
-        return StopVerdict(StopReason.WRONG_MAP, detail=f"the path is of map {path.map_id}, the pose of {self.map_id}")
+        return Verdict(StopReason.WRONG_MAP, detail=f"the path is of map {path.map_id}, the pose of {self.map_id}")
 
-    def judge_place(self, location: Location) -> StopVerdict:
+    def judge_place(self, location: Location) -> Verdict:
         """Return whether the vehicle has left the path."""
         limits = self.params.safety
         if location.distance > limits.max_distance:
-            return StopVerdict(StopReason.OFF_PATH, location.distance, limits.max_distance)
+            return Verdict(StopReason.OFF_PATH, location.distance, limits.max_distance)
         if abs(location.heading_error) > limits.max_heading_error:
-            return StopVerdict(StopReason.OFF_PATH, abs(location.heading_error), limits.max_heading_error)
+            return Verdict(StopReason.OFF_PATH, abs(location.heading_error), limits.max_heading_error)
         return FINE
 
-    def judge_way(self, path: ReferencePath, location: Location, speed: float) -> StopVerdict:
+    def judge_way(self, path: ReferencePath, location: Location, speed: float) -> Verdict:
         """Return whether something stands in the way: in the footprint swept until the vehicle could stop."""
         if not len(self.points) or self.pose is None:
             return FINE
         distance = stopping_distance(speed, self.params)
         count = points_in_way(self.points, self.pose, path, location, distance, self.params)
-        return StopVerdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
+        return Verdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
 
-    def find_start(self, path: ReferencePath, last: Location | None) -> tuple[StopVerdict, Location | None]:
+    def find_start(self, path: ReferencePath, last: Location | None) -> tuple[Verdict, Location | None]:
         """Return where on the path the vehicle stands: near the last place if there is one, else anywhere."""
         assert self.pose is not None
         limits = self.params.safety
@@ -136,51 +136,51 @@ class SafetyMonitor:
                 return self.judge_way(path, near, 0.0), near
         here = path.locate(self.pose, limits.max_heading_error)
         if here is None:
-            return StopVerdict(StopReason.OFF_PATH, math.pi, limits.max_heading_error), None
+            return Verdict(StopReason.OFF_PATH, math.pi, limits.max_heading_error), None
         if here.distance > limits.max_distance:
-            return StopVerdict(StopReason.OFF_PATH, here.distance, limits.max_distance), None
+            return Verdict(StopReason.OFF_PATH, here.distance, limits.max_distance), None
         return self.judge_way(path, here, 0.0), here
 
-    def _judge_pose(self, now_ns: int) -> StopVerdict:
+    def _judge_pose(self, now_ns: int) -> Verdict:
         limit, refused = self.params.safety.max_pose_silence, f" (refused: {self.refusal})" if self.refusal else ""
         if self.pose_ns < 0:
-            return StopVerdict(StopReason.POSE_TIMEOUT, 0.0, limit, f"no pose yet{refused}")
+            return Verdict(StopReason.POSE_TIMEOUT, 0.0, limit, f"no pose yet{refused}")
         age = (now_ns - self.pose_ns) / 1e9
         if age > limit:
-            return StopVerdict(StopReason.POSE_TIMEOUT, age, limit, f"found {age:.3g} s, limit {limit:.3g}{refused}")
+            return Verdict(StopReason.POSE_TIMEOUT, age, limit, f"found {age:.3g} s, limit {limit:.3g}{refused}")
         return FINE
 
-    def _judge_status(self, now_ns: int) -> StopVerdict:
+    def _judge_status(self, now_ns: int) -> Verdict:
         limits = self.params.safety
         if not limits.is_status_required:
             return FINE
         if self.status_ns < 0:
-            return StopVerdict(StopReason.STATUS_TIMEOUT, 0.0, limits.max_status_silence, "no status yet")
+            return Verdict(StopReason.STATUS_TIMEOUT, 0.0, limits.max_status_silence, "no status yet")
         age = (now_ns - self.status_ns) / 1e9
         if age > limits.max_status_silence:
-            return StopVerdict(StopReason.STATUS_TIMEOUT, age, limits.max_status_silence)
+            return Verdict(StopReason.STATUS_TIMEOUT, age, limits.max_status_silence)
         if self.state not in TRUSTED:
             found = f"{self.state} {self.state_reason}".strip()
-            return StopVerdict(StopReason.NOT_LOCALISED, detail=f"the localiser is {found}" if found else "")
+            return Verdict(StopReason.NOT_LOCALISED, detail=f"the localiser is {found}" if found else "")
         if self.state_reason == Reason.FROZEN:  # the camera shows the past: no prediction carries over that
-            return StopVerdict(StopReason.NOT_LOCALISED, detail="the camera repeats an image")
+            return Verdict(StopReason.NOT_LOCALISED, detail="the camera repeats an image")
         blind, degraded = _since(self.blind_ns, now_ns), _since(self.degraded_ns, now_ns)
         if blind > limits.max_blind_time:
             found = f"no image confirms the pose for {blind:.3g} s, limit {limits.max_blind_time:.3g}"
-            return StopVerdict(StopReason.NOT_LOCALISED, blind, limits.max_blind_time, found)
+            return Verdict(StopReason.NOT_LOCALISED, blind, limits.max_blind_time, found)
         if degraded > limits.max_degraded_time:
-            return StopVerdict(StopReason.LOCALISATION_DEGRADED, degraded, limits.max_degraded_time)
+            return Verdict(StopReason.LOCALISATION_DEGRADED, degraded, limits.max_degraded_time)
         return FINE
 
-    def _judge_scan(self, now_ns: int) -> StopVerdict:
+    def _judge_scan(self, now_ns: int) -> Verdict:
         limit, why = MAX_SCAN_SILENCE, self.scan_refusal
         refused = f" (refused: {why})" if why else ""
         if self.scan_ns < 0:
-            missing = StopVerdict(StopReason.SCAN_TIMEOUT, 0.0, limit, f"no scan yet{refused}")
+            missing = Verdict(StopReason.SCAN_TIMEOUT, 0.0, limit, f"no scan yet{refused}")
             return missing if self.params.safety.is_scan_required or why else FINE
         age = (now_ns - self.scan_ns) / 1e9
         if age > limit:
-            return StopVerdict(StopReason.SCAN_TIMEOUT, age, limit, f"found {age:.3g} s, limit {limit:.3g}{refused}")
+            return Verdict(StopReason.SCAN_TIMEOUT, age, limit, f"found {age:.3g} s, limit {limit:.3g}{refused}")
         return FINE
 
 

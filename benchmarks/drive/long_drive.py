@@ -24,6 +24,7 @@ from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
+from path_follower.reasons import describe
 from path_follower.taught import reference_path, taught_speeds
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3
@@ -134,7 +135,7 @@ def drive(simulator: Simulator, taught: Taught) -> Driven:
                 break
         truth.append((simulator.vehicle.state.x, simulator.vehicle.state.y))
         simulator.step(command, STEP_NS)
-    driven.truth, driven.end = _moved(truth), f"{state} {answer.status.verdict}".strip()
+    driven.truth, driven.end = _moved(truth), f"{state} {describe(answer.status.verdict)}".strip()
     return driven
 
 

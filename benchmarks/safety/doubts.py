@@ -53,7 +53,7 @@ class Drive:
         self.wheels = WheelOdometry(ODOMETRY_NS / SECOND, seed, WheelErrors(slip=SLIP))
         self.command, self.last_state = VehicleCommand(), FollowerState.IDLE
         self.pending: list[tuple[int, Pose2]] = []
-        self.stops: list[StopReason] = []
+        self.stops: list[str] = []
 
     def run(self, seconds: float) -> None:
         """Let time pass."""

@@ -41,7 +41,7 @@ from dense_localizer.references.reference import Choice
 from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.checks.bias import PoseBias
 from sphere_nav.photometric.checks.structure import Structure
@@ -56,7 +56,7 @@ class Acceptance:
 
     is_accepted: bool
     is_good: bool
-    finding: Finding
+    finding: Verdict
     quality: float
 
 
@@ -81,9 +81,9 @@ class Check:
         return min((self.value - self.hard) / (2.0 * span), 1.0)
 
     @property
-    def finding(self) -> Finding:
+    def finding(self) -> Verdict:
         """Return the reason with the limit that was broken."""
-        return Finding(self.reason, float(self.value), self.hard if self.margin < 0 else self.good, self.detail)
+        return Verdict(self.reason, float(self.value), self.hard if self.margin < 0 else self.good, self.detail)
 
 
 def measure_innovation(T_map_camera: SE3, covariance: Array, prediction: Prediction) -> float:
@@ -120,7 +120,7 @@ def assess(
     if alignment.reason:
         return refuse(_explain_refusal(alignment, params, max_mad))
     if not (np.all(np.isfinite(alignment.T_world_camera.matrix)) and np.all(np.isfinite(covariance))):
-        return refuse(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
+        return refuse(Verdict(Reason.NO_CONVERGENCE, detail="the result is no number"))
     # Contrast needs no lead to be good: of 244 alignments that ended more than 0.3 m off in simulated towns none had an
     # agreement of 0.09 or a correlation of 0.3 (docs/notes/contrast.md).
     lead = 0.0 if choice.by_contrast and prediction is not None else 1.0
@@ -150,12 +150,12 @@ def assess_range(
     return _conclude(checks)
 
 
-def refuse(finding: Finding) -> Acceptance:
+def refuse(finding: Verdict) -> Acceptance:
     """Return that a result is not used, and why."""
     return Acceptance(is_accepted=False, is_good=False, finding=finding, quality=0.0)
 
 
-def _explain_refusal(alignment: Alignment, params: AcceptanceParams, max_mad: float) -> Finding:
+def _explain_refusal(alignment: Alignment, params: AcceptanceParams, max_mad: float) -> Verdict:
     """Return the finding of an alignment that refuses itself, with the value that belongs to its reason."""
     explained = {
         Reason.LOW_OVERLAP: (alignment.overlap, MIN_OVERLAP, ""),
@@ -165,7 +165,7 @@ def _explain_refusal(alignment: Alignment, params: AcceptanceParams, max_mad: fl
     }
     reason = Reason(alignment.reason)
     value, limit, detail = explained.get(reason, (0.0, 0.0, ""))
-    return Finding(reason, float(value), float(limit), detail)
+    return Verdict(reason, float(value), float(limit), detail)
 
 
 def _check_images(alignment: Alignment, params: AcceptanceParams, lead: float, *, is_proven: bool) -> list[Check]:
@@ -233,7 +233,7 @@ def _check_distance(
     ]
 
 
-def _name_cause(finding: Finding, alignment: Alignment, distance_ratio: float) -> Finding:
+def _name_cause(finding: Verdict, alignment: Alignment, distance_ratio: float) -> Verdict:
     """Return the finding; that of outliers by their likely cause, with the value that was judged."""
     gain = max((max(g, 1.0 / g) if g > 0 else np.inf for g in alignment.gains), default=1.0)
     bias = max((abs(b) for b in alignment.biases), default=0.0)

@@ -13,7 +13,7 @@ from dense_localizer.judge.acceptance import Acceptance, refuse
 from dense_localizer.motion_prior import Prediction, measure_position_sigma
 from dense_localizer.references.reference import Choice
 from sphere_nav.geometry import SE3, FrameMotion
-from sphere_nav.localization.status import Finding
+from sphere_nav.localization.status import Verdict
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.align.rig import RigImage
 
@@ -39,7 +39,7 @@ class PoseCandidate:
     is_by_parts: bool = False  # parts of the view have proven it, however little the whole resembles the map
     chance: float | None = None  # that as many parts agree in a wrong place, where they were asked
 
-    def refuse(self, finding: Finding) -> PoseCandidate:
+    def refuse(self, finding: Verdict) -> PoseCandidate:
         """Return it as one that is not used."""
         return replace(self, acceptance=refuse(finding))
 
@@ -49,7 +49,7 @@ class PoseCandidate:
         return self.acceptance.is_accepted
 
     @property
-    def finding(self) -> Finding:
+    def finding(self) -> Verdict:
         """The worst fact against it."""
         return self.acceptance.finding
 

@@ -12,7 +12,7 @@ from dense_localizer.motion_prior import PosePrior
 from dense_localizer.reasons import REMEDIES
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import BaseEstimate, Finding, State, Status, status_of
+from sphere_nav.localization.status import BaseEstimate, State, Status, Verdict, status_of
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class CameraEstimate:
 
 
 def report_estimate(
-    states: StateMachine, prior: PosePrior, stamp_ns: int, finding: Finding, candidate: PoseCandidate | None
+    states: StateMachine, prior: PosePrior, stamp_ns: int, finding: Verdict, candidate: PoseCandidate | None
 ) -> CameraEstimate:
     """Return the news of an instant; the pose, as the prior knows it, only where it is trusted."""
     status = report_status(states.state, stamp_ns, finding, prior.age(stamp_ns), candidate)
@@ -63,7 +63,7 @@ def report_estimate(
 
 
 def report_status(
-    state: State, stamp_ns: int, finding: Finding, age: float = 0.0, candidate: PoseCandidate | None = None
+    state: State, stamp_ns: int, finding: Verdict, age: float = 0.0, candidate: PoseCandidate | None = None
 ) -> Status:
     """Return the status with the evidence of a candidate, where there was one."""
     status = status_of(state, stamp_ns, finding, REMEDIES, age=age)

@@ -32,7 +32,7 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import FINE, Finding, Reason, State
+from sphere_nav.localization.status import FINE, Reason, State, Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.photometric.align.judgement import UNKNOWN
@@ -96,7 +96,7 @@ class Integrity:
         choice = chosen.choice
         if alignment is None:
             limit, detail = MIN_VISIBLE_SHARE, "no key sphere covers the view"
-            refusal = refuse(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
+            refusal = refuse(Verdict(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
             return PoseCandidate(prediction.T_map_camera, UNKNOWN, prediction, choice, refusal)
         images, registration = chosen.covered, self._params.registration
         motion = prediction.frame_motion(self._params.camera.readout)
@@ -133,7 +133,7 @@ class Integrity:
         if sample is not None:
             self._odometry.start(sample)
 
-    def confirm(self, frame: LocalizerInput, candidate: PoseCandidate) -> Finding:
+    def confirm(self, frame: LocalizerInput, candidate: PoseCandidate) -> Verdict:
         """Note an accepted candidate; return what is against it: by itself, by what preceded it, by odometry."""
         alignment, registration = candidate.alignment, self._params.registration
         self._count, self._is_biased, self._is_refused = self._count + 1, candidate.is_biased, False

@@ -25,7 +25,7 @@ from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.odometry import PoseBuffer
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,10 @@ class OdometryCheck:
         sigmas = float(np.sqrt(squared_distance(T_map_camera, sample.T_map_camera, covariance)))
         if sigmas > MAX_ODOMETRY_SIGMAS:
             detail = "standard deviations from where odometry says the camera has gone since it was last sure"
-            self._dispute = Finding(Reason.ODOM_STALE, sigmas, MAX_ODOMETRY_SIGMAS, detail)
+            self._dispute = Verdict(Reason.ODOM_STALE, sigmas, MAX_ODOMETRY_SIGMAS, detail)
             self._dispute_since_ns = sample.stamp_ns
 
-    def find(self, sample: OdometrySample) -> Finding:
+    def find(self, sample: OdometrySample) -> Verdict:
         """Note an image that was placed; return how odometry contradicts it."""
         if self._dispute is not FINE and sample.stamp_ns - self._dispute_since_ns > DISPUTE_S * 1e9:
             self._dispute, self._trusted = FINE, None  # it has held for long
@@ -102,7 +102,7 @@ class OdometryCheck:
         self._is_new = finding is FINE
         return finding
 
-    def _find_delay(self) -> Finding:
+    def _find_delay(self) -> Verdict:
         """Return the delay where it is surely one."""
         if self._information <= 0.0:
             return FINE
@@ -111,7 +111,7 @@ class OdometryCheck:
             return FINE
         late = "images late against odometry" if delay > 0 else "odometry late against images"
         detail = f"s, {late}, +- {sigma:.2g}"
-        return Finding(Reason.ODOM_STALE, abs(delay), MIN_DELAY_S, detail, "check the stamps of camera and odometry")
+        return Verdict(Reason.ODOM_STALE, abs(delay), MIN_DELAY_S, detail, "check the stamps of camera and odometry")
 
     def _compare(self, now: OdometrySample) -> None:
         """Compare the motions over the last interval; add what they show of the delay."""

@@ -12,7 +12,7 @@ from dense_localizer.ros.drive_recorder import DriveRecorder
 from dense_localizer.ros.maps import Maps, read_calibration
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import FINE, BaseEstimate, Finding, Reason, State, Status, status_of
+from sphere_nav.localization.status import FINE, BaseEstimate, Reason, State, Status, Verdict, status_of
 from sphere_nav.photometric import warm_up
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.intake import Cameras
@@ -124,13 +124,13 @@ class DenseLocalizerNode(LocalizerNode):
             for one in (picture, *picture.others)
         )
 
-    def refuse(self, stamp_ns: int, finding: Finding) -> Status:
+    def refuse(self, stamp_ns: int, finding: Verdict) -> Status:
         """Return the status of an image that cannot be used."""
         if self.localizer is None:
-            return status_of(State.NO_MAP, stamp_ns, Finding(Reason.NONE, advice=self.NO_MAP))
+            return status_of(State.NO_MAP, stamp_ns, Verdict(Reason.NONE, advice=self.NO_MAP))
         return self.localizer.refuse(stamp_ns, finding).status
 
-    def silence(self, elapsed_s: float, finding: Finding) -> Status | None:
+    def silence(self, elapsed_s: float, finding: Verdict) -> Status | None:
         """Return what to say of a silent camera."""
         return self.localizer.silence(elapsed_s, finding) if self.localizer is not None else None
 

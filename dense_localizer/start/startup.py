@@ -37,7 +37,7 @@ from dense_localizer.references.reference import References
 from dense_localizer.start.by_parts import PartsSearch
 from dense_localizer.start.guesses import Guess, is_same_pose, select_best, select_distinct
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric import View, register
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.graph import Experience, KeySphere
@@ -47,7 +47,7 @@ class SearchResult(NamedTuple):
     """The candidate found, or why none is given."""
 
     candidate: PoseCandidate | None
-    finding: Finding = FINE
+    finding: Verdict = FINE
 
 
 class Startup:
@@ -194,10 +194,10 @@ def decide(candidates: Sequence[PoseCandidate], params: SearchParams) -> SearchR
         found = [one for one in ranked if one.is_by_parts] or [one for one in ranked if one.is_by_range]
         if found and all(is_same_pose(found[0].T_map_camera, one.T_map_camera) for one in found[1:]):
             return SearchResult(found[0])
-        finding = Finding(Reason.LOW_OVERLAP, best_ncc, params.min_ncc, "no key sphere resembles the view")
+        finding = Verdict(Reason.LOW_OVERLAP, best_ncc, params.min_ncc, "no key sphere resembles the view")
         return SearchResult(None, finding)
     best = ranked[0].T_map_camera
     others = [one for one in ranked if not is_same_pose(best, one.T_map_camera)]
     if others and best_ncc - others[0].ncc < params.min_ncc_margin:
-        return SearchResult(None, Finding(Reason.AMBIGUOUS, best_ncc - others[0].ncc, params.min_ncc_margin))
+        return SearchResult(None, Verdict(Reason.AMBIGUOUS, best_ncc - others[0].ncc, params.min_ncc_margin))
     return SearchResult(ranked[0])

@@ -39,7 +39,7 @@ from dense_localizer.track.align import find_first_level
 from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import Finding, Reason
+from sphere_nav.localization.status import Reason, Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams, View, prepare_reference
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
@@ -48,8 +48,8 @@ from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.pixels.selection import choose_pixels
 
-CONTRADICTED = Finding(Reason.JUMP_REJECTED, detail="the map fits elsewhere than the last images say")
-UNSUPPORTED = Finding(Reason.OUTLIERS, detail="less like the map than before, and the last images say nothing")
+CONTRADICTED = Verdict(Reason.JUMP_REJECTED, detail="the map fits elsewhere than the last images say")
+UNSUPPORTED = Verdict(Reason.OUTLIERS, detail="less like the map than before, and the last images say nothing")
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ class VisualOdometry:
         sigma = COMPARISON_SIGMA + VO_DRIFT * self._way.meters
         return float(np.sum((xi / sigma) ** 2)) <= VO_MAX_SIGMAS**2
 
-    def _propagate(self, images: Sequence[RigImage], prediction: Prediction, cause: Finding) -> PoseCandidate | None:
+    def _propagate(self, images: Sequence[RigImage], prediction: Prediction, cause: Verdict) -> PoseCandidate | None:
         """Place images that the map does not place, `cause` says why; None where the last ones do not, or no longer."""
         last, way, limit = self._last, self._way, self._params.prior.max_blind_m
         if last is None or way is None or prediction.growth is None or prediction.blind_s > VO_MAX_STEP_S:

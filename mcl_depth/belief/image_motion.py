@@ -39,7 +39,7 @@ from mcl_depth.likeness.depth_map import DepthMap
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import PLANAR, Array
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference, register
 
 REMEDY = "check the wheels, who resets odometry, and whether the vehicle was carried"
@@ -66,10 +66,10 @@ class Reconciled:
     """
 
     observation: Observation
-    finding: Finding = FINE
+    finding: Verdict = FINE
     is_known: bool = True
     is_verified: bool = False
-    hint: Finding = FINE
+    hint: Verdict = FINE
 
     @property
     def is_contradicted(self) -> bool:
@@ -185,7 +185,7 @@ class ReconciledOdometry:
             else Reconciled(observation, hint=finding)
         )
 
-    def _compare(self, observation: Observation, motion: Array) -> tuple[Finding, Array, bool, bool]:
+    def _compare(self, observation: Observation, motion: Array) -> tuple[Verdict, Array, bool, bool]:
         """Return what the images have against a motion (3,) by odometry, the motion by both, is_known, is_verified.
 
         An image that cannot be aligned says something only where such images usually can.
@@ -199,7 +199,7 @@ class ReconciledOdometry:
             return FINE, motion, True, False
         if step.ncc < MIN_NCC:
             detail = "the image does not follow from the last one: correlation"
-            return Finding(Reason.JUMP_REJECTED, step.ncc, MIN_NCC, detail, REMEDY), motion, False, False
+            return Verdict(Reason.JUMP_REJECTED, step.ncc, MIN_NCC, detail, REMEDY), motion, False, False
         C_odometry = np.diag(self._noise.sigmas(motion, WHEEL_SIGMA) ** 2)
         difference = step.motion - motion
         difference[2] = float(wrap_angle(difference[2]))
@@ -207,7 +207,7 @@ class ReconciledOdometry:
         if square > CONTRADICTION:
             words, remedy = describe_difference(motion, step.motion)
             limit = float(np.sqrt(CONTRADICTION))
-            return Finding(Reason.JUMP_REJECTED, float(np.sqrt(square)), limit, words, remedy), step.motion, True, False
+            return Verdict(Reason.JUMP_REJECTED, float(np.sqrt(square)), limit, words, remedy), step.motion, True, False
         self._fit = step.ncc, motion, step.motion
         is_sharp = float(np.linalg.eigvalsh(step.covariance[:2, :2])[-1]) < SHARP_M**2
         return FINE, motion + C_odometry @ np.linalg.solve(C_odometry + step.covariance, difference), True, is_sharp

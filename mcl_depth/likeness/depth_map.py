@@ -22,7 +22,7 @@ from mcl_depth.likeness.level_view import level_view
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Camera, Spherical
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 
 
 class Synthesizer(Protocol):
@@ -103,7 +103,7 @@ class DepthMap:
             ranges = np.where(is_sky, np.inf, ranges).astype(np.float32)
         return np.roll(ranges, round(float(pose[2]) / (2.0 * np.pi) * self.camera.full_width), axis=1)
 
-    def level(self, image: NDArray[np.generic], camera: Camera, rotation: Array) -> tuple[Image, Mask, Finding]:
+    def level(self, image: NDArray[np.generic], camera: Camera, rotation: Array) -> tuple[Image, Mask, Verdict]:
         """Return an image as a level panorama (H, W), what of it is seen, and a finding where that is too little.
 
         rotation: R_level_camera (3, 3), as of `level_view`.
@@ -113,7 +113,7 @@ class DepthMap:
         if share >= least:
             return gray, is_seen, FINE
         detail = f"{share:.0%} of the panorama is seen"
-        return gray, is_seen, Finding(Reason.LOW_OVERLAP, share, least, detail)
+        return gray, is_seen, Verdict(Reason.LOW_OVERLAP, share, least, detail)
 
     def features_of(self, gray: Image, is_seen: Mask) -> Visual:
         """Return what an image is compared by: a level panorama (H, W) of grey levels, and what of it is seen."""

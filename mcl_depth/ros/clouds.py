@@ -22,7 +22,7 @@ from mcl_depth.geometry.mesh import TriangleMesh
 from mcl_depth.params import MclDepthParams
 from mcl_depth.site import Site
 from mcl_depth.status import REMEDIES
-from sphere_nav.localization.status import FINE, BaseEstimate, Finding, Reason, State, Status, status_of
+from sphere_nav.localization.status import FINE, BaseEstimate, Reason, State, Status, Verdict, status_of
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions.driving import check_frames
 from sphere_nav.ros.endpoints import Endpoints
@@ -110,7 +110,7 @@ class GeometryLoader:
             self._share = self._site.prepare(None if self.params.every_image else MADE_AT_ONCE)
         except ValueError as error:
             detail = "; ".join([str(error), *self.geometry.warnings])
-            self.fault = Finding(Reason.MAP_ERROR, detail=detail)
+            self.fault = Verdict(Reason.MAP_ERROR, detail=detail)
             self._log.error(detail)
             return None
         if self._share < 1.0:
@@ -118,14 +118,14 @@ class GeometryLoader:
         self._log.info("map: ready")
         return self._site.filter()
 
-    def status(self, stamp: int, fault: Finding) -> Status:
+    def status(self, stamp: int, fault: Verdict) -> Status:
         """Return what an image is answered with while there is no filter."""
         if self.geometry is None:
-            return status_of(State.NO_MAP, stamp, Finding(Reason.NONE, advice=NO_CLOUD))
+            return status_of(State.NO_MAP, stamp, Verdict(Reason.NONE, advice=NO_CLOUD))
         if self.fault is not FINE:
             return status_of(State.NO_MAP, stamp, self.fault, REMEDIES)
         if fault is FINE and self._share < 1.0:
-            fault = Finding(Reason.NO_CONVERGENCE, self._share, 1.0, "share of the map that is made ready", WAIT)
+            fault = Verdict(Reason.NO_CONVERGENCE, self._share, 1.0, "share of the map that is made ready", WAIT)
         return status_of(State.SEARCHING, stamp, fault, REMEDIES)
 
     def on_cloud(self, message: PointCloud2) -> None:

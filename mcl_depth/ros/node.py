@@ -17,7 +17,7 @@ from mcl_depth.ros.views import HomingGuide, Views
 from mcl_depth.warm_up import warm_up
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.status import FINE, BaseEstimate, Finding, Status
+from sphere_nav.localization.status import FINE, BaseEstimate, Status, Verdict
 from sphere_nav.ros import qos
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.conversions.beliefs import imu_attitude
@@ -98,7 +98,7 @@ class MclDepthNode(LocalizerNode):
         self.clouds.tell_fix(found, stamp)
         return found
 
-    def refuse(self, stamp_ns: int, finding: Finding) -> Status:
+    def refuse(self, stamp_ns: int, finding: Verdict) -> Status:
         """Return the status of an image that cannot be used."""
         if self.filter is None:
             return self.clouds.status(stamp_ns, finding)
@@ -106,7 +106,7 @@ class MclDepthNode(LocalizerNode):
         self.guide.answer(None, status, stamp_ns)
         return status
 
-    def silence(self, elapsed_s: float, finding: Finding) -> Status | None:
+    def silence(self, elapsed_s: float, finding: Verdict) -> Status | None:
         """Return what to say of a silent camera."""
         return self.filter.silence(elapsed_s, finding) if self.filter is not None else None
 

@@ -22,9 +22,10 @@ from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
 from path_follower.params import PathFollowerParams
 from path_follower.path import ReferencePath
-from path_follower.reasons import FINE, StopReason, StopVerdict
+from path_follower.reasons import FINE, StopReason, describe
 from path_follower.ros.intake import Answered, DirectionIntake, PoseIntake, ScanIntake
 from path_follower.ros.peers import Peers
+from sphere_nav.localization.status import Verdict
 from sphere_nav.ros import qos
 from sphere_nav.ros.clocks import ClockWatch, SimulatedTicks, Times
 from sphere_nav.ros.constants import MAX_AHEAD_NS
@@ -115,7 +116,7 @@ class ControlLoop:
             verdict = self.peers.begin()
             self.follower.watch.outside = self.peers.judge()
             if verdict is not FINE:
-                return str(verdict)
+                return describe(verdict)
             self.send(self.twist(0.0, 0.0, self.stamp_at(self.endpoints.now_ns()) - 1))
         return start(self.times.now())
 
@@ -126,7 +127,7 @@ class ControlLoop:
 
     def stand(self) -> None:
         """Leave the vehicle with a zero command that everybody has who receives commands."""
-        self.follower.stand(StopVerdict(StopReason.OPERATOR))
+        self.follower.stand(Verdict(StopReason.OPERATOR))
         self.send(self.twist(0.0, 0.0, self.stamp_at(self.endpoints.now_ns()) - 1))
         if not self.cmd_vel.wait_for_acknowledgement(ACKNOWLEDGE):
             self.endpoints.log.warning("cmd_vel: the last command, zero, was not acknowledged by all who receive it")
@@ -158,7 +159,7 @@ class ControlLoop:
         clock, watch, now = self.endpoints.now_ns(), self.clock_watch, self.times.now()
         watch.observe(clock, self.endpoints.steady_ns(), lambda: bool(self.endpoints.publishers_of("/clock")))
         if watch.is_over and not self.follower.mode.is_at_rest:
-            self.follower.stand(StopVerdict(StopReason.CLOCK_STOPPED, watch.abandoned, MAX_CLOCK_PAUSE))
+            self.follower.stand(Verdict(StopReason.CLOCK_STOPPED, watch.abandoned, MAX_CLOCK_PAUSE))
         if watch.is_standing:
             self.publish(self.follower.hold(now, watch.pause), self.stamp_at(clock) - 1)  # it answers nothing
         elif self.ticks is not None:
@@ -220,7 +221,7 @@ class ControlLoop:
     def tell(self, status: FollowerReport) -> None:
         """Report to the diagnostics; log every change of state or reason."""
         is_stop = status.state in (FollowerState.STOPPING, FollowerState.STOPPED)
-        text = f"{status.state} {status.verdict}".strip()
+        text = f"{status.state} {describe(status.verdict)}".strip()
         values = {"progress": status.progress, "armed": status.is_armed, "worst_cycle": round(self.cycle.worst, 4)}
         self.endpoints.report("follower", WARN if is_stop else OK, text, **values)
         change = f"{status.state} {status.verdict.reason}"

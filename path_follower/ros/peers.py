@@ -9,7 +9,8 @@ from std_msgs.msg import Bool
 
 from path_follower.constants import GUARD_GRACE_NS, GUARD_SILENCE_NS, HEARD_BEFORE_NS
 from path_follower.guard.guard import AWAITED
-from path_follower.reasons import FINE, StopReason, StopVerdict
+from path_follower.reasons import FINE, StopReason
+from sphere_nav.localization.status import Verdict
 from sphere_nav.ros import qos
 from sphere_nav.ros.endpoints import ERROR, OK, Endpoints
 
@@ -82,12 +83,12 @@ class Peers:
     def _hear_guard(self, message: GuardStatus) -> None:
         self._guard, self._guard_ns = message, self._endpoints.steady_ns()
 
-    def begin(self) -> StopVerdict:
+    def begin(self) -> Verdict:
         """Return why a drive may not begin now, or FINE; what the guard waits for, a start gives."""
         self.look()
         self._relied_on, self._started_ns = self.emergency.names, self._endpoints.steady_ns()
         doubt = self.emergency.doubt
-        return StopVerdict(StopReason.EMERGENCY_STOP, detail=doubt) if doubt else self.judge()
+        return Verdict(StopReason.EMERGENCY_STOP, detail=doubt) if doubt else self.judge()
 
     def look(self) -> None:
         """Look who publishes: more than one pose, status or command cannot be followed."""
@@ -98,24 +99,24 @@ class Peers:
             text = f"{topic}: {', '.join(names) or 'no publisher'}"
             self._endpoints.report(f"publishers {topic}", ERROR if len(names) > 1 else OK, text)
             if len(names) > 1 and self._published is FINE:
-                self._published = StopVerdict(reason, len(names), 1, f"{topic} is published by {', '.join(names)}")
+                self._published = Verdict(reason, len(names), 1, f"{topic} is published by {', '.join(names)}")
 
-    def judge(self) -> StopVerdict:
+    def judge(self) -> Verdict:
         """Return why the vehicle may not move, or FINE."""
         names = self.emergency.names
         if self._relied_on and len(names) != 1:
             found = f"published by {', '.join(names)}" if names else f"{self._relied_on[0]} publishes it no more"
-            return StopVerdict(StopReason.EMERGENCY_STOP, detail=found)
+            return Verdict(StopReason.EMERGENCY_STOP, detail=found)
         return self._judge_guard() if self._published is FINE else self._published
 
-    def _judge_guard(self) -> StopVerdict:
+    def _judge_guard(self) -> Verdict:
         if self._guard is None:
             return FINE
         now, guard = self._endpoints.steady_ns(), self._guard
         if now - self._guard_ns > GUARD_SILENCE_NS:
             silent = (now - self._guard_ns) / 1e9
-            return StopVerdict(StopReason.COMMAND_GUARD, silent, GUARD_SILENCE_NS / 1e9, f"silent for {silent:.2g} s")
+            return Verdict(StopReason.COMMAND_GUARD, silent, GUARD_SILENCE_NS / 1e9, f"silent for {silent:.2g} s")
         is_awaited = guard.reason in AWAITED and now - self._started_ns < GUARD_GRACE_NS
         if not guard.reason or is_awaited:
             return FINE
-        return StopVerdict(StopReason.COMMAND_GUARD, detail=f"{guard.reason}: {guard.detail}")
+        return Verdict(StopReason.COMMAND_GUARD, detail=f"{guard.reason}: {guard.detail}")

@@ -6,6 +6,6 @@
 
 from sphere_nav.localization.input_check import InputCheck
 from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import FINE, Finding, Reason, State, Status
+from sphere_nav.localization.status import FINE, Reason, State, Status, Verdict
 
-__all__ = ["FINE", "Finding", "InputCheck", "Reason", "State", "StateMachine", "Status"]
+__all__ = ["FINE", "InputCheck", "Reason", "State", "StateMachine", "Status", "Verdict"]

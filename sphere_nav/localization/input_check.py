@@ -22,14 +22,14 @@ from sphere_nav.localization.constants import (
     SAMPLE_STEP,
 )
 from sphere_nav.localization.params import InputParams
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 
 
 @dataclass(frozen=True)
 class InputReport:
     """What the checks say; after a `clock_jump` everything with a stamp is to be forgotten."""
 
-    finding: Finding = FINE
+    finding: Verdict = FINE
     is_clock_jump: bool = False
 
     @property
@@ -69,7 +69,7 @@ class InputCheck:
             self.last_stamp_ns = stamp_ns
         return InputReport(finding, is_clock_jump)
 
-    def check_image(self, image: NDArray[Any], camera: Camera, *, is_moving: bool = False) -> Finding:
+    def check_image(self, image: NDArray[Any], camera: Camera, *, is_moving: bool = False) -> Verdict:
         """Judge an image (H, W) without its stamp."""
         finding = self._check_camera(image, camera)
         if finding.reason is Reason.NONE:
@@ -77,21 +77,21 @@ class InputCheck:
             finding = self._check_pixels(image, sample, is_moving)
         return finding
 
-    def find_silence(self, elapsed_s: float, finding: Finding = FINE) -> tuple[int, Finding] | None:
+    def find_silence(self, elapsed_s: float, finding: Verdict = FINE) -> tuple[int, Verdict] | None:
         """Return the present stamp and what to say so long after the last usable image, if that is too long.
 
         `finding` says why the images since then could not be used; without one none has come.
         """
         if self.last_stamp_ns is None or elapsed_s <= self._params.timeout_s:
             return None
-        timeout = Finding(Reason.TIMEOUT, elapsed_s, self._params.timeout_s)
+        timeout = Verdict(Reason.TIMEOUT, elapsed_s, self._params.timeout_s)
         return self.last_stamp_ns + round(elapsed_s * 1e9), timeout if finding.reason is Reason.NONE else finding
 
-    def _check_stamp(self, stamp_ns: int) -> tuple[Finding, bool]:
+    def _check_stamp(self, stamp_ns: int) -> tuple[Verdict, bool]:
         """Refuse zero, repeated, backward and leaping stamps, until several in a row agree on the new time."""
         last = self.last_stamp_ns
         if stamp_ns <= 0:
-            return Finding(Reason.BAD_STAMP, stamp_ns * 1e-9, 0.0, "stamp is zero or negative"), False
+            return Verdict(Reason.BAD_STAMP, stamp_ns * 1e-9, 0.0, "stamp is zero or negative"), False
         if last is None:
             return FINE, False
         step = (stamp_ns - last) * 1e-9
@@ -99,11 +99,11 @@ class InputCheck:
             self._pending_stamps.clear()
             return FINE, False
         if stamp_ns == last:
-            return Finding(Reason.BAD_STAMP, 0.0, 0.0, "stamp repeated"), False
+            return Verdict(Reason.BAD_STAMP, 0.0, 0.0, "stamp repeated"), False
         if self._is_new_time(stamp_ns):
             return FINE, True
         word, limit = ("backward", 0.0) if step < 0 else ("leaps forward", self._params.max_leap_s)
-        return Finding(Reason.BAD_STAMP, step, limit, f"stamp {word} by {abs(step):.3f} s"), False
+        return Verdict(Reason.BAD_STAMP, step, limit, f"stamp {word} by {abs(step):.3f} s"), False
 
     def _is_new_time(self, stamp_ns: int) -> bool:
         pending = self._pending_stamps
@@ -112,43 +112,43 @@ class InputCheck:
         pending.append(stamp_ns)
         return len(pending) >= CLOCK_JUMP_IMAGES
 
-    def _check_camera(self, image: NDArray[Any], camera: Camera) -> Finding:
+    def _check_camera(self, image: NDArray[Any], camera: Camera) -> Verdict:
         if image.shape != (camera.height, camera.width):
             expected, found = f"{camera.width} x {camera.height}", f"{image.shape[-1]} x {image.shape[0]}"
             detail = f"image size: expected {expected} (camera_info), found {found}"
-            return Finding(Reason.BAD_INFO, float(image.shape[-1]), float(camera.width), detail)
+            return Verdict(Reason.BAD_INFO, float(image.shape[-1]), float(camera.width), detail)
         if self._camera is not None and self._camera != camera:
-            return Finding(Reason.BAD_INFO, detail="camera_info changed while running; call reset to accept it")
+            return Verdict(Reason.BAD_INFO, detail="camera_info changed while running; call reset to accept it")
         self._camera = camera
         return FINE
 
-    def _check_pixels(self, image: NDArray[Any], sample: NDArray[Any], is_moving: bool) -> Finding:
+    def _check_pixels(self, image: NDArray[Any], sample: NDArray[Any], is_moving: bool) -> Verdict:
         if image.dtype.kind == "f" and not np.isfinite(np.sum(image)):
             num_bad = int(np.sum(~np.isfinite(image)))
-            return Finding(Reason.LOW_TEXTURE, num_bad, 0.0, "pixels that are no numbers")
+            return Verdict(Reason.LOW_TEXTURE, num_bad, 0.0, "pixels that are no numbers")
         finding = self._check_light(sample)
         return finding if finding.reason is not Reason.NONE else self.check_frozen(sample, is_moving=is_moving)
 
-    def _check_light(self, sample: NDArray[Any]) -> Finding:
+    def _check_light(self, sample: NDArray[Any]) -> Verdict:
         levels, counts = _count_levels(sample)
         dark, bright = (
             float(counts[part].sum()) / sample.size for part in (levels <= DARK_LEVEL, levels >= BRIGHT_LEVEL)
         )
         for share, word in ((dark, "black"), (bright, "saturated")):
             if share > MAX_CLIPPED_SHARE:
-                return Finding(Reason.LOW_TEXTURE, share, MAX_CLIPPED_SHARE, f"image is {word}")
+                return Verdict(Reason.LOW_TEXTURE, share, MAX_CLIPPED_SHARE, f"image is {word}")
         mean = float(levels @ counts) / sample.size
         contrast, limit = float(np.sqrt((levels - mean) ** 2 @ counts / sample.size)), MIN_CONTRAST
-        return Finding(Reason.LOW_TEXTURE, contrast, limit, "image has no contrast") if contrast < limit else FINE
+        return Verdict(Reason.LOW_TEXTURE, contrast, limit, "image has no contrast") if contrast < limit else FINE
 
-    def check_frozen(self, sample: NDArray[Any], *, is_moving: bool = False) -> Finding:
+    def check_frozen(self, sample: NDArray[Any], *, is_moving: bool = False) -> Verdict:
         """Judge whether pixels (numbers) are new, of an image or of depth."""
         is_repeat = self._last_sample is not None and np.array_equal(sample, self._last_sample)
         self._num_repeats = self._num_repeats + 1 if is_repeat else 0
         if not is_repeat:
             self._last_sample = sample
         if self._num_repeats >= FROZEN_IMAGES and (is_moving or not self._params.allow_still):
-            return Finding(Reason.FROZEN, self._num_repeats, FROZEN_IMAGES, "identical images with new stamps")
+            return Verdict(Reason.FROZEN, self._num_repeats, FROZEN_IMAGES, "identical images with new stamps")
         return FINE
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -20,10 +21,10 @@ __all__ = [
     "INPUT_REMEDIES",
     "TRUSTED",
     "BaseEstimate",
-    "Finding",
     "Reason",
     "State",
     "Status",
+    "Verdict",
     "describe_status",
     "status_of",
 ]  # fmt: skip
@@ -83,25 +84,29 @@ INPUT_REMEDIES = {
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One fact against an image: a reason, a number and its limit; `detail` names what the number is where needed.
+class Verdict:
+    """One fact against an image or a drive: a reason of some vocabulary, a number and its limit, in the same unit.
 
-    `advice` takes the place of what is usually to be done about the reason.
+    `detail` says what the number is, or what was found; `advice` takes the place of the usual remedy.
     """
 
-    reason: Reason
+    reason: StrEnum
     value: float = 0.0
     limit: float = 0.0
     detail: str = ""
     advice: str = ""
 
-    def remedy(self, remedies: Mapping[Reason, str]) -> str:
+    def advise(self, remedies: Mapping[Any, str]) -> str:
+        """Return what to do, in one line."""
+        return self.advice or remedies[self.reason]
+
+    def remedy(self, remedies: Mapping[Any, str]) -> str:
         """Return one line on what to do, led by the detail."""
-        advice = self.advice or remedies[self.reason]
+        advice = self.advise(remedies)
         return f"{self.detail}; {advice}" if self.detail else advice
 
 
-FINE = Finding(Reason.NONE)
+FINE = Verdict(Reason.NONE)
 
 
 @dataclass(frozen=True)
@@ -129,8 +134,8 @@ class Status:
 def status_of(
     state: State,
     stamp_ns: int,
-    finding: Finding,
-    remedies: Mapping[Reason, str] = INPUT_REMEDIES,
+    finding: Verdict,
+    remedies: Mapping[Any, str] = INPUT_REMEDIES,
     *,
     quality: float = 0.0,
     p_chance: float = 1.0,

@@ -7,7 +7,6 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
 from tf2_msgs.msg import TFMessage
 from tqdm import tqdm
 
@@ -99,27 +98,6 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
     kinect = parser.add_argument_group("seven_scenes", "Its depth is not registered to its colour.")
     kinect.add_argument(
-        "--depth-camera",
-        type=number_list(4, 12),
-        default=LENSES["seven_scenes depth"],
-        metavar=LENS,
-        help="px; 585,585,320,240",
-    )
-    kinect.add_argument(
-        "--offset",
-        type=number_list(3),
-        default=(-0.025, 0.0, 0.0),
-        metavar="X,Y,Z",
-        help="m; X_colour = rotation X_depth + offset (-0.025,0,0)",
-    )
-    kinect.add_argument(
-        "--rotation",
-        type=number_list(3),
-        default=(0.0, 0.0, 0.0),
-        metavar="X,Y,Z",
-        help="rotation vector in deg (0,0,0)",
-    )
-    kinect.add_argument(
         "--truth-camera",
         choices=("depth", "colour"),
         default="depth",
@@ -128,7 +106,6 @@ def _add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
     kinect.add_argument(
         "--poses", type=Path, metavar="DIR", help="folder of other frame-*.pose.txt (that of the images)"
     )
-    kinect.add_argument("--registered", action="store_true", help="take colour and depth as one camera, --depth-camera")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -154,12 +131,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _seven_scenes(arguments: argparse.Namespace) -> Recording:
-    depth_camera = kinect_camera(arguments.depth_camera)
-    rotation = SE3.exp((0.0, 0.0, 0.0, *np.radians(arguments.rotation))).rotation
+    depth_camera, T_color_depth = kinect_camera(LENSES["seven_scenes depth"]), SE3.from_planar(-0.025, 0.0, 0.0)
     return open_seven_scenes(
         arguments.folder,
-        depth_camera if arguments.registered else kinect_camera(arguments.camera or LENSES["seven_scenes"]),
-        None if arguments.registered else (depth_camera, SE3.from_parts(rotation, np.array(arguments.offset))),
+        kinect_camera(arguments.camera or LENSES["seven_scenes"]),
+        (depth_camera, T_color_depth),
         is_truth_of_depth=arguments.truth_camera == "depth",
         poses=arguments.poses,
     )

@@ -44,7 +44,7 @@ COMMANDS = (
     Subcommand("map-info", "maps.map_info", "tell what is in a map"),
     Subcommand("map-verify", "maps.map_verify", "check every sphere of a map, salvage a damaged one"),
     Subcommand("map-export", "maps.map_export", "write a map as point cloud, graph or trajectory"),
-    Subcommand("map-learn", "maps.map_learn", "learn from the drives that were kept beside a map, or take it back"),
+    Subcommand("map-learn", "maps.map_learn", "learn from the drives that were kept beside a map"),
     Subcommand("route", "route", "make a network of taught paths with named places, plan ways on it"),
     Subcommand("view", "view.view", "look around in a map, in a web browser"),
     Subcommand("evaluate", "evaluate", "compare estimated poses with the truth"),

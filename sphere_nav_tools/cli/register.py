@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,7 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--guess", type=numbers_argument(7), metavar="X,Y,Z,QX,QY,QZ,QW", help="first guess of T_a_b (identity)"
     )
-    parser.add_argument("--json", type=Path, metavar="F", help="write to this file too")
     topics.add_options(parser, has_cameras=False)
 
 
@@ -60,10 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     guess = arguments.guess
     T_a_b = SE3.from_quaternion(guess[3:], guess[:3]) if guess else SE3.identity()
     found = register_spheres(a, b, T_a_b, params)
-    text = json.dumps(found.values(), indent=2)
-    print(text)
-    if arguments.json:
-        arguments.json.write_text(text + "\n", encoding="utf-8")
+    print(json.dumps(found.values(), indent=2))
     if not found.is_converged:
         print(f"sphere_nav register: {arguments.b}: {describe_refusal(found.reason)}", file=sys.stderr)
     return 0 if found.is_converged else 1

@@ -7,11 +7,10 @@ images that were withheld, and no fewer of other drives. Then it replaces the ma
 
 from __future__ import annotations
 
-import logging
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, count
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import MIN_EXPLAINED_NCC
-from dense_localizer.key_images import Explanation
+from dense_localizer.key_images import is_lesson
 from dense_localizer.localizer import Localizer
 from dense_localizer.motion_prior import measure_position_sigma
 from dense_localizer.params import LocalizerParams
@@ -31,12 +30,9 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.writer import PARTIAL
-from sphere_nav.ros.maps.check import verify_map
-from sphere_nav.ros.maps.reader import FILE_NAME, MapDetails, MapReader, open_map
+from sphere_nav.ros.maps.reader import MapDetails, MapReader, open_map
 from sphere_nav.ros.maps.writer import SPHERE_FRAME, Stored, replace_map, write_stored
-from sphere_nav.ros.service import one_line
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
@@ -56,7 +52,7 @@ from sphere_nav_tools.offline.constants import (
     TEACH_TURN,
 )
 
-PREVIOUS, NEXT, REFUSED = ".previous", ".next", ".refused"  # end names beside the map, and of drives not learned
+PREVIOUS, NEXT = ".previous", ".next"  # end names beside the map
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,58 +69,40 @@ class KeyImage:
 
 
 class KeptDrive:
-    """A drive in a folder: the map that it was driven in, and how much of it that explained; BagError for damage."""
+    """A drive in a folder: the map that it was driven in, and which of its key images that explained."""
 
     def __init__(self, path: Path, frame_id: str) -> None:
         self.path, self.name, self._frame_id = path, path.name, frame_id
         with BagReader(path) as bag:
             self.map_id = next((str(item.message.map_id) for item in bag.messages([STATUS])), "")
-            self.explanation = Explanation.of(bool(item.message.data) for item in bag.messages([EXPLAINED]))
+            self.explained = [bool(item.message.data) for item in bag.messages([EXPLAINED])]
 
     def images(self) -> Iterator[KeyImage]:
-        """Yield the images of all cameras in order of time; they are read anew each time."""
-        told: dict[tuple[str, str], Any] = {}  # by camera and kind
+        """Yield the images in order of time; they are read anew each time."""
+        told: dict[str, Any] = {}
         with BagReader(self.path) as bag:
             for topic, stamp, message in bag.messages():
-                prefix, _, kind = topic.rpartition("/")
-                told[prefix, kind] = message
-                if topic == STATUS:  # the last of an instant
-                    references = conversions.message_to_status(message).references
-                    is_explained = bool(told[EXPLAINED.rpartition("/")[::2]].data)
-                    for camera, _ in [key for key in told if key[1] == IMAGE]:
-                        image = conversions.image_to_array(told.pop((camera, IMAGE))).copy()
-                        pose = conversions.pose_with_covariance_to_se3(told[camera, POSE], self._frame_id)
-                        lens = _camera(told.get((camera, INFO)), told.get((camera, SPHERE_INFO)))
-                        yield KeyImage(stamp, image, lens, *pose, references, is_explained)
-
-    def refuse(self) -> None:
-        """Learn from it no more, and do not judge by it."""
-        paths = (self.path.with_name(f"{self.name}{f'-{k}' if k > 1 else ''}{REFUSED}") for k in count(1))
-        self.path.rename(next(path for path in paths if not path.exists()))
-
-
-def _camera(info: Any, sphere_info: Any) -> Camera:
-    return conversions.sphere_info_to_camera(sphere_info) if info is None else conversions.camera_from_info(info)
+                told[topic] = message
+                if topic == IMAGE:  # the last of each
+                    pose = conversions.pose_with_covariance_to_se3(told[POSE], self._frame_id)
+                    yield KeyImage(
+                        stamp,
+                        conversions.image_to_array(message).copy(),
+                        conversions.sphere_info_to_camera(told[SPHERE_INFO])
+                        if SPHERE_INFO in told
+                        else conversions.camera_from_info(told[INFO]),
+                        *pose,
+                        conversions.message_to_status(told[STATUS]).references,
+                        bool(told[EXPLAINED].data),
+                    )
 
 
 def list_drives(map_path: Path) -> list[KeptDrive]:
-    """Return the drives that were kept in a map of the present frame, the oldest first; damaged ones are told."""
+    """Return the drives that were kept in a map of the present frame, the oldest first; BagError for damage."""
     with open_map(map_path) as reader:
         frame_id, map_id = str(reader.info.header.frame_id), str(reader.info.map_id)
-    found = []
-    for path in sorted(drives_of(map_path).glob("*")):
-        if path.is_dir() and path.suffix not in (REFUSED, PARTIAL):
-            try:
-                found.append(KeptDrive(path, frame_id))
-            except (BagError, OSError) as error:
-                logging.getLogger("sphere_nav.learn").warning("%s: left out: %s", path, one_line(error))
-    return [drive for drive in found if drive.map_id == map_id]
-
-
-def find_lessons(map_path: Path, drives: Sequence[KeptDrive]) -> list[KeptDrive]:
-    """Return the drives that the map explained badly, and does not know yet."""
-    known = known_drives(map_path)
-    return [drive for drive in drives if drive.explanation.is_lesson and drive.name not in known]
+    paths = [path for path in sorted(drives_of(map_path).glob("*")) if path.suffix != PARTIAL]
+    return [drive for drive in (KeptDrive(path, frame_id) for path in paths) if drive.map_id == map_id]
 
 
 def known_drives(map_path: Path) -> set[str]:
@@ -133,68 +111,40 @@ def known_drives(map_path: Path) -> set[str]:
         return {node.experience.drive for node in reader.graph}
 
 
-def learn_map(map_path: Path, params: LocalizerParams, name: str = "") -> Iterator[tuple[str, bool, str]]:
-    """Learn the lessons that wait beside a map; yield each drive, whether the map knows it now, and why, in words.
+def learn_map(map_path: Path, params: LocalizerParams) -> Iterator[tuple[str, bool, str]]:
+    """Learn the drives that a map explained badly; yield each, whether the map knows it now, and why, in words.
 
     OSError: the map is as it was.
     """
-    drives = list_drives(map_path)
-    for drive in find_lessons(map_path, drives):
-        others = [one for one in drives if one is not drive]
-        told, is_taken = _learn(map_path, drive, others, params, name)
-        if not is_taken:
-            drive.refuse()
-            drives.remove(drive)
-        yield drive.name, is_taken, told
-
-
-def take_back(map_path: Path) -> list[str]:
-    """Put the map before in the place of the present one; return the drives that only this knew: they are refused."""
-    present, previous = known_drives(map_path), beside(map_path, PREVIOUS)
-    if not (previous / FILE_NAME).is_file():
-        raise BagError(f"{previous}: expected the map before the present one, found none")
-    undone = present - known_drives(previous)
-    drives = [drive for drive in list_drives(map_path) if drive.name in undone]
-    replace_map(previous, map_path.resolve())
+    drives, known = list_drives(map_path), known_drives(map_path)
     for drive in drives:
-        drive.refuse()
-    return [drive.name for drive in drives]
+        if drive.name not in known and is_lesson(drive.explained):
+            yield drive.name, *_learn(map_path, drive, [one for one in drives if one is not drive], params)
 
 
-def beside(map_path: Path, end: str) -> Path:
-    """Return the folder beside a map whose name has this end."""
-    return map_path.resolve().with_name(map_path.resolve().name + end)
-
-
-def _learn(
-    map_path: Path, drive: KeptDrive, others: Sequence[KeptDrive], params: LocalizerParams, name: str
-) -> tuple[str, bool]:
+def _learn(map_path: Path, drive: KeptDrive, others: Sequence[KeptDrive], params: LocalizerParams) -> tuple[bool, str]:
     """Make the map that knows a drive, examine both, and swap them if it is better; return that in words."""
-    new = beside(map_path, NEXT)
+    new = map_path.with_name(map_path.name + NEXT)
     for left in (new, new.with_name(new.name + PARTIAL)):
         shutil.rmtree(left, ignore_errors=True)  # of a killed process
     try:
         with open_map(map_path) as base:
             taught, withheld = split_lesson(drive, base.graph)
-            number = teach(base, drive, taught, new, name)
-        if not number:
-            return "no key sphere of it could be made", False
-        if problems := verify_map(new):
-            return problems[0], False
+            number = teach(base, drive, taught, new)
         told, is_better = examine((map_path, new), withheld, others, params)
         if is_better:
             swap(map_path, new)
-        return f"{number} key spheres; {told}", is_better
+        return is_better, f"{number} key spheres; {told}"
     finally:
         shutil.rmtree(new, ignore_errors=True)
 
 
 def swap(map_path: Path, new: Path) -> None:
     """Keep the map as `.previous`, and put the new one in its place: whatever ends this, the map is a whole one."""
-    previous = beside(map_path, PREVIOUS)
+    previous = map_path.with_name(map_path.name + PREVIOUS)
     shutil.rmtree(previous, ignore_errors=True)
     shutil.copytree(map_path, previous)
-    replace_map(new, map_path.resolve())
+    replace_map(new, map_path)
 
 
 def split_lesson(drive: KeptDrive, graph: SphereGraph) -> tuple[list[KeyImage], list[KeyImage]]:
@@ -214,11 +164,11 @@ def _is_near(one: KeyImage, other: KeyImage, graph: SphereGraph) -> bool:
     return bool(meters <= TEACH_REACH * region_m and radians <= TEACH_TURN)
 
 
-def teach(base: MapReader, drive: KeptDrive, taught: Sequence[KeyImage], target: Path, name: str = "") -> int:
+def teach(base: MapReader, drive: KeptDrive, taught: Sequence[KeyImage], target: Path) -> int:
     """Write the map that also knows images of a drive; return how many key spheres were added."""
     camera = taught[0].camera
     what = f"learned {camera.width} x {camera.height}"
-    experience = Experience(name, what, drive.name, min(one.stamp_ns for one in taught))
+    experience = Experience("", what, drive.name, min(one.stamp_ns for one in taught))
     spheres, nodes, edges, index = dict[int, Sphere](), list[KeySphere](), list[Edge](), base.appearance()
     for one in taught:
         sphere, T_map_sphere, covariance = make_sphere(base, one)
@@ -232,14 +182,9 @@ def teach(base: MapReader, drive: KeptDrive, taught: Sequence[KeyImage], target:
         if node.id not in index.features:
             load = spheres.__getitem__ if node.id in spheres else base.load_sphere
             index.add(node.id, features_of_sphere(load(node.id)))
-    info = base.info  # frame and poses of the map are those of before, as its id
-    source = f"{info.source} + {drive.name}"
+    info, source = base.info, f"{base.info.source} + {drive.name}"  # frame, poses and id are those of before
     details = MapDetails(
-        map_id=str(info.map_id),
-        source=source,
-        parameters=base.parameters,
-        rig=info.rig,
-        frame_id=info.header.frame_id,
+        str(info.map_id), source=source, parameters=base.parameters, rig=info.rig, frame_id=info.header.frame_id
     )
     write_stored(target, graph, details, index, chain(base.stored(), map(_stored, spheres.items())))
     return len(nodes)

@@ -8,9 +8,9 @@ from mcl_depth.belief.evidence import Proof, Survey
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import MclStateParams
-from mcl_depth.status import REMEDIES, Verdict, count, judge_belief
+from mcl_depth.status import REMEDIES, BeliefVerdict, count, judge_belief
 from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import Finding, Reason, State
+from sphere_nav.localization.status import Reason, State, Verdict
 
 # Written out: imported, a change would go unseen.
 LOST_IMAGES = 6
@@ -19,7 +19,7 @@ P = MclStateParams(probation_images=2)
 SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, agrees=False)
 HELD = Proof(1e-2, is_held=True)
 DRIVEN = Step(np.zeros(3), np.zeros(3))
-CAREFUL, BAD = Verdict(Finding(Reason.ODOM_STALE)), Verdict(Finding(Reason.AMBIGUOUS), is_bad=True)
+CAREFUL, BAD = BeliefVerdict(Verdict(Reason.ODOM_STALE)), BeliefVerdict(Verdict(Reason.AMBIGUOUS), is_bad=True)
 
 
 def place(weight=0.95, sigma_m=0.1, sigma_rad=0.02):
@@ -75,15 +75,19 @@ def states_of(machine, verdicts):
 
 def test_trust_needs_good_images_in_a_row():
     machine = searching()
-    found = states_of(machine, [BAD, Verdict(), BAD, Verdict(), Verdict()])
+    found = states_of(machine, [BAD, BeliefVerdict(), BAD, BeliefVerdict(), BeliefVerdict()])
     assert found == [State.SEARCHING, State.PROBATION, State.SEARCHING, State.PROBATION, State.TRACKING]
     assert (machine.is_trusted, machine.num_losses) == (True, 0)
 
 
 def test_trust_is_lowered_by_care_and_lost_by_bad_images_in_a_row():
     machine = searching()
-    states_of(machine, [Verdict()] * 2)
-    assert states_of(machine, [CAREFUL, Verdict(), Verdict()]) == [State.DEGRADED, State.DEGRADED, State.TRACKING]
+    states_of(machine, [BeliefVerdict()] * 2)
+    assert states_of(machine, [CAREFUL, BeliefVerdict(), BeliefVerdict()]) == [
+        State.DEGRADED,
+        State.DEGRADED,
+        State.TRACKING,
+    ]
     assert states_of(machine, [BAD] * LOST_IMAGES) == [State.DEGRADED] * (LOST_IMAGES - 1) + [State.LOST]
     assert machine.num_losses == 1
 

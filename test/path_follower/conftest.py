@@ -11,6 +11,7 @@ from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
+from path_follower.reasons import GENTLE
 from path_follower.taught import reference_path
 
 SECOND = 1_000_000_000
@@ -172,7 +173,7 @@ def assert_within_limits(drive, params):
     assert np.abs(np.diff(angle) / np.diff(time)).max() <= vehicle.max_steering_rate + 1e-6
     assert np.all(speed[1:] * speed[:-1] >= 0)  # a change of direction passes through standstill
     np.testing.assert_allclose(yaw_rate, speed * np.tan(angle) / vehicle.virtual_wheelbase, atol=1e-12)
-    is_gentle = np.array([c.status.verdict.is_gentle for c in drive.commands])
+    is_gentle = np.array([c.status.verdict.reason in GENTLE for c in drive.commands])
     middle, is_eased = 0.5 * (time[1:] + time[:-1]), is_gentle[1:] & is_gentle[:-1]
     jerk = np.abs(np.diff(np.diff(speed) / np.diff(time)) / np.diff(middle))[is_eased[1:] & is_eased[:-1]]
     assert not len(jerk) or jerk.max() <= vehicle.max_jerk + 1e-6

@@ -6,7 +6,8 @@ import pytest
 
 from path_follower.arming import EMERGENCY, OPERATOR
 from path_follower.modes import TABLE, Event, FollowerState, Mode, Phase
-from path_follower.reasons import FINE, Severity, StopReason, StopVerdict
+from path_follower.reasons import FINE, Severity, StopReason, severity_of
+from sphere_nav.localization.status import Verdict
 
 # Each cell as the page shows it, written out: imported, a cell that was turned would go unseen.
 NO_PATH, IDLE, DRIVING, PAUSED, YIELDING, WAITING, STOPPING, STOPPED, FINISHED = Phase
@@ -30,13 +31,13 @@ CELLS = {
     Event.STANDS: (SAME, SAME, SAME, SAME, WAITING, SAME, STOPPED, SAME, SAME),
     Event.END: (SAME, SAME, FINISHED, SAME, SAME, SAME, SAME, SAME, SAME),
 }
-MISSING, BLOCKED = StopVerdict(StopReason.POSE_TIMEOUT), StopVerdict(StopReason.OBSTACLE)
-WRONG, END = StopVerdict(StopReason.OFF_PATH), StopVerdict(StopReason.END_OF_PATH)
+MISSING, BLOCKED = Verdict(StopReason.POSE_TIMEOUT), Verdict(StopReason.OBSTACLE)
+WRONG, END = Verdict(StopReason.OFF_PATH), Verdict(StopReason.END_OF_PATH)
 WHY = {
     Event.STOP: OPERATOR,
     Event.PAUSE: OPERATOR,
     Event.PRESS: EMERGENCY,
-    Event.RESET: StopVerdict(StopReason.CLOCK_STOPPED),
+    Event.RESET: Verdict(StopReason.CLOCK_STOPPED),
     Event.LEAVE: OPERATOR,
     Event.END: END,
 }
@@ -73,7 +74,7 @@ def happen(mode, event):
         mode.halt(FOUND[event])
         return ""
     if event is Event.BACK:  # by `safety.resume`, which lets nothing but what was missing end by itself
-        return mode.take(event) if mode.verdict.severity is Severity.MISSING else ""
+        return mode.take(event) if severity_of(mode.verdict) is Severity.MISSING else ""
     return mode.take(event, WHY.get(event, FINE))
 
 

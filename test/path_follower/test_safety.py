@@ -8,8 +8,9 @@ import pytest
 from path_follower.constants import MAX_SCAN_SILENCE
 from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Location, Pose2
-from path_follower.reasons import FINE, REMEDIES, StopReason, StopVerdict
+from path_follower.reasons import FINE, REMEDIES, StopReason, describe
 from path_follower.safety import SafetyMonitor
+from sphere_nav.localization.status import Verdict
 
 SECOND = 1_000_000_000
 PARAMS = FollowerParams()
@@ -85,7 +86,7 @@ def test_leaving_the_path_stops():
 
 def test_a_second_commander_stops_the_vehicle():
     watch = good_watch()
-    watch.outside = StopVerdict(StopReason.POSE_SOURCE, 2, 1)
+    watch.outside = Verdict(StopReason.POSE_SOURCE, 2, 1)
     assert watch.judge_inputs(10 * SECOND) is watch.outside
     watch.is_emergency = True  # goes before all others
     assert watch.judge_inputs(10 * SECOND).reason is StopReason.EMERGENCY_STOP
@@ -204,7 +205,7 @@ def test_a_start_after_a_stop_is_looked_for_two_meters_ahead(kit):
 def test_every_reason_has_a_remedy_of_one_line():
     assert set(REMEDIES) == set(StopReason)
     for reason in StopReason:
-        text = str(StopVerdict(reason, 2.0, 1.0))
+        text = describe(Verdict(reason, 2.0, 1.0))
         assert "\n" not in text
         assert (REMEDIES[reason] in text) or reason is StopReason.NONE
 

@@ -10,7 +10,8 @@ from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams, VehicleParams
 from path_follower.path import Pose2
-from path_follower.reasons import StopReason, StopVerdict
+from path_follower.reasons import StopReason
+from sphere_nav.localization.status import Verdict
 
 SECOND = 1_000_000_000
 PARAMS = FollowerParams()
@@ -37,7 +38,7 @@ def test_a_lost_localizer_stops_within_half_a_second(kit, straight, state):
     drive = kit.follow(straight, each=after_fault(lambda *_: state))
     assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.NOT_LOCALISED)
     assert standing_after(drive) <= 0.5
-    assert "start" in drive.final.verdict.remedy
+    assert "start" in drive.final.remedy
 
 
 def test_a_stop_is_a_ramp_with_wheels_held(kit):
@@ -194,7 +195,7 @@ def driving(kit):
 
 def test_a_vehicle_that_is_left_alone_is_at_zero_command_and_does_not_ramp_when_it_is_taken_up_again(driving):
     follower, pose, now = driving
-    follower.stand(StopVerdict(StopReason.OPERATOR))
+    follower.stand(Verdict(StopReason.OPERATOR))
     assert follower.update(pose, None, now + SECOND // 20, "TRACKING").speed == 0.0
     assert (follower.mode.state, follower.mode.is_armed) == (FollowerState.STOPPED, False)
 
@@ -202,7 +203,7 @@ def test_a_vehicle_that_is_left_alone_is_at_zero_command_and_does_not_ramp_when_
 def test_after_standing_a_start_goes_on_at_the_place(driving):
     follower, pose, now = driving
     place = follower.location.arc_length
-    follower.stand(StopVerdict(StopReason.OPERATOR))
+    follower.stand(Verdict(StopReason.OPERATOR))
     follower.update(pose, None, now + SECOND // 20, "TRACKING")
     assert follower.start(now + SECOND // 20) == ""
     assert follower.location.arc_length == pytest.approx(place, abs=0.5)

@@ -120,9 +120,7 @@ def test_nodes_over_dds_give_the_same_poses(chain, processes, tmp_path):
     settings = (f"map:={chain / 'map'}", "use_sim_time:=true", "every_image:=true")
     localizer = processes(node, "--ros-args", *(word for setting in settings for word in ("-p", setting)))
     wait_until_said(recorder, ["/pose: recording", "/status: recording"])
-    player = processes(
-        command, "play", chain / "driven", "--clock", "--rate", 0, "--answer", "status", "--wait-for", "/image_raw"
-    )
+    player = processes(command, "play", chain / "driven", "--clock", "--rate", 0, "--wait-for", "/image_raw")
     said, _ = player.communicate(timeout=START_UP + REPLAY)
     assert player.returncode == 0, said
     time.sleep(3.0)  # the last small messages reach the recorder with the next heartbeat

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from collections.abc import Callable, Iterator, Sequence
 
@@ -70,45 +69,6 @@ class Playback:
                 yield item
 
 
-class Answers:
-    """Whether the last question was answered: a message whose header carries its stamp, or a later one."""
-
-    def __init__(self, timeout: float, clock: Clock = time.monotonic) -> None:
-        """`timeout` s until a question counts as missed; 0: never."""
-        self._timeout, self._clock = timeout, clock
-        self.num_missed = 0
-        self.forget()
-
-    def forget(self) -> None:
-        """Nothing was asked yet."""
-        self._asked_ns, self._answered_ns, self._until = 0, 0, 0.0
-
-    def ask(self, data: bytes) -> None:
-        """A message that wants an answer was published."""
-        self._asked_ns, self._until = header_stamp_ns(data), self._clock() + self._timeout
-
-    def hear(self, data: bytes) -> None:
-        """An answer came."""
-        self._answered_ns = max(self._answered_ns, header_stamp_ns(data))
-
-    @property
-    def is_settled(self) -> bool:
-        """Whether nothing is waited for; after the timeout the question counts as missed."""
-        if self._answered_ns >= self._asked_ns:
-            return True
-        if not self._timeout or self._clock() < self._until:
-            return False
-        self.num_missed += 1
-        self._asked_ns = 0
-        return True
-
-
 def is_latched(info: TopicInfo) -> bool:
     """Return whether a topic was offered as transient local."""
     return any(profile.durability == qos.TRANSIENT_LOCAL for profile in info.profiles)
-
-
-def header_stamp_ns(data: bytes) -> int:
-    """Return the stamp in ns of a serialized message that begins with a header (little-endian CDR)."""
-    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)

@@ -14,19 +14,17 @@ from std_srvs.srv import Trigger
 from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagReader, Recorded, TopicInfo
-from sphere_nav.ros.bags.playback import Answers, Playback, is_latched
+from sphere_nav.ros.bags.playback import Playback, is_latched
 from sphere_nav.ros.constants import (
     ACKNOWLEDGE_S,
     ACKNOWLEDGED_SIZE,
     CLOCK_PERIOD,
-    LOG_PERIOD_S,
     PLAY_BUSY,
     PLAY_TICK,
     SETTLE,
 )
 from sphere_nav.ros.conversions import ns_to_time
 from sphere_nav.ros.interfaces import message_class
-from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.rclpy_shell import LivePublisher
 from sphere_nav.ros.run import run
@@ -46,9 +44,6 @@ class PlayerParams:
     wait_for: str = param(
         "", "topics, separated by spaces, that must have a listener before playing begins; NAME:2: two of them"
     )
-    answer_topic: str = param("", "go on after an answered message only when this topic has its stamp in its header")
-    answered_topic: str = param("image_raw", "messages of this topic are answered on answer_topic")
-    answer_timeout: float = param(5.0, "longest wait for an answer; 0: no limit, for slow machines", "s", low=0.0)
 
 
 class BagPlayer(ManagedNode):
@@ -74,10 +69,6 @@ class BagPlayer(ManagedNode):
         self.outputs = {name: self._output(info) for name, info in chosen.items()}
         self.clock = self.add_publisher("/clock", Clock, qos.STATE) if self.params.clock else None
         self.clock_told = 0.0
-        self.answers: Answers | None = None
-        if self.params.answer_topic:
-            self.answers, self.asking = Answers(self.params.answer_timeout), self._play(self.params.answered_topic)
-            self.add_timer(0.2, self._find_answers, is_wall=True)
         words = [word.partition(":") for word in self.params.wait_for.split()]
         self.wait_for = {self._play(name): whole_number(count or "1") for name, _, count in words}
         self.is_paused, self.begin_at = self.params.paused, 0.0
@@ -122,16 +113,6 @@ class BagPlayer(ManagedNode):
             raise ValueError(f"{topic}: expected a topic that is played ({', '.join(self.outputs)})")
         return name
 
-    def _find_answers(self) -> None:
-        """Subscribe to the answers as soon as their type is known."""
-        ros = cast("LiveShell", self.endpoints)
-        topic = ros.resolve_topic_name(self.params.answer_topic)
-        kinds = [info.topic_type for info in ros.get_publishers_info_by_topic(topic)]
-        if self.answers is not None and kinds and not self.inputs:
-            self.add_subscription(
-                topic, message_class(kinds[0]), self.answers.hear, qos.STATE, raw=True, is_required=False
-            )
-
     # --- playing
     def _tick(self) -> None:
         """Publish what is due."""
@@ -139,12 +120,12 @@ class BagPlayer(ManagedNode):
             self.playback.pause()
             return
         end = time.monotonic() + PLAY_BUSY
-        while self._is_answered() and (item := self.playback.due()) is not None and time.monotonic() < end:
+        while (item := self.playback.due()) is not None and time.monotonic() < end:
             self._publish(item)
             self.playback.take()
             self.progress(self.playback.done, self.playback.total)
         self._tell_time()
-        if self.playback.next is None and self._is_answered():
+        if self.playback.next is None:
             self._end()
 
     def _publish(self, item: Recorded) -> None:
@@ -152,8 +133,6 @@ class BagPlayer(ManagedNode):
             self.clock.publish(Clock(clock=ns_to_time(item.stamp_ns)))
         output = self.outputs[item.topic]
         output.publish(item.message)
-        if self.answers is not None and item.topic == self.asking:
-            self.answers.ask(item.message)
         if self.params.rate == 0 and len(item.message) > ACKNOWLEDGED_SIZE:
             output.wait_for_acknowledgement(ACKNOWLEDGE_S)
 
@@ -166,8 +145,6 @@ class BagPlayer(ManagedNode):
     def _lacks_listeners(self) -> bool:
         absent = sorted(name for name, count in self.wait_for.items() if self.outputs[name].num_subscriptions < count)
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
-        if self.answers is not None and not self.inputs:
-            text = f"waiting for a publisher of {self.params.answer_topic}"
         is_waiting = text != "playing"
         self.report("player", WARN if is_waiting else OK, text, done=self.playback.done, total=self.playback.total)
         if is_waiting:
@@ -177,17 +154,6 @@ class BagPlayer(ManagedNode):
         self.wait_for.clear()  # for the start only
         return time.monotonic() < self.begin_at
 
-    def _is_answered(self) -> bool:
-        if self.answers is None:
-            return True
-        missed = self.answers.num_missed
-        is_settled = self.answers.is_settled
-        if self.answers.num_missed > missed:
-            self.log.warning(
-                f"{missed + 1} messages without an answer on {self.params.answer_topic}", every=LOG_PERIOD_S, key="a"
-            )
-        return is_settled
-
     def _set_paused(self, is_paused: bool, response: Any) -> Any:
         self.is_paused = is_paused
         response.success, response.message = True, "paused" if is_paused else "playing"
@@ -196,8 +162,6 @@ class BagPlayer(ManagedNode):
     def _end(self) -> None:
         if self.params.loop:
             self.playback.rewind()
-            if self.answers is not None:
-                self.answers.forget()
             return
         for output in self.outputs.values():
             output.wait_for_acknowledgement(ACKNOWLEDGE_S)

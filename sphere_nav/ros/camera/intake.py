@@ -11,7 +11,7 @@ from sensor_msgs.msg import CameraInfo
 
 from sphere_nav.geometry import SE3, Camera, Rig
 from sphere_nav.localization.params import NodeParams, RigParams
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth
 from sphere_nav.ros.camera.mounting import read_mounting
@@ -48,7 +48,7 @@ class Cameras:
         endpoints: Endpoints,
         params: NodeParams,
         on_picture: Callable[[Picture], None],
-        on_refusal: Callable[[int, Finding], None],
+        on_refusal: Callable[[int, Verdict], None],
         *,
         rig: RigParams | None = None,
         calibration: Rig | None = None,
@@ -73,7 +73,7 @@ class Cameras:
         self._mounting = read_mounting(params.mounting)
         slack_s = DEPTH_SLACK_S if rig is None else rig.slack
         self._synchronizer = Synchronizer((*names, *[DEPTH] * has_depth), slack_s)
-        self._faults: dict[str, Finding] = {}
+        self._faults: dict[str, Verdict] = {}
         self._streams = {name: self._stream(name, calibration, has_sphere_info=has_sphere_info) for name in names}
         if has_depth:
             self._subscribe_depth()
@@ -100,7 +100,7 @@ class Cameras:
         return Losses(sum(one.num_lost for one in topics), sum(one.num_refused for one in topics))
 
     @property
-    def fault(self) -> Finding:
+    def fault(self) -> Verdict:
         """What is wrong with a camera that took no part in the last instant; of the only one its images tell it."""
         return next(iter(self._faults.values()), FINE)
 
@@ -188,14 +188,14 @@ class Cameras:
             fault = self._faults.get(name, FINE)
             self._endpoints.report(f"camera {name}", ERROR if name in self._faults else OK, fault.detail or "delivers")
 
-    def _find_lack(self, name: str) -> Finding:
+    def _find_lack(self, name: str) -> Verdict:
         """Return why a camera takes no part in an instant."""
         lack = self._streams[name].lack
         if lack is FINE:
-            return Finding(Reason.GAP, detail=f"camera {name}: no image at this instant")
+            return Verdict(Reason.GAP, detail=f"camera {name}: no image at this instant")
         return replace(lack, detail=f"camera {name}: {lack.detail}")
 
-    def _on_fault(self, name: str, stamp_ns: int, finding: Finding) -> None:
+    def _on_fault(self, name: str, stamp_ns: int, finding: Verdict) -> None:
         """Answer an image by what is wrong with it; of several cameras, only where no other one delivers."""
         if name:
             finding = replace(finding, detail=f"camera {name}: {finding.detail}")

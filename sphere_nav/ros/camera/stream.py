@@ -15,7 +15,7 @@ from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.files.encoded import encoded_size
 from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.localization.params import NodeParams
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import AnyImage, image_topic, read_gray
 from sphere_nav.ros.camera.odometry_input import OdometryInput
@@ -67,7 +67,7 @@ class CameraStream:
         odometry: OdometryInput,
         fixture: Fixture,
         on_picture: Callable[[Picture], None],
-        on_refusal: Callable[[int, Finding], None],
+        on_refusal: Callable[[int, Verdict], None],
         *,
         has_sphere_info: bool = False,
     ) -> None:
@@ -98,13 +98,13 @@ class CameraStream:
         """Accept the next calibration and frames as new ones."""
         self.camera: Camera | None = self._fixture.camera
         self.T_base_camera: SE3 | None = None
-        self._fault = Finding(Reason.BAD_INFO, detail="no camera_info yet")
+        self._fault = Verdict(Reason.BAD_INFO, detail="no camera_info yet")
         self._is_refused = False  # the calibration that came
         self._levels = conversions.Levels()
         self.image_frame = self._info_frame = ""
 
     @property
-    def lack(self) -> Finding:
+    def lack(self) -> Verdict:
         """What images wait for; FINE where none waits."""
         return self._find_mounting(self._waiting[0]) if self._waiting else FINE
 
@@ -124,7 +124,7 @@ class CameraStream:
             self.camera, self._is_refused = convert(), False
         except ValueError as error:
             self.camera, self._is_refused = None, True
-            self._fault = Finding(Reason.BAD_INFO, detail=str(error))
+            self._fault = Verdict(Reason.BAD_INFO, detail=str(error))
             self._hand_on()
             raise
         self._hand_on()
@@ -134,7 +134,7 @@ class CameraStream:
         ahead = ahead_s(stamp, self._endpoints.now_ns())
         if ahead:
             detail = f"stamp is {ahead:.3f} s ahead of the clock"
-            self._refuse(stamp, Finding(Reason.BAD_STAMP, ahead, MAX_AHEAD_NS * 1e-9, detail))
+            self._refuse(stamp, Verdict(Reason.BAD_STAMP, ahead, MAX_AHEAD_NS * 1e-9, detail))
         self._waiting.append(message)
         if self._params.is_panorama and self.camera is None:
             self._on_info(message.header.frame_id, lambda: panorama_of(message))
@@ -153,7 +153,7 @@ class CameraStream:
             else:
                 return
 
-    def _find_mounting(self, message: AnyImage) -> Finding:
+    def _find_mounting(self, message: AnyImage) -> Verdict:
         """Return what is missing before an image can be used."""
         if self.camera is None:
             return self._fault
@@ -161,7 +161,7 @@ class CameraStream:
             try:
                 self.T_base_camera = self._look_up(message.header.frame_id, self.camera)
             except ValueError as error:
-                return Finding(Reason.TF_STALE, detail=str(error))
+                return Verdict(Reason.TF_STALE, detail=str(error))
         return FINE
 
     def _look_up(self, image_frame: str, camera: Camera) -> SE3:
@@ -183,11 +183,11 @@ class CameraStream:
             self._check_frames(message.header.frame_id)
         except ValueError as error:
             advice = "a topic is of one camera: check the remapping of image_raw and camera_info, or call reset"
-            self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=advice))
+            self._refuse(stamp, Verdict(Reason.BAD_INFO, detail=str(error), advice=advice))
         try:
             image = read_gray(message, (self.camera.width, self.camera.height), self._levels)
         except ValueError as error:
-            self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=ENCODINGS))
+            self._refuse(stamp, Verdict(Reason.BAD_INFO, detail=str(error), advice=ENCODINGS))
         odometry = self._odometry.predict(stamp)
         self._on_picture(Picture(image, self.camera, stamp, self.T_base_camera, odometry, self._fixture.name))
 
@@ -197,7 +197,7 @@ class CameraStream:
         if not self._params.camera_frame and self._info_frame and frame and self._info_frame != frame:
             raise ValueError(f"header.frame_id: expected that of camera_info, {self._info_frame!r}, found {frame!r}")
 
-    def _refuse(self, stamp: int, finding: Finding) -> None:
+    def _refuse(self, stamp: int, finding: Verdict) -> None:
         """Answer an image that is of no use, and count it as refused."""
         self._on_refusal(stamp, finding)
         raise ValueError(finding.detail)

@@ -14,6 +14,7 @@ from sphere_nav_msgs.msg import FollowerStatus, ReferencePoint, ReferenceTraject
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.plausible import check_lengths
 from sphere_nav.ros.conversions.stamps import header
+from sphere_nav.ros.conversions.status import code_of
 
 try:
     from ackermann_msgs.msg import AckermannDriveStamped
@@ -97,11 +98,11 @@ def follower_status_to_message(status: Any, stamp: int, frame_id: str, worst_cyc
     return FollowerStatus(
         header=header(stamp, frame_id),
         state=state,
-        state_code=int(getattr(FollowerStatus, f"CODE_{state}")),
+        state_code=code_of(FollowerStatus, state),
         reason=str(verdict.reason),
         value=float(verdict.value),
         limit=float(verdict.limit),
-        remedy=str(verdict.remedy),
+        remedy=str(status.remedy),
         progress=float(status.progress),
         distance_to_end=float(status.distance_to_end),
         is_armed=bool(status.is_armed),
@@ -118,7 +119,7 @@ def guide_status_to_message(
     is_clear = advice is not None and advice.is_clear
     state = FollowerStatus.FINISHED if is_clear and advice.is_finished else FollowerStatus.DRIVING
     message.state = state if is_clear else FollowerStatus.STOPPED
-    message.state_code = int(getattr(FollowerStatus, f"CODE_{message.state}"))
+    message.state_code = code_of(FollowerStatus, message.state)
     message.is_armed = True
     if not is_clear:
         message.reason = FollowerStatus.NOT_LOCALISED

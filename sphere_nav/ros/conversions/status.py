@@ -19,8 +19,8 @@ def status_to_message(status: Any, stamp: int, frame_id: str) -> LocalizationSta
     """Return the message of anything with the fields of `Status`; state and reason are words or enums of words."""
     state, reason = _word(status.state), _word(status.reason)
     message = LocalizationStatus(header=header(stamp, frame_id), state=state, reason=reason)
-    message.state_code = _code(state)
-    message.reason_code = _code(reason) if reason else 0
+    message.state_code = code_of(LocalizationStatus, state)
+    message.reason_code = code_of(LocalizationStatus, reason) if reason else 0
     message.remedy, message.map_id = str(status.remedy), str(status.map_id)
     message.references = [int(number) for number in status.references]
     for name in FLOATS:
@@ -34,7 +34,7 @@ def status_to_message(status: Any, stamp: int, frame_id: str) -> LocalizationSta
 
 def message_to_status(message: LocalizationStatus) -> Status:
     """Return what the message says; ValueError for a state that is not in the vocabulary."""
-    _code(message.state)
+    code_of(LocalizationStatus, message.state)
     numbers: dict[str, Any] = {name: float(getattr(message, name)) for name in FLOATS}
     numbers |= {name: int(getattr(message, name)) for name in WHOLE}
     return Status(
@@ -52,8 +52,9 @@ def _word(value: Any) -> str:
     return str(value.value if isinstance(value, enum.Enum) else value or "")
 
 
-def _code(word: str) -> int:
-    code = getattr(LocalizationStatus, f"CODE_{word}", None)
+def code_of(kind: type[Any], word: str) -> int:
+    """Return the number of a state or reason of a message type; ValueError for a word that it does not have."""
+    code = getattr(kind, f"CODE_{word}", None)
     if code is None:
-        raise ValueError(f"localisation status: expected a state or reason of LocalizationStatus, found {word!r}")
+        raise ValueError(f"status: expected a state or reason of {kind.__name__}, found {word!r}")
     return int(code)

@@ -23,10 +23,10 @@ from sphere_nav.localization.status import (
     FOLLOWING,
     INPUT_REMEDIES,
     BaseEstimate,
-    Finding,
     Reason,
     State,
     Status,
+    Verdict,
     describe_status,
     status_of,
 )
@@ -55,7 +55,7 @@ class LocalizerNode(ManagedNode):
         """Localise one image."""
 
     @abstractmethod
-    def refuse(self, stamp_ns: int, finding: Finding) -> Status:
+    def refuse(self, stamp_ns: int, finding: Verdict) -> Status:
         """Return the status of an image that cannot be used."""
 
     @abstractmethod
@@ -66,7 +66,7 @@ class LocalizerNode(ManagedNode):
         """
 
     @abstractmethod
-    def silence(self, elapsed_s: float, finding: Finding) -> Status | None:
+    def silence(self, elapsed_s: float, finding: Verdict) -> Status | None:
         """Return what to say so long after the last usable image, if that is too long: `finding`, or a TIMEOUT."""
 
     @abstractmethod
@@ -144,14 +144,14 @@ class LocalizerNode(ManagedNode):
         milliseconds = (time.perf_counter() - started) * 1e3
         status = self.add_fault(self.add_overrun(replace(estimate.status, milliseconds=milliseconds)))
         if status.reason == Reason.BAD_STAMP:
-            self.tell_refused(status, Finding(Reason.BAD_STAMP, status.value, status.limit))
+            self.tell_refused(status, Verdict(Reason.BAD_STAMP, status.value, status.limit))
             return
         self.heard_ns, self.refusal = self.own_ns(), FINE  # after the work: time spent here is no silence
         if estimate.T_map_base is not None and estimate.covariance is not None:
             self.peer.add_own(picture.stamp_ns, estimate.T_map_base, estimate.covariance)
         self.outputs.publish(replace(estimate, status=status), **self.values())
 
-    def on_refusal(self, stamp_ns: int, finding: Finding) -> None:
+    def on_refusal(self, stamp_ns: int, finding: Verdict) -> None:
         """Answer an image that cannot be used."""
         now_ns = self.now_ns()
         if finding.reason is Reason.BAD_STAMP:
@@ -160,7 +160,7 @@ class LocalizerNode(ManagedNode):
         if finding.reason is not Reason.BAD_STAMP:
             self.heard_ns = self.own_ns()
 
-    def tell_refused(self, status: Status, finding: Finding) -> None:
+    def tell_refused(self, status: Status, finding: Verdict) -> None:
         """Tell the status of a refused image; after too many of them the pose is not current any more."""
         self.refusal = finding
         self.outputs.tell(self.find_silence() or status, **self.values())
@@ -210,7 +210,7 @@ class LocalizerNode(ManagedNode):
         told = self.outputs.state
         state = {State.UNCONFIGURED: State.NOT_LOCALISED, State.TRACKING: State.DEGRADED}.get(told, told)
         return status_of(
-            state, self.now_ns(), Finding(Reason.TIMEOUT, self.clock_watch.abandoned, STANDSTILL_S, *CLOCK_STANDS)
+            state, self.now_ns(), Verdict(Reason.TIMEOUT, self.clock_watch.abandoned, STANDSTILL_S, *CLOCK_STANDS)
         )
 
     def find_silence(self) -> Status | None:
@@ -223,7 +223,7 @@ class LocalizerNode(ManagedNode):
         waited = (now_ns - self.waits_since_ns) * 1e-9
         if waited <= FIRST_IMAGE_S:
             return None
-        return status_of(State.NOT_LOCALISED, self.now_ns(), Finding(Reason.TIMEOUT, waited, FIRST_IMAGE_S))
+        return status_of(State.NOT_LOCALISED, self.now_ns(), Verdict(Reason.TIMEOUT, waited, FIRST_IMAGE_S))
 
     # --- poses that are given
     def needs_help(self) -> bool:

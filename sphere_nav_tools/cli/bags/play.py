@@ -17,7 +17,6 @@ examples:
   sphere_nav play drive --clock
   sphere_nav play drive --rate 0.5 --start 12 --topics /image_raw /camera_info
   sphere_nav play drive --rate 0 --wait-for /image_raw        # as fast as the listeners take it
-  sphere_nav play drive --rate 0 --answer status              # the next image when status has the stamp of the last one
 """
 
 
@@ -31,10 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--paused", action="store_true", help="wait for a call of bag_player/resume")
     parser.add_argument("--loop", action="store_true", help="begin again at the end")
     parser.add_argument("--wait-for", nargs="+", default=[], metavar="TOPIC", help="wait until these have a listener")
-    parser.add_argument(
-        "--answer", default="", metavar="TOPIC", help="wait for an answer to every message of --answered"
-    )
-    parser.add_argument("--answered", default="image_raw", metavar="TOPIC", help="topic that is answered (image_raw)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -48,8 +43,6 @@ def run(arguments: argparse.Namespace) -> int:
         "paused": arguments.paused,
         "loop": arguments.loop,
         "wait_for": " ".join(arguments.wait_for),
-        "answer_topic": arguments.answer,
-        "answered_topic": arguments.answered,
     }
     with tqdm(unit="message", desc="play", disable=None) as bar:
 

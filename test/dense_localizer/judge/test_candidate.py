@@ -8,10 +8,10 @@ from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.references.reference import Choice
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 
 NOTHING_CHOSEN = Choice((), (), 0.0, np.inf, np.inf, np.inf)
-LOST_SIGHT = Finding(Reason.LOW_OVERLAP, 0.1, 0.25)
+LOST_SIGHT = Verdict(Reason.LOW_OVERLAP, 0.1, 0.25)
 
 
 def candidate(x, acceptance, covariance=None):

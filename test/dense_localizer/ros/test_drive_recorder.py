@@ -1,6 +1,7 @@
 """What is kept of a drive, beside the map: bounded, named at the end, and nothing where there is nothing to see."""
 
 import errno
+import os
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -74,9 +75,23 @@ def test_the_cameras_of_a_rig_are_kept_where_each_was(reader):
     recorder.close()
     (drive,) = drives_of(reader.path).iterdir()
     with BagReader(drive) as bag:
-        poses = [item.message.pose.pose for item in bag.messages(["/cameras/left/camera_pose"])]
+        poses = [item.message.pose.pose for item in bag.messages(["/camera_pose"])]
     assert [round(pose.position.x, 9) for pose in poses] == [k + 0.5 for k in range(MIN_KEY_IMAGES)]
     assert poses[0].orientation.z == pytest.approx(np.sqrt(0.5))
+
+
+def test_too_few_images_leave_nothing_and_the_oldest_drives_go(reader, monkeypatch):
+    assert record(reader, MIN_KEY_IMAGES - 1) == []
+    assert list(drives_of(reader.path).iterdir()) == []
+    for second in range(2):
+        record(reader, MIN_KEY_IMAGES)
+        (made,) = (one for one in drives_of(reader.path).iterdir() if one.name == "19700101_000001")
+        made = made.rename(made.with_name(f"{second}"))
+        os.utime(made, (second, second))
+    size = sum(file.stat().st_size for file in made.iterdir())
+    monkeypatch.setattr("dense_localizer.ros.drive_recorder.MAX_DRIVES_MB", 2.5e-6 * size)
+    record(reader, MIN_KEY_IMAGES)
+    assert sorted(one.name for one in drives_of(reader.path).iterdir()) == ["1", "19700101_000001"]
 
 
 def test_a_full_disk_ends_the_drive_and_nothing_else(reader, monkeypatch):

@@ -11,7 +11,7 @@ from dense_localizer.references.reference import References
 from dense_localizer.start.search import PoseSearch
 from dense_localizer.start.startup import SearchResult
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
@@ -37,7 +37,7 @@ def asked(room, room_map, monkeypatch):
     def ask(count, step_s, reason=Reason.LOW_OVERLAP):
         rounds = []
         for number in range(count):
-            search._finding, tried = Finding(reason) if reason else FINE, []
+            search._finding, tried = Verdict(reason) if reason else FINE, []
             frame = LocalizerInput(10**9 + round(number * step_s * 1e9), images=(RigImage(pyramid_at(room, at(0.3))),))
 
             def refuse(frame, guess, tried=tried):
@@ -72,7 +72,7 @@ def test_a_pose_that_is_given_is_tried_as_it_is(room, room_map):
 @pytest.mark.parametrize(("reason", "number"), [(Reason.LOW_OVERLAP, 1), (Reason.AMBIGUOUS, 0)])
 def test_a_given_pose_that_grey_levels_refuse_is_asked_by_contrast(asked, monkeypatch, reason, number):
     search, ask = asked
-    monkeypatch.setattr("dense_localizer.start.search.decide", lambda *_: SearchResult(None, Finding(reason)))
+    monkeypatch.setattr("dense_localizer.start.search.decide", lambda *_: SearchResult(None, Verdict(reason)))
     search.request(at(0.3))
     (tried,) = ask(1, 0.0)
     assert sum(one.by_contrast is True and one.T_map_camera is tried[0].T_map_camera for one in tried) == number

@@ -15,7 +15,7 @@ from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.localization.status import FINE, Reason, Verdict
 
 # Written out: imported, a change would go unseen.
 COST = np.float32(2.5)
@@ -24,7 +24,7 @@ MAX_TRIAL = 12
 RIVAL_SCALE = 0.6
 ROOM_M = 6.0
 
-SLIP = Finding(Reason.JUMP_REJECTED)
+SLIP = Verdict(Reason.JUMP_REJECTED)
 EDGE, SIDE, NUM_HEADINGS, RATE = 0.5, 40, 36, 1e-3
 
 

@@ -4,7 +4,7 @@ import pytest
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
-from path_follower.reasons import FINE, StopReason
+from path_follower.reasons import FINE, StopReason, describe
 from path_follower.ros.peers import Peers
 
 # Written out: imported, a change would go unseen.
@@ -64,7 +64,7 @@ def test_two_publishers_are_named(bench):
         bench.peers.look()
         verdict = bench.peers.judge()
         assert (verdict.reason, verdict.value, verdict.limit) == (reason, 2, 1)
-        assert f"{topic} is published by /a, /b" in str(verdict)
+        assert f"{topic} is published by /a, /b" in describe(verdict)
         assert bench.reports[f"publishers {topic}"][0] == 2
 
 

@@ -6,11 +6,12 @@ from path_follower.arming import OPERATOR, Arming
 from path_follower.modes import WITHDRAWN, Event, Mode
 from path_follower.params import VehicleParams
 from path_follower.path import Pose2
-from path_follower.reasons import StopReason, StopVerdict
+from path_follower.reasons import StopReason
 from path_follower.routes.constants import MAX_SILENCE
 from path_follower.routes.mission import FollowerView, Goal, Mission, MissionState
 from path_follower.routes.network import Spot
 from path_follower.routes.params import MissionParams
+from sphere_nav.localization.status import Verdict
 
 # Written out: imported, a change would go unseen.
 CALL_PATIENCE, RETRY, STEADY, TICK = 5.0, 3.0, 1.0, 0.2
@@ -82,7 +83,7 @@ class Trip:
 
     def stop(self, reason):
         """Stop by what the follower has found."""
-        self.mode.halt(StopVerdict(StopReason(reason)))
+        self.mode.halt(Verdict(StopReason(reason)))
         return self.live(1.0)
 
     def do(self, name):

@@ -6,7 +6,7 @@ import pytest
 from sphere_nav.geometry import Pinhole
 from sphere_nav.localization import InputCheck, Reason
 from sphere_nav.localization.params import InputParams
-from sphere_nav.localization.status import Finding
+from sphere_nav.localization.status import Verdict
 
 CAMERA = Pinhole(64, 48, 50.0, 50.0, 31.5, 23.5)
 SECOND = 1_000_000_000
@@ -172,5 +172,5 @@ def test_silence_is_told_with_the_present_stamp_after_its_time(check):
     assert check.find_silence(0.5) is None
     stamp_ns, finding = check.find_silence(0.75)
     assert (stamp_ns, finding.reason, finding.value, finding.limit) == (7_750_000_000, Reason.TIMEOUT, 0.75, 0.5)
-    dark = Finding(Reason.LOW_TEXTURE, 0.95, 0.9)
+    dark = Verdict(Reason.LOW_TEXTURE, 0.95, 0.9)
     assert check.find_silence(0.75, dark) == (7_750_000_000, dark)  # images came, that is why none was used

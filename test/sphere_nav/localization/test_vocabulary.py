@@ -9,10 +9,10 @@ from sphere_nav.localization.status import (
     FOLLOWING,
     INPUT_REMEDIES,
     TRUSTED,
-    Finding,
     Reason,
     State,
     Status,
+    Verdict,
     status_of,
 )
 
@@ -36,15 +36,15 @@ def test_nobody_drives_by_a_pose_that_is_not_followed():
 def test_a_status_leads_its_remedy_with_the_detail():
     for package in [dense_localizer.reasons, mcl_depth.status]:
         plain = status_of(
-            State.DEGRADED, 7, Finding(Reason.OUTLIERS, 0.2, 0.4), package.REMEDIES, quality=0.8, age=-1.0
+            State.DEGRADED, 7, Verdict(Reason.OUTLIERS, 0.2, 0.4), package.REMEDIES, quality=0.8, age=-1.0
         )
         assert plain.remedy == package.REMEDIES[Reason.OUTLIERS]
         assert (plain.state, plain.reason, plain.value, plain.limit) == ("DEGRADED", "OUTLIERS", 0.2, 0.4)
         assert (plain.stamp_ns, plain.quality, plain.age) == (7, 0.8, 0.0)
-        detailed = status_of(State.LOST, 7, Finding(Reason.OUTLIERS, detail="field"), package.REMEDIES)
+        detailed = status_of(State.LOST, 7, Verdict(Reason.OUTLIERS, detail="field"), package.REMEDIES)
         assert detailed.remedy == f"field; {plain.remedy}"
         advised = status_of(
-            State.LOST, 7, Finding(Reason.BAD_INFO, detail="yuv", advice="send mono8"), package.REMEDIES
+            State.LOST, 7, Verdict(Reason.BAD_INFO, detail="yuv", advice="send mono8"), package.REMEDIES
         )
         assert advised.remedy == "yuv; send mono8"
 

@@ -1,12 +1,9 @@
-"""When a message is due, and whether a question was answered."""
+"""When a message is due."""
 
 import pytest
-from rclpy.serialization import serialize_message
-from sensor_msgs.msg import Image
 
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.bags.playback import Answers, Playback, header_stamp_ns
-from sphere_nav.ros.conversions import header
+from sphere_nav.ros.bags.playback import Playback
 
 START = 5_000_000_000
 
@@ -80,36 +77,3 @@ def test_rewind(make_bag, wall):
         first = take_due(playback)
         playback.rewind()
         assert take_due(playback) == first
-
-
-def image(stamp):
-    return serialize_message(Image(header=header(stamp, "camera")))
-
-
-def test_the_stamp_of_serialized_bytes():
-    assert header_stamp_ns(image(1_234_000_000_567)) == 1_234_000_000_567
-
-
-def test_an_answer_has_the_stamp_or_a_later_one(wall):
-    answers = Answers(5.0, wall)
-    assert answers.is_settled
-    answers.ask(image(20))
-    assert not answers.is_settled
-    answers.hear(image(10))
-    assert not answers.is_settled
-    answers.hear(image(20))
-    assert answers.is_settled
-    answers.ask(image(30))
-    wall.now += 5.1
-    assert answers.is_settled
-    assert answers.num_missed == 1
-
-
-def test_without_a_limit_an_answer_is_waited_for_on_the_slowest_machine(wall):
-    answers = Answers(0.0, wall)
-    answers.ask(image(20))
-    wall.now += 1e6
-    assert not answers.is_settled
-    answers.hear(image(20))
-    assert answers.is_settled
-    assert answers.num_missed == 0

@@ -22,7 +22,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter, verify_bag
 from sphere_nav.ros.bags.player_node import BagPlayer
 from sphere_nav.ros.bags.recorder_node import BagRecorder
-from sphere_nav.ros.conversions import array_to_image, stamp_ns
+from sphere_nav.ros.conversions import array_to_image
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import WARN
 from sphere_nav_tools.cli.main import main
@@ -170,26 +170,6 @@ def test_paused_with_an_offset_latched_topics_are_there(start, drive, desk):
     desk.until(lambda: future.done() and len(stamps) == 10)
     assert stamps == [str(number) for number in range(20, 30)]
     end_of(player)
-
-
-@pytest.mark.dds
-def test_the_next_image_waits_for_the_answer(start, drive, desk):
-    """However slow the listener, it gets every image."""
-    answers = desk.node.create_publisher(Header, "/status", 10)
-    seen = []
-
-    def on_image(message):
-        seen.append(stamp_ns(message))
-        time.sleep(0.1)
-        answers.publish(Header(stamp=message.header.stamp))
-
-    desk.node.create_subscription(Image, "/image_raw", on_image, qos.SENSOR)
-    player = start(
-        "bag_player", bag=drive, rate=0.0, wait_for="/image_raw", answer_topic="/status", answer_timeout=30.0
-    )
-    desk.until(lambda: len(seen) == 30)
-    assert seen == [START + number * STEP for number in range(30)]
-    assert "without an answer" not in end_of(player)
 
 
 @pytest.mark.parametrize(

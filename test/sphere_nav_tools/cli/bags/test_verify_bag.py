@@ -92,9 +92,7 @@ def test_play(parameters_of):
     node_class, values = parameters_of(play, "drive")
     assert node_class is BagPlayer
     assert build(PlayerParams, values) == PlayerParams(bag="drive")
-    words = (
-        "drive --topics /a /b --rate 0 --start 3 --clock --paused --loop --wait-for /a --answer status --answered /b"
-    )
+    words = "drive --topics /a /b --rate 0 --start 3 --clock --paused --loop --wait-for /a"
     _, values = parameters_of(play, *words.split())
     expected = PlayerParams(
         bag="drive",
@@ -105,7 +103,5 @@ def test_play(parameters_of):
         paused=True,
         loop=True,
         wait_for="/a",
-        answer_topic="status",
-        answered_topic="/b",
     )
     assert build(PlayerParams, values) == expected
