@@ -13,6 +13,7 @@ from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
 from worlds.boxes import box
+from worlds.lit_room import POSES, picture, room
 
 SETTINGS = {
     "camera_height": 1.2,
@@ -20,33 +21,17 @@ SETTINGS = {
     "resampling.num_particles": 400,
     "input.min_way": 0.05,
 }
-MIDDLE = np.array([0.3, 0.2, 1.2])
-POSES = [np.array([-2.0 + 0.25 * k, -1.0 + 0.05 * k, 0.1]) for k in range(14)]
 
 
 @pytest.fixture(scope="module")
 def site():
-    parts = [box((-3, -2, 0), (3, 2.5, 2.6)), box((1.0, 1.2, 0), (2.2, 2.5, 2.0)), box((-3, 1.6, 0), (-2, 2.5, 1.7))]
-    vertices = np.concatenate([*parts, box((2.2, -2, 0), (3, -1, 1.8))])
-    mesh = mesh_from_faces(vertices, np.arange(len(vertices)).reshape(-1, 3), "room")
-    return Site(mesh, 1.2, build(FilterParams, SETTINGS))
+    return Site(room(), 1.2, build(FilterParams, SETTINGS))
 
 
 def test_a_camera_on_the_ground_is_a_height_that_nobody_told():
     mesh = mesh_from_faces(box((0, 0, 0), (4, 3, 2)), np.arange(36).reshape(-1, 3), "room")
     with pytest.raises(ValueError, match=r"^camera_height: expected .* 0.05 m or more, found 0 m$"):
         Site(mesh, 0.0, FilterParams())
-
-
-def picture(site, pose):
-    """What a camera might see: every point the brighter the nearer to the middle, which has the edges of the room."""
-    camera, place = site.depth_map.camera, np.array([*pose[:2], 1.2])
-    grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
-    depth = site.depth_map._synthesizer.synthesize_many(place[None])[0]
-    points = place + np.nan_to_num(depth, nan=9.0)[..., None] * camera.unproject(grid)
-    shift = round(pose[2] / (2 * np.pi) * camera.width)
-    brightness = 255.0 / (1.0 + np.linalg.norm(points - MIDDLE, axis=-1))
-    return np.roll(brightness, shift, axis=1).astype(np.float32)
 
 
 def observe(site, pose, number, odometry=True):

@@ -6,36 +6,24 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.estimate import Observation
-from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
-from worlds.boxes import box
+from worlds.lit_room import POSES, picture, room
 
 LEARNED = {"likeness.kind": "learned"}
 SETTINGS = LEARNED | {"camera_height": 1.2, "resampling.num_particles": 400, "input.min_way": 0.05}
-LAMP = np.array([0.3, 0.2, 1.2])
-POSES = [np.array([-2.0 + 0.25 * k, -1.0 + 0.05 * k, 0.1]) for k in range(14)]
 
 
 @pytest.fixture(scope="module")
 def site():
-    parts = [box((-3, -2, 0), (3, 2.5, 2.6)), box((1.0, 1.2, 0), (2.2, 2.5, 2.0)), box((-3, 1.6, 0), (-2, 2.5, 1.7))]
-    vertices = np.concatenate([*parts, box((2.2, -2, 0), (3, -1, 1.8))])
-    mesh = mesh_from_faces(vertices, np.arange(len(vertices)).reshape(-1, 3), "room")
-    return Site(mesh, 1.2, build(FilterParams, SETTINGS))
+    return Site(room(), 1.2, build(FilterParams, SETTINGS))
 
 
 def observe(site, pose, number):
-    """What a camera sees of a room by a lamp: the brighter the nearer to it."""
-    camera, place = site.depth_map.camera, np.array([*pose[:2], 1.2])
-    depth = site.synthesizer.synthesize_many(place[None])[0]
-    points = place + np.nan_to_num(depth, nan=9.0)[..., None] * camera.unproject(pixel_grid(camera))
-    bright = 255.0 / (1.0 + np.linalg.norm(points - LAMP, axis=-1))
-    image = np.roll(bright, round(pose[2] / (2 * np.pi) * camera.width), axis=1).astype(np.float32)
+    image, camera = picture(site, pose), site.depth_map.camera
     return Observation(image, camera, (number + 1) * 10**9, np.eye(3), SE3.from_planar(*pose))
 
 
