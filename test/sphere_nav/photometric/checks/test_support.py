@@ -113,9 +113,8 @@ def test_a_cell_agrees_within_one_pixel(views):
 
 
 def test_the_parts_are_asked_only_where_the_whole_agrees_little(look, views):
-    low = find_rig_structure(look.images, look.found, PARAMS, None, Aspect.FIT)
+    low = find_rig_structure(look.images, replace(look.found, ncc=0.51), PARAMS, None, Aspect.FIT)
     assert low.agreement > 0.3
-    assert look.found.ncc > 0.5
     assert not low.support.num_cells
     unlike = find_rig_structure(look.images, replace(look.found, ncc=0.49), PARAMS, None, Aspect.FIT)
     assert unlike.support.is_proven
