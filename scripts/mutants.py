@@ -1,8 +1,9 @@
 """`python scripts/mutants.py`: put faults into the code on purpose and count how many the tests notice.
 
 A mutant is the product with one small fault (`FAULTS`). Of every package some are drawn by `--seed`, of each kind in
-turn. Each runs in a copy, against the tests that mirror or import its module and then, but for `--near`, against those
-of its package; a test counts that passes without it. Mutants that change no result count as survivors.
+turn. Each runs in a copy, against the fast tests that mirror or import its module and then, but for `--near`, against
+those of its package; a test counts that passes without it. Mutants that change no result count as survivors.
+`--pinned` draws numbers of constants.py instead, each doubled and halved, against the tests that its comment names.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -34,6 +35,7 @@ UNSWAPPED |= {"isinstance", "issubclass", "getattr", "hasattr", "setattr", "arra
 ANGLES = {"radians", "degrees", "deg2rad", "rad2deg"}
 EXTREMES = {"min": "max", "argmin": "argmax", "nanmin": "nanmax", "nanargmin": "nanargmax", "minimum": "maximum"}
 EXTREMES |= {new: old for old, new in EXTREMES.items()}
+TEST_NAMES = r"\b(?:\w+/)*test_\w+"
 BOUNDS = {ast.Lt: ("<", "<=", ">"), ast.LtE: ("<=", "<", ">="), ast.Gt: (">", ">=", "<"), ast.GtE: (">=", ">", "<=")}
 
 Edit = tuple[int, int, str]  # begin and end in bytes of the file, what stands there instead
@@ -252,8 +254,8 @@ def near_and_other_tests(root: Path, path: Path) -> tuple[list[str], list[str]]:
 class Stage:
     """A copy of the checkout and of the packages as they would be installed, in which one mutant at a time lives."""
 
-    def __init__(self, root: Path, packages: set[str], folder: Path) -> None:
-        self.folder, self.broken = folder, set[str]()  # tests that fail without a mutant, too
+    def __init__(self, root: Path, packages: set[str], folder: Path, marks: str = "not slow and not dds") -> None:
+        self.folder, self.marks, self.broken = folder, marks, set[str]()  # broken: tests that fail without a mutant
         listed = subprocess.run(["git", "ls-files", "-coz", "--exclude-standard"], cwd=root, capture_output=True)
         for name in listed.stdout.decode().split("\0"):
             if (root / name).is_file() and not name.startswith("test/installation/"):
@@ -286,7 +288,8 @@ class Stage:
 
     def run(self, tests: list[str], limit_s: float) -> tuple[str, str]:
         """Run pytest until the first failure; return how it ended, and the test that failed or was running."""
-        words = ["-v", "-x", "--tb=no", "--no-header", "-rfE", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
+        words = ["-v", "-x", "--tb=no", "--no-header", "-rfE", "-p", "no:cacheprovider", "-p", "no:xdist"]
+        words += ["-m", self.marks, *tests]
         words += [word for test in sorted(self.broken) for word in ("--deselect", test)]
         command, log = [sys.executable, "-B", "-P", "-m", "pytest", *words], self.folder / "log"
         with log.open("w") as stream:
@@ -318,22 +321,58 @@ def main() -> int:
     parser.add_argument("--package", action="append", default=[], help="only this one; may be repeated")
     parser.add_argument("--limit", type=float, default=120.0, help="seconds of CPU for the tests of one mutant (120)")
     parser.add_argument("--near", action="store_true", help="only tests that mirror or import the module")
+    parser.add_argument("--pinned", action="store_true", help="only numbers of constants.py, by the tests they name")
     options = parser.parse_args()
     mutants, counts = all_mutants(ROOT), Counter[tuple[str, str]]()
     with tempfile.TemporaryDirectory(prefix="mutants_") as name:
-        stage = Stage(ROOT, {package.split("/")[0] for package in mutants}, Path(name))
+        marks = "not dds" if options.pinned else "not slow and not dds"
+        stage = Stage(ROOT, {package.split("/")[0] for package in mutants}, Path(name), marks)
         for package, found in sorted(mutants.items()):
+            pool = (
+                [one for one in found if one.kind == "constant" and named_tests(ROOT, one)] if options.pinned else found
+            )
             is_chosen = not options.package or package in options.package
-            for mutant in draw(found, options.count * is_chosen, random.Random(f"{options.seed} {package}")):
-                outcome, by = "survived", ""
-                for tests in near_and_other_tests(ROOT, Path(mutant.path))[: 2 - options.near]:
-                    if tests and outcome == "survived":
-                        outcome, by = stage.judge(mutant, tests, options.limit)
+            for mutant in draw(pool, options.count * is_chosen, random.Random(f"{options.seed} {package}")):
+                for trial, tests in trials(ROOT, mutant, options):
+                    outcome, by = stage.judge(trial, tests, options.limit) if tests else ("survived", "")
+                    if outcome != "survived":
+                        break
                 counts[package, outcome] += 1
                 sys.stdout.write(f"{outcome:9}  {mutant.describe((ROOT / mutant.path).read_bytes())}  {by}\n")
                 sys.stdout.flush()
     sys.stdout.writelines(f"{package}: {number} {outcome}\n" for (package, outcome), number in sorted(counts.items()))
     return 0
+
+
+def trials(root: Path, mutant: Mutant, options: argparse.Namespace) -> list[tuple[Mutant, list[str]]]:
+    """Return what is tried until one is noticed: a fault, and test files."""
+    if not options.pinned:
+        return [(mutant, tests) for tests in near_and_other_tests(root, Path(mutant.path))[: 2 - options.near]]
+    old = ast.literal_eval((root / mutant.path).read_bytes()[mutant.begin : mutant.end].decode())
+    half = replace(mutant, new=repr(old / 2 if isinstance(old, float) else old // 2))
+    return [(one, named_tests(root, mutant)) for one in (mutant, half)]
+
+
+def named_tests(root: Path, mutant: Mutant) -> list[str]:
+    """Return the test files that the comment of a number names, or else that of its group, in a constants.py."""
+    path, group, previous = Path(mutant.path), "", ""
+    if path.name != "constants.py":
+        return []
+    for number, line in enumerate((root / path).read_text(encoding="utf-8").splitlines(), 1):
+        if line.startswith("#"):
+            group = f"{group} {line}" if previous.startswith("#") else line
+        previous = line
+        if number == mutant.line:
+            names = set(re.findall(TEST_NAMES, line) or re.findall(TEST_NAMES, group))
+            folders = [root / "test" / path.parent, root / "test"]
+            found = [[*folder.rglob(f"{Path(name).name}.py")] for name in sorted(names) for folder in folders]
+            return sorted({str(file.relative_to(root)) for files in found for file in files if wanted(file, names)})
+    return []
+
+
+def wanted(file: Path, names: set[str]) -> bool:
+    """Whether a test file is one of those named, with or without its folders."""
+    return any(str(file.with_suffix("")).endswith("/" + name) for name in names)
 
 
 def all_mutants(root: Path) -> dict[str, list[Mutant]]:
