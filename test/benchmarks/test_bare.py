@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from benchmarks.bare.drives import MARGIN, MAX_OFFSET, SIDE, Drive, Studio, kidnapped_line, limits
-from benchmarks.bare.home_world import CLEAR_M, home
 from benchmarks.bare.trials import Trial
 from cycab_sim.world.town import draw_plan
 from sphere_nav.geometry import SE3, so3
@@ -75,15 +74,3 @@ def test_a_mirrored_drive_turns_the_other_way_and_leans_to_the_other_side():
     np.testing.assert_allclose(so3.log(mirrored.tilts[0]), [-0.1, 0.0, 0.0], atol=1e-12)  # roll
     np.testing.assert_allclose(so3.log(mirrored.tilts[1]), [0.0, 0.2, 0.0], atol=1e-12)  # pitch
     np.testing.assert_array_equal(mirrored.mirrored.images, images)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
-def test_the_plan_of_a_home_is_what_its_pictures_show_but_for_centimetres(seed):
-    """Rooms are joined by doors, and where a picture was taken the plan has a room around it."""
-    found = home(seed, 4)
-    assert found.images.shape == (4, 256, 512)
-    assert found.images.std(axis=(1, 2)).min() > 5.0
-    low, high = found.plan.vertices.min(axis=0), found.plan.vertices.max(axis=0)
-    assert np.all((found.poses[:, :2] > low[:2] + CLEAR_M) & (found.poses[:, :2] < high[:2] - CLEAR_M))
-    assert 2.0 < high[2] - low[2] < 3.0

@@ -6,7 +6,6 @@ from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
 from sphere_nav_msgs.msg import ReferencePoint, ReferenceTrajectory
 
-from path_follower.params import FollowerParams
 from path_follower.ros.node import PathFollowerNode
 from path_follower.ros.trajectory import TrajectoryIntake
 from sphere_nav.geometry import SE3
@@ -30,11 +29,6 @@ def intake():
     node = OfflineBus().add(PathFollowerNode)
     assert isinstance(node.trajectories, TrajectoryIntake)
     return node.trajectories
-
-
-def test_a_path_without_stamps_is_driven_at_cruise_speed(intake):
-    intake.on_path(taught())
-    assert intake.loop.follower.path.speed.max() == pytest.approx(FollowerParams().speed.cruise)
 
 
 def test_a_path_with_stamps_is_driven_as_it_was_taught(intake):
