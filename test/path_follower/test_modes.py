@@ -184,3 +184,12 @@ def test_the_words_are_those_of_the_message():
         assert isinstance(getattr(messages.FollowerStatus, f"CODE_{state.value}"), int)
     for reason in StopReason:
         assert not reason or getattr(messages.FollowerStatus, reason.value) == reason.value
+
+
+def test_what_is_found_while_nothing_drives_is_no_news():
+    for phase in (NO_PATH, IDLE, FINISHED):
+        mode = mode_in(phase)
+        before = mode.verdict
+        mode.halt(MISSING)
+        mode.halt(WRONG)
+        assert (mode.phase, mode.verdict) == (phase, before)

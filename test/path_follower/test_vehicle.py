@@ -179,3 +179,12 @@ def test_a_prediction_goes_by_steps_of_20_ms():
     predictor.remember(0, Motion(1.0, 0.0))
     predicted = predictor.predict(Pose2(0, 0, 0), 0, 8 * STEP, None).x
     assert predicted == pytest.approx(sum(0.02 * (1.0 - math.exp(-0.02 * k / 0.5)) for k in range(1, 21)))
+
+
+def test_a_start_waits_for_the_wheels_once():
+    limiter = Limiter(CAR)
+    assert limiter.is_starting(0.3)
+    for k in range(60):
+        limiter.limit(0.1, 0.3, k * STEP, is_hard=False)
+    assert not limiter.is_starting(0.3)
+    assert not limiter.is_starting(-0.3)  # under way

@@ -6,6 +6,7 @@ from nav_msgs.msg import Path
 from rclpy.serialization import serialize_message
 from sphere_nav_msgs.msg import ReferencePoint, ReferenceTrajectory
 
+from path_follower.params import FollowerParams
 from path_follower.ros.node import PathFollowerNode
 from path_follower.ros.trajectory import TrajectoryIntake
 from sphere_nav.geometry import SE3
@@ -68,3 +69,8 @@ def test_a_message_that_would_be_read_for_minutes_is_refused_unread(intake):
         read(bytes(72_000_028))
     read(serialize_message(taught(length=5.0)))
     assert intake.loop.follower.path.length == pytest.approx(4.9)
+
+
+def test_a_path_without_stamps_is_driven_at_cruise_speed(intake):
+    intake.on_path(taught())
+    assert intake.loop.follower.path.speed.max() == pytest.approx(FollowerParams().speed.cruise)
