@@ -64,7 +64,7 @@ FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose
 END_PATIENCE_S = 30.0  # s for a node to end after SIGINT: a recorder completes its bag first
 MAX_RESTARTS = 5  # of one node; more would hide that something is broken
 
-# Diagnostics and the log (test_health, test_throttle, test_service)
+# Diagnostics and the log (test_qos, test_service)
 HEALTH_PERIOD = 1.0  # s between two diagnostics
 EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
 REQUEST_PERIOD = 1.0  # s between two lines of requests that failed alike; each of them is answered

@@ -33,7 +33,7 @@ FEATURE_SEAM = 64  # px by which a whole sphere is continued on either side
 MAX_FEATURE_ELEVATION = np.radians(60.0)  # nearer to the poles a whole sphere is drawn too wide
 CONTRAST = 0.02  # of SIFT, half of OpenCV's: walls in the shade count, too
 
-# Words and what is alike (appearance/test_dictionary, appearance/test_index)
+# Words and what is alike (appearance/test_features, appearance/test_index)
 MIN_WORD_COSINE = 0.86  # of a descriptor with its word
 MAX_WORDS = 8192  # then every descriptor takes the word most like it: the cost of a look-up is bounded
 NUM_TURN_BINS = 36  # turns of 10 degrees
@@ -48,11 +48,11 @@ MAX_RAY_ANGLE = np.radians(1.0)  # between a ray and its point
 NUM_POSE_REFINEMENTS = 6  # of the best one, by all that agree with it
 MIN_FORWARD = 0.1  # of the three rays along their mean: P3P needs them before a plane
 
-# Small spheres (test_coarse)
+# Small spheres (test_sphere)
 MIN_COARSE_SIDE = 96  # px; 1024 rows become 128
 SURFACE_RATIO = 1.1  # ranges within this ratio of the nearest in a block are one surface
 
-# Spheres in less than half of their bytes (test_condensed)
+# Spheres in less than half of their bytes (test_sphere)
 CONDENSED_RANGE = 24  # codes of range that become one: 0.5 %, of a range that stereo tells to 0.6 % at best
 CONDENSED_DEVIATION = 16  # codes of its deviation that become one: 1.8 times
 

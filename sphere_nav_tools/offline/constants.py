@@ -19,7 +19,7 @@ MAX_PAIR_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recor
 # A drive of a rig (mapping/test_workers)
 AHEAD = 2  # instants stitched before the mapper has their spheres: always as many; odometry is kept for 2 s
 
-# A rectified pair by its drive (mapping/test_stereo_drive)
+# A rectified pair by its drive (mapping/test_drive)
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
 MAX_PAIRS = 400  # of the drive's beginning
 
@@ -35,7 +35,7 @@ EDGE_FACTOR = 2.0  # of those of the edges: on real recordings with good truth e
 MAX_SURVEY_SIGMAS = 5.3  # of six degrees of freedom together: an edge in 10,000 by chance
 MAX_CONTRADICTED = 0.5  # share of the edges above which the survey is refused
 
-# A drive that is mapped or localised (mapping/test_drive, mapping/test_drive_locator)
+# A drive that is mapped or localised (mapping/test_drive, mapping/test_extension)
 MAX_LOST = 0.5  # share of the spheres above which a drive was not mapped
 MIN_WAY_M = 0.1  # of a drive whose drift is told
 MIN_EXPLAINED_SHARE = 0.8  # of the images of a key sphere, above which it adds nothing to the map

@@ -10,8 +10,6 @@ pytest.importorskip("rclpy")
 from benchmarks.drive.mission_cameras import TOUR, Taught
 from benchmarks.drive.mission_town import PLACES, named
 from benchmarks.drive.ways import rounded_way
-from cycab_sim.world.city import build_city
-from cycab_sim.world.traffic.loops import _room
 from path_follower.routes.building import TaughtDrive, build_network, even_curve
 from path_follower.routes.network import Spot
 from path_follower.routes.planning import plan
@@ -51,11 +49,3 @@ def test_the_tour_is_a_network_with_a_way_from_each_place_to_each_other_one():
     for start, goal in permutations(places, 2):
         here = Spot(network.departures(network.places[start])[0].id, 0.0)
         assert plan(network, [here], network.spots_of(network.places[goal]), cruise=2.0).length > 10.0
-
-
-@pytest.mark.slow
-def test_nothing_stands_in_the_way_of_the_tour():
-    way, corner = rounded_way(TOUR), np.array([-90.0, -95.0])
-    room = _room(build_city(101), corner, np.array([340.0, 260.0]))
-    column, row = np.floor((way.at(np.arange(0.0, way.length, 0.25))[:, :2] - corner) / 0.1).astype(int).T
-    assert room[row, column].min() > 1.2  # half a car and some air: the lane is 3 m wide

@@ -7,10 +7,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks.drive.repeats import KINDS, Drive, Found, Taught, Way, draw_drives, judge
+from benchmarks.drive.repeats import KINDS, Drive, Found, Taught, draw_drives, judge
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
-from sphere_nav.ros.bags import BagReader, BagWriter
+from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_odometry
 
 SECOND = 10**9
@@ -56,15 +56,3 @@ def test_errors_are_relative_to_the_taught_drive(tmp_path):
     more = SE3.exp([0.0, 0.13, 0, 0, 0, 0])
     found = taught.errors(drive_of([T @ more for T in mapped]), drive_of([T @ off for T in true]))
     np.testing.assert_allclose(found, np.tile([0.0, 0.03, 0.0], (6, 1)), atol=1e-6)
-
-
-@pytest.mark.slow
-def test_a_drive_is_what_the_node_publishes(tmp_path):
-    way = Way(4, 0.1)
-    assert (way.path, Way(4, 99.0).path, Way(4, 400.0).path) == ("straight", "two_turns", "tour")
-    more = {"world": "corridor", "camera.size": "64,48", "traffic.density": "none", "teach.speed": 3.0}
-    way.record(tmp_path / "bag", more, by_rig=False)
-    with BagReader(tmp_path / "bag") as bag:
-        assert {"/image_raw", "/camera_info", "/odom", "/ground_truth/odometry", "/tf_static"} <= set(bag.topics)
-        assert not [name for name in bag.topics if name.startswith("/cameras")]
-        assert bag.topics["/image_raw"].count >= 5

@@ -126,10 +126,3 @@ def test_a_variable_of_pip_holds_before_its_file(tmp_path: Path) -> None:
     settings = f"[global]\nindex-url = {(tmp_path / 'absent').as_uri()}\n"
     done = install(settings, tmp_path, PIP_INDEX_URL=write_index(tmp_path / "simple"))
     assert (tmp_path / "target" / "nothing_at_all.py").is_file(), done.stderr
-
-
-@pytest.mark.dds
-def test_a_wheel_that_no_one_has_is_not_installed(tmp_path: Path) -> None:
-    done = install("[global]\nno-index = true\n", tmp_path)
-    assert done.returncode != 0
-    assert "nothing-at-all" in done.stderr

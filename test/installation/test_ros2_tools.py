@@ -48,7 +48,6 @@ LONG = 600.0  # s after which a process hangs
 PERIOD = 0.2  # s between two images
 START_X = -0.5  # m
 OPTICAL = "camera_optical"
-LINE = "Caught exception in launch (see debug for traceback): "
 GIVEN = {
     "mapping": ["rig:=rig.yaml", "bag:=six_cameras"],
     "localisation": ["map:=map"],
@@ -213,26 +212,6 @@ def test_nodes_end_with_a_launch_that_is_killed(ros2: str, files: Path, tmp_path
         assert len(found) == len(NODES["nav2"]) + 1  # the loop of the follower has a front
         launched.process.kill()
         assert wait_until(lambda: not any(is_running(pid) for pid in found), PATIENCE)
-
-
-@pytest.mark.parametrize(
-    ("name", "words", "expected"),
-    [
-        ("navigation", ["map:=map", "gaurd:=true"], "gaurd (is guard meant?): expected one of map, image"),
-        ("navigation", ["map:=map", "site:=/nope.yaml"], "site: expected a file or folder that exists"),
-        ("localisation", ["map:=map", "transport:=tcp"], "transport: expected raw, compressed, found 'tcp'"),
-        ("simulation", ["seed:=1.5"], "seed: expected a whole number, 0 or more, found '1.5'"),
-    ],
-)
-def test_wrong_arguments_are_refused_in_one_line(
-    ros2: str, files: Path, name: str, words: list[str], expected: str
-) -> None:
-    command = [ros2, "launch", "sphere_nav", f"{name}.launch.py", *words]
-    done = subprocess.run(command, cwd=files, capture_output=True, text=True, timeout=LONG)
-    assert done.returncode == 1
-    lines = [line for line in (done.stdout + done.stderr).splitlines() if "[INFO]" not in line]
-    assert len(lines) == 1, lines
-    assert LINE + expected in lines[0]
 
 
 def test_a_follower_answers_the_tools_of_ros2(ros2: str, files: Path, tmp_path: Path) -> None:

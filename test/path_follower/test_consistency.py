@@ -266,20 +266,6 @@ def test_an_uncertain_pose_does_not_start_and_a_doubtful_one_drives_slowly_for_a
     assert first == pytest.approx(10 * limit, abs=2)
 
 
-def test_a_jump_stops_and_the_new_place_may_be_started_from(kit):
-    def jump(now, follower, car):
-        if now >= 6.0 and car.pose.y == 0.0:
-            car.pose = Pose2(car.pose.x + 0.9, 1e-9, car.pose.yaw)
-
-    drive = kit.follow(kit.course((40, 0)), each=jump)
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.POSE_JUMP)
-    follower = make_follower(kit)
-    for k in range(60):
-        now = SECOND + k * STEP
-        follower.update(Pose2(3.0 if k > 30 else 1.0, 0, 0), None, now, "TRACKING")
-    assert follower.start(now) == ""
-
-
 def test_a_localizer_of_another_map_is_refused_and_one_that_changes_it_stops(kit):
     follower = make_follower(kit)
     object.__setattr__(follower.path, "map_id", "yard")

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from path_follower.modes import FollowerState
-from path_follower.params import FollowerParams, SpeedParams, VehicleParams
-from path_follower.path_files import read_path
+from path_follower.params import FollowerParams, VehicleParams
 from path_follower.reasons import StopReason
 
 QUARTER = math.pi / 2
@@ -68,26 +67,6 @@ def test_steered_rear_wheels_drive_the_same_curves_and_narrower_ones(kit):
     assert drive.worst < 0.03  # as tight as it gets: nothing is left to correct with
     unaware = kit.follow(kit.course((5, 0), (6, 0.2), (5, 0)), kit.World(rear_steering=0.8))
     assert unaware.worst < 0.02  # a Twist says yaw rates, not wheels
-
-
-def test_a_joint_of_two_paths_is_continuous_in_curvature(kit):
-    first, second = kit.course((8, 0)), kit.course((8, 0.2), start=(8.05, 0.04, 0.05))
-    path = kit.make_path(np.vstack([first, second])[:, :2], FollowerParams())
-    bends = np.abs(np.diff(path.curvature)) / np.diff(path.arc_length)
-    assert bends.max() < 0.6  # 1/m^2; as given it leaps by 0.2 1/m
-    angle_rate = np.abs(np.gradient(np.arctan(1.2 * path.curvature), path.arc_length)) * path.speed
-    assert angle_rate.max() <= VehicleParams().max_steering_rate + 1e-6
-    drive = kit.follow(np.vstack([first, second]))
-    assert_arrived(drive)
-    assert drive.worst < 0.01
-
-
-def test_a_bend_is_entered_at_the_speed_of_its_lateral_acceleration(kit):
-    params = FollowerParams(speed=SpeedParams(cruise=3.0), vehicle=VehicleParams(max_speed=3.0))
-    drive = kit.follow(kit.course((20, 0), (12, 0.25), (15, 0)), params=params)
-    sideways = [abs(command.speed * command.yaw_rate) for command in drive.commands]
-    assert max(command.speed for command in drive.commands) > 2.8
-    assert 0.95 < max(sideways) < 1.1  # m/s^2; the wheels correct a little
 
 
 @pytest.mark.slow
@@ -151,15 +130,6 @@ def assert_cusps_are_reached(drive):
     assert max(x[: len(x) // 2]) == pytest.approx(6.0, abs=0.12)  # tolerance, and what rolls on
 
 
-@pytest.mark.slow
-def test_a_fast_drive_is_stable(kit):
-    params = FollowerParams(speed=SpeedParams(cruise=4.0), vehicle=VehicleParams(max_speed=5.0))
-    wide = kit.course((20, 0), (QUARTER * 12, 1 / 12), (20, 0), (QUARTER * 12, -1 / 12), (25, 0))
-    drive = kit.follow(wide, kit.World(latency=0.1, steering_lag=0.3), params)
-    assert_arrived(drive)
-    assert drive.worst < 0.08  # 0.1 s of lag that the model does not know of, up to 0.4 m of way
-
-
 CORNER = np.array([[0, 0], [10, 0], [10, 10.0]])
 
 
@@ -167,23 +137,3 @@ def test_a_corner_that_no_car_can_turn_ends_in_a_stop_and_not_in_a_field(kit):
     drive = kit.follow(CORNER, start=(0, 0, 0))
     assert drive.final.state is FollowerState.STOPPED
     assert drive.final.verdict.reason is StopReason.OFF_PATH
-
-
-@pytest.mark.slow
-def test_a_race_track_at_a_quarter_of_its_size_is_driven(kit, shared_data, tmp_path):
-    points = np.loadtxt(shared_data / "tracks" / "Budapest.csv", delimiter=",")[:, :2] / 4.0
-    np.savetxt(tmp_path / "track.csv", points, delimiter=",")
-    params = FollowerParams(speed=SpeedParams(cruise=3.0), vehicle=VehicleParams(max_speed=4.0))
-    path = read_path(tmp_path / "track.csv", params, is_closed=True)
-    feet = np.stack([path.x, path.y], axis=-1)
-    nearest = np.min(np.hypot(*(points[::5, None] - feet[None]).transpose(2, 0, 1)), axis=1)
-    assert nearest.max() < 0.06  # half of the spacing of 0.1 m; smoothing adds little
-    from path_follower.follower import Follower
-
-    start = (path.x[0], path.y[0], path.yaw[0])
-    world = kit.World(position_noise=0.02, yaw_noise=0.005, latency=0.1)
-    drive = kit.run(Follower(params, path), start, world, seconds=75.0)
-    kit.assert_within_limits(drive, params)
-    assert drive.final.state is FollowerState.DRIVING
-    assert drive.final.progress > 120
-    assert drive.rmse < 0.02

@@ -42,14 +42,6 @@ def test_at_a_crossing_the_foot_stays_on_its_branch(kit):
         assert foot.arc_length == pytest.approx(s, abs=0.02)  # the polygon of 0.1 m edges
 
 
-def test_a_bend_is_turned_by_speed_times_curvature(kit):
-    ring = kit.course((2 * math.pi * 4, 1 / 4))
-    path = kit.make_path(ring[:, :2], PARAMS, ring[:, 2])
-    point = path.at(8.0, 0)
-    assert point.curvature == pytest.approx(0.25, rel=1e-3)
-    assert point.yaw_rate == pytest.approx(1.4 * 0.25, rel=1e-3)
-
-
 def test_a_closed_path_goes_on_and_on(kit):
     ring = kit.course((2 * math.pi * 8, 1 / 8))[:-1]
     path = kit.make_path(ring[:, :2], PARAMS, ring[:, 2], is_closed=True)
@@ -119,3 +111,11 @@ def test_a_vehicle_does_not_skip_a_cusp(kit):
     assert path.advance(Pose2(4.0, 0, 0), second, 2.0).arc_length == pytest.approx(6.0, abs=0.02)
     assert path.at(6.0, 1).speed < 0
     assert path.at(6.0, 1).yaw == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_bend_is_turned_by_speed_times_curvature(kit):
+    ring = kit.course((2 * math.pi * 4, 1 / 4))
+    path = kit.make_path(ring[:, :2], PARAMS, ring[:, 2])
+    point = path.at(8.0, 0)
+    assert point.curvature == pytest.approx(0.25, rel=1e-3)
+    assert point.yaw_rate == pytest.approx(1.4 * 0.25, rel=1e-3)

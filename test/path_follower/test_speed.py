@@ -27,19 +27,6 @@ def test_a_vehicle_that_is_ahead_is_slower_by_what_equation_25_says():
         assert speed_law(reference(1.4), ahead) == pytest.approx(speed)
 
 
-def test_an_error_along_the_path_falls_by_a_factor_e_in_the_time_of_the_gain():
-    virtual, vehicle, step = 0.0, 0.5, 0.001
-    seconds = 1 / 1.2  # error' = -K_X (U* + epsilon) error
-    for _ in range(round(seconds / step)):
-        vehicle += speed_law(reference(1.4), vehicle - virtual) * step
-        virtual += 1.4 * step
-    assert vehicle - virtual == pytest.approx(0.5 / math.e, rel=1e-3)
-
-
-def test_backwards_the_law_mirrors():
-    assert speed_law(reference(-1.0, -1), 0.2) == pytest.approx(-speed_law(reference(1.0), -0.2))
-
-
 def test_a_vehicle_far_ahead_stands_and_does_not_drive_back():
     assert speed_law(reference(0.5), 10.0) == 0.0
     assert speed_law(reference(-0.5, -1), -10.0) == 0.0

@@ -117,13 +117,6 @@ def test_recovery_of_the_localizer_alone_moves_nothing_and_a_new_start_goes_on_a
     assert follower.location.arc_length == pytest.approx(progress, abs=0.6)
 
 
-def test_zero_commands_are_kept_alive_without_any_input(kit, straight):
-    follower = Follower(PARAMS)
-    for k in range(50):
-        command = follower.tick(k * SECOND // 20)
-        assert (command.speed, command.yaw_rate, command.status.state) == (0.0, 0.0, FollowerState.NO_PATH)
-
-
 @pytest.mark.parametrize(
     ("pose", "refusal"),
     [
@@ -137,19 +130,6 @@ def test_a_start_beside_the_path_or_facing_the_wrong_way_is_refused(kit, straigh
     follower.update(pose, None, SECOND, "TRACKING")
     assert follower.start(SECOND).startswith(refusal)
     assert follower.mode.state is FollowerState.IDLE
-
-
-def test_a_loss_while_paused_changes_nothing_and_its_end_moves_nothing(kit, straight):
-    """A pause is an operator's: it does not become a stop that ends by itself."""
-
-    def operator(now, follower, car):
-        if now == pytest.approx(5.0):
-            follower.pause()
-        return "LOST" if 9.0 < now < 12.0 else "TRACKING"
-
-    params = FollowerParams(safety=SafetyParams(resume="standing"))
-    drive = kit.follow(straight, params=params, each=operator, seconds=20.0)
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.PAUSED, StopReason.OPERATOR)
 
 
 def test_an_operators_stop_is_gentle(kit, straight):
@@ -173,17 +153,6 @@ def test_a_clock_that_jumps_back_stops(kit, straight):
     assert follower.mode.state is FollowerState.STOPPED
 
 
-def test_stamps_from_the_past_and_repeated_ones_change_nothing(kit, straight):
-    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
-    follower.update(Pose2(0, 0, 0), None, 5 * SECOND, "TRACKING")
-    follower.start(5 * SECOND)
-    before = follower.tick(5 * SECOND + 50_000_000)
-    for stamp in (5 * SECOND, 3 * SECOND, 0):
-        after = follower.update(Pose2(30, 9, 1), None, stamp, now_ns=5 * SECOND + 50_000_000)
-        assert after.speed == before.speed
-        assert follower.mode.is_driving
-
-
 @pytest.fixture
 def driving(kit):
     points = kit.course((40, 0))
@@ -198,15 +167,6 @@ def test_a_vehicle_that_is_left_alone_is_at_zero_command_and_does_not_ramp_when_
     follower.stand(Verdict(StopReason.OPERATOR))
     assert follower.update(pose, None, now + SECOND // 20, "TRACKING").speed == 0.0
     assert (follower.mode.state, follower.mode.is_armed) == (FollowerState.STOPPED, False)
-
-
-def test_after_standing_a_start_goes_on_at_the_place(driving):
-    follower, pose, now = driving
-    place = follower.location.arc_length
-    follower.stand(Verdict(StopReason.OPERATOR))
-    follower.update(pose, None, now + SECOND // 20, "TRACKING")
-    assert follower.start(now + SECOND // 20) == ""
-    assert follower.location.arc_length == pytest.approx(place, abs=0.5)
 
 
 @pytest.fixture

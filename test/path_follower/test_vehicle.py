@@ -69,28 +69,11 @@ def test_a_speed_is_eased_into_and_out_of(step):
     assert reached == pytest.approx(1.5 / 0.7 + 0.35, abs=0.2)
 
 
-def test_a_stop_for_safety_is_not_eased():
-    limiter = Limiter(VehicleParams())
-    limiter.limit(0.0, 0.0, 0, is_hard=False)
-    limiter.last, limiter.gain = Motion(1.5, 0.0), 0.8
-    assert limiter.limit(0.0, 0.0, STEP, is_hard=True).speed == pytest.approx(1.3)
-    assert limiter.limit(1.5, 0.0, 2 * STEP, is_hard=False).speed == pytest.approx(1.3, abs=0.01)
-
-
 def test_without_a_curvature_the_wheels_stay():
     limiter = Limiter(CAR)
     for k in range(40):
         turned = limiter.limit(1.0, 0.2, k * STEP, is_hard=False)
     assert limiter.limit(0.0, None, 40 * STEP, is_hard=True).steering_angle == turned.steering_angle
-
-
-def test_a_start_waits_for_the_wheels_once():
-    limiter = Limiter(CAR)
-    assert limiter.is_starting(0.3)
-    for k in range(60):
-        limiter.limit(0.1, 0.3, k * STEP, is_hard=False)
-    assert not limiter.is_starting(0.3)
-    assert not limiter.is_starting(-0.3)  # under way
 
 
 @pytest.mark.parametrize("age_ns", [0, 100_000_000, 170_000_000])
@@ -198,13 +181,10 @@ def test_a_prediction_goes_by_steps_of_20_ms():
     assert predicted == pytest.approx(sum(0.02 * (1.0 - math.exp(-0.02 * k / 0.5)) for k in range(1, 21)))
 
 
-def test_a_vehicle_that_is_stopped_while_it_accelerates_gains_no_more_speed():
-    limiter = Limiter(VehicleParams())
-    for tick in range(7):
-        limiter.limit(1.4, 0.0, tick * 100_000_000, is_hard=False)
-    assert limiter.gain > 0.5
-    speeds = [limiter.last.speed]
-    for tick in range(7, 27):
-        speeds.append(limiter.limit(0.0, 0.0, tick * 100_000_000, is_hard=False, is_stop=True).speed)
-    assert np.all(np.diff(speeds) <= 0.0)
-    assert speeds[-1] == 0.0
+def test_a_start_waits_for_the_wheels_once():
+    limiter = Limiter(CAR)
+    assert limiter.is_starting(0.3)
+    for k in range(60):
+        limiter.limit(0.1, 0.3, k * STEP, is_hard=False)
+    assert not limiter.is_starting(0.3)
+    assert not limiter.is_starting(-0.3)  # under way

@@ -68,14 +68,3 @@ def test_every_bit_of_a_message_counts_but_for_computing_time():
     early, late = Image(), Image()
     late.header.stamp.sec = 1
     assert digest("", early, late) == digest("", late, early) != digest("", early)
-
-
-def test_what_is_no_record_is_one_line_and_exit_code_2(tmp_path, capsys):
-    for text in [None, "", "[]", '{"cases": 3}', "{}"]:
-        path = tmp_path / "a.json"
-        if text is not None:
-            path.write_text(text)
-        assert compare_results.main(["compare", str(path), str(path)]) == 2
-        said = capsys.readouterr().err
-        assert said.startswith(f"compare_results.py: {path}: expected a record of this script, found: ")
-        assert said.count("\n") == 1

@@ -100,17 +100,6 @@ def test_images_are_placed_and_the_pose_is_where_the_view_looks_the_same(demo):
                 call()
 
 
-@pytest.mark.slow
-def test_two_rgbd_arrays_give_their_motion():
-    room, camera = wide_room(), sphere_nav.Camera.from_fx(width=320, height=240, fx=200)
-    places = drive(8)[0], drive(8)[7]
-    views = [sphere_nav.RgbdView(*room.rgbd(camera, place), camera) for place in places]
-    found = sphere_nav.register(*views)
-    expected = T_BODY_OPTICAL @ (places[0].inverse() @ places[1]) @ T_BODY_OPTICAL.inverse()
-    assert found.is_converged
-    assert expected.distance(found.T_a_b)[0] < 0.01
-
-
 def test_an_option_that_the_command_has_not_is_refused(tmp_path):
     with pytest.raises(ValueError, match="mcl: expected an option of the command, found --colour=red"):
         sphere_nav.mcl(tmp_path, tmp_path, colour="red")
@@ -135,3 +124,14 @@ def test_an_example_runs_and_draws_its_picture(name, demo, tmp_path, monkeypatch
     assert (tmp_path / "picture.png").stat().st_size > 10_000
     assert capsys.readouterr().out
     assert len(script.read_text(encoding="utf-8").splitlines()) <= 40
+
+
+@pytest.mark.slow
+def test_two_rgbd_arrays_give_their_motion():
+    room, camera = wide_room(), sphere_nav.Camera.from_fx(width=320, height=240, fx=200)
+    places = drive(8)[0], drive(8)[7]
+    views = [sphere_nav.RgbdView(*room.rgbd(camera, place), camera) for place in places]
+    found = sphere_nav.register(*views)
+    expected = T_BODY_OPTICAL @ (places[0].inverse() @ places[1]) @ T_BODY_OPTICAL.inverse()
+    assert found.is_converged
+    assert expected.distance(found.T_a_b)[0] < 0.01

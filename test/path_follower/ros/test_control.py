@@ -58,14 +58,6 @@ def test_a_start_begins_with_a_zero_command(bus, loop):
     assert not [item for item in bus.settle() if item.topic == "/cmd_vel"]
 
 
-def test_before_the_first_answer_a_command_has_the_time_of_the_clock(loop):
-    """Also early in a simulation, where a patient follower would still count on an answer."""
-    loop.answered.forget()
-    assert loop.stamp_at(SECOND // 20) == SECOND // 20
-    loop.answered.stamp_ns = SECOND
-    assert loop.stamp_at(SECOND + SECOND // 20) == SECOND
-
-
 def test_after_a_jump_of_the_clock_a_command_has_no_stamp_of_before(loop):
     loop.heard_ns = loop.answered.stamp_ns = SECOND
     assert loop.stamp_at(SECOND + SECOND // 20) == SECOND

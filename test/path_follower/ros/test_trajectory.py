@@ -32,11 +32,6 @@ def intake():
     return node.trajectories
 
 
-def test_a_path_without_stamps_is_driven_at_cruise_speed(intake):
-    intake.on_path(taught())
-    assert intake.loop.follower.path.speed.max() == pytest.approx(FollowerParams().speed.cruise)
-
-
 def test_a_path_with_stamps_is_driven_as_it_was_taught(intake):
     intake.on_path(taught(speed=0.6))
     assert intake.loop.follower.path.speed.max() == pytest.approx(0.6, rel=0.02)
@@ -74,3 +69,8 @@ def test_a_message_that_would_be_read_for_minutes_is_refused_unread(intake):
         read(bytes(72_000_028))
     read(serialize_message(taught(length=5.0)))
     assert intake.loop.follower.path.length == pytest.approx(4.9)
+
+
+def test_a_path_without_stamps_is_driven_at_cruise_speed(intake):
+    intake.on_path(taught())
+    assert intake.loop.follower.path.speed.max() == pytest.approx(FollowerParams().speed.cruise)

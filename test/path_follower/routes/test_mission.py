@@ -331,16 +331,6 @@ def test_a_mission_whose_vehicle_somebody_else_has_stopped_is_held_whatever_it_w
     assert trip.mode.is_driving
 
 
-@pytest.mark.parametrize("reason", ["OBSTACLE", "POSE_TIMEOUT", "NOT_LOCALISED"])
-def test_a_stop_while_a_mission_waits_ends_its_waiting(trip, reason):
-    trip.drive_off()
-    trip.stop(reason)
-    assert trip.mission.state is MissionState.WAITING
-    trip.do("stop")
-    assert trip.live(60.0) == []
-    assert trip.mission.state is MissionState.HELD
-
-
 def test_a_request_that_was_decided_before_a_stop_is_refused(trip):
     """It is under way while the vehicle is stopped."""
     trip.mission.begin(GOAL, trip.now)

@@ -62,12 +62,6 @@ def test_a_slow_teacher_counts_as_walking_and_an_unknown_speed_as_the_cruise():
     assert edge.seconds(2.0) == pytest.approx(2 * 10.0 / (0.3 + 2.0) + 2 * 6.0 / (2.0 + 1.0))
 
 
-def test_a_curve_bends_to_the_left():
-    angle = np.linspace(0.0, 1.0, 50)
-    curve = EdgeCurve(4.0 * np.sin(angle), 4.0 - 4.0 * np.cos(angle), angle, np.ones(50))
-    np.testing.assert_allclose(curve.bend, 0.25, rtol=1e-3)
-
-
 def test_a_vehicle_is_on_the_closest_of_several_edges_whichever_side_it_is_on():
     x = np.linspace(0.0, 20.0, 201)
     edges = {i: RouteEdge(i, 0, 1, EdgeCurve(x, np.full(201, y), 0 * x + turned, 0 * x + 1))
@@ -187,3 +181,9 @@ def test_a_change_of_direction_leads_through_a_node():
         around = straight(13, 1, 3, length)  # 5 s more; the turn counts 5 + 3 * 7 + 4 s, and 5 s for each change
         both = Network(network.nodes, {**network.edges, 13: around})
         assert [leg.name for leg in plan(both, [Spot(10, 0.0)], both.spots_of(3), cruise=1.0).legs] == names
+
+
+def test_a_curve_bends_to_the_left():
+    angle = np.linspace(0.0, 1.0, 50)
+    curve = EdgeCurve(4.0 * np.sin(angle), 4.0 - 4.0 * np.cos(angle), angle, np.ones(50))
+    np.testing.assert_allclose(curve.bend, 0.25, rtol=1e-3)

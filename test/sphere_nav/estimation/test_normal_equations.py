@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from sphere_nav.estimation import kernels
+from sphere_nav.estimation.covariance import clustered_covariance
 from sphere_nav.estimation.normal_equations import (
     inverse_and_condition,
     scaled_inverse,
@@ -69,3 +71,32 @@ def test_a_symmetric_inverse_is_symmetric_to_the_last_bit(J):
     inverse = symmetric_inverse(H)
     np.testing.assert_array_equal(inverse, inverse.T)
     np.testing.assert_allclose(inverse @ H, np.eye(3), atol=1e-9 * np.outer(1 / UNITS, UNITS).max())
+
+
+def test_what_was_known_adds_its_own(rng):
+    inverse, gradients = np.diag([2.0, 3.0]), np.array([[1.0, 2.0], [-1.0, 2.0]])
+    np.testing.assert_allclose(clustered_covariance(inverse, gradients, np.diag([0.5, 0.25])), np.diag([18.0, 146.25]))
+    assert clustered_covariance(inverse, gradients, np.zeros((2, 2)))[1, 1] == pytest.approx(9.0 * 16.0)
+
+
+@pytest.fixture
+def system(rng):
+    A = rng.normal(size=(8, 20)) * 10.0 ** rng.integers(-3, 4, (8, 1))
+    return A @ A.T, rng.normal(size=8)
+
+
+def test_newton_step_finds_the_minimum_of_the_quadratic(system):
+    H, g = system
+    x, is_found = kernels.newton_step(H, g, 0)
+    assert is_found
+    assert np.abs(H @ x + g).max() < 1e-9 * np.abs(g).max()
+    rest, _ = kernels.newton_step(H, g, 3)  # a pure rotation leaves the translation out
+    assert np.abs(H[3:, 3:] @ rest + g[3:]).max() < 1e-9 * np.abs(g).max()
+
+
+def test_newton_step_refuses_what_is_not_positive_definite(system):
+    for spoil in [0.0, -1.0, np.nan, np.inf]:
+        H, g = system
+        H[3, :] = H[:, 3] = 0.0
+        H[3, 3] = spoil
+        assert not kernels.newton_step(H, g, 0)[1]

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.odometry import OdometryBuffer
+from sphere_nav.geometry.plausible import BOUNDS, check_length, check_lengths
 from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum, write_tum
 
 SECOND = 10**9
@@ -98,3 +100,46 @@ def test_interpolation_does_not_cross_long_gaps():
     trajectory = Trajectory(np.array([0, 1, 10]) * SECOND, SE3(np.repeat(np.eye(4)[None], 3, axis=0)))
     _, known = trajectory.at(np.array([0.5, 1, 5, 10]) * SECOND, max_gap_ns=2 * SECOND)
     assert known.tolist() == [True, True, False, True]
+
+
+def test_a_length_of_another_unit_is_told_with_the_factor():
+    for kind, (low, high) in BOUNDS.items():
+        check_length(kind, low, "here")
+        check_length(kind, high, "here")
+        with pytest.raises(ValueError, match=r"here: expected metres, .*\(factor 0.001\)"):
+            check_length(kind, 1.01 * high, "here")
+    check_lengths("depth", np.array([np.nan, 0.0, np.inf]), "nothing")  # nothing is measured
+
+
+TWIST = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+STEP_NS = 20_000_000
+
+
+def pose(stamp_ns: int) -> SE3:
+    return SE3.exp(TWIST * stamp_ns * 1e-9)
+
+
+@pytest.fixture
+def buffer():
+    buffer = OdometryBuffer(max_age_s=0.1)
+    for k in range(1, 6):
+        buffer.add(k * STEP_NS, pose(k * STEP_NS), TWIST)
+    return buffer
+
+
+def test_a_steady_motion_is_interpolated_and_carried_on_and_back(buffer):
+    for stamp_ns in [-75_000_000, 0, STEP_NS, 45_000_000, 99_000_000, 100_000_000, 150_000_000]:
+        assert len(buffer) == 5
+        np.testing.assert_allclose(buffer.at(stamp_ns).matrix, pose(stamp_ns).matrix, atol=1e-12)
+
+
+def test_long_before_the_first_and_long_after_the_last_nothing_is_known(buffer):
+    for stamp_ns in [-81_000_000, 201_000_000]:
+        assert buffer.at(stamp_ns) is None
+
+
+def test_a_stamp_that_does_not_grow_is_refused(buffer):
+    with pytest.raises(ValueError, match=r"later than 0\.100 s, found 0\.100 s"):
+        buffer.add(5 * STEP_NS, pose(0), TWIST)
+    buffer.clear()
+    assert buffer.at(5 * STEP_NS) is None

@@ -41,11 +41,6 @@ def test_lateral_is_left_and_longitudinal_is_ahead_of_the_motion():
         np.testing.assert_allclose(errors.rotation_rad, 0.0, atol=1e-7)
 
 
-def test_rotation_error_is_the_angle_between():
-    errors = absolute_errors(disturbed([0, 0, 0, 0.03, 0, 0.04]), TRUTH, directions_of_motion(TRUTH))
-    np.testing.assert_allclose(errors.rotation_rad, 0.05, atol=1e-9)
-
-
 def test_direction_is_known_at_standstill_and_without_any_motion():
     stop = np.concatenate([np.arange(200), np.full(50, 200), np.arange(200, 399)])
     stamps = np.arange(len(stop))

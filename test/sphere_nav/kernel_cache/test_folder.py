@@ -1,8 +1,5 @@
 """One folder for each text of a package's kernels."""
 
-import subprocess
-import sys
-
 import pytest
 
 from sphere_nav.kernel_cache import folder
@@ -60,20 +57,3 @@ def test_the_oldest_texts_are_removed(copy):
     gone = folder.remove_old()
     assert len(gone) == 20 - (folder.NUM_KEPT - 1)
     assert not any(path.exists() for path in gone)
-
-
-@pytest.mark.dds
-def test_another_process_compiles_nothing_again(tmp_path):
-    """Twice the same kernel in a fresh cache: the second process loads it."""
-    script = (
-        "from sphere_nav.photometric.align.descent import kernels as k; import numpy as np;"
-        "k.exponential(np.zeros(6)); stats = k.exponential.stats;"
-        "print(sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))"
-    )
-    said = []
-    for _ in range(2):
-        environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
-        done = subprocess.run([sys.executable, "-P", "-c", script], capture_output=True, text=True, env=environment)
-        assert done.returncode == 0, done.stderr
-        said.append(done.stdout.strip())
-    assert said == ["0 1", "1 0"]

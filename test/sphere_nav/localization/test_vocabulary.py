@@ -9,6 +9,7 @@ from sphere_nav.localization.status import (
     FOLLOWING,
     INPUT_REMEDIES,
     TRUSTED,
+    BaseEstimate,
     Reason,
     State,
     Status,
@@ -61,3 +62,8 @@ def test_a_number_that_nobody_measured_reads_as_unknown():
         assert (status.p_chance, status.quality, status.age, status.overlap, status.references) == (1.0, 0, 0, 0, ())
     told = status_of(State.TRACKING, 9, FINE, quality=0.75, p_chance=0.25, age=1.5)
     assert (told.quality, told.p_chance, told.age, told.stamp_ns) == (0.75, 0.25, 1.5, 9)
+
+
+def test_without_trust_there_is_no_pose():
+    estimate = BaseEstimate(Status(State.SEARCHING))
+    assert (estimate.T_map_base, estimate.covariance, estimate.velocity, estimate.velocity_covariance) == (None,) * 4

@@ -64,21 +64,6 @@ def test_nodes_and_their_parameters_exist() -> None:
                     known[key].check(value)
 
 
-@pytest.mark.slow
-def test_topics_that_are_renamed_exist() -> None:
-    """The name stands in some file of the packages, as a text of its own."""
-    packages = ("sphere_nav/ros", "path_follower", "mcl_depth", "sphere_mapping")
-    files = [path for package in packages for path in (ROOT / package).rglob("*.py")]
-    words = {node.value for path in files for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-             if isinstance(node, ast.Constant) and isinstance(node.value, str)}  # fmt: skip
-    for name in COMPOSITIONS:
-        changed = {
-            key: f"x{key}" for key in COMPOSITIONS[name].arguments if key in ("image", "info", "odom", "cmd_vel")
-        }
-        for start in starts(name, **changed):
-            assert set(start.topics) - ABSOLUTE - words == set()
-
-
 def test_a_namespace_and_a_site_reach_every_node() -> None:
     for name in COMPOSITIONS:
         for start in starts(name, namespace="/car2", site="site.yaml"):

@@ -1,6 +1,7 @@
 """Whatever a callback raises, of ours or of rclpy, the same callback is served again and the process goes on."""
 
 import time
+from contextlib import ExitStack, closing
 
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterValue
@@ -21,12 +22,12 @@ from sphere_nav.ros.endpoints import ERROR, OK, WARN
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
-from worlds.patience import Patience
+from worlds.desk import PATIENCE, Desk
+from worlds.patience import wait_until
 
 # Written out: imported, a change would go unseen.
 MAX_IN_ROW, MAX_WAITS, RECENT_S = 3, 50, 10.0
 
-PATIENCE = 15.0  # s for an answer; discovery takes a fraction of one, on a busy machine several
 DROPPED = 0.2  # s
 
 
@@ -83,11 +84,8 @@ def node(executor):
     return node
 
 
-def until(executor, condition):
-    patience = Patience(PATIENCE)
-    while not condition():
-        assert patience.is_left(), "nothing came in time"
-        executor.spin_once(timeout_sec=0.05)
+def until(executor, is_done):
+    assert wait_until(is_done, PATIENCE, lambda: executor.spin_once(timeout_sec=0.05)), "nothing came in time"
 
 
 class Clients:
@@ -218,16 +216,13 @@ def test_level_and_line_of_the_diagnostics():
 
 
 # --- a whole node, and what rclpy opens for it
-class Desk:
+class Echoed(Desk):
     """A node of ours and a plain one in the guarded executor."""
 
     def __init__(self, **values):
-        overrides = [Setting(name, value=value) for name, value in values.items()]
-        self.shell = LiveShell(Echo, parameter_overrides=overrides)
-        self.executor, self.peer, self.heard = GuardedExecutor(self.shell.failures), Node("peer"), []
-        for node in (self.shell, self.peer):
-            self.executor.add_node(node)
-        self.clients = Clients(self.executor, self.peer)
+        self.shell = LiveShell(Echo, parameter_overrides=[Setting(name, value=value) for name, value in values.items()])
+        super().__init__(self.shell, executor=GuardedExecutor(self.shell.failures))
+        self.clients, self.heard = Clients(self.executor, self.peer), []
         self.peer.create_subscription(Int32, "answer", lambda message: self.heard.append(message.data), 10)
         self.numbers = self.peer.create_publisher(Int32, "number", 10)
 
@@ -241,27 +236,20 @@ class Desk:
             self.numbers.publish(Int32(data=number))
             return number in self.heard
 
-        until(self.executor, prod)
+        self.until(prod)
         return True
-
-    def close(self):
-        self.executor.shutdown()
-        self.shell.destroy_node()
-        self.peer.destroy_node()
 
 
 @pytest.fixture
 def make_desk(ros):
-    desks = []
+    with ExitStack() as desks:
 
-    def make(**values):
-        desks.append(Desk(**values))
-        assert desks[-1].shell.start() or not values.get("autostart", True)
-        return desks[-1]
+        def make(**values):
+            desk = desks.enter_context(closing(Echoed(**values)))
+            assert desk.shell.start() or not values.get("autostart", True)
+            return desk
 
-    yield make
-    for desk in desks:
-        desk.close()
+        yield make
 
 
 def typed(name, kind, **value):

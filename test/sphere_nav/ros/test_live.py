@@ -1,13 +1,12 @@
 """A node over real DDS: lifecycle, messages, services, parameters, and what it says when nothing comes."""
 
 import time
+from contextlib import ExitStack, closing
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32, String
@@ -19,9 +18,7 @@ from sphere_nav.ros.conversions import ns_to_time
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import WARN, ManagedNode
 from sphere_nav.ros.shared_files import software
-from worlds.patience import Patience
-
-PATIENCE = 15.0  # s; discovery takes a fraction of one, on a busy machine several
+from worlds.desk import Desk
 
 
 @parameters
@@ -68,18 +65,14 @@ class Doubler(ManagedNode):
         return response
 
 
-class Desk:
-    """A Doubler and an ordinary node beside it, in one executor."""
+class Doubled(Desk):
+    """A Doubler and an ordinary node beside it."""
 
     def __init__(self, **values):
         overrides = [Parameter(name, value=value) for name, value in values.items()]
         self.shell = LiveShell(Doubler, parameter_overrides=overrides)
-        self.node = self.shell.node
-        self.peer = Node("peer")
-        self.statuses, self.doubled, self.said = {}, [], []
-        self.executor = SingleThreadedExecutor()
-        for node in (self.shell, self.peer):
-            self.executor.add_node(node)
+        super().__init__(self.shell)
+        self.node, self.statuses, self.doubled, self.said = self.shell.node, {}, [], []
         self.peer.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, 10)
         self.peer.create_subscription(Int32, "doubled", lambda m: self.doubled.append(m.data), qos.LATCHED)
         self.numbers = self.peer.create_publisher(Int32, "number", 10)
@@ -87,12 +80,6 @@ class Desk:
     def on_diagnostics(self, message):
         self.statuses |= {status.name: status for status in message.status}
         self.said += [f"{status.name}: {status.message}" for status in message.status]
-
-    def until(self, condition):
-        patience = Patience(PATIENCE)
-        while not condition():
-            assert patience.is_left(), "nothing came in time"
-            self.executor.spin_once(timeout_sec=0.05)
 
     def send(self, number):
         self.until(lambda: self.numbers.get_subscription_count() > 0)
@@ -102,23 +89,15 @@ class Desk:
         status = self.statuses.get(f"doubler: {name}")
         return status.message if status else ""
 
-    def close(self):
-        self.executor.shutdown()
-        self.shell.destroy_node()
-        self.peer.destroy_node()
-
 
 @pytest.fixture
 def make_desk(ros):
-    desks = []
+    with ExitStack() as desks:
 
-    def make(**values):
-        desks.append(Desk(**values))
-        return desks[-1]
+        def make(**values):
+            return desks.enter_context(closing(Doubled(**values)))
 
-    yield make
-    for desk in desks:
-        desk.close()
+        yield make
 
 
 def test_messages_and_diagnostics(make_desk):

@@ -44,15 +44,6 @@ def test_requests_that_fail_alike_are_answered_each_and_told_once_a_second(caplo
     ]
 
 
-def test_a_raw_listener_gets_bytes():
-    bus, heard = OfflineBus(), []
-    node = bus.add(Plain)
-    node.add_subscription("text", String, heard.append, raw=True)
-    node.add_publisher("text", String).publish(String(data="a"))
-    list(bus.settle())
-    assert [type(data) for data in heard] == [bytes]
-
-
 def test_an_output_knows_its_listeners():
     bus = OfflineBus(captured=set())
     node = bus.add(Plain)

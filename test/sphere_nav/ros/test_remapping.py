@@ -1,13 +1,10 @@
 """Rules of a command line: unknown names are refused, those that a launch file gives to all nodes are not."""
 
-import subprocess
-
 import pytest
 
 from path_follower.ros.control import ControlLoop
 from sphere_nav.ros.compositions import COMPOSITIONS
 from sphere_nav.ros.site_file import check_rules
-from sphere_nav_tools.cli.processes import node_command
 from sphere_nav_tools.cli.up import ros_arguments
 
 MANY = {"map": "m", "cloud": "c", "bag": "b", "routes": "r", "guard": "true", "record": "o", "trajectory": "t"}
@@ -70,14 +67,3 @@ def test_what_compositions_rename_is_known_to_whom_it_is_given(name, tmp_path):
     for start in COMPOSITIONS[name].starts(given):
         words = ros_arguments(start, tmp_path / "values.yaml")
         assert check_rules(words, start.node, start.node, f"/{start.namespace}", {}) == []
-
-
-@pytest.mark.dds
-@pytest.mark.slow
-def test_a_node_that_is_started_by_itself_ends_with_2():
-    node = "path_follower"
-    command = node_command(node, "--ros-args", "-r", "cmd_ve:=x")
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 2
-    (line,) = (line for line in done.stderr.splitlines() if "ERROR" in line)
-    assert f"-r cmd_ve (is cmd_vel meant?): expected a topic or service of {node}, found one of no node" in line

@@ -16,13 +16,6 @@ def ids(nodes):
 LINE = [node(k, float(k), 0.0, 0.0) for k in range(10)]
 
 
-def test_nearest_is_by_translation_alone():
-    turned = KeySphere(99, 0, SE3.exp([0, 0, 0, 0, 0, 3.0]))
-    graph = SphereGraph([node(1, 2.0, 0, 0), turned])
-    assert ids(graph.nearest([0.1, 0, 0])) == [99]
-    assert ids(graph.nearest([1.9, 0, 0], 2)) == [1, 99]
-
-
 def test_nearest_agrees_with_a_search_through_all():
     rng = np.random.default_rng(0)
     graph = SphereGraph([node(k, *rng.normal(size=3)) for k in range(200)])

@@ -1,8 +1,13 @@
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import Spherical
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth, continued
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.spheres import range_codec
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.condensed import condensed_sphere
+from sphere_nav.spheres.constants import CONDENSED_DEVIATION, CONDENSED_RANGE
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth, continued, to_gray_bytes
+from worlds.room import wide_room
 
 CAMERA = Spherical(16, 8)
 
@@ -100,3 +105,82 @@ def test_the_deviation_fits_the_range():
         Sphere(gray(), plane(), CAMERA, range_std_m=plane()[:4])
     with pytest.raises(ValueError, match="sphere range std: expected positive metres"):
         Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.0))
+
+
+WINDOW = Spherical(270, 202, 1024.0, 300.0, 150.0)
+
+
+@pytest.mark.parametrize("camera", [Spherical(512, 256), WINDOW], ids=["whole", "window"])
+def test_it_shows_the_room_as_its_own_camera_sees_it(camera):
+    room = wide_room()
+    small = coarse_sphere(room.sphere(SE3.identity(), camera))
+    gray, range_m = room.render(small.camera, SE3.identity())
+    assert np.median(np.abs(small.image - gray)) < 4.0
+    assert np.median(np.abs(small.range_m / range_m - 1.0)) < 0.02
+
+
+def test_every_size_becomes_about_a_hundred_rows():
+    for width, expected in [(2048, 256), (1024, 256), (512, 256), (300, 300)]:
+        camera = Spherical(width, width // 2)
+        image, range_m = np.full((width // 2, width), 9, np.uint8), np.ones((width // 2, width), np.float32)
+        small = coarse_sphere(Sphere(image, range_m, camera))
+        assert small.camera.is_whole
+        assert (small.camera.width, small.image.min(), small.range_m.max()) == (expected, 9, 1.0)
+
+
+def test_the_nearest_surface_of_a_block_counts_and_the_unknown_does_not():
+    camera = Spherical(400, 200)
+    range_m = np.full((200, 400), 20.0, np.float32)
+    range_m[0, 0], range_m[:2, 2:4], range_m[0:2, 4:6], range_m[0, 4] = 2.0, np.nan, np.inf, np.nan
+    small = coarse_sphere(Sphere(np.full((200, 400), 7, np.uint8), range_m, camera))
+    assert small.camera.width == 200
+    assert small.range_m[0, 0] == 2.0
+    assert np.isnan(small.range_m[0, 1])
+    assert small.range_m[0, 2] == np.inf
+    assert small.range_m[0, 3] == 20.0
+
+
+def colored():
+    """Return a colored in colour with measured, far and unknown ranges."""
+    rng = np.random.default_rng(5)
+    camera = Spherical(64, 32, 64.0)
+    image = rng.integers(1, 256, (camera.height, camera.width, 3), np.uint8)
+    range_m = rng.uniform(0.02, 200.0, image.shape[:2]).astype(np.float32)
+    range_m[0], range_m[1, :9], range_m[2, 3] = np.nan, np.inf, 0.01
+    std_m = (range_m * rng.uniform(0.002, 0.1, range_m.shape)).astype(np.float32)
+    std_m[~np.isfinite(range_m)] = np.nan
+    return Sphere(image, range_m, camera, 7, std_m)
+
+
+def test_what_is_aligned_stays_within_a_rounding():
+    before = colored()
+    after = condensed_sphere(before)
+    np.testing.assert_array_equal(after.image, to_gray_bytes(before.image))
+    assert (after.camera, after.stamp_ns) == (before.camera, 7)
+    for kind in (np.isnan, np.isinf):
+        np.testing.assert_array_equal(kind(after.range_m), kind(before.range_m))
+    known = before.measured & (before.range_m > 0.02)
+    assert np.abs(after.range_m[known] / before.range_m[known] - 1.0).max() < 0.0027
+    ratio = after.range_std_m[known] / before.range_std_m[known]
+    assert 0.7 < ratio.min() < 0.8
+    assert 1.25 < ratio.max() < 1.45
+
+
+def test_a_condensed_sphere_stays_as_it_is():
+    after = condensed_sphere(colored())
+    again = condensed_sphere(after)
+    np.testing.assert_array_equal(again.image, after.image)
+    np.testing.assert_array_equal(again.range_m, after.range_m)
+    np.testing.assert_allclose(again.range_std_m, after.range_std_m, rtol=1e-6)
+    assert condensed_sphere(Sphere(after.image, after.range_m, after.camera)).range_std_m is None
+
+
+def test_codes_become_few():
+    ranges = np.unique(range_codec.encode_ranges(condensed_sphere(colored()).range_m))
+    assert set(ranges[1:-1] % CONDENSED_RANGE) == {0}
+    assert list(ranges[[0, -1]]) == [range_codec.CODE_NAN, range_codec.CODE_INF]
+    codes = np.arange(range_codec.LAST_RATIO + 1, dtype=np.uint8)
+    coarse = range_codec.coarse_deviation(codes, CONDENSED_DEVIATION)
+    assert coarse[0] == range_codec.CODE_NAN
+    assert len(np.unique(coarse[1:])) == 224 // CONDENSED_DEVIATION
+    assert np.abs(coarse[1:].astype(int) - codes[1:]).max() <= CONDENSED_DEVIATION // 2

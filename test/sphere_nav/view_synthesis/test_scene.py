@@ -2,7 +2,6 @@
 
 import threading
 import time
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -38,18 +37,6 @@ def test_it_sees_the_room_and_keeps_to_its_memory(room, sphere_map):
         assert view.is_known.mean() > 0.97
         assert np.median(np.abs(view.image[..., 0] - gray)) < 6
     assert MIN_KEPT <= len(scene._surfaces) <= MIN_KEPT + 1
-    scene.close()
-
-
-def test_nothing_jumps_where_spheres_are_exchanged(sphere_map):
-    scene = Scene(sphere_map)
-    x = 0.5 * (PLACES[2].translation[0] + PLACES[3].translation[0])
-    views = [
-        scene.render(optical(SE3.from_planar(x + d, 0.3, 0.0)), PINHOLE).image.astype(float)
-        for d in (-3e-4, -1e-4, 1e-4, 3e-4)  # the third nearest sphere becomes the second at 0
-    ]
-    steps = [np.median(np.abs(a - b)) for a, b in pairwise(views)]
-    assert max(steps) <= 1.0
     scene.close()
 
 

@@ -14,29 +14,6 @@ from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.board_images import find_images
 from worlds.boards import BoardWorld
 
-
-def run(capsys, *words):
-    status = main(["calibrate", *map(str, words)])
-    return status, capsys.readouterr().err.strip().splitlines()[-1]
-
-
-@pytest.fixture
-def folder(tmp_path):
-    cam = tmp_path / "cam0"
-    cam.mkdir()
-    for number in range(2):
-        cv2.imwrite(str(cam / f"{number}.png"), np.full((48, 64), 128, dtype=np.uint8))
-    return cam
-
-
-@pytest.mark.dds
-def test_unreadable_image(capsys, folder, tmp_path):
-    (folder / "1.png").write_text("no image")
-    status, line = run(capsys, folder, "--board", "8x6", "--square", "0.03", "-o", tmp_path / "rig.yaml")
-    assert status == 2
-    assert "1.png: expected an image" in line
-
-
 NUM_INSTANTS = 12
 BOARD = Board("board", 7, 4, 0.1)
 CAMERA = Pinhole(400, 300, 260.0, 261.0, 198.0, 152.0, (-0.1, 0.02, 0.0, 0.0, 0.0))

@@ -146,14 +146,6 @@ def test_damaged_files_are_named(seven_scenes, kitti, capsys, tmp_path):
     assert "image_1: expected a folder, found none" in fails(capsys, tmp_path, "kitti", kitti)
 
 
-def test_options_that_make_no_sense(kitti, capsys):
-    for words in [["--frames", "1-5"], ["--frames", "1:5:0"], ["--camera", "a,b,c,d"]]:
-        with pytest.raises(SystemExit) as end:
-            main(["import", "kitti", str(kitti), "-o", "x", *words])
-        assert end.value.code == 2
-        assert "found" in capsys.readouterr().err
-
-
 FILES = {
     "seven_scenes": ("frame-000000.depth.png",),
     "tum": ("rgb.txt",),

@@ -9,9 +9,8 @@ import pytest
 from path_follower.path import Pose2
 from path_follower.routes.network import EdgeCurve, Network, Node, RouteEdge
 from path_follower.routes.network_file import read_network
-from path_follower.routes.planning import Leg, Route
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.routes import describe, describe_route, find_spot
+from sphere_nav_tools.offline.routes import describe, find_spot
 
 
 @pytest.fixture
@@ -119,17 +118,6 @@ def test_a_network_in_lines(network):
         "place barn: node 1",
         "place gate: node 3",
         "edge 6: bends to 2.3 m radius; a Cycab cannot turn tighter than 2.5",
-    ]
-
-
-def test_a_way_in_lines(network):
-    legs = Leg(5, 1, 2.0, 10.0), Leg(6, -1, 2.3, 1.0), Leg(6, 1, 1.0, 2.3), Leg(5, -1, 10.0, 0.0)
-    assert describe_route(network, Route(legs, 41.4)) == [
-        "edge    5      8.0 m",
-        "edge   -6      1.3 m  backwards",
-        "edge    6      1.3 m  gate",
-        "edge   -5     10.0 m  backwards  barn",
-        "20.6 m, 41 s",
     ]
 
 

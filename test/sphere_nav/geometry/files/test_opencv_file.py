@@ -60,12 +60,6 @@ def test_a_stereo_pair_of_two_files_stands_as_opencv_says(tmp_path):
     np.testing.assert_allclose(found, expected[:, 0], atol=1e-6)
 
 
-def test_a_recorded_file_of_opencv_is_read(shared_data):
-    path = shared_data / "checkerboard" / "opencv_stereo" / "left_intrinsics.yml"
-    camera = read_foreign([path]).cameras[0].camera
-    assert (camera.width, camera.fx, camera.cx) == (640, 535.91573396163199, 342.28315473308373)
-
-
 def test_a_matrix_of_a_camera_without_skew_is_taken_up_to_the_limit(tmp_path):
     for row, column, limit in [(0, 1, MAX_SKEW), (1, 0, 0.0), (2, 0, 0.0), (2, 1, 0.0)]:
         for sign in (1.0, -1.0):
@@ -81,7 +75,6 @@ def test_a_matrix_of_a_camera_without_skew_is_taken_up_to_the_limit(tmp_path):
 
 
 GOOD = {"image_width": 640, "image_height": 480, "camera_matrix": K, "distortion_coefficients": D}
-SKEWED = np.array([[535.9, 3.0, 342.3], [0.0, 536.2, 235.6], [0.0, 0.0, 1.0]])
 DEFECTS = {
     "no size": ({"camera_matrix": K}, "image_width, image_height: expected in the file, or --size, found neither"),
     "prism": (

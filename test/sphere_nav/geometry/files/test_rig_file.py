@@ -1,11 +1,18 @@
 """rig.yaml: what is written is read back, and every defect is one line with file, field, expected and found."""
 
+import json
+
 import numpy as np
 import pytest
 import yaml
 
-from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, OCam, Omni, Pinhole, Rig, RigCamera
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, OCam, Omni, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry.files.foreign_cameras import ForeignLens
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
+from sphere_nav.ros.conversions import camera_to_sphere_info, sphere_info_to_camera
+from sphere_nav_tools.offline.importing.recording import read_image
+from worlds.foreign import read_foreign
 
 
 @pytest.fixture
@@ -124,3 +131,67 @@ def test_a_file_that_is_no_rig_is_refused(tmp_path):
             read_rig(tmp_path / "rig.yaml")
         assert found in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+CAM0 = {"camera_model": "pinhole", "intrinsics": [500.0, 500.0, 320.0, 240.0], "resolution": [640, 480]}
+
+
+def test_a_file_that_is_none_is_one_line(tmp_path):
+    for text, expected in [
+        ("", "expected a Kalibr camchain"),
+        ("- 1", "expected a Kalibr camchain"),
+        ("a: 2026-99-99", "expected YAML"),
+        ("[" * 5000, "expected YAML"),
+        ("cam0:\n  camera_model: [ds]\n  intrinsics: 1\n  resolution: 2", "cam0.camera_model: expected pinhole"),
+    ]:
+        path = tmp_path / "x.yaml"
+        path.write_text(text)
+        with pytest.raises(ValueError, match=r"x\.yaml: ") as caught:
+            read_foreign([path])
+        assert expected in str(caught.value)
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < 600
+
+
+def test_a_format_may_be_told(tmp_path):
+    path = tmp_path / "x.json"
+    path.write_text(json.dumps({"cam0": CAM0}))
+    assert read_foreign([path]).names == read_foreign([path], file_format="kalibr").names == ("cam0",)
+    with pytest.raises(ValueError, match="value0"):
+        read_foreign([path], file_format="basalt")
+    with pytest.raises(ValueError, match="expected camera_matrix, M1"):
+        read_foreign([path], file_format="opencv")
+    with pytest.raises(ValueError, match="expected one kalibr file, found 2"):
+        read_foreign([path, path])
+
+
+def test_only_several_camchains_are_joined(tmp_path):
+    for file_format, number in [("kalibr", 1), ("opencv", 2), ("basalt", 2)]:
+        path = tmp_path / "x.json"
+        path.write_text(json.dumps({"cam0": CAM0}))
+        with pytest.raises(ValueError, match=f"expected several camchains of Kalibr, found {number} {file_format}"):
+            read_foreign([path] * number, file_format=file_format, is_joining=True)
+
+
+def test_an_omnidirectional_camera_needs_a_positive_xi():
+    with pytest.raises(ValueError, match=r"x: omni: xi: expected 0 to 1000, found -0\.5"):
+        ForeignLens((640, 480), 500.0, 500.0, 320.0, 240.0, "x").omni(-0.5)
+
+
+pytest.importorskip("rclpy")
+
+
+@pytest.mark.parametrize(("kind", "read"), [("image file", read_image)])
+def test_a_file_beyond_its_limit_is_not_read(tmp_path, kind, read):
+    path = tmp_path / "sparse.png"
+    with path.open("wb") as file:
+        file.truncate(LIMITS[kind] + 1)  # takes no room on the disk
+    with pytest.raises(ValueError, match=f"of at most {LIMITS[kind]} bytes, found {LIMITS[kind] + 1}"):
+        read(path)
+
+
+def test_a_sphere_of_8192_columns_is_the_largest():
+    largest, larger = (camera_to_sphere_info(Spherical(2 * rows, rows), "sphere") for rows in (4096, 4097))
+    assert sphere_info_to_camera(largest).width == 8192
+    with pytest.raises(ValueError, match=r"info\.width, height: expected up to"):
+        sphere_info_to_camera(larger)

@@ -1,12 +1,14 @@
 """What makes an alignment a result, cause by cause."""
 
+import cv2
 import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference
-from sphere_nav.photometric.align.judgement import classify, normal_matrix
+from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
+from sphere_nav.photometric.align.judgement import classify, correlated_pixels, normal_matrix
 from sphere_nav.photometric.align.problem import AlignmentState, Descent, Problem
+from sphere_nav.photometric.params import PyramidParams
 
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 T_ROOM_CAMERA = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
@@ -57,3 +59,40 @@ def test_the_correlation_is_that_of_the_pixels(room):
     image, _ = room.render(CAMERA, T_ROOM_CAMERA)
     variance = float(np.var(image))
     assert found.ncc == pytest.approx(np.sqrt(variance / (variance + 20.0**2)), abs=0.02)
+
+
+WIDE = Pinhole(320, 240, 250.0, 250.0, 159.5, 119.5)
+# Turned about the view: pixels are met between the others, where interpolation takes no side.
+TURNED = SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
+ONE_LEVEL = RegistrationParams(pyramid=PyramidParams(num_levels=1), illumination=False)
+
+
+def measured(room, noise) -> float:
+    """The measured correlation at the true pose, with noise (H, W) added to the current image."""
+    gray, range_m = room.render(WIDE, SE3.identity())
+    now, _ = room.render(WIDE, TURNED)
+    pyramid = build_pyramid((now + noise).astype(np.float32), WIDE, ONE_LEVEL.pyramid)
+    views = [View(prepare_reference(gray, range_m, WIDE, ONE_LEVEL), SE3.identity())]
+    problem = Problem.choose_pixels(pyramid.levels[0], views, TURNED, ONE_LEVEL)
+    return correlated_pixels(problem.compare(AlignmentState.start(TURNED, 1)), 99.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sigma_px", [2.0])
+def test_smooth_noise_counts_the_pixels_that_err_together(room, rng, sigma_px):
+    smooth = [cv2.GaussianBlur(rng.normal(0, 1.0, (240, 320)), (0, 0), sigma_px) for _ in range(8)]
+    found = np.mean([measured(room, 3.0 * noise / noise.std()) for noise in smooth])
+    together = 4.0 * np.pi * sigma_px**2  # integral of the autocorrelation of a Gaussian blur
+    # The Jacobian's own waves are as short as the blur is wide, so that less of the correlation adds up.
+    assert together / 8.0 < found < 2.0 * together
+
+
+def test_the_covariance_grows_with_the_correlation(room, rng):
+    gray, range_m = room.render(WIDE, SE3.identity())
+    views = [View(prepare_reference(gray, range_m, WIDE), SE3.identity())]
+    sigmas = []
+    for blur in (0.01, 3.0):
+        noise = cv2.GaussianBlur(rng.normal(0, 1.0, (240, 320)), (0, 0), blur)
+        image = (gray + 3.0 * noise / noise.std()).astype(np.float32)
+        sigmas.append(np.trace(register(build_pyramid(image, WIDE), views, SE3.identity()).covariance) ** 0.5)
+    assert sigmas[1] > 2.0 * sigmas[0]

@@ -7,7 +7,7 @@ from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.problem import AlignmentState
-from sphere_nav.photometric.align.rig import RigImage, RigProblem
+from sphere_nav.photometric.align.rig import RigImage, RigProblem, image_overlap
 from sphere_nav.photometric.align.rotation import register_rig_rotation
 from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -94,3 +94,29 @@ def test_the_turn_of_the_body_is_that_of_a_camera_in_its_axes(room, images):
     for k in (0, 1):
         assert register_rig_rotation(later[k:], images, PARAMS).distance(turn)[1] < np.deg2rad(0.8)
     assert register_rig_rotation(later[:1], images[1:], PARAMS) is None
+
+
+TWO_LEVELS = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))
+
+
+def overlap(range_m, turn=0.0):
+    image = np.zeros((120, 160), np.uint8)
+    view = View(prepare_reference(image, range_m, PINHOLE, TWO_LEVELS), SE3.identity())
+    return image_overlap(build_pyramid(image, PINHOLE, TWO_LEVELS.pyramid), [view], SE3.exp([0, 0, 0, 0, turn, 0]))
+
+
+def test_the_same_view_covers_all_but_its_border():
+    assert overlap(np.full((120, 160), 3.0, np.float32)) > 0.95
+
+
+def test_half_the_range_covers_half():
+    range_m = np.full((120, 160), 3.0, np.float32)
+    range_m[:, 80:] = np.nan
+    assert abs(overlap(range_m) - 0.5) < 0.05
+
+
+def test_turning_away_uncovers_what_comes_into_view():
+    half_fov = np.arctan(80 / 110)
+    covered = overlap(np.full((120, 160), 3.0, np.float32), turn=half_fov)
+    assert 0.35 < covered < 0.6
+    assert overlap(np.full((120, 160), 3.0, np.float32), turn=np.pi) == 0.0

@@ -1,9 +1,17 @@
+import bz2
+import json
 import subprocess
 import sys
 
+import lz4.frame
 import pytest
+import zstandard
 
-from sphere_nav.ros.bags.kind import is_foreign, lone_file
+from sphere_nav.ros.bags.kind import PlainView, compression_of, is_foreign, lone_file
+from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.recording_sets import SETS, belongs
+from sphere_nav.ros.bags.unpack import unpack, unpack_file
+from sphere_nav.ros.interfaces import message_class
 
 
 @pytest.mark.parametrize(
@@ -38,3 +46,98 @@ def test_readers_of_other_bags_and_what_they_need_are_not_loaded_before_there_is
     )
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert done.stdout.strip() == "[]"
+
+
+DESCRIPTION = {"compression_format": "zstd", "compression_mode": "FILE", "relative_file_paths": ["a.db3.zstd"]}
+
+
+@pytest.fixture
+def bag(tmp_path):
+    (tmp_path / "a.db3.zstd").write_bytes(zstandard.compress(b"plain"))
+    return tmp_path
+
+
+@pytest.mark.parametrize(("mode", "name", "content"), [("FILE", "a.db3", b"plain"), ("MESSAGE", "a.db3.zstd", None)])
+def test_files_are_unpacked_and_packed_messages_stay(bag, mode, name, content):
+    view = PlainView(bag, DESCRIPTION | {"compression_mode": mode})
+    assert (view.path / name).read_bytes() == (content or (bag / name).read_bytes())
+    described = json.loads((view.path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (compression_of(described), described["relative_file_paths"]) == ("none", [name])
+    view.close()
+    assert not view.path.exists()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"compression_format": "lz4"}, "expected zstd of files or messages, found lz4 of file"),
+        ({"compression_mode": "storage"}, "expected zstd of files or messages, found zstd of storage"),
+        ({"relative_file_paths": ["b.db3.zstd"]}, "expected b.db3.zstd, found no such file"),
+        ({"relative_file_paths": ["../../a.db3.zstd", "/dev/zero"]}, "expected zero, found no such file"),
+        ({"relative_file_paths": 3}, "expected a readable bag"),
+    ],
+)
+def test_what_cannot_be_is_refused(bag, wrong, words):
+    with pytest.raises(BagError, match=words):
+        PlainView(bag, DESCRIPTION | wrong)
+
+
+@pytest.mark.parametrize("kind", sorted(set().union(*SETS.values()) - {"ackermann_msgs/msg/AckermannDriveStamped"}))
+def test_every_type_of_a_set_exists(kind):
+    assert message_class(kind)
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind", "chosen", "expected"),
+    [
+        ("/image_raw", "sensor_msgs/msg/Image", "raw", True),
+        ("/image_raw", "sensor_msgs/msg/Image", "control", False),
+        ("/status", "sphere_nav_msgs/msg/LocalizationStatus", "localisation", True),
+        ("/tf_static", "tf2_msgs/msg/TFMessage", "spheres", True),  # no recording is of use without it
+        ("/anything", "std_msgs/msg/String", "all", True),
+        ("/_hidden/topic", "std_msgs/msg/String", "all", False),
+        ("/image_raw", "sensor_msgs/msg/Image", "", False),
+    ],
+)
+def test_what_belongs_to_a_set(topic, kind, chosen, expected):
+    assert belongs(topic, kind, chosen) is expected
+
+
+PLAIN = bytes(range(256)) * 4
+
+
+def zstd(data, *, is_told=True):
+    return zstandard.ZstdCompressor(write_content_size=is_told).compress(data)
+
+
+PACK = {"zstd": zstd, "lz4": lz4.frame.compress, "bz2": bz2.compress, "": bytes}
+
+
+@pytest.mark.parametrize("method", PACK)
+def test_what_was_packed_comes_back(method):
+    assert unpack(PACK[method](PLAIN), method, len(PLAIN)) == PLAIN
+
+
+def test_a_method_that_nobody_knows_and_damage():
+    with pytest.raises(BagError, match="compression: expected zstd, lz4, bz2 or none, found 'brotli'"):
+        unpack(b"", "brotli", 10)
+    for method in ("zstd", "lz4", "bz2"):
+        with pytest.raises(BagError, match=f"expected {method} data, found damage"):
+            unpack(b"not that", method, 10)
+        with pytest.raises(BagError, match=f"expected {method} data, found damage"):
+            unpack(PACK[method](PLAIN)[:40], method, len(PLAIN))
+
+
+def test_a_file_is_unpacked_within_limits(tmp_path, monkeypatch):
+    packed, plain = tmp_path / "a.zstd", tmp_path / "a"
+    packed.write_bytes(zstd(PLAIN) + zstd(PLAIN))
+    unpack_file(packed, plain)
+    assert plain.read_bytes() == PLAIN + PLAIN
+    monkeypatch.setattr("sphere_nav.ros.bags.unpack.MAX_WINDOW", 1 << 23)
+    packed.write_bytes(zstd(bytes(1 << 24)))
+    with pytest.raises(BagError, match=r"a\.zstd: expected at most 8388608 bytes after decompression, found more"):
+        unpack_file(packed, plain)
+    assert plain.stat().st_size <= 1 << 23
+    packed.write_bytes(b"not that")
+    with pytest.raises(BagError, match=r"a\.zstd: expected zstd data, found damage"):
+        unpack_file(packed, plain)

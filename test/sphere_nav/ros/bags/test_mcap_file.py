@@ -1,20 +1,15 @@
 """An MCAP file cut or damaged anywhere gives a clear line, never what was not written; `salvage` saves the rest."""
 
-import resource
 import struct
-import zlib
-from pathlib import Path
+import tracemalloc
 
-import lz4.frame
 import numpy as np
 import pytest
-import zstandard
 from mcap.writer import CompressionType, Writer
 
 from sphere_nav.ros.bags import BagError, BagReader, salvage
-from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, McapFile
+from sphere_nav.ros.bags.mcap_file import McapFile
 
-HUGE = 1 << 30
 PREFIX = struct.Struct("<BQ")
 
 
@@ -109,17 +104,6 @@ def test_types_that_are_not_installed_are_salvaged_with_their_definition(tmp_pat
         assert (found.name, found.encoding, found.data) == ("acme_msgs/msg/Anvil", "ros2idl", b"an anvil")
 
 
-@pytest.mark.parametrize("data", [b"", b"hello", bytes(1000)])
-def test_a_file_of_another_kind_is_refused(data, tmp_path):
-    (tmp_path / "other.mcap").write_bytes(data)
-    with pytest.raises(BagError, match=r"other\.mcap: expected an MCAP file, found"):
-        McapFile(tmp_path / "other.mcap")
-    if data:
-        assert salvaged(tmp_path / "other.mcap") == []
-    with pytest.raises(BagError, match="expected a bag, found no such file"):
-        McapFile(Path("/nowhere/bag.mcap"))
-
-
 @pytest.mark.parametrize(
     "options",
     [{"use_chunking": False}, {"use_statistics": False}, {"repeat_channels": False, "repeat_schemas": False}],
@@ -152,48 +136,25 @@ def test_absurd_sizes_and_places_are_refused(make_bag, tmp_path):
         McapFile(path)
 
 
-def bomb(compression, told):
-    """A chunk of some kilobytes that unpacks to 1 GB of zeros."""
-    if compression == "zstd":
-        packer = zstandard.ZstdCompressor(level=3).compressobj(size=HUGE)
-        data = b"".join(packer.compress(bytes(1 << 24)) for _ in range(HUGE >> 24)) + packer.flush()
-    else:
-        packer = lz4.frame.LZ4FrameCompressor(block_size=lz4.frame.BLOCKSIZE_MAX4MB)
-        data = packer.begin() + b"".join(packer.compress(bytes(1 << 24)) for _ in range(HUGE >> 24)) + packer.flush()
-    head = struct.pack("<QQQII", 0, 1, told, 0, len(compression)) + compression.encode()
-    content = head + struct.pack("<Q", len(data)) + data
-    return PREFIX.pack(6, len(content)) + content
-
-
-def file_with(chunk, num_index=0):
-    """An MCAP file with one chunk, without a summary or with so many index entries for it."""
-    magic = b"\x89MCAP0\r\n"
-    body = magic + PREFIX.pack(1, 8) + bytes(8)
-    place = len(body)
-    body += chunk + struct.pack("<BQI", 15, 4, 0)
-    index = struct.pack("<QQQQIQIQQ", 0, 1, place, len(chunk), 0, 0, 0, 0, 0)
-    statistics = PREFIX.pack(11, 46) + struct.pack("<QHIIIIQQI", 1, 0, 0, 0, 0, 1, 0, 0, 0)
-    summary = (PREFIX.pack(8, len(index)) + index) * num_index + statistics * bool(num_index)
-    start = len(body) if summary else 0
-    footer = struct.pack("<BQQQ", 2, 20, start, 0)
-    crc = zlib.crc32(summary + footer) if summary else 0
-    return body + summary + footer + struct.pack("<I", crc) + magic
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
 def test_a_bomb_is_refused_before_memory_is_asked_for(tmp_path, compression):
+    """A chunk of some kilobytes that unpacks to 64 MB of zeros, and says less."""
     path = tmp_path / "bomb.mcap"
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    right = bomb(compression, HUGE)
-    for told in (HUGE, MAX_CHUNK // 2, 100):
-        chunk = right[:25] + struct.pack("<Q", told) + right[33:]
-        for num_index in (0, 200):
-            path.write_bytes(file_with(chunk, num_index))
-            with pytest.raises(BagError, match="expected"), BagReader(path, is_empty_allowed=True) as bag:
-                list(bag.raw())
-        assert salvaged(path) == []
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 700_000  # KB
+    with path.open("wb") as file:
+        writer = Writer(file, compression=compression)
+        writer.start("ros2")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"")
+        writer.add_message(writer.register_channel("/x", "cdr", schema), 1, bytes(1 << 26), 1)
+        writer.finish()
+    whole, place = path.read_bytes(), chunks(path)[0].chunk_start_offset + 9 + 16
+    path.write_bytes(whole[:place] + (100).to_bytes(8, "little") + whole[place + 8 :])
+    tracemalloc.start()
+    with BagReader(path) as bag, pytest.raises(BagError, match="expected"):
+        list(bag.raw())
+    assert salvaged(path) == []
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 23
 
 
 def test_chunks_that_overlap_in_time_are_held_up_to_a_limit(tmp_path, monkeypatch):

@@ -69,11 +69,3 @@ def test_latched_topics_come_first_and_once(make_bag, wall):
         at_start = Playback(bag, list(bag.topics), START, 0.0, wall)
         assert [item.topic for item in at_start.latched()] == ["/latched"]
         assert [topic for topic, _ in take_due(at_start)].count("/latched") == 0
-
-
-def test_rewind(make_bag, wall):
-    with BagReader(make_bag()) as bag:
-        playback = Playback(bag, ["/text"], START, 0.0, wall)
-        first = take_due(playback)
-        playback.rewind()
-        assert take_due(playback) == first

@@ -5,15 +5,17 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-
-pytest.importorskip("rclpy")
-
 from sensor_msgs.msg import CompressedImage
 
 from sphere_nav.geometry import Pinhole
 from sphere_nav.ros.bags.samples import CAMERA_INFO, COMPRESSED, IMAGE, examine_samples
+from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, decompress
 from sphere_nav.ros.conversions.stamps import header
+from worlds.streams import compressed, image
+
+pytest.importorskip("rclpy")
+
 
 SECOND = 10**9
 GRAY = np.arange(48, dtype=np.uint8).reshape(6, 8)
@@ -98,3 +100,16 @@ def test_a_calibration_has_the_size_of_its_images():
     shown = examine_samples([(1, info)], CAMERA_INFO, "/camera_info")
     assert "found focal length 0" in shown.problem
     assert shown.is_projected
+
+
+@pytest.mark.parametrize(
+    ("stream", "is_depth", "is_picture", "base"),
+    [
+        (image("/front/image_raw"), False, True, "/front/image_raw"),
+        (image("/depth/image_raw", "16UC1"), True, False, "/depth/image_raw"),
+        (compressed("/d/image_raw/compressedDepth", "16UC1; compressedDepth png"), True, False, "/d/image_raw"),
+        (Stream("/odom/compressed", "nav_msgs/msg/Odometry", 9, 5.0), False, False, "/odom"),
+    ],
+)
+def test_depth_pictures_and_transports_are_told_apart(stream, is_depth, is_picture, base):
+    assert (stream.is_depth, stream.is_picture, stream.base) == (is_depth, is_picture, base)

@@ -8,12 +8,11 @@ pytest.importorskip("rclpy")
 
 from sensor_msgs.msg import CompressedImage, Image
 
-from sphere_nav.ros.camera.images import image_topic, read_depth, read_gray, read_rgb
+from sphere_nav.ros.camera.images import image_topic, read_gray, read_rgb
 from sphere_nav.ros.camera.stream import panorama_of
 from sphere_nav.ros.conversions import Levels, array_to_image, header
 
 COLORS = np.random.default_rng(0).integers(0, 256, (8, 16, 3), dtype=np.uint8)
-DEPTH_M = np.linspace(0.5, 4.0, 128, dtype=np.float32).reshape(8, 16)
 
 
 def compressed(pixels, format_="png"):
@@ -43,12 +42,6 @@ def test_a_compressed_image_of_another_size_is_refused_by_whose_size_it_is_not()
         read_rgb(compressed(COLORS), (8, 16), "left")
 
 
-def test_sixteen_bits_lose_the_lower_eight():
-    levels = np.arange(128, dtype=np.uint16).reshape(8, 16) * 500
-    for message in (array_to_image(levels, 1, "optical", "mono16"), compressed(levels, "mono16; png compressed")):
-        np.testing.assert_array_equal(read_gray(message), levels >> 8)
-
-
 @pytest.mark.parametrize("size", [None, (16, 8)])
 def test_a_dark_image_keeps_the_scale_of_the_bright_ones_of_its_stream(size):
     bright = np.linspace(0, 4095, 128).astype(np.uint16).reshape(8, 16)  # 12 bits
@@ -60,15 +53,6 @@ def test_a_dark_image_keeps_the_scale_of_the_bright_ones_of_its_stream(size):
         np.testing.assert_array_equal(seen, bright >> 4)
         np.testing.assert_array_equal(read_gray(send(dark), size, stream), dark >> 4)
         np.testing.assert_array_equal(read_gray(send(dark), size, other), dark >> 2)  # all that is known of it
-
-
-def test_depth_in_millimeters_is_read_in_meters():
-    raw = array_to_image(DEPTH_M, 1, "optical", "32FC1")
-    millimeters = np.rint(DEPTH_M * 1e3).astype(np.uint16)
-    data = bytes(12) + cv2.imencode(".png", millimeters)[1].tobytes()
-    packed = CompressedImage(header=header(1, "optical"), format="16UC1; compressedDepth png", data=data)
-    np.testing.assert_array_equal(read_depth(raw), DEPTH_M)
-    np.testing.assert_allclose(read_depth(packed), DEPTH_M, atol=5.1e-4)
 
 
 def test_a_panorama_is_twice_as_wide_as_high():

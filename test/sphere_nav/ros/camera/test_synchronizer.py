@@ -131,13 +131,6 @@ class ByStamps:
         return self.said[-1] if self.said else None
 
 
-def test_an_instant_is_complete_with_all_cameras_in_the_order_of_their_names():
-    gate = ByStamps()
-    assert gate.add("b", 1005) is None
-    assert gate.add("a", 1000) == {"a": 1000, "b": 1005}
-    assert list(gate.said[0]) == ["a", "b"]
-
-
 def test_the_next_instant_ends_one_that_lacks_a_camera():
     gate = ByStamps()
     gate.add("a", 1000)

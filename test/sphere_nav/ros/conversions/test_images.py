@@ -162,13 +162,6 @@ def test_compressed_depth_is_read_as_image_transport_writes_it(encoding):
     np.testing.assert_allclose(found[~np.isnan(found)], meters[~np.isnan(meters)], rtol=6e-3)
 
 
-def test_a_picture_of_another_size_than_its_camera_is_not_decoded():
-    data = cv2.imencode(".jpg", np.zeros((8000, 8000), np.uint8))[1].tobytes()
-    message = CompressedImage(data=array.array("B", data))
-    with pytest.raises(ValueError, match=r"image size: expected 640 x 480 \(camera_info\), found 8000 x 8000"):
-        compressed_to_image(message, (640, 480))
-
-
 def test_colors_of_pairs_of_pixels_need_an_even_width():
     message = Image(width=3, height=2, encoding="yuv422", step=6, data=array.array("B", bytes(12)))
     with pytest.raises(ValueError, match="expected an even number of pixels of yuv422, found 3"):

@@ -82,15 +82,6 @@ def test_with_odometry_it_is_sent_ahead_and_between_images(source):
     assert expected[1] in world.report[1]
 
 
-def test_a_recording_keeps_its_own_time():
-    world, stamp = World(), 7 * SECOND
-    world.odom(stamp)
-    world.transform.update(T_MAP_BASE, stamp)
-    first, *later = world.sent() + world.pass_time(SECOND)
-    assert first[2] == stamp + AHEAD_NS
-    assert later[-1][2] == pytest.approx(stamp + SECOND + AHEAD_NS, abs=AHEAD_NS)
-
-
 def test_odometry_on_tf_may_come_after_the_image():
     world = World()
     world.tf()

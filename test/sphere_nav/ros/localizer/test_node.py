@@ -8,8 +8,6 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
@@ -24,7 +22,7 @@ from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, ns_to_time, se3_to_pose_with_covariance, stamp_ns
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.localizer.node import LocalizerNode
-from worlds.patience import Patience
+from worlds.desk import Desk
 
 # Written out: imported, a change would go unseen.
 NUM_COUNTED, STANDSTILL_S = 20, 1.0
@@ -237,20 +235,13 @@ def test_reset_accepts_another_camera_and_a_jump_of_the_clock_another_time():
 @pytest.mark.slow
 def test_a_clock_that_stands_is_told_once_nobody_publishes_it_and_the_pose_goes_on_with_it(ros):
     overrides = [Parameter("use_sim_time", value=True), Parameter("base_frame", value="")]
-    shell, peer, statuses = LiveShell(Parrot, parameter_overrides=overrides), Node("peer"), []
-    executor = SingleThreadedExecutor()
-    executor.add_node(shell)
-    executor.add_node(peer)
+    shell, statuses = LiveShell(Parrot, parameter_overrides=overrides), []
+    desk = Desk(shell)
+    peer, until = desk.peer, desk.until
     clock, infos = peer.create_publisher(Clock, "/clock", 10), peer.create_publisher(CameraInfo, "camera_info", 10)
     images = peer.create_publisher(Image, "image_raw", 10)
     peer.create_subscription(LocalizationStatus, "status", statuses.append, 10)
     shell.start()
-
-    def until(is_done):
-        patience = Patience(15.0)
-        while not is_done():
-            assert patience.is_left(), "nothing came in time"
-            executor.spin_once(timeout_sec=0.02)
 
     def see(number):
         """Let the clock show a time, and an image of it."""
@@ -281,6 +272,4 @@ def test_a_clock_that_stands_is_told_once_nobody_publishes_it_and_the_pose_goes_
     until(lambda: clock.get_subscription_count())
     answer = see(52)
     assert (answer.state, answer.reason) == ("TRACKING", "")
-    executor.shutdown()
-    shell.destroy_node()
-    peer.destroy_node()
+    desk.close()

@@ -45,15 +45,6 @@ def test_an_ordinary_image_finds_its_sphere(index):
     assert found >= 11  # of 12 rooms, in the first three: a view holds a sixth of a sphere
 
 
-@pytest.mark.slow
-def test_an_index_restored_from_its_words_finds_the_same(index):
-    again = AppearanceIndex()
-    for sphere_id, features in index.features.items():
-        again.add(sphere_id, features, index.words[sphere_id])
-    image = features_of_sphere(ROOMS[3].sphere(HERE, CAMERA, 60))
-    assert again.find(image, 4) == index.find(image, 4)
-
-
 def test_the_chance_of_many_votes_is_the_tail_of_poisson():
     counts, means = (axis.ravel() for axis in np.meshgrid(np.arange(0, 300, 7), [1e-9, 0.2, 5.0, 80.0, 250.0]))
     expected = poisson.logsf(counts - 1, means)

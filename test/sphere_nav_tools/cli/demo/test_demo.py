@@ -25,35 +25,25 @@ from sphere_nav_tools.cli.demo.plots import exaggerate
 from sphere_nav_tools.cli.demo.report import DriveErrors, _crop_to_motion, distances_from_path, drive_errors
 
 
-def verdict(tmp_path, lateral, share, has_finished=True):
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("lateral", "share", "has_finished", "told"),
+    [
+        ([0.02, -0.05, 0.01], 0.99, True, "the drive followed"),
+        ([0.0, 0.3, 0.0], 1.0, True, "LEFT"),
+        ([0.0, 0.0, 0.0], 0.5, True, "LEFT"),
+        ([0.0, 0.01, 0.0], 0.99, False, "DID NOT FINISH"),
+    ],
+)
+def test_a_drive_that_left_the_path_or_stopped_early_has_not_followed(tmp_path, lateral, share, has_finished, told):
     demo = Demo(tmp_path / "demo", 1, "straight", 46, {})
     demo.end, demo.has_finished = "follower FINISHED", has_finished
     path = np.zeros((3, 2))
     errors = DriveErrors(path, path, np.arange(3.0), np.array(lateral), np.zeros(3), np.zeros(3), np.zeros(3), share)
-    return demo, demo.result(errors, 7)
-
-
-@pytest.mark.slow
-def test_a_drive_on_the_path_to_its_end_has_followed(tmp_path):
-    demo, result = verdict(tmp_path, [0.02, -0.05, 0.01], 0.99)
-    assert result["has_followed"]
-    assert result["lateral_max_m"] == 0.05
-    assert "the drive followed" in result_table(result, demo.folder)
-
-
-@pytest.mark.slow
-def test_leaving_the_path_or_stopping_early_has_not(tmp_path):
-    assert not verdict(tmp_path, [0.0, 0.3, 0.0], 1.0)[1]["has_followed"]
-    demo, result = verdict(tmp_path, [0.0, 0.0, 0.0], 0.5)
-    assert not result["has_followed"]
-    assert "LEFT" in result_table(result, demo.folder)
-
-
-@pytest.mark.slow
-def test_a_drive_that_did_not_finish_is_not_good(tmp_path):
-    demo, result = verdict(tmp_path, [0.0, 0.01, 0.0], 0.99, has_finished=False)
-    assert not result["has_followed"]
-    assert "DID NOT FINISH" in result_table(result, demo.folder)
+    result = demo.result(errors, 7)
+    assert result["has_followed"] == (told == "the drive followed")
+    assert result["lateral_max_m"] == max(map(abs, lateral))
+    assert told in result_table(result, demo.folder)
 
 
 def test_a_clock_that_was_held_up_is_no_end():

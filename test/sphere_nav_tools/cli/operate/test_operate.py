@@ -2,7 +2,9 @@
 
 import json
 import sys
+from contextlib import nullcontext
 from itertools import chain, repeat
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,10 +14,15 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.cli.operate import words
+from sphere_nav_tools.cli.operate import simulator, words
+from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_ahead
+from sphere_nav_tools.cli.operate.ground import add_colors, closed
 from sphere_nav_tools.cli.operate.link import Link
+from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
-from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, places_of, scale_bar, timeline
+from sphere_nav_tools.cli.operate.places import network_of
+from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
+from sphere_nav_tools.cli.operate.words import Heard, banner, ellipse, health, places_of, timeline
 
 
 @pytest.mark.parametrize(
@@ -46,7 +53,7 @@ STOPPED = SimpleNamespace(
 STOPPED.distance_to_end = 7.0
 
 
-def test_state_reason_and_remedy_are_told_and_what_is_old_is_unknown(monkeypatch):
+def test_state_reason_and_remedy_are_told():
     seen = Heard()
     assert banner(seen).count("nothing heard") == 2
     seen.hear("follower", STOPPED)
@@ -57,12 +64,6 @@ def test_state_reason_and_remedy_are_told_and_what_is_old_is_unknown(monkeypatch
     mission = {"state": "DRIVING", "edge": "a-b", "next_place": "gate", "distance_remaining": 41.4}
     seen.hear("mission", SimpleNamespace(**mission, time_remaining=30.0))
     assert "mission: DRIVING on a-b, 41 m, 30 s to gate" in banner(seen)
-    now = words.time.monotonic()
-    monkeypatch.setattr(words.time, "monotonic", lambda: now + 9.0)
-    text = banner(seen)
-    assert "UNKNOWN" in text
-    assert "silent for 9 s" in text
-    assert "OFF_PATH" not in text
 
 
 @pytest.mark.parametrize(("later", "is_told"), [(1.4, True), (1.6, False)])
@@ -179,15 +180,116 @@ def test_health_tells_errors_first_and_forgets_who_has_ended(monkeypatch):
     assert "gone" not in text
 
 
-def test_the_time_line_keeps_states_as_long_as_they_last(monkeypatch):
-    seen, now = Heard(), words.time.monotonic()
-    for at, state in ((0.0, "IDLE"), (0.1, "IDLE"), (60.0, "DRIVING"), (60.5, "DRIVING")):
-        monkeypatch.setattr(words.time, "monotonic", lambda at=at: now + at)
-        seen.hear("follower", SimpleNamespace(state=state, reason="", remedy=""))
-    assert [state for _, state, _ in seen.past] == ["IDLE", "UNKNOWN", "DRIVING"]  # nothing was heard between
+def test_the_stop_belongs_to_the_document_and_asks_by_a_request_of_its_own():
+    text = dressing()
+    assert "#sn-stop {position:fixed" in text
+    script = text.split('onerror="')[1]
+    assert script.count('"') == 1
+    assert "document.documentElement.appendChild" in script
+    assert "fetch('/' + token + '/emergency_stop'" in script
 
 
-def test_a_scale_is_a_round_length():
-    assert "width:100px" in scale_bar(0.05, 0.0)
-    assert "5 m" in scale_bar(0.05, 0.0)
-    assert "rotate(90)" in scale_bar(0.02, 90.0)
+def test_a_map_without_a_taught_path_has_no_places(tmp_path):
+    with pytest.raises(ValueError, match="expected a map with a taught path, found none"):
+        network_of(tmp_path, None)
+
+
+def test_a_cell_has_the_mean_of_what_was_seen_there():
+    sums = np.zeros((4, 4))
+    add_colors(sums, np.array([2, 2, 3]), np.array([[10, 20, 30], [30, 40, 50], [7, 7, 7]], np.uint8))
+    add_colors(sums, np.array([0]), np.array([9], np.uint8))  # grey
+    assert sums.tolist() == [[9, 9, 9, 1], [0, 0, 0, 0], [40, 60, 80, 2], [7, 7, 7, 1]]
+
+
+def test_small_gaps_take_the_colour_beside_them_and_the_unseen_is_clear():
+    picture = np.zeros((40, 40, 4))
+    picture[5:20, 5:20] = (200, 100, 50, 1)
+    picture[12, 12] = 0
+    found = closed(picture)
+    np.testing.assert_allclose(found[12, 12], (200, 100, 50, 255), atol=2)
+    assert found[35, 35, 3] == 0
+
+
+class Nodes:
+    def __init__(self, folder, domain):
+        self.environment, self.done = {"ROS_DOMAIN_ID": str(domain)}, []
+
+    def start(self, node, values):
+        self.done.append(f"+{node} {values.get('map', '')}".strip())
+
+    def stop(self, node):
+        self.done.append(f"-{node}")
+
+    def __exit__(self, *_):
+        self.done.append("end")
+
+
+def test_another_map_starts_the_drivers_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(simulator, "Processes", Nodes)
+    vehicle = SimulatedVehicle(tmp_path)
+    for name in ("a", "b"):
+        vehicle.use(Path(name), Path(f"{name}.tum"))
+    vehicle.close()
+    first = ["+cycab_sim", "+dense_localizer a", "+path_follower"]
+    assert vehicle._processes.done == [
+        *first,
+        "-path_follower",
+        "-dense_localizer",
+        "+dense_localizer b",
+        "+path_follower",
+        "end",
+    ]
+
+
+class Scene:
+    """Keeps what is added to it, as a browser would."""
+
+    def __init__(self):
+        self.added = []
+
+    def __getattr__(self, kind):
+        def add(name, *words, **values):
+            self.added.append((kind.removeprefix("add_"), name, values))
+            return SimpleNamespace(position=None, wxyz=None, on_click=lambda act: self.added.append(("click", act, {})))
+
+        return add
+
+
+@pytest.fixture
+def chart():
+    camera = SimpleNamespace(position=(0.0, 0.0, 0.0), look_at=(0.0, 0.0, 0.0))
+    return Chart(SimpleNamespace(scene=Scene(), camera=camera, atomic=nullcontext))
+
+
+def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(chart):
+    covariance = np.diag([0.09, 0.01])
+    chart._show_car((5.0, 3.0, np.pi / 2, covariance), 0.2)
+    assert chart._car.position == pytest.approx((5.0, 3.0, 0.0))
+    assert chart._car.wxyz == pytest.approx((np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)))
+    (body,) = (values for kind, _, values in chart.client.scene.added if kind == "box")
+    assert (body["dimensions"], body["color"]) == ((1.9, 1.2, 0.6), COLORS["car"])
+    assert body["position"] == pytest.approx((0.6, 0.0, 0.3))
+    (outline,) = (values for _, name, values in chart.client.scene.added if name == "/covariance")
+    low, high = outline["points"].min(axis=(0, 1)), outline["points"].max(axis=(0, 1))
+    np.testing.assert_allclose(low, [-0.6, -0.2, 0.65], atol=0.01)
+    np.testing.assert_allclose(high, [0.6, 0.2, 0.65], atol=0.01)
+    chart._show_car((6.0, 3.0, 0.0, covariance), 0.9)
+    assert [kind for kind, *_ in chart.client.scene.added].count("box") == 1  # it moves
+    assert chart._car.position == chart._doubt.position == pytest.approx((6.0, 3.0, 0.0))
+    chart._show_car((6.0, 3.0, 0.0, covariance), 1.1)
+    boxes = [values["color"] for kind, _, values in chart.client.scene.added if kind == "box"]
+    assert boxes == [COLORS["car"], COLORS["old"]]
+    chart._show_car(None, np.inf)
+    assert len([kind for kind, *_ in chart.client.scene.added if kind == "box"]) == 2
+
+
+def test_the_way_ahead_begins_where_the_vehicle_is():
+    path = np.column_stack([np.arange(11.0), np.zeros(11)])
+    assert way_ahead(path, SimpleNamespace(progress=4.0))[0].tolist() == [4.0, 0.0]
+    assert len(way_ahead(path, SimpleNamespace(progress=99.0))) == 2
+    assert way_ahead(None, SimpleNamespace(progress=4.0)) is None
+
+
+def test_a_click_is_where_its_ray_meets_the_ground():
+    assert ground_point((1.0, 2.0, 10.0), (0.3, 0.0, -1.0)).tolist() == pytest.approx([4.0, 2.0])
+    assert ground_point((1.0, 2.0, 10.0), (0.3, 0.0, 0.1)) is None

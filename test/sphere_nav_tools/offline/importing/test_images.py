@@ -1,8 +1,6 @@
 """Folders of images, videos, rings of sensors and recorded sets become bags that the other commands read."""
 
-import json
 import shlex
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,13 +10,12 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import depth_to_meters, image_to_gray, message_to_sphere, pose_to_se3
+from sphere_nav.ros.conversions import message_to_sphere, pose_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.importing.kitti import open_kitti
-from sphere_nav_tools.offline.importing.rgbd import open_seven_scenes
 from sphere_nav_tools.offline.importing.spherical import SENSOR, T_BODY_RIG
-from worlds.rig import WAVES, seen, vertical_rig
+from worlds.rig import WAVES
 
 LENS = Pinhole(320, 240, 300.0, 300.0, 159.5, 119.5)
 
@@ -50,18 +47,6 @@ def write(path, image):
     assert cv2.imwrite(str(path), image)
 
 
-def test_a_folder_of_a_rig_becomes_the_topic_of_its_camera(tmp_path):
-    rig = vertical_rig()
-    write_rig(tmp_path / "rig.yaml", rig)
-    for part in rig.cameras:
-        for number in range(2):
-            write(tmp_path / "in" / part.name / f"{number:04d}.png", seen(part))
-    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--rig", tmp_path / "rig.yaml") == 0
-    stamps = headers(tmp_path / "bag")
-    assert set(stamps) == {f"cameras/{name}/image_raw" for name in rig.names}
-    assert all(np.diff(found) == [100_000_000] for found in stamps.values())  # 10 Hz, where nothing tells
-
-
 def test_a_camera_may_lack_an_image_where_names_are_stamps(tmp_path):
     parts = tuple(RigCamera(name, LENS, T_BODY_OPTICAL) for name in ("front", "rear"))
     write_rig(tmp_path / "rig.yaml", Rig(parts))
@@ -73,20 +58,6 @@ def test_a_camera_may_lack_an_image_where_names_are_stamps(tmp_path):
     stamps = headers(tmp_path / "bag")
     assert stamps["cameras/front/image_raw"] == [1403636579000000000 + k * 50_000_000 for k in range(3)]
     assert stamps["cameras/rear/image_raw"] == [1403636579000900000, 1403636579100900000]
-
-
-@pytest.mark.slow
-def test_a_stereo_pair_by_its_rig_is_registered(capsys, tmp_path):
-    for number in range(2):
-        write(tmp_path / "in" / "left" / f"{number}.png", wall(0.05 * number))
-        write(tmp_path / "in" / "right" / f"{number}.png", wall(0.05 * number + 0.3))
-    poses = [SE3.from_parts(T_BODY_OPTICAL.rotation, [0.0, y, 0.0]) for y in (0.0, -0.3)]
-    write_rig(tmp_path / "rig.yaml", Rig(tuple(map(RigCamera, ("left", "right"), (LENS, LENS), poses))))
-    assert call("import", "images", tmp_path / "in", "-o", tmp_path / "bag", "--rig", tmp_path / "rig.yaml") == 0
-    capsys.readouterr()
-    assert call("register", f"{tmp_path / 'bag'}:0", f"{tmp_path / 'bag'}:1") == 0
-    found = json.loads(capsys.readouterr().out)["T_a_b"]["translation_m"]
-    np.testing.assert_allclose(found, [0.0, -0.05, 0.0], atol=0.005)
 
 
 def test_a_video_of_one_camera_keeps_its_rate(tmp_path):
@@ -213,46 +184,6 @@ def test_a_ring_becomes_a_sphere_with_z_up(ring, tmp_path):
     assert np.abs(sphere.image[..., 1].astype(float) - gray / 2)[seen].max() < 4
     np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(poses[1].translation, [0.3, -0.2, 0.1], atol=1e-9)  # the rig's x is up, its z forward
-
-
-COLOR = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)
-
-
-def residual(first, second, camera, is_moved=True):
-    """Mean grey difference of two frames (pose of the body, image, depth), the first warped into the second."""
-    T_body_first, image_first, depth = first
-    T_body_second, image_second, _ = second
-    if not is_moved:
-        T_body_second = T_body_first
-    rays = camera.unproject(pixel_grid(camera))
-    points = (rays / rays[..., 2:] * depth[..., None])[::4, ::4].reshape(-1, 3)
-    gray = image_first[::4, ::4].ravel()[np.isfinite(points[:, 2])]
-    points = points[np.isfinite(points[:, 2])]
-    T_second_first = T_BODY_OPTICAL.inverse() @ T_body_second.inverse() @ T_body_first @ T_BODY_OPTICAL
-    pixels, visible = camera.project(T_second_first.apply(points))
-    u, v = np.rint(pixels[visible]).astype(int).T
-    return np.mean(np.abs(image_second[np.clip(v, 0, 479), np.clip(u, 0, 639)].astype(float) - gray[visible]))
-
-
-def frame(recording, index):
-    messages = dict(recording.frame(index))
-    pose = pose_to_se3(messages["ground_truth/pose"].pose)
-    return pose, image_to_gray(messages["image_raw"]), depth_to_meters(messages["depth/image_raw"])
-
-
-@pytest.mark.slow
-def test_a_depth_camera_left_where_it_is_does_not_fit_the_kitchen(shared_data):
-    """The true motion explains the images, with depth moved into the colour camera better than without."""
-    folder = shared_data / "rgbd" / "redkitchen"
-    kinect = replace(COLOR, fx=585.0, fy=585.0), SE3.exp([-0.025, 0, 0, 0, 0, 0])
-    moved = open_seven_scenes(folder, COLOR, kinect, is_truth_of_depth=True)
-    one = Pinhole(640, 480, 585.0, 585.0, 320.0, 240.0)
-    unmoved = open_seven_scenes(folder, one, None, is_truth_of_depth=True)
-    first, second = frame(moved, 0), frame(moved, 20)
-    with_motion = residual(first, second, COLOR)
-    assert with_motion < 0.6 * residual(first, second, COLOR, is_moved=False)
-    assert with_motion < residual(frame(unmoved, 0), frame(unmoved, 20), one)
-    assert np.isfinite(first[2]).mean() > 0.6
 
 
 def test_a_car_of_kitti_drives_forward(shared_data):

@@ -39,16 +39,6 @@ def test_motions_are_inverted_and_composed(T, rng):
     assert np.abs(kernels.compose(rows_of(T), rows_of(other)) - (T @ other).matrix[:3]).max() < 1e-12
 
 
-def test_normal_equations_are_transformed_to_the_camera_tangent_by_the_adjoint(T, system):
-    H, g = system
-    A = np.eye(8)
-    A[:6, :6] = -T.inverse().adjoint()  # M15 eq. 31-32
-    turned, turned_g = H.copy(), g.copy()
-    kernels.to_camera_tangent(rows_of(T), turned, turned_g)
-    assert np.abs(turned - A.T @ H @ A).max() < 1e-12 * np.abs(H).max()
-    assert np.abs(turned_g - A.T @ g).max() < 1e-12
-
-
 def test_small_views_are_not_sampled():
     for blocks, step, pieces in [(0, 1, 1), (7, 1, 1), (16, 2, 2), (40, 4, 5), (400, 4, 16)]:
         assert kernels.scale_step(blocks) == step
