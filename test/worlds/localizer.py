@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from dense_localizer.judge.estimate import CameraEstimate
@@ -24,6 +26,7 @@ PINHOLE = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 FISHEYE = Fisheye(160, 120, 60.0, 60.0, 79.5, 59.5, (0.02, -0.01, 0.0, 0.0))
 # The images are sixteen times smaller than a camera's.
 SMALL_IMAGES = {"acceptance.min_pixels": 200, "alignment.num_levels": 4}
+features = cache(features_of_sphere)
 
 
 class MemoryMap:
@@ -42,7 +45,7 @@ class MemoryMap:
     def appearance(self) -> AppearanceIndex:
         index = AppearanceIndex()
         for node in self.graph:
-            index.add(node.id, features_of_sphere(node.sphere))
+            index.add(node.id, features(node.sphere))
         return index
 
     def coarse_spheres(self) -> dict[int, Sphere]:

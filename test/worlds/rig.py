@@ -16,7 +16,8 @@ WAVES = np.random.default_rng(0).normal(size=(24, 3)) * 9
 def texture(points, phase=0.0):
     """Grey levels (...,) of directions: smooth, without period, the same for every camera."""
     rays = points / np.linalg.norm(points, axis=-1, keepdims=True)
-    return 128 + 14 * np.sum(np.sin(rays @ WAVES.T + np.arange(24) + phase), axis=-1)
+    waves = rays.astype(np.float32) @ WAVES.T.astype(np.float32) + (np.arange(24) + phase).astype(np.float32)
+    return 128.0 + 14.0 * np.sin(waves, out=waves).sum(axis=-1)
 
 
 def reach_of(part):

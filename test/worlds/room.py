@@ -24,7 +24,14 @@ class Room:
 
     def gray(self, points):
         """Return grey levels 1..254 of points (..., 3)."""
-        return np.clip(128.0 + np.sin(points @ self.k.T + self.phase) @ self.amplitude, 1.0, 254.0)
+        return np.clip(128.0 + self.waves(points, self.amplitude), 1.0, 254.0)
+
+    def waves(self, points, amplitudes):
+        """Return sums (..., N) of the waves by amplitudes (K, N) at points (..., 3), exact to a thousandth."""
+        k, phase, amplitudes = (np.asarray(a, np.float32) for a in (self.k.T, self.phase, amplitudes))
+        parts = np.array_split(np.asarray(points, np.float32).reshape(-1, 3), 1 + points.size // 6000)  # in the cache
+        sums = np.concatenate([np.sin(part @ k + phase) @ amplitudes for part in parts])
+        return sums.reshape(*points.shape[:-1], *amplitudes.shape[1:]).astype(float)
 
     def cast(self, origin, rays):
         """Return grey level and range (m) of unit rays (..., 3) from a point inside; NaN where a ray is NaN."""

@@ -66,17 +66,16 @@ def test_a_wrong_lens_never_tracks(room, room_map):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("has_jump", [False, True])
-def test_a_jump_that_odometry_does_not_know_is_not_trusted(room, room_map, has_jump):
+def test_a_jump_that_odometry_does_not_know_is_not_trusted(room, room_map):
     localizer = make_localizer(room_map)
     states = []
     for k in range(34):
         x = -1.2 + 0.03 * k
-        pose, T_odom = at(x + (0.35 if has_jump and k >= 12 else 0.0)), at(x)
+        pose, T_odom = at(x + (0.35 if k >= 12 else 0.0)), at(x)
         image = room.photograph(PINHOLE, pose, k)
         states.append(localizer.update(image, PINHOLE, (k + 1) * STEP_NS, T_odom).status.state)
     assert states[11] is State.TRACKING
-    assert np.any([state is State.TRACKING for state in states[12:]]) != has_jump
+    assert State.TRACKING not in states[12:]
 
 
 @pytest.mark.slow
@@ -99,8 +98,7 @@ def test_a_bumper_in_the_view_does_not_drag_the_pose():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("reason", ["NO_CONVERGENCE", "OUTLIERS"])
-def test_an_alignment_that_failed_in_another_light_is_done_by_parts(reason):
+def test_an_alignment_that_failed_in_another_light_is_done_by_parts():
     day, other = (
         ParkingRoom((8.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0, boxes=boxes_along(*boxes))
         for boxes in ((1, (0.0, 1.6, 3.2)), (7, (-0.7, 1.0, 2.6)))
@@ -109,7 +107,8 @@ def test_an_alignment_that_failed_in_another_light_is_done_by_parts(reason):
     references = References(make_map(day, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0)]), params)
     pose = at(-1.7, 0.1, 0.1)
     images = [RigImage(build_pyramid(other.photograph(PINHOLE, pose, 1), PINHOLE, params.registration.pyramid))]
-    for off, is_found in ((SE3.exp([0.03, 0.0, 0.04, 0.0, 0.01, 0.0]), True), (SE3.from_planar(1.5, 0.4, 0.5), False)):
+    near, far = SE3.exp([0.03, 0.0, 0.04, 0.0, 0.01, 0.0]), SE3.from_planar(1.5, 0.4, 0.5)
+    for off, reason, is_found in [(near, "NO_CONVERGENCE", True), (near, "OUTLIERS", True), (far, "OUTLIERS", False)]:
         guess = Prediction.guess(pose @ off, is_near=True)
         chosen = references.choose_rig(images, guess)
         failed = replace(

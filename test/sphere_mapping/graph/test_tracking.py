@@ -153,12 +153,13 @@ def test_rounding_does_not_grow_from_key_sphere_to_key_sphere():
     """An inverse is a transpose: what is not quite a rotation would be twice as far from one with each."""
     tracker, graph = started(1)
     bent = SE3.from_parts(np.diag([1.0 + 1e-7, 1.0, 1.0]), np.zeros(3))
-    alignment = tracker.align(prepared(STEP, 1), None, graph)
+    current, first = prepared(STEP, 1), prepared(POSES[0], 0)
+    alignment = tracker.align(current, None, graph)
     for number in range(1, 12):
-        current = prepared(STEP, number)
+        object.__setattr__(current.sphere, "stamp_ns", number * PERIOD_NS)
         T_map_sphere = graph[number - 1].T_map_sphere @ STEP
         tracker.update(current, T_map_sphere @ bent, None, replace(alignment, T_world_camera=T_map_sphere @ bent))
-        tracker.references = [(number - 1, prepared(POSES[0], number - 1))]
+        tracker.references = [(number - 1, first)]
         node, _ = tracker.make_key(number, graph)
         graph.add(node)
     R = node.T_map_sphere.rotation

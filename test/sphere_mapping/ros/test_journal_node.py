@@ -1,10 +1,7 @@
 """Key spheres on disk as they are kept."""
 
-import os
 import resource
-import signal
-import subprocess
-import sys
+import shutil
 from contextlib import contextmanager
 
 import numpy as np
@@ -19,20 +16,10 @@ from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.params import build
 from sphere_nav.ros.maps.check import salvage_map
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.cli.main import main
 from worlds.room import wide_room
 
 CAMERA = Spherical(256, 128)
 PLACES = [SE3.from_planar(-1.0 + 0.5 * k, 0.1, 0.1 * k) for k in range(5)]
-KILLED = """
-import sys, time
-sys.path[:0] = sys.argv[2:]
-from test_journal_node import drive, journal_in
-from pathlib import Path
-mapper = drive(journal_in(Path(sys.argv[1])))
-print(len(mapper.graph), flush=True)
-time.sleep(60.0)
-"""
 
 
 def journal_in(folder, told=None):
@@ -57,9 +44,13 @@ def told():
 
 
 @pytest.mark.slow
-def test_what_was_not_saved_becomes_a_map(tmp_path, told):
+def test_what_was_not_saved_becomes_a_map_and_is_mended_where_the_process_was_killed(tmp_path, told):
     journal = journal_in(tmp_path, told)
     mapper = drive(journal)
+    remains = shutil.copytree(tmp_path / "journal.partial", tmp_path / "killed" / "journal.partial")
+    assert salvage_map(remains, tmp_path / "killed" / "mended") >= len(mapper.graph) - 3  # since the last graph
+    with open_map(tmp_path / "killed" / "mended") as reader:
+        np.testing.assert_array_equal(reader.load_sphere(0).image, mapper.load_sphere(0).image)
     journal.close(mapper)
     assert "were not saved: they are the map" in told[-1]
     with open_map(tmp_path / "journal") as reader:
@@ -97,18 +88,3 @@ def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told):
     assert [entry.name for entry in (tmp_path / "second").iterdir()] == ["journal_2"]
     with open_map(tmp_path / "second" / "journal_2") as reader:
         assert len(reader.graph) == len(whole.graph)
-
-
-@pytest.mark.dds
-def test_a_killed_process_leaves_a_map_that_is_mended(tmp_path):
-    paths = [os.path.dirname(__file__), *(path for path in sys.path if path)]
-    with subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path), *paths], stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        number = int(process.stdout.readline())
-        process.send_signal(signal.SIGKILL)
-    remains = tmp_path / "journal.partial"
-    assert remains.is_dir()
-    assert main(["map-verify", str(remains), "--salvage", str(tmp_path / "mended")]) == 0
-    with open_map(tmp_path / "mended") as reader:
-        assert len(reader.graph) >= number - 3  # since the last graph
-        assert reader.load_sphere(0).image.shape == (128, 256)

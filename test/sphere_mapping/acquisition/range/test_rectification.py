@@ -24,7 +24,7 @@ def make_rig():
     return Rig(tuple(parts))
 
 
-def matches_in(rig, rng, num_wrong=0):
+def matches_in(rig, rng, num_wrong):
     """Points all around, 2 to 12 m away, seen by pairs of cameras with noise; some matches are wrong."""
     rays = rng.normal(size=(1500, 3)) * (1, 1, 0.5)
     points = rays / np.linalg.norm(rays, axis=1, keepdims=True) * rng.uniform(2, 12, (1500, 1))
@@ -50,25 +50,19 @@ def disturbed(rig, rng, degrees=0.3):
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("num_wrong", [90])
-def test_turned_cameras_are_turned_back(rng, num_wrong):
+def test_turned_cameras_are_turned_back(rng):
     rig = make_rig()
-    matches = matches_in(rig, rng, num_wrong)
-    right = epipolar_errors(
-        rig, [Matches(m.first, m.second, m.pixels_first[90:], m.pixels_second[90:]) for m in matches]
-    )
+    matches = matches_in(rig, rng, 90)
+    good = [Matches(m.first, m.second, m.pixels_first[90:], m.pixels_second[90:]) for m in matches]
+    right = epipolar_errors(rig, good)
     found = rectify(disturbed(rig, rng), matches)
     assert found.before_deg > 3 * found.after_deg
-    after = epipolar_errors(
-        found.rig, [Matches(m.first, m.second, m.pixels_first[90:], m.pixels_second[90:]) for m in matches]
-    )
+    after = epipolar_errors(found.rig, good)
     # as good as the true rig, within what 24 numbers fitted to a thousand matches can do
     assert np.median(np.abs(after)) < 1.1 * np.median(np.abs(right))
     assert set(found.angle_deg) == {"a", "b", "c", "d"}
 
 
-@pytest.mark.slow
 def test_known_ranges_tell_turns_that_epipolar_planes_do_not(rng):
     """Two cameras side by side look the same way: a turn about the axis across both moves all along the lines."""
     poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.25, -0.25)]

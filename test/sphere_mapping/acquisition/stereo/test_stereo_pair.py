@@ -1,5 +1,7 @@
 """Any two cameras side by side become a rectified pair; a pair that is bent drives straight and as far as it did."""
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 import pytest
@@ -108,32 +110,17 @@ def drive_of(right_of):
     return found
 
 
-@pytest.fixture(scope="module")
-def drive():
-    """Return left and bent right images of a drive straight ahead."""
-    return drive_of(drawn_bent)
-
-
-@pytest.fixture(scope="module")
-def straight_yaw():
-    """Return degrees a metre of the same drive by a pair that is not bent: what ranges of one side err by."""
-    yaw_deg = driven(drive_of(lambda pose: HALL.render(CAMERA, pose)[0]), StereoPair(RECTIFIED))[1]
-    assert abs(yaw_deg) < 0.01
-    return yaw_deg
-
-
 def driven(drive, pair):
     """Return metres and degrees a metre of the drive, by the range of the left side of the view only."""
     params, spheres = MapperParams(), []
-    for left, right in drive:
-        images = pair.rectify(left, right)
+    for images in [pair.rectify(*images) for images in drive][::2]:
         whole = sphere_from_stereo(*images, CAMERA, BASELINE, params=params.stereo, partial=params.partial)
         one_side = whole.range_m.copy()
         one_side[:, one_side.shape[1] // 2 :] = np.nan
         sphere = Sphere(whole.image, one_side, whole.camera, 0, whole.range_std_m)
         spheres.append(PreparedSphere(sphere, params.registration))
     T_first_last = SE3.identity()
-    for a, b in zip(spheres[:-2:2], spheres[2::2], strict=True):
+    for a, b in pairwise(spheres):
         guess = [SE3.exp([2 * STEP_M, 0, 0, 0, 0, 0])]
         found = align_sphere(b, [a.at(SE3.identity())], iter(guess), params.registration)
         assert found.is_converged
@@ -143,8 +130,10 @@ def driven(drive, pair):
 
 
 @pytest.mark.slow
-def test_a_bent_pair_drives_straight_and_as_far_as_it_did(drive, straight_yaw):
-    pair = StereoPair(RECTIFIED)
+def test_a_bent_pair_drives_straight_and_as_far_as_it_did():
+    pair, drive = StereoPair(RECTIFIED), drive_of(drawn_bent)
+    straight_yaw = driven(drive_of(lambda pose: HALL.render(CAMERA, pose)[0]), StereoPair(RECTIFIED))[1]
+    assert abs(straight_yaw) < 0.01  # degrees a metre: what ranges of one side err by
     rows = [pair.rectify(*images) for images in drive] and pair.fit
     straight = [pair.rectify(*images) for images in drive]
     windows = [follow_window(CAMERA, BASELINE, *zip(*straight[k : k + 4], strict=True)) for k in range(NUM_STEPS - 3)]
