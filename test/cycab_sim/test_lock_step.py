@@ -54,10 +54,9 @@ def test_release_ends_a_wait():
     assert time.monotonic() - begin < 10.0
 
 
-@pytest.mark.parametrize("command", [VehicleCommand(float("nan"), 0.0)])
-def test_commands_that_are_no_numbers_are_refused(command):
+def test_commands_that_are_no_numbers_are_refused():
     with pytest.raises(ValueError, match="cmd_vel: expected finite numbers"):
-        LockStep(ClockParams()).offer(command, 0, 0)
+        LockStep(ClockParams()).offer(VehicleCommand(float("nan"), 0.0), 0, 0)
 
 
 def test_a_command_ages_by_its_arrival_whatever_is_stamped_on_it():

@@ -20,7 +20,6 @@ KERNELS = (  # that an image, or a panorama that it is compared with, goes throu
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", [10.0])
-def test_every_step_of_headings_can_be_warmed_up(step):
-    warm_up(build(FilterParams, {"heading_step_deg": step}))
+def test_every_step_of_headings_can_be_warmed_up():
+    warm_up(build(FilterParams, {"heading_step_deg": 10.0}))
     assert [kernel.__name__ for kernel in KERNELS if not kernel.signatures] == []

@@ -55,9 +55,6 @@ class Bench:
         self.settle()
         return answer
 
-    def refusal(self):
-        return "; ".join(wanted.last_refusal for wanted in self.node.inputs if wanted.num_refused)
-
 
 @pytest.mark.slow
 @pytest.mark.parametrize(

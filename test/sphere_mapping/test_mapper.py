@@ -140,16 +140,14 @@ def test_the_spheres_of_a_rolling_shutter_are_straightened_by_the_motion_that_is
     assert np.all(found["unknown"] > 2.0 * found["known"])
 
 
-@pytest.mark.parametrize("num_spheres", [1])
-def test_the_only_key_sphere_of_a_rolling_shutter_is_stored(num_spheres):
+def test_the_only_key_sphere_of_a_rolling_shutter_is_stored():
     stored = {}
     store = SimpleNamespace(
         add=lambda node, sphere: stored.update({node.id: sphere}), load=stored.get, tell=lambda graph: None
     )
     mapper = Mapper(store=store)
-    for number in range(num_spheres):
-        view = rgbd_view(SE3.exp([0.01 * number, 0.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(6))
-        mapper.add(sphere_from_views([view], number * PERIOD_NS), None, unroll_of(view, number * PERIOD_NS))
+    view = rgbd_view(SE3.identity(), np.zeros(6))
+    mapper.add(sphere_from_views([view]), None, unroll_of(view, 0))
     assert not mapper.keep_end()
     assert list(stored) == [0]
 

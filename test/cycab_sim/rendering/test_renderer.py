@@ -1,4 +1,3 @@
-import cv2
 import numpy as np
 import pytest
 
@@ -70,22 +69,3 @@ def test_a_box_casts_its_shadow_away_from_the_sun(box_mesh):
     # the box is 3 m high and begins at x = 5: at 45 degrees its shadow ends at x = 2
     assert level(3.0, 0.0) < 0.75 * level(3.0, 2.0)
     assert level(2.5, 0.5) < 0.75 * level(1.3, 0.5)
-
-
-def warp(image, ranges, camera, T_image_here, range_here):
-    """Return `image` as seen from here by the range of here, and where it can be compared."""
-    is_near = np.isfinite(range_here)
-    points = camera.unproject(pixel_grid(camera)) * np.where(is_near, range_here, 1e4)[..., None]
-    there = T_image_here.apply(points.reshape(-1, 3)).reshape(points.shape)
-    pixels, _ = camera.project(there)
-    map_u, map_v = (pixels[..., 0] + 2).astype(np.float32), pixels[..., 1].astype(np.float32)
-
-    def sample(plane, method):
-        wrapped = np.pad(plane, ((0, 0), (2, 2)), mode="wrap")  # of a sphere; beyond a lens nothing is compared
-        return cv2.remap(wrapped, map_u, map_v, method, borderMode=cv2.BORDER_REPLICATE)
-
-    found = sample(np.where(np.isfinite(ranges), ranges, np.float32(1e4)), cv2.INTER_NEAREST)
-    is_same = np.abs(found / np.linalg.norm(there, axis=-1) - 1.0) < 0.02
-    height, width = image.shape
-    is_inside = camera.model == "spherical" or np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=-1)
-    return sample(image, cv2.INTER_LINEAR), is_near & is_same & is_inside

@@ -1,7 +1,6 @@
 """A house is whole from the street: holes of its front are closed, trims sit about openings, nothing floats."""
 
 import numpy as np
-import pytest
 
 from cycab_sim.world import building
 from cycab_sim.world.mesh import placed
@@ -20,9 +19,8 @@ def house(seed, storeys=3):
     return mesh, building.GROUND_STOREY + (storeys - 1) * style.storey + 0.5, style
 
 
-@pytest.mark.parametrize("seed", [0])
-def test_a_house_keeps_to_its_plot_and_nothing_floats(seed):
-    mesh, height, _ = house(seed)
+def test_a_house_keeps_to_its_plot_and_nothing_floats():
+    mesh, height, _ = house(0)
     low, high = (f([part.bounds[i] for part in mesh.parts], axis=0) for i, f in ((0, np.min), (1, np.max)))
     assert np.all(low >= [-0.12, -1.0, -1e-9])
     assert np.all(high <= [WIDTH + 0.12, DEPTH + 0.36, height + 0.42 * DEPTH + 1.3])

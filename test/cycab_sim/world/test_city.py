@@ -1,23 +1,12 @@
 import numpy as np
 import pytest
 
-from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.world.city import BOUNDS, build_city, tour
+from cycab_sim.world.city import tour
 
 pytestmark = pytest.mark.slow
 
 # Written out: imported, a change would go unseen.
 HALF, LANE_X, SQUARE, TOUR_LENGTH = 5.5, 120.0, (70.0, -45.0, 170.0, 55.0), 490.0
-
-AROUND = np.radians(np.arange(0, 360, 5))
-RAYS = np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1).astype(np.float32)
-CLEARANCE = 0.6 + 0.3  # half the width of the car, and what a driver leaves
-
-
-@pytest.fixture(scope="module")
-def renderer():
-    return Renderer(build_city(2), RenderParams(shadow_texel=0.5), LightParams(), bounds=BOUNDS)
 
 
 def test_the_tour_is_490_m_along_street_square_and_lane():

@@ -6,16 +6,6 @@ from cycab_sim.world.town import draw_plan, path_names, taught_path
 CLEARANCE = 0.6 + 0.3  # half the width of the car, and what a driver leaves
 
 
-class Middle(np.random.Generator):
-    """Draws the middle of what may be drawn."""
-
-    def uniform(self, low=0.0, high=1.0, size=None):
-        return np.full(size, (low + high) / 2) if size else (low + high) / 2
-
-    def normal(self, loc=0.0, scale=1.0, size=None):
-        return loc
-
-
 def test_the_taught_path_is_100_m_with_two_turns():
     for seed in range(8):
         path = taught_path(draw_plan(seed), "two_turns")

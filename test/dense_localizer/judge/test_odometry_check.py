@@ -36,10 +36,9 @@ class Drive:
         return self.check.find(OdometrySample(self.k * STEP_NS, T_map_camera, COVARIANCE, self.T_odom))
 
 
-@pytest.mark.parametrize("seed", [0])
 @pytest.mark.parametrize("scale", [1.0, 1.04], ids=["right", "long"])
-def test_odometry_within_its_error_raises_no_doubt(seed, scale):
-    drive = Drive(seed, scale=scale)
+def test_odometry_within_its_error_raises_no_doubt(scale):
+    drive = Drive(0, scale=scale)
     assert all(drive.step().reason is Reason.NONE for _ in range(600))
 
 

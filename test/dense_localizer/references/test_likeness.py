@@ -51,8 +51,7 @@ def test_references_are_of_the_experience_that_looks_like_the_image(days):
     assert references.choose(at(0.25), PINHOLE).ids[0] in (0, 10, 20)  # without an image by distance alone
 
 
-@pytest.mark.parametrize("seed", [0])
-def test_in_a_light_that_is_in_none_edges_say_which_is_most_like_it(seed):
+def test_in_a_light_that_is_in_none_edges_say_which_is_most_like_it():
     poses = [SE3.from_planar(0.6 * k, 0.0, 0.0) for k in range(3)]
     rooms = {DAY: EdgedRoom(seed=7, wave_numbers=EDGES), NIGHT: EdgedRoom(seed=8, wave_numbers=EDGES)}
     nodes = [
@@ -62,7 +61,7 @@ def test_in_a_light_that_is_in_none_edges_say_which_is_most_like_it(seed):
     ]
     references = References(MemoryMap(nodes), PARAMS)
     for k, room in enumerate(rooms.values()):
-        image = relit(room.photograph(PINHOLE, at(0.25), seed), seed)
+        image = relit(room.photograph(PINHOLE, at(0.25), 0), 0)
         seen = Sight(build_pyramid(image, PINHOLE).levels[-1], at(0.25), is_followed=False)
         assert references.choose(at(0.25), PINHOLE, sight=seen).ids == (10 * k, 10 * k + 1)
     references.close()
@@ -127,15 +126,14 @@ def test_a_correlation_is_of_what_is_in_view():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("experience", [SNOW])
-def test_a_drive_starts_from_nowhere_in_any_experience(days, experience):
+def test_a_drive_starts_from_nowhere_in_any_experience(days):
     localizer = Localizer(PARAMS, days)
     for number in range(6):
         x = 0.2 + 0.03 * number
         estimate = localizer.update(
-            ROOMS[experience].photograph(PINHOLE, at(x), seed=number), PINHOLE, 10**9 + number * 10**8
+            ROOMS[SNOW].photograph(PINHOLE, at(x), seed=number), PINHOLE, 10**9 + number * 10**8
         )
     assert estimate.status.state == "TRACKING"
     assert estimate.T_map_camera.distance(at(x))[0] < 0.01
-    assert set(estimate.status.references) <= ({0, 1, 2} if experience is DAY else {20, 21, 22})
+    assert set(estimate.status.references) <= {20, 21, 22}
     localizer.references.close()

@@ -76,15 +76,14 @@ def test_a_turned_camera_has_the_heading_of_the_turn(images) -> None:
     assert found.margin > 0.3  # noise has no second answer
 
 
-@pytest.mark.parametrize("shift", [5])
-def test_no_seam_shows(images, shift) -> None:
+def test_no_seam_shows(images) -> None:
     gray, range_m = images
     range_m[3:6, [0, 1, W - 1]] = np.nan
     for make in (lambda image: visual_features(image), lambda image: depth_features(image, PARAMS)):
         image = gray if make(gray) is None else range_m
         image = np.where(np.isfinite(image), image, np.nan).astype(np.float32)
-        rolled, plain = make(np.roll(image, shift, axis=1)), make(image)
-        np.testing.assert_allclose(rolled.magnitude, np.roll(plain.magnitude, shift, axis=1), atol=1e-5)
+        rolled, plain = make(np.roll(image, 5, axis=1)), make(image)
+        np.testing.assert_allclose(rolled.magnitude, np.roll(plain.magnitude, 5, axis=1), atol=1e-5)
 
 
 def test_a_mirrored_image_has_the_features_of_the_picture_in_the_mirror(images) -> None:

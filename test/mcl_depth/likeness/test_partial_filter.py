@@ -45,10 +45,9 @@ def made(stack):
     return PartialFilter.of(stack, np.arange(NUM_CELLS))
 
 
-@pytest.mark.parametrize("view", [window(64, 84)])
-def test_place_and_heading_of_a_part_are_found_and_stand_out_further(view, ranges, stack, made):
+def test_place_and_heading_of_a_part_are_found_and_stand_out_further(ranges, stack, made):
     for cell, heading in ((7, 0), (120, 5), (299, 31)):
-        visual = part_of(ranges[cell], heading, view)
+        visual = part_of(ranges[cell], heading, window(64, 84))
         found = made.curves(visual, NUM_HEADINGS)
         assert np.unravel_index(np.argmax(found), found.shape) == (cell, heading)
         plain = correlation(visual, stack)

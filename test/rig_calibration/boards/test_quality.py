@@ -1,6 +1,7 @@
 """What leaves small residuals and a wrong lens is warned of by name; good images are not."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -45,6 +46,7 @@ def board_poses(camera, board, count, flaw, rng):
     return SE3(np.stack(poses))
 
 
+@cache
 def calibrated(count=14, flaw="", blur=0.7):
     rng = np.random.default_rng(5)
     rig = Rig((RigCamera("cam", CAMERA, SE3.identity()),), "one")

@@ -141,12 +141,12 @@ def crowded(views):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", [swapped, mirrored])
-def test_a_false_view_is_named_and_does_not_move_the_rig(world, views, fault):
+def test_a_false_view_is_named_and_does_not_move_the_rig(world, views):
     boards = {board.name: board for board in world.boards if (board.columns + board.rows) % 2}
     spoiled, false = list(views), []
     for index in crowded(views)[:4]:
         if views[index].board in boards:  # those that look alike upside down are turned back, not left out
+            fault = (swapped, mirrored)[len(false) % 2]
             spoiled[index] = fault(views[index], boards[views[index].board])
             false.append(views[index].label)
     parts = world.rig.cameras

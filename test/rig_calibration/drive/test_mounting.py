@@ -35,9 +35,8 @@ def test_a_drive_over_bumps_tells_all():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("yaw", [np.pi, -1.8])
-def test_a_camera_that_looks_anywhere_is_found_without_a_start(yaw):
-    camera = SE3.from_angles(0.0, 0.1, yaw, [-0.4, 0.2, 0.8])
+def test_a_camera_that_looks_back_is_found_without_a_start():
+    camera = SE3.from_angles(0.0, 0.1, np.pi, [-0.4, 0.2, 0.8])
     found = find_mounting(*drive(np.random.default_rng(2), camera=camera, noise_m=1e-3, noise_rad=5e-4))
     off = found.T_base_camera.translation - camera.translation
     assert found.unobserved == ("z",)

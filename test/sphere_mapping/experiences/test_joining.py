@@ -33,7 +33,6 @@ DRIVE = [SE3.from_planar(0.05 + 0.3 * k, 0.05, 0.32 + 0.1 * k) for k in range(3)
 
 FAR = SE3.from_planar(5.0, -3.0, 1.2)  # where the drive thinks it began
 HALF = np.array([3.5, 2.5, 1.5])
-NODE = KeySphere(0, 0, SE3.identity())
 
 
 class Cave:

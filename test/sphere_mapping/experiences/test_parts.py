@@ -49,11 +49,10 @@ def test_a_drive_is_found_from_nowhere(base, night):
     assert max(off(edge) for edge in edges) < 0.05
 
 
-@pytest.mark.parametrize(("located", "is_asked"), [((0, 1, 2), True)])
-def test_where_the_localizer_placed_part_of_a_drive_parts_of_the_images_join_the_rest(base, night, located, is_asked):
-    joined = join_drive(base, night, images(night, located), PARAMS)
-    assert f"the localizer placed {len(located)} of 4" in joined.told
-    assert ("parts of the images agree at 4 of 4 key spheres" in joined.told) == is_asked
+def test_where_the_localizer_placed_part_of_a_drive_parts_of_the_images_join_the_rest(base, night):
+    joined = join_drive(base, night, images(night, (0, 1, 2)), PARAMS)
+    assert "the localizer placed 3 of 4" in joined.told
+    assert "parts of the images agree at 4 of 4 key spheres" in joined.told
     assert max(joined.graph[100 + k].T_map_sphere.distance(pose)[0] for k, pose in enumerate(DRIVE)) < 0.05
 
 

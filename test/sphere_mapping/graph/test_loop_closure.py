@@ -66,10 +66,9 @@ def test_a_place_where_the_graph_cannot_be_is_no_loop():
     assert look(graph, closer)[3] is None
 
 
-@pytest.mark.parametrize("seed", [1])
-def test_another_place_at_the_same_position_is_no_loop(seed):
+def test_another_place_at_the_same_position_is_no_loop():
     def other(T, number):
-        return sharp_room(seed=seed if number else 7).sphere(T, CAMERA, number)  # the same walls, another texture
+        return sharp_room(seed=1 if number else 7).sphere(T, CAMERA, number)  # the same walls, another texture
 
     graph, closer = revisit(HERE, HERE, other)
     assert look(graph, closer)[3] is None

@@ -2,17 +2,10 @@ import numpy as np
 import pytest
 
 from sphere_mapping.graph.merging import compose_edges, merge, reverse
-from sphere_mapping.params import KeySphereParams, MapperParams
-from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.spheres.appearance.features import features_of_sphere
-from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
-from worlds.room import sharp_room
 
 STEP = 1e-6
-ROOM, LENS = sharp_room(), Pinhole(320, 240, 240.0, 240.0, 159.5, 119.5)
-PARAMS = MapperParams(key=KeySphereParams(max_parallax_whole=0.1))
 
 
 def random_edge(rng, a, b):
@@ -89,25 +82,6 @@ def test_a_sphere_stays_without_a_loop_or_where_its_region_is_needed_or_on_reque
     assert merge(graph, beside[:1]).replaced == {3: 1}
     assert merge(graph, beside).replaced == {1: 3}  # so the older one leaves, whose place 3 serves
     assert [(e.a, e.b) for e in merge(line(0.0, 1.0), here).graph.edges] == [(0, 1)]
-
-
-class Stored:
-    """A map in memory, as the localiser takes it."""
-
-    def __init__(self, graph, spheres):
-        self.graph, self._spheres = graph, spheres
-
-    def load_sphere(self, sphere_id):
-        return self._spheres[sphere_id]
-
-    def coarse_spheres(self):
-        return {node.id: coarse_sphere(self._spheres[node.id]) for node in self.graph}
-
-    def appearance(self):
-        index = AppearanceIndex()
-        for node in self.graph:
-            index.add(node.id, features_of_sphere(self._spheres[node.id]))
-        return index
 
 
 def test_a_sphere_of_another_look_is_replaced_by_its_own_experience_alone():

@@ -43,11 +43,10 @@ def test_a_wrong_loop_among_good_ones_is_outvoted():
     assert worst < 0.15  # with a square cost the wrong edge of 3 m bends the graph by half a metre
 
 
-@pytest.mark.parametrize("factor", [4.0])
-def test_what_fits_is_told_by_how_much_noise_leaves(factor):
-    left = factor * np.random.default_rng(6).chisquare(6, 2000)
+def test_what_fits_is_told_by_how_much_noise_leaves():
+    left = 4.0 * np.random.default_rng(6).chisquare(6, 2000)
     found = np.mean([fits(value, 1) for value in left])
-    expected = chi2.cdf(chi2.ppf(0.999, 6) / factor, 6)
+    expected = chi2.cdf(chi2.ppf(0.999, 6) / 4.0, 6)
     assert abs(found - expected) < 3 * np.sqrt(expected * (1 - expected) / 2000)
     assert fits(0.0, 0)
     assert not fits(1e-6, 0)

@@ -14,7 +14,6 @@ from sphere_nav.spheres.graph import SphereGraph
 from worlds.room import sharp_room
 
 # Written out: imported, a change would go unseen.
-CONTRADICTED = 2
 
 PARAMS = MapperParams()
 CAMERA = Spherical(256, 128)

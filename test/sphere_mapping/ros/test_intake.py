@@ -104,10 +104,9 @@ def compress(topic, message):
     return f"{topic}/compressedDepth", message
 
 
-@pytest.mark.parametrize(("kind", "source"), [("rgbd", rgbd)])
-def test_compressed_images_give_the_sphere_of_raw_ones(kind, source):
-    ((raw, *_),) = caught(kind, *source(3)).caught
-    node = caught(kind, *(compress(*item) for item in source(3)), transport="compressed")
+def test_compressed_images_give_the_sphere_of_raw_ones():
+    ((raw, *_),) = caught("rgbd", *rgbd(3)).caught
+    node = caught("rgbd", *(compress(*item) for item in rgbd(3)), transport="compressed")
     ((found, mount, _),) = node.caught
     assert mount.frame_id == FRAME
     np.testing.assert_array_equal(found.image, raw.image)

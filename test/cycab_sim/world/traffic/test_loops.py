@@ -30,9 +30,8 @@ def test_a_loop_closes_and_goes_on():
     np.testing.assert_allclose(points[3], [-5.0, 0.0], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["two_turns"])
-def test_free_loops_leave_room_for_the_car_on_its_path(name):
-    path = taught_path(PLAN, name)
+def test_free_loops_leave_room_for_the_car_on_its_path():
+    path = taught_path(PLAN, "two_turns")
     loops = free_loops(town_loops(PLAN), path, may_cross=False)
     assert {loop.kind for loop in loops} == {"road", "cycle", "walk"}
     points = path.at(np.arange(0.0, path.length, 0.1))[:, :2]

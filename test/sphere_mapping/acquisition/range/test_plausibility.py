@@ -14,10 +14,9 @@ def texture(seed, blur=1.2):
     return np.clip(128 + 40 * image / image.std(), 1, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("shift", [20])
-def test_exchanged_images_are_refused_by_name_and_ordered_ones_are_not(shift):
+def test_exchanged_images_are_refused_by_name_and_ordered_ones_are_not():
     top = texture(0)
-    bottom = np.roll(top, -shift, axis=0)  # a point is higher in the lower image
+    bottom = np.roll(top, -20, axis=0)  # a point is higher in the lower image
     check_order(top, bottom, NAMES, is_whole=False)
     with pytest.raises(ValueError, match="top and bottom image: expected disparities above 0, found"):
         check_order(bottom, top, NAMES, is_whole=False)

@@ -1,7 +1,6 @@
 """Strips cover every pixel that two views share, and nothing but a band along the seams."""
 
 import numpy as np
-import pytest
 
 from sphere_mapping.acquisition.stitching.strips import strips_of
 
@@ -26,11 +25,10 @@ def covered(strips):
     return found
 
 
-@pytest.mark.parametrize("edges", [(100, 500, 900)])
-def test_seams_lie_in_strips_that_do_not_overlap(edges):
-    found = covered(strips_of(owner_of(edges), 3, 4))
+def test_seams_lie_in_strips_that_do_not_overlap():
+    found = covered(strips_of(owner_of((100, 500, 900)), 3, 4))
     assert found.max() == 1
-    for first in edges:
+    for first in (100, 500, 900):
         assert found[:, (first - 20) % WIDTH : (first - 20) % WIDTH + 1].all()
         assert found[:, (first + 20) % WIDTH].all()
     assert found.mean() < 0.6  # most of the sphere is one camera's
