@@ -3,14 +3,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from cycab_sim.params import (
-    CONDITIONS,
-    LightParams,
-    SimCameraParams,
-    SimParams,
-    in_condition,
-    split_numbers,
-)
+from cycab_sim.params import CONDITIONS, LightParams, SimCameraParams, SimParams, in_condition, split_numbers
 from sphere_nav.params import build, to_mapping
 
 CYCAB = Path(__file__).resolve().parents[2] / "config" / "cycab.yaml"

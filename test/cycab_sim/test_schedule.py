@@ -1,11 +1,4 @@
-from cycab_sim.params import (
-    CameraRigParams,
-    CaptureParams,
-    OdometryParams,
-    SimCameraParams,
-    SimParams,
-    SphereParams,
-)
+from cycab_sim.params import CameraRigParams, CaptureParams, OdometryParams, SimCameraParams, SimParams, SphereParams
 from cycab_sim.simulator import Schedule
 
 MS = 1_000_000

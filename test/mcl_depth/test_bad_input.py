@@ -94,8 +94,7 @@ def test_the_command_refuses_a_cloud_that_is_none(files, tmp_path, capfd, name):
 
 
 @pytest.mark.parametrize(
-    ("bag", "expected"),
-    [("no_info", "expected one topic with camera_info"), ("uncalibrated", "focal length 0")],
+    ("bag", "expected"), [("no_info", "expected one topic with camera_info"), ("uncalibrated", "focal length 0")]
 )
 def test_the_command_refuses_a_recording_without_calibration(files, tmp_path, capfd, bag, expected):
     line = refusal(capfd, tmp_path, files / "room.npy", files / bag, "--set", "max_waiting=1")

@@ -15,12 +15,7 @@ from sphere_nav.params import build
 from worlds.boxes import box
 from worlds.lit_room import POSES, picture, room
 
-SETTINGS = {
-    "camera_height": 1.2,
-    "area.step": 0.25,
-    "resampling.num_particles": 400,
-    "input.min_way": 0.05,
-}
+SETTINGS = {"camera_height": 1.2, "area.step": 0.25, "resampling.num_particles": 400, "input.min_way": 0.05}
 
 
 @pytest.fixture(scope="module")

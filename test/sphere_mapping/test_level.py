@@ -3,16 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.level import (
-    BY_GROUND,
-    BY_ORIENTATION,
-    BY_REST,
-    UP,
-    ImuSample,
-    Upright,
-    find_gravity,
-    find_ground,
-)
+from sphere_mapping.level import BY_GROUND, BY_ORIENTATION, BY_REST, UP, ImuSample, Upright, find_gravity, find_ground
 from sphere_nav.geometry import SE3, so3
 
 LEAN = SE3.from_angles(0.03, -0.08, 0.0, [0.0, 0.0, 0.0]).rotation  # level axes <- base

@@ -112,8 +112,7 @@ def test_both_confirm_a_jump_or_do_not(x, reason, is_taken):
 
 
 @pytest.mark.parametrize(
-    ("first", "other", "is_taken"),
-    [(0.6, 0.9, False), (0.3, 0.4, True), (0.4, 0.3, False), (-1.0, 0.1, True)],
+    ("first", "other", "is_taken"), [(0.6, 0.9, False), (0.3, 0.4, True), (0.4, 0.3, False), (-1.0, 0.1, True)]
 )
 def test_the_better_of_two_experiences_counts_where_the_first_is_not_good(first, other, is_taken):
     one, another, days, asked = candidate(first, prediction=HERE), candidate(other, (10,)), Days(), []

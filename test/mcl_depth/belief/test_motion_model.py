@@ -5,14 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.belief.motion_model import (
-    MotionModel,
-    Step,
-    compose_planar,
-    planar_pose,
-    relative_motion,
-    sample_motion,
-)
+from mcl_depth.belief.motion_model import MotionModel, Step, compose_planar, planar_pose, relative_motion, sample_motion
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3
 

@@ -7,14 +7,7 @@ import pytest
 
 from mcl_depth.constants import MAX_WEIGHTS_BYTES, NUM_FREQUENCIES
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.likeness.encoder import (
-    Encoder,
-    EncoderPair,
-    depth_inputs,
-    image_inputs,
-    load_encoders,
-    normalize,
-)
+from mcl_depth.likeness.encoder import Encoder, EncoderPair, depth_inputs, image_inputs, load_encoders, normalize
 from mcl_depth.params import SynthesisParams
 
 WINDOW = panorama_window(SynthesisParams())

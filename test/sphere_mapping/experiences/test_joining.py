@@ -7,15 +7,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.experiences import joining
-from sphere_mapping.experiences.joining import (
-    DriveSphere,
-    First,
-    Localized,
-    Place,
-    is_same,
-    join_drive,
-    locate_edges,
-)
+from sphere_mapping.experiences.joining import DriveSphere, First, Localized, Place, is_same, join_drive, locate_edges
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical

@@ -38,10 +38,7 @@ def unknown(target, source):
 
 
 def test_projections_and_a_transform_tell_the_same_pair():
-    pairs = [
-        open_pair(*infos(is_told=True), unknown),
-        open_pair(*infos(is_told=False), lambda *_: T_LEFT_RIGHT),
-    ]
+    pairs = [open_pair(*infos(is_told=True), unknown), open_pair(*infos(is_told=False), lambda *_: T_LEFT_RIGHT)]
     for name in ("left", "right", "camera"):
         assert np.allclose(getattr(pairs[0], name).coefficients, getattr(pairs[1], name).coefficients)
     np.testing.assert_allclose(pairs[0].R_rectified_right, pairs[1].R_rectified_right, atol=1e-12)

@@ -5,23 +5,9 @@ from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture import kernels
 
 NAMES = [
-    "ASPHALT",
-    "PAVING",
-    "BRICK",
-    "PLASTER",
-    "STONE",
-    "WINDOW",
-    "ROOF",
-    "WOOD",
-    "SIGN",
-    "METAL",
-    "MARKING",
-    "SOIL",
-    "BARK",
-    "FOLIAGE",
-    "SLATS",
-    "FACADE",
-]
+    "ASPHALT", "PAVING", "BRICK", "PLASTER", "STONE", "WINDOW", "ROOF", "WOOD",
+    "SIGN", "METAL", "MARKING", "SOIL", "BARK", "FOLIAGE", "SLATS", "FACADE",
+]  # fmt: skip
 PARAMS = {
     "PAVING": (0.12, 0.6, 0.4, 0.012, 0.5, 0.0), "BRICK": (0.12, 0.23, 0.075, 0.012, 0.5, 0.0),
     "STONE": (0.12, 0.8, 0.32, 0.012, 0.5, 0.0), "WINDOW": (0.4, 1.2, 1.6, 2.0, 2.0, 0.6),

@@ -1,11 +1,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.partial.partial_sphere import (
-    RgbdView,
-    sphere_from_rgbd,
-    sphere_from_views,
-)
+from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_rgbd, sphere_from_views
 from sphere_mapping.params import PartialParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid

@@ -4,14 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.range.levels import (
-    fit,
-    interpolate,
-    is_borrowed,
-    is_unlike,
-    spread_around,
-    twice,
-)
+from sphere_mapping.acquisition.range.levels import fit, interpolate, is_borrowed, is_unlike, spread_around, twice
 
 
 def waves(height, width, phase=0.0):

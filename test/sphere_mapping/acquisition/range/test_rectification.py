@@ -74,8 +74,7 @@ def test_known_ranges_tell_turns_that_epipolar_planes_do_not(rng):
     ranges = np.linalg.norm(seen[0], axis=1) * rng.normal(1.0, 0.05, 300)
     ranges[::3] = np.nan
     turned = replace(
-        rig,
-        cameras=(rig.cameras[0], replace(rig.cameras[1], T_rig_camera=poses[1] @ SE3.exp([0, 0, 0, 0, 0.01, 0]))),
+        rig, cameras=(rig.cameras[0], replace(rig.cameras[1], T_rig_camera=poses[1] @ SE3.exp([0, 0, 0, 0, 0.01, 0])))
     )
 
     def error_of(found):

@@ -2,13 +2,7 @@
 
 import numpy as np
 
-from sphere_mapping.acquisition.range.rectification import (
-    NUM_VALUES,
-    Matches,
-    correct,
-    epipolar_errors,
-    match_angles,
-)
+from sphere_mapping.acquisition.range.rectification import NUM_VALUES, Matches, correct, epipolar_errors, match_angles
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
 from worlds.rig import OPTICAL
 

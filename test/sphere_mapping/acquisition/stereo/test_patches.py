@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.stereo.corner_tracks import (
-    OFFSETS,
-    cut_patches,
-    find_patches,
-    spline_of,
-    warps_of,
-)
+from sphere_mapping.acquisition.stereo.corner_tracks import OFFSETS, cut_patches, find_patches, spline_of, warps_of
 from sphere_mapping.acquisition.stereo.stereo_field import corners_of
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
