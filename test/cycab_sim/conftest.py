@@ -72,9 +72,10 @@ def box_mesh():
 
 @pytest.fixture(scope="session")
 def small_params():
-    """A simulator that renders little."""
+    """A simulator that renders little of a world that is quickly built."""
     return SimParams(
         seed=SEED,
+        world="corridor",
         camera=SimCameraParams(size="160,120"),
         sphere=SphereParams(width=128),
         render=RenderParams(shadow_texel=0.5),

@@ -31,6 +31,7 @@ from worlds.patience import Patience
 START_LIMIT = 120.0  # s; kernels may have to be compiled first
 SMALL = {
     "seed": 5,
+    "world": "ramp",
     "camera.size": "160,120",
     "sphere.width": 128,
     "capture.when": "always",

@@ -43,7 +43,7 @@ SEED, NUM_IMAGES = 5, 24
 LIMIT = 120.0  # s; kernels may have to be compiled first
 SIMULATION = {
     "seed": SEED,
-    "path": "straight",
+    "world": "corridor",
     "camera.period": 0.2,
     "camera.size": "64,48",
     "odometry.period": 0.05,

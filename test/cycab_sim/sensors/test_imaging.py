@@ -48,7 +48,7 @@ def test_an_open_shutter_means_the_light_and_not_the_levels():
 
 @pytest.mark.slow
 def test_a_moving_camera_blurs_along_its_way(small_params):
-    simulator = Simulator(small_params)
+    simulator = Simulator(replace(small_params, world="ramp"))
     quiet = simulator.mounts["camera"]
 
     def detail(shutter, speed):

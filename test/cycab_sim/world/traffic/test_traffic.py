@@ -30,7 +30,7 @@ def traffic():
 
 @pytest.fixture(scope="module")
 def simulator(small_params):
-    return Simulator(replace(small_params, traffic=PARAMS))
+    return Simulator(replace(small_params, world="town", traffic=PARAMS))
 
 
 def test_where_they_are_depends_on_the_stamp_and_the_seed_alone(traffic):
