@@ -76,7 +76,10 @@ def localizer(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("maps")
     if request.param == "dense_localizer":
         sphere_map = make_map(Room(), [SE3.identity()])
-        return Car(DenseLocalizerNode, {"map": str(save_map(folder / "room", sphere_map.graph))} | SMALL_IMAGES)
+        return Car(
+            DenseLocalizerNode,
+            {"map": str(save_map(folder / "room", sphere_map.graph)), "automatic": False} | SMALL_IMAGES,
+        )
     np.save(folder / "room.npy", room_points(0.1))
     return Car(MclDepthNode, {"cloud": str(folder / "room.npy"), "camera_height": 1.2} | SETTINGS)
 

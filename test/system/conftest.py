@@ -10,7 +10,7 @@ from tf2_msgs.msg import TFMessage
 
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.world.town import build_town
+from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.ros import conversions, qos
@@ -83,9 +83,10 @@ def wall_messages(count: int = 3) -> list[Message]:
 
 @pytest.fixture(scope="session")
 def street() -> Callable[[SE3], tuple[np.ndarray, np.ndarray]]:
-    """Render image and depth along z of the town from T_map_base, base in body axes, sky unknown."""
+    """Render image and depth along z of a street from T_map_base, base in body axes, sky unknown."""
     # a coarse shadow map: nothing here depends on how sharp shadows are
-    renderer = Renderer(build_town(SEED)[0], RenderParams(shadow_texel=0.25), LightParams())
+    world = build_world("ramp", SEED)
+    renderer = Renderer(world.mesh, RenderParams(shadow_texel=0.25), LightParams(), bounds=world.bounds)
     rays = STREET.unproject(pixel_grid(STREET))
     z_of_range = rays[..., 2] / np.linalg.norm(rays, axis=-1)
 

@@ -30,23 +30,22 @@ def poses():
     return [SE3.exp([10.0 + 0.1 * i, 0.02 * i, 1.6, 0.0, 0.0, 0.005 * i]) for i in range(NUM_FRAMES)]
 
 
-def drive(street, frames: Frames, *, has_depth: bool):
+def drive(street, frames: Frames):
     messages = [frames.mount(SECOND)]
     for i, T_map_base in enumerate(poses()):
         stamp = SECOND + i * PERIOD
         pixels, depth_m = street(T_map_base)
         messages += [frames.truth(T_map_base, stamp), frames.info(stamp)]
-        messages += [frames.depth(depth_m, stamp)] if has_depth else []
-        messages += [frames.image(pixels, stamp)]
+        messages += [frames.depth(depth_m, stamp), frames.image(pixels, stamp)]
     return messages
 
 
 @pytest.fixture(scope="session")
 def chain(street, tmp_path_factory):
     """Folder with both recordings, the map and the poses of the second recording."""
-    folder, frames = tmp_path_factory.mktemp("chain"), Frames(STREET)
-    write_bag(folder / "taught", drive(street, frames, has_depth=True))
-    write_bag(folder / "driven", drive(street, frames, has_depth=False))
+    folder, messages = tmp_path_factory.mktemp("chain"), drive(street, Frames(STREET))
+    write_bag(folder / "taught", messages)
+    write_bag(folder / "driven", [item for item in messages if item[0] != "/depth/image_raw"])
     assert main(["map", str(folder / "taught"), "-o", str(folder / "map"), "--anchor", "truth"]) == 0
     assert localize(folder, "poses.tum") == 0
     return folder
