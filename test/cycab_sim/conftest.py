@@ -18,12 +18,14 @@ from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3
 
 SEED = 5
+town_of = cache(build_town)
 
 
 @pytest.fixture(scope="session", autouse=True)
 def shared_worlds():
     """Every simulator of these tests gets the same world of a seed: it is never changed, and a second to build."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cycab_sim.world.worlds.build_town", town_of)
         patch.setattr(simulator_module, "build_world", cache(build_world))
         yield
 
@@ -51,7 +53,7 @@ def fingerprint():
 @pytest.fixture(scope="session")
 def town():
     """Mesh and plan of a town."""
-    return build_town(SEED)
+    return town_of(SEED)
 
 
 @pytest.fixture(scope="session")

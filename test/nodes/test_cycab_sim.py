@@ -209,7 +209,8 @@ def test_a_simulator_ends_in_order(driver, process):
 @pytest.mark.slow
 def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activation():
     bus = OfflineBus()
-    node = CycabSim(OfflineShell(bus, "cycab_sim", {"camera.period": 0.0, "clock.real_time_factor": 0.0}, {}))
+    values = {"world": "corridor", "camera.period": 0.0, "clock.real_time_factor": 0.0}
+    node = CycabSim(OfflineShell(bus, "cycab_sim", values, {}))
     node.configure()
     request = SetFault.Request(fault=SimulationFault(target="odom", kind="silent"))
     assert node.endpoints.call("set_fault", request).success

@@ -72,11 +72,11 @@ def test_traffic_is_seen_and_measured_and_throws_shadows(simulator):
     assert np.mean(np.abs(later.astype(float) - image) > 10.0) > 0.05
 
 
-def test_somebody_stands_in_the_way_where_he_is_put():
-    traffic = Traffic(world(), replace(PARAMS, standing_at=20.0), 5)
+def test_somebody_stands_in_the_way_where_he_is_put(traffic):
+    usual, traffic = len(traffic.actors), Traffic(world(), replace(PARAMS, standing_at=20.0), 5)
     x, y, _, _ = world().path.at(20.0)
     here = traffic._actor_of == len(traffic.actors) - 1
     first, later = (traffic.poses(stamp)[here] for stamp in (SECOND, 500 * SECOND))
     assert np.array_equal(first, later)  # nothing of him moves
     assert np.hypot(*(first[0, :2, 3] - [x, y])) < 0.1  # his body; limbs hang from it
-    assert len(traffic.actors) == len(Traffic(world(), PARAMS, 5).actors) + 1
+    assert len(traffic.actors) == usual + 1
