@@ -182,6 +182,3 @@ def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_pat
 def test_a_map_that_is_not_there_refuses_to_start(tmp_path):
     with pytest.raises((ValueError, OSError), match="none"):
         Bench(tmp_path / "none")
-
-
-# --- over DDS

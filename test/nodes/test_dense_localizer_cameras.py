@@ -163,6 +163,3 @@ def test_a_whole_sphere_is_a_camera(map_path, room, told_by):
         answer = {record.topic: record.message for record in bench.send("/image_raw", image)}
     assert answer["/status"].state == "TRACKING"
     assert_near(answer, BASE[4])
-
-
-# --- over DDS

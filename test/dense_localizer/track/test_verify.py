@@ -1,5 +1,7 @@
 """One instant after the other: by the map, or by the last images, and which of the two is believed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -27,21 +29,28 @@ class Track:
         self.visual_odometry = VisualOdometry(self.references, PARAMS)
         self.prior.start(at(0.0), 1e-5 * np.eye(6), 0)
 
-    def see(self, pose, room=None, *, is_trusted=True):
-        """Return the candidate by the map, and the one in force."""
+    def see(self, pose, change=lambda by_map: by_map, *, is_trusted=True):
+        """Return the candidate by the map, changed, and the one in force."""
         self.k += 1
-        image = RigImage(build_pyramid((room or self.room).photograph(PINHOLE, pose, self.k), PINHOLE))
+        image = RigImage(build_pyramid(self.room.photograph(PINHOLE, pose, self.k), PINHOLE))
         frame = LocalizerInput(self.k * STEP_NS, images=(image,))
-        by_map = locate(frame.images, self.references, PARAMS, next(self.prior.propose(frame)))
+        by_map = change(locate(frame.images, self.references, PARAMS, next(self.prior.propose(frame))))
         found = self.visual_odometry.verify(frame, by_map, is_trusted=is_trusted)
         if found.is_accepted:
             self.prior.correct(found.T_map_camera, found.covariance, frame.stamp_ns, noise=found.noise)
         return by_map, found
 
 
-def test_where_the_map_refuses_the_last_image_places(room):
+def pulled(by_map, off_m):
+    """Return a candidate as one that resembles the map little and is off."""
+    T = by_map.T_map_camera @ SE3.exp([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return replace(by_map, T_map_camera=T, alignment=replace(by_map.alignment, ncc=0.5))
+
+
+def test_where_the_map_refuses_or_contradicts_the_last_image_places(room):
     hidden = make_map(sharp_room((5.0, 3.0, 1.5), seed=3), [SE3.identity()])
-    track = Track(room, make_map(room, [SE3.identity()]))
+    track, steps = Track(room, make_map(room, [SE3.identity()])), []
+    right = track.references
     for k in range(1, 4):
         track.see(at(0.02 * k))
     track.references = track.visual_odometry._references = References(hidden, PARAMS)  # the map is another from now on
@@ -51,8 +60,18 @@ def test_where_the_map_refuses_the_last_image_places(room):
         assert (found.is_accepted, found.is_by_map) == (True, False)
         assert found.T_map_camera.distance(at(0.02 * k)) < (0.02, 0.01)
         assert track.visual_odometry.is_needed
-    _, found = track.see(at(0.16), is_trusted=False)  # a pose on probation is not propagated by images
+        steps.append(np.trace(found.alignment.covariance))
+        exact = replace(track.visual_odometry._way, noise=None).covariance_at(found.T_map_camera)
+        assert np.trace(found.covariance - exact) == pytest.approx(sum(steps), rel=0.2)  # errors of the steps add up
+    track.references = track.visual_odometry._references = right
+    by_map, found = track.see(at(0.16), lambda one: pulled(one, 0.5))  # as by a lamp: it fits badly, and elsewhere
+    assert (by_map.is_accepted, found.is_by_map) == (True, False)
+    assert found.T_map_camera.distance(at(0.16)) < (0.02, 0.01)
+    assert track.see(at(0.18), lambda one: pulled(one, 0.0))[1].is_by_map  # where the last images say
+    assert not track.visual_odometry.is_needed
+    track.references = track.visual_odometry._references = References(hidden, PARAMS)
+    _, found = track.see(at(0.2), is_trusted=False)  # a pose on probation is not propagated by images
     assert not found.is_accepted
     track.visual_odometry.reset()
     assert not track.visual_odometry.is_needed
-    assert not track.see(at(0.18))[1].is_accepted
+    assert not track.see(at(0.22))[1].is_accepted

@@ -15,17 +15,6 @@ PARAMS = ComparisonParams()
 RADIUS = 2  # 20 degrees
 
 
-def literal_lcn(D: np.ndarray, k: int) -> np.ndarray:
-    """Eq. 1, pixel by pixel; columns wrap, rows end."""
-    out = np.empty_like(D)
-    for y in range(H):
-        for x in range(W):
-            rows = slice(max(y - k, 0), y + k + 1)
-            window = D[rows][:, np.arange(x - k, x + k + 1) % W]
-            out[y, x] = (D[y, x] - window.mean()) / window.std()
-    return out
-
-
 def literal_sobel(D: np.ndarray) -> np.ndarray:
     """Gradients (H, W, 2)."""
     padded = np.pad(np.pad(D, ((1, 1), (0, 0)), "edge"), ((0, 0), (1, 1)), "wrap")
@@ -62,7 +51,7 @@ def images(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 def test_similarity_is_equation_2_for_every_rotation(images) -> None:
     gray, range_m = images
     found = similarity(visual_features(gray), range_m, 12)
-    Gv, Gd = normalized(literal_sobel(gray.astype(float))), literal_sobel(literal_lcn(range_m.astype(float), RADIUS))
+    Gv, Gd = normalized(literal_sobel(gray.astype(float))), literal_sobel(local_contrast(range_m, RADIUS))
     Gd = normalized(Gd)
     expected = [literal_similarity(Gv, np.roll(Gd, i * W // 12, axis=1)) for i in range(12)]
     np.testing.assert_allclose(found, expected, rtol=5e-3)  # half a step of 0.7 degrees and 1 % of magnitude, averaged
@@ -118,8 +107,8 @@ def test_contrast_is_local_to_twenty_degrees_and_outdoors_to_ten(rng) -> None:
         np.testing.assert_allclose(found.x * found.magnitude, expected[..., 0], rtol=2e-3, atol=2e-7)
 
 
-def local_contrast(range_m, k, min_sigma=0.0):
-    """Eq. 1 for a panorama of any size, with the least deviation that contrast is divided by."""
+def local_contrast(range_m, k):
+    """Eq. 1, pixel by pixel; columns wrap, rows end."""
     height, width = range_m.shape
     windows = [
         range_m[max(y - k, 0) : y + k + 1][:, np.arange(x - k, x + k + 1) % width].astype(float)
@@ -127,7 +116,7 @@ def local_contrast(range_m, k, min_sigma=0.0):
         for x in range(width)
     ]
     means, sigmas = (np.array([f(w) for w in windows]).reshape(range_m.shape) for f in (np.mean, np.std))
-    return (range_m - means) / np.maximum(sigmas, min_sigma)
+    return (range_m - means) / sigmas
 
 
 def test_a_heading_is_a_whole_number_of_columns() -> None:
