@@ -144,8 +144,9 @@ class _State:
         D = weight * np.sum(J_inverse**2, axis=(0, 2)) + 1e-9
         E = W * np.einsum("kni,knij->nj", J_inverse, J)
         g = weight * np.einsum("kni,kni->n", J_inverse, r)
-        H = np.einsum("n,knij,knil->jl", weight, J, J) - (E / D[:, None]).T @ E
-        b = -np.einsum("n,knij,kni->j", weight, J, r) + E.T @ (g / D)
+        weighted = (W[:, None] * J).reshape(-1, J.shape[-1])
+        H = weighted.T @ J.reshape(weighted.shape) - (E / D[:, None]).T @ E
+        b = -weighted.T @ r.ravel() + E.T @ (g / D)
         n = len(columns)
         poses = np.linalg.solve(H[n:, n:] + 1e-9 * np.eye(size), np.column_stack([b[n:], H[n:, :n]]))
         depths = (-g / D, E[:, n:] / D[:, None], E[:, :n] / D[:, None])
