@@ -51,7 +51,7 @@ def night(image):
 
 @pytest.mark.slow
 def test_by_night_it_goes_on(run, room):
-    way = drive(24, speed=0.5)
+    way = drive(18, speed=0.5)
     for pose in way[:8]:
         estimate = run.see(pose)
     assert estimate.status.state == State.TRACKING
@@ -93,7 +93,7 @@ def test_without_depth_a_black_image_is_no_pose(run):
 
 @pytest.mark.slow
 def test_frozen_depth_holds_no_pose(run):
-    way = drive(30, speed=0.5)
+    way = drive(24, speed=0.5)
     for pose in way[:8]:
         run.see(pose)
     frozen = run.depth(way[8])

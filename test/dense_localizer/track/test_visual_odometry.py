@@ -109,7 +109,7 @@ def test_a_map_that_stays_hidden_is_told_and_lost_after_the_stated_distance(room
     for pose in way(12):
         run.see(pose, step_ns=STEP_NS)
     run.room, told = RelitRoom(), []
-    for pose in way(40, 12):
+    for pose in way(34, 12):
         told.append(run.see(pose, step_ns=STEP_NS))
     degraded = [estimate for estimate in told if estimate.status.state is State.DEGRADED]
     assert degraded[3].status.reason
