@@ -8,9 +8,10 @@ PACKAGES := $(shell sed -n '/^PACKAGES = (/,/^)/s/^ *"\(.*\)",$$/\1/p' setup.py)
 SOURCES := $(sort $(shell find $(PACKAGES) -name '*.py' -o -name '*.npz') \
 	$(wildcard launch/*.launch.py config/*.* config/cameras/*.yaml) setup.py setup.cfg package.xml resource/sphere_nav)
 
-# Neither a sourced ROS 2 installation nor another environment of wheels may leak into this one.
+# Neither a sourced ROS 2 installation nor another environment of wheels may leak into this one; and what is compiled is
+# kept: a process of tests would spend eight seconds on it each time.
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH VIRTUAL_ENV
-unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONDONTWRITEBYTECODE
 
 .PHONY: env ready demo test test-slow bench bench-report check docs clean FORCE
 .DELETE_ON_ERROR:
