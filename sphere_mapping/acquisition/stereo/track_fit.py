@@ -135,9 +135,9 @@ class _State:
         r, J_columns, J_inverse, J_poses = self._linearize(columns)
         for part in (r, J_columns, J_inverse, J_poses):
             part[~self.seen] = 0.0
-        num, size, views = r.shape[1], J_poses.shape[-1], self.seen.sum(axis=0)
-        weight = cauchy_weights(np.sum(r * r, axis=(0, 2)) / (views * scale**2))  # (N,), of the whole corner
-        self.squares = float(np.sum(weight * np.sum(r * r, axis=(0, 2))))
+        size, views, squares = J_poses.shape[-1], self.seen.sum(axis=0), np.sum(r * r, axis=(0, 2))
+        weight = cauchy_weights(squares / (views * scale**2))  # (N,), of the whole corner
+        self.squares = float(weight @ squares)
         self.freedom = float(np.sum(weight * (3 * views - 3))) - size
         J = np.concatenate([J_columns, J_poses], axis=-1)  # (K, N, 3, C + 6 (K - 1))
         W = weight[:, None]
@@ -146,11 +146,10 @@ class _State:
         g = weight * np.einsum("kni,kni->n", J_inverse, r)
         weighted = (W[:, None] * J).reshape(-1, J.shape[-1])
         H = weighted.T @ J.reshape(weighted.shape) - (E / D[:, None]).T @ E
-        b = -weighted.T @ r.ravel() + E.T @ (g / D)
+        b = E.T @ (g / D) - weighted.T @ r.ravel()
         n = len(columns)
         poses = np.linalg.solve(H[n:, n:] + 1e-9 * np.eye(size), np.column_stack([b[n:], H[n:, :n]]))
         depths = (-g / D, E[:, n:] / D[:, None], E[:, :n] / D[:, None])
-        assert len(depths[0]) == num
         return _Reduced(
             H[:n, :n] - H[:n, n:] @ poses[:, 1:], b[:n] - H[:n, n:] @ poses[:, 0], (poses[:, 0], poses[:, 1:]), depths
         )
