@@ -76,8 +76,7 @@ from sphere_mapping.acquisition.range.sweep_tables import (
     why_no_range,
 )
 from sphere_mapping.acquisition.stitching.layouts import MAX_LAYOUTS, Layouts
-from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera, Spherical
-from sphere_nav.params import build
+from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -249,11 +248,3 @@ def _smooth(values: Plane, radius: int) -> Plane:
     out = np.empty_like(padded)
     smooth(padded, radius, SMOOTH[0], SMOOTH[1], np.empty_like(padded), out)
     return np.ascontiguousarray(out[:, 2 * radius : -2 * radius])
-
-
-def warm_up() -> None:
-    """Compile on a tiny rig, so that the first image does not wait."""
-    lens, axes = Fisheye(32, 32, 10.0, 10.0, 15.5, 15.5), [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
-    poses = {"left": SE3.from_parts(axes, [0.0, 0.1, 0.0]), "right": SE3.from_parts(axes, [0.0, -0.1, 0.0])}
-    rig, params = Rig(tuple(RigCamera(name, lens, T) for name, T in poses.items())), build(StitchParams, {"width": 64})
-    SphereSweep(Layouts(rig, params, {}), params, 1).find({name: np.zeros((32, 32), np.uint8) for name in poses})

@@ -6,11 +6,6 @@ import pytest
 from sphere_mapping.acquisition import kernels
 
 
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    kernels.warm_up()
-
-
 @pytest.mark.parametrize("wraps", [True])
 def test_steps_of_a_pixels_own_surface_are_compared_in_both_images(wraps):
     rng = np.random.default_rng(8)
