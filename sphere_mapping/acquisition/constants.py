@@ -87,14 +87,13 @@ SGBM = {
 SEAM_COLUMNS = 32  # beyond the seam that the matcher sees, so that it knows no seam
 NUM_STRIPS = 2  # of a whole sphere, whatever the number of threads, so that the result does not depend on it
 COST_RADIUS = 4  # px, half side of the block whose cost is compared over all disparities
-MIN_COST_RATIO = 1.2  # of the least cost elsewhere to that of the match, also as seen at coarser levels
+MIN_COST_RATIO = 1.2  # of the least cost elsewhere to that of the match
 
 # Levels of a matching (range/test_matching, range/test_levels)
 MAX_WIDTH = 1280  # columns, of the whole sphere, up to which images are matched as they are; wider ones are halved
 MIN_SIDE = 64  # px, of the coarsest level
-NUM_SCALES, NUM_CHECKS = 3, 2  # levels that are matched at least; coarser ones that must find a match clear, too
+NUM_SCALES = 3  # levels that are matched at least
 BEYOND_PX = 3  # disparities this near to the largest of a level are left to the next coarser one
-MIN_AGREEMENT = 0.95  # of the least cost elsewhere to that of a coarser level's disparity, seen at a finer level
 SURER = 0.5  # of a finer level's deviation, below which a coarser level's disparity is preferred
 LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
 EDGE_PX = 3  # matches this near to a jump are not trusted
