@@ -37,7 +37,6 @@ from sphere_mapping.acquisition.constants import (
     STD_FACTOR,
     STEP_LIMIT,
     STEPS_AGAIN,
-    SURER,
 )
 from sphere_mapping.acquisition.kernels import (
     NUM_DISPARITIES,
@@ -94,7 +93,9 @@ def match_columns(
     """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
     halvings = max(int(np.ceil(np.log2((search.full_width or top.shape[1]) / MAX_WIDTH))), 0)
     levels = _levels_of(top, bottom, search, halvings)
-    start, matched, found = np.empty((0, 0), np.float32), None, None
+    start = np.empty((0, 0), np.float32)
+    matched: Plane | None = None
+    found: Disparity | None = None
     for k in reversed(range(len(levels))):
         shape = levels[k][0].shape
         coarser = None if found is None else _interpolate(found, shape, search.is_whole)
@@ -108,8 +109,8 @@ def match_columns(
         num_steps = REFINE_STEPS if k >= halvings else STEPS_AGAIN
         own = refine(*levels[k], start, _params_at(params, k), num_steps, is_whole=search.is_whole, jobs=jobs)
         if coarser is not None:
-            is_other = np.isnan(own.value) | (coarser.std < np.float32(SURER) * own.std)
-            own.value[is_other], own.std[is_other] = coarser.value[is_other], coarser.std[is_other]
+            is_unknown = np.isnan(own.value)
+            own.value[is_unknown], own.std[is_unknown] = coarser.value[is_unknown], coarser.std[is_unknown]
         found = own
     assert found is not None
     return _without_borrowed(found, levels[1], search.is_whole) if halvings else found

@@ -44,7 +44,6 @@ from sphere_mapping.acquisition.constants import (
     SPREAD_RADIUS,
     START_STD_PX,
     SWEEP_COST_RATIO,
-    SWEEP_EDGE_PX,
     SWEEP_FLOOR,
     SWEEP_PENALTIES,
     SWEEP_RADIUS,
@@ -63,7 +62,7 @@ from sphere_mapping.acquisition.range.kernels import (
     sum_paths,
     sweep,
 )
-from sphere_mapping.acquisition.range.levels import at_jumps, at_unknown, is_unlike, spread_around, twice
+from sphere_mapping.acquisition.range.levels import at_unknown, is_unlike, spread_around, twice
 from sphere_mapping.acquisition.range.semi_global import in_threads
 from sphere_mapping.acquisition.range.sweep_tables import (
     CameraSight,
@@ -184,8 +183,6 @@ class SphereSweep:
         found[np.isnan(std)] = np.nan
         found = _smooth(found / px, SMOOTH_LAST)
         half = np.ascontiguousarray(found[::2, ::2])
-        if from_coarsest > 0:
-            found[twice(at_jumps(half * np.float32(0.5), SWEEP_EDGE_PX, is_whole=True))] = np.nan
         spread = twice(spread_around(half, SPREAD_RADIUS, is_whole=True))
         found[is_unlike(unlike, spread, found, MAX_UNLIKE)] = np.nan
         return found * px, std
