@@ -52,7 +52,7 @@ class MappingRegistrationParams(RegistrationParams):
     """How spheres are aligned (`photometric`): offline, so that all pixels may speak."""
 
     max_pixels: int = param(200_000, "best pixels used at a level, all references together", low=100)
-    min_ncc: float = param(0.3, "correlation of the aligned images below which a result is refused", low=-1.0, high=1.0)
+    min_ncc: ClassVar[float] = 0.3  # correlation of the aligned images below which a result is refused
 
 
 @parameters
