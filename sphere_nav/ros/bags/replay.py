@@ -30,6 +30,7 @@ from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter, absolute
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import decompress
+from sphere_nav.ros.endpoints import GoalCalls
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.node import ManagedNode, NodeShell, ThrottledLog
 from sphere_nav.ros.service import one_line
@@ -86,7 +87,7 @@ class OfflineShell(NodeShell):
         self.begin(ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9))
         self._node_name = name
         self.services: dict[str, tuple[type[Any], Callable[[Any, Any], Any]]] = {}
-        self.actions: dict[str, tuple[Callable[[Any], None], Callable[[Any], None], Callable[[Any], None]]] = {}
+        self.actions: dict[str, GoalCalls] = {}
 
     def read_parameters(self, cls: type[Any]) -> Any:
         """Return the parameters object; unknown names and values out of range raise ValueError."""
@@ -126,17 +127,9 @@ class OfflineShell(NodeShell):
         """Call a service of another node of the bus, `node/service`."""
         return OfflineClient(self._bus, name)
 
-    def add_action(
-        self,
-        name: str,
-        kind: type[Any],
-        *,
-        check: Callable[[Any], None],
-        begin: Callable[[Any], None],
-        cancel: Callable[[Any], None],
-    ) -> None:
+    def add_action(self, name: str, kind: type[Any], calls: GoalCalls) -> None:
         """Keep an action for `self.actions[name]`: check, begin and cancel."""
-        self.actions[name] = (check, begin, cancel)
+        self.actions[name] = calls
 
     def take_waiting(self, wanted: Subscription) -> None:
         """Do nothing: on the bus nothing waits."""
