@@ -58,7 +58,7 @@ def compare_costs(top: Image, bottom: Image, disparity: Plane, first: int, *, is
     planes = [cv2.copyMakeBorder(plane, 0, 0, margin, margin, border) for plane in (levels[0], low, high)]
     rows = np.clip(np.arange(height - 1 - first, -first - NUM_DISPARITIES, -1), 0, height - 1)
     above, least, largest = (np.ascontiguousarray(plane.T) for plane in (planes[0], planes[1][rows], planes[2][rows]))
-    start = disparity.T[None]
+    start = np.ascontiguousarray(disparity.T)[None]
     ratios = np.empty_like(start)
     length = -(-top.shape[1] // NUM_STRIPS)
 
