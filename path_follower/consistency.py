@@ -130,8 +130,6 @@ class MotionConsistency:
     def __init__(self, params: FollowerParams, predictor: Predictor) -> None:
         self.params = params
         self._predictor = predictor
-        share = params.actuation.uncertainty
-        self._errors = COMMAND_ERRORS._replace(along=2.0 * share, turn=share)
         self._pose, self._wheels = Comparison(), Comparison()  # with wheels or commands; with commands
         self.reset()
 
@@ -180,10 +178,10 @@ class MotionConsistency:
         commanded = Reckoning(ORIGIN, *rates[0]), Reckoning(way, *rates[1])
         moved = between(last.pose, now.pose)
         if not self._odometry:
-            self._pose.add(moved, *commanded, self._errors, variance)
+            self._pose.add(moved, *commanded, COMMAND_ERRORS, variance)
         elif last.wheels is not None and now.wheels is not None:
             self._pose.add(moved, last.wheels, now.wheels, WHEEL_ERRORS, variance)
-            self._wheels.add(between(last.wheels.pose, now.wheels.pose), *commanded, self._errors, NO_VARIANCE)
+            self._wheels.add(between(last.wheels.pose, now.wheels.pose), *commanded, COMMAND_ERRORS, NO_VARIANCE)
 
     def _judge_motion(self, now: Instant) -> Verdict:
         """Name what is wrong; a blocked vehicle looks like a frozen pose where no wheels are heard."""

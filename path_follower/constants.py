@@ -63,7 +63,7 @@ class MotionErrors(NamedTuple):
     timing: float  # s: dead time, lag and stamps, times the change of speed and yaw rate
 
 
-COMMAND_ERRORS = MotionErrors(0.2, 0.06, 0.03, 0.1, 0.15)  # the shares: twice and once actuation.uncertainty
+COMMAND_ERRORS = MotionErrors(0.2, 0.06, 0.03, 0.1, 0.15)  # along and turn: twice and once a standard deviation of 10 %
 WHEEL_ERRORS = MotionErrors(0.07, 0.03, 0.02, 0.1, 0.03)  # a lag of 0.14 and a drift aside of 0.07 must show
 RELEVANT = (0.25, 0.25, 0.12)  # m, m, rad: less does not stop: a quarter of the way to leaving the path
 STOP_SIGMAS, SLOW_SIGMAS = 6.0, 4.5  # of two poses as they state it: 1e-9 and 3e-6 of one side

@@ -18,7 +18,7 @@ from rig_calibration.boards.starting import StartingPoint, camera_observations, 
 from rig_calibration.boards.state import RigState
 from rig_calibration.boards.validation import Validation, camera_rms, validate
 from rig_calibration.boards.views import BoardView
-from rig_calibration.params import CalibrationParams
+from rig_calibration.constants import MIN_SEEN, NUM_DISTORTION
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
@@ -69,10 +69,8 @@ def calibrate(
     specs: Sequence[CameraSpec],
     boards: Sequence[Board],
     views: Sequence[BoardView],
-    params: CalibrationParams,
     T_rig_reference: SE3 = T_BODY_OPTICAL,
     *,
-    seed: int = 0,
     progress: Progress = lambda _: None,
 ) -> Calibration:
     """Calibrate lenses and poses of all cameras; the first one stays at `T_rig_reference`.
@@ -80,18 +78,18 @@ def calibrate(
     ValueError, naming the camera, where one saw no board or is not joined to the first.
     """
     names = [spec.name for spec in specs]
-    check_views(names, boards, views, params)
-    singles, own_views, kept, dropped = _each_camera(specs, boards, views, params, progress)
+    check_views(names, boards, views)
+    singles, own_views, kept, dropped = _each_camera(specs, boards, views, progress)
     progress("joining the cameras")
-    start = _join(names, boards, own_views, kept, singles, T_rig_reference, params, seed)
-    adjusted = adjust(start.problem, start.state, start.kept, params, progress)
+    start = _join(names, boards, own_views, kept, singles, T_rig_reference)
+    adjusted = adjust(start.problem, start.state, start.kept, progress)
     state = adjusted.solution.state
     dropped |= {start.views[view].label: reason for view, reason in adjusted.dropped.items()}
     progress("judging: parts of the images")
     errors = adjusted.solution.residuals
     found = spread(start.problem, state, errors, adjusted.kept)
-    checked = validate(start.problem, state, adjusted.kept, params)
-    notes = warnings(tuple(names), found, state.T_world_rig, params)
+    checked = validate(start.problem, state, adjusted.kept)
+    notes = warnings(tuple(names), found, state.T_world_rig)
     notes += quality_warnings(names, start.problem, state, adjusted.kept, start.views, checked)
     notes += disagreements(names, singles, state.lenses, camera_rms(start.problem, errors, adjusted.kept))
     return Calibration(tuple(specs), tuple(boards), start, state, errors, adjusted.kept, dropped, found, checked, notes)
@@ -101,7 +99,6 @@ def _each_camera(
     specs: Sequence[CameraSpec],
     boards: Sequence[Board],
     views: Sequence[BoardView],
-    params: CalibrationParams,
     progress: Progress,
 ) -> tuple[list[SingleCamera], list[tuple[BoardView, SE3]], list[Array], dict[str, str]]:
     """Calibrate every camera by itself; return the views that fit with their poses and weights, and the others."""
@@ -109,10 +106,10 @@ def _each_camera(
     singles, good, kept, dropped = [], [], [], {}
     for spec in specs:
         progress(f"camera {spec.name}")
-        own = [view for view in views if view.camera == spec.name and len(view.corners) >= params.min_corners]
+        own = [view for view in views if view.camera == spec.name and len(view.corners) >= MIN_SEEN]
         seen = camera_observations(own, by_name)
         try:
-            single = calibrate_camera(spec.model, spec.size, seen, params, spec.start)
+            single = calibrate_camera(spec.model, spec.size, seen, spec.start)
         except ValueError as error:
             raise ValueError(f"camera {spec.name}: {error}") from None
         singles.append(single)
@@ -133,13 +130,11 @@ def _join(
     kept: Sequence[Array],
     singles: Sequence[SingleCamera],
     T_rig_reference: SE3,
-    params: CalibrationParams,
-    seed: int,
 ) -> StartingPoint:
     views = [view for view, _ in own_views]
     poses = SE3(np.stack([T.matrix for _, T in own_views]))
     instants = sorted({view.instant for view in views})
     seen = sightings(views, poses, names, instants, boards)
-    found = assemble(seen, T_rig_reference, len(names), np.random.default_rng(seed))
+    found = assemble(seen, T_rig_reference, len(names), np.random.default_rng(0))
     check_joined(names, set(found.cameras))
-    return start_of_rig(found, views, kept, instants, boards, singles, params.num_distortion)
+    return start_of_rig(found, views, kept, instants, boards, singles, NUM_DISTORTION)

@@ -37,12 +37,18 @@ NUM_SWEEPS, MIN_INSTANTS = 2, 3  # over all placed ones; of one that is placed a
 FIRST_DAMPING, MAX_DAMPING = 1e-4, 1e10
 MIN_GAIN = 1e-10  # part of the cost that a step must gain to go on
 MAX_ROUNDS = 8  # of leaving corners out
+NUM_DISTORTION = 5  # coefficients of a pinhole, as OpenCV's usual ones
+MIN_SEEN, MIN_VIEWS = 8, 4  # corners that a view must have; such views of a camera
+CORNER_LIMIT, MIN_RESIDUAL_PX = 5.0, 0.1  # deviations beyond which a corner is left out, but none below so many px
+VIEW_RATIO = 4.0  # of the median residual of a view to that of its camera, beyond which it is left out
+HELD_OUT_EVERY = 4  # every how many instants one is held out to judge by (boards/test_report)
 MIN_FITTING = 0.5  # of its corners that must fit for a view to count at all
-FLOOR_RATIO = 3.0  # a view is left out from this multiple of `min_residual_px` on, whatever the others are like
+FLOOR_RATIO = 3.0  # a view is left out from this multiple of MIN_RESIDUAL_PX on, whatever the others are like
 
 # What the images do not tell (boards/test_observability, test_agreement, test_report)
 OPEN_EIGENVALUE = 1e-11  # of the information scaled to a diagonal of one
 OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itself
+MAX_POSITION_STD_M, MAX_ROTATION_STD_DEG = 0.005, 0.1  # of a camera's pose: beyond, it is worth a warning
 OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called unobservable
 ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from typing import ClassVar
 
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_nav.geometry.cameras.rolling_shutter import CameraParams
 from sphere_nav.params import group, param, parameters
 from sphere_nav.photometric import RegistrationParams
-from sphere_nav.photometric.params import PyramidParams
 
 
 @parameters
@@ -49,20 +48,11 @@ class LoopParams:
 
 
 @parameters
-class MappingAlignmentParams:
+class MappingRegistrationParams(RegistrationParams):
     """How spheres are aligned (`photometric`): offline, so that all pixels may speak."""
 
-    num_levels: int = param(5, "levels of the pyramid, the full image included", low=1, high=10)
-    finest: int = param(0, "finest level that is used; 0 is the full image", low=0, high=9)
     max_pixels: int = param(200_000, "best pixels used at a level, all references together", low=100)
-
-
-@parameters
-class MappingRegistrationParams(RegistrationParams):
-    """Registration as the group `alignment` asks for it."""
-
-    max_pixels: int = param(200_000, "best pixels used at a level, all references together", low=100)
-    min_ncc: float = param(0.3, "correlation of the aligned images below which a result is refused", low=-1.0, high=1.0)
+    min_ncc: ClassVar[float] = 0.3  # correlation of the aligned images below which a result is refused
 
 
 @parameters
@@ -72,18 +62,9 @@ class MapperParams:
     num_references: int = param(2, "key spheres that each sphere is aligned to (M15 eq. 8)", low=1, high=4)
     partial: PartialParams = group(PartialParams)
     stereo: StereoParams = group(StereoParams)
-    alignment: MappingAlignmentParams = group(MappingAlignmentParams)
     key: KeySphereParams = group(KeySphereParams)
     loop: LoopParams = group(LoopParams)
-
-    @cached_property
-    def registration(self) -> MappingRegistrationParams:
-        """Registration as the group `alignment` asks for it."""
-        a = self.alignment
-        return MappingRegistrationParams(
-            pyramid=PyramidParams(num_levels=a.num_levels, finest=a.finest),
-            max_pixels=a.max_pixels,
-        )
+    registration: ClassVar[MappingRegistrationParams] = MappingRegistrationParams()
 
 
 @parameters

@@ -24,6 +24,7 @@ from sphere_nav.geometry.files.untrusted import number
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.actions import ActionGoal
 from sphere_nav.ros.conversions import driving, header
+from sphere_nav.ros.endpoints import GoalCalls
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
 from sphere_nav.ros.service import one_line
@@ -76,7 +77,7 @@ class RouteNavigator(ManagedNode):
             offers.append(("navigate_to_pose", NavigateToPose, self._nav2_goal, self._nav2_result))
         for name, kind, read, result in offers:
             check, begin = partial(self.check_goal, read), partial(self.begin_goal, read, result)
-            self.endpoints.add_action(name, kind, check=check, begin=begin, cancel=self.cancel_goal)
+            self.endpoints.add_action(name, kind, GoalCalls(check, begin, self.cancel_goal))
         self.add_timer(TICK, self.on_tick)
 
     def activate(self) -> None:

@@ -18,8 +18,12 @@ from scipy.special import chdtrc, fdtri
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.intrinsics import SingleCamera
 from rig_calibration.boards.views import BoardView
-from rig_calibration.constants import ERRORS_OF_VIEW, FALSE_ALARM
-from rig_calibration.params import CalibrationParams
+from rig_calibration.constants import (
+    ERRORS_OF_VIEW,
+    FALSE_ALARM,
+    MIN_SEEN,
+    MIN_VIEWS,
+)
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry.arrays import Array
 
@@ -58,21 +62,19 @@ def lens_chance(single: SingleCamera, lens: Array) -> float:
     return float(chdtrc(int(free.sum()), squared_mahalanobis(change, correlation)))
 
 
-def check_views(
-    cameras: Sequence[str], boards: Sequence[Board], views: Sequence[BoardView], params: CalibrationParams
-) -> None:
+def check_views(cameras: Sequence[str], boards: Sequence[Board], views: Sequence[BoardView]) -> None:
     """Raise ValueError where no board was found at all, or too rarely by one camera."""
     sizes = ", ".join(f"{board.columns}x{board.rows} {board.kind}" for board in boards)
     hint = "a board is counted in inner corners, one less than squares"
     if not views:
         raise ValueError(f"boards: expected a {sizes} in some images, found none in any of them; {hint}")
-    count = Counter(view.camera for view in views if len(view.corners) >= params.min_corners)
+    count = Counter(view.camera for view in views if len(view.corners) >= MIN_SEEN)
     for name in cameras:
         if not count[name]:
             raise ValueError(f"camera {name}: expected a {sizes} in some of its images, found none")
-        if count[name] < params.min_views:
+        if count[name] < MIN_VIEWS:
             raise ValueError(
-                f"camera {name}: expected a board in at least {params.min_views} of its images, found {count[name]}"
+                f"camera {name}: expected a board in at least {MIN_VIEWS} of its images, found {count[name]}"
             )
     numbers = {board.name: board.num_corners for board in boards}
     for view in views:

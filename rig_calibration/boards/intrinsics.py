@@ -12,8 +12,13 @@ from rig_calibration.boards.observability import spread
 from rig_calibration.boards.rejection import Adjusted, adjust, noise_px
 from rig_calibration.boards.state import AdjustmentProblem, RigState, camera_problem, camera_state
 from rig_calibration.boards.views import Observations
-from rig_calibration.constants import FOCAL_LENGTHS, MIN_AHEAD, MIN_CORNERS, NUM_TRIALS
-from rig_calibration.params import CalibrationParams
+from rig_calibration.constants import (
+    FOCAL_LENGTHS,
+    MIN_AHEAD,
+    MIN_CORNERS,
+    NUM_DISTORTION,
+    NUM_TRIALS,
+)
 from sphere_nav.geometry import SE3, Camera, so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.lens import NUM_LENS, camera_of, first_lens, lens_of
@@ -66,20 +71,19 @@ def calibrate_camera(
     model: str,
     size: tuple[int, int],
     seen: Observations,
-    params: CalibrationParams,
     start: Camera | None = None,
 ) -> SingleCamera:
     """Find lens and board poses from the views of one camera; ValueError where no start fits."""
-    problem = camera_problem(model, size, params.num_distortion, seen)
+    problem = camera_problem(model, size, NUM_DISTORTION, seen)
     kept = np.ones(len(seen.pixels))
     starts = [lens_of(start)] if start is not None else _starts(model, size, seen)
-    tried = [_try(problem, lens, kept, params) for lens in starts]
+    tried = [_try(problem, lens, kept) for lens in starts]
     good = [state for state in tried if state is not None]
     if not good:
         raise ValueError(f"expected views that a {model} camera explains, found none of {seen.num_views}")
     best = min(good, key=lambda state: noise_px(residuals(problem, state), kept))
-    better = _flip_where_better(problem, adjust(problem, best, kept, params).solution.state)
-    adjusted = adjust(problem, better, kept, params)
+    better = _flip_where_better(problem, adjust(problem, best, kept).solution.state)
+    adjusted = adjust(problem, better, kept)
     state = adjusted.solution.state
     errors, is_kept = adjusted.solution.residuals, adjusted.kept > 0
     covariance = spread(problem, state, errors, adjusted.kept).lenses[0]
@@ -112,9 +116,9 @@ def _starts(model: str, size: tuple[int, int], seen: Observations) -> list[Array
     return [lens for _, lens in sorted(found, key=lambda pair: pair[0])[:NUM_TRIALS]]
 
 
-def _try(problem: AdjustmentProblem, lens: Array, kept: Array, params: CalibrationParams) -> RigState | None:
+def _try(problem: AdjustmentProblem, lens: Array, kept: Array) -> RigState | None:
     """Adjust focal length, centre and poses, then the whole lens, for a few steps; None where points fall behind."""
-    camera = camera_of(problem.models[0], problem.sizes[0], lens, params.num_distortion)
+    camera = camera_of(problem.models[0], problem.sizes[0], lens, NUM_DISTORTION)
     state = camera_state(lens, view_poses(camera, problem.seen)[0])
     errors = residuals(problem, state)
     if not np.all(np.isfinite(errors)):

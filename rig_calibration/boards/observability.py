@@ -8,8 +8,13 @@ import numpy as np
 
 from rig_calibration.boards.bundle import information
 from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
-from rig_calibration.constants import OPEN_EIGENVALUE, OPEN_FACTOR, OPEN_SHARE
-from rig_calibration.params import CalibrationParams
+from rig_calibration.constants import (
+    MAX_POSITION_STD_M,
+    MAX_ROTATION_STD_DEG,
+    OPEN_EIGENVALUE,
+    OPEN_FACTOR,
+    OPEN_SHARE,
+)
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.lens import NUM_LENS
@@ -51,9 +56,9 @@ def spread(problem: AdjustmentProblem, state: RigState, errors: Array, kept: Arr
     return _by_camera(covariance, state.T_rig_camera, noise)
 
 
-def warnings(names: tuple[str, ...], found: Spread, T_world_rig: SE3, params: CalibrationParams) -> list[str]:
+def warnings(names: tuple[str, ...], found: Spread, T_world_rig: SE3) -> list[str]:
     """Return one line for every axis of a camera that is not, or only weakly, determined."""
-    limits = np.repeat([params.max_position_std_m, np.radians(params.max_rotation_std_deg)], 3)
+    limits = np.repeat([MAX_POSITION_STD_M, np.radians(MAX_ROTATION_STD_DEG)], 3)
     lines = []
     for name, std in zip(names, found.pose_std, strict=True):
         for axis in np.flatnonzero(std > limits):

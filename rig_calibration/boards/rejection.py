@@ -10,8 +10,16 @@ import numpy as np
 from rig_calibration.boards.bundle import Solution, residuals, solve
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.views import Observations
-from rig_calibration.constants import FLOOR_RATIO, MAX_ROUNDS, MIN_FITTING
-from rig_calibration.params import CalibrationParams
+from rig_calibration.constants import (
+    CORNER_LIMIT,
+    FLOOR_RATIO,
+    MAX_ROUNDS,
+    MIN_FITTING,
+    MIN_RESIDUAL_PX,
+    MIN_SEEN,
+    VIEW_RATIO,
+)
+from sphere_nav.estimation.robust import HUBER
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory_error import MEDIAN_LENGTHS
 
@@ -29,28 +37,27 @@ def adjust(
     problem: AdjustmentProblem,
     start: RigState,
     kept: Array,
-    params: CalibrationParams,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Adjusted:
     """Adjust until the same corners are rejected; those that come with weight 0, and views once left out, stay out."""
     seen = problem.seen
     dropped: dict[int, str] = {}
     allowed = kept
-    solution = solve(problem, start, kept, _huber_px(problem, start, kept, params), max_iterations=25)
+    solution = solve(problem, start, kept, _huber_px(problem, start, kept), max_iterations=25)
     for number in range(MAX_ROUNDS):
         progress(f"adjusting, round {number + 1}: {_rms(solution.residuals, kept):.3f} px")
-        remaining, found = reject(seen, solution.residuals, allowed, params)
+        remaining, found = reject(seen, solution.residuals, allowed)
         dropped |= found
         is_settled = number > 0 and np.array_equal(remaining, kept)
         allowed, kept = _without(seen, allowed, dropped), remaining
         if is_settled:
             break
-        huber_px = params.huber_width * noise_px(solution.residuals, kept)
+        huber_px = HUBER * noise_px(solution.residuals, kept)
         solution = solve(problem, solution.state, kept, huber_px, max_iterations=25)
     return Adjusted(solve(problem, solution.state, kept), kept, dropped)
 
 
-def reject(seen: Observations, errors: Array, kept: Array, params: CalibrationParams) -> tuple[Array, dict[int, str]]:
+def reject(seen: Observations, errors: Array, kept: Array) -> tuple[Array, dict[int, str]]:
     """Return which corners (N,) remain, and the views that are left out with the reason.
 
     A corner is judged by the scatter of its camera, from medians that half of all corners being false does not move.
@@ -66,15 +73,15 @@ def reject(seen: Observations, errors: Array, kept: Array, params: CalibrationPa
         if not own.size:
             continue
         usual[own] = np.median(typical[own])
-        excess[own] = typical[own] / np.maximum(params.view_ratio * usual[own], FLOOR_RATIO * params.min_residual_px)
-        limit = max(params.corner_limit * noise_px(errors[rows], kept[rows]), params.min_residual_px)
+        excess[own] = typical[own] / np.maximum(VIEW_RATIO * usual[own], FLOOR_RATIO * MIN_RESIDUAL_PX)
+        limit = max(CORNER_LIMIT * noise_px(errors[rows], kept[rows]), MIN_RESIDUAL_PX)
         is_false = (size[rows] > limit) & (excess[seen.view[rows]] <= 1.0)
         remaining[rows] = np.where(is_false, 0.0, remaining[rows])
     dropped = {}
     for view in _worst_of_instants(seen, excess):
         remaining[seen.view == view] = 0.0
         dropped[view] = f"median residual {typical[view]:.2f} px, others of this camera {usual[view]:.2f} px"
-    return _drop_poor(seen, remaining, kept, dropped, params)
+    return _drop_poor(seen, remaining, kept, dropped)
 
 
 def view_medians(seen: Observations, size: Array, kept: Array) -> Array:
@@ -106,19 +113,19 @@ def _without(seen: Observations, allowed: Array, dropped: dict[int, str]) -> Arr
 
 
 def _drop_poor(
-    seen: Observations, remaining: Array, kept: Array, dropped: dict[int, str], params: CalibrationParams
+    seen: Observations, remaining: Array, kept: Array, dropped: dict[int, str]
 ) -> tuple[Array, dict[int, str]]:
     count = np.bincount(seen.view, remaining, minlength=seen.num_views)
     before = np.bincount(seen.view, kept, minlength=seen.num_views)
-    least = np.maximum(params.min_corners, MIN_FITTING * seen.counts)
+    least = np.maximum(MIN_SEEN, MIN_FITTING * seen.counts)
     for view in np.flatnonzero((count < least) & (before > 0)):
         remaining[seen.view == view] = 0.0
         dropped.setdefault(int(view), f"{count[view]:.0f} of {seen.counts[view]:.0f} corners fit")
     return remaining, dropped
 
 
-def _huber_px(problem: AdjustmentProblem, start: RigState, kept: Array, params: CalibrationParams) -> float:
-    return params.huber_width * noise_px(residuals(problem, start), kept)
+def _huber_px(problem: AdjustmentProblem, start: RigState, kept: Array) -> float:
+    return HUBER * noise_px(residuals(problem, start), kept)
 
 
 def _rms(errors: Array, kept: Array) -> float:

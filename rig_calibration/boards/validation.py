@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rig_calibration.boards.bundle import residuals, solve
 from rig_calibration.boards.rejection import noise_px
 from rig_calibration.boards.state import AdjustmentProblem, RigState
-from rig_calibration.params import CalibrationParams
+from rig_calibration.constants import HELD_OUT_EVERY, MIN_VIEWS
 from sphere_nav.geometry import so3
 from sphere_nav.geometry.arrays import Array
 
@@ -28,12 +28,12 @@ class Validation:
     focal_halves: Array
 
 
-def validate(problem: AdjustmentProblem, state: RigState, kept: Array, params: CalibrationParams) -> Validation:
+def validate(problem: AdjustmentProblem, state: RigState, kept: Array) -> Validation:
     """Repeat the calibration on parts of the instants."""
     number = np.arange(len(state.T_world_rig.matrix))
-    is_held = number % params.held_out_every == params.held_out_every - 1
-    held_out = _hold_out(problem, state, kept, is_held, params)
-    halves = [_part(problem, state, kept, number % 2 == half, params) for half in (0, 1)]
+    is_held = number % HELD_OUT_EVERY == HELD_OUT_EVERY - 1
+    held_out = _hold_out(problem, state, kept, is_held)
+    halves = [_part(problem, state, kept, number % 2 == half) for half in (0, 1)]
     focal = [
         [np.nan if half is None else problem.camera(half, i).pixels_per_radian for i in range(len(problem.models))]
         for half in halves
@@ -52,11 +52,9 @@ def camera_rms(problem: AdjustmentProblem, errors: Array, kept: Array) -> Array:
     return found
 
 
-def _hold_out(
-    problem: AdjustmentProblem, state: RigState, kept: Array, is_held: NDArray[np.bool_], params: CalibrationParams
-) -> Array:
+def _hold_out(problem: AdjustmentProblem, state: RigState, kept: Array, is_held: NDArray[np.bool_]) -> Array:
     """Calibrate without some instants, then find only where the rig was at these."""
-    rest = _part(problem, state, kept, ~is_held, params)
+    rest = _part(problem, state, kept, ~is_held)
     if rest is None or not is_held.any():
         return np.full(len(problem.models), np.nan)
     weights = kept * is_held[problem.seen.instant[problem.seen.view]]
@@ -69,15 +67,13 @@ def _hold_out(
     return camera_rms(problem, found.residuals, weights)
 
 
-def _part(
-    problem: AdjustmentProblem, state: RigState, kept: Array, is_used: NDArray[np.bool_], params: CalibrationParams
-) -> RigState | None:
+def _part(problem: AdjustmentProblem, state: RigState, kept: Array, is_used: NDArray[np.bool_]) -> RigState | None:
     """Calibrate from some instants (I,); None where a camera has too few views among them."""
     seen = problem.seen
     weights = kept * is_used[seen.instant[seen.view]]
     views = np.bincount(seen.view, weights, minlength=seen.num_views) > 0
     count = np.bincount(seen.camera[views], minlength=len(problem.models))
-    if count.min() < params.min_views:
+    if count.min() < MIN_VIEWS:
         return None
     return solve(problem, state, weights).state
 

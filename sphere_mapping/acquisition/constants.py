@@ -87,15 +87,13 @@ SGBM = {
 SEAM_COLUMNS = 32  # beyond the seam that the matcher sees, so that it knows no seam
 NUM_STRIPS = 2  # of a whole sphere, whatever the number of threads, so that the result does not depend on it
 COST_RADIUS = 4  # px, half side of the block whose cost is compared over all disparities
-MIN_COST_RATIO = 1.2  # of the least cost elsewhere to that of the match, also as seen at coarser levels
+MIN_COST_RATIO = 1.2  # of the least cost elsewhere to that of the match
 
 # Levels of a matching (range/test_matching, range/test_levels)
 MAX_WIDTH = 1280  # columns, of the whole sphere, up to which images are matched as they are; wider ones are halved
 MIN_SIDE = 64  # px, of the coarsest level
-NUM_SCALES, NUM_CHECKS = 3, 2  # levels that are matched at least; coarser ones that must find a match clear, too
+NUM_SCALES = 3  # levels that are matched at least
 BEYOND_PX = 3  # disparities this near to the largest of a level are left to the next coarser one
-MIN_AGREEMENT = 0.95  # of the least cost elsewhere to that of a coarser level's disparity, seen at a finer level
-SURER = 0.5  # of a finer level's deviation, below which a coarser level's disparity is preferred
 LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
 EDGE_PX = 3  # matches this near to a jump are not trusted
 JUMP = (0.6, 0.1)  # px, and by the disparity: least step over that neighborhood that is a jump
@@ -134,7 +132,6 @@ SWEEP_PENALTIES = (60, 600)  # of a step to the next hypothesis, to any other, i
 SWEEP_COST_RATIO = 1.08  # of the least cost elsewhere to that of the match
 SWEEP_FLOOR = 10  # eighths of a grey level added to each difference, so that noise decides nothing
 MIN_SWEEP_MARGIN = 1.04  # of the second smoothed cost to the least
-SWEEP_EDGE_PX = 1  # kept off jumps, at half of the finest level
 MISALIGNED = 0.3  # px^2 that cameras may be misaligned by, beside the noise, where they are compared at the end
 MAX_UNLIKE = 30.0  # of what they differ by, to the median of all pixels measured; by 1 + the spread of range there
 SPREAD_RADIUS = 4  # px at half of the finest level, within which that spread is taken

@@ -649,38 +649,3 @@ def splat_nearest(u, v, range_m, wraps, image):
 def use_threads(number: int) -> None:
     """Let parallel kernels run on up to `number` threads; results do not depend on it."""
     set_num_threads(max(1, min(number, config.NUMBA_NUM_THREADS)))
-
-
-def warm_up() -> None:
-    """Compile on tiny arrays, so that the first image does not wait."""
-    byte, plane = np.zeros((4, 4, 1), np.uint8), np.ones((4, 4), np.float32)
-    total = np.zeros((4, 4, 1), np.int16)
-    add_band(byte, byte, plane, total)
-    color, color_total = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4, 3), np.int16)
-    add_band(color, color, plane, color_total)
-    grid, out = np.zeros((3, 3, 2, 2), np.float32), np.empty((4, 4), np.float32)
-    levels = np.array([0.0, 1.0], np.float32)
-    warp_by_range(grid, levels, 2, plane, 0, 0, 0, 0, out, out.copy())
-    found = np.zeros(1, np.bool_)
-    find_same_detail(plane, plane, plane > 0, 0, 0, 1, np.zeros((1, 2), np.int32), 0.5, 0.1, 0.2, found)
-    level = np.zeros((4, 4), np.uint8)
-    align_along_columns(level, level, plane, np.ones(4, np.float32), 1, plane.copy(), out, out.copy())
-    above, below = np.zeros((6, 8), np.int16), np.zeros((6, 7 + NUM_DISPARITIES), np.int16)
-    ratios = np.zeros((1, 4, 8), np.float32)
-    cost_ratios(above, below, below, ratios.copy(), -1, 1, ratios)
-    settle(plane, plane, plane, plane, np.ones((2, 4, 4), np.float32), np.ones(4, np.float32), out, out.copy())
-    smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
-    products = np.zeros((3, 4, 4), np.float32)
-    compare_steps(level, level, plane, 0, False, products)
-    correlate_alike(plane, products, 1, np.float32(1.0), np.float32(1.0), np.empty((4, 2), np.float32))
-    triangulate(plane, plane, 0.1, 0.0, 0.3, (0.1, 0.1, 100.0), out, out.copy())
-    stretch(out, out.copy(), plane, plane, np.float32(0.1))
-    line = np.zeros(1, np.float32)
-    splat_with_std(line, line, line, line, 0, True, plane.copy(), plane.copy())
-    sources = np.ones((1, 4, 4), np.float32)
-    fuse(sources, sources, np.float32(3.0), np.float32(3.0), np.float32(0.1), out, out.copy())
-    unit, owner = np.zeros((2, 4), np.float32), np.zeros((4, 4), np.int8)
-    recenter(plane, plane, owner, np.zeros((1, 3), np.float32), unit, unit, np.float32(0.1), out, out.copy())
-    small, pixel = np.ones((2, 2), np.float32), np.zeros(1, np.float32)
-    sample_inverse_depth(small, pixel, pixel, 0.1, np.empty(1, np.float32))
-    splat_nearest(pixel, pixel, pixel, False, small)

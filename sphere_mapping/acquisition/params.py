@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from sphere_nav.params import group, param, parameters
 
 
@@ -10,10 +12,6 @@ class BlendParams:
     """How the views are joined (`views.py`, `light.py`, `blending.py`)."""
 
     distance_m: float = param(10.0, "range taken where none is known; 0: very far", "m", low=0.0)
-    has_gains: bool = param(True, "make falloff of lenses, exposure and white balance equal by the overlaps")
-    num_passes: int = param(
-        1, "matches of a vertical rig; 2 where its levels' cameras look different ways", low=1, high=3
-    )
 
 
 @parameters
@@ -30,7 +28,7 @@ class MatchParams:
 class FusionParams:
     """Ranges of several sources in one sphere (`fusion.py`)."""
 
-    cloud_std_m: float = param(0.03, "standard deviation of a LiDAR's range", "m", low=0.001)
+    cloud_std_m: ClassVar[float] = 0.03  # standard deviation of a LiDAR's range
     depth_std_m: float = param(
         0.003, "standard deviation of an RGB-D camera at 1 m; grows by the square", "m", low=1e-5
     )
@@ -70,7 +68,7 @@ class RectifyParams:
     num_instants: int = param(
         0, "instants whose images correct the rig before the first sphere; 0: it is as told", low=0
     )
-    warn_deg: float = param(0.5, "turn of a camera against the rig file that is warned of", "deg", low=0.0)
+    warn_deg: ClassVar[float] = 0.5  # turn of a camera against the rig file that is warned of
     width: int = param(2048, "columns of the sphere in which features are found", "px", low=256, high=8192)
 
 
@@ -78,7 +76,7 @@ class RectifyParams:
 class LidarParams:
     """The cloud of a LiDAR (topic points)."""
 
-    max_age_s: float = param(0.06, "largest time between a cloud and an instant that it serves", "s", low=0.0)
+    max_age_s: ClassVar[float] = 0.06  # largest time between a cloud and an instant that it serves
     mounting: str = param("", "LiDAR on rig_frame, x,y,z,roll,pitch,yaw (m, rad) or a YAML, where /tf does not tell")
 
 

@@ -10,7 +10,7 @@ from sphere_nav_msgs.srv import SaveMap
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from sphere_mapping.acquisition import kernels
+from sphere_mapping.acquisition.warm_up import warm_up as warm_up_acquisition
 from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.map_cloud import MapCloud
 from sphere_mapping.mapper import Mapper, MapUpdate
@@ -43,7 +43,7 @@ class SphereMapper(ManagedNode):
     def configure(self) -> None:
         """Compile the kernels, open topics and services."""
         warm_up()
-        kernels.warm_up()
+        warm_up_acquisition()
         self.params = with_driver_input(self.params)
         self.journal = Journal(self.params, self.log.info) if self.endpoints.is_live else None
         self.mapper = Mapper(self.params.mapper, store=self.journal)
@@ -55,7 +55,7 @@ class SphereMapper(ManagedNode):
         self.odometry, self.path = self.add_publisher("odometry", Odometry), self.add_publisher("path", Path)
         map_frame, base_frame = self.params.map_frame, self.params.base_frame
         self.tf = TransformListener(self.endpoints, ignored=map_frame)
-        self.odom = OdometryInput(self.endpoints, self.tf.tree, base_frame, is_used=True)
+        self.odom = OdometryInput(self.endpoints, self.tf.tree, base_frame)
         self.transform = MapTransform(self.endpoints, self.odom, map_frame, base_frame)
         self.vehicle = VehicleFrame(self.endpoints, self.params, self.tf, is_live=self.endpoints.is_live)
         self.intake = Intake(self.params, self.on_sphere, self.tf.lookup, self.report, find_mount=self.vehicle.find)

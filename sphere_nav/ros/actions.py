@@ -15,6 +15,7 @@ from rclpy.action.server import CancelResponse, GoalResponse, ServerGoalHandle
 from rclpy.node import Node
 
 from sphere_nav.ros.conversions.frames import plain_frames
+from sphere_nav.ros.endpoints import GoalCalls
 from sphere_nav.ros.service import one_line
 
 
@@ -56,19 +57,16 @@ class GuardedActionServer(ActionServer):
         node: Node,
         kind: type[Any],
         name: str,
-        *,
-        check: Callable[[Any], None],
-        begin: Callable[[ActionGoal], None],
-        cancel: Callable[[ActionGoal], None],
+        calls: GoalCalls,
         report: Callable[[str, BaseException], None],
     ) -> None:
-        """`check` raises ValueError for a goal that cannot be; `report` gets what a callback raised."""
-        self.kind, self._begin, self._report, self._name = kind, begin, report, name
+        """`report` gets what a callback raised."""
+        self.kind, self._begin, self._report, self._name = kind, calls.begin, report, name
         self._goals: dict[bytes, ActionGoal] = {}
 
         def accept(request: Any) -> GoalResponse:
             try:
-                check(plain_frames(request))
+                calls.check(plain_frames(request))
             except Exception as error:
                 report(f"{name}: goal rejected", error)
                 return GoalResponse.REJECT
@@ -78,7 +76,7 @@ class GuardedActionServer(ActionServer):
             goal = self._goals.get(bytes(handle.goal_id.uuid))
             try:
                 if goal is not None:
-                    cancel(goal)
+                    calls.cancel(goal)
             except Exception as error:
                 report(f"{name}: cancel", error)
             return CancelResponse.ACCEPT

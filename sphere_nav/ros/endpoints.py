@@ -6,9 +6,10 @@ A part of a node gets these, values and callbacks; it never gets the node. Two b
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from rclpy.qos import QoSProfile
 
@@ -21,17 +22,44 @@ COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"  # topics of im
 OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
 
 
-class Log(Protocol):
-    """Where a node speaks. `every` seconds at most once a `key` (the text itself without one)."""
+class ThrottledLog:
+    """Adds `every` seconds at most once a `key` to a logger with info, warning and error.
+
+    It remembers the keys that came last, MAX_KEYS of them: texts that never come again are forgotten.
+    """
+
+    MAX_KEYS: ClassVar[int] = 200
+
+    def __init__(self, logger: Any, clock: Callable[[], float] = time.monotonic) -> None:
+        self._logger, self._clock = logger, clock
+        self._last: dict[str, float] = {}
 
     def info(self, text: str, *, every: float = 0.0, key: str = "") -> None:
         """Say what happened."""
+        if self._is_due(every, key or text):
+            self._logger.info(text)
 
     def warning(self, text: str, *, every: float = 0.0, key: str = "") -> None:
         """Say what should be looked at."""
+        if self._is_due(every, key or text):
+            self._logger.warning(text)
 
     def error(self, text: str, *, every: float = 0.0, key: str = "") -> None:
         """Say what does not work."""
+        if self._is_due(every, key or text):
+            self._logger.error(text)
+
+    def _is_due(self, every: float, key: str) -> bool:
+        if every <= 0:
+            return True
+        now = self._clock()
+        if now - self._last.get(key, float("-inf")) < every:
+            return False
+        self._last.pop(key, None)  # the oldest stand first
+        self._last[key] = now
+        if len(self._last) > self.MAX_KEYS:
+            del self._last[next(iter(self._last))]
+        return True
 
 
 class Publisher(Protocol):
@@ -57,13 +85,26 @@ class Client(Protocol):
         """Ask; `answer` gets the response and an empty text, or None and why there is none. It may come at once."""
 
 
+class GoalCalls(NamedTuple):
+    """What an action asks of its node.
+
+    `check(request)` raises ValueError for a goal that is rejected; `begin(goal)` starts one, of which another may be
+    under way; `cancel(goal)` asks for its end. A goal is ended by `goal.finish`, told of by `goal.publish` (see
+    `sphere_nav.ros.actions.ActionGoal`).
+    """
+
+    check: Callable[[Any], None]
+    begin: Callable[[Any], None]
+    cancel: Callable[[Any], None]
+
+
 class Endpoints(ABC):
     """Opens them, and remembers inputs and diagnostic entries for whoever tells about the node's health."""
 
-    log: Log
+    log: ThrottledLog
     is_live: ClassVar[bool]  # messages come when they come; of a bag they wait until the node is done
 
-    def begin(self, log: Log) -> None:
+    def begin(self, log: ThrottledLog) -> None:
         """Begin with nothing open."""
         self.log = log
         self.driver_topics: dict[str, str] = {}  # of a camera's driver, by ours
@@ -129,21 +170,8 @@ class Endpoints(ABC):
         """Call a service of another node, `name` relative and remappable; never waits."""
 
     @abstractmethod
-    def add_action(
-        self,
-        name: str,
-        kind: type[Any],
-        *,
-        check: Callable[[Any], None],
-        begin: Callable[[Any], None],
-        cancel: Callable[[Any], None],
-    ) -> None:
-        """Offer an action.
-
-        `check(request)` raises ValueError for a goal that is rejected; `begin(goal)` starts one, of which another may
-        be under way; `cancel(goal)` asks for its end. A goal is ended by `goal.finish`, told of by `goal.publish`
-        (see `sphere_nav.ros.actions.ActionGoal`).
-        """
+    def add_action(self, name: str, kind: type[Any], calls: GoalCalls) -> None:
+        """Offer an action."""
 
     @abstractmethod
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:

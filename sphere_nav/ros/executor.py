@@ -23,7 +23,7 @@ from rclpy.executors import ExternalShutdownException, ShutdownException, Single
 from rclpy.task import Future
 
 from sphere_nav.ros.constants import LOG_PERIOD_S, MAX_IN_ROW, MAX_WAITS, PAUSE_S, RECENT_S
-from sphere_nav.ros.endpoints import ERROR, OK, WARN, Log
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, ThrottledLog
 from sphere_nav.ros.service import one_line
 
 FOREIGN = {"rclpy", *sys.stdlib_module_names}  # what raises there alone was asked for from outside
@@ -35,7 +35,7 @@ class CallbackFailures:
     Where our own code takes part it is our mistake: its traceback is logged, once for each place.
     """
 
-    def __init__(self, log: Log, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, log: ThrottledLog, clock: Callable[[], float] = time.monotonic) -> None:
         self._log, self._clock = log, clock
         self.num_failed = 0
         self.last_failure = ""

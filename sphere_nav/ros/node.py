@@ -26,15 +26,13 @@ Topic names are relative and remappable. Callbacks come one at a time, and only 
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from typing import Any, ClassVar
 
 from sphere_nav.params import parameters
 from sphere_nav.ros.camera.drivers import topics_by_driver
-from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, Log, NodeShell, Publisher
+from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, NodeShell, Publisher, ThrottledLog
 
-__all__ = ["ERROR", "OK", "STALE", "WARN", "Log", "ManagedNode", "NoParams", "NodeShell", "Publisher"]
+__all__ = ["ERROR", "OK", "STALE", "WARN", "ManagedNode", "NoParams", "NodeShell", "Publisher", "ThrottledLog"]
 
 
 @parameters
@@ -95,43 +93,3 @@ class ManagedNode:
     def finish(self, status: int = 0) -> None:
         """Ask for the end of the process: the work is done (0), or cannot be done (1)."""
         self.endpoints.finish(status)
-
-
-class ThrottledLog:
-    """Adds `every` seconds at most once a `key` to a logger with info, warning and error.
-
-    It remembers the keys that came last, MAX_KEYS of them: texts that never come again are forgotten.
-    """
-
-    MAX_KEYS: ClassVar[int] = 200
-
-    def __init__(self, logger: Any, clock: Callable[[], float] = time.monotonic) -> None:
-        self._logger, self._clock = logger, clock
-        self._last: dict[str, float] = {}
-
-    def info(self, text: str, *, every: float = 0.0, key: str = "") -> None:
-        """Say what happened."""
-        if self._is_due(every, key or text):
-            self._logger.info(text)
-
-    def warning(self, text: str, *, every: float = 0.0, key: str = "") -> None:
-        """Say what should be looked at."""
-        if self._is_due(every, key or text):
-            self._logger.warning(text)
-
-    def error(self, text: str, *, every: float = 0.0, key: str = "") -> None:
-        """Say what does not work."""
-        if self._is_due(every, key or text):
-            self._logger.error(text)
-
-    def _is_due(self, every: float, key: str) -> bool:
-        if every <= 0:
-            return True
-        now = self._clock()
-        if now - self._last.get(key, float("-inf")) < every:
-            return False
-        self._last.pop(key, None)  # the oldest stand first
-        self._last[key] = now
-        if len(self._last) > self.MAX_KEYS:
-            del self._last[next(iter(self._last))]
-        return True

@@ -22,7 +22,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.actions import GuardedActionServer
 from sphere_nav.ros.constants import EXPLAIN_PERIOD, HEALTH_PERIOD, LOG_PERIOD_S, MAX_REFUSED
 from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
-from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints, GoalCalls
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
@@ -183,15 +183,7 @@ class RclpyShell(Endpoints, Node):
         self._entities.append(lambda: self.destroy_client(client))
         return LiveClient(client)
 
-    def add_action(
-        self,
-        name: str,
-        kind: type[Any],
-        *,
-        check: Callable[[Any], None],
-        begin: Callable[[Any], None],
-        cancel: Callable[[Any], None],
-    ) -> None:
+    def add_action(self, name: str, kind: type[Any], calls: GoalCalls) -> None:
         """Make an action server; what its callbacks raise is counted as of any callback."""
 
         def report(where: str, error: BaseException) -> None:
@@ -200,7 +192,7 @@ class RclpyShell(Endpoints, Node):
             else:
                 self.failures.add(error, where)
 
-        server = GuardedActionServer(self, kind, name, check=check, begin=begin, cancel=cancel, report=report)
+        server = GuardedActionServer(self, kind, name, calls, report)
         self._entities.append(server.destroy)
 
     def unlisten(self, wanted: Subscription) -> None:

@@ -11,7 +11,6 @@ from tqdm import tqdm
 from rig_calibration.boards.board import Board, parse_size, read_boards
 from rig_calibration.boards.report import calibration_as_mapping, draw_calibration
 from rig_calibration.calibrate import CameraSpec, calibrate
-from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.cameras.lens import MODELS
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav_tools.offline.board_images import check_board_sizes, detect_boards, find_images
@@ -55,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(wrong_size[0])
     specs = [CameraSpec(name, arguments.model, sizes[name]) for name in cameras]
     with tqdm(desc="calibrating", bar_format="{desc} {elapsed}", leave=False) as bar:
-        found = calibrate(specs, boards, views, CalibrationParams(), progress=bar.set_description_str)
+        found = calibrate(specs, boards, views, progress=bar.set_description_str)
     write_rig(arguments.output, found.rig, is_overwriting=arguments.overwrite)
     report, stem = calibration_as_mapping(found), arguments.output.with_suffix("")
     Path(f"{stem}_report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

@@ -14,8 +14,7 @@ from multiprocessing import get_context
 from cycab_sim.warm_up import warm_up as warm_up_simulator
 from mcl_depth.params import FilterParams
 from mcl_depth.warm_up import warm_up as warm_up_mcl
-from sphere_mapping.acquisition import kernels as acquisition
-from sphere_mapping.acquisition.range.sweep import warm_up as warm_up_sweep
+from sphere_mapping.acquisition.warm_up import warm_up as warm_up_acquisition
 from sphere_nav import kernel_cache, photometric
 from sphere_nav.kernel_cache.folder import PACKAGES, cache_folder, cache_root, remove_old
 from sphere_nav.spheres.appearance.headings import warm_up as warm_up_headings
@@ -32,12 +31,6 @@ def warm_up_registration() -> None:
     photometric.warm_up()
     warm_up_view()
     warm_up_headings()
-
-
-def warm_up_acquisition() -> None:
-    """Of both kinds of rigs."""
-    acquisition.warm_up()
-    warm_up_sweep()
 
 
 PARTS = (warm_up_mcl_depth, warm_up_registration, warm_up_simulator, warm_up_acquisition)  # the longest first

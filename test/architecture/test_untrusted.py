@@ -22,7 +22,6 @@ ALLOWED = {
     ("cycab_sim/rendering/embree.py", "MAPS.read_text"): "of the kernel",
     ("cycab_sim/sensors/rigs.py", "Path(path).read_text"): "a file that it has just written",
     ("mcl_depth/likeness/encoder.py", "np.load"): "weights: arrays alone, of a bounded size",
-    ("mcl_depth/geometry/las.py", "path.open"): "the header; `open_file` has seen what it is",
     ("sphere_nav_tools/cli/processes.py", "(self.folder / f'{node}.log').read_text"): "a log that the demo writes",
     ("sphere_nav_tools/cli/processes.py", "path.read_text"): "of the kernel",
     (

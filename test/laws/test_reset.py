@@ -64,7 +64,7 @@ def endpoints() -> Any:
 
 
 def odometry_input() -> OdometryInput:
-    return OdometryInput(endpoints(), TransformTree(), "base_link", is_used=False)
+    return OdometryInput(endpoints(), TransformTree(), "base_link")
 
 
 def camera_stream() -> CameraStream:
@@ -103,7 +103,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "Lineage": (Lineage, "clear", "scores"),  # of the images that are forgotten
     "MapTransform": (lambda: MapTransform(endpoints(), odometry_input(), "map", "base"), "clear",
                      "endpoints odometry map_frame base_frame broadcaster"),
-    "MotionConsistency": (lambda: MotionConsistency(FOLLOWER, None), "reset", "params predictor errors"),
+    "MotionConsistency": (lambda: MotionConsistency(FOLLOWER, None), "reset", "params predictor"),
     "MotionModel": (lambda: MotionModel(MotionParams()), "reset", "params"),
     "OdometryBuffer": (lambda: OdometryBuffer(0.5), "clear", "max_age_s"),
     "OdometryCheck": (lambda: OdometryCheck(0.05), "reset", "error"),

@@ -11,10 +11,8 @@ from rig_calibration.boards.rejection import reject
 from rig_calibration.boards.state import camera_problem, camera_state
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import observations
-from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, OCam, Omni, Pinhole
 
-PARAMS = CalibrationParams()
 CAMERA = Pinhole(640, 480, 400.0, 402.0, 318.0, 243.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01))
 BOARD = Board("b", 9, 6, 0.1)
 
@@ -39,7 +37,7 @@ def views_of(camera, spread=0.3, nearest=0.9, noise_px=0.1):
 
 @pytest.fixture(scope="module")
 def single(seen):
-    return calibrate_camera("pinhole", (640, 480), seen, PARAMS)
+    return calibrate_camera("pinhole", (640, 480), seen)
 
 
 @pytest.mark.slow
@@ -56,7 +54,7 @@ OCAM = OCam(640, 480, 318.0, 243.0, (200.0, 0.0, -1.6e-3, 1.1e-6, -3e-9), 1.002,
 @pytest.mark.parametrize("camera", [OMNI, OCAM], ids=lambda camera: camera.model)
 def test_a_wide_lens_comes_back_in_its_own_model(camera):
     views = views_of(camera, 1.0, 0.3)
-    found = calibrate_camera(camera.model, (640, 480), views, PARAMS)
+    found = calibrate_camera(camera.model, (640, 480), views)
     assert type(found.camera) is type(camera)
     rays = camera.unproject(views.pixels)
     assert np.degrees(np.arccos(rays[:, 2].min())) > 75.0
@@ -81,7 +79,7 @@ def test_a_false_corner_and_a_false_view_go(seen, single):
     errors = single.adjusted.solution.residuals.copy()
     errors[5] = 1.5  # alone it does not condemn its view
     errors[seen.starts[2] : seen.starts[3]] += 2.0
-    kept, dropped = reject(seen, errors, np.ones(810), PARAMS)
+    kept, dropped = reject(seen, errors, np.ones(810))
     assert kept[5] == 0.0
     assert set(dropped) == {2}
 
@@ -91,7 +89,7 @@ def test_an_open_axis_is_named_with_the_motion():
     poses[0, 2, 2] = 0.3**2
     found = Spread(0.1, np.zeros((1, 12, 12)), poses)
     flat = SE3(np.stack([SE3.from_planar(x, 0.0, 0.1 * x).matrix for x in range(4)]))
-    first, last = warnings(("back",), found, flat, PARAMS)
+    first, last = warnings(("back",), found, flat)
     assert first == "back: z (up) cannot be observed (standard deviation 300.0 mm)"
     assert "0.0° pitch" in last
 

@@ -12,12 +12,10 @@ from rig_calibration.boards.intrinsics import board_poses
 from rig_calibration.boards.report import calibration_as_mapping, coverage
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
-from rig_calibration.params import CalibrationParams
+from rig_calibration.constants import MAX_POSITION_STD_M
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.rig import Rig
 from worlds.boards import BoardWorld, boards_around, ring_rig, wandering
-
-PARAMS = CalibrationParams()
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +31,7 @@ def calibrated(world):
     views = world.views(BoardView, 0.1, np.random.default_rng(4))
     views[3].pixels[:] += 40.0 * np.random.default_rng(5).normal(size=views[3].pixels.shape)  # a false detection
     specs = [CameraSpec(p.name, p.camera.model, (p.camera.width, p.camera.height)) for p in world.rig.cameras]
-    found = calibrate(specs, world.boards, views, PARAMS, world.rig.cameras[0].T_rig_camera)
+    found = calibrate(specs, world.boards, views, world.rig.cameras[0].T_rig_camera)
     return found, views[3].label, specs, views
 
 
@@ -43,7 +41,7 @@ def test_a_known_rig_comes_back(world, calibrated):
     error = (found.rig.cameras[1].T_rig_camera.inverse() @ world.rig.cameras[1].T_rig_camera).log()
     std = found.spread.pose_std[1]
     assert np.linalg.norm(error) < 5.0 * np.linalg.norm(std)  # five of its own standard deviations
-    assert np.linalg.norm(std[:3]) < PARAMS.max_position_std_m  # else the line above says little
+    assert np.linalg.norm(std[:3]) < MAX_POSITION_STD_M  # else the line above says little
     assert found.rig.cameras[0].camera.fx == pytest.approx(world.rig.cameras[0].camera.fx, rel=0.005)
 
 
@@ -65,7 +63,7 @@ def test_report_has_every_camera(calibrated):
 def test_a_camera_without_a_board_is_named(world, calibrated):
     _, _, specs, views = calibrated
     with pytest.raises(ValueError, match="camera cam1: expected a 9x6"):
-        calibrate(specs, world.boards, [view for view in views if view.camera == "cam0"], PARAMS)
+        calibrate(specs, world.boards, [view for view in views if view.camera == "cam0"])
 
 
 @pytest.mark.slow
@@ -97,7 +95,7 @@ def test_images_that_were_not_taken_at_one_time_are_warned_of(world, calibrated)
     late = dataclasses.replace(world, T_world_rig=world.T_world_rig @ shaken)
     views = [view for view in world.views(BoardView, 0.1, rng) if view.camera == "cam0"]
     views += [view for view in late.views(BoardView, 0.1, rng) if view.camera == "cam1"]
-    found = calibrate(specs, world.boards, views, PARAMS, world.rig.cameras[0].T_rig_camera)
+    found = calibrate(specs, world.boards, views, world.rig.cameras[0].T_rig_camera)
     lines = [line for line in found.warnings if "by itself and with the others it is not the same camera" in line]
     assert lines
     assert found.warnings[-1].startswith("were the images of each instant taken at one time")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import BELOW_ZERO_DEG, FAR_M, MAX_BASELINE_ERROR, MAX_SINE, MIN_RANGE_SHARE
-from sphere_mapping.acquisition.kernels import recenter, splat_with_std, stretch, triangulate
+from sphere_mapping.acquisition.kernels import recenter, stretch, triangulate
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.matching import Disparity, Search
 from sphere_mapping.acquisition.stitching.views import Layout
@@ -35,19 +35,6 @@ def range_from_disparity(
     per_row = 2 * np.pi / window.full_width
     triangulate(disparity.value, disparity.std, per_row, window.offset_v, baseline_m, limits, range_m, std_m)
     return range_m, std_m
-
-
-def range_from_below(range_m: Plane, whole: Spherical, baseline_m: float) -> Plane:
-    """Return the range (H, W) that the lower centre sees of what the upper one sees; NaN where that hides it."""
-    v, u = np.mgrid[0 : whole.height, 0 : whole.width].astype(np.float32)
-    above = (v + 0.5) * np.float32(np.pi / whole.height)
-    height, level = range_m * np.cos(above) + np.float32(baseline_m), range_m * np.sin(above)
-    row = np.arctan2(level, height) * np.float32(whole.height / np.pi) - np.float32(0.5)
-    below, ignored = np.full_like(range_m, np.inf), np.empty_like(range_m)
-    distance = np.hypot(level, height)
-    splat_with_std(u.ravel(), row.ravel(), distance.ravel(), distance.ravel(), 0, True, below, ignored)
-    below[np.isinf(below)] = np.nan
-    return below
 
 
 def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Plane:

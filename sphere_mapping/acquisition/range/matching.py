@@ -27,11 +27,8 @@ from sphere_mapping.acquisition.constants import (
     MAX_REFINEMENT,
     MAX_RESIDUAL,
     MAX_WIDTH,
-    MIN_AGREEMENT,
     MIN_BLOCK_SHARE,
-    MIN_COST_RATIO,
     MIN_SIDE,
-    NUM_CHECKS,
     NUM_SCALES,
     NUM_STRIPS,
     REFINE_RADIUS,
@@ -40,7 +37,6 @@ from sphere_mapping.acquisition.constants import (
     STD_FACTOR,
     STEP_LIMIT,
     STEPS_AGAIN,
-    SURER,
 )
 from sphere_mapping.acquisition.kernels import (
     NUM_DISPARITIES,
@@ -59,7 +55,7 @@ from sphere_mapping.acquisition.range.levels import (
     is_borrowed,
     usable_at,
 )
-from sphere_mapping.acquisition.range.semi_global import Image, Plane, compare_costs, in_threads, match_semi_globally
+from sphere_mapping.acquisition.range.semi_global import Image, Plane, find_clear_matches, in_threads
 
 Flags = NDArray[np.bool_]
 Pair = tuple[Image, Image]  # of a level: upper, lower
@@ -97,13 +93,14 @@ def match_columns(
     """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
     halvings = max(int(np.ceil(np.log2((search.full_width or top.shape[1]) / MAX_WIDTH))), 0)
     levels = _levels_of(top, bottom, search, halvings)
-    matches = _Matches(levels, search, halvings, jobs)
-    start, found = np.empty((0, 0), np.float32), None
+    start = np.empty((0, 0), np.float32)
+    matched: Plane | None = None
+    found: Disparity | None = None
     for k in reversed(range(len(levels))):
         shape = levels[k][0].shape
         coarser = None if found is None else _interpolate(found, shape, search.is_whole)
         if k >= halvings:
-            matched, coarser = matches.check_level(k, coarser)
+            matched = _match_level(levels[k], _first_at(search, k), matched, search, jobs)
             start = _keep_sure(matched, search)
         else:
             assert coarser is not None
@@ -112,8 +109,8 @@ def match_columns(
         num_steps = REFINE_STEPS if k >= halvings else STEPS_AGAIN
         own = refine(*levels[k], start, _params_at(params, k), num_steps, is_whole=search.is_whole, jobs=jobs)
         if coarser is not None:
-            is_other = np.isnan(own.value) | (coarser.std < np.float32(SURER) * own.std)
-            own.value[is_other], own.std[is_other] = coarser.value[is_other], coarser.std[is_other]
+            is_unknown = np.isnan(own.value)
+            own.value[is_unknown], own.std[is_unknown] = coarser.value[is_unknown], coarser.std[is_unknown]
         found = own
     assert found is not None
     return _without_borrowed(found, levels[1], search.is_whole) if halvings else found
@@ -145,56 +142,17 @@ def _levels_of(top: Image, bottom: Image, search: Search, halvings: int) -> list
     return levels
 
 
-class _Matches:
-    """The matches of all levels, judged from the coarsest on.
-
-    A level sees a part of all disparities, in which what is repeated may seem clear: the coarser ones, which see more,
-    must find it clear, too.
-    """
-
-    def __init__(self, levels: list[Pair], search: Search, halvings: int, jobs: int) -> None:
-        self._levels, self._search, self._halvings, self._jobs = levels, search, halvings, jobs
-        self._own = {
-            k: match_semi_globally(*levels[k], _first_at(search, k), is_whole=search.is_whole, jobs=jobs)
-            for k in range(halvings, len(levels))
-        }
-        self._is_sure: dict[tuple[int, int], Flags] = {}  # matches of a level, seen at a coarser one
-        self._found: Plane | None = None
-
-    def check_level(self, k: int, coarser: Disparity | None) -> tuple[Plane, Disparity | None]:
-        """Return the disparity of a level, what is nearer from coarser ones; and `coarser` where it is not denied.
-
-        Called for one level after the other, the coarsest first.
-        """
-        first, shape = _first_at(self._search, k), self._levels[k][0].shape
-        finer = range(max(k - NUM_CHECKS, self._halvings), k)
-        seen = [self._own[k], *(_seen_at(k - n, self._own[n], shape) for n in finer)]
-        planes = seen if coarser is None else [*seen, coarser.value]
-        ratios = compare_costs(*self._levels[k], planes, first, is_whole=self._search.is_whole, jobs=self._jobs)
-        for n, ratio in zip(finer, ratios[1:], strict=False):
-            self._is_sure[n, k] = ratio >= MIN_COST_RATIO
-        own, is_sure = self._own[k].copy(), ratios[0] >= MIN_COST_RATIO
-        own[~is_sure] = np.nan
-        for n in range(k + 1, min(k + 1 + NUM_CHECKS, len(self._levels))):
-            there = self._is_sure[k, n]
-            is_sure = is_sure[::2, ::2][: there.shape[0], : there.shape[1]] & there
-            unsure = np.repeat(np.repeat(~is_sure, 2 ** (n - k), axis=0), 2 ** (n - k), axis=1)
-            own[fit(unsure.astype(np.float32), shape) > 0] = np.nan
-        if self._found is not None:
-            nearer = fit(double(self._found), shape)
-            own = np.where(nearer > first + NUM_DISPARITIES - 1 - BEYOND_PX, nearer, own)
-        self._found = own
-        return own.copy(), coarser and _keep_undenied(coarser, ratios[-1], first)
+def _match_level(pair: Pair, first: int, coarser: Plane | None, search: Search, jobs: int) -> Plane:
+    """Return the disparity of a level where its match is clear; what is nearer than it sees is the coarser level's."""
+    own = find_clear_matches(*pair, first, is_whole=search.is_whole, jobs=jobs)
+    if coarser is None:
+        return own
+    nearer = fit(double(coarser), own.shape)
+    return np.where(nearer > first + NUM_DISPARITIES - 1 - BEYOND_PX, nearer, own)
 
 
 def _interpolate(found: Disparity, shape: tuple[int, ...], is_whole: bool) -> Disparity:
     return Disparity(*(fit(interpolate(plane, is_whole), shape) for plane in (found.value, found.std)))
-
-
-def _seen_at(levels: int, disparity: Plane, shape: tuple[int, ...]) -> Plane:
-    """Return a disparity as so many levels coarser have it."""
-    step = 2**levels
-    return fit(disparity[::step, ::step] / np.float32(step), shape)
 
 
 def _start_again(matched: Plane, aligned: Plane) -> Plane:
@@ -213,16 +171,6 @@ def _keep_sure(matched: Plane, search: Search) -> Plane:
     near_jump = at_jumps(found, EDGE_PX, is_whole=search.is_whole)
     found[near_jump | at_unknown(found, is_whole=search.is_whole)] = np.nan
     return found
-
-
-def _keep_undenied(coarser: Disparity, ratio: Plane, first: int) -> Disparity:
-    """Return what a coarser level knows where the finer images, undecided, do not find another disparity better.
-
-    ratio: of the least cost elsewhere to that of the coarser disparity. So it is with patterns: blurred they may match
-    in one place only, and wrongly.
-    """
-    keep = (ratio >= MIN_AGREEMENT) | (coarser.value > first + NUM_DISPARITIES - 1)
-    return Disparity(*(np.where(keep, plane, np.float32(np.nan)) for plane in (coarser.value, coarser.std)))
 
 
 def _params_at(params: MatchParams, level: int) -> MatchParams:

@@ -7,7 +7,7 @@ any smoothness, is compared with that of all other disparities.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import TypeVar
@@ -41,21 +41,15 @@ def in_threads(work: Callable[[Item], Answer], items: Iterable[Item], jobs: int)
     return list(map(work, items) if jobs == 1 else _pool(jobs).map(work, items))
 
 
-def find_clear_matches(top: Image, bottom: Image, first: int, *, is_whole: bool) -> Plane:
+def find_clear_matches(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:
     """Return the disparity (H, W) from `first` on, NaN where no match is clearly the best of those searched."""
-    found = match_semi_globally(top, bottom, first, is_whole=is_whole)
-    [ratio] = compare_costs(top, bottom, [found], first, is_whole=is_whole, jobs=1)
-    found[~(ratio >= MIN_COST_RATIO)] = np.nan
+    found = match_semi_globally(top, bottom, first, is_whole=is_whole, jobs=jobs)
+    found[~(compare_costs(top, bottom, found, first, is_whole=is_whole, jobs=jobs) >= MIN_COST_RATIO)] = np.nan
     return found
 
 
-def compare_costs(
-    top: Image, bottom: Image, disparities: Sequence[Plane], first: int, *, is_whole: bool, jobs: int
-) -> list[Plane]:
-    """Return the least cost elsewhere, of all disparities that a level sees, over that of each of some (H, W).
-
-    NaN where a disparity is NaN. The costs of all blocks are summed up once for all that is to be compared.
-    """
+def compare_costs(top: Image, bottom: Image, disparity: Plane, first: int, *, is_whole: bool, jobs: int) -> Plane:
+    """Return the least cost elsewhere, of all disparities that a level sees, over that of one (H, W); NaN for NaN."""
     margin, height = COST_RADIUS, top.shape[0]
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     levels = [_without_mean(image, is_whole) for image in (top, bottom)]
@@ -64,7 +58,7 @@ def compare_costs(
     planes = [cv2.copyMakeBorder(plane, 0, 0, margin, margin, border) for plane in (levels[0], low, high)]
     rows = np.clip(np.arange(height - 1 - first, -first - NUM_DISPARITIES, -1), 0, height - 1)
     above, least, largest = (np.ascontiguousarray(plane.T) for plane in (planes[0], planes[1][rows], planes[2][rows]))
-    start = np.stack([plane.T for plane in disparities])
+    start = np.ascontiguousarray(disparity.T)[None]
     ratios = np.empty_like(start)
     length = -(-top.shape[1] // NUM_STRIPS)
 
@@ -73,7 +67,7 @@ def compare_costs(
         cost_ratios(above[wide], least[wide], largest[wide], start[:, own], first, margin, ratios[:, own])
 
     in_threads(work, range(0, top.shape[1], length), jobs)
-    return [ratio.T for ratio in ratios]
+    return np.asarray(ratios[0].T)
 
 
 def match_semi_globally(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:

@@ -44,7 +44,6 @@ from sphere_mapping.acquisition.constants import (
     SPREAD_RADIUS,
     START_STD_PX,
     SWEEP_COST_RATIO,
-    SWEEP_EDGE_PX,
     SWEEP_FLOOR,
     SWEEP_PENALTIES,
     SWEEP_RADIUS,
@@ -63,7 +62,7 @@ from sphere_mapping.acquisition.range.kernels import (
     sum_paths,
     sweep,
 )
-from sphere_mapping.acquisition.range.levels import at_jumps, at_unknown, is_unlike, spread_around, twice
+from sphere_mapping.acquisition.range.levels import at_unknown, is_unlike, spread_around, twice
 from sphere_mapping.acquisition.range.semi_global import in_threads
 from sphere_mapping.acquisition.range.sweep_tables import (
     CameraSight,
@@ -76,8 +75,7 @@ from sphere_mapping.acquisition.range.sweep_tables import (
     why_no_range,
 )
 from sphere_mapping.acquisition.stitching.layouts import MAX_LAYOUTS, Layouts
-from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera, Spherical
-from sphere_nav.params import build
+from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -185,8 +183,6 @@ class SphereSweep:
         found[np.isnan(std)] = np.nan
         found = _smooth(found / px, SMOOTH_LAST)
         half = np.ascontiguousarray(found[::2, ::2])
-        if from_coarsest > 0:
-            found[twice(at_jumps(half * np.float32(0.5), SWEEP_EDGE_PX, is_whole=True))] = np.nan
         spread = twice(spread_around(half, SPREAD_RADIUS, is_whole=True))
         found[is_unlike(unlike, spread, found, MAX_UNLIKE)] = np.nan
         return found * px, std
@@ -249,11 +245,3 @@ def _smooth(values: Plane, radius: int) -> Plane:
     out = np.empty_like(padded)
     smooth(padded, radius, SMOOTH[0], SMOOTH[1], np.empty_like(padded), out)
     return np.ascontiguousarray(out[:, 2 * radius : -2 * radius])
-
-
-def warm_up() -> None:
-    """Compile on a tiny rig, so that the first image does not wait."""
-    lens, axes = Fisheye(32, 32, 10.0, 10.0, 15.5, 15.5), [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
-    poses = {"left": SE3.from_parts(axes, [0.0, 0.1, 0.0]), "right": SE3.from_parts(axes, [0.0, -0.1, 0.0])}
-    rig, params = Rig(tuple(RigCamera(name, lens, T) for name, T in poses.items())), build(StitchParams, {"width": 64})
-    SphereSweep(Layouts(rig, params, {}), params, 1).find({name: np.zeros((32, 32), np.uint8) for name in poses})

@@ -15,11 +15,10 @@ from sphere_mapping.acquisition.range.epipolar import (
     correct_baseline,
     disparities_of_ranges,
     joined_share,
-    range_from_below,
     range_from_disparity,
     to_common_center,
 )
-from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange, inverse_range
+from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.semi_global import check_order, in_threads
 from sphere_mapping.acquisition.stitching.blending import blend
@@ -58,22 +57,11 @@ class VerticalStereo:
         ranged, baseline = self._measure(layouts, top, bottom), self._kept(tuple(grays))
         correct_baseline(*ranged, baseline.error, baseline.shrink, baseline.per_m)
         ranged = to_common_center(*ranged, layouts[0], baseline.per_m)
-        for _ in range(self._params.blend.num_passes - 1):
-            top, bottom = self.draw(layouts, grays, ranged[0])
-            ranged = self._measure(layouts, top, bottom)
         return StereoRange([ranged], bottom)
 
-    def draw(
-        self, layouts: Sequence[Layout], grays: Mapping[str, Image], range_m: NDArray[np.float32] | None = None
-    ) -> tuple[Image, Image]:
-        """Return the grey spheres (H, W) of both levels: of a common distance, or of the range that the top one has."""
-        inverses: list[NDArray[np.float32] | None] = [None, None]
-        if range_m is not None and (inverse := inverse_range(range_m, layouts[0].is_covered)) is not None:
-            above = (1.0 / np.maximum(inverse, 1e-4)).astype(np.float32)
-            below = range_from_below(above, self._layouts.whole, self._layouts.baseline_m)
-            inverses = [inverse, inverse_range(below, layouts[1].is_covered)]
-        pairs = zip(layouts, inverses, strict=True)
-        top, bottom = in_threads(lambda pair: blend(pair[0], grays, pair[1]), pairs, self._jobs)
+    def draw(self, layouts: Sequence[Layout], grays: Mapping[str, Image]) -> tuple[Image, Image]:
+        """Return the grey spheres (H, W) of both levels, of a common distance."""
+        top, bottom = in_threads(lambda layout: blend(layout, grays), layouts, self._jobs)
         return top, bottom
 
     def _measure(self, layouts: Sequence[Layout], top: Image, bottom: Image) -> Ranged:

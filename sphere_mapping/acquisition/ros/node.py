@@ -11,13 +11,12 @@ from sphere_nav_msgs.msg import AugmentedSphere
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from sphere_mapping.acquisition import kernels
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.range.rectification import rectify
-from sphere_mapping.acquisition.range.sweep import warm_up as warm_up_sweep
 from sphere_mapping.acquisition.ros.rig_intake import RigInstant, RigIntake
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_mapping.acquisition.stitching.views import masks_of
+from sphere_mapping.acquisition.warm_up import warm_up
 from sphere_nav.geometry import Rig
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.ros import conversions, qos
@@ -49,8 +48,7 @@ class SphereStitcher(ManagedNode):
 
     def configure(self) -> None:
         """Read the rig, compute its tables, open topics."""
-        kernels.warm_up()
-        warm_up_sweep()
+        warm_up()
         self.intake: RigIntake | None = None
         self.sphere = self.add_publisher("sphere", AugmentedSphere, qos.LARGE)
         self.preview = self.add_publisher("sphere/preview/compressed", CompressedImage, qos.SENSOR)

@@ -61,8 +61,8 @@ class Stitcher:
         self.layouts = Layouts(rig, self.params, self.masks)
         self.whole, self.T_rig_sphere = self.layouts.whole, self.layouts.T_rig_sphere
         groups = {part.name: part.exposure_group or f"alone {part.name}" for part in rig.cameras}
-        blending, views = self.params.blend, list(self.layouts.views.values())
-        self._light = Light(views, groups, blending.distance_m, MAX_GAIN) if blending.has_gains else None
+        views = list(self.layouts.views.values())
+        self._light = Light(views, groups, self.params.blend.distance_m, MAX_GAIN)
         self.stereo: VerticalStereo | SphereSweep | None = None
         if self.params.range != "none":
             kind = VerticalStereo if rig.is_vertical else SphereSweep
@@ -103,8 +103,6 @@ class Stitcher:
         if len(kinds) > 1:
             raise ValueError(f"rig {self.rig.name}: images: expected all grey or all RGB, found both")
         ordered = {name: images[name] for name in self.rig.names if name in images}
-        if self._light is None:
-            return ordered, {name: np.ones(1) for name in ordered}
         return self._light.balance(ordered)
 
     def matches(
@@ -119,20 +117,19 @@ class Stitcher:
     def is_settled(self) -> bool:
         """Whether it has learned and checked all that it will: an instant then depends on nothing before."""
         has_checked = self.stereo is None or (self._has_lenses and self.stereo.is_checked)
-        return has_checked and (self._light is None or self._light.is_settled)
+        return has_checked and self._light.is_settled
 
     @property
-    def learned(self) -> Learned | None:
+    def learned(self) -> Learned:
         """What it has learned of the light, for `resume`."""
-        return self._light.learned if self._light is not None else None
+        return self._light.learned
 
-    def resume(self, learned: Learned | None) -> None:
+    def resume(self, learned: Learned) -> None:
         """Go on where another stitcher of the rig, that had settled, was."""
         self._has_lenses = True
         if self.stereo is not None:
             self.stereo.is_checked = True
-        if self._light is not None and learned is not None:
-            self._light.resume(learned)
+        self._light.resume(learned)
 
     def _find_range(self, images: Mapping[str, Image]) -> StereoRange:
         """Return what the images say about range."""

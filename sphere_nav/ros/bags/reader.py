@@ -74,11 +74,6 @@ class BagReader:
             raise BagError(str(error).replace(str(self._view.path), str(self.path))) from None
 
     @property
-    def is_packed(self) -> bool:
-        """Whether it was unpacked to be opened, as each further reader would do again."""
-        return self._view is not None
-
-    @property
     def num_messages(self) -> int:
         """Number of all messages."""
         return sum(info.count for info in self.topics.values())

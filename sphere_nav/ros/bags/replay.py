@@ -16,7 +16,6 @@ import heapq
 import logging
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
-from itertools import chain
 from typing import Any, TypeVar
 
 from rclpy.qos import QoSProfile
@@ -25,13 +24,13 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.params import build
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.playback import is_latched
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, Recorded
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter, absolute
 from sphere_nav.ros.constants import MAX_AHEAD_NS
 from sphere_nav.ros.conversions import decompress
+from sphere_nav.ros.endpoints import GoalCalls
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.node import ManagedNode, NodeShell, ThrottledLog
 from sphere_nav.ros.service import one_line
@@ -88,7 +87,7 @@ class OfflineShell(NodeShell):
         self.begin(ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9))
         self._node_name = name
         self.services: dict[str, tuple[type[Any], Callable[[Any, Any], Any]]] = {}
-        self.actions: dict[str, tuple[Callable[[Any], None], Callable[[Any], None], Callable[[Any], None]]] = {}
+        self.actions: dict[str, GoalCalls] = {}
 
     def read_parameters(self, cls: type[Any]) -> Any:
         """Return the parameters object; unknown names and values out of range raise ValueError."""
@@ -128,17 +127,9 @@ class OfflineShell(NodeShell):
         """Call a service of another node of the bus, `node/service`."""
         return OfflineClient(self._bus, name)
 
-    def add_action(
-        self,
-        name: str,
-        kind: type[Any],
-        *,
-        check: Callable[[Any], None],
-        begin: Callable[[Any], None],
-        cancel: Callable[[Any], None],
-    ) -> None:
+    def add_action(self, name: str, kind: type[Any], calls: GoalCalls) -> None:
         """Keep an action for `self.actions[name]`: check, begin and cancel."""
-        self.actions[name] = (check, begin, cancel)
+        self.actions[name] = calls
 
     def take_waiting(self, wanted: Subscription) -> None:
         """Do nothing: on the bus nothing waits."""
@@ -244,21 +235,17 @@ def replay(
     bag: BagReader,
     bus: OfflineBus,
     *,
-    start_ns: int | None = None,
-    end_ns: int | None = None,
     progress: Callable[[int], None] = lambda step: None,
 ) -> Iterator[Recorded]:
     """Play a bag to the nodes of a bus and yield what they publish; `progress(1)` after every message delivered.
 
-    Only topics that some node listens to are read; one that is required and not there raises BagError. Latched topics
-    such as /tf_static hold from before `start_ns`. A recorder's clock that was behind the stamps of
-    a sensor is put right: nodes would refuse what is ahead of their clock.
+    Only topics that some node listens to are read; one that is required and not there raises BagError. A recorder's
+    clock that was behind the stamps of a sensor is put right: nodes would refuse what is ahead of their clock.
     """
     topics = required_topics(bag, bus)
     lead_ns = find_lead(bag, topics)
     yield from bus.settle()
-    before = _latched_before(bag, topics, start_ns)
-    for topic, stamp, data in chain(before, bag.raw(topics, start_ns, end_ns)):
+    for topic, stamp, data in bag.raw(topics):
         yield from bus.advance(stamp + lead_ns)
         for wanted in bus.listeners[topic]:
             try:
@@ -282,12 +269,6 @@ def find_lead(bag: BagReader, topics: Collection[str]) -> int:
     """Return by how many ns the stamps of a topic are ahead of the times of recording; 0 where that is no fault."""
     lead_ns = max((stream.lead_ns for stream in read_streams(bag) if stream.topic in topics), default=0)
     return lead_ns if lead_ns > MAX_AHEAD_NS else 0
-
-
-def _latched_before(bag: BagReader, topics: list[str], start_ns: int | None) -> Iterator[Recorded]:
-    latched = [name for name in topics if is_latched(bag.topics[name])]
-    if start_ns is not None and latched:
-        yield from bag.raw(latched, end_ns=start_ns - 1)
 
 
 def required_topics(bag: BagReader, bus: OfflineBus) -> list[str]:

@@ -66,10 +66,7 @@ class Cameras:
         self._on_picture, self._on_refusal, self._handed_ns = on_picture, on_refusal, -SILENCE_NS
         self._profile = qos.DEEP if params.every_image else qos.SENSOR  # where every image is answered, none is lost
         self._tf = TransformListener(endpoints, ignored=params.map_frame)
-        is_used = params.use_odometry
-        self.odometry = OdometryInput(
-            endpoints, self._tf.tree, params.base_frame, is_used=is_used, profile=self._profile
-        )
+        self.odometry = OdometryInput(endpoints, self._tf.tree, params.base_frame, self._profile)
         self._mounting = read_mounting(params.mounting)
         slack_s = DEPTH_SLACK_S if rig is None else rig.slack
         self._synchronizer = Synchronizer((*names, *[DEPTH] * has_depth), slack_s)

@@ -11,7 +11,6 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import check_stamp
 from sphere_nav.ros.constants import MAX_ODOMETRY_AGE_S
 from sphere_nav.ros.endpoints import Endpoints
-from sphere_nav.ros.subscription import Subscription
 from sphere_nav.ros.tf import TransformError, TransformTree
 
 TRUTH_WORDS = ("ground_truth", "groundtruth", "truth")  # in names of what is no odometry
@@ -31,16 +30,12 @@ class OdometryInput:
         endpoints: Endpoints,
         tree: TransformTree,
         base_frame: str,
-        *,
-        is_used: bool,
         profile: QoSProfile = qos.SENSOR,
     ) -> None:
-        """`is_used`: subscribe to `odom`; `tree` is asked in any case, and must not know the map."""
+        """`tree` is asked where no topic `odom` is heard; it must not know the map."""
         self._endpoints, self._tree, self._base_frame = endpoints, tree, base_frame
         self._buffer, self._topic_frame = OdometryBuffer(MAX_ODOMETRY_AGE_S), ""
-        self._topic: Subscription | None = None
-        if is_used:
-            self._topic = endpoints.add_subscription("odom", Odometry, self._on_odometry, profile, is_required=False)
+        self._topic = endpoints.add_subscription("odom", Odometry, self._on_odometry, profile, is_required=False)
 
     def clear(self) -> None:
         """Forget what has a stamp."""
@@ -69,14 +64,13 @@ class OdometryInput:
 
     def at(self, stamp_ns: int) -> SE3 | None:
         """Return T_odom_base by the topic, with all that has come of it."""
-        if self._topic is not None:
-            self._endpoints.take_waiting(self._topic)
+        self._endpoints.take_waiting(self._topic)
         return self._buffer.at(stamp_ns)
 
     def predict(self, stamp_ns: int) -> SE3 | None:
         """Return T_odom_base by the topic; where that is silent by what moves above the base on /tf."""
         edge = odometry_edge(self._tree, self._base_frame)
-        if self._topic is None or self._topic_frame or edge is None:
+        if self._topic_frame or edge is None:
             return self.at(stamp_ns)
         T_odom_child = self._tree.carry_on(edge[1], stamp_ns, round(MAX_ODOMETRY_AGE_S * 1e9))
         return T_odom_child and T_odom_child @ self._tree.lookup(edge[1], self._base_frame)

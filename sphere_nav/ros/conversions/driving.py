@@ -14,7 +14,7 @@ from sphere_nav_msgs.msg import FollowerStatus, ReferencePoint, ReferenceTraject
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.plausible import check_lengths
 from sphere_nav.ros.conversions.stamps import header
-from sphere_nav.ros.conversions.status import code_of
+from sphere_nav.ros.conversions.status import FACTS, told, with_codes
 
 try:
     from ackermann_msgs.msg import AckermannDriveStamped
@@ -94,21 +94,8 @@ def check_scan(scan: LaserScan) -> None:
 
 def follower_status_to_message(status: Any, stamp: int, frame_id: str, worst_cycle: float = 0.0) -> FollowerStatus:
     """Return the message of anything with the fields of `path_follower.command.FollowerReport`; cycle in s."""
-    state, verdict = str(status.state), status.verdict
-    return FollowerStatus(
-        header=header(stamp, frame_id),
-        state=state,
-        state_code=code_of(FollowerStatus, state),
-        reason=str(verdict.reason),
-        value=float(verdict.value),
-        limit=float(verdict.limit),
-        remedy=str(status.remedy),
-        progress=float(status.progress),
-        distance_to_end=float(status.distance_to_end),
-        is_armed=bool(status.is_armed),
-        permission=int(status.permission),
-        worst_cycle=float(worst_cycle),
-    )
+    message = FollowerStatus(header=header(stamp, frame_id), worst_cycle=float(worst_cycle))
+    return with_codes(told(told(message, status.verdict, *FACTS), status))
 
 
 def guide_status_to_message(
@@ -118,14 +105,12 @@ def guide_status_to_message(
     message = FollowerStatus(header=header(stamp, frame_id), progress=float(way[0]), distance_to_end=float(way[1]))
     is_clear = advice is not None and advice.is_clear
     state = FollowerStatus.FINISHED if is_clear and advice.is_finished else FollowerStatus.DRIVING
-    message.state = state if is_clear else FollowerStatus.STOPPED
-    message.state_code = code_of(FollowerStatus, message.state)
-    message.is_armed = True
+    message.state, message.is_armed = state if is_clear else FollowerStatus.STOPPED, True
     if not is_clear:
         message.reason = FollowerStatus.NOT_LOCALISED
         message.value, message.limit = float(advice.lead) if advice is not None else 0.0, float(min_lead)
         message.remedy = "the places around the next waypoint look alike, or the image cannot be used"
-    return message
+    return with_codes(message)
 
 
 def message_to_progress(message: FollowerStatus) -> tuple[str, tuple[float, float]]:

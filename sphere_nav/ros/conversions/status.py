@@ -1,51 +1,55 @@
-"""sphere_nav_msgs/LocalizationStatus against the status of either localiser."""
+"""The status messages against what they tell: a field of a message is the value of that name, of plain kinds."""
 
 from __future__ import annotations
 
 import enum
 import math
-from typing import Any
+from dataclasses import fields
+from typing import Any, TypeVar
 
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from sphere_nav.localization.status import State, Status
 from sphere_nav.ros.conversions.stamps import header, stamp_ns
 
-FLOATS = ("value", "limit", "quality", "p_chance", "overlap", "inlier_share", "mad", "milliseconds", "age")
-WHOLE = ("iterations",)
+M = TypeVar("M", bound=Any)
+FACTS = ("reason", "value", "limit")  # of a Verdict
+
+
+def told(message: M, source: Any, *names: str) -> M:
+    """Return the message with what a source has by the names of its fields; what is not finite stays as it was.
+
+    All that are bool, int, float or str and that the source has; or those of some names.
+    """
+    for name in names or [name for name in message.get_fields_and_field_types() if hasattr(source, name)]:
+        kind, value = type(getattr(message, name)), getattr(source, name)
+        if kind in (bool, int, float, str) and not (kind is float and not math.isfinite(value)):
+            setattr(message, name, _word(value) if kind is str else kind(value))
+    return message
+
+
+def with_codes(message: M) -> M:
+    """Return the message with the numbers of its words; ValueError for a word that it does not have."""
+    for name in ("state", "reason"):
+        word = getattr(message, name)
+        if hasattr(message, f"{name}_code") and (word or name == "state"):
+            setattr(message, f"{name}_code", code_of(type(message), word))
+    return message
 
 
 def status_to_message(status: Any, stamp: int, frame_id: str) -> LocalizationStatus:
     """Return the message of anything with the fields of `Status`; state and reason are words or enums of words."""
-    state, reason = _word(status.state), _word(status.reason)
-    message = LocalizationStatus(header=header(stamp, frame_id), state=state, reason=reason)
-    message.state_code = code_of(LocalizationStatus, state)
-    message.reason_code = code_of(LocalizationStatus, reason) if reason else 0
-    message.remedy, message.map_id = str(status.remedy), str(status.map_id)
+    message = LocalizationStatus(header=header(stamp, frame_id), p_chance=1.0)
     message.references = [int(number) for number in status.references]
-    for name in FLOATS:
-        number = float(getattr(status, name))
-        worst = 1.0 if name == "p_chance" else 0.0
-        setattr(message, name, number if math.isfinite(number) else worst)
-    for name in WHOLE:
-        setattr(message, name, int(getattr(status, name)))
-    return message
+    return with_codes(told(message, status))
 
 
 def message_to_status(message: LocalizationStatus) -> Status:
     """Return what the message says; ValueError for a state that is not in the vocabulary."""
     code_of(LocalizationStatus, message.state)
-    numbers: dict[str, Any] = {name: float(getattr(message, name)) for name in FLOATS}
-    numbers |= {name: int(getattr(message, name)) for name in WHOLE}
-    return Status(
-        state=State(message.state),
-        reason=message.reason,
-        remedy=message.remedy,
-        references=tuple(int(number) for number in message.references),
-        **numbers,
-        stamp_ns=stamp_ns(message),
-        map_id=message.map_id,
-    )
+    values = {item.name: getattr(message, item.name) for item in fields(Status) if hasattr(message, item.name)}
+    values |= {"state": State(message.state), "references": tuple(int(number) for number in message.references)}
+    return Status(**values, stamp_ns=stamp_ns(message))
 
 
 def _word(value: Any) -> str:

@@ -23,7 +23,7 @@ def condense(stored: Iterable[Stored], ids: Collection[int]) -> Iterator[Stored]
 def condense_message(message: AugmentedSphere) -> AugmentedSphere:
     """Return a key sphere condensed; one that is so already stays as it is."""
     sphere = condensed_sphere(message_to_sphere(message))
-    return sphere_to_message(sphere, SPHERE_FRAME, int(message.id), image_encoding=AugmentedSphere.PNG)
+    return sphere_to_message(sphere, SPHERE_FRAME, int(message.id), is_png=True)
 
 
 def count_bytes(base: MapReader, sphere_id: int, is_condensed: bool) -> float:

@@ -80,10 +80,8 @@ class MapWriter:
         details: MapDetails | None = None,
         *,
         is_overwriting: bool = False,
-        image_encoding: str = AugmentedSphere.PNG,
     ) -> None:
         self.path, self.details = Path(path), details or MapDetails()
-        self._encoding = image_encoding
         self._places: dict[int, int] = {}  # of the chunk of each sphere
         self._num_due = 0  # key spheres with which the graph is due
         self._experiences: list[MapExperience] = []  # that were told with the last one
@@ -98,7 +96,7 @@ class MapWriter:
 
     def add(self, node: KeySphere, sphere: Sphere) -> None:
         """Write a key sphere."""
-        whole = sphere_to_message(sphere, SPHERE_FRAME, node.id, image_encoding=self._encoding)
+        whole = sphere_to_message(sphere, SPHERE_FRAME, node.id, is_png=True)
         self.copy((whole, sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, node.id)))
 
     def tell(self, graph: SphereGraph) -> None:
@@ -197,8 +195,6 @@ def save_map(
     load_sphere: Callable[[int], Sphere] | None = None,
     appearance: AppearanceIndex | None = None,
     is_overwriting: bool = False,
-    image_encoding: str = AugmentedSphere.PNG,
-    progress: Progress = lambda step: None,
 ) -> Path:
     """Write a map; it appears under its name only when it is complete.
 
@@ -206,7 +202,7 @@ def save_map(
     """
     if not len(graph):
         raise BagError(f"{path}: expected a graph with key spheres, found an empty one")
-    writer = MapWriter(path, details, is_overwriting=is_overwriting, image_encoding=image_encoding)
+    writer = MapWriter(path, details, is_overwriting=is_overwriting)
     try:
         writer.tell(graph)  # so that a torn file can be salvaged
         for node in sorted(graph, key=lambda node: node.id):
@@ -214,7 +210,6 @@ def save_map(
             if sphere is None:
                 raise BagError(f"{path}: key sphere {node.id}: expected its picture in memory, found none")
             writer.add(node, sphere)
-            progress(1)
         return writer.finish(graph, appearance=appearance)
     except BaseException:
         writer.discard()

@@ -69,7 +69,7 @@ LOCK_STEP = {"clock.is_strict": True, "clock.real_time_factor": 0.0}  # time wai
 TEACHING = {"mode": "teach", "camera.period": 0.0}  # the rig sees what is mapped, the camera drives later
 WARM_UP = (
     "from sphere_nav import photometric; photometric.warm_up(); "
-    "from sphere_mapping.acquisition import kernels; kernels.warm_up()"
+    "from sphere_mapping.acquisition.warm_up import warm_up; warm_up()"
 )
 RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in rig_camera_names("vertical"))
 TEACH_TOPICS = f"{RIG_TOPICS} /odom /ground_truth/odometry /tf_static"
@@ -200,7 +200,6 @@ class Demo:
             with open_map(self.folder / "map") as made:
                 keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
             plots.plot_top_view(self.folder / "top_view.png", errors, keys)
-            plots.plot_errors(self.folder / "errors.png", errors)
         result = self.result(errors, len(keys))
         (self.folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
         print(result_table(result, self.folder))

@@ -34,7 +34,7 @@ class LearnedRig:
     rig: Rig
     params: StitchParams
     masks: dict[str, NDArray[Any]] | None
-    learned: Learned | None
+    learned: Learned
 
     @classmethod
     def of(cls, stitcher: Stitcher) -> LearnedRig:

@@ -12,7 +12,7 @@ import pytest
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
-from mcl_depth.geometry.las import read_points
+from mcl_depth.geometry.las import read_las
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.synthesis import DepthSynthesizer
@@ -270,11 +270,10 @@ ATTACKS = {  # on a tile of 200 points: where, how wide, what
 
 
 @pytest.mark.parametrize("name", ATTACKS)
-def test_what_a_packed_tile_says_of_its_chunks_is_checked(tmp_path: Path, name: str) -> None:
-    """Read in this very process, where lazrs would end it."""
+def test_a_packed_tile_that_lies_of_its_chunks_ends_no_process_but_its_reader(tmp_path: Path, name: str) -> None:
     write_lying_tile(tmp_path / "a.laz", ATTACKS[name])
     with pytest.raises(ValueError, match=r"a\.laz: .*expected.*found") as caught:
-        read_points(tmp_path / "a.laz")
+        read_las(tmp_path / "a.laz")
     assert "\n" not in str(caught.value)
 
 

@@ -10,7 +10,6 @@ from rig_calibration.boards.board import Board
 from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
-from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera, so3
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from worlds.boards import BoardWorld
@@ -76,7 +75,7 @@ def test_every_corner_is_where_its_number_says(world, views):
 def test_cameras_that_share_no_view_are_joined_by_the_motion(world, views):
     parts = world.rig.cameras
     specs = [CameraSpec(part.name, "fisheye", (480, 360)) for part in parts]
-    found = calibrate(specs, BOARDS, views, CalibrationParams(), parts[0].T_rig_camera)
+    found = calibrate(specs, BOARDS, views, parts[0].T_rig_camera)
     error = (found.rig.cameras[1].T_rig_camera.inverse() @ parts[1].T_rig_camera).log()
     std = found.spread.pose_std[1]
     assert found.dropped == {}

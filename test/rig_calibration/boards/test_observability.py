@@ -6,7 +6,6 @@ import pytest
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
-from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.cameras.rig import Rig
 from worlds.boards import BoardWorld, boards_around, ring_rig, vertical_rig, wandering
 
@@ -19,7 +18,7 @@ def calibrated(rig, num_boards, num_instants, seed, *, is_drive_only=False):
     world = BoardWorld(rig, boards, poses, wandering(num_instants, rng, is_drive_only=is_drive_only))
     parts = rig.cameras
     specs = [CameraSpec(p.name, p.camera.model, (p.camera.width, p.camera.height), p.camera) for p in parts]
-    return calibrate(specs, boards, world.views(BoardView, 0.1, rng), CalibrationParams(), parts[0].T_rig_camera)
+    return calibrate(specs, boards, world.views(BoardView, 0.1, rng), parts[0].T_rig_camera)
 
 
 def two_sectors():

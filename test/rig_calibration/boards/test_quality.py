@@ -11,7 +11,6 @@ from rig_calibration.boards.quality import quality_warnings
 from rig_calibration.boards.validation import Validation
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
-from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Pinhole, so3
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from worlds.boards import BoardWorld
@@ -52,7 +51,7 @@ def calibrated(count=14, flaw="", blur=0.7):
     rig = Rig((RigCamera("cam", CAMERA, SE3.identity()),), "one")
     world = BoardWorld(rig, (BOARD,), SE3(np.eye(4)[None]), board_poses(CAMERA, BOARD, count, flaw, rng).inverse())
     views = [replace(view, blur_px=blur) for view in world.views(BoardView, 0.05, rng)]
-    return calibrate([CameraSpec("cam", "pinhole", (640, 480), CAMERA)], [BOARD], views, CalibrationParams())
+    return calibrate([CameraSpec("cam", "pinhole", (640, 480), CAMERA)], [BOARD], views)
 
 
 @pytest.mark.parametrize(

@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rig_calibration.boards import rejection
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.rejection import noise_px, reject, view_medians
 from rig_calibration.boards.views import BoardView, observations
 from rig_calibration.calibrate import CameraSpec, calibrate
-from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.cameras.rig import Rig
 from worlds.boards import BoardWorld, boards_around, ring_rig, wandering
 
-PARAMS = CalibrationParams()
 NOISE_PX = 0.1
 
 
@@ -32,7 +31,7 @@ def errors(seen, rng):
 
 def test_some_false_corners_cost_only_themselves(seen, errors):
     errors[[3, 5, 7, 9]] += 40.0  # 4 of the 20 corners of one view: its RMS is 25 px
-    kept, dropped = reject(seen, errors, np.ones(480), PARAMS)
+    kept, dropped = reject(seen, errors, np.ones(480))
     assert dropped == {}
     np.testing.assert_array_equal(np.flatnonzero(kept == 0), [3, 5, 7, 9])
 
@@ -41,7 +40,7 @@ def test_of_one_instant_only_the_worst_view_goes_at_a_time(seen, errors):
     errors[seen.view == 0] += 9.0  # cause
     errors[seen.view == 1] += 5.0  # pulled by it: the same instant
     errors[seen.view == 2] += 5.0  # another instant
-    kept, dropped = reject(seen, errors, np.ones(480), PARAMS)
+    kept, dropped = reject(seen, errors, np.ones(480))
     assert list(dropped) == [0, 2]
     assert np.all(kept[seen.view == 1] == 1.0)
 
@@ -52,7 +51,7 @@ def test_corners_that_do_not_count_are_not_judged(seen, errors):
     kept[:20] = 0.0
     medians = view_medians(seen, np.linalg.norm(errors, axis=-1), kept)
     assert np.flatnonzero(np.isnan(medians)).tolist() == [0]
-    assert reject(seen, errors, kept, PARAMS)[1] == {}
+    assert reject(seen, errors, kept)[1] == {}
 
 
 def test_noise_is_the_deviation_of_one_coordinate_whatever_a_third_of_the_corners_is(rng):
@@ -75,7 +74,7 @@ def test_a_corner_goes_beyond_five_deviations_of_its_camera(seen, times, is_kept
     errors = even(seen, 1.1774)  # medians of normal errors with a deviation of 1 px
     errors[seen.view >= 12] *= 3.0  # the other camera
     errors[7], errors[-3] = [times, 0.0], [0.0, -3.0 * times]
-    kept, dropped = reject(seen, errors, np.ones(480), PARAMS)
+    kept, dropped = reject(seen, errors, np.ones(480))
     assert dropped == {}
     np.testing.assert_array_equal(np.flatnonzero(kept == 0), [] if is_kept else [7, 477])
 
@@ -83,13 +82,12 @@ def test_a_corner_goes_beyond_five_deviations_of_its_camera(seen, times, is_kept
 @pytest.mark.parametrize(
     ("usual", "size", "is_kept"), [(1.0, 3.9, True), (1.0, 4.1, False), (1e-3, 0.29, True), (1e-3, 0.31, False)]
 )
-def test_a_view_goes_beyond_four_times_the_others_or_three_times_the_least(seen, usual, size, is_kept):
-    params = CalibrationParams(corner_limit=1e4)
+def test_a_view_goes_beyond_four_times_the_others_or_three_times_the_least(monkeypatch, seen, usual, size, is_kept):
     errors = even(seen, usual)
     errors[seen.view == 5] *= size / usual
-    if usual < 0.1:
-        params = CalibrationParams()  # corners are left out from 0.1 px on
-    dropped = reject(seen, errors, np.ones(480), params)[1]
+    if usual > 0.1:  # else corners are left out from 0.1 px on
+        monkeypatch.setattr(rejection, "CORNER_LIMIT", 1e4)
+    dropped = reject(seen, errors, np.ones(480))[1]
     if usual < 0.1 and is_kept:
         assert "corners fit" in dropped[5]
     else:
@@ -98,11 +96,11 @@ def test_a_view_goes_beyond_four_times_the_others_or_three_times_the_least(seen,
 
 
 @pytest.mark.parametrize(("num_false", "is_kept"), [(10, True), (11, False)])
-def test_half_of_its_corners_must_fit_for_a_view_to_count(seen, errors, num_false, is_kept):
+def test_half_of_its_corners_must_fit_for_a_view_to_count(monkeypatch, seen, errors, num_false, is_kept):
     errors[:num_false:1] = 3.0 * np.sign(np.arange(num_false)[:, None] % 2 - 0.5)
     errors[num_false:20] = 0.01
-    params = CalibrationParams(view_ratio=1e3)
-    dropped = reject(seen, errors, np.ones(480), params)[1]
+    monkeypatch.setattr(rejection, "VIEW_RATIO", 1e3)
+    dropped = reject(seen, errors, np.ones(480))[1]
     assert (0 not in dropped) == is_kept
     if not is_kept:
         assert dropped[0] == "9 of 20 corners fit"
@@ -151,7 +149,7 @@ def test_a_false_view_is_named_and_does_not_move_the_rig(world, views):
             false.append(views[index].label)
     parts = world.rig.cameras
     specs = [CameraSpec(p.name, p.camera.model, (p.camera.width, p.camera.height), p.camera) for p in parts]
-    found = calibrate(specs, world.boards, spoiled, PARAMS, world.rig.cameras[0].T_rig_camera)
+    found = calibrate(specs, world.boards, spoiled, world.rig.cameras[0].T_rig_camera)
     assert len(false) >= 2
     assert set(found.dropped) == set(false)
     for index in (1, 2):

@@ -12,7 +12,6 @@ from rig_calibration.boards import validation
 from rig_calibration.boards.report import calibration_as_mapping, coverage, draw_calibration
 from rig_calibration.boards.state import RigState, camera_problem
 from rig_calibration.boards.views import observations
-from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
 
 PINHOLE = Pinhole(80, 60, 100.0, 101.0, 39.0, 29.0, (0.1, 0.2, 0.3, 0.4, 0.5))
@@ -117,10 +116,10 @@ def views(count, noise_px, rng):
     )
 
 
-def test_images_held_out_show_the_noise_and_a_false_one_of_them_more(rng):
+def test_images_held_out_show_the_noise_and_a_false_one_of_them_more(monkeypatch, rng):
     problem, state = views(24, 0.2, rng)
     kept = np.ones(24 * 20)
-    found = validation.validate(problem, state, kept, CalibrationParams())
+    found = validation.validate(problem, state, kept)
     assert found.held_out_px[0] == pytest.approx(
         0.2 * np.sqrt(2.0) * np.sqrt(1 - 6 / 40), rel=0.15
     )  # 6 of 40 are its pose
@@ -129,9 +128,10 @@ def test_images_held_out_show_the_noise_and_a_false_one_of_them_more(rng):
     spoilt = camera_problem(
         "pinhole", (640, 480), 0, observations([0] * 24, range(24), [0] * 24, [BOARD] * 24, np.split(pixels, 24))
     )
-    worse = validation.validate(spoilt, state, kept, CalibrationParams())
+    worse = validation.validate(spoilt, state, kept)
     assert worse.held_out_px[0] > 3 * found.held_out_px[0]
     pixels = problem.seen.pixels + 0.0
-    few = validation.validate(problem, state, kept, CalibrationParams(min_views=19))
+    monkeypatch.setattr(validation, "MIN_VIEWS", 19)
+    few = validation.validate(problem, state, kept)
     assert np.isnan(few.held_out_px).all()  # 18 are left
     assert np.isnan(few.halves).all()

@@ -6,11 +6,6 @@ import pytest
 from sphere_mapping.acquisition import kernels
 
 
-@pytest.fixture(scope="module", autouse=True)
-def compiled():
-    kernels.warm_up()
-
-
 def test_steps_of_a_pixels_own_surface_are_compared_in_both_images():
     rng = np.random.default_rng(8)
     height, width, margin = 24, 30, 2

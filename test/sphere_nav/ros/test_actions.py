@@ -7,6 +7,7 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from sphere_nav_msgs.action import Navigate
 
+from sphere_nav.ros.endpoints import GoalCalls
 from sphere_nav.ros.executor import GuardedExecutor
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
@@ -18,7 +19,7 @@ class Walker(ManagedNode):
 
     def configure(self):
         self.goals, self.canceled = [], []
-        self.endpoints.add_action("walk", Navigate, check=self.check, begin=self.begin, cancel=self.cancel)
+        self.endpoints.add_action("walk", Navigate, GoalCalls(self.check, self.begin, self.cancel))
 
     def check(self, request):
         assert request.pose.header.frame_id == "map"

@@ -45,13 +45,6 @@ def test_a_pattern_that_repeats_within_the_search_is_not_measured():
     assert np.isfinite(found.value[64:]).mean() < 0.01  # above, the other matches would be outside of the image
 
 
-def test_a_pattern_that_is_clear_only_when_blurred_is_denied_by_the_finer_level():
-    columns = np.broadcast_to(128 + 50 * np.sin(2 * np.pi * np.arange(SHAPE[0]) / 8.0)[:, None], SHAPE)
-    blurred = texture(6, blur=12.0, contrast=6)
-    found = match(columns + blurred, columns + np.roll(blurred, -12, axis=0))  # 12 is no multiple of 8
-    assert np.isfinite(found.value[64:]).mean() < 0.02
-
-
 def test_errors_by_their_deviation_are_of_size_one():
     top = texture(3, contrast=25)
     found = match(top, np.roll(top, -12, axis=0), noise=NOISE, calibration_px=0.0)

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition import kernels
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.stitching import blending, views  # noqa: F401
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
@@ -17,7 +16,6 @@ from worlds.rig import LENS, OPTICAL, RADIUS, WIDTH, depth_of, seen, truth, vert
 
 @pytest.fixture(scope="module")
 def stitcher():
-    kernels.warm_up()
     return Stitcher(vertical_rig(), build(StitchParams, {"width": WIDTH}))
 
 

@@ -125,20 +125,10 @@ def test_services_answer_and_the_end_is_orderly(make_bag):
     assert echo.closed
 
 
-def test_latched_topics_hold_from_before_the_start(make_bag):
-    bus, heard = OfflineBus(), []
-    node = bus.add(Echo)
-    node.add_subscription("latched", String, heard.append)
-    with BagReader(make_bag()) as bag:
-        texts = [item.message.data for item in replay(bag, bus, start_ns=8_800_000_000)]
-    assert [message.data for message in heard] == ["once"]
-    assert texts == ["38", "39"]
-
-
-def test_a_part_of_a_bag_and_its_progress(make_bag):
+def test_the_progress_of_a_bag_is_told(make_bag):
     bus, steps = OfflineBus(), []
     bus.add(Echo)
     with BagReader(make_bag()) as bag:
-        published = list(replay(bag, bus, start_ns=6_000_000_000, end_ns=6_500_000_000, progress=steps.append))
-    assert [item.message.data for item in published] == ["10", "11", "12", "13", "14", "15"]
-    assert len(steps) == 6
+        published = list(replay(bag, bus, progress=steps.append))
+    assert [item.message.data for item in published][-2:] == ["38", "39"]
+    assert (len(steps), len(published)) == (40, 39)  # one was refused

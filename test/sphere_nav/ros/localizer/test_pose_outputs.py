@@ -23,7 +23,7 @@ class World:
     def __init__(self):
         self.bus = OfflineBus()
         self.node = self.bus.add(ManagedNode)
-        odometry = OdometryInput(self.node.endpoints, TransformTree(), "base_link", is_used=False)
+        odometry = OdometryInput(self.node.endpoints, TransformTree(), "base_link")
         self.outputs = PoseOutputs(self.node.endpoints, NodeParams(), odometry, lambda: "yard")
 
     def said(self):
