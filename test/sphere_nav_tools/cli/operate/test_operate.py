@@ -1,6 +1,7 @@
 """The page's parts: what is heard, who confirms, what is told in words, what is drawn for one browser."""
 
 import json
+import re
 import sys
 from contextlib import nullcontext
 from itertools import chain, repeat
@@ -187,6 +188,7 @@ def test_the_stop_belongs_to_the_document_and_asks_by_a_request_of_its_own():
     assert script.count('"') == 1
     assert "document.documentElement.appendChild" in script
     assert "fetch('/' + token + '/emergency_stop'" in script
+    assert re.findall(r"(?<![.\w])addEventListener", script) == []  # in an attribute that would be the picture's own
 
 
 def test_a_map_without_a_taught_path_has_no_places(tmp_path):
