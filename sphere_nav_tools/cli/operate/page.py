@@ -32,6 +32,7 @@ from sphere_nav_tools.cli.view.server import colored
 
 ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
 DARK_KEY = "sphere_nav_dark"
+THEME: dict[str, Any] = {"show_logo": False, "show_share_button": False, "control_width": "large"}
 NO_PATH, NO_PLACE = "(no path here)", "(no places heard)"
 STOPS, MOVES, OTHER = "red", "green", "blue"  # what a button does to the vehicle
 TEACH_FIRST = "teach it: record a drive, make its map, localise in it"  # of a simulated vehicle
@@ -65,7 +66,7 @@ class OperatorPage:
         self.server = make_server("operate", host, port, token, acts)
         self.server.scene.set_up_direction("+z")
         self.server.initial_camera.position, self.server.initial_camera.look_at = BEGIN, (0.0, 0.0, 0.0)
-        self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        self.server.gui.configure_theme(**THEME)
         self.server.gui.main_panel.dock_right()
         self.server.on_client_connect(lambda client: Desk(self, client))
 
@@ -297,9 +298,7 @@ class Desk:
     # --- what changes by itself
     def _dress(self) -> None:
         self.client.local_storage.set_item(DARK_KEY, "1" if self._is_dark.value else "")
-        self.client.gui.configure_theme(
-            show_logo=False, show_share_button=False, control_width="large", dark_mode=self._is_dark.value
-        )
+        self.client.gui.configure_theme(**THEME, dark_mode=self._is_dark.value)
 
     def _live(self) -> None:
         """Show what is new until the browser leaves."""
