@@ -263,6 +263,11 @@ def chart():
     return Chart(SimpleNamespace(scene=Scene(), camera=camera, atomic=nullcontext))
 
 
+def test_a_browser_that_comes_late_looks_from_above(chart):
+    camera = chart.client.camera
+    assert (camera.position, camera.look_at) == ((0.0, -0.5, 25.0), (0.0, 0.0, 0.0))
+
+
 def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(chart):
     covariance = np.diag([0.09, 0.01])
     chart._show_car((5.0, 3.0, np.pi / 2, covariance), 0.2)
