@@ -107,10 +107,11 @@ $(STAMPS)/kernels: $(filter %/kernels.py %/warm_up.py,$(SOURCES)) scripts/compil
 	@touch $@
 
 # --- what CI and a night prove besides: the real ros2, the oldest libraries, a newer Python
-.PHONY: test-ros2 test-oldest test-newer
+.PHONY: test-ros2 test-oldest test-newer test-wheel
 ROS2_SOURCES ?= ../shared/ros2cli
 OLDEST := build/oldest
 NEWER := build/newer
+EMPTY := $(CURDIR)/build/empty
 
 # All tests that need a `ros2`, with one that is made of its sources beside the environment.
 test-ros2: env $(STAMPS)/test_wheels
@@ -130,3 +131,8 @@ test-newer: $(STAMPS)/wheels
 	python=$${PYTHON:-$$($(RUN)/uv python find '>=3.12' 2>/dev/null || \
 		{ $(RUN)/uv python install 3.13 >&2 && $(RUN)/uv python find 3.13; })} && \
 		PYTHON=$$python $(MAKE) VENV=$(NEWER) test
+
+# What `pip install .` gives in an empty environment: the demo, from another folder.
+test-wheel: | $(STAMPS)/python
+	rm -rf $(EMPTY) && $(RUN)/python -m venv $(EMPTY) && $(EMPTY)/bin/pip install -q .
+	cd $(EMPTY) && env -i HOME=$(EMPTY) PATH=/usr/bin:/bin bin/sphere_nav demo --path straight

@@ -34,7 +34,7 @@ REMEDIES = INPUT_REMEDIES | {
     Reason.JUMP_REJECTED: "odometry leapt and was not believed: check the wheels and who resets odometry",
     Reason.AMBIGUOUS: "two places look alike: drive on until they differ, or give an initial pose",
     Reason.MAP_ERROR: "this cloud cannot be used: check its unit and its extent",
-    Reason.ODOM_STALE: "odometry is missing: check the topic odom and its stamps",
+    Reason.ODOM_STALE: "odometry is missing, so no new place is trusted: check the topic odom and its stamps",
 }
 
 

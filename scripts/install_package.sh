@@ -4,8 +4,8 @@
 set -eu
 environment=$1
 python=$environment/bin/python
-rm -rf build/lib # would keep modules that are gone from the tree
-"$python" -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation --force-reinstall .
+"$python" -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation --force-reinstall \
+    --config-settings=messages=no .
 
 links=$environment/lib/sphere_nav
 rm -rf "$links"

@@ -39,11 +39,14 @@ class JointEvidence:
         self.total: Field | None = None
         self.num_images = 0.0  # that are remembered: those that count in full, and less for each since
         self._num_images = 0.0  # that count in full, since odometry was last let err
-        self._last = np.zeros(3)  # odometry
+        self._last: Array | None = None  # odometry
 
     def add(self, field: Field, odometry: Array | None) -> Field:
-        """Add the field of an image taken at `odometry` (3,); return the sum. Without odometry it stands alone."""
-        if self.total is None or odometry is None:
+        """Add the field of an image taken at `odometry` (3,); return the sum.
+
+        Without odometry, and after a gap in it, it stands alone: who may have gone anywhere fits somewhere.
+        """
+        if self.total is None or odometry is None or self._last is None:
             self.total, self.num_images, self._num_images = field.copy(), 1.0, 1.0
             self._rests, self._turn = np.zeros((len(field), 2)), 0.0
         else:
@@ -53,7 +56,7 @@ class JointEvidence:
             self.total = kept * self._propagate(self.total, motion) + np.float32(news) * field
             self.num_images = float(kept) * self.num_images + news
             self._num_images += news
-        self._last = odometry if odometry is not None else np.zeros(3)
+        self._last = odometry
         return self.total
 
     def _news(self, motion: Array) -> float:

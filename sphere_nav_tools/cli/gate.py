@@ -15,7 +15,6 @@ import os
 import re
 import secrets
 import socket
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -65,8 +64,8 @@ class Guesses:
 class Gate:
     """Judges requests by the host that they name, the page that they come from, and the token."""
 
-    def __init__(self, host: str, token: str, acts: Mapping[str, Callable[[], None]] | None = None) -> None:
-        """`host`: the address that is served at; `acts`: what is done for who asks for a path, by a thread."""
+    def __init__(self, host: str, token: str, acts: Mapping[str, Callable[[], str]] | None = None) -> None:
+        """`host`: the address that is served at; `acts`: what answers, at once, who asks for a path."""
         self._acts = acts or {}
         self.is_closed = False  # whether the server asks it
         self._token, self._names = token.encode(), own_names(host)
@@ -81,8 +80,7 @@ class Gate:
             return connection.respond(refusal[0], f"{refusal[1]}\n")
         connection.is_admitted, request.path = True, f"/{rest}"
         if rest in self._acts:
-            threading.Thread(target=self._acts[rest], daemon=True).start()
-            return connection.respond(HTTPStatus.OK, "asked for\n")
+            return connection.respond(HTTPStatus.OK, self._acts[rest]())
         return None
 
     def judge(self, guess: bytes, headers: Headers, here: str, visitor: str) -> Refusal | None:
@@ -180,7 +178,7 @@ def import_viser(command: str) -> Any:
 
 
 def make_server(
-    command: str, host: str, port: int, token: str, acts: Mapping[str, Callable[[], None]] | None = None
+    command: str, host: str, port: int, token: str, acts: Mapping[str, Callable[[], str]] | None = None
 ) -> Any:
     """Return a server of pages behind its gate; ValueError where the gate cannot be put before it.
 

@@ -148,7 +148,8 @@ def _rectified(topics: Mapping[str, str]) -> str:
     return f"{', '.join(found)}: rectified, P of camera_info is used" if found else ""
 
 
-NO_ODOMETRY = f"without odometry (nav_msgs/Odometry, or a frame that moves above {BASE_FRAME} on /tf) walk slowly"
+NO_ODOMETRY = f"no place is trusted without odometry (nav_msgs/Odometry, or a frame above {BASE_FRAME} on /tf)"
+
 PANORAMA_NOTE = "ready, if the images, which have no camera_info, are whole spheres (equirectangular)"
 
 

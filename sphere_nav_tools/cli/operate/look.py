@@ -9,7 +9,7 @@ STYLE = """
 .mantine-Notifications-root {inset:auto auto 150px 12px !important}
 .sn-state {position:fixed; z-index:900; left:12px; top:12px; width:420px; max-width:calc(100vw - 48px);
   padding:10px 14px; border-radius:10px; background:var(--mantine-color-body);
-  box-shadow:0 1px 6px #0006; font-size:15px}
+  box-shadow:0 1px 6px #0006; font:15px sans-serif}
 .sn-word {font-size:34px; font-weight:800; line-height:1.15; padding:0 10px; border-radius:6px; color:white}
 .sn-past {position:fixed; z-index:900; left:326px; bottom:12px; width:min(560px, calc(100vw - 800px)); height:76px;
   padding:8px 10px; border-radius:10px; background:var(--mantine-color-body);
@@ -36,7 +36,7 @@ STYLE = """
 }
 """
 # The stop belongs to the document, not to the panel, and asks by a connection of its own; a held button is let go when
-# the window loses the focus.
+# the window loses the focus. It stands in an attribute: a bare addEventListener would be that of the picture.
 SCRIPT = """
 (() => {
   if (window.sphereNav) return; window.sphereNav = 1;
@@ -44,6 +44,7 @@ SCRIPT = """
   const put = (kind, id) => document.documentElement.appendChild(Object.assign(document.createElement(kind), {id}));
   put('style', 'sn-style').textContent = document.getElementById('sn-dress').textContent;
   const lost = put('div', 'sn-lost'), stop = put('button', 'sn-stop'), name = 'EMERGENCY STOP';
+  const state = put('div', 'sn-folded');  // while the panel is folded; the banner's HTML, in which all words are text
   lost.textContent = 'NO CONNECTION: what you see is old. Press ' + name + ', or the button on the vehicle';
   stop.textContent = name;
   let told = 0;
@@ -56,14 +57,18 @@ SCRIPT = """
   stop.addEventListener('click', e => { if (!e.detail) ask(e); });
   const drop = () => document.querySelectorAll('button').forEach(
     b => b.dispatchEvent(new PointerEvent('pointercancel', {bubbles: true})));
-  addEventListener('blur', drop); document.addEventListener('visibilitychange', drop);
-  addEventListener('contextmenu', e => { if (e.target.closest('button')) e.preventDefault(); });
-  let beat = '', heard = Date.now();
-  const hear = () => { heard = Date.now(); };
+  window.addEventListener('blur', drop); document.addEventListener('visibilitychange', drop);
+  window.addEventListener('contextmenu', e => { if (e.target.closest('button')) e.preventDefault(); });
+  let beat = '', heard = Date.now(), asks = false;
+  const hear = text => { heard = Date.now(); state.innerHTML = text; };
   setInterval(() => {
     const now = document.getElementById('sn-beat');  // none while the panel is folded: then the server is asked
-    if (!now && Date.now() - heard > 1000) fetch('/' + token + '/alive', {cache: 'no-store'}).then(hear, () => 0);
-    if (now && now.dataset.beat !== beat) { beat = now.dataset.beat; hear(); }
+    if (!now && !asks && Date.now() - heard > 500) {
+      asks = true;
+      fetch('/' + token + '/state', {cache: 'no-store', signal: AbortSignal.timeout(2000)}).then(
+        r => r.ok && r.text().then(hear)).catch(() => 0).finally(() => { asks = false; });
+    }
+    if (now && now.dataset.beat !== beat) { beat = now.dataset.beat; hear(''); }
     if (Date.now() - told > 3000)
       stop.textContent = now && now.dataset.pressed && lost.style.display !== 'block' ? name + ' is pressed' : name;
     lost.style.display = Date.now() - heard > 3000 ? 'block' : 'none';

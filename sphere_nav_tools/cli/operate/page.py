@@ -27,13 +27,15 @@ from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.places import name_place, network_of, way_to
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
 from sphere_nav_tools.cli.operate.teaching import Teaching
-from sphere_nav_tools.cli.operate.words import Heard, banner, health, log_of, timeline
+from sphere_nav_tools.cli.operate.words import IS_IT_RUNNING, Heard, banner, health, log_of, timeline
 from sphere_nav_tools.cli.view.server import colored
 
 ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
 DARK_KEY = "sphere_nav_dark"
+THEME: dict[str, Any] = {"show_logo": False, "show_share_button": False, "control_width": "large"}
 NO_PATH, NO_PLACE = "(no path here)", "(no places heard)"
 STOPS, MOVES, OTHER = "red", "green", "blue"  # what a button does to the vehicle
+TEACH_FIRST = "teach it: record a drive, make its map, localise in it"  # of a simulated vehicle
 LOOKS, GOES, NAMES, POSES = "only looks", "sets a goal", "chooses a place to name", "dragged: where the vehicle is"
 PACE = {  # by hand: m/s, rad/s
     "ahead": (0.8, 0.0),
@@ -60,11 +62,11 @@ class OperatorPage:
         self.link, self.teaching, self.simulated = link, teaching, simulated
         self._closed = threading.Event()
         self._ground: tuple[Path | None, Ground | None] = None, None
-        acts = {"emergency_stop": self._press, "alive": lambda: None}  # what needs no websocket
+        acts = {"emergency_stop": self._press, "state": self.state}  # what needs no websocket
         self.server = make_server("operate", host, port, token, acts)
         self.server.scene.set_up_direction("+z")
         self.server.initial_camera.position, self.server.initial_camera.look_at = BEGIN, (0.0, 0.0, 0.0)
-        self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        self.server.gui.configure_theme(**THEME)
         self.server.gui.main_panel.dock_right()
         self.server.on_client_connect(lambda client: Desk(self, client))
 
@@ -83,8 +85,16 @@ class OperatorPage:
         self._closed.set()
         self.server.stop()
 
-    def _press(self) -> None:
-        self.link.seen.say(self.link.press_emergency())
+    def _press(self) -> str:
+        """Press the emergency stop by a thread: who asked for it is answered at once."""
+        threading.Thread(target=lambda: self.link.seen.say(self.link.press_emergency()), daemon=True).start()
+        return "asked for"
+
+    def state(self) -> str:
+        """Return what is going on as HTML."""
+        is_new = self.simulated is not None and not self.simulated.is_driven
+        taught = f"{self.teaching.describe()} · {self.link.describe_images()}" if self.teaching.is_recording else ""
+        return banner(self.link.seen, taught, TEACH_FIRST if is_new else IS_IT_RUNNING)
 
     def map_in_use(self) -> Path | None:
         """Return the map in the folder that the localiser uses; None where it is not here."""
@@ -138,7 +148,7 @@ class Desk:
         gui = self.client.gui
         gui.add_html(dressing())
         self._beat = gui.add_html("")
-        self._banner, self._scale = gui.add_html(banner(self.link.seen)), gui.add_html("")
+        self._banner, self._scale = gui.add_html(self.page.state()), gui.add_html("")
         self._release = gui.add_button("release the emergency stop", color=OTHER, visible=self.link.is_pressed)
         self._release.on_click(lambda _: self._do(self.link.release_emergency))
         self._buttons = {}
@@ -288,9 +298,7 @@ class Desk:
     # --- what changes by itself
     def _dress(self) -> None:
         self.client.local_storage.set_item(DARK_KEY, "1" if self._is_dark.value else "")
-        self.client.gui.configure_theme(
-            show_logo=False, show_share_button=False, control_width="large", dark_mode=self._is_dark.value
-        )
+        self.client.gui.configure_theme(**THEME, dark_mode=self._is_dark.value)
 
     def _live(self) -> None:
         """Show what is new until the browser leaves."""
@@ -351,8 +359,7 @@ class Desk:
             self.link.watch_pictures(is_recording)
             if teaching.name in teaching.drives:
                 self._recorded.options, self._recorded.value = tuple(teaching.drives), teaching.name
-        job = f"{told} · {self.link.describe_images()}" if is_recording else ""
-        set_if_new(self._banner, "content", banner(seen, job))
+        set_if_new(self._banner, "content", self.page.state())
         set_if_new(self._scale, "content", self.chart.scale())
         set_if_new(self._past, "content", timeline(seen))
         set_if_new(self._log, "content", log_of(seen))

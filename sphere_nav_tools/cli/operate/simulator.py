@@ -28,7 +28,7 @@ class SimulatedVehicle:
         logs.mkdir(exist_ok=True)
         self._processes = Processes(logs, claim_domain())
         self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
-        self._is_driven = False
+        self.is_driven = False
         self._starter.submit(self._processes.start, "cycab_sim", SIMULATION).result()
 
     @property
@@ -40,11 +40,11 @@ class SimulatedVehicle:
         """Drive by a map along the path that was taught with it; nothing moves before start is pressed."""
 
         def start() -> None:
-            for node in DRIVERS if self._is_driven else ():
+            for node in DRIVERS if self.is_driven else ():
                 self._processes.stop(node)
             self._processes.start("dense_localizer", CLOCK | {"map": str(made)})
             self._processes.start("path_follower", CLOCK | {"trajectory": str(taught)})
-            self._is_driven = True
+            self.is_driven = True
 
         self._starter.submit(start).result()
         return f"{made.name}: localiser and follower start"

@@ -22,6 +22,7 @@ GOOD, FAIR, BAD, NONE = "#2b8a3e", "#b35c00", "#c92a2a", "#666666"
 # One colour a meaning: green is as wanted, orange is slower or not yet, red stands for a reason, grey is at rest.
 COLORS = {"DRIVING": GOOD, "FINISHED": GOOD, "TRACKING": GOOD, "SLOW": FAIR, "PAUSED": FAIR, "DEGRADED": FAIR}
 COLORS |= {"IDLE": NONE, "NO_PATH": NONE, "PROBATION": FAIR, "SEARCHING": FAIR, "STOPPING": FAIR}
+IS_IT_RUNNING = "is the node running, in this domain and namespace?"
 PAST_S, GONE_S = 300.0, 30.0  # of the time line; after which who has ended is no longer told of
 
 
@@ -77,17 +78,19 @@ def places_of(text: str) -> list[Place]:
     return places
 
 
-def banner(seen: Heard, job: str = "") -> str:
+def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
     """Return state, reason and remedy of vehicle and localiser as HTML, the vehicle's first and large.
 
-    `job`: what is being taught; whatever the nodes say is text.
+    `job`: what is being taught; `remedy`: where nothing was heard; whatever the nodes say is text.
     """
     rows = [_row("teaching", "TEACHING", job, "", GOOD)] if job else []
     for title, name in (("vehicle", "follower"), ("localisation", "localizer")):
         status, age = seen.told(name)
+        if status is None and job:
+            continue  # no node is needed to teach
         if status is None or age > SILENT_S:
             since = f"silent for {age:.0f} s" if status is not None else "nothing heard"
-            rows.append(_row(title, "UNKNOWN", since, "is the node running, in this domain and namespace?"))
+            rows.append(_row(title, "UNKNOWN", since, remedy))
             continue
         found = f"{status.value:.3g}, limit {status.limit:.3g}" if status.limit else ""
         reason = " ".join(word for word in (status.reason, found) if word)
@@ -144,7 +147,7 @@ def scale_bar(metres_a_pixel: float, turn_deg: float) -> str:
 def log_of(seen: Heard) -> str:
     """Return what was done as HTML, the newest first."""
     lines = "".join(f"<div>{escape(line)}</div>" for line in list(seen.lines))
-    return f'<div style="padding:0 1em;font-size:0.8em">{lines}</div>'
+    return f'<div style="padding:0 1em 0.8em;font-size:0.8em">{lines}</div>'
 
 
 def health(seen: Heard) -> str:

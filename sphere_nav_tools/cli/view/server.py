@@ -48,7 +48,7 @@ class Minimap:
         for edge in graph.edges:
             ends = [tuple(self.pixel(graph[end].T_map_sphere)) for end in (edge.a, edge.b)]
             cv2.line(self._base, *ends, COLORS["loops" if edge.is_loop else "way"], 1, cv2.LINE_AA)
-        bar = next(length for length in BARS_M if length <= 0.4 * extent or length == BARS_M[-1])
+        bar = next(length for length in BARS_M if length <= 0.4 * extent)
         cv2.line(self._base, (BORDER, SIDE - 8), (BORDER + round(bar * self._scale), SIDE - 8), (0, 0, 0), 2)
         told = (BORDER, SIDE - 14)
         cv2.putText(self._base, f"{bar:g} m", told, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)

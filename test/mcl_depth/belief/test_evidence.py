@@ -152,6 +152,15 @@ def test_odometry_may_err_by_a_cell_and_a_heading():
     assert total[2, 3, 5] == 0.0
 
 
+def test_after_a_gap_in_odometry_an_image_stands_alone():
+    joint, field = JointEvidence(EDGE, 2 * EDGE), np.zeros((NUM_HEADINGS, 12, 12), np.float32)
+    field[0, 3, 5] = 6.0
+    joint.add(field, np.zeros(3))
+    for odometry in (None, np.array([2 * EDGE, 0.0, 0.0])):
+        np.testing.assert_array_equal(joint.add(field, odometry), field)
+    assert peak_of(joint.add(np.zeros_like(field), np.array([4 * EDGE, 0.0, 0.0]))) == (0, 5, 5)
+
+
 def proofs(evidence, grid, seeds, poses, pose_of_belief, odometry):
     """What the evidence says of images that show each pose, or no pose."""
     asked = zip(seeds, poses, odometry, strict=True)

@@ -1,6 +1,7 @@
 """The page's parts: what is heard, who confirms, what is told in words, what is drawn for one browser."""
 
 import json
+import re
 import sys
 from contextlib import nullcontext
 from itertools import chain, repeat
@@ -187,6 +188,7 @@ def test_the_stop_belongs_to_the_document_and_asks_by_a_request_of_its_own():
     assert script.count('"') == 1
     assert "document.documentElement.appendChild" in script
     assert "fetch('/' + token + '/emergency_stop'" in script
+    assert re.findall(r"(?<![.\w])addEventListener", script) == []  # in an attribute that would be the picture's own
 
 
 def test_a_map_without_a_taught_path_has_no_places(tmp_path):
@@ -259,6 +261,11 @@ class Scene:
 def chart():
     camera = SimpleNamespace(position=(0.0, 0.0, 0.0), look_at=(0.0, 0.0, 0.0))
     return Chart(SimpleNamespace(scene=Scene(), camera=camera, atomic=nullcontext))
+
+
+def test_a_browser_that_comes_late_looks_from_above(chart):
+    camera = chart.client.camera
+    assert (camera.position, camera.look_at) == ((0.0, -0.5, 25.0), (0.0, 0.0, 0.0))
 
 
 def test_a_vehicle_is_drawn_before_its_rear_axle_and_as_it_heads(chart):
