@@ -122,7 +122,7 @@ def test_bare_geometry_needs_the_height_of_the_camera_and_names_odometry_that_is
     assert offer_mcl(recording(*one, ODOM, tree=MOUNTED)).command[:3] == ["sphere_nav", "mcl", "CLOUD"]
     alone = offer_mcl(recording(*one, tree=MOUNTED))
     assert alone.command[:3] == ["sphere_nav", "mcl", "CLOUD"]
-    assert alone.note.startswith("ready; without odometry (nav_msgs/Odometry, or")
+    assert alone.note.startswith("ready; no place is trusted without odometry (nav_msgs/Odometry, or")
     assert "odometry" not in offer_mcl(recording(*one, ODOM, tree=MOUNTED)).note
     assert "base_link and front on /tf_static, or the height" in offer_mcl(recording(*one, ODOM)).missing
     assert offer_mcl(recording(*one, ODOM, mounting="0,0,1,0,0,0")).command
