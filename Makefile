@@ -107,17 +107,19 @@ $(STAMPS)/kernels: $(filter %/kernels.py %/warm_up.py,$(SOURCES)) scripts/compil
 	@touch $@
 
 # --- what CI and a night prove besides: the real ros2, the oldest libraries, a newer Python
-.PHONY: test-ros2 test-oldest test-newer test-wheel
+.PHONY: ros2 test-ros2 test-oldest test-newer test-wheel
 ROS2_SOURCES ?= ../shared/ros2cli
 OLDEST := build/oldest
 NEWER := build/newer
 EMPTY := $(CURDIR)/build/empty
 
-# All tests that need a `ros2`, with one that is made of its sources beside the environment.
-test-ros2: env $(STAMPS)/test_wheels
-	$(ROS2_SOURCES)/install.sh $(VENV) build/ros2
+# All tests that need a `ros2`, with one that is made of its sources beside the environment: `make ros2`.
+test-ros2: env $(STAMPS)/test_wheels ros2
 	ROS2=$(CURDIR)/build/ros2/ros2 $(RUN)/pytest -n0 -ra test/installation/test_ros2_tools.py \
 		test/sphere_nav_tools/cli/test_keystore.py $(ARGS)
+
+ros2: env
+	$(ROS2_SOURCES)/install.sh $(VENV) build/ros2
 
 # NumPy, SciPy, Numba and OpenCV as in Ubuntu 24.04, in an environment of their own.
 test-oldest:
