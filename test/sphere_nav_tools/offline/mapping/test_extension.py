@@ -57,6 +57,7 @@ def drives(tmp_path_factory):
     write_drive(folder / "east", sharp_room(), EAST, START)
     write_drive(folder / "west", sharp_room(), WEST, START + 100 * PERIOD)
     write_drive(folder / "elsewhere", sharp_room(seed=1), WEST, START + 100 * PERIOD)
+    write_drive(folder / "short", sharp_room(seed=1), WEST[:2], START + 100 * PERIOD)
     assert call("map", folder / "east", "-o", folder / "taught", "--anchor", "truth", *SETTINGS) == 0
     return folder
 
@@ -105,10 +106,11 @@ def test_processes_and_a_cluster_make_the_same_map_bit_for_bit(drives, joint, tm
             pass
 
     monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Client, KilledWorker=RuntimeError))
-    words = ("--extend", drives / "taught", *SETTINGS, *ALL_KEPT)
-    for name, options in {"two": ("--jobs", 2), "cluster": ("--scheduler", "tcp://here:8786")}.items():
-        assert call("map", drives / "west", "-o", tmp_path / name, *words, *options) == 0
-        assert (tmp_path / name / "map.mcap").read_bytes() == (joint / "both" / "map.mcap").read_bytes()
+    joined = (drives / "west", "--extend", drives / "taught", *ALL_KEPT, "--jobs", 2)
+    taught = (drives / "east", "--anchor", "truth", "--scheduler", "tcp://here:8786")
+    for words, one in ((joined, joint / "both"), (taught, drives / "taught")):
+        assert call("map", *words, "-o", tmp_path / one.name, *SETTINGS) == 0
+        assert (tmp_path / one.name / "map.mcap").read_bytes() == (one / "map.mcap").read_bytes()
 
 
 def refused(capsys, *words):
@@ -119,7 +121,7 @@ def refused(capsys, *words):
 
 
 def test_a_drive_elsewhere_is_refused_with_what_was_tried(drives, tmp_path, capsys):
-    words = (drives / "elsewhere", "-o", tmp_path / "both", *SETTINGS)
+    words = (drives / "short", "-o", tmp_path / "both", *SETTINGS)
     assert call("map", *words, "--extend", drives / "taught") == 1
     said = capsys.readouterr().err
     assert "expected a drive by places of the map, found none that hold" in said
