@@ -8,7 +8,7 @@ from dense_localizer.judge.residual import residual_image
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid, prepare_reference
 from sphere_nav.photometric.align.rig import RigImage
@@ -16,6 +16,7 @@ from sphere_nav.photometric.pixels.contrast import contrast_window, local_contra
 from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_map
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
+NARROW = Pinhole(160, 120, 330.0, 330.0, 79.5, 59.5)  # 27 degrees
 WINDOW = Spherical(160, 96, 512.0, 176.0, 80.0)  # 112 degrees wide, looking forward
 
 
@@ -34,6 +35,16 @@ def test_a_second_reference_serves_within_its_region(room_map, region_m, ids):
     assert choice.ids == ids
     if region_m:
         assert choice.distance_ratio == pytest.approx(0.4 / region_m)
+
+
+@pytest.mark.parametrize(("lens", "ahead_m"), [(PINHOLE, 0.8), (NARROW, 1.8), (Spherical(512, 256), 0.0)])
+def test_whole_spheres_ahead_count_as_nearer_the_narrower_the_view(room_map, lens, ahead_m):
+    """What one of the same place behind shows is smaller than in the image."""
+    references = References(room_map, PARAMS)
+    for yaw in (0.0, np.pi):
+        T = at(0.0, 0.0, yaw) if lens.model == "pinhole" else SE3.from_planar(0.0, 0.0, yaw)
+        moved = T.inverse() @ references._ahead(T, lens)
+        np.testing.assert_allclose(moved.translation, [0.0, 0.0, ahead_m], atol=0.1)
 
 
 def test_a_partial_sphere_that_looks_elsewhere_is_passed_over(room):
