@@ -29,7 +29,7 @@ MAX_ROTATION_MISMATCH = 0.7  # of a measured rotation, as share of that of the p
 
 # Choice of references, M15 eq. 17 (references/test_reference)
 NUM_COVERAGE_POINTS = 150  # of a partial sphere, at its coarsest level
-LOOK_AHEAD = 0.3  # of the range that a view shows, by which key spheres ahead are taken for nearer; one town, 30 deg
+LOOK_AHEAD = 0.2  # of the range that a view shows, by which key spheres ahead are taken for nearer; one town, 30 deg
 NUM_CANDIDATES, MIN_CANDIDATES = 12, 4  # nearest key spheres that are considered; of each experience, at least
 NUM_CONTRAST_IMAGES = 16  # latest images of which the local contrast is kept: several cameras, some predictions
 MIN_VISIBLE_SHARE, RELATIVE_SHARE = 0.25, 0.6  # covered by a reference: of the image, of what the best one covers

@@ -223,11 +223,11 @@ class References:
 
     def _of_experience(self, nodes: list[KeySphere], sight: Sight | None) -> list[KeySphere]:
         """Return those of the key spheres, nearest first, whose experience looks like the image."""
-        first: dict[Experience, KeySphere] = {}
-        for node in nodes:
-            first.setdefault(node.experience, node)
         if sight is None or len(self._parts) == 1 or not nodes:
             return [] if sight is not None and sight.instead_of else nodes
+        first: dict[Experience, KeySphere] = {}
+        for node in sorted(nodes, key=lambda one: measure_distance(one, sight.T_map_camera)):
+            first.setdefault(node.experience, node)
         within = {
             one: node for one, node in first.items() if measure_distance(node, sight.T_map_camera) <= self._region(node)
         }
@@ -235,7 +235,7 @@ class References:
         if sight.instead_of:
             chosen = self._experience.choose_other(within, sight)
         else:
-            chosen = self._experience.choose(within or {nodes[0].experience: nodes[0]}, sight)
+            chosen = self._experience.choose(within or dict([next(iter(first.items()))]), sight)
         return [node for node in nodes if node.experience == chosen]
 
     def adopt(self, choice: Choice) -> None:
