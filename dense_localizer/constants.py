@@ -29,6 +29,7 @@ MAX_ROTATION_MISMATCH = 0.7  # of a measured rotation, as share of that of the p
 
 # Choice of references, M15 eq. 17 (references/test_reference)
 NUM_COVERAGE_POINTS = 150  # of a partial sphere, at its coarsest level
+LOOK_AHEAD = 0.2  # of the range that a view shows, by which key spheres ahead are taken for nearer; one town, 30 deg
 NUM_CANDIDATES, MIN_CANDIDATES = 12, 4  # nearest key spheres that are considered; of each experience, at least
 NUM_CONTRAST_IMAGES = 16  # latest images of which the local contrast is kept: several cameras, some predictions
 MIN_VISIBLE_SHARE, RELATIVE_SHARE = 0.25, 0.6  # covered by a reference: of the image, of what the best one covers
@@ -108,6 +109,7 @@ MAX_PITCH_RAD = 1.2  # 70 deg: steeper, a mounting is of optical axes
 FORWARD_STEP = 0.2  # before and behind a center, as share of the range
 NUM_COMPARED_POINTS, MIN_COMPARED_POINTS = 600, 20  # of a sphere with the image; visible, below which nothing is said
 NUM_ALIGNED, NUM_VERIFIED = 30, 4  # best guesses that are aligned coarsely, and of them at full resolution
+CLEAR_LEAD = 0.25  # of coarse correlation, by which the best guess leaves others behind: twice the margin of a start
 NUM_LAID_OUT, NUM_HEADINGS, NUM_BY_PARTS = 48, 2, 6  # spheres compared by edges; headings of each; best ones aligned
 NUM_TURNED = 4  # spheres in which an image is compared at all turns about its axis, where no features place it
 NUM_NEAR = 6  # key spheres around a given or lost pose

@@ -13,26 +13,26 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.commands import call
-from benchmarks.drive.mission_cameras import record_drive
+from benchmarks.drive.mission_cameras import Taught, record_drive
 from benchmarks.report import Bound, Headline, Report, Table
 from cycab_sim.params import SimParams
 from cycab_sim.sensors.rigs import rig_file_text
 from cycab_sim.simulator import Simulator
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.params import build
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import message_to_status, stamp_ns
 from sphere_nav.ros.maps.reader import FILE_NAME, open_map
 from sphere_nav_tools.cli.demo.demo import OTHER_DAY, SIMULATION, TOUR
-from sphere_nav_tools.offline.pose_bags import read_poses
+from sphere_nav_tools.cli.demo.report import read_truth
 
 HELP = "a way of the simulator repeated in nine lights and seasons; the map grows where it was not tracked"
 KINDS = ("", "overcast", "autumn", "winter", "snow", "wet", "low_sun", "dusk", "night_lamps")  # "": the taught day
@@ -53,7 +53,6 @@ def run(options: argparse.Namespace) -> Report:
     drives = draw_drives(count, options.seed, QUICK_KINDS if is_quick else KINDS)
     with tempfile.TemporaryDirectory() as folder:
         repeats = Repeats(Way(options.seed, length_m), Path(folder))
-        repeats.teach()
         for drive in drives:
             repeats.repeat(drive)
             print(" | ".join(repeats.rows[-1]), file=sys.stderr, flush=True)
@@ -104,6 +103,13 @@ class Way:
         if simulator.rig is not None:
             (bag / "rig.yaml").write_text(rig_file_text(simulator.rig, ""), encoding="utf-8")
 
+    def teach(self, folder: Path) -> Taught:
+        """Drive and map the first day in a folder."""
+        bag, path = folder / "teach", folder / "taught.tum"
+        self.record(bag, {}, by_rig=True)
+        call("map", bag, "-o", folder / "map", "--taught", path, "--rig", bag / "rig.yaml")
+        return Taught(read_tum(path), read_truth(bag))
+
 
 @dataclass(frozen=True)
 class Drive:
@@ -143,15 +149,26 @@ def draw_drives(count: int, seed: int, kinds: tuple[str, ...] = KINDS) -> list[D
 class Found:
     """How a drive was localised: images of the moving vehicle, share in TRACKING, the rest of them by reason and state.
 
-    start_s: from the first image to the first pose in TRACKING, s (NaN: none); errors of the poses in TRACKING.
+    start_s: from the first image to the first pose in TRACKING, s (NaN: none); of the poses in TRACKING `off` (N, 6) m
+    and rad, in the vehicle's axes, and `sigmas` (N,), how far off that is by their covariances.
     """
 
     num_images: int
     share: float
     start_s: float
-    num_wrong: int
-    lateral_rmse_m: float
-    why: str = ""
+    why: str
+    off: Array
+    sigmas: Array
+
+    @property
+    def num_wrong(self) -> int:
+        """How many poses are wrong."""
+        return int(np.sum(np.linalg.norm(self.off[:, :3], axis=1) > WRONG_M))
+
+    @property
+    def lateral_rmse_m(self) -> float:
+        """Of the poses; NaN: none."""
+        return float(np.sqrt(np.mean(self.off[:, 1] ** 2))) if len(self.off) else float("nan")
 
     def cells(self) -> tuple[str, ...]:
         """Return them as they are printed."""
@@ -160,42 +177,15 @@ class Found:
         return f"{self.num_images}", f"{self.share:.1%}", start, f"{self.num_wrong}", error
 
 
-@dataclass(eq=False)
-class Taught:
-    """The teaching drive: true poses and those of the map, at the images that were mapped."""
-
-    bag: Path
-    taught: Path
-    truth: Trajectory = field(init=False)
-    mapped: Trajectory = field(init=False)
-
-    def __post_init__(self) -> None:
-        mapped = read_tum(self.taught)
-        at, known = read_poses(self.bag, ("/ground_truth/odometry",)).at(mapped.stamps_ns)
-        self.truth, self.mapped = at, mapped[known]
-
-    def errors(self, estimate: Trajectory, truth: Trajectory) -> NDArray[np.float64]:
-        """Return (N, 3) m: where the map has the vehicle less where it is, both by the nearest taught pose."""
-        at, known = truth.at(estimate.stamps_ns, max_gap_ns=200_000_000)
-        found = []
-        for T_world, T_map in zip(at.T_map_body.matrix, estimate.T_map_body.matrix[known], strict=True):
-            k = int(np.argmin(np.linalg.norm(self.truth.positions - T_world[:3, 3], axis=1)))
-            true, told = (
-                np.linalg.inv(one.T_map_body.matrix[k]) @ T for one, T in ((self.truth, T_world), (self.mapped, T_map))
-            )
-            found.append(told[:3, 3] - true[:3, 3])
-        return np.array(found).reshape(-1, 3)
-
-
-def localise(map_folder: Path, bag: Path, folder: Path, taught: Taught) -> Found:
-    """Localise a drive by its camera from nowhere."""
+def localise(map_folder: Path, bag: Path, folder: Path, taught: Taught, *words: object) -> Found:
+    """Localise a drive by its camera, from nowhere where no words say more."""
     folder.mkdir()
     problem = ""
     try:
-        call("localize", map_folder, bag, "-o", folder / "poses.tum", "--bag", folder / "said")
+        call("localize", map_folder, bag, "-o", folder / "poses.tum", "--bag", folder / "said", *words)
     except ValueError as error:
         problem = str(error)
-    truth = read_poses(bag, ("/ground_truth/odometry",))
+    truth = read_truth(bag)
     with BagReader(bag) as reader:
         images = np.array([stamp_ns(item.message) for item in reader.messages(["/image_raw"])])
     states = _states(folder / "said") if (folder / "said").is_dir() else {}
@@ -205,17 +195,20 @@ def localise(map_folder: Path, bag: Path, folder: Path, taught: Taught) -> Found
     counts = {one: told.count(one) for one in dict.fromkeys(told) if one[0] != "TRACKING"}
     why = ", ".join(f"{number} {state} {reason}".strip() for (state, reason), number in counts.items()) or problem
     if not len(tracked):
-        return Found(len(moving), 0.0, float("nan"), 0, float("nan"), why)
+        return Found(len(moving), 0.0, float("nan"), why, np.empty((0, 6)), np.empty(0))
     poses = read_tum(folder / "poses.tum")
-    errors = taught.errors(poses[np.isin(poses.stamps_ns, tracked)], truth)
-    return Found(
-        len(moving),
-        float(np.isin(moving, tracked).mean()),
-        float(tracked[0] - images[0]) / 1e9,
-        int(np.sum(np.linalg.norm(errors, axis=1) > WRONG_M)),
-        float(np.sqrt(np.mean(errors[:, 1] ** 2))),
-        why,
-    )
+    start_s, share = float(tracked[0] - images[0]) / 1e9, float(np.isin(moving, tracked).mean())
+    return Found(len(moving), share, start_s, why, *deviations(poses[np.isin(poses.stamps_ns, tracked)], truth, taught))
+
+
+def deviations(estimate: Trajectory, truth: Trajectory, taught: Taught) -> tuple[Array, Array]:
+    """Return by how much (N, 6) m and rad poses in the map are off, by the nearest taught pose; in deviations (N,)."""
+    at, known = truth.at(estimate.stamps_ns, max_gap_ns=200_000_000)
+    poses = estimate[known]
+    off = [(at.T_map_body[k].inverse() @ taught.to_world(poses.T_map_body[k])).log() for k in range(len(poses))]
+    rows = np.array(off).reshape(-1, 6)
+    assert poses.covariances is not None
+    return rows, np.sqrt(np.einsum("ni,nij,nj->n", rows, np.linalg.inv(poses.covariances), rows))
 
 
 def _states(bag: Path) -> dict[int, tuple[str, str]]:
@@ -235,18 +228,11 @@ class Repeats:
     """The drives of one way, and the maps that they made."""
 
     def __init__(self, way: Way, folder: Path) -> None:
-        self.way, self.folder = way, folder
+        self.way, self.folder, self.taught = way, folder, way.teach(folder)
         self.maps = [folder / "map"]
         self.notes: list[str] = []
         self.rows: list[tuple[str, ...]] = []
         self.found: list[tuple[Drive, Found]] = []
-
-    def teach(self) -> None:
-        """Drive and map the first day."""
-        bag, taught = self.folder / "teach", self.folder / "taught.tum"
-        self.way.record(bag, {}, by_rig=True)
-        call("map", bag, "-o", self.maps[0], "--taught", taught, "--rig", bag / "rig.yaml")
-        self.taught = Taught(bag, taught)
 
     def repeat(self, drive: Drive) -> None:
         """Drive once more, localise, extend the map where that was not well."""

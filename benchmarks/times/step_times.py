@@ -1,6 +1,7 @@
 """CPU of one iteration, a pyramid, a whole localisation step and a key sphere of six cameras; a process's first answer.
 
-The yardstick is plain NumPy: by its time the others compare from machine to machine.
+The yardstick is plain NumPy: by its time the others compare from machine to machine. A step is what its own thread
+computes; beside it stands what all threads do meanwhile, those that prepare key spheres included. A search is of all.
 """
 
 from __future__ import annotations
@@ -68,7 +69,8 @@ def run(options: argparse.Namespace) -> Report:
     unit = repeat_cpu(yardstick(), runs)
     times = {"yardstick": unit, "iteration": iteration_ms(image, room, runs)}
     times["pyramid"] = repeat_cpu(lambda: build_pyramid(image, CAMERA, PyramidParams()), runs)
-    times["step"], times["search"] = drive(room, SETTLE + runs, 3 if is_quick else 10)
+    steps, times["search"] = drive(room, SETTLE + runs, 3 if is_quick else 10)
+    times["step"], times["all threads meanwhile"] = steps.T
     stitched, keyed = key_sphere(options.seed, QUICK_INSTANTS if is_quick else INSTANTS)
     times["stitched"], times["key sphere"] = stitched, keyed
     middle = {what: float(np.median(ms)) for what, ms in times.items()}
@@ -115,7 +117,7 @@ def map_of(room: Room, camera: Spherical) -> SphereGraph:
 
 
 def drive(room: Room, num_images: int, num_searches: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return CPU times in ms of the images of a drive, but for those of its start; and of first images anywhere."""
+    """Return CPU ms (N, 2) of a drive's images but for its start, by own and by all threads; of first images by all."""
     localizer, t = (
         Localizer(LocalizerParams(), MemoryMap(map_of(room, SPHERE))),
         1e-9 * PERIOD_NS * np.arange(num_images),
@@ -127,15 +129,15 @@ def drive(room: Room, num_images: int, num_searches: int) -> tuple[NDArray[np.fl
     searches = []
     for number, image in enumerate(images[:: len(images) // num_searches][:num_searches]):
         localizer.reset()
-        searches.append(_clocked(localizer, image, 10_000 + 100 * number))
+        searches.append(_clocked(localizer, image, 10_000 + 100 * number)[1])
     localizer.references.close()
     return np.array(steps[SETTLE:]), np.array(searches)
 
 
-def _clocked(localizer: Localizer, image: NDArray[np.uint8], number: int) -> float:
-    begun = time.process_time()
+def _clocked(localizer: Localizer, image: NDArray[np.uint8], number: int) -> tuple[float, float]:
+    own, all_threads = time.thread_time(), time.process_time()
     localizer.update(image, CAMERA, number * PERIOD_NS)
-    return 1e3 * (time.process_time() - begun)
+    return 1e3 * (time.thread_time() - own), 1e3 * (time.process_time() - all_threads)
 
 
 def key_sphere(seed: int, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -24,6 +24,7 @@ from dense_localizer.constants import (
 from dense_localizer.references.coarse_reference import CoarseReferences
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.align.projection import view_cone
 from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.spheres.appearance.headings import cut_view, score_headings
 from sphere_nav.spheres.graph import Experience, KeySphere
@@ -139,17 +140,18 @@ def correlate_poses(
 
     points (N, 3) m and intensity (N,) of the sphere, T_camera_sphere a batch of G, the image at one level.
     """
-    pixels, is_visible = level.camera.project(T_camera_sphere.apply(points.astype(np.float64)))
-    u, v = (np.nan_to_num(axis) for axis in np.moveaxis(pixels, -1, 0))
+    local = T_camera_sphere.apply(points.astype(np.float64))
+    *axis, angle = view_cone(level.camera).tolist()
+    pose, point = np.nonzero(local @ np.array(axis) >= np.cos(angle) * np.linalg.norm(local, axis=-1))
+    pixels, is_visible = level.camera.project(local[pose, point])
+    pose, point, (u, v) = pose[is_visible], point[is_visible], pixels[is_visible].T
     column = np.clip(np.rint(u), 0, level.camera.width - 1).astype(np.int64) + level.pad
     row = np.clip(np.rint(v), 0, level.camera.height - 1).astype(np.int64)
-    seen = np.where(is_visible, level.image[row, column], 0.0)
-    known = np.where(is_visible, intensity, 0.0)
-    count = np.count_nonzero(is_visible, axis=1)
-    safe = np.maximum(count, 1)
-    mean_seen, mean_known = seen.sum(axis=1) / safe, known.sum(axis=1) / safe
-    product = np.einsum("gn,gn->g", seen, known) / safe - mean_seen * mean_known
-    variance_seen = np.einsum("gn,gn->g", seen, seen) / safe - mean_seen**2
-    variance_known = np.einsum("gn,gn->g", known, known) / safe - mean_known**2
-    ncc = product / np.sqrt(np.maximum(variance_seen * variance_known, 1e-6))
+    seen, known = level.image[row, column].astype(np.float64), intensity[point].astype(np.float64)
+    count, number = np.bincount(pose, minlength=len(local)), len(local)
+    products = seen, known, seen * known, seen**2, known**2
+    means = (np.bincount(pose, one, number) / np.maximum(count, 1) for one in products)
+    mean_seen, mean_known, product, square_seen, square_known = means
+    variance = (square_seen - mean_seen**2) * (square_known - mean_known**2)
+    ncc = (product - mean_seen * mean_known) / np.sqrt(np.maximum(variance, 1e-6))
     return np.where(count >= MIN_COMPARED_POINTS, ncc, -1.0), count

@@ -1,10 +1,11 @@
-"""The key spheres that an image is aligned to: chosen by distance alone (M15 eq. 17), prepared once, kept for a while.
+"""The key spheres that an image is aligned to: the nearest (M15 eq. 17), prepared once, kept for a while.
 
 They are streamed (`prefetch.py`): those of the way ahead are read and prepared by another thread, the longest unused
 make room; their pixels are chosen by a third before an image needs them. An image of a live camera never waits for
 either: it is aligned to what is there.
 
-A whole sphere sees in every direction, so translation is all that counts. A partial sphere (one camera's view) may
+A whole sphere sees in every direction, so translation is all that counts: from a little ahead, as a key sphere behind a
+camera shows what that sees smaller than the image does. A partial sphere (one camera's view) may
 face elsewhere; it is passed over where it covers clearly less of the image than others do.
 """
 
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import (
+    LOOK_AHEAD,
     MIN_CANDIDATES,
     MIN_VISIBLE_SHARE,
     NUM_CANDIDATES,
@@ -38,6 +40,7 @@ from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Pyramid, Reference, View, build_pyramid, prepare_reference
+from sphere_nav.photometric.align.projection import view_cone
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import CELLS
 from sphere_nav.photometric.pixels.contrast import contrast_window, local_contrast
@@ -220,11 +223,11 @@ class References:
 
     def _of_experience(self, nodes: list[KeySphere], sight: Sight | None) -> list[KeySphere]:
         """Return those of the key spheres, nearest first, whose experience looks like the image."""
-        first: dict[Experience, KeySphere] = {}
-        for node in nodes:
-            first.setdefault(node.experience, node)
         if sight is None or len(self._parts) == 1 or not nodes:
             return [] if sight is not None and sight.instead_of else nodes
+        first: dict[Experience, KeySphere] = {}
+        for node in sorted(nodes, key=lambda one: measure_distance(one, sight.T_map_camera)):
+            first.setdefault(node.experience, node)
         within = {
             one: node for one, node in first.items() if measure_distance(node, sight.T_map_camera) <= self._region(node)
         }
@@ -232,7 +235,7 @@ class References:
         if sight.instead_of:
             chosen = self._experience.choose_other(within, sight)
         else:
-            chosen = self._experience.choose(within or {nodes[0].experience: nodes[0]}, sight)
+            chosen = self._experience.choose(within or dict([next(iter(first.items()))]), sight)
         return [node for node in nodes if node.experience == chosen]
 
     def adopt(self, choice: Choice) -> None:
@@ -257,7 +260,8 @@ class References:
         wanted: dict[int, SE3] = {}
         for seconds in PREFETCH_S:
             pose = T_map_camera @ SE3.exp(twist * seconds)
-            for node in self._nearest_in_use(pose.translation, self._params.num_references):
+            ahead = pose if self._last is None else self._ahead(pose, self._last[0])
+            for node in self._nearest_in_use(ahead.translation, self._params.num_references):
                 wanted.setdefault(_key(node.id, self.by_contrast), pose)
         self._spheres.begin(list(wanted), lambda key: partial(self._prepare_seen, wanted[key], self._last))
 
@@ -267,7 +271,7 @@ class References:
             return
         camera, last = self._last
         T_soon = T_map_camera @ SE3.exp(twist * PIXELS_LEAD_S)
-        nearest = self._nearest_in_use(T_soon.translation, self._params.num_references)
+        nearest = self._nearest_in_use(self._ahead(T_soon, camera).translation, self._params.num_references)
         keys = [
             [_key(one, self.by_contrast) for one in some]
             for some in (last, [node.id for node in self._near_enough(nearest, T_soon)])
@@ -294,9 +298,21 @@ class References:
             self._contrast_images = [*self._contrast_images[-NUM_CONTRAST_IMAGES:], (one.pyramid, found)]
         return replace(one, pyramid=found)
 
+    def _ahead(self, T_map_camera: SE3, camera: Camera) -> SE3:
+        """Return a pose moved towards what the camera sees, where key spheres are whole: one there shows it larger.
+
+        The narrower a view, the farther away is what it shows. A panorama stays where it is.
+        """
+        nearest = self.coarse[self.nearest(T_map_camera.translation, 1)[0].id]
+        if not (nearest.camera.is_whole and np.isfinite(nearest.typical_range_m)):
+            return T_map_camera
+        *axis, angle = view_cone(camera).tolist()
+        share = LOOK_AHEAD * 0.5 * (1.0 + np.cos(angle)) / np.sin(min(angle, 0.5 * np.pi))
+        return T_map_camera @ SE3.from_parts(np.eye(3), share * nearest.typical_range_m * np.array(axis))
+
     def _candidates(self, T_map_camera: SE3, camera: Camera, count: int) -> tuple[list[KeySphere], NDArray[np.float64]]:
         """Return the nearest key spheres, `count` where all are whole, and the share of the image that each covers."""
-        nodes = self._nearest_of_all(T_map_camera)
+        nodes = self._nearest_of_all(self._ahead(T_map_camera, camera))
         first = nodes[: count or self._params.num_references] if len(self._parts) == 1 else nodes
         if all(self.coarse[node.id].camera.is_whole for node in first):
             return first, np.ones(len(first))

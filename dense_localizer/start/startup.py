@@ -2,8 +2,9 @@
 
 The key spheres that look like the image (all of a small map) offer guesses: poses in and about their centers, and
 where features place the image. All are compared with the image, a few hundred points of the sphere projected from each
-pose into its coarsest level; the best are aligned at the coarsest levels. The best of those are for the localizer to
-align at full resolution with two references. A result that another place explains nearly as well is withheld.
+pose into its coarsest level; the best are aligned at that level, which ranks them as well as a finer one. Those that
+are not clearly behind are for the localizer to align at full resolution with two references. A result that another
+place explains nearly as well is withheld.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from dense_localizer.constants import (
+    CLEAR_LEAD,
     FORWARD_STEP,
     MAX_GUESS_M,
     MAX_PITCH_RAD,
     NUM_ALIGNED,
-    NUM_COARSE_LEVELS,
     NUM_COMPARED_POINTS,
     NUM_NEAR,
     NUM_RETRIEVED,
@@ -131,11 +132,12 @@ class Startup:
 
     def _refine(self, seen: RigImage, guesses: Sequence[Guess]) -> list[SE3]:
         aligned = select_best([self._align(seen, guess) for guess in guesses], len(guesses))
-        return [seen.body(guess.T_map_camera) for guess in select_distinct(aligned, NUM_VERIFIED)]
+        near_best = [guess for guess in aligned if guess.score >= aligned[0].score - CLEAR_LEAD]
+        return [seen.body(guess.T_map_camera) for guess in select_distinct(near_best, NUM_VERIFIED)]
 
     def _align(self, seen: RigImage, guess: Guess) -> Guess:
-        """Return a guess after alignment at the coarsest levels."""
-        params = stop_at(len(seen.pyramid.levels) - NUM_COARSE_LEVELS, self._params.registration)
+        """Return a guess after alignment at the coarsest level."""
+        params = stop_at(len(seen.pyramid.levels) - 1, self._params.registration)
         view = View(self._references.coarse.reference(guess.node.id), guess.node.T_map_sphere)
         found = register(seen.pyramid, [view], guess.T_map_camera, params)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0

@@ -56,11 +56,14 @@ def is_sure(candidate: PoseCandidate, references: References) -> bool:
 def explains_more(other: PoseCandidate, candidate: PoseCandidate) -> bool:
     """Whether a candidate by local contrast serves where one by grey levels is not good, or the other way round.
 
-    Not where both have the pose jump to one place: they confirm the jump, and the care that it asks for.
+    Grey levels that resemble the map little are surer than they may be: local contrast that is accepted goes before
+    them. Not where both have the pose jump to one place: they confirm the jump, and the care that it asks for.
     """
-    if not candidate.is_accepted:
+    if not (candidate.is_accepted and other.is_accepted):
         return other.is_accepted
-    if not other.acceptance.is_good:
+    gray = candidate if other.choice.by_contrast else other
+    is_doubtful = gray.ncc < SURE_GRAY_NCC and not (gray.is_by_parts or gray.is_by_range)
+    if not (other.choice.by_contrast if is_doubtful else other.acceptance.is_good):
         return False
     both = candidate.covariance + other.covariance
     is_there = squared_distance(candidate.T_map_camera, other.T_map_camera, both) <= MAX_SAME_POSE**2

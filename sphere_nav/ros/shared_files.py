@@ -13,11 +13,20 @@ NODES = "sphere_nav.nodes"  # entry points of setup.py
 
 def main() -> int:
     """Run a node, named as its executable; before the second that importing it takes say that it starts."""
+    use_one_thread()
     name = Path(sys.argv[0]).name
     if not {"--help", "-h"} & set(sys.argv):
         sys.stderr.write(f"{name}: {software()} starts\n")
         sys.stderr.flush()
     return int(node_entry(name).load()())
+
+
+def use_one_thread() -> None:
+    """Let OpenBLAS multiply in one thread, unless the user says otherwise; NumPy reads that when it is imported.
+
+    Our matrices have some ten columns: its threads would wait for each other for longer than they compute.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def node_entry(name: str) -> metadata.EntryPoint:

@@ -54,3 +54,11 @@ def test_a_camera_stays_where_it_is_mounted_unless_the_body_is_known_to_have_mov
     image = CameraImage(room.photograph(PINHOLE, at(0.0)), PINHOLE, mount, delay_s=delay_s)
     (seen,) = Inputs(PARAMS, 1e6).check((image,), SECOND, velocity=velocity).images
     assert seen.T_body_camera is mount
+
+
+@pytest.mark.parametrize(("pixels_per_radian", "width"), [(1e6, 160), (70.5, 160), (69.0, 80)])
+def test_no_image_is_sharper_than_the_map_shows(room, pixels_per_radian, width):
+    """The camera has 110 pixels per radian; 1.6 times as many as the map's are kept."""
+    image = CameraImage(room.photograph(PINHOLE, at(0.0)), PINHOLE)
+    (seen,) = Inputs(PARAMS, pixels_per_radian).check((image,), SECOND).images
+    assert seen.pyramid.cameras[0].width == width

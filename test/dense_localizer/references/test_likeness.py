@@ -45,10 +45,9 @@ def sight(experience, x, is_followed=True):
 @pytest.mark.slow
 def test_references_are_of_the_experience_that_looks_like_the_image(days):
     references = References(days, PARAMS)
-    for experience, ids in ((DAY, (0, 1)), (NIGHT, (10, 11)), (SNOW, (20, 21))):
+    for tens, experience in enumerate((DAY, NIGHT, SNOW)):
         chosen = references.choose(at(0.25), PINHOLE, sight=sight(experience, 0.25, is_followed=False))
-        assert chosen.ids == ids
-    assert references.choose(at(0.25), PINHOLE).ids[0] in (0, 10, 20)  # without an image by distance alone
+        assert [one // 10 for one in chosen.ids] == [tens, tens]
 
 
 def test_in_a_light_that_is_in_none_edges_say_which_is_most_like_it():
@@ -63,7 +62,7 @@ def test_in_a_light_that_is_in_none_edges_say_which_is_most_like_it():
     for k, room in enumerate(rooms.values()):
         image = relit(room.photograph(PINHOLE, at(0.25), 0), 0)
         seen = Sight(build_pyramid(image, PINHOLE).levels[-1], at(0.25), is_followed=False)
-        assert references.choose(at(0.25), PINHOLE, sight=seen).ids == (10 * k, 10 * k + 1)
+        assert references.choose(at(0.25), PINHOLE, sight=seen).ids == (10 * k + 1, 10 * k + 2)  # ahead
     references.close()
 
 

@@ -8,7 +8,7 @@ from dense_localizer.judge.residual import residual_image
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid, prepare_reference
 from sphere_nav.photometric.align.rig import RigImage
@@ -16,6 +16,8 @@ from sphere_nav.photometric.pixels.contrast import contrast_window, local_contra
 from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_map
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
+NARROW = Pinhole(160, 120, 330.0, 330.0, 79.5, 59.5)  # 27 degrees
+AROUND = Spherical(512, 256)  # what is ahead is no nearer to it
 WINDOW = Spherical(160, 96, 512.0, 176.0, 80.0)  # 112 degrees wide, looking forward
 
 
@@ -34,6 +36,16 @@ def test_a_second_reference_serves_within_its_region(room_map, region_m, ids):
     assert choice.ids == ids
     if region_m:
         assert choice.distance_ratio == pytest.approx(0.4 / region_m)
+
+
+@pytest.mark.parametrize(("lens", "ahead_m"), [(PINHOLE, 0.5), (NARROW, 1.2), (AROUND, 0.0)])
+def test_whole_spheres_ahead_count_as_nearer_the_narrower_the_view(room_map, lens, ahead_m):
+    """What one of the same place behind shows is smaller than in the image."""
+    references = References(room_map, PARAMS)
+    for yaw in (0.0, np.pi):
+        T = at(0.0, 0.0, yaw) if lens.model == "pinhole" else SE3.from_planar(0.0, 0.0, yaw)
+        moved = T.inverse() @ references._ahead(T, lens)
+        np.testing.assert_allclose(moved.translation, [0.0, 0.0, ahead_m], atol=0.1)
 
 
 def test_a_partial_sphere_that_looks_elsewhere_is_passed_over(room):
@@ -65,18 +77,18 @@ def test_a_live_camera_never_waits_for_a_sphere(room):
 
     sphere_map = SlowMap(list(make_map(room, [SE3.from_planar(0.5 * k, 0.0, 0.0) for k in range(4)]).graph))
     references = References(sphere_map, PARAMS, is_live=True)
-    choice = references.choose(at(0.0), PINHOLE, is_followed=True)  # nothing is there: the small one of the nearest
+    choice = references.choose(at(0.0), AROUND, is_followed=True)  # nothing is there: the small one of the nearest
     assert choice.ids == (0,)
     assert choice.views[0].reference.camera.width < 512
     references._spheres.get(0)
     references.prefetch(at(0.0), np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]))
-    choice = references.choose(at(1.0), PINHOLE, is_followed=True)  # what is there, though others are nearer
+    choice = references.choose(at(1.0), AROUND, is_followed=True)  # what is there, though others are nearer
     assert choice.ids == (0,)
     assert choice.views[0].reference.camera.width == 512
     assert choice.distance_m == pytest.approx(1.0)
     sphere_map.is_open.set()
-    assert references.choose(at(1.0), PINHOLE).ids == (2, 1)  # whoever is not followed waits
-    assert references.choose(at(1.0), PINHOLE, is_followed=True).ids == (2, 1)
+    assert references.choose(at(0.95), AROUND).ids == (2, 1)  # whoever is not followed waits
+    assert references.choose(at(0.95), AROUND, is_followed=True).ids == (2, 1)
 
 
 def seen_from(room, pose):

@@ -7,6 +7,7 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
 from dense_localizer.references.reference import References
+from dense_localizer.start.guesses import Guess
 from dense_localizer.start.startup import Startup, candidate_poses, decide
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason
@@ -115,6 +116,15 @@ def test_what_resembles_nothing_may_be_the_one_place_of_a_range():
     assert decide([candidate(0.4, 5.0), same, one], SearchParams()).candidate is one
     assert decide([one, other], SearchParams()).finding.reason is Reason.LOW_OVERLAP
     assert decide([candidate(0.51), one, other], SearchParams()).candidate.ncc == 0.51
+
+
+def test_guesses_that_are_clearly_behind_are_not_aligned_at_full_resolution(monkeypatch):
+    scores = [0.5, 0.9, 0.64, 0.66, 0.2]
+    guesses = [Guess(None, at(float(place), 0.0, 0.0), score) for place, score in enumerate(scores)]
+    startup = Startup(None, PARAMS)
+    monkeypatch.setattr(startup, "_align", lambda seen, guess: guess)
+    poses = startup._refine(RigImage(None), guesses)
+    assert [round(float(pose.translation[0])) for pose in poses] == [1, 3]
 
 
 def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):

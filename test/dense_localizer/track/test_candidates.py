@@ -36,7 +36,12 @@ def candidate(quality, ids=(0,), prediction="here", chance=None, **more):
     judged = SimpleNamespace(is_accepted=quality >= 0.0, acceptance=acceptance, covariance=1e-4 * np.eye(6))
     judged.T_map_camera = SE3.exp([more.get("x", 0.0), 0.0, 0.0, 0.0, 0.0, 0.0])
     judged.finding = SimpleNamespace(reason=more.get("reason", Reason.OUTLIERS))
-    evidence = {"chance": chance, "is_by_parts": more.get("is_by_parts", False), "ncc": more.get("ncc", 1.0)}
+    evidence = {
+        "chance": chance,
+        "is_by_range": False,
+        "is_by_parts": more.get("is_by_parts", False),
+        "ncc": more.get("ncc", 1.0),
+    }
     return SimpleNamespace(**vars(judged), choice=choice, prediction=prediction, **evidence)
 
 
@@ -96,6 +101,19 @@ def test_what_resembles_the_map_little_is_looked_at_by_contrast(ncc, serves, is_
     one, another = candidate(0.9, prediction=HERE, by_contrast=serves, ncc=ncc), candidate(0.6, by_contrast=not serves)
     found = find_candidate([HERE], lambda how, _: one if how.by_contrast is None else another, days)
     assert found is (another if is_asked else one)
+
+
+@pytest.mark.parametrize(("ncc", "is_contrast"), [(0.89, True), (0.91, False)])
+@pytest.mark.parametrize("serves", [False, True])
+def test_contrast_that_is_accepted_goes_before_grey_levels_that_resemble_the_map_little(serves, ncc, is_contrast):
+    """With a lens of 30 degrees they were 0.3 to 0.6 m off, good by themselves; contrast was right, but not sure."""
+    days = Days()
+    days.knows_contrast = True
+    gray = candidate(0.9, prediction=HERE, ncc=ncc)
+    contrast = candidate(0.3, prediction=HERE, by_contrast=True, ncc=0.7)
+    asked = {None: contrast if serves else gray, not serves: gray if serves else contrast}
+    found = find_candidate([HERE], lambda how, tried: NOTHING if tried else asked[how.by_contrast], days)
+    assert found is (contrast if is_contrast else gray)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,97 @@
+"""A street of the simulator mapped by six cameras on one sunny day, driven by other cameras, and by night.
+
+The cameras see 80 to 30 degrees, on another day among other parked cars and traffic, from 1.8 m above the ground as the
+map was taken, or from 0.4 m; the night is that of head lamps. All begin from nowhere with odometry, but for the last
+row, to which the first pose is given. An error is that of the vehicle relative to the taught drive (`repeats`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.drive.repeats import MAX_CLOUDS, Drive, Found, Way, localise
+from benchmarks.report import Bound, Headline, Report, Table
+from sphere_nav_tools.cli.demo.report import read_truth
+
+HELP = "lenses of 80 to 30 degrees, a low camera and a first night in a map of one sunny day"
+DAY, NIGHT = (Drive(*one, 1, MAX_CLOUDS).parameters for one in ((1, ""), (2, "night_lamps")))
+LOW = {"camera.mounting_deg": "1,0,0.4,0,0,0"}
+
+
+class Row(NamedTuple):
+    """What is driven: the simulator's parameters, and the least share of moving images in TRACKING, latest start in s.
+
+    is_given: with the pose of the first image.
+    """
+
+    name: str
+    parameters: dict[str, Any]
+    least: float
+    latest_s: float
+    is_given: bool = False
+
+
+LENSES = ((80, 0.98), (60, 0.98), (50, 0.98), (30, 0.9))
+ROWS = (
+    *(Row(f"{degrees} deg", DAY | {"camera.view_deg": degrees}, least, 3.0) for degrees, least in LENSES),
+    Row("0.4 m above ground", DAY | LOW, 0.95, 3.0),
+    Row("first night", NIGHT, 0.9, 3.0),
+    Row("first night, pose given", NIGHT, 0.9, 1.0, is_given=True),
+)
+LENGTHS_M = {"quick": 4.0, "full": 30.0}
+QUICK = "80 deg", "first night, pose given"  # that are left out
+MAX_SIGMAS, MAX_OFF = 4.48, 0.05  # chi of 6 numbers that three sigma of one are; share of the poses that is beyond
+COLUMNS = ("camera", "images", "TRACKING", "start", "wrong", "lateral RMSE", "RMSE", "worst", "beyond 3 sigma", "else")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Teach, map, drive, judge."""
+    way, is_quick = Way(options.seed, LENGTHS_M[options.size]), options.size == "quick"
+    rows = [row for row in ROWS if not (is_quick and row.name in QUICK)]
+    with tempfile.TemporaryDirectory() as folder:
+        found = measure(way, rows, Path(folder))
+    table = Table(f"{way.length_m:g} m of a street", COLUMNS, [cells(*one) for one in zip(rows, found, strict=True)])
+    bounds = [bound for one in zip(rows, found, strict=True) for bound in judge(*one, table.title)]
+    return Report("lenses", [table], bounds, [__doc__ or ""])
+
+
+def measure(way: Way, rows: list[Row], folder: Path) -> list[Found]:
+    """Return how each drive was localised."""
+    taught, found = way.teach(folder), list[Found]()
+    for number, row in enumerate(rows):
+        bag, words = folder / row.name.split(",")[0], list[object]()
+        if not bag.exists():
+            way.record(bag, row.parameters, by_rig=False)
+        if row.is_given:
+            T_map = taught.T_map[0] @ taught.T_world[0].inverse() @ read_truth(bag).T_map_body[0]
+            words = ["--initial-pose", ",".join(f"{x:.6f}" for x in (*T_map.translation, *T_map.quaternion))]
+        found.append(localise(folder / "map", bag, folder / f"found_{number}", taught, *words))
+        print(" | ".join(cells(row, found[-1])), file=sys.stderr, flush=True)
+    return found
+
+
+def judge(row: Row, found: Found, data: str) -> list[Bound]:
+    """Return the bounds of a row."""
+    return [
+        Bound(f"{row.name}: TRACKING", row.least, found.share, "", True, Headline("other light", data)),
+        Bound(f"{row.name}: first pose", row.latest_s, found.start_s, "s"),
+        Bound(f"{row.name}: TRACKING beyond 3 sigma", MAX_OFF, beyond(found), ""),
+    ]
+
+
+def beyond(found: Found) -> float:
+    """Return the share of poses in TRACKING that are more than three sigma off; NaN: none."""
+    return float(np.mean(found.sigmas > MAX_SIGMAS)) if len(found.sigmas) else float("nan")
+
+
+def cells(row: Row, found: Found) -> tuple[str, ...]:
+    """Return a row as it is printed."""
+    off = np.linalg.norm(found.off[:, :3], axis=1) if len(found.off) else np.full(1, np.nan)
+    errors = f"{1e3 * np.sqrt(np.mean(off**2)):.1f} mm", f"{1e3 * off.max():.0f} mm", f"{beyond(found):.1%}"
+    return row.name, *found.cells(), *errors, found.why

@@ -1,0 +1,26 @@
+"""What is judged of the drives by other lenses; their rows are the commands."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from benchmarks.drive.lenses import ROWS, cells, judge
+from benchmarks.drive.repeats import Found
+
+
+def test_a_pose_counts_by_what_it_was_told_to_be_off():
+    row = next(one for one in ROWS if one.name == "first night, pose given")
+    off = np.zeros((4, 6))
+    off[0, :3] = 0.06, 0.0, 0.08
+    found = Found(5, 0.8, 0.2, "1 LOST", off, np.array([9.0, 4.5, 4.4, 0.0]))
+    bounds = judge(row, found, "")
+    assert [bound.measured for bound in bounds] == [0.8, 0.2, 0.5]
+    assert [bound.is_met for bound in bounds] == [False, True, False]
+    assert cells(row, found)[-4:] == ("50.0 mm", "100 mm", "50.0%", "1 LOST")
+
+
+def test_nothing_is_met_by_a_drive_without_a_pose():
+    nothing = Found(5, 0.0, np.nan, "5 SEARCHING", np.empty((0, 6)), np.empty(0))
+    assert not any(bound.is_met for bound in judge(ROWS[0], nothing, ""))
+    assert cells(ROWS[0], nothing)[-2:] == ("nan%", "5 SEARCHING")
