@@ -200,6 +200,7 @@ class Demo:
             with open_map(self.folder / "map") as made:
                 keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
             plots.plot_top_view(self.folder / "top_view.png", errors, keys)
+            plots.plot_errors(self.folder / "errors.png", errors)
         result = self.result(errors, len(keys))
         (self.folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
         print(result_table(result, self.folder))

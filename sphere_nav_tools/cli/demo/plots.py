@@ -1,4 +1,4 @@
-"""A drive from above."""
+"""Pictures of a drive."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from sphere_nav.geometry.arrays import Array
 from sphere_nav_tools.cli.demo.report import DriveErrors
-from sphere_nav_tools.offline.plot_figure import drawn, top_view
+from sphere_nav_tools.offline.plot_figure import LATERAL, LONGITUDINAL, TRUTH, drawn, legend_above, top_view
 
 EXAGGERATION = 50  # of the distance between two paths that no eye could tell apart
 
@@ -37,3 +37,22 @@ def exaggerate(errors: DriveErrors, factor: float) -> Array:
     left = np.stack([-direction[:, 1], direction[:, 0]], axis=-1)
     exaggerated: Array = place + factor * errors.lateral[:, None] * left
     return exaggerated
+
+
+def plot_errors(path: Path, errors: DriveErrors) -> None:
+    """Draw the lateral error along the path, and over time the map's own drift apart from the localiser's error."""
+    with drawn(path, (9, 6)) as figure:
+        upper, lower = figure.subplots(2, 1)
+        upper.plot(errors.along, 100 * errors.lateral, color=LATERAL)
+        upper.set(xlabel="place on the taught path [m]", ylabel="lateral error [cm]")
+        upper.set_title(f"Truth against the taught path: {len(errors.lateral)} places", loc="left")
+        own = errors.longitudinal - errors.drift
+        for values, color, name in (
+            (own, LONGITUDINAL, "the localiser's error"),
+            (errors.drift, TRUTH, "drift of the map"),
+        ):
+            lower.plot(errors.seconds, 100 * values, color=color, label=name)
+        lower.set(xlabel="time [s]", ylabel="longitudinal error [cm]")
+        median = 10 * float(np.median(np.abs(100 * own)))
+        lower.set_title(f"Along the way: {len(own)} poses, the localiser's median {median:.2g} mm", loc="left")
+        legend_above(lower)

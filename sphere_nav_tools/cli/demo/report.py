@@ -22,14 +22,17 @@ TRUTH, ESTIMATE = "/ground_truth/odometry", "/pose"
 class DriveErrors:
     """lateral (N,) m: true distance from the taught path, left positive, at path lengths `along` (N,) m.
 
-    `longitudinal` (M,) m: estimated minus true place along the direction of motion, for each pose of the localiser.
+    `longitudinal` (M,) m: estimated minus true place along the direction of motion, for each pose of the localiser, at
+    `seconds` (M,). `drift` (M,) m: what of it the map was off itself there, when it was taught.
     """
 
     taught: Array
     driven: Array
     along: Array
     lateral: Array
+    seconds: Array
     longitudinal: Array
+    drift: Array
     share_driven: float
 
 
@@ -44,15 +47,29 @@ def find_map(folder: Path) -> SE3:
 
 
 def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
-    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world."""
+    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world.
+
+    The poses of the map (taught.tum) lie beside the bag of the teaching drive.
+    """
     truth = read_truth(drive)
     driven, taught = (_crop_to_motion(one).positions[:, :2] for one in (truth, read_truth(teach)))
     along, lateral = distances_from_path(driven, taught)
     estimate = read_poses(drive, (ESTIMATE,)).moved(T_world_map)
     at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(2e8))
     found = absolute_errors(estimate[known], at, directions_of_motion(at)).longitudinal_m
+    seconds = (estimate.stamps_ns[known] - estimate.stamps_ns[0]) / 1e9
+    drift = map_drift(at.positions[:, :2], teach.with_name(TAUGHT), read_truth(teach), T_world_map)
     length = float(np.hypot(*np.diff(taught, axis=0).T).sum())
-    return DriveErrors(taught, driven, along, lateral, found, float(along.max() / length))
+    return DriveErrors(taught, driven, along, lateral, seconds, found, drift, float(along.max() / length))
+
+
+def map_drift(places: Array, taught: Path, truth: Trajectory, T_world_map: SE3) -> Array:
+    """Return how far ahead of the truth the map is at places (M, 2) m of the world: at its next taught pose."""
+    poses = read_tum(taught).moved(T_world_map)
+    at, known = truth.at(poses.stamps_ns, max_gap_ns=round(2e8))
+    ahead = absolute_errors(poses[known], at, directions_of_motion(at)).longitudinal_m
+    nearest = [int(np.argmin(np.sum((at.positions[:, :2] - place) ** 2, axis=1))) for place in places]
+    return np.asarray(ahead)[nearest]
 
 
 def distances_from_path(points: Array, path: Array) -> tuple[Array, Array]:

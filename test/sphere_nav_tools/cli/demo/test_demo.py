@@ -9,7 +9,7 @@ from nav_msgs.msg import Odometry
 
 from cycab_sim.params import SimParams, in_condition
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.params import build
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagWriter
@@ -39,7 +39,7 @@ def test_a_drive_that_left_the_path_or_stopped_early_has_not_followed(tmp_path, 
     demo = Demo(tmp_path / "demo", 1, "straight", 46, {})
     demo.end, demo.has_finished = "follower FINISHED", has_finished
     path = np.zeros((3, 2))
-    errors = DriveErrors(path, path, np.arange(3.0), np.array(lateral), np.zeros(3), share)
+    errors = DriveErrors(path, path, np.arange(3.0), np.array(lateral), np.zeros(3), np.zeros(3), np.zeros(3), share)
     result = demo.result(errors, 7)
     assert result["has_followed"] == (told == "the drive followed")
     assert result["lateral_max_m"] == max(map(abs, lateral))
@@ -86,7 +86,7 @@ def test_a_process_claims_each_domain_once():
 def test_distances_from_the_path_are_exaggerated_to_their_side():
     path = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 2.0]])
     along, lateral = np.array([0.5, 1.0, 3.5]), np.array([0.01, -0.02, 0.01])
-    drawn = exaggerate(DriveErrors(path, path, along, lateral, np.zeros(3), 1.0), 50.0)
+    drawn = exaggerate(DriveErrors(path, path, along, lateral, along, np.zeros(3), np.zeros(3), 1.0), 50.0)
     np.testing.assert_allclose(drawn, [[0.5, 0.5], [1.0, -1.0], [1.5, 1.5]], atol=1e-12)  # left, right, left
 
 
@@ -131,7 +131,12 @@ def write_drive(path, offset, with_poses):
 def test_a_drive_beside_the_path_is_told_by_its_distance(tmp_path):
     write_drive(tmp_path / "teach", 0.0, with_poses=False)
     write_drive(tmp_path / "drive", 0.07, with_poses=True)
+    stamps = SECOND + np.arange(0, 251, 5) * SECOND // 50
+    x = np.arange(51) / 10
+    taught = SE3.from_parts(np.broadcast_to(np.eye(3), (51, 3, 3)), np.stack([1.01 * x + 0.1, 0 * x, 0 * x], axis=1))
+    write_tum(tmp_path / "taught.tum", Trajectory(stamps, taught))
     errors = drive_errors(tmp_path / "teach", tmp_path / "drive", SE3.from_planar(-0.1, 0.0, 0.0))
+    assert errors.drift == pytest.approx(0.01 * x, abs=1e-6)  # of a map that is 1 % too long
     assert errors.lateral == pytest.approx(0.07, abs=1e-6)
     assert np.abs(errors.longitudinal).max() < 1e-6
     assert errors.share_driven > 0.99
