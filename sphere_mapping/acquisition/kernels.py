@@ -130,17 +130,17 @@ def _least_costs(block, at, mask):
 
 
 @njit(**OPTIONS)
-def cost_ratios(top, low, high, disparities, first, radius, ratios):
-    """Write the least cost of a block elsewhere over that at each of N disparities to ratios (N, W, H); NaN unknown.
+def cost_ratios(top, low, high, disparity, first, radius, ratio):
+    """Write the least cost of a block elsewhere over that at a disparity to ratio (W, H); NaN unknown.
 
     top (W + 2 radius, H) i16: columns one after the other. low, high (W + 2 radius, H + NUM_DISPARITIES - 1) i16: the
     least and largest level of the lower image half a pixel up and down, alike, from the lowest row upwards, continued
-    so that row v - first of the image is at H - 1 - v. disparities, ratios (N, W, H) f32. The cost of a block of
+    so that row v - first of the image is at H - 1 - v. disparity, ratio (W, H) f32. The cost of a block of
     (2 radius + 1)^2 px is the sum of how far levels are outside of these (Birchfield and Tomasi 1998: no disparity
     gains by where it falls between pixels), up to COST_CAP, and of COST_NOISE; disparities from `first` on are
     compared, those within two of the given one not being elsewhere. 9 x 9 px stay within int16.
     """
-    number, width, height = ratios.shape
+    width, height = ratio.shape
     floor = np.float32(COST_NOISE * (2 * radius + 1) ** 2)
     sums, block = np.zeros((height, NUM_DISPARITIES), np.int16), np.zeros(NUM_DISPARITIES, np.int16)
     nothing = np.zeros_like(block)
@@ -169,13 +169,12 @@ def cost_ratios(top, low, high, disparities, first, radius, ratios):
             for k in range(NUM_DISPARITIES):
                 block[k] += np.int16(row[k] - last[k])
             last = sums[max(v - radius, 0)]
-            for n in range(number):
-                d = disparities[n, u, v]
-                ratios[n, u, v] = np.nan
-                if not np.isnan(d):
-                    at = min(max(int(np.floor(d + np.float32(0.5))) - first, 0), NUM_DISPARITIES - 1)
-                    here, elsewhere = _least_costs(block, at, ELSEWHERE[at])
-                    ratios[n, u, v] = (np.float32(elsewhere) + floor) / (np.float32(here) + floor)
+            d = disparity[u, v]
+            ratio[u, v] = np.nan
+            if not np.isnan(d):
+                at = min(max(int(np.floor(d + np.float32(0.5))) - first, 0), NUM_DISPARITIES - 1)
+                here, elsewhere = _least_costs(block, at, ELSEWHERE[at])
+                ratio[u, v] = (np.float32(elsewhere) + floor) / (np.float32(here) + floor)
 
 
 @njit(**OPTIONS)

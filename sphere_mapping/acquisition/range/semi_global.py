@@ -58,16 +58,16 @@ def compare_costs(top: Image, bottom: Image, disparity: Plane, first: int, *, is
     planes = [cv2.copyMakeBorder(plane, 0, 0, margin, margin, border) for plane in (levels[0], low, high)]
     rows = np.clip(np.arange(height - 1 - first, -first - NUM_DISPARITIES, -1), 0, height - 1)
     above, least, largest = (np.ascontiguousarray(plane.T) for plane in (planes[0], planes[1][rows], planes[2][rows]))
-    start = np.ascontiguousarray(disparity.T)[None]
-    ratios = np.empty_like(start)
+    start = np.ascontiguousarray(disparity.T)
+    ratio = np.empty_like(start)
     length = -(-top.shape[1] // NUM_STRIPS)
 
     def work(begin: int) -> None:
         wide, own = slice(begin, min(begin + length, top.shape[1]) + 2 * margin), slice(begin, begin + length)
-        cost_ratios(above[wide], least[wide], largest[wide], start[:, own], first, margin, ratios[:, own])
+        cost_ratios(above[wide], least[wide], largest[wide], start[own], first, margin, ratio[own])
 
     in_threads(work, range(0, top.shape[1], length), jobs)
-    return np.asarray(ratios[0].T)
+    return ratio.T
 
 
 def match_semi_globally(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:
