@@ -225,8 +225,9 @@ class References:
         """Return those of the key spheres, nearest first, whose experience looks like the image."""
         if sight is None or len(self._parts) == 1 or not nodes:
             return [] if sight is not None and sight.instead_of else nodes
+        near = sorted(nodes, key=lambda one: measure_distance(one, sight.T_map_camera))
         first: dict[Experience, KeySphere] = {}
-        for node in sorted(nodes, key=lambda one: measure_distance(one, sight.T_map_camera)):
+        for node in near:
             first.setdefault(node.experience, node)
         within = {
             one: node for one, node in first.items() if measure_distance(node, sight.T_map_camera) <= self._region(node)
@@ -235,7 +236,7 @@ class References:
         if sight.instead_of:
             chosen = self._experience.choose_other(within, sight)
         else:
-            chosen = self._experience.choose(within or dict([next(iter(first.items()))]), sight)
+            chosen = self._experience.choose(within or {near[0].experience: near[0]}, sight)
         return [node for node in nodes if node.experience == chosen]
 
     def adopt(self, choice: Choice) -> None:
