@@ -364,15 +364,10 @@ def named_tests(root: Path, mutant: Mutant) -> list[str]:
         previous = line
         if number == mutant.line:
             names = set(re.findall(TEST_NAMES, line) or re.findall(TEST_NAMES, group))
-            folders = [root / "test" / path.parent, root / "test"]
-            found = [[*folder.rglob(f"{Path(name).name}.py")] for name in sorted(names) for folder in folders]
-            return sorted({str(file.relative_to(root)) for files in found for file in files if wanted(file, names)})
+            files = [*(root / "test").rglob("test_*.py")]
+            ends = tuple(f"/{name}.py" for name in names)
+            return sorted(str(file.relative_to(root)) for file in files if str(file).endswith(ends))
     return []
-
-
-def wanted(file: Path, names: set[str]) -> bool:
-    """Whether a test file is one of those named, with or without its folders."""
-    return any(str(file.with_suffix("")).endswith("/" + name) for name in names)
 
 
 def all_mutants(root: Path) -> dict[str, list[Mutant]]:
