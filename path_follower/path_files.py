@@ -124,10 +124,9 @@ def _read_csv(file: Path) -> Given:
     width = len(rows[0][1])
     named = [line for line in headers if _are_names(line[1]) and (headers is not remarks or len(line[1]) == width)]
     order = _order(*named[0]) if named else list(USUAL_ORDER[:width])
-    if not named and width == len(USUAL_ORDER) and not any("." in word for _, words in rows for word in words):
-        raise ValueError(
-            f"{file}: expected a header line for whole numbers in four columns, found none: decimal commas?"
-        )
+    if not named and width > 2 and not any("." in word for _, words in rows for word in words):
+        expected = f"a header line for whole numbers in {width} columns"
+        raise ValueError(f"{file}: expected {expected}, found none: decimal commas?")
     table = dict(zip(order, np.array([_row(where, words, order) for where, words in rows]).T, strict=True))
     points = np.stack([table["x"], table["y"]], axis=-1)
     return Given(points, table.get("yaw"), table.get("speed"), map_id=read_map_id(file))

@@ -11,7 +11,7 @@ import difflib
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice, product
 from typing import Any
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from sphere_mapping.ros.intake import TOPICS
+from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.samples import CAMERA_INFO, IMAGE, SPHERE, SPHERE_INFO, VIDEO
@@ -26,7 +27,7 @@ from sphere_nav.ros.bags.streams import Stream, read_streams
 from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.camera.drivers import INPUTS, Driver, driver_names, read_driver
 from sphere_nav.ros.conversions import is_rectified_topic, stamp_ns
-from sphere_nav.ros.tf import TransformTree
+from sphere_nav.ros.tf import TransformError, TransformTree
 from sphere_nav_tools.offline.constants import NUM_PAIRED, NUM_TF_MESSAGES, SLACK_S
 from sphere_nav_tools.offline.topics import (
     BASE_FRAME,
@@ -57,16 +58,16 @@ class Choice:
 
 
 class TopicFinder:
-    """What an open bag offers; `chosen` are the topics that the user named, by ours."""
+    """What an open bag offers; `chosen` are the topics that the user named, by ours, `mounting` is his, too."""
 
-    def __init__(self, bag: BagReader, chosen: Mapping[str, str] | None = None) -> None:
-        self.bag, self.chosen = bag, dict(chosen or {})
+    def __init__(self, bag: BagReader, chosen: Mapping[str, str] | None = None, mounting: str = "") -> None:
+        self.bag, self.chosen, self.mounting = bag, dict(chosen or {}), mounting
         self.named: frozenset[str] = frozenset()  # by the user, whom no driver knows better
 
     @classmethod
     def of(cls, bag: BagReader, arguments: argparse.Namespace) -> TopicFinder:
         """Take what the user named, and what the driver that he named calls the rest."""
-        finder = cls(bag, chosen_topics(arguments))
+        finder = cls(bag, chosen_topics(arguments), arguments.mounting)
         finder.named = frozenset(finder.chosen)
         if arguments.driver:
             finder.chosen = finder.of_driver(arguments.driver) | finder.chosen
@@ -75,7 +76,7 @@ class TopicFinder:
     @cached_property
     def streams(self) -> Sequence[Stream]:
         """What there is, in the order of the names."""
-        return read_streams(self.bag)
+        return [self._mounted(stream) for stream in read_streams(self.bag)]
 
     @cached_property
     def by_name(self) -> dict[str, Stream]:
@@ -260,6 +261,17 @@ class TopicFinder:
             cameras = ", ".join(f"/{root}" for root in roots)
             raise BagError(f"{where}: expected one camera, found {cameras}: name topics (--image)")
         return driver.find(have, roots[0])
+
+    def _mounted(self, stream: Stream) -> Stream:
+        """Return a stream, of no use where the bag has its camera far from the vehicle, and the user nowhere."""
+        if stream.is_picture and not (stream.problem or self.mounting):
+            try:
+                check_mounting(self.frames.lookup(BASE_FRAME, stream.frame_id).translation, stream.frame_id)
+            except TransformError:
+                return stream
+            except ValueError as error:
+                return replace(stream, problem=str(error))
+        return stream
 
     def _given(self, wanted: Sequence[str]) -> tuple[dict[str, str], list[str]]:
         """Return what needs no search: what the user named, or a driver is known to call so, and our own names."""

@@ -69,7 +69,8 @@ def test_semicolons_part_columns_and_commas_are_no_decimal_points(tmp_path):
         ("x;y\n0,5;3,0\n1,5;3,0\n", "path.csv:2: expected numbers with a decimal point, found '0,5'"),
         ("0,5;3,0\n1,5;3,0\n", "path.csv:1: expected numbers with a decimal point, found '0,5'"),
         ("x,y\n0,5,3,0\n1,5,3,0\n", "path.csv:2: expected 2 columns, found 4: decimal commas?"),
-        ("0,5,3,0\n1,5,3,0\n2,0,3,0\n", "path.csv: expected a header line for whole numbers in four columns"),
+        ("0,5,3,0\n1,5,3,0\n2,0,3,0\n", "path.csv: expected a header line for whole numbers in 4 columns"),
+        ("0,5,3\n1,5,3\n2,5,3\n", "path.csv: expected a header line for whole numbers in 3 columns"),
     ]:
         (tmp_path / "path.csv").write_text(text)
         with pytest.raises(ValueError, match=message):

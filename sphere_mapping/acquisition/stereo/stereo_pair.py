@@ -21,6 +21,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
 from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.plausible import check_length
 from sphere_nav.spheres.sphere import to_gray_bytes
 
 
@@ -62,6 +63,7 @@ def geometry_of(left: Camera, right: Camera, T_left_right: SE3) -> PairGeometry:
     baseline_m = float(np.linalg.norm(along))
     if baseline_m < (least := MIN_BASELINE_M["stereo"]):
         raise ValueError(f"stereo: expected centres at least {least} m apart, found {baseline_m:.4f} m")
+    check_length("baseline", baseline_m, "stereo: centres of both cameras apart")
     x = along / baseline_m
     ahead = np.array([0.0, 0.0, 1.0]) + T_left_right.rotation[:, 2]
     z = ahead - x * (x @ ahead)

@@ -14,7 +14,7 @@ from sphere_nav.ros.conversions.stamps import header
 
 ROTATION_TOLERANCE = 1e-3
 FISHEYE = "equidistant"
-PINHOLES = {"plumb_bob": 5, "rational_polynomial": 8}  # name -> number of coefficients
+COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, FISHEYE: 4}  # name -> their number
 
 
 def camera_from_info(info: CameraInfo) -> Pinhole | Fisheye:
@@ -52,7 +52,7 @@ def camera_to_info(camera: Camera, stamp: int, frame_id: str, *, baseline: float
     fx, fy, cx, cy = float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)
     is_long = any(camera.distortion[5:])
     model = FISHEYE if isinstance(camera, Fisheye) else "rational_polynomial" if is_long else "plumb_bob"
-    size = 4 if model == FISHEYE else PINHOLES[model]
+    size = COEFFICIENTS[model]
     return CameraInfo(
         header=header(stamp, frame_id),
         width=camera.width,
@@ -124,13 +124,14 @@ Lengths = tuple[int, int, float, float, float, float]
 def _model(name: str, d: tuple[float, ...], lengths: Lengths) -> Pinhole | Fisheye:
     if name in ("", "none") and not any(d):
         return Pinhole(*lengths)
+    if name not in COEFFICIENTS:
+        raise ValueError(f"distortion_model: expected {', '.join(COEFFICIENTS)}, found {name!r}")
+    number = COEFFICIENTS[name]
+    if any(d[number:]):
+        remedy = f"rectify the images (image_proc) and use image_rect, or calibrate anew with {number}"
+        raise ValueError(f"D: expected at most {number} coefficients of {name}, found {len(d)}: {remedy}")
     if name == FISHEYE:
-        if len(d) != 4:
-            raise ValueError(f"D: expected 4 coefficients of {FISHEYE}, found {len(d)}")
+        if len(d) < number:
+            raise ValueError(f"D: expected {number} coefficients of {name}, found {len(d)}")
         return Fisheye(*lengths, distortion=(d[0], d[1], d[2], d[3]))
-    if name not in PINHOLES:
-        raise ValueError(f"distortion_model: expected {', '.join((*PINHOLES, FISHEYE))}, found {name!r}")
-    if any(d[PINHOLES[name] :]):
-        remedy = "rectify the images (image_proc) and use image_rect, or calibrate anew with 8 or fewer"
-        raise ValueError(f"D: expected at most {PINHOLES[name]} coefficients of {name}, found {len(d)}: {remedy}")
-    return Pinhole(*lengths, distortion=d[: PINHOLES[name]] if any(d) else ())
+    return Pinhole(*lengths, distortion=d[:number] if any(d) else ())

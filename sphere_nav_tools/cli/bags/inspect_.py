@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from sphere_nav.geometry.plausible import check_mounting
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.ros.camera.mounting import read_mounting
@@ -89,12 +88,9 @@ def describe_mountings(frames: TransformTree, streams: Sequence[Stream], given: 
     lines = []
     for frame in dict.fromkeys(stream.frame_id for stream in streams if stream.is_picture and stream.frame_id):
         try:
-            x, y, z = position = frames.lookup(topics.BASE_FRAME, frame).translation
-            check_mounting(position, frame)
+            x, y, z = frames.lookup(topics.BASE_FRAME, frame).translation
         except TransformError:
             lines.append(f"mounting: {frame}: not told by /tf_static: it is taken as the vehicle; else --mounting")
-        except ValueError as error:
-            lines.append(f"mounting: {error}")
         else:
             lines.append(f"mounting: {frame}: x {x:.3f}, y {y:.3f}, z {z:.3f} m on {topics.BASE_FRAME} by /tf_static")
     return lines

@@ -248,7 +248,7 @@ def result_table(result: dict[str, Any], folder: Path) -> str:
             f"driven               {100 * result['share_driven']:.1f} % of {result['length_m']:.0f} m",
             f"lateral RMSE         {result['lateral_rmse_m']:.3f} m",
             f"lateral maximum      {result['lateral_max_m']:.3f} m (limit {MAX_LATERAL} m)",
-            f"longitudinal RMSE    {result['longitudinal_rmse_m']:.3f} m (localisation)",
+            f"longitudinal RMSE    {result['longitudinal_rmse_m']:.3f} m (the map's drift included)",
             f"key spheres          {result['num_key_spheres']}",
             f"time                 {stages}",
             f"end                  {result['end']}",

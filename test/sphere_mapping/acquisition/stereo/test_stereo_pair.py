@@ -46,6 +46,8 @@ def test_exchanged_or_stacked_cameras_are_refused():
             geometry_of(left, right, T)
     with pytest.raises(ValueError, match="expected centres at least"):
         geometry_of(left, right, SE3.identity())
+    with pytest.raises(ValueError, match=r"expected metres, .*found 120: millimetres"):
+        geometry_of(left, right, SE3.exp([120.0, 0, 0, 0, 0, 0]))
 
 
 @pytest.mark.slow

@@ -39,7 +39,8 @@ def test_what_cannot_be_a_camera_is_refused():
         ({"k": [0.0] * 9}, r"front: K\[0\]: expected a calibrated camera, found focal length 0"),
         ({"k": [float("nan"), 0.0, 3.0, 0.0, 5.0, 3.0, 0.0, 0.0, 1.0]}, "front: focal length: expected positive"),
         ({"distortion_model": "omni"}, "distortion_model: expected plumb_bob, .*equidistant, found 'omni'"),
-        ({"distortion_model": "equidistant"}, "D: expected 4 coefficients of equidistant, found 5"),
+        ({"distortion_model": "equidistant", "d": [0.1]}, "D: expected 4 coefficients of equidistant, found 1"),
+        ({"distortion_model": "equidistant", "d": [0.1] * 5}, "D: expected at most 4 coefficients .*anew with 4"),
         ({"width": 2**32 - 1}, "front: camera size: .* found 4294967295 x 4"),
     ]:
         with pytest.raises(ValueError, match=reason):
@@ -49,6 +50,8 @@ def test_what_cannot_be_a_camera_is_refused():
 def test_no_distortion_needs_no_name():
     assert camera_from_info(changed(distortion_model="", d=[])) == CAMERAS[0]
     assert camera_from_info(changed(d=[0.0] * 5)) == CAMERAS[0]
+    padded = changed(distortion_model="equidistant", d=[0.1, 0.0, 0.0, 0.0, 0.0])
+    assert camera_from_info(padded).distortion == (0.1, 0.0, 0.0, 0.0)
 
 
 def test_a_region_of_interest_and_binning_keep_the_rays():

@@ -88,6 +88,18 @@ def test_depth_of_its_own_camera_without_frames_is_no_offer(tmp_path, capsys):
     assert "sphere_nav map" not in said
 
 
+def test_a_camera_that_is_far_from_its_vehicle_is_of_no_use_until_the_user_says_where_it_sits(tmp_path, capsys):
+    def far(number):
+        yield from ((topic, message) for topic, message in rgbd(number) if topic != "tf_static")
+        place = se3_to_transform(SE3.exp([400.0, 0.0, 1100.0, 0, 0, 0]), stamp(number), "base_link", FRAME)
+        yield "tf_static", TFMessage(transforms=[place])
+
+    bag = write_bag(tmp_path / "far", far, numbers=range(2))
+    assert call("inspect", bag) == 1
+    assert f"image_raw ({FRAME}: expected metres, 0 to 25, found 1170: millimetres?" in capsys.readouterr().out
+    assert call("inspect", bag, "--mounting", "0.4,0,1.1,0,0,0") == 0
+
+
 def as_jpeg(topic, message):
     if not isinstance(message, Image) or "depth" in topic:
         return message
