@@ -33,7 +33,7 @@ from sphere_nav_tools.cli.view.server import colored
 ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
 DARK_KEY = "sphere_nav_dark"
 THEME: dict[str, Any] = {"show_logo": False, "show_share_button": False, "control_width": "large"}
-NO_PATH, NO_PLACE = "(no path here)", "(no places heard)"
+NO_PATH, NO_DRIVE, NO_PLACE = "(no path here)", "(no drive here)", "(no places heard)"
 STOPS, MOVES, OTHER = "red", "green", "blue"  # what a button does to the vehicle
 TEACH_FIRST = "teach it: record a drive, make its map, localise in it"  # of a simulated vehicle
 LOOKS, GOES, NAMES, POSES = "only looks", "sets a goal", "chooses a place to name", "dragged: where the vehicle is"
@@ -93,8 +93,9 @@ class OperatorPage:
     def state(self) -> str:
         """Return what is going on as HTML."""
         is_new = self.simulated is not None and not self.simulated.is_driven
-        taught = f"{self.teaching.describe()} · {self.link.describe_images()}" if self.teaching.is_recording else ""
-        return banner(self.link.seen, taught, TEACH_FIRST if is_new else IS_IT_RUNNING)
+        job = self.teaching.describe() if self.teaching.busy else ""
+        job += f" · {self.link.describe_images()}" * self.teaching.is_recording
+        return banner(self.link.seen, job, TEACH_FIRST if is_new else IS_IT_RUNNING)
 
     def map_in_use(self) -> Path | None:
         """Return the map in the folder that the localiser uses; None where it is not here."""
@@ -160,9 +161,10 @@ class Desk:
     def _add_drive(self) -> None:
         gui = self.client.gui
         self._path = gui.add_dropdown("path", self.teaching.paths or [NO_PATH])
-        gui.add_button("load path", color=OTHER).on_click(lambda _: self._do(self._load_path))
+        self._load = gui.add_button("load path", color=OTHER, visible=False)
+        self._load.on_click(lambda _: self._do(self._load_path))
         self._place = gui.add_dropdown("place", [NO_PLACE])
-        self._there = gui.add_button("go there", color=MOVES)
+        self._there = gui.add_button("go there", color=MOVES, visible=False)
         self._there.on_click(lambda _: self._do(self._go))
         self._click = gui.add_dropdown("a click on the map", (LOOKS, GOES, NAMES, POSES))
         self._click.on_update(lambda _: self._on_mode())
@@ -188,9 +190,11 @@ class Desk:
             button.on_hold(lambda _, v=speed, w=turn: self._hold(v, w), callback_hz=HOLD_HZ)
             button.on_click(lambda _: self.link.let_go())
             self._pace.append(button)
+        self._rest = gui.add_button("end localiser and follower", color=STOPS, visible=False)
+        self._rest.on_click(lambda _: self._do(self.page.simulated.rest) if self.page.simulated else None)
         self._finish = gui.add_button("end of the drive", color=OTHER)
         self._finish.on_click(lambda _: self._do(teaching.finish))
-        self._recorded = gui.add_dropdown("drive", teaching.drives or [NO_PATH])
+        self._recorded = gui.add_dropdown("drive", teaching.drives or [NO_DRIVE])
         self._map = gui.add_button("make its map", color=OTHER)
         self._map.on_click(lambda _: self._do(lambda: teaching.map(self._recorded.value)))
         self._use_map = gui.add_button("localise in its map", color=OTHER)
@@ -370,11 +374,16 @@ class Desk:
         set_if_new(self._release, "visible", pressed)
         for name, is_shown in possible(seen, pressed).items():
             set_if_new(self._buttons[name], "visible", is_shown)
+        status, age = seen.told("follower")
+        takes_path = age < SILENT_S and status.state in AT_REST
         is_busy = bool(teaching.busy)
         hands_off = self.link.hands_off()
         set_if_new(self._hands, "content", hands_off or "**By hand**, while a button is held:")
         for part, is_shown in (
             *((button, not hands_off) for button in self._pace),
+            (self._load, takes_path and bool(teaching.paths)),
+            (self._there, takes_path and bool(seen.told("places")[0])),
+            (self._rest, bool(self.page.simulated and self.page.simulated.is_driven)),
             (self._record, not is_busy),
             (self._finish, is_recording),
             (self._map, not is_busy and bool(teaching.drives)),
@@ -382,7 +391,7 @@ class Desk:
         ):
             set_if_new(part, "visible", is_shown)
         set_if_new(self._path, "options", tuple(teaching.paths or [NO_PATH]))
-        set_if_new(self._recorded, "options", tuple(teaching.drives or [NO_PATH]))
+        set_if_new(self._recorded, "options", tuple(teaching.drives or [NO_DRIVE]))
         places = tuple(place.name for place in seen.told("places")[0] or ()) or (NO_PLACE,)
         set_if_new(self._place, "options", places)
         set_if_new(self._there, "label", "go there" if self.link.has_navigator else "make the way there")

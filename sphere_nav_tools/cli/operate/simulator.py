@@ -40,14 +40,20 @@ class SimulatedVehicle:
         """Drive by a map along the path that was taught with it; nothing moves before start is pressed."""
 
         def start() -> None:
-            for node in DRIVERS if self.is_driven else ():
-                self._processes.stop(node)
             self._processes.start("dense_localizer", CLOCK | {"map": str(made)})
             self._processes.start("path_follower", CLOCK | {"trajectory": str(taught)})
-            self.is_driven = True
 
+        self.rest()
         self._starter.submit(start).result()
+        self.is_driven = True
         return f"{made.name}: localiser and follower start"
+
+    def rest(self) -> str:
+        """End the nodes that drive: until `use` it is driven by hand."""
+        for node in DRIVERS if self.is_driven else ():
+            self._processes.stop(node)
+        self.is_driven = False
+        return "localiser and follower have ended: drive by hand, then localise again"
 
     def close(self) -> None:
         """End all."""

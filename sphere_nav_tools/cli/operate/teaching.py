@@ -126,7 +126,7 @@ class Teaching:
             size = sum(path.stat().st_size for path in (self.folder / (self.name + PARTIAL)).glob("*")) / 1e6
             left = shutil.disk_usage(self.folder).free / 1e9
             grown = f", {size:.1f} MB, {size / max(seconds, 1.0):.1f} MB/s, {left:.0f} GB left"
-            return f"{self._job} {self.name}: {seconds:.0f} s{grown if self.is_recording else ''} {said}".strip()
+            return f"{self._job} {self.name}: {seconds:.0f} s{grown if self.is_recording else f' {said}'}".strip()
         if status == 0 and self._job == "mapping":
             self._ids.pop(self._made(self.name)[1], None)
         return f"{self._job} {self.name}: {'done' if status == 0 else f'FAILED ({status})'} {said}".strip()

@@ -81,9 +81,10 @@ def places_of(text: str) -> list[Place]:
 def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
     """Return state, reason and remedy of vehicle and localiser as HTML, the vehicle's first and large.
 
-    `job`: what is being taught; `remedy`: where nothing was heard; whatever the nodes say is text.
+    `job`: what is being recorded or mapped; `remedy`: where nothing was heard; whatever the nodes say is text.
     """
-    rows = [_row("teaching", "TEACHING", job, "", GOOD)] if job else []
+    word, _, rest = job.partition(" ")
+    rows = [_row("teaching", word.upper(), rest, "", GOOD)] if job else []
     for title, name in (("vehicle", "follower"), ("localisation", "localizer")):
         status, age = seen.told(name)
         if status is None and job:
@@ -136,12 +137,12 @@ def timeline(seen: Heard) -> str:
 
 
 def scale_bar(metres_a_pixel: float, turn_deg: float) -> str:
-    """Return a bar of a round length, and an arrow that points to y of the map (north where it has a datum) as HTML."""
+    """Return a bar of a round length, and an arrow that points to y of the map, as HTML."""
     length = 10.0 ** math.floor(math.log10(max(120.0 * metres_a_pixel, 1e-3)))
     length *= next(factor for factor in (5.0, 2.0, 1.0) if factor * length <= 120.0 * metres_a_pixel)
     arrow = f'<svg width="26" height="26" viewBox="-13 -13 26 26"><g transform="rotate({turn_deg:.0f})">'
     arrow += '<path d="M0-12 L6 8 L0 4 L-6 8Z" fill="#c92a2a"/></g></svg>'
-    return f'<div class="sn-scale"><i style="width:{length / metres_a_pixel:.0f}px"></i>{length:g} m {arrow}N (y)</div>'
+    return f'<div class="sn-scale"><i style="width:{length / metres_a_pixel:.0f}px"></i>{length:g} m {arrow}y</div>'
 
 
 def log_of(seen: Heard) -> str:

@@ -226,11 +226,13 @@ class Nodes:
         self.done.append("end")
 
 
-def test_another_map_starts_the_drivers_anew(tmp_path, monkeypatch):
+def test_another_map_starts_the_drivers_anew_and_by_hand_nobody_else_drives(tmp_path, monkeypatch):
     monkeypatch.setattr(simulator, "Processes", Nodes)
     vehicle = SimulatedVehicle(tmp_path)
     for name in ("a", "b"):
         vehicle.use(Path(name), Path(f"{name}.tum"))
+    vehicle.rest()
+    assert not vehicle.is_driven
     vehicle.close()
     first = ["+cycab_sim", "+dense_localizer a", "+path_follower"]
     assert vehicle._processes.done == [
@@ -239,6 +241,8 @@ def test_another_map_starts_the_drivers_anew(tmp_path, monkeypatch):
         "-dense_localizer",
         "+dense_localizer b",
         "+path_follower",
+        "-path_follower",
+        "-dense_localizer",
         "end",
     ]
 
