@@ -38,7 +38,9 @@ class Chart:
         self._goal: NDArray[np.float64] | None = None  # where the view glides to
         with client.atomic():  # a browser that comes while the vehicle drives tells of another view than the first
             client.camera.position, client.camera.look_at = BEGIN, (0.0, 0.0, 0.0)
-        client.scene.add_grid("/grid", infinite_grid=True, cell_size=1.0, section_size=10.0, fade_distance=120.0)
+        grid: dict[str, Any] = {"cell_color": (150, 150, 150), "section_color": (120, 120, 120)}  # also on black
+        grid |= {"cell_size": 1.0, "section_size": 10.0, "fade_distance": 120.0}
+        client.scene.add_grid("/grid", infinite_grid=True, **grid)
 
     def show(self, seen: Heard, ground: Ground | None) -> None:
         """Draw what is new."""

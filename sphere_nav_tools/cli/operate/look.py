@@ -27,6 +27,7 @@ STYLE = """
   #sn-stop {left:8px; right:8px; top:8px; bottom:auto; width:calc(100vw - 16px); height:64px}
   .sn-state {left:8px; top:80px; width:calc(100vw - 16px); max-width:none; padding:8px 10px; font-size:13px}
   .sn-word {font-size:26px}
+  .sn-log {max-height:4.2em; overflow-y:auto}
   .sn-past {position:static; width:auto; height:auto; box-shadow:none}
   .sn-scale {left:8px; bottom:calc(40% + 8px)}
   #sn-lost {left:8px; right:8px; top:76px; bottom:auto; width:auto}

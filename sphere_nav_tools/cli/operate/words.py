@@ -148,7 +148,7 @@ def scale_bar(metres_a_pixel: float, turn_deg: float) -> str:
 def log_of(seen: Heard) -> str:
     """Return what was done as HTML, the newest first."""
     lines = "".join(f"<div>{escape(line)}</div>" for line in list(seen.lines))
-    return f'<div style="padding:0 1em 0.8em;font-size:0.8em">{lines}</div>'
+    return f'<div class="sn-log" style="padding:0 1em 0.8em;font-size:0.8em">{lines}</div>'
 
 
 def health(seen: Heard) -> str:
