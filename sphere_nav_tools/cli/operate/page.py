@@ -374,6 +374,18 @@ class Desk:
         set_if_new(self._release, "visible", pressed)
         for name, is_shown in possible(seen, pressed).items():
             set_if_new(self._buttons[name], "visible", is_shown)
+        self._offer()
+        set_if_new(self._path, "options", tuple(teaching.paths or [NO_PATH]))
+        set_if_new(self._recorded, "options", tuple(teaching.drives or [NO_DRIVE]))
+        places = tuple(place.name for place in seen.told("places")[0] or ()) or (NO_PLACE,)
+        set_if_new(self._place, "options", places)
+        set_if_new(self._there, "label", "go there" if self.link.has_navigator else "make the way there")
+        set_if_new(self._there, "color", MOVES if self.link.has_navigator else OTHER)
+        self.chart.show(seen, self.page.ground())
+
+    def _offer(self) -> None:
+        """Show the parts that do something now."""
+        seen, teaching = self.link.seen, self.teaching
         status, age = seen.told("follower")
         takes_path = age < SILENT_S and status.state in AT_REST
         is_busy = bool(teaching.busy)
@@ -385,18 +397,11 @@ class Desk:
             (self._there, takes_path and bool(seen.told("places")[0])),
             (self._rest, bool(self.page.simulated and self.page.simulated.is_driven)),
             (self._record, not is_busy),
-            (self._finish, is_recording),
+            (self._finish, teaching.is_recording),
             (self._map, not is_busy and bool(teaching.drives)),
             (self._use_map, not is_busy and teaching.map_of(self._recorded.value) is not None),
         ):
             set_if_new(part, "visible", is_shown)
-        set_if_new(self._path, "options", tuple(teaching.paths or [NO_PATH]))
-        set_if_new(self._recorded, "options", tuple(teaching.drives or [NO_DRIVE]))
-        places = tuple(place.name for place in seen.told("places")[0] or ()) or (NO_PLACE,)
-        set_if_new(self._place, "options", places)
-        set_if_new(self._there, "label", "go there" if self.link.has_navigator else "make the way there")
-        set_if_new(self._there, "color", MOVES if self.link.has_navigator else OTHER)
-        self.chart.show(seen, self.page.ground())
 
     def _show_pictures(self) -> None:
         for name, shown in self._pictures.items():
