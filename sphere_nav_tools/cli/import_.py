@@ -15,12 +15,11 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav_tools.offline.importing.frames import describe_folder, guess_format
 from sphere_nav_tools.offline.importing.images import open_images
-from sphere_nav_tools.offline.importing.kitti import open_kitti
 from sphere_nav_tools.offline.importing.nclt import open_nclt
 from sphere_nav_tools.offline.importing.recording import Recording
 from sphere_nav_tools.offline.importing.rgbd import open_openloris, open_rover, open_seven_scenes, open_tum
 from sphere_nav_tools.offline.importing.spherical import open_spherical
-from sphere_nav_tools.offline.importing.stereo import open_euroc, open_four_seasons
+from sphere_nav_tools.offline.importing.stereo import open_euroc, open_four_seasons, open_kitti
 
 HELP = """\
 Turn a recorded data set into an MCAP bag with our topics.
@@ -117,9 +116,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(
             "; ".join(filter(None, [str(error), "" if known else describe_folder(arguments.folder)]))
         ) from None
-    indices = range(recording.num_frames)[arguments.frames]
+    indices = range(len(recording.instants))[arguments.frames]
     if not indices:
-        raise ValueError(f"--frames: expected frames within 0:{recording.num_frames}, found none")
+        raise ValueError(f"--frames: expected frames within 0:{len(recording.instants)}, found none")
     with BagWriter(arguments.output) as bag:
         write_frames(bag, recording, tqdm(indices, unit="frame", desc="import", disable=None))
         bag.annotate("source", f"{arguments.format} {arguments.folder.name}")
@@ -166,7 +165,7 @@ def kinect_camera(lens: tuple[float, ...]) -> Pinhole:
 def write_frames(bag: BagWriter, recording: Recording, indices: Sequence[int]) -> None:
     """Write `/tf_static` and then every message of the frames, at its own stamp."""
     for count, index in enumerate(indices):
-        stamp = recording.stamp_ns(index)
+        stamp = recording.instants[index].stamp_ns
         if count == 0:
             bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)
             bag.write("/tf_static", TFMessage(transforms=recording.static_transforms(stamp)), stamp)
