@@ -135,6 +135,6 @@ def _join(
     poses = SE3(np.stack([T.matrix for _, T in own_views]))
     instants = sorted({view.instant for view in views})
     seen = sightings(views, poses, names, instants, boards)
-    found = assemble(seen, T_rig_reference, len(names), np.random.default_rng(0))
+    found = assemble(seen, T_rig_reference, len(names))
     check_joined(names, set(found.cameras))
     return start_of_rig(found, views, kept, instants, boards, singles, NUM_DISTORTION)

@@ -26,12 +26,10 @@ NUM_TRIALS = 3  # best of them that are adjusted
 MIN_AHEAD = 0.1  # cosine to the middle ray of a board, from which on a ray says where it is
 
 # Joining cameras and boards (boards/test_assembly)
-NUM_STARTS, NUM_REFINED = 60, 12  # rotations from which two unknown poses are looked for; best of them
 NUM_ALTERNATIONS = 10  # between both, at most
 MIN_HAND_EYE = 4  # instants
 LOST = 0.1  # rad, or part of the distance, from which on a board is somewhere else: one such outvotes nobody
 MAX_CANDIDATES = 400  # that are tried as the pose of a camera or board
-NUM_SWEEPS, MIN_INSTANTS = 2, 3  # over all placed ones; of one that is placed anew
 
 # Bundle adjustment and false corners (test_adjustment, boards/test_rejection)
 FIRST_DAMPING, MAX_DAMPING = 1e-4, 1e10

@@ -69,7 +69,7 @@ def start_of_rig(
     num_distortion: int,
 ) -> StartingPoint:
     """Keep the views that are joined, number their corners as the rig sees them, and set up the problem."""
-    poses = {i: candidates[0] for i in found.by_instant if (candidates := found.rig_poses(i))}
+    poses = {i: rigs[0] for i in found.by_instant if len((rigs := found.rig_poses(i)).matrix)}
     order = sorted(poses)
     turned, weights, rows = [], [], []
     for view, weight, s in zip(views, kept, found.sightings, strict=True):
