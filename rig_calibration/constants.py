@@ -51,8 +51,8 @@ OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called
 ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
 
 # Whether images are good (boards/test_quality, test_sharpness; chosen on five drawn sets of each flaw)
-EDGE_REACH, EDGE_SAMPLES = 0.4, 161  # of the way to the next corners; samples of an edge across
 QUARTILES_APART = 1.349  # standard deviations of a Gaussian
+SAMPLED_PX2 = 0.45  # variance in px^2 that samples of whole pixels add to that of an edge (test_sharpness)
 MAX_BLUR_SHARE = 0.00135  # of the image's width, not below 1.35 px: a sharp lens has 0.4 to 0.9 px
 MIN_GOOD_VIEWS = 10  # instants of a camera: 40 are advised
 MIN_TILT_DEG = 6.0  # RMS of the boards' tilt: 20 deg to all sides are advised

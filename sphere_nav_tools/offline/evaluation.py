@@ -38,7 +38,6 @@ class Judged:
 
     estimate: Trajectory
     truth: Trajectory
-    all_truth: Trajectory
     errors: AbsoluteErrors
     report: dict[str, Any]
 
@@ -87,7 +86,7 @@ def evaluate_poses(
         "num_truth": len(truth),
         "length_m": float(paired_truth.distances[-1]),
     }
-    return Judged(paired, paired_truth, truth, errors, report)
+    return Judged(paired, paired_truth, errors, report)
 
 
 def _alignment(kind: str, is_chosen: bool, T_truth_estimate: SE3, scale: float) -> dict[str, Any]:

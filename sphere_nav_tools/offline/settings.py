@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from sphere_nav.geometry.files.untrusted import load_yaml
+from sphere_nav.geometry.files.untrusted import load_yaml, number
 
 
 class SettingAction(argparse.Action):
@@ -19,6 +19,17 @@ class SettingAction(argparse.Action):
             raise ValueError(f"{option_string}: expected NAME=VALUE, found {word!r}")
         value = load_yaml(f"{option_string} {name}", text)
         setattr(namespace, self.dest, getattr(namespace, self.dest) | {name: value})
+
+
+def numbers_of(text: str, option: str, expected: str, least: int, most: int = 0) -> tuple[float, ...]:
+    """Return finite numbers that are separated by commas; ValueError for others, or not so many."""
+    try:
+        found = tuple(number(word.strip(), option) for word in text.split(","))
+    except ValueError:
+        found = ()
+    if not least <= len(found) <= max(least, most):
+        raise ValueError(f"{option}: expected {expected}, found {text!r}")
+    return found
 
 
 def add_settings(parser: argparse.ArgumentParser, node: str, option: str = "--set", dest: str = "settings") -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import itertools
 import threading
 import time
 from pathlib import Path
@@ -19,7 +18,7 @@ from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.view.drive import Drive
 from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, encoded, shown
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free
+from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free, numbers_of
 
 HELP = """\
 Show a map in a web browser: its graph, its key spheres, and what a camera would see from anywhere near them. The mouse
@@ -79,17 +78,9 @@ def first_pose(reader: MapReader, arguments: argparse.Namespace) -> SE3:
     if not arguments.pose:
         sphere_id = arguments.sphere if arguments.sphere is not None else min(reader.graph.nodes)
         return reader.graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL
-    try:
-        numbers = [float(word) for word in arguments.pose.split(",")]
-    except ValueError:
-        numbers = []
-    if not 4 <= len(numbers) <= 6 or not np.all(np.isfinite(numbers)):
-        raise ValueError(f"--pose: expected x,y,z,yaw[,pitch,roll], found {arguments.pose!r}")
-    turns = itertools.zip_longest(numbers[3:], (2, 1, 0), fillvalue=0.0)
-    T = SE3.from_parts(np.eye(3), numbers[:3])
-    for degrees, axis in turns:
-        T = T @ SE3.exp(np.radians(degrees) * np.eye(6)[3 + int(axis)])
-    return T @ T_BODY_OPTICAL
+    numbers = numbers_of(arguments.pose, "--pose", "x,y,z,yaw[,pitch,roll]", 4, 6)
+    x, y, z, yaw, pitch, roll = *numbers, *[0.0] * (6 - len(numbers))
+    return SE3.from_angles(*np.radians([roll, pitch, yaw]), [x, y, z]) @ T_BODY_OPTICAL
 
 
 def find_experience(scene: Scene, name: str | None) -> Experience | None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.untrusted import number, read_text, short
-from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory
+from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory, associate
 from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
@@ -144,11 +144,9 @@ def pair_up(
     where: Path, first: Sequence[tuple[int, Path]], second: Sequence[tuple[int, Path]], names: Sequence[str]
 ) -> list[tuple[int, dict[str, Path]]]:
     """Return each file of the first camera with that of the second that is nearest in time, where that is near."""
-    stamps, files = np.array([stamp for stamp, _ in second], dtype=np.int64), []
-    for stamp, path in first if second else ():
-        nearest = int(np.argmin(np.abs(stamps - stamp)))
-        if abs(int(stamps[nearest]) - stamp) <= MAX_PAIR_GAP_NS:
-            files.append((stamp, dict(zip(names, (path, second[nearest][1]), strict=True))))
+    stamps = [np.array([stamp for stamp, _ in files], dtype=np.int64) for files in (first, second)]
+    pairs = zip(*associate(*stamps, MAX_PAIR_GAP_NS), strict=True)
+    files = [(first[i][0], dict(zip(names, (first[i][1], second[j][1]), strict=True))) for i, j in pairs]
     if not files:
         raise ValueError(f"{where}: expected {' and '.join(names)} within {MAX_PAIR_GAP_NS} ns, found none")
     return files
@@ -184,6 +182,20 @@ def require_size(where: Path | str, pixels: NDArray[Any], camera: Camera) -> Non
 def read_image(path: Path) -> NDArray[Any]:
     """Return an 8-bit image (H, W) grey or (H, W, 3) BGR."""
     return _decode(path, cv2.IMREAD_ANYCOLOR, np.uint8)
+
+
+def read_rgb(path: Path) -> NDArray[np.uint8]:
+    """Return a grey (H, W) or RGB (H, W, 3) image."""
+    image = read_image(path)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8) if image.ndim == 3 else image
+
+
+def read_meters(path: Path, units_per_m: float, far: float = np.nan) -> NDArray[np.float32]:
+    """Return depth or range (H, W) of a 16-bit image in m; 0 is unknown, 65535 `far`."""
+    units = read_depth_file(path)
+    meters = units.astype(np.float32) / np.float32(units_per_m)
+    meters[units == 0], meters[units == np.iinfo(np.uint16).max] = np.nan, far
+    return meters
 
 
 def read_depth_file(path: Path) -> NDArray[np.uint16]:

@@ -27,7 +27,7 @@ from sphere_nav_tools.offline.importing.recording import (
     pair_up,
     pose_of_matrix,
     pose_of_row,
-    read_depth_file,
+    read_meters,
     read_numbers,
     read_pose,
     read_words,
@@ -39,7 +39,6 @@ from sphere_nav_tools.offline.importing.recording import (
 KINECT_HZ = 30.0
 D435 = "d400_color_optical_frame"  # of OpenLORIS: its colour camera, to which aligned_depth is registered
 ROVER_FOLDERS = ("intelrealsense_D435i", "realsense_D435i", "d435i")
-FAR = np.iinfo(np.uint16).max  # invalid in 7-Scenes
 NAMES = ("color", "depth")
 
 Files = list[tuple[int, dict[str, Path]]]  # stamp, and the file of each camera
@@ -144,10 +143,8 @@ def _rgbd(
     """Return a recording of images, depth that is registered to them, and true poses of the camera's body."""
 
     def read_depth(path: Path) -> NDArray[np.float32]:
-        units = read_depth_file(path)
-        require_size(path, units, camera)  # of Kinects both have the same
-        depth = units.astype(np.float32) / np.float32(depth_units)
-        depth[(units == 0) | (units == FAR)] = np.nan
+        depth = read_meters(path, depth_units)
+        require_size(path, depth, camera)  # of Kinects both have the same
         return register(depth)
 
     views = {"color": View("", OPTICAL_FRAME, camera), "depth": View("depth/", OPTICAL_FRAME, camera)}
