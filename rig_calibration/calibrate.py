@@ -18,7 +18,7 @@ from rig_calibration.boards.starting import StartingPoint, camera_observations, 
 from rig_calibration.boards.state import RigState
 from rig_calibration.boards.validation import Validation, camera_rms, validate
 from rig_calibration.boards.views import BoardView
-from rig_calibration.constants import MIN_SEEN, NUM_DISTORTION
+from rig_calibration.constants import MIN_SEEN
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
@@ -137,4 +137,4 @@ def _join(
     seen = sightings(views, poses, names, instants, boards)
     found = assemble(seen, T_rig_reference, len(names))
     check_joined(names, set(found.cameras))
-    return start_of_rig(found, views, kept, instants, boards, singles, NUM_DISTORTION)
+    return start_of_rig(found, views, kept, instants, boards, singles)

@@ -66,7 +66,6 @@ def start_of_rig(
     instants: Sequence[str],
     boards: Sequence[Board],
     singles: Sequence[SingleCamera],
-    num_distortion: int,
 ) -> StartingPoint:
     """Keep the views that are joined, number their corners as the rig sees them, and set up the problem."""
     poses = {i: rigs[0] for i in found.by_instant if len((rigs := found.rig_poses(i)).matrix)}
@@ -90,7 +89,7 @@ def start_of_rig(
     models = tuple(single.camera.model for single in singles)
     sizes = tuple((single.camera.width, single.camera.height) for single in singles)
     reference = min(found.boards, key=lambda i: float(np.abs(found.boards[i].matrix - np.eye(4)).max()))
-    problem = rig_problem(models, sizes, num_distortion, seen, len(boards), reference)
+    problem = rig_problem(models, sizes, seen, len(boards), reference)
     weights_all = np.where(np.isfinite(residuals(problem, state)[:, 0]), np.concatenate(weights), 0.0)
     return StartingPoint(tuple(turned), tuple(instants[i] for i in order), problem, state, weights_all)
 
