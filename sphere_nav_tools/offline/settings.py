@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,3 +70,17 @@ def check_free(arguments: argparse.Namespace, *outputs: Path | None, loss: str =
     for path in outputs:
         if path and path.exists() and not arguments.overwrite:
             raise ValueError(f"{path}: expected no such file, found one: --overwrite replaces it{loss}")
+
+
+def size_of(text: str, option: str) -> tuple[int, int]:
+    """Return width and height of WxH in pixels; ValueError for others."""
+    found = re.fullmatch(r"(\d+)[x×](\d+)", text)
+    if found is None or "0" in found.groups():
+        raise ValueError(f"{option}: expected WIDTHxHEIGHT such as 640x480, found {text!r}")
+    return int(found[1]), int(found[2])
+
+
+def check_ending(path: Path, endings: Sequence[str]) -> None:
+    """Raise ValueError for a file to write that has none of the endings."""
+    if path.suffix not in endings:
+        raise ValueError(f"{path}: expected a file {', '.join(endings)}, found ending {path.suffix!r}")

@@ -15,7 +15,7 @@ from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
 
-HEARD = "/collector/heard"  # each instant, so that a replay can end after it
+_HEARD = "/collector/heard"  # each instant, so that a replay can end after it
 
 
 class Collector(ManagedNode):
@@ -28,7 +28,7 @@ class Collector(ManagedNode):
 
     def configure(self) -> None:
         """Listen."""
-        self.heard, self.publisher = deque[Any](), self.add_publisher(HEARD, Header)
+        self.heard, self.publisher = deque[Any](), self.add_publisher(_HEARD, Header)
         lookup = TransformListener(self.endpoints, is_required=False).lookup
         Intake(self.params, self._on_sphere, lookup, on_pair=self._on_pair if self.wants_pairs else None).subscribe(
             self.endpoints
@@ -55,6 +55,6 @@ def collect(
     bag: BagReader, values: Mapping[str, Any], remap: dict[str, str], kind: type[Collector] = Collector
 ) -> tuple[Collector, Iterator[Any]]:
     """Return a collector, and what it keeps of each instant, as the bag goes on."""
-    bus = OfflineBus(captured={HEARD})
+    bus = OfflineBus(captured={_HEARD})
     node = bus.add(kind, values, remap)
     return node, (node.heard.popleft() for _ in replay(bag, bus))

@@ -18,6 +18,7 @@ from sphere_nav_tools.cli import rig_convert
 from sphere_nav_tools.cli.maps import map_export, map_info
 from sphere_nav_tools.cli.maps.map_info import in_words
 from sphere_nav_tools.offline import refine_camera
+from sphere_nav_tools.offline.settings import size_of
 
 SECOND = 10**9
 CAMERA = Pinhole(64, 48, 50.0, 51.0, 31.0, 23.0, (0.1, 0.2, 0.3, 0.4))
@@ -142,10 +143,10 @@ def test_a_mask_of_a_camera_that_the_rig_lacks_is_refused():
     for word in ("c=x", "a=", "a", "=x"):
         with pytest.raises(ValueError, match="--mask: expected CAMERA=VALUE with one of a, b"):
             rig_convert._by_camera(rig, "--mask", [word])
-    assert [rig_convert._size(text) for text in (None, "640x480", "64×48")] == [None, (640, 480), (64, 48)]
+    assert [size_of(text, "--size") for text in ("640x480", "64×48")] == [(640, 480), (64, 48)]
     for text in ("640", "0x480", "640x0", "640x480x3"):
         with pytest.raises(ValueError, match="--size: expected WIDTHxHEIGHT"):
-            rig_convert._size(text)
+            size_of(text, "--size")
 
 
 FACTS = {

@@ -22,6 +22,7 @@ from sphere_nav_tools.offline.mapping import drive as mapped
 from sphere_nav_tools.offline.mapping import stereo_drive
 from sphere_nav_tools.offline.mapping.drive import MappedDrive, Recipe, Truth, check_survey, move_to_truth, truth_of
 from sphere_nav_tools.offline.mapping.extension import place_start
+from sphere_nav_tools.offline.mapping.instants import PairCollector, collect
 from sphere_nav_tools.offline.mapping.replay_mapper import replay_mapper
 from sphere_nav_tools.offline.mapping.stereo_drive import find_field
 from worlds.recordings import stereo, truth_of_base, write_bag
@@ -203,7 +204,9 @@ def test_a_given_start_is_where_and_as_it_was_told_beside_a_key_sphere_that_is_t
 def test_a_right_pair_is_left_alone(tmp_path):
     write_bag(tmp_path / "bag", stereo, numbers=range(5))
     with BagReader(tmp_path / "bag") as bag:
-        pair, words = find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
+        values, remap = {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]}
+        pair, words = find_field(bag, values, remap)
+        assert len(list(collect(bag, values, remap, PairCollector)[1])) == 5
     assert not any(pair.correction.columns)
     assert words.startswith("stereo: rows off by 0.")
     assert words.endswith("disparity as told")
