@@ -70,7 +70,7 @@ def start_of_rig(
     order = {instant: row for row, instant in enumerate(poses)}
     pairs = [(s, one) for s, one in zip(seen, fitted, strict=True) if s.instant in poses and s.board in found.boards]
     views = tuple(_turn_view(one.view, s, found, poses[s.instant], boards[s.board]) for s, one in pairs)
-    rows = zip(*((s.camera, order[s.instant], s.board) for s, _ in pairs), strict=True)
+    camera_of, instant_of, board_of = zip(*((s.camera, order[s.instant], s.board) for s, _ in pairs), strict=True)
     points = [boards[s.board].points[view.corners] for (s, _), view in zip(pairs, views, strict=True)]
     state = RigState(
         np.stack([lens_of(single.camera) for single in singles]),
@@ -81,7 +81,7 @@ def start_of_rig(
     models = tuple(single.camera.model for single in singles)
     sizes = tuple((single.camera.width, single.camera.height) for single in singles)
     reference = min(found.boards, key=lambda i: float(np.abs(found.boards[i].matrix - np.eye(4)).max()))
-    observed = observations(*rows, points, [view.pixels for view in views])
+    observed = observations(camera_of, instant_of, board_of, points, [view.pixels for view in views])
     problem = rig_problem(models, sizes, observed, len(boards), reference)
     is_seen, weights = np.isfinite(residuals(problem, state)[:, 0]), np.concatenate([one.weights for _, one in pairs])
     return StartingPoint(views, problem, state, np.where(is_seen, weights, 0.0))

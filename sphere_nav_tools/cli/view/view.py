@@ -79,8 +79,8 @@ def first_pose(reader: MapReader, arguments: argparse.Namespace) -> SE3:
         sphere_id = arguments.sphere if arguments.sphere is not None else min(reader.graph.nodes)
         return reader.graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL
     numbers = numbers_of(arguments.pose, "--pose", "x,y,z,yaw[,pitch,roll]", 4, 6)
-    x, y, z, yaw, pitch, roll = *numbers, *[0.0] * (6 - len(numbers))
-    return SE3.from_angles(*np.radians([roll, pitch, yaw]), [x, y, z]) @ T_BODY_OPTICAL
+    yaw, pitch, roll = np.radians([*numbers[3:], 0.0, 0.0][:3])
+    return SE3.from_angles(roll, pitch, yaw, numbers[:3]) @ T_BODY_OPTICAL
 
 
 def find_experience(scene: Scene, name: str | None) -> Experience | None:

@@ -141,11 +141,11 @@ def file_instants(
 
 
 def pair_up(
-    where: Path, first: Sequence[tuple[int, Path]], second: Sequence[tuple[int, Path]], names: Sequence[str]
+    where: Path, names: Sequence[str], first: Sequence[tuple[int, Path]], second: Sequence[tuple[int, Path]]
 ) -> list[tuple[int, dict[str, Path]]]:
     """Return each file of the first camera with that of the second that is nearest in time, where that is near."""
-    stamps = [np.array([stamp for stamp, _ in files], dtype=np.int64) for files in (first, second)]
-    pairs = zip(*associate(*stamps, MAX_PAIR_GAP_NS), strict=True)
+    ours, theirs = (np.array([stamp for stamp, _ in files], dtype=np.int64) for files in (first, second))
+    pairs = zip(*associate(ours, theirs, MAX_PAIR_GAP_NS), strict=True)
     files = [(first[i][0], dict(zip(names, (first[i][1], second[j][1]), strict=True))) for i, j in pairs]
     if not files:
         raise ValueError(f"{where}: expected {' and '.join(names)} within {MAX_PAIR_GAP_NS} ns, found none")

@@ -82,7 +82,7 @@ def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
         inner = sorted(path.parent.name for path in folder.glob("*/img_prev.png"))
         hint = f": name one of its folders {', '.join(inner)}" if inner else ""
         raise ValueError(f"{folder / 'rgb.txt'}: expected a file, found none{hint}")
-    files = pair_up(folder, *(_read_list(folder / name) for name in ("rgb.txt", "depth.txt")), NAMES)
+    files = pair_up(folder, NAMES, *(_read_list(folder / name) for name in ("rgb.txt", "depth.txt")))
     truth = read_tum(folder / "groundtruth.txt") if (folder / "groundtruth.txt").exists() else None
     return _rgbd(files, _bodies(truth, files), camera, depth_units, "groundtruth.txt")
 
@@ -100,7 +100,7 @@ def _tum_pair(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
 def open_openloris(folder: Path) -> Recording:
     """Open color.txt, aligned_depth.txt (mm), sensors.yaml, trans_matrix.yaml and groundtruth.txt, of the base."""
     files = pair_up(
-        folder, *(_read_list(require_folder(folder) / name) for name in ("color.txt", "aligned_depth.txt")), NAMES
+        folder, NAMES, *(_read_list(require_folder(folder) / name) for name in ("color.txt", "aligned_depth.txt"))
     )
     path = folder / "sensors.yaml"
     fields = ("width", "height", "intrinsics")
@@ -126,7 +126,7 @@ def open_rover(folder: Path, camera: Pinhole) -> Recording:
     inner = next((folder / name for name in ROVER_FOLDERS if (folder / name / "rgb").is_dir()), folder)
     paths = (require_folder(inner / name).glob("*.png") for name in ("rgb", "depth"))
     stamped = [sorted((parse_stamp_ns(path.stem, f"{path}: name"), path) for path in found) for found in paths]
-    files = pair_up(inner, *stamped, NAMES)
+    files = pair_up(inner, NAMES, *stamped)
     return _rgbd(files, [None] * len(files), camera, 1000.0)
 
 

@@ -86,7 +86,7 @@ def open_euroc(folder: Path) -> Recording:
     source = next((mav / name / "data.csv" for name in TRUTHS if (mav / name / "data.csv").is_file()), None)
     truth = None if source is None else _asl_truth(source, T_body_left)
     name = "" if source is None else source.parent.name
-    return _stereo(pair_up(mav, *images, SIDES), (left, right), T_body_left.inverse() @ T_body_right, truth, name)
+    return _stereo(pair_up(mav, SIDES, *images), (left, right), T_body_left.inverse() @ T_body_right, truth, name)
 
 
 def open_four_seasons(folder: Path) -> Recording:

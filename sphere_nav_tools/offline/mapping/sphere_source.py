@@ -70,7 +70,8 @@ def _from_files(first: Path, second: Path, lens: LensOptions, params: MapperPara
     if lens.intrinsics is None:
         raise ValueError("--camera: expected FX,FY,CX,CY for image files, found none")
     image = read_rgb(first)
-    camera = Pinhole(image.shape[1], image.shape[0], *lens.intrinsics)
+    fx, fy, cx, cy = lens.intrinsics
+    camera = Pinhole(image.shape[1], image.shape[0], fx, fy, cx, cy)
     if lens.baseline_m is not None:
         right = read_rgb(second)
         if right.shape[:2] != image.shape[:2]:
