@@ -29,9 +29,9 @@ def sighting(camera, instant, board, T_world_rig, error=None):
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_two_unknown_poses_come_out_of_motions(noise):
-    rng = np.random.default_rng(3)
-    X, Z = CAMERAS[1], BOARDS[2]
-    A = rigs(12)
+    rng = np.random.default_rng(8)  # a camera that alternation from a wrong start does not find
+    X, Z = (SE3.exp([*rng.normal(0, 0.4, 3), *rng.uniform(-1.7, 1.7, 3)]) for _ in range(2))
+    A = [SE3.exp([*rng.normal(0, 0.4, 3), *rng.normal(0, 0.15, 3)]) for _ in range(6)]
     M = [X.inverse() @ T @ Z @ SE3.exp(noise * rng.normal(size=6)) for T in A]
     found_X, found_Z = hand_eye(batch(M), batch(A))
     assert max(map(float, found_X.distance(X))) < 1e-6 + 3 * noise
