@@ -7,18 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig_calibration.boards.assembly import assemble
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.checks import check_joined, check_views, disagreements
+from rig_calibration.boards.checks import check_views, disagreements
 from rig_calibration.boards.intrinsics import SingleCamera, calibrate_camera
 from rig_calibration.boards.observability import Spread, spread, warnings
 from rig_calibration.boards.quality import quality_warnings
 from rig_calibration.boards.rejection import adjust
-from rig_calibration.boards.starting import StartingPoint, camera_observations, sightings, start_of_rig
+from rig_calibration.boards.starting import FittedView, StartingPoint, camera_observations, start_of_rig
 from rig_calibration.boards.state import RigState
 from rig_calibration.boards.validation import Validation, camera_rms, validate
 from rig_calibration.boards.views import BoardView
-from rig_calibration.constants import MIN_SEEN, NUM_DISTORTION
+from rig_calibration.constants import MIN_SEEN
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
@@ -79,9 +78,9 @@ def calibrate(
     """
     names = [spec.name for spec in specs]
     check_views(names, boards, views)
-    singles, own_views, kept, dropped = _each_camera(specs, boards, views, progress)
+    singles, fitted, dropped = _each_camera(specs, boards, views, progress)
     progress("joining the cameras")
-    start = _join(names, boards, own_views, kept, singles, T_rig_reference)
+    start = start_of_rig(names, boards, fitted, singles, T_rig_reference)
     adjusted = adjust(start.problem, start.state, start.kept, progress)
     state = adjusted.solution.state
     dropped |= {start.views[view].label: reason for view, reason in adjusted.dropped.items()}
@@ -100,10 +99,10 @@ def _each_camera(
     boards: Sequence[Board],
     views: Sequence[BoardView],
     progress: Progress,
-) -> tuple[list[SingleCamera], list[tuple[BoardView, SE3]], list[Array], dict[str, str]]:
-    """Calibrate every camera by itself; return the views that fit with their poses and weights, and the others."""
+) -> tuple[list[SingleCamera], list[FittedView], dict[str, str]]:
+    """Calibrate every camera by itself; return the views that fit, and why the others do not."""
     by_name = {board.name: board for board in boards}
-    singles, good, kept, dropped = [], [], [], {}
+    singles, good, dropped = [], [], {}
     for spec in specs:
         progress(f"camera {spec.name}")
         own = [view for view in views if view.camera == spec.name and len(view.corners) >= MIN_SEEN]
@@ -116,25 +115,7 @@ def _each_camera(
         weights = np.split(single.adjusted.kept, seen.starts[1:-1])
         for index, (view, weight) in enumerate(zip(own, weights, strict=True)):
             if np.any(weight > 0):
-                good.append((view, single.T_camera_board[index]))
-                kept.append(weight)
+                good.append(FittedView(view, single.T_camera_board[index], weight))
             else:
                 dropped[view.label] = single.adjusted.dropped.get(index, "no corner fits")
-    return singles, good, kept, dropped
-
-
-def _join(
-    names: Sequence[str],
-    boards: Sequence[Board],
-    own_views: Sequence[tuple[BoardView, SE3]],
-    kept: Sequence[Array],
-    singles: Sequence[SingleCamera],
-    T_rig_reference: SE3,
-) -> StartingPoint:
-    views = [view for view, _ in own_views]
-    poses = SE3(np.stack([T.matrix for _, T in own_views]))
-    instants = sorted({view.instant for view in views})
-    seen = sightings(views, poses, names, instants, boards)
-    found = assemble(seen, T_rig_reference, len(names), np.random.default_rng(0))
-    check_joined(names, set(found.cameras))
-    return start_of_rig(found, views, kept, instants, boards, singles, NUM_DISTORTION)
+    return singles, good, dropped

@@ -26,12 +26,10 @@ NUM_TRIALS = 3  # best of them that are adjusted
 MIN_AHEAD = 0.1  # cosine to the middle ray of a board, from which on a ray says where it is
 
 # Joining cameras and boards (boards/test_assembly)
-NUM_STARTS, NUM_REFINED = 60, 12  # rotations from which two unknown poses are looked for; best of them
 NUM_ALTERNATIONS = 10  # between both, at most
 MIN_HAND_EYE = 4  # instants
 LOST = 0.1  # rad, or part of the distance, from which on a board is somewhere else: one such outvotes nobody
 MAX_CANDIDATES = 400  # that are tried as the pose of a camera or board
-NUM_SWEEPS, MIN_INSTANTS = 2, 3  # over all placed ones; of one that is placed anew
 
 # Bundle adjustment and false corners (test_adjustment, boards/test_rejection)
 FIRST_DAMPING, MAX_DAMPING = 1e-4, 1e10
@@ -53,8 +51,8 @@ OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called
 ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
 
 # Whether images are good (boards/test_quality, test_sharpness; chosen on five drawn sets of each flaw)
-EDGE_REACH, EDGE_SAMPLES = 0.4, 161  # of the way to the next corners; samples of an edge across
 QUARTILES_APART = 1.349  # standard deviations of a Gaussian
+SAMPLED_PX2 = 0.45  # variance in px^2 that samples of whole pixels add to that of an edge (test_sharpness)
 MAX_BLUR_SHARE = 0.00135  # of the image's width, not below 1.35 px: a sharp lens has 0.4 to 0.9 px
 MIN_GOOD_VIEWS = 10  # instants of a camera: 40 are advised
 MIN_TILT_DEG = 6.0  # RMS of the boards' tilt: 20 deg to all sides are advised

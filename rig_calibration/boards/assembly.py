@@ -11,39 +11,27 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from rig_calibration.boards.board import Board
-from rig_calibration.constants import (
-    LOST,
-    MAX_CANDIDATES,
-    MIN_HAND_EYE,
-    MIN_INSTANTS,
-    NUM_ALTERNATIONS,
-    NUM_REFINED,
-    NUM_STARTS,
-    NUM_SWEEPS,
-)
+from rig_calibration.constants import LOST, MAX_CANDIDATES, MIN_HAND_EYE, NUM_ALTERNATIONS
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
 
 
-def hand_eye(M: SE3, A: SE3, rng: np.random.Generator) -> tuple[SE3, SE3, float]:
-    """Return X and Z of X M_i = A_i Z and the RMS of what remains, in metres and radians alike.
+def hand_eye(M: SE3, A: SE3) -> tuple[SE3, SE3]:
+    """Return X and Z of X M_i = A_i Z, of batches (N,), N >= 3.
 
-    `M` and `A` are batches (N,), N >= 3. All twelve numbers are refined from the best of many starts. What the motion
-    does not show (a translation along the only axis of rotation) stays near zero.
+    Turns from instant to instant give the rotation of X, X (M_i M_j^-1) = (A_i A_j^-1) X, alternation both rotations,
+    and a refinement all twelve numbers. What the motion does not show (a translation along the only axis of rotation)
+    stays near zero.
     """
-    starts = [_start(M, A, R_X) for R_X in so3.from_quaternion(rng.normal(size=(NUM_STARTS, 4)))]
-    scale = float(np.median(np.linalg.norm(M.translation, axis=-1))) + 1e-9
-    starts.sort(key=lambda start: start[2])
-    return min((_refine(M, A, X, Z, scale) for X, Z, _ in starts[:NUM_REFINED]), key=lambda found: found[2])
-
-
-def _start(M: SE3, A: SE3, R_X: Array) -> tuple[SE3, SE3, float]:
-    """Return X and Z near a rotation of X, by alternation, their translations by least squares, and what remains."""
+    before = np.roll(np.arange(len(M.matrix)), 1)
+    turns = [so3.log((T @ T[before].inverse()).rotation) for T in (A, M)]
+    R_X = so3.nearest_rotations(turns[0].T @ turns[1])
     for _ in range(NUM_ALTERNATIONS):
         R_Z = so3.nearest_rotations(np.sum(np.swapaxes(A.rotation, 1, 2) @ R_X @ M.rotation, axis=0))
         R_X = so3.nearest_rotations(np.sum(A.rotation @ R_Z @ np.swapaxes(M.rotation, 1, 2), axis=0))
@@ -51,18 +39,14 @@ def _start(M: SE3, A: SE3, R_X: Array) -> tuple[SE3, SE3, float]:
     right = (A.translation - np.einsum("ij,nj->ni", R_X, M.translation)).ravel()
     t = np.linalg.lstsq(left, right, rcond=1e-6)[0]
     X, Z = SE3.from_parts(R_X, t[:3]), SE3.from_parts(R_Z, t[3:])
-    return X, Z, float(np.linalg.norm((X @ M).matrix - (A @ Z).matrix))
+    scale = float(np.median(np.linalg.norm(M.translation, axis=-1))) + 1e-9
 
-
-def _refine(M: SE3, A: SE3, X: SE3, Z: SE3, scale: float) -> tuple[SE3, SE3, float]:
     def errors(step: Array) -> Array:
-        difference = (A @ Z @ SE3.exp(step[6:])).inverse() @ (X @ SE3.exp(step[:6]) @ M)
-        turn = so3.log(difference.rotation)
-        return np.concatenate([difference.translation / scale, turn], axis=-1).ravel()
+        off = (A @ Z @ SE3.exp(step[6:])).inverse() @ (X @ SE3.exp(step[:6]) @ M)
+        return np.concatenate([off.translation / scale, so3.log(off.rotation)], axis=-1).ravel()
 
-    best = least_squares(errors, np.zeros(12), loss="soft_l1", f_scale=0.02, max_nfev=40)
-    rms = float(np.sqrt(2.0 * best.cost / M.matrix.shape[0]))
-    return X @ SE3.exp(best.x[:6]), Z @ SE3.exp(best.x[6:]), rms
+    step = least_squares(errors, np.zeros(12), loss="soft_l1", f_scale=0.02, max_nfev=40).x
+    return X @ SE3.exp(step[:6]), Z @ SE3.exp(step[6:])
 
 
 Key = tuple[str, int]  # "camera" or "board", and its index
@@ -77,60 +61,43 @@ class Sighting:
     board: int
     T_camera_board: SE3
 
+    @property
+    def reach(self) -> float:
+        """How far away the board is, m."""
+        return float(np.linalg.norm(self.T_camera_board.translation[0])) + 1e-9
 
-@dataclass
+
+@dataclass(frozen=True, eq=False)
 class Assembly:
     """What is known so far: `T_rig_camera` and `T_world_board` by index, `T_world_rig` by instant."""
 
     sightings: list[Sighting]
     cameras: dict[int, SE3] = field(default_factory=dict)
     boards: dict[int, SE3] = field(default_factory=dict)
-    by_instant: dict[int, list[Sighting]] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def by_instant(self) -> dict[int, list[Sighting]]:
+        """What was seen at each instant."""
         grouped = defaultdict(list)
         for sighting in self.sightings:
             grouped[sighting.instant].append(sighting)
-        self.by_instant = dict(grouped)
+        return dict(grouped)
 
-    def place(self, key: Key, pose: SE3) -> None:
-        """Take a pose for a camera or a board."""
-        (self.cameras if key[0] == "camera" else self.boards)[key[1]] = pose
-
-    def without(self, key: Key) -> Assembly:
-        """Return the same without the pose of a camera or a board."""
-        cameras = {c: T for c, T in self.cameras.items() if key != ("camera", c)}
-        return Assembly(self.sightings, cameras, {b: T for b, T in self.boards.items() if key != ("board", b)})
-
-    def rig_poses(self, instant: int) -> list[SE3]:
-        """Return candidates of `T_world_rig`, best first: those that explain the known sightings equally well."""
+    def rig_poses(self, instant: int) -> SE3:
+        """Return candidates (K,) of `T_world_rig`, best first: those that explain the known sightings equally well."""
         known = [s for s in self.by_instant[instant] if s.camera in self.cameras and s.board in self.boards]
-        if not known:
-            return []
-        placed = [self.boards[s.board] @ (self.cameras[s.camera] @ s.T_camera_board).inverse() for s in known]
-        candidates = np.concatenate([T.matrix for T in placed])
+        placed = [(self.boards[s.board] @ (self.cameras[s.camera] @ s.T_camera_board).inverse()).matrix for s in known]
+        candidates = np.concatenate([np.zeros((0, 4, 4)), *placed])
         if len(known) > 1:
             costs = np.sum([np.minimum(self._misfits(candidates, s), LOST) for s in known], axis=0)
             order = np.argsort(costs, kind="stable")
             candidates = candidates[order[costs[order] <= 1.5 * costs.min() + 1e-6]]
-        return [SE3(matrix) for matrix in candidates]
-
-    def num_lost(self) -> int:
-        """Return how many sightings are far from where they should be, or join nothing."""
-        count = 0
-        for instant, sightings in self.by_instant.items():
-            poses = self.rig_poses(instant)
-            known = [s for s in sightings if s.camera in self.cameras and s.board in self.boards]
-            count += len(sightings) - len(known)
-            count += sum(float(self._misfits(poses[0].matrix[None], s)[0]) >= LOST for s in known)
-        return count
+        return SE3(candidates)
 
     def _misfits(self, T_world_rigs: Array, sighting: Sighting) -> Array:
         """Return how far the board would be from where it is (n,), for rig poses (n, 4, 4), by its nearest turn."""
-        seen = (self.cameras[sighting.camera] @ sighting.T_camera_board).matrix
-        apart = _apart(
-            (T_world_rigs[:, None] @ seen).reshape(-1, 4, 4), self.boards[sighting.board].matrix[None], _reach(sighting)
-        )
+        seen = T_world_rigs[:, None] @ (self.cameras[sighting.camera] @ sighting.T_camera_board).matrix
+        apart = _apart(seen.reshape(-1, 4, 4), self.boards[sighting.board].matrix[None], sighting.reach)
         return apart.reshape(len(T_world_rigs), -1).min(axis=1)
 
 
@@ -144,109 +111,76 @@ def board_turns(board: Board) -> SE3:
     return SE3(np.stack(poses))
 
 
-def assemble(sightings: list[Sighting], reference: SE3, num_cameras: int, rng: np.random.Generator) -> Assembly:
-    """Join everything to camera 0, whose `T_rig_camera` is `reference`; what cannot be joined stays out.
+def assemble(sightings: list[Sighting], reference: SE3, num_cameras: int) -> Assembly:
+    """Join everything to camera 0, whose `T_rig_camera` is `reference`, and to the board that it saw most often.
 
-    The first step may rest on one instant and a false view there. So every board that camera 0 saw is tried as the
-    first one, and the assembly that most sightings agree with is taken.
+    What cannot be joined stays out.
     """
     own = np.bincount([s.board for s in sightings if s.camera == 0] or [0])
     if not any(s.camera == 0 for s in sightings):
         return Assembly(sightings)
-    tried: list[tuple[int, int, Assembly]] = []
-    for board in np.argsort(-own)[: np.count_nonzero(own)]:
-        found = Assembly(sightings, {0: reference}, {int(board): SE3.identity()})
-        while _grow(found) or (len(found.cameras) < num_cameras and _join_by_motion(found, rng)):
-            pass
-        if found.num_lost():
-            _settle(found, int(board))
-        tried.append((found.num_lost(), len(tried), found))
-        if not tried[-1][0]:
-            break
-    return min(tried)[2]
+    found = Assembly(sightings, {0: reference}, {int(np.argmax(own)): SE3.identity()})
+    while _grow(found) or (len(found.cameras) < num_cameras and _join_by_motion(found)):
+        pass
+    return found
 
 
 def _grow(found: Assembly) -> bool:
     """Add the camera or board that most instants agree about; return whether there was one."""
-    seen = _propose(found)
-    agreed = {key: _majority(*instants) for key, instants in seen.items()}
-    if not agreed:
-        return False
-    key = max(agreed, key=lambda key: agreed[key][1])
-    found.place(key, agreed[key][0])
-    return True
-
-
-def _settle(found: Assembly, reference_board: int) -> None:
-    """Place every camera and board once more, by all instants; the first placing may have rested on a false view."""
-    for _ in range(NUM_SWEEPS):
-        for key in [*(("camera", c) for c in found.cameras), *(("board", b) for b in found.boards)]:
-            if key in (("camera", 0), ("board", reference_board)):
-                continue
-            kept = found.without(key)
-            instants = _propose(kept).get(key)
-            if instants is not None and len(instants[0]) >= MIN_INSTANTS:
-                found.place(key, _majority(*instants)[0])
-
-
-def _propose(found: Assembly) -> dict[Key, tuple[list[SE3], float]]:
-    """Return, for cameras and boards that are not placed, where each instant puts them, and how far away they are."""
-    candidates: dict[Key, list[SE3]] = defaultdict(list)
+    candidates: dict[Key, list[Array]] = defaultdict(list)
     reach: dict[Key, list[float]] = defaultdict(list)
     for instant, sightings in found.by_instant.items():
-        wanted = [s for s in sightings if (s.camera in found.cameras) != (s.board in found.boards)]
-        T_world_rigs = found.rig_poses(instant) if wanted else []
-        if not T_world_rigs:
-            continue
-        rigs = SE3(np.stack([T.matrix for T in T_world_rigs]))
-        for s in wanted:
-            if s.board in found.boards:
-                key, poses = ("camera", s.camera), _all(rigs.inverse() @ found.boards[s.board], s.T_camera_board, True)
-            else:
-                key, poses = ("board", s.board), _all(rigs @ found.cameras[s.camera], s.T_camera_board, False)
-            candidates[key].append(poses)
-            reach[key].append(_reach(s))
-    return {key: (poses, float(np.median(reach[key]))) for key, poses in candidates.items()}
-
-
-def _join_by_motion(found: Assembly, rng: np.random.Generator) -> bool:
-    pairs: dict[tuple[int, int], list[tuple[SE3, SE3]]] = defaultdict(list)
-    for instant, sightings in found.by_instant.items():
         rigs = found.rig_poses(instant)
-        for s in sightings if rigs else []:
-            if s.camera not in found.cameras and s.board not in found.boards:
-                pairs[(s.camera, s.board)].append((s.T_camera_board[0], rigs[0].inverse()))
-    if not pairs:
+        for s in sightings if len(rigs.matrix) else []:
+            if s.camera in found.cameras and s.board not in found.boards:
+                key, pairs = ("board", s.board), ((rigs @ found.cameras[s.camera]), s.T_camera_board)
+            elif s.board in found.boards and s.camera not in found.cameras:
+                key, pairs = (
+                    ("camera", s.camera),
+                    ((rigs.inverse() @ found.boards[s.board]), s.T_camera_board.inverse()),
+                )
+            else:
+                continue
+            candidates[key].append((pairs[0].matrix[:, None] @ pairs[1].matrix).reshape(-1, 4, 4))
+            reach[key].append(s.reach)
+    agreed = {key: _majority(poses, float(np.median(reach[key]))) for key, poses in candidates.items()}
+    if not agreed:
         return False
-    (camera, board), instants = max(pairs.items(), key=lambda item: len(item[1]))
-    if len(instants) < MIN_HAND_EYE:
-        return False
-    M, A = (SE3(np.stack([pair[k].matrix for pair in instants])) for k in (0, 1))
-    found.cameras[camera], found.boards[board], _ = hand_eye(M, A, rng)
+    kind, index = key = max(agreed, key=lambda key: agreed[key][1])
+    (found.cameras if kind == "camera" else found.boards)[index] = agreed[key][0]
     return True
 
 
-def _all(first: SE3, second: SE3, is_inverted: bool) -> SE3:
-    """Return every product (n * m,) of two batches, the second inverted if told so."""
-    second = second.inverse() if is_inverted else second
-    return SE3((first.matrix[:, None] @ second.matrix).reshape(-1, 4, 4))
+def _join_by_motion(found: Assembly) -> bool:
+    """Add the camera and the board that see each other most often, but nothing that is known."""
+    pairs: dict[tuple[int, int], list[tuple[Array, Array]]] = defaultdict(list)
+    for instant, sightings in found.by_instant.items():
+        rigs = found.rig_poses(instant)
+        for s in sightings if len(rigs.matrix) else []:
+            if s.camera not in found.cameras and s.board not in found.boards:
+                pairs[s.camera, s.board].append((s.T_camera_board[0].matrix, rigs[0].inverse().matrix))
+    (camera, board), instants = max(pairs.items(), key=lambda item: len(item[1]), default=((0, 0), []))
+    if len(instants) < MIN_HAND_EYE:
+        return False
+    found.cameras[camera], found.boards[board] = hand_eye(
+        *(SE3(np.stack(poses)) for poses in zip(*instants, strict=True))
+    )
+    return True
 
 
-def _majority(candidates: list[SE3], reach: float) -> tuple[SE3, int]:
+def _majority(candidates: list[Array], reach: float) -> tuple[SE3, int]:
     """Return the mean of the candidates that most instants agree about, and how many instants these are."""
-    pool = np.concatenate([T.matrix for T in candidates])
-    first = np.cumsum([0, *(len(T.matrix) for T in candidates[:-1])])
+    pool = np.concatenate(candidates)
+    first = np.cumsum([0, *map(len, candidates[:-1])])
     tried = pool[:: max(len(pool) // MAX_CANDIDATES, 1)]
     apart = _apart(tried, pool, reach)
     nearest = np.minimum.reduceat(apart, first, axis=1)  # (tried, instants)
     best = int(np.argmin(np.sum(np.minimum(nearest, LOST), axis=1)))
     chosen = [start + int(np.argmin(row)) for start, row in zip(first, np.split(apart[best], first[1:]), strict=True)]
     distances = apart[best][chosen]
-    is_close = distances <= min(2.0 * float(np.median(distances)) + 1e-9, LOST)
-    close = pool[chosen][is_close if is_close.any() else distances == distances.min()]
-    U, _, Vt = np.linalg.svd(close[:, :3, :3].mean(axis=0))
-    mean = SE3.from_parts(U @ Vt, np.median(close[:, :3, 3], axis=0))
-    return mean, int(np.count_nonzero(distances <= LOST))
+    close = pool[chosen][distances <= max(min(2.0 * float(np.median(distances)) + 1e-9, LOST), float(distances.min()))]
+    R = so3.nearest_rotations(close[:, :3, :3].mean(axis=0))
+    return SE3.from_parts(R, np.median(close[:, :3, 3], axis=0)), int(np.count_nonzero(distances <= LOST))
 
 
 def _apart(first: Array, second: Array, reach: float) -> Array:
@@ -255,7 +189,3 @@ def _apart(first: Array, second: Array, reach: float) -> Array:
     moved = np.linalg.norm(first[:, None, :3, 3] - second[None, :, :3, 3], axis=-1)
     apart: Array = moved / reach + np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
     return apart
-
-
-def _reach(sighting: Sighting) -> float:
-    return float(np.linalg.norm(sighting.T_camera_board.translation[0])) + 1e-9

@@ -24,42 +24,41 @@ from sphere_nav.geometry.cameras.lens import NUM_LENS, J_lens
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The best state found, its residuals (N, 2) in pixels, its cost in square pixels, and whether it settled."""
+    """The best state found, and its residuals (N, 2) in pixels."""
 
     state: RigState
     residuals: Array
-    cost: float
-    is_converged: bool
 
 
 def solve(
     problem: AdjustmentProblem, start: RigState, weights: Array, huber_px: float = np.inf, max_iterations: int = 60
 ) -> Solution:
     """Minimise the weighted squares, linear beyond `huber_px`. Corners (N,) of weight 0 do not count."""
-    state, damping, is_converged = start, FIRST_DAMPING, False
-    errors = residuals(problem, state)
+    state, damping, errors = start, FIRST_DAMPING, residuals(problem, start)
     cost = _cost(errors, weights, huber_px)
     if not np.isfinite(cost):
         raise ValueError("bundle adjustment: expected a start with all boards in front of their cameras")
     for _ in range(max_iterations):
-        known = np.nan_to_num(errors)
-        weighted = weights * huber_weights(np.linalg.norm(known, axis=-1), huber_px)
-        H, gradient = normal_equations(problem, state, known, weighted)
+        known, before = np.nan_to_num(errors), cost
+        robust = weights * huber_weights(np.linalg.norm(known, axis=-1), huber_px)
+        H, gradient = normal_equations(problem, state, known, robust)
         while damping < MAX_DAMPING:
             trial = state.moved(_step(H, gradient, damping))
             trial_errors = residuals(problem, trial)
             trial_cost = _cost(trial_errors, weights, huber_px)
             if trial_cost <= cost:
+                state, errors, cost, damping = trial, trial_errors, trial_cost, max(damping / 8.0, TINY)
                 break
             damping *= 8.0
-        else:
-            is_converged = True
+        if before - cost <= MIN_GAIN * before + TINY * TINY:
             break
-        is_converged = cost - trial_cost <= MIN_GAIN * cost + TINY * TINY
-        state, errors, cost, damping = trial, trial_errors, trial_cost, max(damping / 8.0, TINY)
-        if is_converged:
-            break
-    return Solution(state, errors, cost, is_converged)
+    return Solution(state, errors)
+
+
+def rms_px(errors: Array, kept: Array) -> float:
+    """Return the RMS of the residuals (N, 2) that count; NaN where none does."""
+    squares = np.sum(errors[kept > 0] ** 2, axis=-1)
+    return float(np.sqrt(squares.mean())) if squares.size else float("nan")
 
 
 def information(problem: AdjustmentProblem, state: RigState, weights: Array) -> Array:

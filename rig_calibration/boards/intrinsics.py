@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from rig_calibration.boards.bundle import residuals, solve
+from rig_calibration.boards.bundle import residuals, rms_px, solve
 from rig_calibration.boards.observability import spread
 from rig_calibration.boards.rejection import Adjusted, adjust, noise_px
 from rig_calibration.boards.state import AdjustmentProblem, RigState, camera_problem, camera_state
@@ -74,7 +74,7 @@ def calibrate_camera(
     start: Camera | None = None,
 ) -> SingleCamera:
     """Find lens and board poses from the views of one camera; ValueError where no start fits."""
-    problem = camera_problem(model, size, NUM_DISTORTION, seen)
+    problem = camera_problem(model, size, seen)
     kept = np.ones(len(seen.pixels))
     starts = [lens_of(start)] if start is not None else _starts(model, size, seen)
     tried = [_try(problem, lens, kept) for lens in starts]
@@ -85,11 +85,10 @@ def calibrate_camera(
     better = _flip_where_better(problem, adjust(problem, best, kept).solution.state)
     adjusted = adjust(problem, better, kept)
     state = adjusted.solution.state
-    errors, is_kept = adjusted.solution.residuals, adjusted.kept > 0
-    covariance = spread(problem, state, errors, adjusted.kept).lenses[0]
-    rms_px = float(np.sqrt(np.sum(errors[is_kept] ** 2) / max(int(np.count_nonzero(is_kept)), 1)))
+    judged = adjusted.solution.residuals, adjusted.kept
+    covariance = spread(problem, state, *judged).lenses[0]
     return SingleCamera(
-        problem.camera(state, 0), state.T_world_rig.inverse(), adjusted, state.lenses[0], covariance, rms_px
+        problem.camera(state, 0), state.T_world_rig.inverse(), adjusted, state.lenses[0], covariance, rms_px(*judged)
     )
 
 
@@ -103,12 +102,12 @@ def view_poses(camera: Camera, seen: Observations) -> tuple[SE3, SE3]:
 
 def _starts(model: str, size: tuple[int, int], seen: Observations) -> list[Array]:
     """Return the most promising lenses without distortion, by how well the board of each view fits."""
-    problem = camera_problem(model, size, 0, seen)
+    problem = camera_problem(model, size, seen)
     found = []
     for ratio in FOCAL_LENGTHS[model]:
         focal, center = ratio * size[0], (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
         lens = first_lens(model, focal, center)
-        poses, _ = view_poses(camera_of(model, size, lens, 0), seen)
+        poses, _ = view_poses(camera_of(model, size, lens, NUM_DISTORTION), seen)
         if not np.all(np.isfinite(poses.matrix)):
             continue
         errors = residuals(problem, camera_state(lens, poses))

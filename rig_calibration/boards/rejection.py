@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig_calibration.boards.bundle import Solution, residuals, solve
+from rig_calibration.boards.bundle import Solution, residuals, rms_px, solve
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import (
@@ -43,13 +43,13 @@ def adjust(
     seen = problem.seen
     dropped: dict[int, str] = {}
     allowed = kept
-    solution = solve(problem, start, kept, _huber_px(problem, start, kept), max_iterations=25)
+    solution = solve(problem, start, kept, HUBER * noise_px(residuals(problem, start), kept), max_iterations=25)
     for number in range(MAX_ROUNDS):
-        progress(f"adjusting, round {number + 1}: {_rms(solution.residuals, kept):.3f} px")
+        progress(f"adjusting, round {number + 1}: {rms_px(solution.residuals, kept):.3f} px")
         remaining, found = reject(seen, solution.residuals, allowed)
         dropped |= found
         is_settled = number > 0 and np.array_equal(remaining, kept)
-        allowed, kept = _without(seen, allowed, dropped), remaining
+        allowed, kept = np.where(np.isin(seen.view, list(dropped)), 0.0, allowed), remaining
         if is_settled:
             break
         huber_px = HUBER * noise_px(solution.residuals, kept)
@@ -107,11 +107,6 @@ def noise_px(errors: Array, kept: Array) -> float:
     return max(float(np.median(size)) / MEDIAN_LENGTHS[2], 1e-9) if size.size else 1e-9
 
 
-def _without(seen: Observations, allowed: Array, dropped: dict[int, str]) -> Array:
-    """Return the corners that may come back: all but those of the views that were left out."""
-    return np.where(np.isin(seen.view, list(dropped)), 0.0, allowed)
-
-
 def _drop_poor(
     seen: Observations, remaining: Array, kept: Array, dropped: dict[int, str]
 ) -> tuple[Array, dict[int, str]]:
@@ -122,11 +117,3 @@ def _drop_poor(
         remaining[seen.view == view] = 0.0
         dropped.setdefault(int(view), f"{count[view]:.0f} of {seen.counts[view]:.0f} corners fit")
     return remaining, dropped
-
-
-def _huber_px(problem: AdjustmentProblem, start: RigState, kept: Array) -> float:
-    return HUBER * noise_px(residuals(problem, start), kept)
-
-
-def _rms(errors: Array, kept: Array) -> float:
-    return float(np.sqrt(np.sum(errors[kept > 0] ** 2) / max(int(np.count_nonzero(kept)), 1)))

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from rig_calibration.boards.bundle import rms_px
 from rig_calibration.boards.quality import covered_cells, tilt_deg
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import Indices
 from rig_calibration.calibrate import Calibration
+from rig_calibration.constants import NUM_DISTORTION
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.lens import free_parameters
 
@@ -22,7 +24,7 @@ def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
     cameras = {}
     for index, spec in enumerate(calibration.specs):
         std, halves = calibration.spread.pose_std[index], calibration.validation.halves[index]
-        num_lens = int(np.flatnonzero(free_parameters(spec.model, calibration.start.problem.num_distortion))[-1]) + 1
+        num_lens = int(np.flatnonzero(free_parameters(spec.model, NUM_DISTORTION))[-1]) + 1
         cameras[spec.name] = {
             "model": spec.model,
             "lens": [float(value) for value in calibration.state.lenses[index][:num_lens]],
@@ -40,7 +42,7 @@ def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
         }
     return {
         "cameras": cameras,
-        "rms_px": float(np.sqrt(np.sum(calibration.residuals[calibration.kept > 0] ** 2) / calibration.kept.sum())),
+        "rms_px": rms_px(calibration.residuals, calibration.kept),
         "noise_px": calibration.spread.noise_px,
         "num_views": len(calibration.start.views),
         "rejected_views": calibration.dropped,

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rig_calibration.boards.assembly import Assembly, Sighting, board_turns
+from rig_calibration.boards.assembly import Assembly, Sighting, assemble, board_turns
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.bundle import residuals
+from rig_calibration.boards.checks import check_joined
 from rig_calibration.boards.intrinsics import SingleCamera
 from rig_calibration.boards.state import AdjustmentProblem, RigState, rig_problem
 from rig_calibration.boards.views import BoardView, Observations, observations
@@ -23,76 +24,67 @@ class StartingPoint:
     """Views of the rig with the weights (N,) of their corners, the problem they pose and a state to start from."""
 
     views: tuple[BoardView, ...]
-    instants: tuple[str, ...]
     problem: AdjustmentProblem
     state: RigState
     kept: Array
 
 
+@dataclass(frozen=True, eq=False)
+class FittedView:
+    """A view as its camera alone explains it: where the board was, and the weights (n,) of its corners."""
+
+    view: BoardView
+    T_camera_board: SE3
+    weights: Array
+
+
 def camera_observations(views: Sequence[BoardView], boards: Mapping[str, Board]) -> Observations:
     """Return the views of one camera."""
-    numbers = range(len(views))
-    zeros = [0] * len(views)
-    points = [boards[view.board].points[view.corners] for view in views]
-    return observations(zeros, numbers, zeros, points, [view.pixels for view in views])
-
-
-def sightings(
-    views: Sequence[BoardView],
-    T_camera_board: SE3,
-    cameras: Sequence[str],
-    instants: Sequence[str],
-    boards: Sequence[Board],
-) -> list[Sighting]:
-    """Return the views as poses by index; a board that looks alike after a turn gives one pose for every turn."""
-    turns = {board.name: board_turns(board) for board in boards}
-    names = [board.name for board in boards]
-    camera_of, instant_of = ({name: i for i, name in enumerate(items)} for items in (cameras, instants))
-    return [
-        Sighting(
-            camera_of[view.camera],
-            instant_of[view.instant],
-            names.index(view.board),
-            T_camera_board[index] @ turns[view.board].inverse(),
-        )
-        for index, view in enumerate(views)
-    ]
+    zeros, points = [0] * len(views), [boards[view.board].points[view.corners] for view in views]
+    return observations(zeros, range(len(views)), zeros, points, [view.pixels for view in views])
 
 
 def start_of_rig(
-    found: Assembly,
-    views: Sequence[BoardView],
-    kept: Sequence[Array],
-    instants: Sequence[str],
+    names: Sequence[str],
     boards: Sequence[Board],
+    fitted: Sequence[FittedView],
     singles: Sequence[SingleCamera],
-    num_distortion: int,
+    T_rig_reference: SE3,
 ) -> StartingPoint:
-    """Keep the views that are joined, number their corners as the rig sees them, and set up the problem."""
-    poses = {i: candidates[0] for i in found.by_instant if (candidates := found.rig_poses(i))}
-    order = sorted(poses)
-    turned, weights, rows = [], [], []
-    for view, weight, s in zip(views, kept, found.sightings, strict=True):
-        if s.instant in poses and s.board in found.boards:
-            turned.append(_turn_view(view, s, found, poses[s.instant], boards[s.board]))
-            weights.append(weight)
-            rows.append((s.camera, order.index(s.instant), s.board))
-    by_name = {board.name: board for board in boards}
-    points = [by_name[view.board].points[view.corners] for view in turned]
-    camera, instant, board = zip(*rows, strict=True)
-    seen = observations(camera, instant, board, points, [view.pixels for view in turned])
+    """Join the cameras, keep the views that are joined, number their corners as the rig sees them.
+
+    A board that looks alike after a turn gives one pose for every turn. ValueError names the cameras that stay apart.
+    """
+    instants = sorted({one.view.instant for one in fitted})
+    cameras, times, places = (
+        {n: i for i, n in enumerate(all_)} for all_ in (names, instants, [b.name for b in boards])
+    )
+    turns = [board_turns(board).inverse() for board in boards]
+    seen = []
+    for view, T in ((one.view, one.T_camera_board) for one in fitted):
+        camera, instant, board = cameras[view.camera], times[view.instant], places[view.board]
+        seen.append(Sighting(camera, instant, board, T @ turns[board]))
+    found = assemble(seen, T_rig_reference, len(names))
+    check_joined(names, set(found.cameras))
+    poses = {i: rigs[0] for i in sorted(found.by_instant) if len((rigs := found.rig_poses(i)).matrix)}
+    order = {instant: row for row, instant in enumerate(poses)}
+    pairs = [(s, one) for s, one in zip(seen, fitted, strict=True) if s.instant in poses and s.board in found.boards]
+    views = tuple(_turn_view(one.view, s, found, poses[s.instant], boards[s.board]) for s, one in pairs)
+    camera_of, instant_of, board_of = zip(*((s.camera, order[s.instant], s.board) for s, _ in pairs), strict=True)
+    points = [boards[s.board].points[view.corners] for (s, _), view in zip(pairs, views, strict=True)]
     state = RigState(
         np.stack([lens_of(single.camera) for single in singles]),
         _stack([found.cameras[i] for i in range(len(singles))]),
         _stack([found.boards.get(i, SE3.identity()) for i in range(len(boards))]),
-        _stack([poses[i] for i in order]),
+        _stack(list(poses.values())),
     )
     models = tuple(single.camera.model for single in singles)
     sizes = tuple((single.camera.width, single.camera.height) for single in singles)
     reference = min(found.boards, key=lambda i: float(np.abs(found.boards[i].matrix - np.eye(4)).max()))
-    problem = rig_problem(models, sizes, num_distortion, seen, len(boards), reference)
-    weights_all = np.where(np.isfinite(residuals(problem, state)[:, 0]), np.concatenate(weights), 0.0)
-    return StartingPoint(tuple(turned), tuple(instants[i] for i in order), problem, state, weights_all)
+    observed = observations(camera_of, instant_of, board_of, points, [view.pixels for view in views])
+    problem = rig_problem(models, sizes, observed, len(boards), reference)
+    is_seen, weights = np.isfinite(residuals(problem, state)[:, 0]), np.concatenate([one.weights for _, one in pairs])
+    return StartingPoint(views, problem, state, np.where(is_seen, weights, 0.0))
 
 
 def _turn_view(view: BoardView, sighting: Sighting, found: Assembly, T_world_rig: SE3, board: Board) -> BoardView:

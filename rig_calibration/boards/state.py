@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_calibration.boards.views import Observations
+from rig_calibration.constants import NUM_DISTORTION
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.lens import NUM_LENS, camera_of, free_parameters
@@ -44,7 +45,6 @@ class AdjustmentProblem:
 
     models: tuple[str, ...]
     sizes: tuple[tuple[int, int], ...]
-    num_distortion: int
     seen: Observations
     is_free: Mask
 
@@ -55,7 +55,7 @@ class AdjustmentProblem:
 
     def camera(self, state: RigState, index: int) -> Camera:
         """Return a camera as its model."""
-        return camera_of(self.models[index], self.sizes[index], state.lenses[index], self.num_distortion)
+        return camera_of(self.models[index], self.sizes[index], state.lenses[index], NUM_DISTORTION)
 
     def held(self, what: slice = slice(None)) -> AdjustmentProblem:
         """Return the problem with some of the shared parameters held, or all of them."""
@@ -67,19 +67,18 @@ class AdjustmentProblem:
 def rig_problem(
     models: tuple[str, ...],
     sizes: tuple[tuple[int, int], ...],
-    num_distortion: int,
     seen: Observations,
     num_boards: int,
     reference_board: int = 0,
 ) -> AdjustmentProblem:
     """Return the whole problem; the first camera and one board stay where they are, to hold rig and world."""
-    lenses = [free_parameters(model, num_distortion) for model in models]
+    lenses = [free_parameters(model, NUM_DISTORTION) for model in models]
     cameras = [np.concatenate([lens, np.full(6, index > 0)]) for index, lens in enumerate(lenses)]
     boards = [np.full(6, index != reference_board) for index in range(num_boards)]
-    return AdjustmentProblem(models, sizes, num_distortion, seen, np.concatenate([*cameras, *boards]))
+    return AdjustmentProblem(models, sizes, seen, np.concatenate([*cameras, *boards]))
 
 
-def camera_problem(model: str, size: tuple[int, int], num_distortion: int, seen: Observations) -> AdjustmentProblem:
+def camera_problem(model: str, size: tuple[int, int], seen: Observations) -> AdjustmentProblem:
     """Return the problem of one camera by itself: every view has a pose of its own, boards do not matter."""
     alone = replace(
         seen,
@@ -87,8 +86,8 @@ def camera_problem(model: str, size: tuple[int, int], num_distortion: int, seen:
         instant=np.arange(seen.num_views),
         board=np.zeros(seen.num_views, dtype=np.intp),
     )
-    free = np.concatenate([free_parameters(model, num_distortion), np.zeros(12, dtype=bool)])
-    return AdjustmentProblem((model,), (size,), num_distortion, alone, free)
+    free = np.concatenate([free_parameters(model, NUM_DISTORTION), np.zeros(12, dtype=bool)])
+    return AdjustmentProblem((model,), (size,), alone, free)
 
 
 def camera_state(lens: Array, T_camera_board: SE3) -> RigState:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.boards.bundle import residuals, solve
+from rig_calibration.boards.bundle import residuals, rms_px, solve
 from rig_calibration.boards.rejection import noise_px
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.constants import HELD_OUT_EVERY, MIN_VIEWS
@@ -46,9 +46,7 @@ def camera_rms(problem: AdjustmentProblem, errors: Array, kept: Array) -> Array:
     """Return the RMS (C,) of each camera over the corners that count, NaN without any."""
     found = np.full(len(problem.models), np.nan)
     for camera, rows in problem.seen.camera_slices:
-        count = np.count_nonzero(kept[rows])
-        if count:
-            found[camera] = np.sqrt(np.sum(errors[rows][kept[rows] > 0] ** 2) / count)
+        found[camera] = rms_px(errors[rows], kept[rows])
     return found
 
 

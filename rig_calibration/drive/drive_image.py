@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from rig_calibration.constants import MARGIN, MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS, SAME_ROW
 from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
@@ -144,15 +145,10 @@ def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
 
 def sample_with_gradient(image: Plane, pixels: Array) -> tuple[Array, Array]:
     """Return grey levels (N,) and their gradient (N, 2) at pixels (N, 2), bilinear."""
-    height, width = image.shape
 
-    def at(du: float, dv: float) -> Array:
-        u, v = np.clip(pixels[:, 0] + du, 0.0, width - 1.001), np.clip(pixels[:, 1] + dv, 0.0, height - 1.001)
-        column, row = u.astype(np.int64), v.astype(np.int64)
-        u, v = u - column, v - row  # cv2.remap knows no finer steps than 1/32 px
-        top = image[row, column] * (1.0 - u) + image[row, column + 1] * u
-        bottom = image[row + 1, column] * (1.0 - u) + image[row + 1, column + 1] * u
-        return np.asarray(top * (1.0 - v) + bottom * v)
+    def at(du: float, dv: float) -> Array:  # cv2.remap knows no finer steps than 1/32 px
+        places = pixels[:, ::-1].T + np.array([[dv], [du]])
+        return np.asarray(map_coordinates(image, places, np.float64, order=1, mode="nearest"))
 
     gradient = np.stack([at(0.5, 0.0) - at(-0.5, 0.0), at(0.0, 0.5) - at(0.0, -0.5)], axis=-1)
     return at(0.0, 0.0), gradient

@@ -10,10 +10,10 @@ as none.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rig_calibration.constants import (
     DIFFERENCE,
@@ -72,20 +72,12 @@ def find_mounting(T_map_camera: SE3, T_odom_base: SE3, given: SE3 | None = None)
     if A.matrix.shape[0] < MIN_PIECES:
         needed = f"{MIN_PIECES} pieces of {PIECE_M:g} m or {np.degrees(PIECE_RAD):.0f} deg"
         raise ValueError(f"mounting: expected a drive of at least {needed}, found {A.matrix.shape[0]}")
-    starts = [given] if given is not None else [SE3.from_parts(R, np.zeros(3)) for R in _upright()]
+    starts = (
+        [given]
+        if given is not None
+        else [SE3.from_parts(R, np.zeros(3)) for R in Rotation.create_group("O").as_matrix()]
+    )
     return min((_fit(A, B, start) for start in starts), key=lambda fit: fit[1])[0]
-
-
-def _upright() -> list[Array]:
-    """Return the 24 rotations whose axes are those of the base."""
-    found = []
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            R = np.zeros((3, 3))
-            R[np.arange(3), order] = signs
-            if np.linalg.det(R) > 0:
-                found.append(R)
-    return found
 
 
 def _pieces(T_map_camera: SE3, T_odom_base: SE3) -> tuple[SE3, SE3]:

@@ -91,9 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         arguments.json.write_text(json.dumps(judged.report, indent=2) + "\n", encoding="utf-8")
     if arguments.plot:
-        from sphere_nav_tools.offline.plot_figure import draw_evaluation  # matplotlib takes half a second to import
+        from sphere_nav_tools.offline import plot_figure  # matplotlib takes half a second to import
 
-        draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, arguments.plot)
+        plot_figure.draw_localization(arguments.plot, estimate, plot_figure.errors_in_map(judged), [])
     return 0
 
 

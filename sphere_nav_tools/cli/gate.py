@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout
 from http import HTTPStatus
 from io import StringIO
-from typing import Any, Protocol
+from typing import Any
 from urllib.parse import quote, unquote_to_bytes
 
 from sphere_nav_tools.cli.constants import GUESS_S, MAX_GUESSES, MAX_HEAD, MAX_OUTSIDE, MAX_VISITORS, MIN_TOKEN
@@ -33,13 +33,6 @@ ANYWHERE = ("0.0.0.0", "::")
 HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^\[\]:@/\s]+)(:\d{1,5})?")
 FOREIGN_SITES = ("cross-site", "same-site")  # another port is another page, too
 Refusal = tuple[HTTPStatus, str]
-
-
-class Headers(Protocol):
-    """Those of a request."""
-
-    def get_all(self, key: str) -> list[str]:
-        """Return every value of a header."""
 
 
 class Guesses:
@@ -83,7 +76,7 @@ class Gate:
             return connection.respond(HTTPStatus.OK, self._acts[rest]())
         return None
 
-    def judge(self, guess: bytes, headers: Headers, here: str, visitor: str) -> Refusal | None:
+    def judge(self, guess: bytes, headers: Any, here: str, visitor: str) -> Refusal | None:
         """Return why a request is refused; None: it is not. `here`: the address of ours that it has reached."""
         hosts, sites = headers.get_all("Host"), headers.get_all("Sec-Fetch-Site")
         if len(hosts) != 1 or not self._is_own(hosts[0].lower(), here):

@@ -15,12 +15,12 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav_tools.offline.importing.frames import describe_folder, guess_format
 from sphere_nav_tools.offline.importing.images import open_images
-from sphere_nav_tools.offline.importing.kitti import open_kitti
 from sphere_nav_tools.offline.importing.nclt import open_nclt
 from sphere_nav_tools.offline.importing.recording import Recording
 from sphere_nav_tools.offline.importing.rgbd import open_openloris, open_rover, open_seven_scenes, open_tum
 from sphere_nav_tools.offline.importing.spherical import open_spherical
-from sphere_nav_tools.offline.importing.stereo import open_euroc, open_four_seasons
+from sphere_nav_tools.offline.importing.stereo import open_euroc, open_four_seasons, open_kitti
+from sphere_nav_tools.offline.settings import numbers_of
 
 HELP = """\
 Turn a recorded data set into an MCAP bag with our topics.
@@ -81,7 +81,6 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
     rgbd = parser.add_argument_group("seven_scenes, tum, rover, images")
     rgbd.add_argument(
         "--camera",
-        type=number_list(4, 12),
         metavar=LENS,
         help="(colour) camera, px (seven_scenes 525,525,320,240; tum 525,525,319.5,239.5)",
     )
@@ -110,6 +109,8 @@ def _add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the bag."""
+    if arguments.camera:
+        arguments.camera = numbers_of(arguments.camera, "--camera", f"4 to 12 numbers {LENS}", 4, 12)
     try:
         recording = READERS[arguments.format](arguments)
     except ValueError as error:
@@ -117,9 +118,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(
             "; ".join(filter(None, [str(error), "" if known else describe_folder(arguments.folder)]))
         ) from None
-    indices = range(recording.num_frames)[arguments.frames]
+    indices = range(len(recording.instants))[arguments.frames]
     if not indices:
-        raise ValueError(f"--frames: expected frames within 0:{recording.num_frames}, found none")
+        raise ValueError(f"--frames: expected frames within 0:{len(recording.instants)}, found none")
     with BagWriter(arguments.output) as bag:
         write_frames(bag, recording, tqdm(indices, unit="frame", desc="import", disable=None))
         bag.annotate("source", f"{arguments.format} {arguments.folder.name}")
@@ -166,7 +167,7 @@ def kinect_camera(lens: tuple[float, ...]) -> Pinhole:
 def write_frames(bag: BagWriter, recording: Recording, indices: Sequence[int]) -> None:
     """Write `/tf_static` and then every message of the frames, at its own stamp."""
     for count, index in enumerate(indices):
-        stamp = recording.stamp_ns(index)
+        stamp = recording.instants[index].stamp_ns
         if count == 0:
             bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)
             bag.write("/tf_static", TFMessage(transforms=recording.static_transforms(stamp)), stamp)
@@ -182,21 +183,3 @@ def frame_range(text: str) -> slice:
     if not match:
         raise argparse.ArgumentTypeError(f"expected A:B or A:B:STEP, found {text!r}")
     return slice(*(int(word) if word else None for word in match.groups()))
-
-
-class number_list:
-    """So many numbers, separated by commas; or from `count` to `most`."""
-
-    def __init__(self, count: int, most: int = 0) -> None:
-        self.count, self.most = count, max(count, most)
-
-    def __call__(self, text: str) -> tuple[float, ...]:
-        """Read them."""
-        try:
-            values = tuple(float(word) for word in text.split(","))
-        except ValueError:
-            values = ()
-        if not self.count <= len(values) <= self.most:
-            count = f"{self.count}" if self.most == self.count else f"{self.count} to {self.most}"
-            raise argparse.ArgumentTypeError(f"expected {count} numbers separated by commas, found {text!r}")
-        return values

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from typing import Any
 
 from dense_localizer.ros.node import DenseLocalizerNode
 from sphere_nav.ros.bags.recorded import Recorded
-from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav_tools.offline import localizing
-from sphere_nav_tools.offline.topics import camera_names
 
 HELP = """\
 Find the camera of a bag in a map, image by image, from colour alone. The poses of base_link in the states TRACKING and
@@ -43,15 +40,4 @@ def run(arguments: argparse.Namespace) -> int:
 
 def replayed(arguments: argparse.Namespace) -> Iterator[Recorded]:
     """Yield what the node publishes."""
-
-    def add_node(bus: OfflineBus, remap: dict[str, str], given: dict[str, Any]) -> None:
-        cameras = camera_names(remap)
-        node = bus.add(
-            DenseLocalizerNode,
-            given | {"map": arguments.map, "rig.cameras": ",".join(cameras)} | arguments.settings,
-            remap,
-        )
-        if arguments.initial_pose:
-            localizing.give_initial_pose(node, arguments.initial_pose)
-
-    return localizing.replay_localizer(arguments, TOPICS, add_node)
+    return localizing.replay_localizer(arguments, TOPICS, DenseLocalizerNode, {"map": arguments.map})

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from typing import Any
 
 from mcl_depth.ros.node import MclDepthNode
 from mcl_depth.site import PRESETS
 from sphere_nav.ros.bags.recorded import Recorded
-from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav_tools.cli.constants import MAX_LEAP_S
 from sphere_nav_tools.offline import localizing
 
@@ -53,16 +51,11 @@ def replayed(arguments: argparse.Namespace) -> Iterator[Recorded]:
     if arguments.camera:
         raise ValueError(f"--camera: expected one camera (--image TOPIC), found {', '.join(arguments.camera)}")
 
-    def add_node(bus: OfflineBus, remap: dict[str, str], given: dict[str, Any]) -> None:
-        given = given | {
-            "cloud": arguments.cloud,
-            "preset": arguments.preset,
-            "survey.origin": arguments.origin,
-            "input.max_leap_s": MAX_LEAP_S,
-            "every_image": True,
-        }
-        node = bus.add(MclDepthNode, given | arguments.settings, remap)
-        if arguments.initial_pose:
-            localizing.give_initial_pose(node, arguments.initial_pose)
-
-    return localizing.replay_localizer(arguments, TOPICS, add_node)
+    values = {
+        "cloud": arguments.cloud,
+        "preset": arguments.preset,
+        "survey.origin": arguments.origin,
+        "input.max_leap_s": MAX_LEAP_S,
+        "every_image": True,
+    }
+    return localizing.replay_localizer(arguments, TOPICS, MclDepthNode, values)

@@ -8,7 +8,7 @@ from pathlib import Path
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav_tools.offline.evaluation import AUTO
 from sphere_nav_tools.offline.pose_bags import read_poses
-from sphere_nav_tools.offline.settings import add_overwrite, check_free
+from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free
 
 HELP = """\
 Draw what a localiser said: top view, errors against a truth, states with their reasons, and the time for an image.
@@ -51,8 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read, measure, draw; 1 if there is neither a pose nor a status."""
     output = arguments.output
-    if output.suffix not in ENDINGS:
-        raise ValueError(f"{output}: expected a file {', '.join(ENDINGS)}, found ending {output.suffix!r}")
+    check_ending(output, ENDINGS)
     check_free(arguments, output)
     from sphere_nav_tools.offline import plot_figure  # matplotlib takes half a second to import
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -55,12 +56,11 @@ def are_busy(pids: Mapping[str, int]) -> list[str]:
 class Processes:
     """Starts nodes, keeps what they print in a folder, ends them all when it is left."""
 
-    def __init__(self, folder: Path, domain_id: int) -> None:
-        self.folder = folder
-        self.environment = os.environ | {
-            "ROS_DOMAIN_ID": str(domain_id),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }
+    def __init__(self, folder: Path, domain_id: int | None = None) -> None:
+        """In a domain, seen by this machine alone; None: as this process is."""
+        own = {"ROS_DOMAIN_ID": str(domain_id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        self.folder, self.environment = folder, os.environ | (own if domain_id is not None else {})
+        self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._nodes: set[str] = set()  # of these: they end when they are told to
 
@@ -73,9 +73,13 @@ class Processes:
 
     def run(self, name: str, code: str, *words: str) -> None:
         """Run Python code as a process."""
-        command = python_command(code, *words)
+        self.begin(name, python_command(code, *words))
+
+    def begin(self, name: str, command: list[str]) -> subprocess.Popen[bytes]:
+        """Start a process, and return it."""
         with (self.folder / f"{name}.log").open("wb") as log:
-            self._running[name] = subprocess.Popen(
+            started = self._starter.submit(
+                subprocess.Popen,
                 command,
                 stdout=log,
                 stderr=subprocess.STDOUT,
@@ -83,6 +87,8 @@ class Processes:
                 env=self.environment,
                 start_new_session=True,  # Ctrl-C reaches us alone: the order of ending is ours
             )
+            self._running[name] = started.result()
+        return self._running[name]
 
     def check(self) -> None:
         """Raise RuntimeError if a node has ended by itself, or code has failed; the message shows what it said last."""
@@ -130,3 +136,4 @@ class Processes:
         """End what still runs, the last one started first."""
         for node in reversed(list(self._running)):
             self.stop(node)
+        self._starter.shutdown()

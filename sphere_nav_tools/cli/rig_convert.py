@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from sphere_nav.geometry.cameras.rig import Rig
 from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.foreign_rig import FORMATS, FRAMES, place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav_tools.offline.settings import add_overwrite
+from sphere_nav_tools.offline.settings import add_overwrite, size_of
 
 HELP = "a calibration of Kalibr, basalt, OpenCV or OCamCalib to rig.yaml"
 EXAMPLES = """\
@@ -60,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = read_foreign_cameras(
         arguments.files,
         arguments.format,
-        _size(arguments.size),
+        size_of(arguments.size, "--size") if arguments.size else None,
         arguments.model,
         arguments.unit,
         is_joining=arguments.join,
@@ -106,12 +105,3 @@ def _by_camera(rig: Rig, option: str, words: list[str]) -> dict[str, str]:
             raise ValueError(f"{option}: expected CAMERA=VALUE with one of {', '.join(rig.names)}, found {word!r}")
         found[name] = value
     return found
-
-
-def _size(text: str | None) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    found = re.fullmatch(r"(\d+)[x×](\d+)", text)
-    if found is None or "0" in found.groups():
-        raise ValueError(f"--size: expected WIDTHxHEIGHT such as 640x480, found {text!r}")
-    return int(found[1]), int(found[2])

@@ -15,7 +15,7 @@ from path_follower.routes.network import Network
 from path_follower.routes.network_file import network_path, read_network, to_geojson, write_network
 from path_follower.routes.planning import Route, plan
 from sphere_nav.geometry.files.untrusted import number
-from sphere_nav_tools.offline.settings import add_overwrite, check_free
+from sphere_nav_tools.offline.settings import add_overwrite, check_ending, check_free, numbers_of
 
 HELP = """\
 Make a network of taught paths: what drives share is one edge, where they part or meet is a branch. The network is
@@ -90,8 +90,8 @@ def run(arguments: argparse.Namespace) -> int:
         "plan": plan_way,
         "export": export,
     }
-    if getattr(arguments, "plot", None) is not None and arguments.plot.suffix not in ENDINGS:
-        raise ValueError(f"--plot: expected a file {', '.join(ENDINGS)}, found {arguments.plot}")
+    if getattr(arguments, "plot", None) is not None:
+        check_ending(arguments.plot, ENDINGS)
     return words[arguments.word](arguments)
 
 
@@ -120,10 +120,7 @@ def name_place(arguments: argparse.Namespace) -> int:
     """Name a place."""
     from sphere_nav_tools.offline import routes
 
-    words = arguments.at.split(",")
-    if len(words) not in (2, 3):
-        raise ValueError(f"--at: expected X,Y or X,Y,YAW, found {arguments.at!r}")
-    values = [number(word.strip(), "--at") for word in words]
+    values = numbers_of(arguments.at, "--at", "X,Y or X,Y,YAW", 2, 3)
     path = network_path(arguments.network)
     network = read_network(path)
     yaw = float(np.radians(values[2])) if len(values) == 3 else None

@@ -34,11 +34,9 @@ METRICS = ("translation_m", "rotation_deg", "lateral_m", "longitudinal_m")
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Paired and aligned trajectories, the errors of each pair, and the numbers of the report."""
+    """The paired truth, the errors of each pair, and the numbers of the report."""
 
-    estimate: Trajectory
     truth: Trajectory
-    all_truth: Trajectory
     errors: AbsoluteErrors
     report: dict[str, Any]
 
@@ -87,7 +85,7 @@ def evaluate_poses(
         "num_truth": len(truth),
         "length_m": float(paired_truth.distances[-1]),
     }
-    return Judged(paired, paired_truth, truth, errors, report)
+    return Judged(paired_truth, errors, report)
 
 
 def _alignment(kind: str, is_chosen: bool, T_truth_estimate: SE3, scale: float) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 from mcl_depth.geometry.geodetic import AXIS, ECCENTRICITY2, place_on_earth
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav_tools.offline.settings import numbers_of
 
 DECIMALS = 9  # of a degree: a tenth of a millimetre
 
@@ -29,11 +30,8 @@ class Datum:
     @classmethod
     def parse(cls, text: str) -> Datum:
         """Read `lat,lon,heading`; ValueError for anything else."""
-        try:
-            latitude, longitude, heading = (float(word) for word in text.split(","))
-        except ValueError:
-            latitude = longitude = heading = np.nan
-        if not (abs(latitude) < 89.9 and abs(longitude) <= 180.0 and np.isfinite(heading)):
+        latitude, longitude, heading = numbers_of(text, "--datum", "lat,lon,heading in degrees", 3)
+        if not (abs(latitude) < 89.9 and abs(longitude) <= 180.0):
             raise ValueError(f"--datum: expected lat,lon,heading in degrees, found {text!r}")
         return cls(latitude, longitude, heading)
 

@@ -6,7 +6,7 @@ import argparse
 import json
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,10 @@ from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, Recorded
 from sphere_nav.ros.bags.replay import OfflineBus, record, replay
 from sphere_nav.ros.bags.writer import BagWriter
+from sphere_nav.ros.node import ManagedNode
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.recorded_camera import patience
-from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free
+from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free, numbers_of
 from sphere_nav_tools.offline.topic_finder import TopicFinder
 
 UNUSABLE = (Reason.BAD_INFO, Reason.MAP_ERROR, Reason.BAD_STAMP, Reason.TF_STALE)  # an image that was not compared
@@ -66,9 +67,10 @@ def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) ->
 def replay_localizer(
     arguments: argparse.Namespace,
     published_topics: tuple[str, ...],
-    add_node: Callable[[OfflineBus, dict[str, str], dict[str, Any]], object],
+    kind: type[ManagedNode],
+    values: Mapping[str, Any],
 ) -> Iterator[Recorded]:
-    """Yield what a node publishes while the bag plays; `add_node` puts it on the bus, given topics and parameters."""
+    """Yield what a node publishes while the bag plays; `values`: its parameters that no --set has changed."""
     with ExitStack() as stack:
         bag = stack.enter_context(BagReader(arguments.source))
         bus = OfflineBus(set(published_topics), start_ns=bag.time_range[0])
@@ -80,7 +82,12 @@ def replay_localizer(
             mounting = finder.note_mounting(remap["image_raw"], arguments.settings)
         images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
         given = {"mounting": mounting, "camera_frame": finder.odd_frame(remap)}
-        add_node(bus, remap, given | patience(finder.streams, images))
+        given |= patience(finder.streams, images) | dict(values) | arguments.settings
+        if cameras := topics.camera_names(remap):
+            given["rig.cameras"] = given.get("rig.cameras", ",".join(cameras))
+        node = bus.add(kind, given, remap)
+        if arguments.initial_pose:
+            give_initial_pose(node, arguments.initial_pose)
         finder.refuse_unread(wanted.topic for node in bus.nodes for wanted in node.inputs)
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
         bar = stack.enter_context(tqdm(total=total, desc="localise", unit="msg", disable=None))
@@ -170,13 +177,12 @@ class Summary:
 
 def give_initial_pose(node: Any, text: str) -> None:
     """Hand the pose to the node as the topic initialpose would."""
+    expected = "x,y,z,qx,qy,qz,qw"
+    numbers = numbers_of(text, "--initial-pose", expected, 7)
     try:
-        numbers = [float(word) for word in text.split(",")]
-        if len(numbers) != 7:
-            raise ValueError
         T_map_base = SE3.from_quaternion(numbers[3:], numbers[:3])
     except ValueError:
-        raise ValueError(f"--initial-pose: expected x,y,z,qx,qy,qz,qw, found {text!r}") from None
+        raise ValueError(f"--initial-pose: expected {expected}, found {text!r}") from None
     message: PoseWithCovarianceStamped = conversions.se3_to_pose_with_covariance(
         T_map_base, np.zeros((6, 6)), 0, node.params.map_frame
     )

@@ -81,27 +81,21 @@ def offer_map(recording: OpenedBag) -> Offer:
     """Return how to map: from spheres, colour and depth, a stereo pair, or the cameras of a rig."""
     finder, reasons = recording.finder, []
     command = ["sphere_nav", "map", str(recording.path), "-o", f"{recording.path.stem}_map"]
-    if any(stream.type == SPHERE for stream in finder.streams):
-        choice = finder.find(TOPICS["sphere"])
-        words = command + options_of(choice.topics) if choice.topics else []
-        return Offer("map", words, "" if words else choice.reason, "from spheres", choice.reason)
-    for kind, note, check in (
-        ("rgbd", "from colour and depth", check_depth_topics),
-        ("stereo", "from a stereo pair", check_pair),
-    ):
+    has_spheres = any(stream.type == SPHERE for stream in finder.streams)
+    for kind, note, check in _SPHERES if has_spheres else _IMAGES:
         choice = finder.find(TOPICS[kind])
-        if not choice.topics:
-            reasons.append(choice.reason)
-            continue
-        try:
-            check(recording, choice.topics)
-        except ValueError as error:
-            reasons.append(str(error))
-            continue
-        if "depth/camera_info" in choice.topics:
-            note += ", depth registered to the images by both calibrations and /tf_static"
-        note += "; " * bool(_rectified(choice.topics)) + _rectified(choice.topics)
-        return Offer("map", command + options_of(choice.topics), "", note, choice.reason)
+        reason = choice.reason
+        if choice.topics:
+            try:
+                check(recording, choice.topics)
+            except ValueError as error:
+                reason = str(error)
+            else:
+                if "depth/camera_info" in choice.topics:
+                    note += ", depth registered to the images by both calibrations and /tf_static"
+                note += "; " * bool(_rectified(choice.topics)) + _rectified(choice.topics)
+                return Offer("map", command + options_of(choice.topics), "", note, choice.reason)
+        reasons.append(reason)
     has_depth = any(stream.is_depth and not stream.problem for stream in finder.streams)
     if recording.rig or (not has_depth and len(finder.views(has_pairs=True)) >= MIN_RIG_CAMERAS):
         return _offer_rig(recording, command)
@@ -123,6 +117,10 @@ def check_pair(recording: OpenedBag, found: dict[str, str]) -> None:
     left, right = (recording.first(found[f"{side}/camera_info"]) for side in ("left", "right"))
     open_pair(left, right, recording.finder.frames.lookup)
     recording.check_stamps(found["left/image_raw"], found["right/image_raw"])
+
+
+_SPHERES = (("sphere", "from spheres", lambda *_: None),)
+_IMAGES = (("rgbd", "from colour and depth", check_depth_topics), ("stereo", "from a stereo pair", check_pair))
 
 
 def _offer_rig(recording: OpenedBag, command: list[str]) -> Offer:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -25,7 +25,7 @@ from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.experiences import names_of_experiences
-from sphere_nav_tools.offline.evaluation import AUTO, TRUTH_TOPICS, describe_alignment, evaluate_poses
+from sphere_nav_tools.offline.evaluation import AUTO, TRUTH_TOPICS, Judged, describe_alignment, evaluate_poses
 from sphere_nav_tools.offline.pose_bags import READINGS, is_bag, read_poses
 
 STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
@@ -91,9 +91,16 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignme
         true = read_poses(truth, tuple(topics) or TRUTH_TOPICS)
     else:
         true = read_tum(truth)
-    judged = evaluate_poses(poses, true, alignment=alignment, is_interpolated=True)
-    T_map_truth = SE3(np.array(judged.report["alignment"]["T_truth_estimate"])).inverse()
-    return Errors(judged.truth.moved(T_map_truth), judged.errors, describe_alignment(judged.report))
+    return errors_in_map(evaluate_poses(poses, true, alignment=alignment, is_interpolated=True))
+
+
+def errors_in_map(judged: Judged) -> Errors:
+    """Return what was judged, in the frame of the map."""
+    found = judged.report["alignment"]
+    T_map_truth = SE3(np.array(found["T_truth_estimate"])).inverse()
+    return Errors(
+        judged.truth.moved(T_map_truth, 1.0 / found["scale"]), judged.errors, describe_alignment(judged.report)
+    )
 
 
 def find_experiences(map_path: Path, statuses: list[Status]) -> dict[int, str]:
@@ -145,17 +152,19 @@ def draw_localization(
         lines["pose"] = poses.positions[:, :2]
         by = [(served or {}).get(int(stamp)) for stamp in poses.stamps_ns]
         marks = {f"by {name}": lines["pose"][[one == name for one in by]] for name in dict.fromkeys(filter(None, by))}
+    errors_of = [] if errors is None else [partial(_draw_sides, errors), partial(_draw_sizes, errors)]
+    said = [partial(_draw_states, statuses), partial(_draw_times, statuses)] if statuses else []
     with drawn(path, (13, 7)) as figure:
-        cells = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.4), height_ratios=(1.0, 1.0, 1.0))
+        views = [*errors_of, *said]
+        cells = figure.add_gridspec(max(len(views), 1), 2, width_ratios=(1.0, 1.4))
         top_view(figure.add_subplot(cells[:, 0]), lines, marks)
         figure.suptitle(errors.alignment if errors is not None else "", fontsize="small")
-        rows = [figure.add_subplot(cells[row, 1]) for row in range(3)]
-        for axes in rows[1:]:
-            axes.sharex(rows[0])
-        _draw_errors(rows[0], errors, start)
-        _draw_states(rows[1], statuses, start)
-        _draw_times(rows[2], statuses, start)
-        rows[2].set_xlabel("time [s]")
+        axes: Axes | None = None
+        for row, draw in enumerate(views):
+            axes = figure.add_subplot(cells[row, 1], sharex=axes)
+            draw(axes, start)
+        if axes is not None:
+            axes.set_xlabel("time [s]")
 
 
 @contextmanager
@@ -199,31 +208,32 @@ def runs_of(statuses: list[Status], start: int) -> list[tuple[State, str, float,
     return [(state, reason, first, end) for (state, reason, first, _), end in zip(runs, ends, strict=True)]
 
 
-def _draw_errors(axes: Axes, errors: Errors | None, start: int) -> None:
-    axes.set_ylabel("error [m]")
-    if errors is None:
-        axes.text(0.5, 0.5, "no truth", transform=axes.transAxes, ha="center", va="center", color=TRUTH)
-        return
-    _draw_sides(axes, (errors.truth.stamps_ns - start) * 1e-9, errors.absolute)
-
-
-def _draw_sides(axes: Axes, seconds: NDArray[np.floating], errors: AbsoluteErrors) -> None:
-    for values, color, name in (
-        (errors.lateral_m, LATERAL, "lateral (left)"),
-        (errors.longitudinal_m, LONGITUDINAL, "longitudinal (ahead)"),
-    ):
-        axes.plot(seconds, values, color=color, lw=1, label=name)
-    median = 1e3 * float(np.median(errors.translation_m))
+def _draw_sides(errors: Errors, axes: Axes, start: int) -> None:
+    seconds = (errors.truth.stamps_ns - start) * 1e-9
+    axes.plot(seconds, errors.absolute.lateral_m, color=LATERAL, lw=1, label="lateral (left)")
+    axes.plot(seconds, errors.absolute.longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+    median = 1e3 * float(np.median(errors.absolute.translation_m))
     axes.set_title(f"Error of {len(seconds)} poses, median {median:.3g} mm", loc="left")
+    axes.set_ylabel("error [m]")
     legend_above(axes)
 
 
-def legend_above(axes: Axes, **options: Any) -> None:
+def _draw_sizes(errors: Errors, axes: Axes, start: int) -> None:
+    seconds, turned = (errors.truth.stamps_ns - start) * 1e-9, axes.twinx()
+    axes.plot(seconds, errors.absolute.translation_m, color=ESTIMATE, lw=1)
+    turned.plot(seconds, np.degrees(errors.absolute.rotation_rad), color=ROTATION, lw=1)
+    for side, name, color in ((axes, "translation [m]", ESTIMATE), (turned, "rotation [°]", ROTATION)):
+        side.set_ylabel(f"error of {name}", color=color)
+        side.set_ylim(bottom=0.0)
+    turned.grid(visible=False)
+
+
+def legend_above(axes: Axes) -> None:
     """Put the legend above a view, where no curve is."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0.1, **options)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, borderaxespad=0.1)
 
 
-def _draw_states(axes: Axes, statuses: list[Status], start: int) -> None:
+def _draw_states(statuses: list[Status], axes: Axes, start: int) -> None:
     axes.set_title(f"State, and reason, of {len(statuses)} images", loc="left")
     runs = runs_of(statuses, start)
     present = [state for state in State if any(run[0] == state for run in runs)]
@@ -239,7 +249,7 @@ def _draw_states(axes: Axes, statuses: list[Status], start: int) -> None:
     axes.set_ylim(len(names) - 0.5, -0.5)
 
 
-def _draw_times(axes: Axes, statuses: list[Status], start: int) -> None:
+def _draw_times(statuses: list[Status], axes: Axes, start: int) -> None:
     timed = [status for status in statuses if status.milliseconds > 0.0]
     seconds = np.array([(status.stamp_ns - start) * 1e-9 for status in timed])
     axes.plot(seconds, [status.milliseconds for status in timed], ".", color=ESTIMATE, ms=3)
@@ -247,27 +257,3 @@ def _draw_times(axes: Axes, statuses: list[Status], start: int) -> None:
     axes.set_title(f"Time for each of {len(timed)} images", loc="left")
     if timed:
         axes.set_yscale("log")
-
-
-def draw_evaluation(
-    estimate: Trajectory, truth: Trajectory, all_truth: Trajectory, errors: AbsoluteErrors, path: Path
-) -> None:
-    """Draw paired trajectories (N,) and their errors into a file; the ending chooses the format."""
-    with drawn(path, (12, 6)) as figure:
-        cells = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.3))
-        lines = {"truth": all_truth.positions[:, :2], "estimate": estimate.positions[:, :2]}
-        top_view(figure.add_subplot(cells[:, 0]), lines, {})
-        upper, lower = figure.add_subplot(cells[0, 1]), figure.add_subplot(cells[1, 1])
-        seconds = (truth.stamps_ns - truth.stamps_ns[0]) / 1e9
-        _draw_sides(upper, seconds, errors)
-        upper.set_ylabel("error [m]")
-        turned = lower.twinx()
-        both = lower.plot(seconds, errors.translation_m, color=ESTIMATE, lw=1, label="translation")
-        both += turned.plot(seconds, np.degrees(errors.rotation_rad), color=ROTATION, lw=1, label="rotation")
-        for axes, name, color in ((lower, "translation [m]", ESTIMATE), (turned, "rotation [°]", ROTATION)):
-            axes.set_ylabel(f"error of {name}", color=color)
-            axes.tick_params(axis="y", labelcolor=color)
-            axes.set_ylim(bottom=0.0)
-        turned.grid(visible=False)
-        lower.set_xlabel("time [s]")
-        legend_above(lower, handles=both)

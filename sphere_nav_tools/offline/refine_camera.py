@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -38,26 +37,13 @@ from sphere_nav_tools.offline.topic_finder import TopicFinder
 from sphere_nav_tools.offline.topics import BASE_FRAME
 
 
-@dataclass(frozen=True, eq=False)
-class Located:
-    """Stamps and poses of the images that were localised."""
-
-    stamps_ns: NDArray[np.int64]
-    T_map_camera: tuple[SE3, ...]
-
-    def trajectory(self) -> Trajectory:
-        """Return the poses of the camera, optical axes, in the map."""
-        return Trajectory(self.stamps_ns, SE3(np.array([T.matrix for T in self.T_map_camera]).reshape(-1, 4, 4)))
-
-    def velocity(self, index: int) -> NDArray[np.float64] | None:
-        """Return the velocity (6,) between both neighbours of an image; None where one is missing."""
-        if not 0 < index < len(self.stamps_ns) - 1:
-            return None
-        elapsed_s = float(self.stamps_ns[index + 1] - self.stamps_ns[index - 1]) * 1e-9
-        if elapsed_s > 2.0 * MAX_PAUSE_S:
-            return None
-        moved = self.T_map_camera[index - 1].inverse() @ self.T_map_camera[index + 1]
-        return moved.log() / elapsed_s
+def velocity(located: Trajectory, index: int) -> NDArray[np.float64] | None:
+    """Return the velocity (6,) between both neighbours of an image; None where one is missing."""
+    if not 0 < index < len(located) - 1:
+        return None
+    (before, after), T = located.stamps_ns[[index - 1, index + 1]], located.T_map_body
+    elapsed_s = float(after - before) * 1e-9
+    return (T[index - 1].inverse() @ T[index + 1]).log() / elapsed_s if elapsed_s <= 2.0 * MAX_PAUSE_S else None
 
 
 @contextmanager
@@ -75,7 +61,7 @@ class RecordedDrive:
         self._recorded = RecordedCamera(arguments.source, arguments)
         self.camera, self.frame_id = self._recorded.camera, self._recorded.frame_id
         self.odometry = self._recorded.odometry
-        self.located = Located(np.empty(0, np.int64), ())
+        self.located = Trajectory(np.empty(0, np.int64), SE3(np.empty((0, 4, 4))))  # the camera, optical axes
 
     def refine(self, sphere_map: MapReader) -> LensProof:
         """Localise the drive with the lens found so far and refine it, in turn; then judge it by halves of the drive.
@@ -91,12 +77,8 @@ class RecordedDrive:
             if is_settled:
                 break
         with working("test it on each half") as step:
-            return prove(images, given, self._period(), progress=step)
-
-    def _period(self) -> float:
-        """Return the time between two images in s, longer than any readout; infinite where there is none."""
-        steps = np.diff(self.located.stamps_ns)
-        return float(steps.min()) * 1e-9 if len(steps) else np.inf
+            period_s = np.diff(self.located.stamps_ns).min(initial=np.iinfo(np.int64).max) * 1e-9  # of images
+            return prove(images, given, float(period_s), progress=step)
 
     def _locate(self, sphere_map: MapReader, lens: Lens) -> list[DriveImage]:
         """Localise the drive with a lens; return images spread over it, with what the map shows there."""
@@ -108,27 +90,27 @@ class RecordedDrive:
         finally:
             localizer.references.close()
 
-    def _localize(self, localizer: Localizer, camera: Camera) -> Located:
+    def _localize(self, localizer: Localizer, camera: Camera) -> Trajectory:
         stamps, poses = [], []
         for stamp, image in tqdm(self._images(), desc="localise", unit="image", leave=False, disable=None):
             estimate = localizer.update(image, camera, stamp)
             if estimate.T_map_camera is not None and estimate.candidate is not None:
                 stamps.append(stamp)
-                poses.append(estimate.T_map_camera)
-        return Located(np.array(stamps, np.int64), tuple(poses))
+                poses.append(estimate.T_map_camera.matrix)
+        return Trajectory(np.array(stamps, np.int64), SE3(np.array(poses).reshape(-1, 4, 4)))
 
-    def _collect(self, localizer: Localizer, camera: Camera, located: Located) -> Iterator[DriveImage]:
+    def _collect(self, localizer: Localizer, camera: Camera, located: Trajectory) -> Iterator[DriveImage]:
         """Yield images spread over the drive, with the pixels of the map that they show."""
         number = min(self._arguments.images, len(located.stamps_ns))
         indices = np.unique(np.linspace(0, len(located.stamps_ns) - 1, number).round().astype(int))
-        velocities = {int(located.stamps_ns[i]): (int(i), located.velocity(int(i))) for i in indices}
+        velocities = {int(located.stamps_ns[i]): (int(i), velocity(located, int(i))) for i in indices}
         if all(velocity is None for _, velocity in velocities.values()):  # too slow for one: no readout, but a lens
             velocities = {stamp: (i, np.zeros(6)) for stamp, (i, _) in velocities.items()}
         for stamp, image in self._images():
             index, velocity = velocities.get(stamp, (0, None))
             if velocity is None:
                 continue
-            T_map_camera = located.T_map_camera[index]
+            T_map_camera = located.T_map_body[index]
             choice = localizer.references.choose(T_map_camera, camera)
             if choice.views:
                 pyramid = build_pyramid(image, camera, localizer.params.registration.pyramid)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sphere_nav.geometry.files.untrusted import load_yaml
+from sphere_nav.geometry.files.untrusted import load_yaml, number
 
 
 class SettingAction(argparse.Action):
@@ -19,6 +21,17 @@ class SettingAction(argparse.Action):
             raise ValueError(f"{option_string}: expected NAME=VALUE, found {word!r}")
         value = load_yaml(f"{option_string} {name}", text)
         setattr(namespace, self.dest, getattr(namespace, self.dest) | {name: value})
+
+
+def numbers_of(text: str, option: str, expected: str, least: int, most: int = 0) -> tuple[float, ...]:
+    """Return finite numbers that are separated by commas; ValueError for others, or not so many."""
+    try:
+        found = tuple(number(word.strip(), option) for word in text.split(","))
+    except ValueError:
+        found = ()
+    if not least <= len(found) <= max(least, most):
+        raise ValueError(f"{option}: expected {expected}, found {text!r}")
+    return found
 
 
 def add_settings(parser: argparse.ArgumentParser, node: str, option: str = "--set", dest: str = "settings") -> None:
@@ -57,3 +70,17 @@ def check_free(arguments: argparse.Namespace, *outputs: Path | None, loss: str =
     for path in outputs:
         if path and path.exists() and not arguments.overwrite:
             raise ValueError(f"{path}: expected no such file, found one: --overwrite replaces it{loss}")
+
+
+def size_of(text: str, option: str) -> tuple[int, int]:
+    """Return width and height of WxH in pixels; ValueError for others."""
+    found = re.fullmatch(r"(\d+)[x×](\d+)", text)
+    if found is None or "0" in found.groups():
+        raise ValueError(f"{option}: expected WIDTHxHEIGHT such as 640x480, found {text!r}")
+    return int(found[1]), int(found[2])
+
+
+def check_ending(path: Path, endings: Sequence[str]) -> None:
+    """Raise ValueError for a file to write that has none of the endings."""
+    if path.suffix not in endings:
+        raise ValueError(f"{path}: expected a file {', '.join(endings)}, found ending {path.suffix!r}")

@@ -65,9 +65,12 @@ class Chart:
         ends = np.round(2.0 * np.concatenate([np.ravel(points[:1]), np.ravel(points[-1:])]))  # half metres
         line = pieces(points, height)
         if len(line) and self._is_new(name, hash(ends.tobytes())):
-            self.client.scene.add_line_segments(
-                f"/{name}", points=line, colors=color, thickness=width, thickness_units="screen"
-            )
+            self._lines(name, line, color, width)
+
+    def _lines(self, name: str, points: Any, color: tuple[int, ...], width: float) -> Any:
+        return self.client.scene.add_line_segments(
+            f"/{name}", points=points, colors=color, thickness=width, thickness_units="screen"
+        )
 
     def mark(self, name: str, points: Any) -> None:
         """Show where the map was clicked, or what is being dragged: an arrow through two points, a cross at one."""
@@ -130,14 +133,10 @@ class Chart:
             self._car = scene.add_frame("/car", show_axes=False)
             scene.add_box("/car/body", color=color, dimensions=BODY_M, position=front, opacity=0.8)
             nose = pieces([(0.6, 0.4), (1.8, 0.0), (0.6, -0.4)], BODY_M[2] + 0.05)
-            scene.add_line_segments(
-                "/car/nose", points=nose, colors=(255, 255, 255), thickness=3.0, thickness_units="screen"
-            )
+            self._lines("car/nose", nose, (255, 255, 255), 3.0)
         if self._is_new("covariance", hash((color, np.round(np.log(np.abs(covariance) + 1e-6), 1).tobytes()))):
             outline = pieces(ellipse(0.0, 0.0, covariance), BODY_M[2] + 0.05)
-            self._doubt = scene.add_line_segments(
-                "/covariance", points=outline, colors=color, thickness=2.0, thickness_units="screen"
-            )
+            self._doubt = self._lines("covariance", outline, color, 2.0)
         self._car.position, self._car.wxyz = (x, y, 0.0), (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
         self._doubt.position = (x, y, 0.0)
 

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -150,29 +151,23 @@ class Desk:
         gui.add_html(dressing())
         self._beat = gui.add_html("")
         self._banner, self._scale = gui.add_html(self.page.state()), gui.add_html("")
-        self._release = gui.add_button("release the emergency stop", color=OTHER, visible=self.link.is_pressed)
-        self._release.on_click(lambda _: self._do(self.link.release_emergency))
+        self._release = self._button("release the emergency stop", OTHER, self.link.release_emergency)
         self._buttons = {}
         for name, color in (("start", MOVES), ("resume", MOVES), ("pause", STOPS), ("stop", STOPS)):
-            self._buttons[name] = gui.add_button(name, color=color, visible=False)
-            self._buttons[name].on_click(lambda _, name=name: self._do(lambda: self.link.command(name)))
+            self._buttons[name] = self._button(name, color, partial(self.link.command, name), visible=False)
         self._past, self._log = gui.add_html(""), gui.add_html("")
 
     def _add_drive(self) -> None:
         gui = self.client.gui
         self._path = gui.add_dropdown("path", self.teaching.paths or [NO_PATH])
-        self._load = gui.add_button("load path", color=OTHER, visible=False)
-        self._load.on_click(lambda _: self._do(self._load_path))
+        self._load = self._button("load path", OTHER, self._load_path, visible=False)
         self._place = gui.add_dropdown("place", [NO_PLACE])
-        self._there = gui.add_button("go there", color=MOVES, visible=False)
-        self._there.on_click(lambda _: self._do(self._go))
+        self._there = self._button("go there", MOVES, self._go, visible=False)
         self._click = gui.add_dropdown("a click on the map", (LOOKS, GOES, NAMES, POSES))
         self._click.on_update(lambda _: self._on_mode())
-        self._to_goal = gui.add_button("make the way to the goal", color=OTHER, visible=False)
-        self._to_goal.on_click(lambda _: self._do(self._go_to_click))
+        self._to_goal = self._button("make the way to the goal", OTHER, self._go_to_click, visible=False)
         self._new_place = gui.add_text("name of the place", "", visible=False)
-        self._keep_place = gui.add_button("name it", color=OTHER, visible=False)
-        self._keep_place.on_click(lambda _: self._do(self._name_place))
+        self._keep_place = self._button("name it", OTHER, self._name_place, visible=False)
         self._follows = gui.add_checkbox("map moves with the vehicle", True)
         self._is_watched = gui.add_checkbox("stop the vehicle when this page is lost (dead-man switch)", False)
         self._is_dark = gui.add_checkbox("dark", False)
@@ -181,8 +176,7 @@ class Desk:
     def _add_teach(self) -> None:
         gui, teaching = self.client.gui, self.teaching
         self._name = gui.add_text("name", "")
-        self._record = gui.add_button("record", color=OTHER)
-        self._record.on_click(lambda _: self._do(lambda: teaching.record(self._name.value)))
+        self._record = self._button("record", OTHER, lambda: teaching.record(self._name.value))
         self._job = gui.add_html("")
         self._hands, self._pace = gui.add_markdown(""), []
         for name, (speed, turn) in PACE.items():
@@ -190,15 +184,11 @@ class Desk:
             button.on_hold(lambda _, v=speed, w=turn: self._hold(v, w), callback_hz=HOLD_HZ)
             button.on_click(lambda _: self.link.let_go())
             self._pace.append(button)
-        self._rest = gui.add_button("end localiser and follower", color=STOPS, visible=False)
-        self._rest.on_click(lambda _: self._do(self.page.simulated.rest) if self.page.simulated else None)
-        self._finish = gui.add_button("end of the drive", color=OTHER)
-        self._finish.on_click(lambda _: self._do(teaching.finish))
+        self._rest = self._button("end localiser and follower", STOPS, self._end_drivers, visible=False)
+        self._finish = self._button("end of the drive", OTHER, teaching.finish)
         self._recorded = gui.add_dropdown("drive", teaching.drives or [NO_DRIVE])
-        self._map = gui.add_button("make its map", color=OTHER)
-        self._map.on_click(lambda _: self._do(lambda: teaching.map(self._recorded.value)))
-        self._use_map = gui.add_button("localise in its map", color=OTHER)
-        self._use_map.on_click(lambda _: self._do(self._use))
+        self._map = self._button("make its map", OTHER, lambda: teaching.map(self._recorded.value))
+        self._use_map = self._button("localise in its map", OTHER, self._use)
 
     def _add_camera(self) -> None:
         gui, grey = self.client.gui, colored(np.full((120, 160), 128, np.uint8))
@@ -208,6 +198,12 @@ class Desk:
             "image": gui.add_image(grey, label="camera"),
             "residual": gui.add_image(grey, label="what the map does not explain (grey: as the map)"),
         }
+
+    def _button(self, label: str, color: str, act: Callable[[], str], *, visible: bool = True) -> Any:
+        """Return a button that carries out an act."""
+        button = self.client.gui.add_button(label, color=color, visible=visible)
+        button.on_click(lambda _: self._do(act))
+        return button
 
     # --- what is pressed
     def _do(self, act: Callable[[], str]) -> None:
@@ -220,6 +216,9 @@ class Desk:
     def _load_path(self) -> str:
         path = self.teaching.path_of(self._path.value)
         return self.link.load_path(str(path)) if path else f"path: expected one in {self.teaching.folder}, found none"
+
+    def _end_drivers(self) -> str:
+        return self.page.simulated.rest() if self.page.simulated else "only those of the simulator end from here"
 
     def _hold(self, speed: float, turn: float) -> None:
         refusal = self.link.hold(speed, turn)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from sphere_nav_tools.cli.demo.domains import claim_domain
@@ -27,9 +26,8 @@ class SimulatedVehicle:
         logs = folder / "simulator_logs"
         logs.mkdir(exist_ok=True)
         self._processes = Processes(logs, claim_domain())
-        self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
         self.is_driven = False
-        self._starter.submit(self._processes.start, "cycab_sim", SIMULATION).result()
+        self._processes.start("cycab_sim", SIMULATION)
 
     @property
     def environment(self) -> dict[str, str]:
@@ -38,13 +36,9 @@ class SimulatedVehicle:
 
     def use(self, made: Path, taught: Path) -> str:
         """Drive by a map along the path that was taught with it; nothing moves before start is pressed."""
-
-        def start() -> None:
-            self._processes.start("dense_localizer", CLOCK | {"map": str(made)})
-            self._processes.start("path_follower", CLOCK | {"trajectory": str(taught)})
-
         self.rest()
-        self._starter.submit(start).result()
+        self._processes.start("dense_localizer", CLOCK | {"map": str(made)})
+        self._processes.start("path_follower", CLOCK | {"trajectory": str(taught)})
         self.is_driven = True
         return f"{made.name}: localiser and follower start"
 
@@ -58,4 +52,3 @@ class SimulatedVehicle:
     def close(self) -> None:
         """End all."""
         self._processes.__exit__(None, None, None)
-        self._starter.shutdown()

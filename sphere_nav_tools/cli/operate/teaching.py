@@ -12,12 +12,11 @@ import signal
 import subprocess
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from sphere_nav.ros.bags.writer import PARTIAL
 from sphere_nav.ros.maps.reader import open_map
-from sphere_nav_tools.cli.processes import node_command, python_command
+from sphere_nav_tools.cli.processes import Processes, node_command, python_command
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
 MAPPING = (  # then its check, which tells what it found
@@ -35,7 +34,7 @@ class Teaching:
     def __init__(self, folder: Path, record: Sequence[str], mapping: Sequence[str]) -> None:
         """`record`: words for bag_recorder after its output; `mapping`: more words for `sphere_nav map`."""
         self.folder, self._record, self._mapping = folder.resolve(), tuple(record), tuple(mapping)
-        self._starter = ThreadPoolExecutor(max_workers=1)  # children end with the thread that started them
+        self._processes = Processes(self.folder)
         self._process: subprocess.Popen[bytes] | None = None
         self._job, self.name, self._begun = "", "", 0.0
         self._ids: dict[Path, str] = {}  # of the maps
@@ -133,29 +132,14 @@ class Teaching:
 
     def close(self) -> None:
         """End what still goes on, in order."""
-        if self._process is not None and self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
-            try:
-                self._process.wait(10.0)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-        self._starter.shutdown()
+        self._processes.__exit__(None, None, None)
 
     def _made(self, name: str) -> tuple[Path, Path, Path]:
         return self.folder / name, self.folder / f"{name}_map", self.folder / f"{name}.tum"
 
     def _start(self, job: str, name: str, command: list[str]) -> str:
         self._job, self.name, self._begun = job, name, time.monotonic()
-        with (self.folder / f"{name}.{job}.log").open("wb") as log:
-            started = self._starter.submit(
-                subprocess.Popen,
-                command,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,
-            )
-            self._process = started.result()
+        self._process = self._processes.begin(f"{name}.{job}", command)
         return f"{job} {name}"
 
     def _last_words(self) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import itertools
 import threading
 import time
 from pathlib import Path
@@ -19,7 +18,7 @@ from sphere_nav_tools.cli import gate
 from sphere_nav_tools.cli.view.drive import Drive
 from sphere_nav_tools.cli.view.server import NUM_FILLING, Page, encoded, shown
 from sphere_nav_tools.offline import topics
-from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_free
+from sphere_nav_tools.offline.settings import add_overwrite, add_settings, check_ending, check_free, numbers_of, size_of
 
 HELP = """\
 Show a map in a web browser: its graph, its key spheres, and what a camera would see from anywhere near them. The mouse
@@ -79,17 +78,9 @@ def first_pose(reader: MapReader, arguments: argparse.Namespace) -> SE3:
     if not arguments.pose:
         sphere_id = arguments.sphere if arguments.sphere is not None else min(reader.graph.nodes)
         return reader.graph[sphere_id].T_map_sphere @ T_BODY_OPTICAL
-    try:
-        numbers = [float(word) for word in arguments.pose.split(",")]
-    except ValueError:
-        numbers = []
-    if not 4 <= len(numbers) <= 6 or not np.all(np.isfinite(numbers)):
-        raise ValueError(f"--pose: expected x,y,z,yaw[,pitch,roll], found {arguments.pose!r}")
-    turns = itertools.zip_longest(numbers[3:], (2, 1, 0), fillvalue=0.0)
-    T = SE3.from_parts(np.eye(3), numbers[:3])
-    for degrees, axis in turns:
-        T = T @ SE3.exp(np.radians(degrees) * np.eye(6)[3 + int(axis)])
-    return T @ T_BODY_OPTICAL
+    numbers = numbers_of(arguments.pose, "--pose", "x,y,z,yaw[,pitch,roll]", 4, 6)
+    yaw, pitch, roll = np.radians([*numbers[3:], 0.0, 0.0][:3])
+    return SE3.from_angles(roll, pitch, yaw, numbers[:3]) @ T_BODY_OPTICAL
 
 
 def find_experience(scene: Scene, name: str | None) -> Experience | None:
@@ -104,20 +95,17 @@ def find_experience(scene: Scene, name: str | None) -> Experience | None:
 
 def camera_for(size: str, fov_deg: float) -> Pinhole:
     """Return a pinhole camera of a size `WxH` and a horizontal field of view; ValueError for others."""
-    width, found, height = size.partition("x")
-    if not (found and width.isdigit() and height.isdigit()):
-        raise ValueError(f"--size: expected WxH in pixels, found {size!r}")
+    width, height = size_of(size, "--size")
     if not 1.0 <= fov_deg <= 150.0:
         raise ValueError(f"--fov: expected 1 to 150 degrees, found {fov_deg:g}")
-    focal = 0.5 * int(width) / np.tan(0.5 * np.radians(fov_deg))
-    return Pinhole(int(width), int(height), focal, focal, 0.5 * (int(width) - 1), 0.5 * (int(height) - 1))
+    focal = 0.5 * width / np.tan(0.5 * np.radians(fov_deg))
+    return Pinhole(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
 
 
 def write_view(scene: Scene, T_map_camera: SE3, arguments: argparse.Namespace) -> int:
     """Write the view from a pose as a picture."""
     output: Path = arguments.screenshot
-    if output.suffix not in ENDINGS:
-        raise ValueError(f"{output}: expected a file {', '.join(ENDINGS)}, found ending {output.suffix!r}")
+    check_ending(output, ENDINGS)
     check_free(arguments, output)
     experience = find_experience(scene, arguments.experience)
     view = scene.render(T_map_camera, camera_for(arguments.size, arguments.fov), experience, count=NUM_FILLING)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.geometry.trajectory import associate
 from sphere_nav_tools.offline.constants import DEFAULT_HZ
 from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, read_image
 
@@ -61,19 +63,6 @@ UNITS = ((18, 1), (15, 1_000), (12, 1_000_000))  # digits of a stamp since 1970,
 EARLIEST_S = 1e8  # a name that is a number with a point, at least this, is a stamp in s
 
 
-class Frames(Protocol):
-    """The images of one camera; `stamps` in ns, None where nothing tells them; `hz`, NaN where unknown."""
-
-    path: Path
-    number: int
-    stamps: list[int] | None
-    hz: float
-
-    def read(self, index: int) -> NDArray[np.uint8]:
-        """Return an image (h, w) grey or (h, w, 3) BGR."""
-        ...
-
-
 class Folder:
     """Image files in the order of the last number in their names; names that are times since 1970 are stamps."""
 
@@ -114,6 +103,9 @@ class Video:
             raise ValueError(f"{self.path}: expected {self.number} frames, found {self._next}")
         self._next += 1
         return np.asarray(image, dtype=np.uint8)
+
+
+Frames = Folder | Video  # of one camera
 
 
 def open_frames(folder: Path, name: str) -> Frames:
@@ -167,17 +159,11 @@ def stamp_of(stem: str) -> int | None:
 
 def _by_stamp(stamped: dict[str, list[int]], first: str) -> list[dict[str, tuple[int, int]]]:
     reference = np.array(stamped[first], dtype=np.int64)
-    near = float(np.median(np.diff(reference))) / 2 if reference.size > 1 else 1e9 / DEFAULT_HZ
+    near_ns = float(np.median(np.diff(reference))) / 2 if reference.size > 1 else 1e9 / DEFAULT_HZ
     instants: list[dict[str, tuple[int, int]]] = [{first: (i, int(stamp))} for i, stamp in enumerate(reference)]
     for name, stamps in stamped.items():
-        if name == first:
-            continue
-        for index, stamp in enumerate(stamps):
-            at = int(np.argmin(np.abs(reference - stamp)))
-            known = instants[at].get(name)
-            is_nearer = known is None or abs(stamp - reference[at]) < abs(known[1] - reference[at])
-            if abs(stamp - reference[at]) < near and is_nearer:
-                instants[at][name] = (index, stamp)
+        for at, index in zip(*associate(reference, np.array(stamps, np.int64), math.ceil(near_ns) - 1), strict=True):
+            instants[at][name] = (int(index), stamps[index])
     return instants
 
 

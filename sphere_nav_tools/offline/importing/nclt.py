@@ -14,9 +14,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 
-from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, so3
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import write_rig
@@ -104,8 +105,7 @@ def _write_rig(rig: Rig, cameras: dict[str, Undistorted], folder: Path) -> None:
 
 def pose_of(rows: Array) -> SE3:
     """Return the poses of (..., 6): x, y, z (m), roll, pitch, heading (rad); R = Rz(heading) Ry(pitch) Rx(roll)."""
-    about_x, about_y, about_z = (so3.exp(rows[..., 3 + axis, None] * np.eye(3)[axis]) for axis in range(3))
-    return SE3.from_parts(about_z @ about_y @ about_x, rows[..., :3])
+    return SE3.from_parts(Rotation.from_euler("xyz", rows[..., 3:]).as_matrix(), rows[..., :3])
 
 
 def read_undistortion(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

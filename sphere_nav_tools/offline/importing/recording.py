@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav.geometry.files.untrusted import number, read_text
-from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory
+from sphere_nav.geometry.files.untrusted import number, read_text, short
+from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory, associate
 from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
@@ -27,6 +27,7 @@ from sphere_nav.ros.conversions import (
 )
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.offline.constants import MAX_PAIR_GAP_NS
 
 FIRST_STAMP_NS = SECOND  # of recordings that start at zero: stamp 0 means 'no stamp'
 MAP_FRAME, BASE_FRAME, CAMERA_FRAME, OPTICAL_FRAME = "map", "base_link", "camera_link", "camera_optical"
@@ -84,29 +85,26 @@ class Recording:
     write_beside: Callable[[Path], None] | None = None
 
     @property
-    def num_frames(self) -> int:
-        """Number of instants."""
-        return len(self.instants)
-
-    @property
     def truth_name(self) -> str:
         """Where the truth comes from; empty where there is none."""
         return self.truth if any(instant.T_map_link is not None for instant in self.instants) else ""
 
     def static_transforms(self, stamp: int) -> list[TransformStamped]:
-        """Return base_link -> the link -> the frames of the cameras."""
-        frames = {view.frame_id: view.T_link_camera for view in self.views.values() if view.is_told}
-        return camera_transforms(stamp, frames, self.T_base_link, self.link)
-
-    def stamp_ns(self, index: int) -> int:
-        """Return the stamp of an instant."""
-        return self.instants[index].stamp_ns
+        """Return base_link -> the link -> the frames of the cameras whose poses are told."""
+        told = {view.frame_id: view.T_link_camera for view in self.views.values() if view.is_told}
+        frames = [(BASE_FRAME, self.link, self.T_base_link), *((self.link, name, T) for name, T in told.items())]
+        return [se3_to_transform(T, stamp, parent, child) for parent, child, T in frames]
 
     def frame(self, index: int) -> Iterator[tuple[str, Any]]:
         """Yield topic and message of everything that was recorded at one instant: the truth, the lenses, the images."""
         instant = self.instants[index]
         if instant.T_map_link is not None:
-            yield self._true_pose(instant.T_map_link, instant.stamp_ns)
+            pose, stamp = instant.T_map_link, instant.stamp_ns
+            if self.is_truth_of_base:
+                found = se3_to_odometry(pose, np.zeros((6, 6)), stamp, (MAP_FRAME, BASE_FRAME))
+                yield "ground_truth/odometry", found
+            else:
+                yield "ground_truth/pose", se3_to_pose_stamped(pose, stamp, MAP_FRAME)
         for topic, make in instant.others.items():
             yield topic, make()
         shots = [(self.views[name], shot) for name, shot in instant.images.items()]
@@ -122,11 +120,6 @@ class Recording:
             encoding = "32FC1" if pixels.dtype == np.float32 else "bgr8" if pixels.ndim == 3 else "mono8"
             yield f"{view.prefix}image_raw", array_to_image(pixels, shot.stamp_ns, view.frame_id, encoding)
 
-    def _true_pose(self, pose: SE3, stamp: int) -> tuple[str, Any]:
-        if self.is_truth_of_base:
-            return "ground_truth/odometry", se3_to_odometry(pose, np.zeros((6, 6)), stamp, (MAP_FRAME, BASE_FRAME))
-        return "ground_truth/pose", se3_to_pose_stamped(pose, stamp, MAP_FRAME)
-
 
 def pair_views(left: Camera, right: Camera, T_left_right: SE3, baseline_m: float = 0.0) -> dict[str, View]:
     """Return a stereo pair whose left camera looks along x of its link; T_left_right between optical axes."""
@@ -137,31 +130,46 @@ def pair_views(left: Camera, right: Camera, T_left_right: SE3, baseline_m: float
     }
 
 
-def image_shot(path: Path, stamp: int) -> Shot:
-    """Return an image of a file."""
-    return Shot(path, partial(read_image, path), stamp)
+def file_instants(
+    files: Sequence[tuple[int, Mapping[str, Path]]], poses: Sequence[SE3 | None], **readers: Callable[[Path], Any]
+) -> list[Instant]:
+    """Return instants of a stamp and the file of each camera, read as images or by the reader of the camera."""
+    return [
+        Instant(stamp, {n: Shot(f, partial(readers.get(n, read_image), f), stamp) for n, f in paths.items()}, pose)
+        for (stamp, paths), pose in zip(files, poses, strict=True)
+    ]
+
+
+def pair_up(
+    where: Path, names: Sequence[str], first: Sequence[tuple[int, Path]], second: Sequence[tuple[int, Path]]
+) -> list[tuple[int, dict[str, Path]]]:
+    """Return each file of the first camera with that of the second that is nearest in time, where that is near."""
+    ours, theirs = (np.array([stamp for stamp, _ in files], dtype=np.int64) for files in (first, second))
+    pairs = zip(*associate(ours, theirs, MAX_PAIR_GAP_NS), strict=True)
+    files = [(first[i][0], dict(zip(names, (first[i][1], second[j][1]), strict=True))) for i, j in pairs]
+    if not files:
+        raise ValueError(f"{where}: expected {' and '.join(names)} within {MAX_PAIR_GAP_NS} ns, found none")
+    return files
+
+
+def bodies_at(truth: Trajectory | None, stamps: Sequence[int], max_gap_ns: int) -> list[SE3 | None]:
+    """Return where the body of a camera was, by the poses of its optical frame in a world with z up."""
+    found = poses_at(truth, stamps, max_gap_ns)
+    return [None if pose is None else pose @ T_BODY_OPTICAL.inverse() for pose in found]
 
 
 def poses_at(truth: Trajectory | None, stamps: Sequence[int], max_gap_ns: int) -> list[SE3 | None]:
     """Return the poses between the rows around each stamp; None where there is no truth, or none so near."""
     if truth is None:
         return [None] * len(stamps)
-    found = [truth.at([stamp], max_gap_ns=max_gap_ns)[0] for stamp in stamps]
-    return [one.T_map_body[0] if len(one) else None for one in found]
+    found, known = truth.at(stamps, max_gap_ns=max_gap_ns)
+    poses = iter(found.T_map_body.matrix)
+    return [SE3(next(poses)) if is_known else None for is_known in known]
 
 
-def body_from_optical(T_world_optical: SE3, *, is_world_optical: bool) -> SE3:
-    """Return T_map_body of a camera pose; a world with optical axes is turned to body axes."""
-    T_map_optical = T_BODY_OPTICAL @ T_world_optical if is_world_optical else T_world_optical
-    return T_map_optical @ T_BODY_OPTICAL.inverse()
-
-
-def camera_transforms(
-    stamp: int, cameras: dict[str, SE3], T_base_link: SE3 | None = None, link: str = CAMERA_FRAME
-) -> list[TransformStamped]:
-    """Return base_link -> a link (identity) -> the frames of cameras, whose poses on it are given."""
-    frames = [se3_to_transform(T_base_link or SE3.identity(), stamp, BASE_FRAME, link)]
-    return frames + [se3_to_transform(T, stamp, link, name) for name, T in cameras.items()]
+def ahead_up(T_world_optical: SE3) -> SE3:
+    """Return where the body of a camera is, in a map with body axes, by its pose in a world with optical axes."""
+    return T_BODY_OPTICAL @ T_world_optical @ T_BODY_OPTICAL.inverse()
 
 
 def require_size(where: Path | str, pixels: NDArray[Any], camera: Camera) -> None:
@@ -176,6 +184,20 @@ def read_image(path: Path) -> NDArray[Any]:
     return _decode(path, cv2.IMREAD_ANYCOLOR, np.uint8)
 
 
+def read_rgb(path: Path) -> NDArray[np.uint8]:
+    """Return a grey (H, W) or RGB (H, W, 3) image."""
+    image = read_image(path)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8) if image.ndim == 3 else image
+
+
+def read_meters(path: Path, units_per_m: float, far: float = np.nan) -> NDArray[np.float32]:
+    """Return depth or range (H, W) of a 16-bit image in m; 0 is unknown, 65535 `far`."""
+    units = read_depth_file(path)
+    meters = units.astype(np.float32) / np.float32(units_per_m)
+    meters[units == 0], meters[units == np.iinfo(np.uint16).max] = np.nan, far
+    return meters
+
+
 def read_depth_file(path: Path) -> NDArray[np.uint16]:
     """Return a 16-bit image (H, W)."""
     pixels = _decode(path, cv2.IMREAD_UNCHANGED, np.uint16)
@@ -184,22 +206,40 @@ def read_depth_file(path: Path) -> NDArray[np.uint16]:
     return pixels
 
 
-def read_rows(path: Path, what: str = "table") -> list[str]:
-    """Return the lines of a text file that are neither empty nor a remark."""
-    lines = (line.strip() for line in read_text(path, what).split("\n"))
-    return [line for line in lines if line and not line.startswith("#")]
+def read_words(path: Path, least: int = 1) -> list[tuple[str, list[str]]]:
+    """Return the lines of a text file with where they stand, as words; `#` begins a comment. ValueError: too few."""
+    lines = enumerate(read_text(path, "table").split("\n"), start=1)
+    rows = [
+        (f"{path}:{line}", words) for line, text in lines if (words := text.split("#")[0].replace(",", " ").split())
+    ]
+    for where, words in rows:
+        if len(words) < least:
+            raise ValueError(f"{where}: expected {least} words, found {len(words)}")
+    if not rows:
+        raise ValueError(f"{path}: expected a table, found an empty file")
+    return rows
 
 
 def read_numbers(path: Path, columns: int) -> NDArray[np.float64]:
     """Return the table (N, columns) of a text file; `#` begins a comment."""
-    table = []
-    for line, text in enumerate(read_text(path, "table of numbers").split("\n"), start=1):
-        words = text.split("#")[0].replace(",", " ").split()
-        if words and len(words) != columns:
-            raise ValueError(f"{path}:{line}: expected {columns} numbers, found {len(words)}")
-        if words:
-            table.append([number(word, f"{path}:{line}") for word in words])
-    return np.array(table, dtype=np.float64).reshape(-1, columns)
+    rows = read_words(path)
+    for where, words in rows:
+        if len(words) != columns:
+            raise ValueError(f"{where}: expected {columns} numbers, found {len(words)}")
+    return np.array([[number(word, where) for word in words] for where, words in rows])
+
+
+def read_stamped(path: Path, count: int) -> Iterator[tuple[int, list[float]]]:
+    """Yield the stamp in ns and so many numbers behind it of each line."""
+    for where, words in read_words(path, count + 1):
+        yield whole(words[0], where), [number(word, where) for word in words[1 : count + 1]]
+
+
+def whole(word: str, where: str) -> int:
+    """Return a whole number."""
+    if not word.isdecimal():
+        raise ValueError(f"{where}: expected a whole number, found {short(word)}")
+    return int(word)
 
 
 def read_pose(path: Path) -> SE3:

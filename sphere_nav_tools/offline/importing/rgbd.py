@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,62 +19,57 @@ from sphere_nav_tools.offline.constants import MAX_PAIR_GAP_NS
 from sphere_nav_tools.offline.importing.recording import (
     FIRST_STAMP_NS,
     OPTICAL_FRAME,
-    Instant,
     Recording,
-    Shot,
     View,
-    body_from_optical,
-    image_shot,
+    ahead_up,
+    bodies_at,
+    file_instants,
+    pair_up,
     pose_of_matrix,
     pose_of_row,
-    poses_at,
-    read_depth_file,
+    read_meters,
     read_numbers,
     read_pose,
-    read_rows,
+    read_words,
     require_folder,
     require_size,
+    whole,
 )
 
 KINECT_HZ = 30.0
 D435 = "d400_color_optical_frame"  # of OpenLORIS: its colour camera, to which aligned_depth is registered
 ROVER_FOLDERS = ("intelrealsense_D435i", "realsense_D435i", "d435i")
-FAR = np.iinfo(np.uint16).max  # invalid in 7-Scenes
+NAMES = ("color", "depth")
 
-Files = list[tuple[int, Path, Path]]  # stamp, image, depth
+Files = list[tuple[int, dict[str, Path]]]  # stamp, and the file of each camera
 
 
 def open_seven_scenes(
     folder: Path,
     camera: Pinhole,
-    depth_camera: tuple[Pinhole, SE3] | None,
+    depth_camera: tuple[Pinhole, SE3],
     *,
     is_truth_of_depth: bool,
     poses: Path | None = None,
 ) -> Recording:
     """Open frame-%06d.{color.png|jpg, depth.png, pose.txt}; depth in mm, 0 and 65535 invalid; poses camera -> world.
 
-    `depth_camera` is its lens and T_color_depth, None where the depth is registered; `poses` a folder with other
-    pose.txt than those beside the images.
+    `depth_camera` is its lens and T_color_depth; `poses` a folder with other pose.txt than those beside the images.
     """
     depths = sorted(require_folder(folder).glob("frame-*.depth.png"))
     if not depths:
         raise ValueError(f"{folder}: expected files frame-000000.depth.png and on, found none")
-    T_depth_color = depth_camera[1].inverse() if depth_camera is not None and is_truth_of_depth else SE3.identity()
+    T_depth_color = depth_camera[1].inverse() if is_truth_of_depth else SE3.identity()
     files, true_poses = Files(), []
     for depth in depths:
         name = depth.name.removesuffix(".depth.png")
-        if not (digits := name.removeprefix("frame-")).isdigit():
-            raise ValueError(f"{depth}: expected frame-<number>, found {name}")
+        stamp = FIRST_STAMP_NS + round(whole(name.removeprefix("frame-"), str(depth)) * 1e9 / KINECT_HZ)
         color = next((path for end in ("png", "jpg") if (path := folder / f"{name}.color.{end}").is_file()), None)
         if color is None:
             raise ValueError(f"{folder / name}.color.png: expected a file (or .color.jpg), found none")
-        files.append((FIRST_STAMP_NS + round(int(digits) * 1e9 / KINECT_HZ), color, depth))
-        T_world_optical = read_pose((poses or folder) / f"{name}.pose.txt") @ T_depth_color
-        true_poses.append(body_from_optical(T_world_optical, is_world_optical=True))
-    register = None
-    if depth_camera is not None:
-        register = DepthRegistration(depth_camera[0], camera, depth_camera[1])
+        files.append((stamp, {"color": color, "depth": depth}))
+        true_poses.append(ahead_up(read_pose((poses or folder) / f"{name}.pose.txt") @ T_depth_color))
+    register = DepthRegistration(depth_camera[0], camera, depth_camera[1])
     return _rgbd(files, true_poses, camera, 1000.0, "frame-*.pose.txt", register=register)
 
 
@@ -88,26 +82,26 @@ def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
         inner = sorted(path.parent.name for path in folder.glob("*/img_prev.png"))
         hint = f": name one of its folders {', '.join(inner)}" if inner else ""
         raise ValueError(f"{folder / 'rgb.txt'}: expected a file, found none{hint}")
-    files = _pair_up(folder, *(_read_list(folder / name) for name in ("rgb.txt", "depth.txt")))
+    files = pair_up(folder, NAMES, *(_read_list(folder / name) for name in ("rgb.txt", "depth.txt")))
     truth = read_tum(folder / "groundtruth.txt") if (folder / "groundtruth.txt").exists() else None
-    return _rgbd(files, _bodies_at(truth, files), camera, depth_units, "groundtruth.txt")
+    return _rgbd(files, _bodies(truth, files), camera, depth_units, "groundtruth.txt")
 
 
 def _tum_pair(folder: Path, camera: Pinhole, depth_units: float) -> Recording:
     files, poses = Files(), []
     for index, name in enumerate(("prev", "curr")):
-        rows = read_numbers(folder / f"pose_{name}.txt", 7)
-        if len(rows) != 1:
-            raise ValueError(f"{folder / f'pose_{name}.txt'}: expected one pose, found {len(rows)}")
-        stamp = FIRST_STAMP_NS + round(index * 1e9 / KINECT_HZ)
-        files.append((stamp, folder / f"img_{name}.png", folder / f"dep_{name}.png"))
-        poses.append(body_from_optical(pose_of_row(rows[0], folder / f"pose_{name}.txt"), is_world_optical=False))
+        row, *_ = read_numbers(folder / f"pose_{name}.txt", 7)
+        pair = {"color": folder / f"img_{name}.png", "depth": folder / f"dep_{name}.png"}
+        files.append((FIRST_STAMP_NS + round(index * 1e9 / KINECT_HZ), pair))
+        poses.append(pose_of_row(row, folder / f"pose_{name}.txt") @ T_BODY_OPTICAL.inverse())
     return _rgbd(files, poses, camera, depth_units, "pose_prev.txt, pose_curr.txt")
 
 
 def open_openloris(folder: Path) -> Recording:
     """Open color.txt, aligned_depth.txt (mm), sensors.yaml, trans_matrix.yaml and groundtruth.txt, of the base."""
-    lists = [_read_list(require_folder(folder) / name) for name in ("color.txt", "aligned_depth.txt")]
+    files = pair_up(
+        folder, NAMES, *(_read_list(require_folder(folder) / name) for name in ("color.txt", "aligned_depth.txt"))
+    )
     path = folder / "sensors.yaml"
     fields = ("width", "height", "intrinsics")
     values = required(required(load_opencv(path), str(path), [D435])[D435], f"{path}: {D435}", fields)
@@ -119,9 +113,8 @@ def open_openloris(folder: Path) -> Recording:
     if (folder / "groundtruth.txt").is_file():
         base = read_tum(folder / "groundtruth.txt")
         truth = Trajectory(base.stamps_ns, base.T_map_body @ T_base_optical)
-    files, T_base_link = _pair_up(folder, *lists), T_base_optical @ T_BODY_OPTICAL.inverse()
-    camera = Pinhole(width, height, fx, fy, cx, cy, distortion)
-    return _rgbd(files, _bodies_at(truth, files), camera, 1000.0, "groundtruth.txt", T_base_link=T_base_link)
+    camera, T_base_link = Pinhole(width, height, fx, fy, cx, cy, distortion), T_base_optical @ T_BODY_OPTICAL.inverse()
+    return _rgbd(files, _bodies(truth, files), camera, 1000.0, "groundtruth.txt", T_base_link=T_base_link)
 
 
 def open_rover(folder: Path, camera: Pinhole) -> Recording:
@@ -131,7 +124,9 @@ def open_rover(folder: Path, camera: Pinhole) -> Recording:
     """
     require_folder(folder)
     inner = next((folder / name for name in ROVER_FOLDERS if (folder / name / "rgb").is_dir()), folder)
-    files = _pair_up(inner, *(_stamped(require_folder(inner / name)) for name in ("rgb", "depth")))
+    paths = (require_folder(inner / name).glob("*.png") for name in ("rgb", "depth"))
+    stamped = [sorted((parse_stamp_ns(path.stem, f"{path}: name"), path) for path in found) for found in paths]
+    files = pair_up(inner, NAMES, *stamped)
     return _rgbd(files, [None] * len(files), camera, 1000.0)
 
 
@@ -142,49 +137,36 @@ def _rgbd(
     depth_units: float,
     truth: str = "",
     *,
-    register: DepthRegistration | None = None,
+    register: Callable[[Any], NDArray[np.float32]] = lambda depth: depth,
     T_base_link: SE3 | None = None,
 ) -> Recording:
     """Return a recording of images, depth that is registered to them, and true poses of the camera's body."""
-    views = {"depth": View("depth/", OPTICAL_FRAME, camera), "color": View("", OPTICAL_FRAME, camera)}
-    instants = []
-    for (stamp, image, depth), pose in zip(files, poses, strict=True):
-        read = partial(_read_depth, depth, depth_units, camera, register)
-        instants.append(Instant(stamp, {"depth": Shot(depth, read, stamp), "color": image_shot(image, stamp)}, pose))
+
+    def read_depth(path: Path) -> NDArray[np.float32]:
+        depth = read_meters(path, depth_units)
+        require_size(path, depth, camera)  # of Kinects both have the same
+        return register(depth)
+
+    views = {"color": View("", OPTICAL_FRAME, camera), "depth": View("depth/", OPTICAL_FRAME, camera)}
+    instants = file_instants(files, poses, depth=read_depth)
     return Recording(views, instants, truth, T_base_link=T_base_link or SE3.identity())
 
 
-def _read_depth(
-    path: Path, units_per_m: float, camera: Pinhole, register: Callable[[Any], NDArray[np.float32]] | None
-) -> NDArray[np.float32]:
-    units = read_depth_file(path)
-    require_size(path, units, camera)  # of Kinects both have the same
-    depth = units.astype(np.float32) / np.float32(units_per_m)
-    depth[(units == 0) | (units == FAR)] = np.nan
-    return depth if register is None else register(depth)
-
-
-def _bodies_at(truth: Trajectory | None, files: Files) -> list[SE3 | None]:
-    """Return where the camera's body was, by the poses of its optical frame in a world with z up."""
-    found = poses_at(truth, [stamp for stamp, _, _ in files], 2 * MAX_PAIR_GAP_NS)
-    return [None if pose is None else body_from_optical(pose, is_world_optical=False) for pose in found]
+def _bodies(truth: Trajectory | None, files: Files) -> list[SE3 | None]:
+    return bodies_at(truth, [stamp for stamp, _ in files], 2 * MAX_PAIR_GAP_NS)
 
 
 def _mounting(path: Path) -> SE3:
     """Return T_base_optical of the colour camera from a list of parent_frame, child_frame and matrix."""
     found = required(load_opencv(path), str(path), ["trans_matrix"])["trans_matrix"]
     rows = [required(row, f"{path}: trans_matrix", ("parent_frame", "child_frame", "matrix")) for row in found or ()]
-    frame, T_frame_optical = D435, SE3.identity()
-    for _ in rows:
-        if frame == "base_link":
-            break
-        row = next((row for row in rows if row["child_frame"] == frame), None)
+    above, frame, T_frame_optical = {row["child_frame"]: row for row in rows}, D435, SE3.identity()
+    while frame != "base_link":
+        row = above.pop(frame, None)  # each once: a ring of frames ends, too
         if row is None:
-            raise ValueError(f"{path}: expected a matrix from {frame} towards base_link, found none")
+            raise ValueError(f"{path}: expected a way from {D435} to base_link, found none from {frame}")
         T_frame_optical = pose_of_matrix(_data(row["matrix"], f"{path}: matrix", 16), path) @ T_frame_optical
         frame = str(row["parent_frame"])
-    if frame != "base_link":
-        raise ValueError(f"{path}: expected a way from {D435} to base_link, found none")
     return T_frame_optical
 
 
@@ -193,29 +175,5 @@ def _data(found: Any, where: str, count: int | None = None) -> tuple[float, ...]
     return numbers(required(found, where, ["data"])["data"], where, count)
 
 
-def _stamped(folder: Path) -> list[tuple[int, Path]]:
-    """Return image files named by their stamps in s, by their stamps in ns."""
-    found = sorted((parse_stamp_ns(path.stem, f"{path}: name"), path) for path in folder.glob("*.png"))
-    if not found:
-        raise ValueError(f"{folder}: expected images, found none")
-    return found
-
-
 def _read_list(path: Path) -> list[tuple[int, Path]]:
-    rows = [line.split() for line in read_rows(path, "list of images")]
-    if not rows or any(len(row) != 2 for row in rows):
-        raise ValueError(f"{path}: expected lines 'stamp file', found {len(rows)} lines")
-    return [(parse_stamp_ns(stamp, f"{path}: stamp"), path.parent / name) for stamp, name in rows]
-
-
-def _pair_up(folder: Path, images: list[tuple[int, Path]], depths: list[tuple[int, Path]]) -> Files:
-    """Return each image with the depth that is nearest in time, where that is near."""
-    depth_stamps = np.array([stamp for stamp, _ in depths], dtype=np.int64)
-    files = Files()
-    for stamp, image in images:
-        nearest = int(np.argmin(np.abs(depth_stamps - stamp)))
-        if abs(int(depth_stamps[nearest]) - stamp) <= MAX_PAIR_GAP_NS:
-            files.append((stamp, image, depths[nearest][1]))
-    if not files:
-        raise ValueError(f"{folder}: expected depth within {MAX_PAIR_GAP_NS} ns of an image, found none")
-    return files
+    return [(parse_stamp_ns(words[0], where), path.parent / words[1]) for where, words in read_words(path, 2)]

@@ -6,9 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 from sphere_nav_msgs.msg import AugmentedSphere
 
 from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_views
@@ -21,10 +19,10 @@ from sphere_nav_tools.offline.importing.recording import (
     Instant,
     Recording,
     pose_of_row,
-    read_depth_file,
-    read_image,
+    read_meters,
     read_numbers,
     read_pose,
+    read_rgb,
     require_folder,
 )
 
@@ -70,9 +68,8 @@ def _open_ring(folder: Path) -> Recording:
     def sphere(index: int, stamp: int) -> Sphere:
         views = []
         for number, T in zip(numbers, T_body_sensor, strict=True):
-            depth = read_depth_file(names[index] / f"depth_{number}.png").astype(np.float32) / 1000
-            color = _read_rgb(names[index] / f"rgb_{number}.png")
-            views.append(RgbdView(color, np.where(depth > 0, depth, np.nan), SENSOR, T))
+            depth = read_meters(names[index] / f"depth_{number}.png", 1000.0)
+            views.append(RgbdView(read_rgb(names[index] / f"rgb_{number}.png"), depth, SENSOR, T))
         return sphere_from_views(views, stamp)
 
     return sphere_recording(_seconds(names), sphere, *_gicp_poses(folder, names))
@@ -100,32 +97,19 @@ def _open_equirectangular(folder: Path) -> Recording:
         poses = [pose_of_row(row[1:], file) for row in rows]
 
     def sphere(index: int, stamp: int) -> Sphere:
-        image = _read_rgb(names[index])
+        image = read_rgb(names[index])
         file = names[index].with_name(names[index].stem.replace("image_", "range_", 1) + ".png")
-        range_mm = read_depth_file(file)
-        if range_mm.shape != image.shape[:2]:
+        range_m = read_meters(file, 1000.0, np.inf)
+        if range_m.shape != image.shape[:2]:
             expected = f"{image.shape[1]} x {image.shape[0]}"
-            raise ValueError(f"{file}: expected {expected} pixels, found {range_mm.shape[::-1]}")
-        return Sphere(image, _meters(range_mm), Spherical(image.shape[1], image.shape[0]), stamp)
+            raise ValueError(f"{file}: expected {expected} pixels, found {range_m.shape[::-1]}")
+        return Sphere(image, range_m, Spherical(image.shape[1], image.shape[0]), stamp)
 
     return sphere_recording(_seconds(names), sphere, poses, file.name)
 
 
 def _seconds(names: list[Path]) -> list[int]:
     return [FIRST_STAMP_NS + index * SECOND for index in range(len(names))]
-
-
-def _read_rgb(path: Path) -> NDArray[np.uint8]:
-    """Return a grey (H, W) or RGB (H, W, 3) image."""
-    image = read_image(path)
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
-
-
-def _meters(range_mm: NDArray[np.uint16]) -> NDArray[np.float32]:
-    range_m = range_mm.astype(np.float32) * np.float32(1e-3)
-    range_m[range_mm == 0] = np.nan
-    range_m[range_mm == np.iinfo(np.uint16).max] = np.inf
-    return range_m
 
 
 def _number(path: Path) -> int:

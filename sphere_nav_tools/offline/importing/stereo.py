@@ -1,35 +1,48 @@
-"""Raw stereo recordings of several days: EuRoC and TUM-VI (ASL folders), 4Seasons.
+"""Stereo recordings: KITTI odometry (rectified), and raw ones of several days, EuRoC, TUM-VI (ASL folders), 4Seasons.
 
-Both cameras have their own lens and pose; which is told by `camera_info` and `/tf_static`, not by a baseline.
+Cameras that are not rectified have lenses and poses of their own, told by `camera_info` and `/tf_static`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mcl_depth.geometry.geodetic import place_on_earth
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole
 from sphere_nav.geometry.files.opencv_file import load_opencv
-from sphere_nav.geometry.files.untrusted import number, numbers, read_text, required
+from sphere_nav.geometry.files.untrusted import choice, number, numbers, read_text, required
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav_tools.offline.constants import MAX_PAIR_GAP_NS
+from sphere_nav_tools.offline.constants import DEFAULT_HZ
 from sphere_nav_tools.offline.importing.recording import (
-    Instant,
+    FIRST_STAMP_NS,
+    SIDES,
     Recording,
-    body_from_optical,
-    image_shot,
+    ahead_up,
+    bodies_at,
+    file_instants,
+    pair_up,
     pair_views,
     pose_of_matrix,
     pose_of_row,
-    poses_at,
+    read_image,
+    read_numbers,
     read_pose,
-    read_rows,
+    read_stamped,
+    read_words,
     require_folder,
     trajectory,
+    whole,
 )
 
+FOLDERS = {
+    ("image_0", "image_1"): (0, 1),
+    ("image_l", "image_r"): (0, 1),
+    ("image_2", "image_3"): (2, 3),
+}  # of KITTI, with their P of calib.txt
 TRUTHS = ("state_groundtruth_estimate0", "mocap0", "vicon0")  # of an ASL folder, the best first
 MODELS: dict[str, type[Pinhole] | type[Fisheye]] = {"radial-tangential": Pinhole, "equidistant": Fisheye}
 MAX_TRUTH_GAP_NS = 500_000_000  # between two true poses with an image between them; 4Seasons gives key frames alone
@@ -38,24 +51,42 @@ MAX_TRUTH_GAP_NS = 500_000_000  # between two true poses with an image between t
 MUNICH = (*np.radians([48.14, 11.58]), 520.0)
 
 
+def open_kitti(folder: Path) -> Recording:
+    """Open a sequence: calib.txt, two folders of images, and times.txt and poses.txt where they are there."""
+    require_folder(folder)
+    names = next((names for names in FOLDERS if (folder / names[0]).is_dir()), next(iter(FOLDERS)))
+    left, right = (require_folder(folder / name) for name in names)
+    images = {whole(path.stem, str(path)): path for path in sorted(left.glob("*.png"))}
+    if not images:
+        raise ValueError(f"{left}: expected images 000000.png and on, found none")
+    P_left, P_right = (_projection(folder / "calib.txt", index) for index in FOLDERS[names])
+    height, width = read_image(images[min(images)]).shape[:2]
+    camera = Pinhole(width, height, P_left[0, 0], P_left[1, 1], P_left[0, 2], P_left[1, 2])
+    baseline = (P_left[0, 3] - P_right[0, 3]) / P_left[0, 0]
+    if not baseline > 0:
+        raise ValueError(f"{folder / 'calib.txt'}: expected the second camera to the right, found {baseline} m")
+    times, poses = (_optional(folder / name, n, max(images)) for name, n in (("times.txt", 1), ("poses.txt", 12)))
+    seconds = {index: index / DEFAULT_HZ if times is None else float(times[index, 0]) for index in images}
+    files = [
+        (FIRST_STAMP_NS + round(seconds[index] * 1e9), {"left": path, "right": right / path.name})
+        for index, path in images.items()
+    ]
+    bodies = [None if poses is None else _of_three_rows(poses[index]) for index in images]
+    views = pair_views(camera, camera, SE3.from_parts(np.eye(3), [baseline, 0.0, 0.0]), baseline)
+    return Recording(views, file_instants(files, bodies), "poses.txt")
+
+
 def open_euroc(folder: Path) -> Recording:
     """Open an ASL folder: mav0/cam0, cam1 with data.csv and sensor.yaml, and a folder of truth where there is one."""
     require_folder(folder)
     mav = folder / "mav0" if (folder / "mav0").is_dir() else folder
     (left, T_body_left), (right, T_body_right) = (_asl_camera(mav / name / "sensor.yaml") for name in ("cam0", "cam1"))
-    images, others = (_asl_images(mav / name) for name in ("cam0", "cam1"))
+    tables = {mav / name: read_words(mav / name / "data.csv", 2) for name in ("cam0", "cam1")}
+    images = [[(whole(w[0], where), at / "data" / w[1]) for where, w in rows] for at, rows in tables.items()]
     source = next((mav / name / "data.csv" for name in TRUTHS if (mav / name / "data.csv").is_file()), None)
     truth = None if source is None else _asl_truth(source, T_body_left)
-    stamps = np.array(sorted(others), dtype=np.int64)
-    pairs = []
-    for stamp, image in images.items():
-        other = int(stamps[np.argmin(np.abs(stamps - stamp))])
-        if abs(other - stamp) <= MAX_PAIR_GAP_NS:
-            pairs.append((stamp, image, others[other]))
-    if not pairs:
-        raise ValueError(f"{mav / 'cam1' / 'data.csv'}: expected stamps of cam0, found others")
     name = "" if source is None else source.parent.name
-    return _stereo(pairs, (left, right), T_body_left.inverse() @ T_body_right, truth, name)
+    return _stereo(pair_up(mav, SIDES, *images), (left, right), T_body_left.inverse() @ T_body_right, truth, name)
 
 
 def open_four_seasons(folder: Path) -> Recording:
@@ -65,37 +96,52 @@ def open_four_seasons(folder: Path) -> Recording:
     if calibration is None:
         raise ValueError(f"{folder.parent / 'calibration'}: expected that of 4Seasons, found none")
     left, right = (require_folder(folder / "undistorted_images" / name) for name in ("cam0", "cam1"))
-    cameras = [_undistorted(calibration / f"undistorted_calib_{side}.txt") for side in (0, 1)]
+    cameras = (
+        _undistorted(calibration / "undistorted_calib_0.txt"),
+        _undistorted(calibration / "undistorted_calib_1.txt"),
+    )
     T_left_right = read_pose(calibration / "undistorted_calib_stereo.txt")
     truth = _gnss_poses(folder) if (folder / "GNSSPoses.txt").is_file() else None
-    pairs = []
-    for row in read_rows(folder / "times.txt"):
-        name = row.replace(",", " ").split()[0]
-        if not name.isdigit():
-            raise ValueError(f"{folder / 'times.txt'}: expected a number as name of an image, found {name[:40]!r}")
-        if (left / f"{name}.png").is_file() and (right / f"{name}.png").is_file():
-            pairs.append((int(name), left / f"{name}.png", right / f"{name}.png"))
-    if not pairs:
+    stamps = [whole(words[0], where) for where, words in read_words(folder / "times.txt")]
+    files = [(stamp, {"left": left / f"{stamp}.png", "right": right / f"{stamp}.png"}) for stamp in stamps]
+    files = [(stamp, paths) for stamp, paths in files if all(path.is_file() for path in paths.values())]
+    if not files:
         raise ValueError(f"{left}: expected images named as in times.txt, found none")
-    return _stereo(pairs, (cameras[0], cameras[1]), T_left_right, truth, "GNSSPoses.txt")
+    return _stereo(files, cameras, T_left_right, truth, "GNSSPoses.txt")
 
 
 def _stereo(
-    pairs: list[tuple[int, Path, Path]],
+    files: Sequence[tuple[int, dict[str, Path]]],
     cameras: tuple[Camera, Camera],
     T_left_right: SE3,
     truth: Trajectory | None,
     name: str,
 ) -> Recording:
-    """Return a recording of pairs (stamp, left, right); the truth is that of the left camera's optical frame."""
-    instants = []
-    poses = poses_at(truth, [stamp for stamp, _, _ in pairs], MAX_TRUTH_GAP_NS)
-    for (stamp, left, right), pose in zip(pairs, poses, strict=True):
-        T_map_body = None if pose is None else body_from_optical(pose, is_world_optical=False)
-        instants.append(
-            Instant(stamp, {"left": image_shot(left, stamp), "right": image_shot(right, stamp)}, T_map_body)
-        )
-    return Recording(pair_views(*cameras, T_left_right), instants, name)
+    """Return a recording of pairs; the truth is that of the left camera's optical frame."""
+    poses = bodies_at(truth, [stamp for stamp, _ in files], MAX_TRUTH_GAP_NS)
+    return Recording(pair_views(*cameras, T_left_right), file_instants(files, poses), name)
+
+
+def _of_three_rows(row: NDArray[np.float64]) -> SE3:
+    """Return where the left camera's body is by 3 x 4 numbers; z of the world points ahead, as that of the camera."""
+    return ahead_up(SE3.from_matrix(np.vstack([row.reshape(3, 4), (0, 0, 0, 1)])))
+
+
+def _projection(path: Path, index: int) -> NDArray[np.float64]:
+    """Return P<index> (3, 4) from the line 'P<index>: ...', or the line of that number where they carry no names."""
+    rows = [words for _, words in read_words(path)]
+    named = {words[0].rstrip(":"): words[1:] for words in rows if words[0].startswith("P")}
+    words = named.get(f"P{index}", []) if named else [*rows, *[[]] * (index + 1)][index]
+    if len(words) != 12:
+        raise ValueError(f"{path}: P{index}: expected 12 numbers, found {len(words)}")
+    return np.array([number(word, f"{path}: P{index}") for word in words]).reshape(3, 4)
+
+
+def _optional(path: Path, columns: int, last: int) -> NDArray[np.float64] | None:
+    table = read_numbers(path, columns) if path.is_file() else None
+    if table is not None and len(table) <= last:
+        raise ValueError(f"{path}: expected at least {last + 1} rows (image {last:06d}), found {len(table)}")
+    return table
 
 
 def _asl_camera(path: Path) -> tuple[Camera, SE3]:
@@ -105,53 +151,28 @@ def _asl_camera(path: Path) -> tuple[Camera, SE3]:
     width, height = (round(value) for value in numbers(values["resolution"], f"{path}: resolution", 2))
     fx, fy, cx, cy = numbers(values["intrinsics"], f"{path}: intrinsics", 4)
     k1, k2, k3, k4 = numbers(values["distortion_coefficients"], f"{path}: distortion_coefficients", 4)
-    if values["distortion_model"] not in MODELS:
-        found = repr(values["distortion_model"])[:40]
-        raise ValueError(f"{path}: distortion_model: expected {' or '.join(MODELS)}, found {found}")
+    model = MODELS[choice(values["distortion_model"], f"{path}: distortion_model", MODELS)]
     matrix = numbers(required(values["T_BS"], f"{path}: T_BS", ["data"])["data"], f"{path}: T_BS", 16)
     try:
-        camera = MODELS[values["distortion_model"]](width, height, fx, fy, cx, cy, (k1, k2, k3, k4))
+        return model(width, height, fx, fy, cx, cy, (k1, k2, k3, k4)), pose_of_matrix(matrix, path)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    return camera, pose_of_matrix(matrix, path)
-
-
-def _asl_images(folder: Path) -> dict[int, Path]:
-    """Return the images of a camera by their stamps, ns."""
-    rows = [row.split(",") for row in read_rows(folder / "data.csv")]
-    if not rows or any(len(row) != 2 or not row[0].strip().isdigit() for row in rows):
-        raise ValueError(f"{folder / 'data.csv'}: expected lines 'stamp in ns,file', found others")
-    return {int(stamp): folder / "data" / name.strip() for stamp, name in rows}
 
 
 def _asl_truth(path: Path, T_body_left: SE3) -> Trajectory:
     """Return the true poses of the left camera by those of the body: stamp in ns, x y z, qw qx qy qz, ..."""
-    stamps, poses = [], []
-    for stamp, (x, y, z, qw, qx, qy, qz) in _stamped_rows(path, 7):
-        if not qw == qx == qy == qz == 0.0:  # as where the target was out of sight
-            stamps.append(stamp)
-            poses.append(pose_of_row(np.array([x, y, z, qx, qy, qz, qw]), path) @ T_body_left)
-    return trajectory(stamps, poses, path)
-
-
-def _stamped_rows(path: Path, count: int) -> list[tuple[int, list[float]]]:
-    """Return a stamp in ns and so many numbers of each line, among more words."""
-    rows = []
-    for text in read_rows(path):
-        stamp, *words = text.split(",")
-        if len(words) < count or not stamp.strip().isdigit():
-            raise ValueError(f"{path}: expected a stamp in ns and a pose of {count} numbers, found {text[:60]!r}")
-        rows.append((int(stamp), [number(word, str(path)) for word in words[:count]]))
-    return rows
+    rows = [(stamp, np.roll(row[3:], -1), row[:3]) for stamp, row in read_stamped(path, 7)]
+    rows = [row for row in rows if np.any(row[1])]  # not where the target was out of sight
+    poses = [pose_of_row(np.array([*place, *turn]), path) @ T_body_left for _, turn, place in rows]
+    return trajectory([stamp for stamp, _, _ in rows], poses, path)
 
 
 def _undistorted(path: Path) -> Pinhole:
     """Return the camera of lines 'Pinhole fx fy cx cy 0 0 0 0' and 'width height'."""
-    rows = [row.split() for row in read_rows(path)]
-    if len(rows) < 2 or rows[0][:1] != ["Pinhole"] or len(rows[0]) < 5 or len(rows[1]) != 2:
+    rows = read_words(path, 1)
+    if len(rows) < 2 or rows[0][1][0] != "Pinhole" or len(rows[0][1]) < 5 or len(rows[1][1]) != 2:
         raise ValueError(f"{path}: expected 'Pinhole fx fy cx cy ...' and 'width height', found others")
-    fx, fy, cx, cy = (number(word, str(path)) for word in rows[0][1:5])
-    width, height = (number(word, str(path)) for word in rows[1])
+    width, height, fx, fy, cx, cy = (number(word, str(path)) for word in (*rows[1][1], *rows[0][1][1:5]))
     return Pinhole(int(width), int(height), fx, fy, cx, cy)
 
 
@@ -172,7 +193,7 @@ def _gnss_poses(folder: Path) -> Trajectory:
     T_map_visual = T_munich_earth @ needed["transform_e_gpsw"] @ needed["transform_w_gpsw"].inverse()
     T_map_slam = T_map_visual @ needed["transform_S_AS"]
     stamps, poses, path = [], [], folder / "GNSSPoses.txt"
-    for stamp, (*row, scale) in _stamped_rows(path, 8):
+    for stamp, (*row, scale) in read_stamped(path, 8):
         pose = pose_of_row(np.array(row), path)
         poses.append(T_map_slam @ SE3.from_parts(pose.rotation, scale * pose.translation))
         stamps.append(stamp)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav.spheres.graph import Edge, SphereGraph
 from sphere_nav_tools.offline.constants import (
     EDGE_FACTOR,
@@ -23,6 +27,7 @@ from sphere_nav_tools.offline.constants import (
     SURVEY_SIGMA,
 )
 from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses
+from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
 from sphere_nav_tools.offline.pose_bags import read_poses
 from sphere_nav_tools.offline.registering import REMEDY
 
@@ -37,6 +42,20 @@ class Truth:
     is_base: bool
 
 
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """By what a drive is mapped: the bag, parameters and topics, and what is known of the cameras."""
+
+    bag: Path
+    values: Mapping[str, Any]
+    remap: dict[str, str]
+    details: MapDetails
+    kind: str  # cameras, sphere, rgbd, stereo
+    stitcher: Node | None = None
+    pair: StereoPair | None = None
+    stereo: str = ""  # what was found of the pair
+
+
 @dataclass(eq=False)
 class MappedDrive:
     """What was mapped, by what camera, and what was not.
@@ -44,13 +63,12 @@ class MappedDrive:
     refused: how often, by the words with {n} in the place of the number. damages: what cannot be read of the bag.
     """
 
+    recipe: Recipe
     mapper: Mapper
     mount: CameraMount
     num_lost: int = 0
     refused: dict[str, int] = field(default_factory=dict)
     damages: list[str] = field(default_factory=list)
-    kind: str = ""  # of what was mapped: cameras, sphere, rgbd, stereo
-    stereo: str = ""  # what was found of the pair
 
     def trajectory(self, *, is_base: bool) -> Trajectory:
         """Return the pose of the camera (body axes) of every placed sphere, or the vehicle's, as the graph has it."""
@@ -111,7 +129,7 @@ class MappedDrive:
     def summary(self, truth: Truth | None) -> list[str]:
         """Return what is printed."""
         mapper, placed = self.mapper, self.trajectory(is_base=False)
-        lines = [self.stereo] if self.stereo else []
+        lines = [self.recipe.stereo] if self.recipe.stereo else []
         lines.append(
             f"{len(placed)} spheres placed, {self.num_lost} lost, {len(mapper.graph)} kept, {mapper.num_loops} loops "
             f"closed, {placed.distances[-1]:.2f} m"

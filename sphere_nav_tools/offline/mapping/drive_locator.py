@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +14,8 @@ from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_mapping.experiences.joining import DriveSphere, Localized
 from sphere_mapping.graph.keyframes import MapUpdate
-from sphere_mapping.graph.store import SphereStore
 from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.mapper import Mapper
-from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.params import InputParams, StateParams
 from sphere_nav.localization.status import State
@@ -24,7 +24,6 @@ from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.compact import CompactSpheres
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.ros.maps.writer import SPHERE_FRAME
-from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.experiences import Service, count_image
 from sphere_nav.spheres.sphere import Sphere
@@ -32,23 +31,15 @@ from sphere_nav_tools.offline.constants import MIN_EXPLAINED_SHARE, PATIENCE_S
 
 
 class ObservedMapper(Mapper):
-    """Tells of every sphere as it was mapped."""
+    """Tells `observe` of every sphere as it was mapped."""
 
-    def __init__(
-        self,
-        observe: Callable[[Mapper, Sphere, MapUpdate], None],
-        params: MapperParams,
-        store: SphereStore | None,
-        features: MutableMapping[int, Features] | None,
-    ) -> None:
-        self._observe = observe
-        super().__init__(params, store=store, features=features)
+    observe: Callable[[Mapper, Sphere, MapUpdate], None]
 
     def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
         """Map one sphere, and tell of it, straightened by its motion."""
         update = super().add(sphere, odometry, unroll)
         last = self._tracker.last if update.T_map_sphere is not None else None
-        self._observe(self, last.sphere if last is not None else sphere, update)
+        self.observe(self, last.sphere if last is not None else sphere, update)
         return update
 
 
@@ -59,7 +50,7 @@ class DriveLocator:
         params = LocalizerParams(
             input=InputParams(timeout_s=PATIENCE_S, allow_still=True), state=StateParams(max_blind_s=PATIENCE_S)
         )
-        self._graph, self._localizer = base.graph, Localizer(params, base)
+        self.base, self._localizer = base, Localizer(params, base)
         self._found: dict[int, Localized | None] = {}
         self._explained: set[int] = set()  # stamps of images that the map explains
         self._probation: dict[int, CameraEstimate] = {}  # the latest ones, by the stamp, while they are in probation
@@ -74,14 +65,11 @@ class DriveLocator:
         """End the threads of the localiser."""
         self._localizer.references.close()
 
-    def make_mapper(
-        self,
-        params: MapperParams,
-        store: SphereStore | None = None,
-        features: MutableMapping[int, Features] | None = None,
-    ) -> Mapper:
-        """Return a mapper that tells of its spheres."""
-        return ObservedMapper(self.observe, params, store, features)
+    def mapper(self, *words: Any, **named: Any) -> Mapper:
+        """Return a mapper that tells of its spheres, whose key spheres are numbered behind those of the map."""
+        mapper = ObservedMapper(*words, **named)
+        mapper.observe, mapper.first_id = self.observe, max(self.base.graph.nodes) + 1
+        return mapper
 
     def observe(self, mapper: Mapper, sphere: Sphere, update: MapUpdate) -> None:
         """Localise a sphere of the drive."""
@@ -112,7 +100,8 @@ class DriveLocator:
         """Return the spheres of the drive that were placed in it."""
         tracks = [track for track in mapper.tracks if track.stamp_ns in self._numbers]
         return [
-            DriveSphere(one, self._found[one.stamp_ns], self._loader(self._numbers[one.stamp_ns])) for one in tracks
+            DriveSphere(one, self._found[one.stamp_ns], partial(self._small.__getitem__, self._numbers[one.stamp_ns]))
+            for one in tracks
         ]
 
     def unexplained(self, mapper: Mapper) -> set[int]:
@@ -160,8 +149,5 @@ class DriveLocator:
         if estimate.T_map_camera is None or estimate.covariance is None or not status.references:
             return None
         a = int(status.references[0])
-        T_a_sphere = self._graph[a].T_map_sphere.inverse() @ estimate.T_map_camera
+        T_a_sphere = self.base.graph[a].T_map_sphere.inverse() @ estimate.T_map_camera
         return Localized(a, T_a_sphere, estimate.covariance, is_sure=status.state is State.TRACKING)
-
-    def _loader(self, number: int) -> Callable[[], Sphere]:
-        return lambda: self._small[number]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,15 +21,6 @@ from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.experiences import Service, with_service
 from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
-
-
-@dataclass(frozen=True, eq=False)
-class Extension:
-    """What all key spheres of the joint map look like, what is told of the joining, and the new ones by id."""
-
-    index: AppearanceIndex
-    told: str
-    new: set[int]
 
 
 def open_base(path: Path, output: Path, rig: str) -> MapReader:
@@ -53,12 +43,17 @@ def open_base(path: Path, output: Path, rig: str) -> MapReader:
 
 def extend(
     base: MapReader, mapper: Mapper, locator: DriveLocator, T_map_start: SE3 | None = None, run: Run = map
-) -> Extension:
-    """Move what was mapped into the frame of the map, both in one graph; BagError where nothing says where it was."""
+) -> tuple[AppearanceIndex, str, set[int]]:
+    """Move what was mapped into the frame of the map, both in one graph; BagError where nothing says where it was.
+
+    Return what all key spheres of the joint map look like, what is told of the joining, and the new ones by id.
+    """
     known = Submap(base.graph, base.appearance(), base.load_sphere)
     drive = Submap(mapper.graph, mapper.appearance, mapper.load_sphere)
-    for part in (known, drive):
-        learn_appearance(part)
+    for part in (known, drive):  # what nobody has looked at yet
+        for node in part.graph:
+            if node.id not in part.index.features:
+                part.index.add(node.id, features_of_sphere(part.load(node.id)))
     new = locator.unexplained(mapper)
     joined = join_drive(known, drive, locator.images(mapper), mapper.params, T_map_start, run)
     if joined.graph is None:
@@ -71,7 +66,7 @@ def extend(
     for sphere_id, features in drive.index.features.items():
         known.index.add(sphere_id, features)
     told = f"joined to {base.path}: {joined.told}; {len(new)} of {len(drive.graph)} key spheres show what it did not"
-    return Extension(known.index, told, new)
+    return known.index, told, new
 
 
 def place_start(base: MapReader, start: Sequence[float], T_base_sphere: SE3) -> SE3:
@@ -81,10 +76,3 @@ def place_start(base: MapReader, start: Sequence[float], T_base_sphere: SE3) -> 
     T_map_base = near.T_map_sphere @ T_base_sphere.inverse()
     turned = SE3.from_planar(0.0, 0.0, yaw - float(T_map_base.angles[2])).rotation @ T_map_base.rotation
     return SE3.from_parts(turned, np.array([x, y, T_map_base.translation[2]])) @ T_base_sphere
-
-
-def learn_appearance(part: Submap) -> None:
-    """Take note of what key spheres look like where nobody has."""
-    for node in part.graph:
-        if node.id not in part.index.features:
-            part.index.add(node.id, features_of_sphere(part.load(node.id)))

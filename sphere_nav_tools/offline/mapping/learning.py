@@ -13,12 +13,11 @@ import shutil
 import sys
 from collections.abc import Iterable
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from typing import cast
 
 from sphere_mapping.mapper import Mapper
-from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.saving import details_of
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
 from sphere_nav.geometry.trajectory import write_tum
@@ -34,9 +33,9 @@ from sphere_nav.spheres.graph import Experience
 from sphere_nav_tools.offline.mapping.drive import MappedDrive, truth_of
 from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
 from sphere_nav_tools.offline.mapping.extension import extend, open_base, place_start
-from sphere_nav_tools.offline.mapping.plan import MappingPlan, make_plan
-from sphere_nav_tools.offline.mapping.replay_mapper import replay_mapper
-from sphere_nav_tools.offline.mapping.thinning import Thinner
+from sphere_nav_tools.offline.mapping.plan import make_recipe
+from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, replay_mapper
+from sphere_nav_tools.offline.mapping.thinning import thin_map
 from sphere_nav_tools.offline.mapping.workers import NUM_THREADS, Workers, limit_threads
 
 DRIVE = ".drive"  # after the name of the map: where a drive is written as it is mapped
@@ -54,53 +53,28 @@ def learn(arguments: argparse.Namespace) -> int:
     rig = read_text(arguments.rig, "rig file", MAX_FILE_BYTES) if arguments.rig else ""
     with ExitStack() as stack:
         base = stack.enter_context(open_base(arguments.extend, arguments.output, rig)) if arguments.extend else None
-        plan = make_plan(arguments, rig)
-        known = stack.enter_context(closing(Base.of(base))) if base is not None else None
-        writer = MapWriter(arguments.output.with_name(arguments.output.name + DRIVE), plan.recipe.details)
+        recipe = make_recipe(arguments, rig)
+        locator = stack.enter_context(closing(DriveLocator(base))) if base is not None else None
+        writer = MapWriter(arguments.output.with_name(arguments.output.name + DRIVE), recipe.details)
         try:
             with Workers(arguments.jobs, arguments.scheduler) as workers:
-                return map_plan(arguments, plan, writer, known, workers)
+                return map_drive(arguments, recipe, writer, locator, workers)
         except (ValueError, OSError, KeyboardInterrupt) as error:
             return keep(writer, error)
 
 
-@dataclass(frozen=True, eq=False)
-class Base:
-    """The map that is extended, and what localises the drive in it."""
-
-    reader: MapReader
-    locator: DriveLocator
-
-    @classmethod
-    def of(cls, reader: MapReader) -> Base:
-        """Return a map, made ready to be localised in."""
-        return cls(reader, DriveLocator(reader))
-
-    def close(self) -> None:
-        """End the localiser."""
-        self.locator.close()
-
-
-def map_plan(
-    arguments: argparse.Namespace, plan: MappingPlan, writer: MapWriter, base: Base | None, workers: Workers
+def map_drive(
+    arguments: argparse.Namespace, recipe: Recipe, writer: MapWriter, locator: DriveLocator | None, workers: Workers
 ) -> int:
-    """Map a drive, complete the map."""
-    make = base.locator.make_mapper if base is not None else Mapper
-    first_id = max(base.reader.graph.nodes) + 1 if base is not None else 0
-
-    def begin(params: MapperParams) -> Mapper:
-        mapper = make(params, store=writer, features=CompactFeatures())
-        mapper.first_id = first_id
-        return mapper
-
-    drive = replay_mapper(plan.recipe, begin, workers.executor if plan.recipe.stitcher else None)
+    """Map a drive, complete the map; `locator`: of the map that is extended."""
+    make = partial(Mapper if locator is None else locator.mapper, store=writer, features=CompactFeatures())
+    drive = replay_mapper(recipe, make, workers.executor if recipe.stitcher else None)
     if not drive.mapper.tracks:
         reason = drive.refusal or "no complete instant"
         raise BagError(f"{arguments.bag}: expected spheres to map, found none: {reason}")
-    drive.kind, drive.stereo = plan.kind, plan.stereo
     writer.finish(drive.mapper.graph, appearance=drive.mapper.appearance)
     with open_map(writer.path) as mapped:
-        status = finish_map(arguments, drive, mapped, base, workers, plan.recipe.details.rig)
+        status = finish_map(arguments, drive, mapped, locator, workers)
     shutil.rmtree(writer.path)
     return status
 
@@ -109,31 +83,28 @@ def finish_map(
     arguments: argparse.Namespace,
     drive: MappedDrive,
     mapped: MapReader,
-    base: Base | None,
+    locator: DriveLocator | None,
     workers: Workers,
-    rig: str,
 ) -> int:
     """Close loops, join the drive to a map, compare with the truth, complete the map; `mapped`: the drive alone."""
-    mapper, told = drive.mapper, list[str]()
+    mapper, told, known = drive.mapper, list[str](), None if locator is None else locator.base
     source, frame, stored = arguments.bag.name, MAP_FRAME, cast("Iterable[Stored]", ())
     if not arguments.no_loops:
         mapper.close_loops(workers.run)
     mapper.graph = with_experience(mapper.graph, describe_drive(arguments, drive), mapper.graph.nodes)
     index, new = mapper.appearance, set[int]()
-    if base is not None:
-        known = base.reader
+    if known is not None and locator is not None:
         start = place_start(known, arguments.start, drive.mount.T_base_sphere) if arguments.start else None
-        extension = extend(known, mapper, base.locator, start, workers.run)
-        index, told, stored, new = extension.index, [extension.told], known.stored(), extension.new
+        index, words, new = extend(known, mapper, locator, start, workers.run)
+        told, stored = [words], known.stored()
         source, frame = f"{known.info.source} + {source}", known.info.header.frame_id
     truth = truth_of(arguments.bag)
     T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, truth, str(arguments.bag))
-    origin = base.reader.origin if base is not None else ORIGINS.get(arguments.anchor, mapper.origin)
+    origin = known.origin if known is not None else ORIGINS.get(arguments.anchor, mapper.origin)
     ways = [drive.trajectory(is_base=is_base).moved(T_new_map) for is_base in (False, True)]
-    thinner = Thinner(mapper, mapped, base.reader if base is not None else None, arguments.budget)
-    graph, condensed, left = thinner.thin(graph, ways[0].positions, new)
+    graph, condensed, left = thin_map(mapper, (mapped, known), arguments.budget, graph, ways[0].positions, new)
     told += left
-    details = details_of(graph, mapper.params, source, frame, rig, origin)
+    details = details_of(graph, mapper.params, source, frame, drive.recipe.details.rig, origin)
     whole = condense(chain(stored, mapped.stored()), condensed)
     write_stored(arguments.output, graph, details, index, whole, is_overwriting=arguments.overwrite)
     for path, way in zip((arguments.trajectory, arguments.taught), ways, strict=True):
@@ -151,7 +122,7 @@ def describe_drive(arguments: argparse.Namespace, drive: MappedDrive) -> Experie
     """Return what the key spheres of a drive have in common."""
     graph = drive.mapper.graph
     camera = drive.mapper.load_sphere(min(graph.nodes)).camera
-    kind = f"{drive.kind} {camera.width} x {camera.height}"
+    kind = f"{drive.recipe.kind} {camera.width} x {camera.height}"
     return Experience(arguments.experience, kind, arguments.bag.name, min(node.stamp_ns for node in graph))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import TOPICS
@@ -19,22 +18,7 @@ from sphere_nav_tools.offline.mapping.workers import NUM_THREADS
 from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder
 
 
-@dataclass(frozen=True, eq=False)
-class MappingPlan:
-    """How a drive is mapped; `stereo`: what was found of a pair, in words."""
-
-    recipe: Recipe
-    kind: str
-    stereo: str = ""
-
-    @property
-    def params(self) -> SphereMapperParams:
-        """Parameters of the mapper."""
-        params: SphereMapperParams = build(SphereMapperParams, self.recipe.values)
-        return params
-
-
-def make_plan(arguments: argparse.Namespace, rig: str) -> MappingPlan:
+def make_recipe(arguments: argparse.Namespace, rig: str) -> Recipe:
     """Return how a bag is mapped, `rig` being the text of its rig file; BagError where it has nothing to map."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | arguments.settings
@@ -53,8 +37,7 @@ def make_plan(arguments: argparse.Namespace, rig: str) -> MappingPlan:
             remap = imu | found
         build(SphereMapperParams, values)  # refused before anything is written
         finder.refuse_unread((*remap, *(stitcher[1] if stitcher is not None else ()), "tf", "tf_static"))
-    recipe = Recipe(arguments.bag.resolve(), values, remap, details, stitcher, pair)
-    return MappingPlan(recipe, kind, stereo)
+    return Recipe(arguments.bag.resolve(), values, remap, details, kind, stitcher, pair, stereo)
 
 
 def stitcher_values(finder: TopicFinder, arguments: argparse.Namespace) -> Node:

@@ -2,55 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 from tqdm import tqdm
 
-from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay, required_topics
-from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav_tools.offline import topics
 from sphere_nav_tools.offline.constants import IMU_NS
-from sphere_nav_tools.offline.mapping.drive import MappedDrive
-from sphere_nav_tools.offline.mapping.stitcher_ahead import Node, StitcherAhead
-
-
-@dataclass(frozen=True, eq=False)
-class Recipe:
-    """By what a drive is mapped: the bag, parameters and topics, and what is known of the cameras."""
-
-    bag: Path
-    values: Mapping[str, Any]
-    remap: dict[str, str]
-    details: MapDetails
-    stitcher: Node | None = None
-    pair: StereoPair | None = None
+from sphere_nav_tools.offline.mapping.drive import MappedDrive, Recipe
+from sphere_nav_tools.offline.mapping.stitcher_ahead import StitcherAhead
 
 
 def replay_mapper(
-    recipe: Recipe, begin: Callable[[MapperParams], Mapper], executor: Executor | None = None
+    recipe: Recipe, make: Callable[[MapperParams], Mapper], executor: Executor | None = None
 ) -> MappedDrive:
-    """Play a bag to the mapper that `begin` returns; an `executor` stitches."""
-    damages, bus = list[str](), OfflineBus(captured=set())
-    stitching = add_stitcher(bus, recipe, executor)
+    """Play a bag to the mapper that is made; an `executor` stitches."""
+    damages, bus, stitching = list[str](), OfflineBus(captured=set()), None
+    if recipe.stitcher is not None:
+        stitching = bus.add(StitcherAhead, *recipe.stitcher)
+        stitching.executor = executor
     node = bus.add(SphereMapper, recipe.values, recipe.remap)
-    assert isinstance(node, SphereMapper)
-    node.mapper = begin(node.params.mapper)
+    node.mapper = make(node.params.mapper)
     try:
         with BagReader(recipe.bag, damages=damages) as bag:
             hear_beginning(bag, node, recipe.remap.get("imu", ""))
             if recipe.pair is not None:
                 node.intake.stereo.use(recipe.pair)
-            play(bag, bus)
+            total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
+            with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
+                for _ in replay(bag, bus, progress=bar.update):
+                    pass
         if stitching is not None:
             stitching.finish_open()
             while stitching.coming:
@@ -61,25 +48,7 @@ def replay_mapper(
         if stitching is not None:
             stitching.cleanup()
     node.mapper.keep_end()
-    return MappedDrive(node.mapper, node.mount, node.num_lost, refusals(node, stitching), damages)
-
-
-def add_stitcher(bus: OfflineBus, recipe: Recipe, executor: Executor | None) -> StitcherAhead | None:
-    """Put the stitcher before the mapper where there is a rig."""
-    if recipe.stitcher is None:
-        return None
-    node = bus.add(StitcherAhead, *recipe.stitcher)
-    assert isinstance(node, StitcherAhead)
-    node.executor = executor
-    return node
-
-
-def play(bag: BagReader, bus: OfflineBus) -> None:
-    """Play a bag with a bar."""
-    total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
-    with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
-        for _ in replay(bag, bus, progress=bar.update):
-            pass
+    return MappedDrive(recipe, node.mapper, node.mount, node.num_lost, refusals(node, stitching), damages)
 
 
 def refusals(node: SphereMapper, stitching: StitcherAhead | None) -> dict[str, int]:

@@ -5,26 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import cast
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
-from sphere_mapping.params import MapperParams, SphereMapperParams
-from sphere_mapping.ros.intake import TOPICS, Intake
+from sphere_mapping.params import MapperParams
+from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.geometry import Pinhole
-from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.untrusted import read_npy
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.maps.reader import FILE_NAME, open_map
-from sphere_nav.ros.node import ManagedNode
-from sphere_nav.ros.tf import TransformListener
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
-from sphere_nav_tools.offline.importing.recording import read_image
+from sphere_nav_tools.offline.importing.recording import read_meters, read_rgb
+from sphere_nav_tools.offline.mapping.instants import collect
 from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder
 
 
@@ -32,7 +28,7 @@ from sphere_nav_tools.offline.topic_finder import CAMERAS, TopicFinder
 class LensOptions:
     """How to read image files: fx, fy, cx, cy in pixels; the baseline in m of stereo pairs; depth units per m."""
 
-    intrinsics: tuple[float, float, float, float] | None = None
+    intrinsics: tuple[float, ...] | None = None
     baseline_m: float | None = None
     depth_units: float = 1000.0
 
@@ -53,59 +49,31 @@ def read_sphere(word: str, lens: LensOptions, params: MapperParams, choose: Choo
     return sphere_of_bag(Path(path), int(number), choose)
 
 
-class Collector(ManagedNode):
-    """Keeps the spheres that a bag gives."""
-
-    NAME = "collector"
-    PARAMS = SphereMapperParams
-    params: SphereMapperParams
-
-    def configure(self) -> None:
-        """Listen."""
-        self.last: Sphere | None = None
-        self.count = 0
-        intake = Intake(self.params, self._on_sphere, TransformListener(self.endpoints, is_required=False).lookup)
-        intake.subscribe(self.endpoints)
-
-    def _on_sphere(self, sphere: Sphere, *_: object) -> None:
-        self.last, self.count = sphere, self.count + 1
-
-
 def sphere_of_bag(path: Path, number: int, choose: Choose = TopicFinder) -> Sphere:
     """Return the sphere of the instant with this number, counted from 0."""
-    bus = OfflineBus(captured=set())
     with BagReader(path) as bag:
-        finder = choose(bag)
+        finder, count = choose(bag), 0
         kind = finder.find_kind()
         if kind == CAMERAS:
             raise BagError(f"{path}: topics: expected spheres, RGB-D or stereo images, found the cameras of a rig")
         found = finder.require(finder.find(TOPICS[kind]))
         slack_s = finder.slack_s(found[TOPICS[kind][0]])
-        node: Any = bus.add(Collector, {"input": kind, "slack_s": slack_s}, found)
-
-        def stop_there(step: int) -> None:
-            if node.count > number:
-                raise StopIteration
-
-        try:
-            for _ in replay(bag, bus, progress=stop_there):
-                pass
-        except (StopIteration, RuntimeError):  # a generator turns the first into the second
-            pass
-    if node.count <= number:
-        refusals = [wanted.last_refusal for wanted in node.inputs if wanted.num_refused]
-        reason = f" ({refusals[0]})" if refusals else ""
-        raise BagError(f"{path}: expected instant {number}, found {node.count}{reason}")
-    return node.last
+        node, spheres = collect(bag, {"input": kind, "slack_s": slack_s}, found)
+        for count, sphere in enumerate(spheres, 1):
+            if count > number:
+                return cast("Sphere", sphere)
+    reason = next((f" ({wanted.last_refusal})" for wanted in node.inputs if wanted.num_refused), "")
+    raise BagError(f"{path}: expected instant {number}, found {count}{reason}")
 
 
 def _from_files(first: Path, second: Path, lens: LensOptions, params: MapperParams) -> Sphere:
     if lens.intrinsics is None:
         raise ValueError("--camera: expected FX,FY,CX,CY for image files, found none")
-    image = _rgb(first)
-    camera = Pinhole(image.shape[1], image.shape[0], *lens.intrinsics)
+    image = read_rgb(first)
+    fx, fy, cx, cy = lens.intrinsics
+    camera = Pinhole(image.shape[1], image.shape[0], fx, fy, cx, cy)
     if lens.baseline_m is not None:
-        right = _rgb(second)
+        right = read_rgb(second)
         if right.shape[:2] != image.shape[:2]:
             raise ValueError(f"{second}: expected the size of {first}, found {right.shape[1]} x {right.shape[0]}")
         return sphere_from_stereo(
@@ -117,20 +85,10 @@ def _from_files(first: Path, second: Path, lens: LensOptions, params: MapperPara
     return sphere_from_rgbd(image, depth_m, camera, T_BODY_OPTICAL, 0, params.partial)
 
 
-def _rgb(path: Path) -> NDArray[np.uint8]:
-    image = read_image(path)
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8) if image.ndim == 3 else image
-
-
 def _depth(path: Path, units: float) -> NDArray[np.floating]:
     if path.suffix == ".npy":
         return np.asarray(read_npy(path, "array of depths"), dtype=np.float32)
-    found = read_image_file(path, cv2.IMREAD_UNCHANGED, "depth image")
-    if found.dtype != np.uint16 or found.ndim != 2:
-        raise ValueError(f"{path}: expected a 16-bit depth image, found {found.dtype} {found.shape}")
-    depth_m = found.astype(np.float32) / np.float32(units)
-    depth_m[(found == 0) | (found == np.iinfo(np.uint16).max)] = np.nan
-    return depth_m
+    return read_meters(path, units)
 
 
 def _two(word: str) -> tuple[Path, Path]:

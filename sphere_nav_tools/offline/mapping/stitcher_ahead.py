@@ -9,45 +9,16 @@ from __future__ import annotations
 import pickle
 from collections import deque
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from numpy.typing import NDArray
-
-from sphere_mapping.acquisition.light.light import Learned
-from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_mapping.acquisition.ros.rig_intake import RigInstant
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
-from sphere_nav.geometry import Rig
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.constants import AHEAD
 
 Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted name, topics of the bag by ours
-
-
-@dataclass(frozen=True, eq=False)
-class LearnedRig:
-    """A rig, corrected by its images where that was asked for, and what a stitcher has learned of it."""
-
-    rig: Rig
-    params: StitchParams
-    masks: dict[str, NDArray[Any]] | None
-    learned: Learned
-
-    @classmethod
-    def of(cls, stitcher: Stitcher) -> LearnedRig:
-        """Return what a stitcher has learned; ValueError where it still learns."""
-        if not stitcher.is_settled:
-            raise ValueError(f"rig {stitcher.rig.name}: expected a stitcher that has learned it, found one that learns")
-        return cls(stitcher.rig, stitcher.params, stitcher.masks, stitcher.learned)
-
-    def stitcher(self, jobs: int = 1) -> Stitcher:
-        """Return a stitcher that gives the same bits as the one that has learned."""
-        stitcher = Stitcher(self.rig, self.params, self.masks, jobs)
-        stitcher.resume(self.learned)
-        return stitcher
 
 
 def stitch_apart(known: bytes, images: Any, stamp_ns: int, points: Any, depths: Any) -> Sphere:
@@ -57,7 +28,10 @@ def stitch_apart(known: bytes, images: Any, stamp_ns: int, points: Any, depths: 
 
 @lru_cache(maxsize=1)
 def _stitcher(known: bytes) -> Stitcher:
-    stitcher: Stitcher = pickle.loads(known).stitcher()
+    """Return a stitcher that gives the same bits as the one that has learned."""
+    rig, params, masks, learned = pickle.loads(known)
+    stitcher = Stitcher(rig, params, masks, 1)
+    stitcher.resume(learned)
     return stitcher
 
 
@@ -91,7 +65,7 @@ class StitcherAhead(SphereStitcher):
         stitcher = self.stitcher
         if self.executor is None or not stitcher.is_settled:
             return self.pool.submit(lambda: stitcher.stitch(*values).sphere)
-        self._known = self._known or pickle.dumps(LearnedRig.of(stitcher))
+        self._known = self._known or pickle.dumps((stitcher.rig, stitcher.params, stitcher.masks, stitcher.learned))
         return self.executor.submit(stitch_apart, self._known, *values)
 
     def publish_next(self) -> None:

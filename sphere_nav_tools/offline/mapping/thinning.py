@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
 
 from sphere_mapping.experiences.budget import Budget, thin
 from sphere_mapping.graph.merging import merge
@@ -14,36 +13,33 @@ from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.spheres.graph import SphereGraph
 
 
-@dataclass(frozen=True, eq=False)
-class Thinner:
-    """A drive as it was mapped, the map of it alone, the map that it extends, and what the new one may take."""
+def thin_map(
+    mapper: Mapper,
+    maps: tuple[MapReader, MapReader | None],
+    budget: Budget | None,
+    graph: SphereGraph,
+    positions: Array,
+    new: Collection[int],
+) -> tuple[SphereGraph, set[int], list[str]]:
+    """Return the graph that is written, which of its key spheres are condensed, and what is told of that.
 
-    mapper: Mapper
-    drive: MapReader
-    known: MapReader | None
-    budget: Budget | None
+    maps: of the drive alone, and the one that it extends; positions (P, 3): of all spheres of the drive; new: key
+    spheres that show what the map did not.
+    """
+    told, condensed, (drive, known) = [], set[int](), maps
+    if mapper.params.key.merge:
+        merged = merge(graph, positions, known.graph.nodes if known is not None else (), new)
+        told += [f"{len(merged.replaced)} key spheres merged with others of their places"] * bool(merged.replaced)
+        graph = merged.graph
+    if budget is not None:
 
-    def thin(
-        self, graph: SphereGraph, positions: Array, new: Collection[int]
-    ) -> tuple[SphereGraph, set[int], list[str]]:
-        """Return the graph that is written, which of its key spheres are condensed, and what is told of that.
+        def count(sphere_id: int, is_condensed: bool) -> float:
+            holder = known if known is not None and sphere_id in known.graph.nodes else drive
+            return count_bytes(holder, sphere_id, is_condensed)
 
-        positions (P, 3): of all spheres of the drive; new: key spheres that show what the map did not.
-        """
-        told, condensed = [], set[int]()
-        if self.mapper.params.key.merge:
-            merged = merge(graph, positions, self.known.graph.nodes if self.known is not None else (), new)
-            number = len(merged.replaced)
-            told += [f"{number} key spheres merged with others of their places"] if number else []
-            graph = merged.graph
-        if self.budget is not None:
-            is_whole = self.mapper.load_sphere(self.mapper.tracks[0].key_id).camera.is_whole
-            thinned = thin(graph, self.budget, self._count_bytes, is_whole=is_whole)
-            graph, condensed = thinned.graph, thinned.condensed
-            told += [f"{len(condensed)} key spheres are condensed for the budget"] if condensed else []
-            told += [f"{thinned.num_left} key spheres left for the budget"] if thinned.num_left else []
-        return graph, condensed, told
-
-    def _count_bytes(self, sphere_id: int, is_condensed: bool) -> float:
-        is_known = self.known is not None and sphere_id in self.known.graph.nodes
-        return count_bytes(self.known if self.known is not None and is_known else self.drive, sphere_id, is_condensed)
+        is_whole = mapper.load_sphere(mapper.tracks[0].key_id).camera.is_whole
+        thinned = thin(graph, budget, count, is_whole=is_whole)
+        graph, condensed = thinned.graph, thinned.condensed
+        told += [f"{len(condensed)} key spheres are condensed for the budget"] * bool(condensed)
+        told += [f"{thinned.num_left} key spheres left for the budget"] * bool(thinned.num_left)
+    return graph, condensed, told

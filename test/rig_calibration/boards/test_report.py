@@ -41,7 +41,7 @@ def calibration():
     )
     halves = np.array([[0.004, -0.005, 0.006, -0.1, 0.2, 0.3], np.full(6, np.nan)])
     sizes = ((80, 60), (160, 120))
-    problem = SimpleNamespace(seen=seen, models=("pinhole", "fisheye"), sizes=sizes, num_distortion=5)
+    problem = SimpleNamespace(seen=seen, models=("pinhole", "fisheye"), sizes=sizes)
     still = SE3(np.eye(4)[None])
     return SimpleNamespace(
         specs=specs,
@@ -111,7 +111,7 @@ def views(count, noise_px, rng):
     seen = observations([0] * count, range(count), [0] * count, [BOARD] * count, pixels)
     lens = np.array([400.0, 402.0, 318.0, 243.0, *np.zeros(8)])
     origin = SE3(np.eye(4)[None])
-    return camera_problem("pinhole", (640, 480), 0, seen), RigState(
+    return camera_problem("pinhole", (640, 480), seen).held(slice(4, 12)), RigState(
         lens[None], origin, origin, SE3(np.stack(poses)).inverse()
     )
 
@@ -126,8 +126,8 @@ def test_images_held_out_show_the_noise_and_a_false_one_of_them_more(monkeypatch
     pixels = problem.seen.pixels.copy()
     pixels[problem.seen.view == 3] += rng.normal(0.0, 2.0, (20, 2))  # every fourth is held out
     spoilt = camera_problem(
-        "pinhole", (640, 480), 0, observations([0] * 24, range(24), [0] * 24, [BOARD] * 24, np.split(pixels, 24))
-    )
+        "pinhole", (640, 480), observations([0] * 24, range(24), [0] * 24, [BOARD] * 24, np.split(pixels, 24))
+    ).held(slice(4, 12))
     worse = validation.validate(spoilt, state, kept)
     assert worse.held_out_px[0] > 3 * found.held_out_px[0]
     pixels = problem.seen.pixels + 0.0

@@ -31,3 +31,5 @@ def test_blur_is_measured_in_pixels_at_any_size_of_squares(side, blur):
 def test_motion_blurs_one_direction_and_the_worse_one_counts():
     image, corners = drawn(40, (0.5, 3.0))
     assert edge_width(image, BOARD, np.arange(BOARD.num_corners), corners) == pytest.approx(3.0, rel=0.15)
+    image, corners = drawn(20, (1.0, 1.0))
+    assert np.isnan(edge_width(image, BOARD, np.arange(BOARD.num_corners - 1), corners[:-1]))

@@ -1,5 +1,6 @@
 """What commands do with their words and figures, without bags and maps."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import yaml
 
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
-from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.spheres.experiences import Service, with_experience, with_service
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
@@ -17,6 +18,7 @@ from sphere_nav_tools.cli import rig_convert
 from sphere_nav_tools.cli.maps import map_export, map_info
 from sphere_nav_tools.cli.maps.map_info import in_words
 from sphere_nav_tools.offline import refine_camera
+from sphere_nav_tools.offline.settings import size_of
 
 SECOND = 10**9
 CAMERA = Pinhole(64, 48, 50.0, 51.0, 31.0, 23.0, (0.1, 0.2, 0.3, 0.4))
@@ -88,17 +90,16 @@ def test_trajectories_are_exported_by_stamp(tmp_path):
 
 
 def test_a_gap_between_images_gives_no_velocity():
-    poses = tuple(SE3.from_planar(x, 0.0, -0.1 * x) for x in (1.0, 1.2, 1.5, 1.9, 2.0))
+    poses = SE3(np.stack([SE3.from_planar(x, 0.0, -0.1 * x).matrix for x in (1.0, 1.2, 1.5, 1.9, 2.0)]))
     stamps = np.array([0, 100, 300, 699, 910]) * 10**6
-    located = refine_camera.Located(stamps, poses)
-    assert located.velocity(0) is None
-    assert located.velocity(4) is None
+    velocity = partial(refine_camera.velocity, Trajectory(stamps, poses))
+    assert velocity(0) is None
+    assert velocity(4) is None
     moved = (poses[0].inverse() @ poses[2]).log()
-    np.testing.assert_allclose(located.velocity(1), moved / 0.3)
-    assert located.velocity(1)[5] == pytest.approx(-0.05 / 0.3)
-    assert located.velocity(2) is not None  # 0.599 s: two pauses of 0.3 s at most
-    assert located.velocity(3) is None  # 0.61 s
-    np.testing.assert_allclose(located.trajectory().T_map_body.matrix[2], poses[2].matrix)
+    np.testing.assert_allclose(velocity(1), moved / 0.3)
+    assert velocity(1)[5] == pytest.approx(-0.05 / 0.3)
+    assert velocity(2) is not None  # 0.599 s: two pauses of 0.3 s at most
+    assert velocity(3) is None  # 0.61 s
 
 
 def lens(fx, fy):
@@ -142,10 +143,10 @@ def test_a_mask_of_a_camera_that_the_rig_lacks_is_refused():
     for word in ("c=x", "a=", "a", "=x"):
         with pytest.raises(ValueError, match="--mask: expected CAMERA=VALUE with one of a, b"):
             rig_convert._by_camera(rig, "--mask", [word])
-    assert [rig_convert._size(text) for text in (None, "640x480", "64×48")] == [None, (640, 480), (64, 48)]
+    assert [size_of(text, "--size") for text in ("640x480", "64×48")] == [(640, 480), (64, 48)]
     for text in ("640", "0x480", "640x0", "640x480x3"):
         with pytest.raises(ValueError, match="--size: expected WIDTHxHEIGHT"):
-            rig_convert._size(text)
+            size_of(text, "--size")
 
 
 FACTS = {

@@ -65,7 +65,7 @@ def test_from_drives_to_a_way(drives, capsys):
         (("build", "net.geojson", "a.csv", "d.csv"), "d.csv: map_id: expected campus, found hall"),
         (("build", "old.geojson", "a.csv"), "old.geojson: expected no such file, found one: --overwrite"),
         (("show", "old.geojson"), "old.geojson: expected JSON"),
-        (("show", "net.geojson", "--plot", "x.txt"), "--plot: expected a file .png, .pdf, .svg"),
+        (("show", "net.geojson", "--plot", "x.txt"), "x.txt: expected a file .png, .pdf, .svg"),
         (("name", "gate", "good.geojson", "--at", "5"), "--at: expected X,Y or X,Y,YAW, found '5'"),
         (("name", "gate", "good.geojson", "--at", "500,0"), "--at: expected a position within 2 m"),
         (("plan", "good.geojson", "home", "moon"), "place: expected one of home, found 'moon'"),

@@ -13,8 +13,8 @@ from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import message_to_sphere, pose_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.importing.kitti import open_kitti
 from sphere_nav_tools.offline.importing.spherical import SENSOR, T_BODY_RIG
+from sphere_nav_tools.offline.importing.stereo import open_kitti
 from worlds.rig import WAVES
 
 LENS = Pinhole(320, 240, 300.0, 300.0, 159.5, 119.5)
@@ -188,7 +188,7 @@ def test_a_ring_becomes_a_sphere_with_z_up(ring, tmp_path):
 
 def test_a_car_of_kitti_drives_forward(shared_data):
     recording = open_kitti(shared_data / "driving" / "kitti_06")
-    assert recording.num_frames == 51
+    assert len(recording.instants) == 51
     assert recording.views["right"].baseline_m == pytest.approx(0.5371, abs=1e-4)
     poses = [pose_to_se3(dict(recording.frame(index))["ground_truth/pose"].pose) for index in (0, 50)]
     np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-6)

@@ -20,9 +20,10 @@ from sphere_nav.ros.maps.writer import MapDetails
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav_tools.offline.mapping import drive as mapped
 from sphere_nav_tools.offline.mapping import stereo_drive
-from sphere_nav_tools.offline.mapping.drive import MappedDrive, Truth, check_survey, move_to_truth, truth_of
+from sphere_nav_tools.offline.mapping.drive import MappedDrive, Recipe, Truth, check_survey, move_to_truth, truth_of
 from sphere_nav_tools.offline.mapping.extension import place_start
-from sphere_nav_tools.offline.mapping.replay_mapper import Recipe, replay_mapper
+from sphere_nav_tools.offline.mapping.instants import PairCollector, collect
+from sphere_nav_tools.offline.mapping.replay_mapper import replay_mapper
 from sphere_nav_tools.offline.mapping.stereo_drive import find_field
 from worlds.recordings import stereo, truth_of_base, write_bag
 from worlds.room import wide_room
@@ -41,7 +42,7 @@ def laid_out(poses):
 def drive():
     mapper = SimpleNamespace(trajectory=lambda: zip(STAMPS, WAY, strict=True), graph=[None] * 3, num_loops=1)
     mount = CameraMount("camera", False, SE3.from_planar(0.4, 0.0, 0.0))
-    return MappedDrive(mapper, mount, num_lost=2)
+    return MappedDrive(SimpleNamespace(stereo=""), mapper, mount, num_lost=2)
 
 
 def test_a_drive_is_laid_on_its_truth_by_its_first_pose_or_by_all(drive):
@@ -61,7 +62,7 @@ def test_a_summary_counts_spheres_and_compares_with_the_truth(drive):
     lines = drive.summary(laid_out(WAY))
     assert lines[0].startswith("5 spheres placed, 2 lost, 3 kept, 1 loops closed")
     assert "median 0.0 mm, max 0.0 mm" in lines[1]
-    drive.mapper.num_loops, drive.stereo = 0, "stereo: ..."
+    drive.mapper.num_loops, drive.recipe.stereo = 0, "stereo: ..."
     drive.refused, drive.damages = {"{n} of depth": 3}, ["chunk 7", "chunk 9"]
     counted = lines[0].replace("1 loops", "0 loops")
     left_out = "not readable, left out: chunk 7; chunk 9"
@@ -176,7 +177,7 @@ def recipe(tmp_path_factory):
             image = sphere.image * (number < 6)
             message = sphere_to_message(replace(sphere, image=image, stamp_ns=number * SECOND), "base_link")
             bag.write("sphere", message, number * SECOND)
-    return Recipe(path, {}, {}, MapDetails())
+    return Recipe(path, {}, {}, MapDetails(), "sphere")
 
 
 def test_a_drive_is_mapped_and_what_was_lost_is_counted(recipe):
@@ -203,7 +204,9 @@ def test_a_given_start_is_where_and_as_it_was_told_beside_a_key_sphere_that_is_t
 def test_a_right_pair_is_left_alone(tmp_path):
     write_bag(tmp_path / "bag", stereo, numbers=range(5))
     with BagReader(tmp_path / "bag") as bag:
-        pair, words = find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
+        values, remap = {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]}
+        pair, words = find_field(bag, values, remap)
+        assert len(list(collect(bag, values, remap, PairCollector)[1])) == 5
     assert not any(pair.correction.columns)
     assert words.startswith("stereo: rows off by 0.")
     assert words.endswith("disparity as told")

@@ -23,7 +23,7 @@ from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.mapping.drive_locator import DriveLocator
-from sphere_nav_tools.offline.mapping.thinning import Thinner
+from sphere_nav_tools.offline.mapping.thinning import thin_map
 from worlds.maps import load_all
 from worlds.room import sharp_room
 
@@ -163,7 +163,7 @@ def thinned_to(reader, budget):
     key = SimpleNamespace(merge=False)
     tracks = [SimpleNamespace(key_id=min(reader.graph.nodes))]
     mapper = SimpleNamespace(params=SimpleNamespace(key=key), tracks=tracks, load_sphere=reader.load_sphere)
-    return Thinner(mapper, None, reader, budget).thin(reader.graph, np.zeros((0, 3)), ())
+    return thin_map(mapper, (None, reader), budget, reader.graph, np.zeros((0, 3)), ())
 
 
 def test_a_budget_is_kept_by_condensing_first(joint):
@@ -212,8 +212,7 @@ def known_room(tmp_path_factory):
 def locate(reader, *rooms):
     """Return mapper and locator after a drive through rooms, one after the other, the last one to the end."""
     locator = DriveLocator(reader)
-    mapper = locator.make_mapper(PARAMS)
-    mapper.first_id = 100
+    mapper = locator.mapper(PARAMS)
     for number, pose in enumerate(WAY):
         room = rooms[min(number, len(rooms) - 1)]
         mapper.add(replace(room.sphere(pose, SMALL, 50 + number), stamp_ns=10**9 + number * 10**8))
