@@ -82,6 +82,15 @@ CORRELATED_CELLS = 2.0  # factor of a covariance by parts of the view: a lamp sh
 CONTRAST_COVARIANCE = 3.0  # by how much that of an alignment by local contrast is larger: other light errs alike
 REMAINING_BIAS = 0.2  # standard deviation of what is left of a bias that was removed, as share of it
 
+# Cells of an image that never show the map (judge/test_view_mask). Of cells that did show it, other cars by day among
+# them, 0.07 of the images spoke against one in town 4311; of those behind a bonnet 0.9, behind dirt 0.73.
+MASK_CELLS = (16, 12)  # columns and rows of an image
+MASK_STEP_RAD = 0.09  # by which the view moves between two images that are asked: a cell of a view of 80 degrees
+MIN_MASK_PIXELS, MIN_MASK_COSINE = 4, 0.5  # of a cell; typical mean cosine of an image, both to be asked
+MIN_STILL_COSINE = 0.5  # between the gradients of a cell in two images, above which it shows the same
+LOG_ODDS_HIDDEN, LOG_ODDS_SEEN = -2.4, 1.5  # of one image: ln(0.8 / 0.07), ln(0.93 / 0.2)
+HIDDEN_LOG_ODDS, LOG_ODDS_RANGE = -9.0, (-12.0, 6.0)  # four images; of a cell that shows the map 2e-5 by chance
+
 # Odometry against images (judge/test_odometry_check)
 MAX_ODOMETRY_SIGMAS = 6.0  # of a place from where odometry says the camera is; 2e-9 by chance
 DELAY_SIGMAS, MIN_DELAY_S = 5.0, 0.05  # a delay surely above it is reported; by chance once in 3 million intervals

@@ -81,7 +81,7 @@ class Localizer:
 
     def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Tried = ()) -> PoseCandidate:
         """Choose references, align, assess, ask depth: of a prediction, or of a guess of the search."""
-        chosen = self.references.choose_rig(frame.images, prediction, instead_of=tried)
+        chosen = self._integrity.mask.hide(self.references.choose_rig(frame.images, prediction, instead_of=tried))
         alignment = align_rig(chosen, prediction, self.params)
         evidence = self._states.state, self._visual_odometry.usual_ncc(chosen.choice.by_contrast)
         return self._range_support.support(frame, self._integrity.assess(chosen, alignment, prediction, *evidence))

@@ -28,6 +28,7 @@ from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.acceptance import assess, cover_slip, refuse
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
+from dense_localizer.judge.view_mask import ViewMask
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
@@ -59,12 +60,14 @@ class Integrity:
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references, self._map_error, self._params = references, references.error, params
         self._odometry = OdometryCheck(params.prior.odometry_error)
+        self.mask = ViewMask(params.registration)
         self._is_refused = False  # the image before, which could be used
         self._count, self._is_biased = 0, False  # biased: when last checked
 
     def reset(self) -> None:
         """Forget the stream: it is another, or an operator has said where the camera is; the map stays known."""
         self._odometry.reset()
+        self.mask.reset()
         self._count, self._is_biased, self._is_refused = 0, False, False
 
     def begin(self, frame: LocalizerInput, state: State) -> None:
@@ -139,6 +142,7 @@ class Integrity:
         self._count, self._is_biased, self._is_refused = self._count + 1, candidate.is_biased, False
         if self._count % INTEGRITY_PERIOD == MAP_PHASE and alignment is not None and not candidate.is_biased:
             self._map_error.observe(candidate.images, alignment, registration, candidate.motion)
+        self.mask.observe(candidate)
         sample = _make_sample(frame, candidate)
         by_odometry = self._odometry.find(sample) if sample else FINE
         findings = candidate.finding, candidate.prediction.finding, by_odometry

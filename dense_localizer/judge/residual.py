@@ -11,13 +11,13 @@ from dense_localizer.judge.candidate import PoseCandidate
 from sphere_nav.geometry import Camera
 from sphere_nav.photometric.pixels.reference import pixels_of
 
-NEUTRAL = 128
+NEUTRAL, HIDDEN = 128, 0
 
 
 def residual_image(image: NDArray[Any], camera: Camera, candidate: PoseCandidate) -> NDArray[np.uint8]:
     """Return (H, W) uint8: 128 plus half of image minus map at the pixels of the first reference, 128 elsewhere.
 
-    Of several cameras it shows the first that a reference covers; `image` (H, W) is shown where none does.
+    Cells that never show the map are 0. It is of the first camera that a reference covers; `image` (H, W) where none is.
     """
     if candidate.alignment is None:
         return np.full((camera.height, camera.width), NEUTRAL, np.uint8)
@@ -32,6 +32,7 @@ def residual_image(image: NDArray[Any], camera: Camera, candidate: PoseCandidate
     inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     u, v = u[inside], v[inside]
     seen = candidate.alignment.gains[0] * image[v, u].astype(np.float32) + candidate.alignment.biases[0]
-    difference = seen - known[3, is_visible][inside]
+    difference = np.nan_to_num(seen - known[3, is_visible][inside])
     picture[v, u] = np.clip(NEUTRAL + 0.5 * difference, 0, 255)
+    picture[np.isnan(image)] = HIDDEN
     return picture

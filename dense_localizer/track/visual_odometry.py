@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -190,8 +191,11 @@ def add_last(chosen: RigChoice, last: PoseCandidate, params: RegistrationParams)
 
 def make_view(image: RigImage, T_world_body: SE3, params: RegistrationParams) -> View:
     """Return an image that was placed as a reference, with the range of its own references."""
-    range_m = warp_range(image, T_world_body, params)
-    reference = prepare_reference(image.pyramid.images[0], range_m, image.pyramid.cameras[0], params)
+    range_m, seen = warp_range(image, T_world_body, params), image.pyramid.images[0]
+    if np.isnan(seen).any():  # cells that never show the map
+        range_m[cv2.dilate(np.isnan(seen).astype(np.uint8), np.ones((3, 3))) > 0] = np.nan
+        seen = np.nan_to_num(seen)
+    reference = prepare_reference(seen, range_m, image.pyramid.cameras[0], params)
     return View(reference, image.pose(T_world_body))
 
 

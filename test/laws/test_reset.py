@@ -15,6 +15,7 @@ import pytest
 from dense_localizer.inputs import Inputs
 from dense_localizer.judge.integrity import Integrity
 from dense_localizer.judge.odometry_check import OdometryCheck
+from dense_localizer.judge.view_mask import ViewMask
 from dense_localizer.motion_prior import PosePrior
 from dense_localizer.params import LocalizerParams, PriorParams
 from dense_localizer.references.likeness import ExperienceChoice
@@ -121,6 +122,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "Synchronizer": (lambda: Synchronizer(("left", "right"), 0.1), "clear",
                      "names slack_s policy slack_ns deadline_ns is_ready num_first"),
     "TransformTree": (TransformTree, "clear", "memory_ns parents static"),  # what does not move holds at any time
+    "ViewMask": (lambda: ViewMask(RegistrationParams()), "reset", "params"),
     "VisualOdometry": (lambda: VisualOdometry(None, LocalizerParams()), "reset", "references params"),
 }  # fmt: skip
 # Parts of the above that have no reset of their own.

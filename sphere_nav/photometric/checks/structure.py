@@ -74,7 +74,7 @@ def find_rig_structure(
     """
 
     def sample_at(T_world_body: SE3) -> CameraSamples:
-        there = _samples_of(images, replace(alignment, T_world_camera=T_world_body), params, motion)
+        there = samples_of(images, replace(alignment, T_world_camera=T_world_body), params, motion)
         return [
             (one.T_body_camera, [part for part in parts if len(part.residual) >= MIN_SAMPLES]) for one, parts in there
         ]
@@ -108,7 +108,7 @@ def _find_fit(images: Sequence[RigImage], cameras: CameraSamples, params: Regist
     return replace(surest, agreement=float(np.mean([one.agreement for one in found])))
 
 
-def _samples_of(
+def samples_of(
     images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None
 ) -> Iterator[tuple[RigImage, list[Sample]]]:
     """Yield each image of an alignment of `register_rig` with pixels of each of its views."""

@@ -96,6 +96,18 @@ def build_pyramid(
     return Pyramid(tuple(levels))
 
 
+def hide(pyramid: Pyramid, is_hidden: NDArray[np.bool_]) -> Pyramid:
+    """Return a pyramid with NaN in some cells (rows, columns) of its image: nothing is compared there."""
+    rows, columns = is_hidden.shape
+    levels = []
+    for level in pyramid.levels:
+        height, width = level.camera.height, level.camera.width
+        cell = np.ix_(np.arange(height) * rows // height, np.arange(width) * columns // width)
+        image = np.where(is_hidden[cell], np.float32(np.nan), level.unpadded).astype(np.float32, copy=False)
+        levels.append(Level(_pad(image, level.pad), level.camera, level.pad))
+    return Pyramid(tuple(levels))
+
+
 def match_sharpness(pyramid: Pyramid, pixels_per_radian: float) -> Pyramid:
     """Leave out the levels that are sharper than what they are compared with can show.
 

@@ -5,7 +5,7 @@ import pytest
 
 from sphere_nav.geometry import Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, build_pyramid
-from sphere_nav.photometric.pixels.pyramid import match_sharpness
+from sphere_nav.photometric.pixels.pyramid import hide, match_sharpness
 
 
 def test_levels_halve_image_and_camera_together(rng):
@@ -39,3 +39,16 @@ def test_an_image_much_sharper_than_the_map_is_compared_as_the_map_can_show_it(s
     found = match_sharpness(pyramid, camera.pixels_per_radian / sharper)
     assert found.cameras[0].width == width
     assert found.levels[-1] is pyramid.levels[-1]
+
+
+def test_a_hidden_cell_is_unknown_at_every_level_and_no_other(rng):
+    camera, cells = Pinhole(64, 48, 50.0, 50.0, 31.5, 23.5), np.zeros((3, 4), bool)
+    cells[1, 2] = True
+    pyramid = build_pyramid(
+        rng.integers(0, 255, (48, 64)).astype(np.uint8), camera, PyramidParams(num_levels=3, min_side=8)
+    )
+    for before, after in zip(pyramid.images, hide(pyramid, cells).images, strict=True):
+        side = before.shape[0] // 3
+        expected = before.astype(np.float32)
+        expected[side : 2 * side, 2 * side : 3 * side] = np.nan
+        assert np.array_equal(after, expected, equal_nan=True)

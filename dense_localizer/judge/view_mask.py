@@ -1,0 +1,146 @@
+"""Which parts of an image never show the map while the vehicle moves: dirt on the lens, the own bonnet, a bracket.
+
+What a cell of the image shows changes as the vehicle moves; what is before the lens stays as it is. So each cell
+collects log-odds over images between which the view has moved: do its gradients disagree with the map, and are they
+those of the image before? Changed scenery does the one, a road ahead the other. Cells that surely do both are left out
+of what is aligned. They are asked on, by the image as it was, so that a lens which was wiped sees again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.constants import (
+    HIDDEN_LOG_ODDS,
+    LOG_ODDS_HIDDEN,
+    LOG_ODDS_RANGE,
+    LOG_ODDS_SEEN,
+    MASK_CELLS,
+    MASK_STEP_RAD,
+    MIN_MASK_COSINE,
+    MIN_MASK_PIXELS,
+    MIN_STILL_COSINE,
+)
+from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.references.reference import RigChoice
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import TINY, Array
+from sphere_nav.photometric import Pyramid, RegistrationParams
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.structure import samples_of
+from sphere_nav.photometric.constants import MIN_COSINE_RATIO, TYPICAL_QUANTILE
+from sphere_nav.photometric.pixels.pyramid import hide
+from sphere_nav.photometric.pixels.samples import Sample, cosines
+
+COLUMNS, ROWS = MASK_CELLS
+Cells = NDArray[np.bool_]  # (ROWS, COLUMNS)
+NUM_KEPT = 16  # latest images that are kept as they were: several cameras, by grey levels and by local contrast
+PIXELS_PER_CELL = 8  # of the level whose gradients are compared with those of the image before
+
+
+class ViewMask:
+    """The log-odds (ROWS, COLUMNS) of each camera's cells that they show the world, by the camera's name."""
+
+    def __init__(self, params: RegistrationParams) -> None:
+        self._params = params
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is known of any camera."""
+        self._log_odds: dict[str, Array] = {}
+        self._gradients: dict[str, Array] = {}  # when last asked
+        self._last: SE3 | None = None  # T_map_body when last asked
+        self._whole: list[tuple[Pyramid, Pyramid]] = []  # the latest images: with hidden cells, without
+
+    def hidden(self, name: str) -> Cells:
+        """Return which cells of a camera are left out."""
+        return np.asarray(self._log_odds.get(name, np.zeros((ROWS, COLUMNS))) <= HIDDEN_LOG_ODDS)
+
+    def hide(self, chosen: RigChoice) -> RigChoice:
+        """Return the images that are to be aligned without the cells that are left out."""
+        return replace(chosen, images=tuple(map(self._hide, chosen.images)))
+
+    def _hide(self, image: RigImage) -> RigImage:
+        hidden = self.hidden(image.name)
+        if not hidden.any():
+            return image
+        known = next((without for without, whole in self._whole if whole is image.pyramid), None)
+        pyramid = known or hide(image.pyramid, hidden)
+        if known is None:
+            self._whole = [*self._whole[-NUM_KEPT:], (pyramid, image.pyramid)]
+        return replace(image, pyramid=pyramid)
+
+    def observe(self, candidate: PoseCandidate) -> None:
+        """Ask the cells of images that the map has placed, once the view has moved since they were last asked."""
+        alignment, pose = candidate.alignment, candidate.T_map_camera
+        if alignment is None or candidate.is_by_range or not self._has_moved(pose, candidate.choice.typical_range_m):
+            return
+        self._last = pose
+        images = [replace(one, pyramid=self._as_it_was(one.pyramid)) for one in candidate.images]
+        there = replace(alignment, T_world_camera=pose)
+        for image, samples in samples_of(images, there, self._params, candidate.motion):
+            now, before = _gradients(image.pyramid), self._gradients.get(image.name)
+            self._gradients[image.name] = now
+            if before is not None and before.shape == now.shape:
+                log_odds = self._log_odds.get(image.name, np.zeros((ROWS, COLUMNS)))
+                self._log_odds[image.name] = np.clip(
+                    log_odds + _vote(samples, _are_still(now, before)), *LOG_ODDS_RANGE
+                )
+
+    def _has_moved(self, T_map_body: SE3, typical_range_m: float) -> bool:
+        """Say whether most cells show something else than when they were last asked."""
+        if self._last is None:
+            return True
+        xi = (self._last.inverse() @ T_map_body).log()
+        return float(np.linalg.norm(xi[:3]) / typical_range_m + np.linalg.norm(xi[3:])) >= MASK_STEP_RAD
+
+    def _as_it_was(self, pyramid: Pyramid) -> Pyramid:
+        return next((whole for without, whole in self._whole if without is pyramid), pyramid)
+
+
+def _vote(samples: Sequence[Sample], still: Cells) -> Array:
+    """Return what one image adds to the log-odds; 0 where a cell shows too little, or the whole image is not alike."""
+    votes = np.zeros((ROWS, COLUMNS))
+    if not samples:
+        return votes
+    cell = np.concatenate([_cell_of(one) for one in samples])
+    cosine, weight = (np.concatenate(parts) for parts in zip(*map(cosines, samples), strict=True))
+    number, total, agreeing = (_sum(cell, values) for values in (np.ones(len(cell)), weight, weight * cosine))
+    known = (number >= MIN_MASK_PIXELS) & (total > 0.0)
+    mean = agreeing / np.maximum(total, TINY)
+    typical = float(np.quantile(mean[known], TYPICAL_QUANTILE)) if known.any() else 0.0
+    if typical >= MIN_MASK_COSINE:
+        disagrees = mean < MIN_COSINE_RATIO * typical
+        votes[known] = np.where(disagrees & still, LOG_ODDS_HIDDEN, LOG_ODDS_SEEN)[known]
+    return votes
+
+
+def _gradients(pyramid: Pyramid) -> Array:
+    """Return the gradients (2, H, W) of the level at which a cell has about `PIXELS_PER_CELL` a side."""
+    level = min(pyramid.levels, key=lambda one: abs(one.camera.width - PIXELS_PER_CELL * COLUMNS))
+    return np.array(np.gradient(np.asarray(level.unpadded, np.float64)))
+
+
+def _are_still(now: Array, before: Array) -> Cells:
+    """Return which cells show the same gradients (2, H, W) at the same place in two images."""
+    height, width = now.shape[1:]
+    cell = (np.arange(height)[:, None] * ROWS // height * COLUMNS + np.arange(width) * COLUMNS // width).reshape(-1)
+    both, *squares = (
+        _sum(cell, np.sum(a * b, axis=0).reshape(-1)) for a, b in ((now, before), (now, now), (before, before))
+    )
+    return np.asarray(both > MIN_STILL_COSINE * np.sqrt(squares[0] * squares[1]))
+
+
+def _cell_of(sample: Sample) -> NDArray[np.int64]:
+    """Return the index (N,) of the cell in which each pixel is."""
+    column, row = np.clip((0.5 * (sample.at + 1.0) * MASK_CELLS).astype(np.int64), 0, np.array(MASK_CELLS) - 1).T
+    return row * COLUMNS + column
+
+
+def _sum(cell: NDArray[np.int64], values: Array) -> Array:
+    """Return the sum (ROWS, COLUMNS) of the values (N,) in each cell."""
+    return np.asarray(np.bincount(cell, values, ROWS * COLUMNS).reshape(ROWS, COLUMNS), np.float64)
