@@ -137,17 +137,16 @@ ROOT = 0.5  # power of an image's gradients in a small map: windows and furnitur
 NUM_CG_STEPS = 12  # of conjugate gradients
 MIN_VIEW_SHARE = 0.1  # of the depth gradients that are expected in view: one of next to nothing has these
 
-# Depth images of clouds (geometry/test_synthesis, columns/test_voxel_map, columns/test_walker)
+# Depth images of clouds (geometry/test_synthesis, geometry/test_surfels)
 NEAREST_M = 0.2  # below which nothing is drawn
 SPLAT = 1.5  # width and height of a single point by the spacing of the points, so that surfaces close
 COARSENESS = 1.0  # spacing of the points that are drawn, at most, by the width of a pixel
-CELL = 1.5  # largest width of a cell by that of a pixel
 MAX_ELEVATION_DEG = 89.9  # of a row, so that its slope is finite
-MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for columns to show what splats show
-PLANE_TOLERANCE = 0.35  # two points this far off a plane, by the size of a voxel, still belong to it
-PLANE_NOISE = 0.15  # half height of a level voxel by its size
-NUM_CLOSINGS = 2  # a gap may be two voxels wide
-MIN_NORMAL_SHARE = 0.8  # of the normals of a coarse voxel that must agree for it to be a plane
+MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for triangles to show what splats show
+NUM_NEIGHBORS = 9  # nearest voxels whose plane is that of a voxel, itself among them
+NEAR_VOXELS = 2.0  # sizes of a voxel within which half of them are, on a surface
+SURFACE_SPREAD = 0.3  # deviation of them across their longest axis, by the size of a voxel: less is a line
+INRADIUS = 0.75  # of the triangle of a voxel, by its size: gaps close, edges hardly grow
 
 # Where the vehicle may be (geometry/test_area, test_floor_plan)
 BODY = 0.3  # points this far above or below the camera are in its way, m
@@ -168,7 +167,6 @@ MAX_FACE = 255  # corners
 MAX_SURFACES = 20_000  # of a floor plan: a hundred buildings; doors are compared with the walls of their room
 MAX_ELEMENTS = 50_000_000  # squares of a grid, or samples of a surface
 INDEX_BITS = 20  # of a voxel along an axis; three of them make one int64
-MAX_BLOCKS = 1 << 25  # of columns, in the rectangle around the cloud
 LARGE_EXTENT_M, MIN_POINTS, MAX_LONELY = 1_000.0, 100, 0.5  # a wider cloud of more points; share alone in a cubic metre
 # Surveys larger than memory (geometry/test_tiles)
 MAX_KEPT = 6_000_000  # points, 150 MB: a square kilometre of ground and walls at half a metre

@@ -26,10 +26,8 @@ def warm_up(params: FilterParams) -> None:
     num_headings = num_alpha_for(params.heading_step_deg)
     rng = np.random.default_rng(0)
     cloud = cloud_from_points(rng.uniform(-1.0, 1.0, (200, 3)))
-    for drawing in ("columns", "splats"):
-        columns = num_headings * -(-64 // num_headings)
-        synthesizer = DepthSynthesizer(cloud, SynthesisParams(num_columns=columns), drawing)
-        ranges = synthesizer.synthesize_many(np.zeros((2, 3)))
+    columns = num_headings * -(-64 // num_headings)
+    ranges = DepthSynthesizer(cloud, SynthesisParams(num_columns=columns)).synthesize_many(np.zeros((2, 3)))
     gray = rng.uniform(0, 255, ranges.shape[1:]).astype(np.float32)
     stack = depth_features_many(ranges, params.comparison)
     for is_seen in (None, gray > 10.0):
