@@ -13,9 +13,8 @@ from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
 from mcl_depth.likeness.comparison import num_alpha_for, similarity_many
 from mcl_depth.likeness.features import depth_features_many, visual_features
+from mcl_depth.likeness.gradient_filter import GradientFilter
 from mcl_depth.likeness.kinds import check_likeness
-from mcl_depth.likeness.matched_filter import MatchedFilter
-from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import FilterParams, SynthesisParams
 from sphere_nav import photometric
 
@@ -32,8 +31,7 @@ def warm_up(params: FilterParams) -> None:
     stack = depth_features_many(ranges, params.comparison)
     for is_seen in (None, gray > 10.0):
         similarity_many(visual_features(gray, is_seen), stack, num_headings)
-    PartialFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray, gray > 10.0), num_headings)
-    MatchedFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
+    GradientFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
     encoders = check_likeness(params)
     if encoders is not None:
         window = panorama_window(params.synthesis)

@@ -21,7 +21,7 @@ def surfels_of(cloud: Cloud, size: float) -> tuple[TriangleMesh, float]:
 
     ValueError where a cloud is too wide for such voxels.
     """
-    means = _means(cloud, size)
+    means = means_of(cloud.points.astype(np.float64), size, cloud.name)
     tree, count = cKDTree(means), min(NUM_NEIGHBORS, len(means))
     vertices, num_dense = np.empty((len(means), 3, 3), np.float32), 0
     for first in range(0, len(means), BATCH):
@@ -39,13 +39,11 @@ def surfels_of(cloud: Cloud, size: float) -> tuple[TriangleMesh, float]:
     return TriangleMesh(vertices.reshape(-1, 3), triangles, cloud.name), num_dense / len(means)
 
 
-def _means(cloud: Cloud, size: float) -> Floats:
-    """Return the mean point (N, 3) of each voxel."""
-    low, high = (bound.astype(np.float64) for bound in cloud.box)
-    if float((high - low).max()) / size >= 2**INDEX_BITS:
-        limit = 2**INDEX_BITS * size
-        raise ValueError(f"{cloud.name}: expected an extent below {limit:g} m, found {(high - low).max():g} m")
-    points = cloud.points.astype(np.float64)
+def means_of(points: Floats, size: float, name: str) -> Floats:
+    """Return the mean point (N, 3) of each voxel; ValueError where points are too wide for such voxels."""
+    low = points.min(axis=0)
+    if (extent := float((points - low).max())) / size >= 2**INDEX_BITS:
+        raise ValueError(f"{name}: expected an extent below {2**INDEX_BITS * size:g} m, found {extent:g} m")
     cells = np.floor((points - low) / size).astype(np.int64)
     keys = cells[:, 0] << 2 * INDEX_BITS | cells[:, 1] << INDEX_BITS | cells[:, 2]
     _, voxel, counts = np.unique(keys, return_inverse=True, return_counts=True)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from mcl_depth.constants import MIN_DENSE_SHARE
 from mcl_depth.geometry.cloud import Cloud
 from mcl_depth.geometry.mesh import RayScene, TriangleMesh
-from mcl_depth.geometry.point_index import PointIndex
+from mcl_depth.geometry.splats import Splats
 from mcl_depth.geometry.surfels import surfels_of
 from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
@@ -43,7 +43,7 @@ class DepthSynthesizer:
         self._geometry = geometry
 
     @cached_property
-    def _scene(self) -> PointIndex | RayScene:
+    def _scene(self) -> Splats | RayScene:
         """What draws; made when the first panorama is asked for: a map whose panoramas are on disk needs none."""
         geometry, camera, params = self._geometry, self.camera, self.params
         if isinstance(geometry, TriangleMesh):
@@ -51,7 +51,7 @@ class DepthSynthesizer:
         surfels, dense_share = surfels_of(geometry, params.voxel_m)
         if dense_share >= MIN_DENSE_SHARE:
             return RayScene(surfels, camera, params)
-        return PointIndex(geometry, camera, params)
+        return Splats(geometry, camera, params)
 
     def synthesize_many(self, positions_map: ArrayLike) -> Image:
         """Return ranges (M, H, W) in m around places (M, 3); in parallel."""

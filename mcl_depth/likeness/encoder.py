@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy.fft
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from mcl_depth.constants import (
@@ -79,8 +80,22 @@ class Encoder:
         return int(np.prod(self.table[:, 4])), int(np.prod(self.table[:, 5]))
 
     def __call__(self, inputs: Image) -> Image:
-        """Return the features (M, C, h, w) of inputs (M, n, H, W); in parallel."""
-        return kernels.encode_many(np.ascontiguousarray(inputs, np.float32), self.table, self.values)
+        """Return the features (M, C, h, w) of inputs (M, n, H, W)."""
+        return np.stack([self._encode(one) for one in inputs])
+
+    def _encode(self, image: Image) -> Image:
+        """Return the features (C, h, w) of an input (n, H, W): columns wrap around, above and below it is 0."""
+        values = self.values
+        for layer, (inputs, outputs, height, width, *strides) in enumerate(self.table.tolist()):
+            weights, values = np.split(values, [outputs * inputs * height * width])
+            biases, values = np.split(values, [outputs])
+            around = np.pad(image, ((0, 0), (0, 0), (width // 2, width // 2)), "wrap")
+            around = np.pad(around, ((0, 0), (height // 2, height // 2), (0, 0)))
+            windows = sliding_window_view(around, (height, width), axis=(1, 2))[:, :: strides[0], :: strides[1]]
+            rows = np.moveaxis(windows, (1, 2), (3, 4)).reshape(inputs * height * width, -1)
+            image = (weights.reshape(outputs, -1) @ rows + biases[:, None]).reshape(outputs, *windows.shape[1:3])
+            image = np.maximum(image, np.float32(0.0)) if layer < len(self.table) - 1 else image
+        return image
 
 
 @dataclass(frozen=True, eq=False)

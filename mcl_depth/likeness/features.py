@@ -35,11 +35,6 @@ class GradientFeatures:
         return self.magnitude.shape[0], self.magnitude.shape[1]
 
     @property
-    def is_whole(self) -> bool:
-        """Whether every pixel of the panorama is seen."""
-        return self.is_seen is None
-
-    @property
     def identity(self) -> bytes:
         """What tells the image from others."""
         return self.magnitude.tobytes()
