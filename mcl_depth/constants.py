@@ -120,7 +120,6 @@ LCN_COLUMNS = 1 / 36, 1 / 9  # radii of the contrast normalisation by the width 
 MIN_CONTRAST_LEVELS = 2.0  # smallest standard deviation that grey levels are divided by
 IMAGE_CLIP = np.float32(4.0)  # of the contrast
 ENCODED_RANGE_M = np.float32(0.3), np.float32(200.0)  # nearest and farthest range that is told from others
-MAX_ENCODER_LAYERS, MAX_WEIGHTS_BYTES = 16, 2_000_000  # of a file
 MIN_SEEN = 0.9  # of the panorama that an image must show
 
 # One image against every cell (likeness/test_gradient_filter)

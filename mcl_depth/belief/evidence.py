@@ -18,12 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import maximum_filter, uniform_filter
 
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import ControlDrives, EvidenceLevel, Field, JointEvidence
-from mcl_depth.belief.kernels import is_maximum
 from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.survey_grid import SurveyGrid
@@ -252,7 +251,9 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
 
     Those around the first belong to it and are left out; and so is the lower half of all.
     """
-    places = np.argwhere(is_maximum(joint, mask, PEAK, PEAK))
+    inside = np.where(mask, joint, -np.inf)
+    highest = maximum_filter(inside, 2 * PEAK + 1, mode=("wrap", "constant", "constant"), cval=-np.inf)
+    places = np.argwhere((inside == highest) & mask)
     values = joint[tuple(places.T)].astype(np.float64)
     order = np.argsort(-values, kind="stable")
     places, values = places[order], values[order]

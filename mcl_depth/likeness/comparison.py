@@ -35,10 +35,7 @@ def similarity_many(
     visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer] | None = None
 ) -> Similarities:
     """Return eq. 2 for M panoramas of a stack (all, or those of `indices`) and all headings, (M, num_alpha)."""
-    _check(visual, stack.directions.shape[1:], num_alpha)
     chosen = np.arange(len(stack)) if indices is None else np.asarray(indices, np.int64)
-    if chosen.size and (chosen.min() < 0 or chosen.max() >= len(stack)):
-        raise ValueError(f"indices: expected 0 to {len(stack) - 1}, found {chosen.min()} to {chosen.max()}")
     arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
     coded = (stack.directions, stack.magnitudes, stack.scales)
     return kernels.compare_headings_many(*arrays, *coded, chosen.astype(np.int64), num_alpha)
@@ -47,10 +44,3 @@ def similarity_many(
 def _seen(visual: GradientFeatures) -> NDArray[np.float32]:
     """Return 1 where a pixel is seen, (H, W); an empty array where all are."""
     return np.zeros((0, 0), np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
-
-
-def _check(visual: GradientFeatures, shape: tuple[int, ...], num_alpha: int) -> None:
-    if visual.shape != tuple(shape):
-        raise ValueError(f"depth image: expected the size of the visual image {visual.shape}, found {tuple(shape)}")
-    if num_alpha < 1 or visual.shape[1] % num_alpha:
-        raise ValueError(f"num_alpha: expected a divisor of the {visual.shape[1]} columns, found {num_alpha}")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +9,7 @@ from mcl_depth.constants import MIN_SEEN
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness import learned
 from mcl_depth.likeness.comparison import similarity_many
-from mcl_depth.likeness.encoder import PACKAGED, EncoderPair, load_encoders
+from mcl_depth.likeness.encoder import EncoderPair, load_encoders
 from mcl_depth.likeness.features import (
     FeatureStack,
     GradientFeatures,
@@ -89,7 +87,7 @@ def check_likeness(params: FilterParams) -> EncoderPair | None:
     """Return the encoders that the parameters ask for, None for gradients; ValueError where they do not fit."""
     if params.likeness.kind == "gradients":
         return None
-    encoders = load_encoders(Path(params.likeness.weights) if params.likeness.weights else PACKAGED)
+    encoders = load_encoders()
     p = params.synthesis
     found = p.num_columns, p.elevation_min_deg, p.elevation_max_deg
     expected = encoders.num_columns, *encoders.elevations_deg

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from mcl_depth.belief import kernels as belief
 from mcl_depth.geometry import kernels as geometry
 from mcl_depth.likeness import kernels as likeness
 from mcl_depth.params import FilterParams
@@ -13,7 +12,7 @@ from sphere_nav.params import build
 
 KERNELS = (  # that an image, or a panorama that it is compared with, goes through
     likeness.visual_gradients, likeness.encode_depth_many, likeness.compare_headings_many,
-    likeness.correlate_codes, geometry.draw_many, belief.shift_headings, belief.is_maximum,
+    likeness.correlate_codes, geometry.draw_many,
 )  # fmt: skip
 
 
