@@ -13,7 +13,6 @@ from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.constants import (
     AMBIGUOUS_SHARE,
-    CLEAR_SHARE,
     EVEN_ODDS,
     GOOD_SIGMA_M,
     JOINT_IMAGES,
@@ -93,11 +92,8 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
     if best.sigma_m > GOOD_SIGMA_M:
         finding = Verdict(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
         return BeliefVerdict(finding, num_images=0)
-    is_clear, is_joint = (
-        proof.p_chance < CLEAR_SHARE * max_chance,
-        proof.survey is not None and proof.survey.is_of_rooms,
-    )
-    return BeliefVerdict(num_images=JOINT_IMAGES * (1 + is_clear) if is_joint else 1)
+    is_joint = proof.survey is not None and proof.survey.is_of_rooms
+    return BeliefVerdict(num_images=JOINT_IMAGES if is_joint else 1)
 
 
 def count(states: StateMachine, verdict: BeliefVerdict, stamp_ns: int) -> None:
