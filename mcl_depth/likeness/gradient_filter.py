@@ -92,7 +92,7 @@ class GradientFilter(KeptArrays):
         in_view = spectra_of(seen[None], ENERGY_FREQUENCIES) * self.energy_scales
         energies = correlate(self.energies, in_view, rows, 0, count) / width
         curves = products / np.sqrt(np.maximum(energies, max(MIN_VIEW_SHARE * float(seen.mean()), 1e-12)))
-        return best_around(curves, PART_FINENESS)
+        return best_around(curves.astype(np.float32), PART_FINENESS)
 
 
 def _tensors_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:
