@@ -136,8 +136,7 @@ SPLAT = 1.5  # width and height of a single point by the spacing of the points, 
 COARSENESS = 1.0  # spacing of the points that are drawn, at most, by the width of a pixel
 MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for triangles to show what splats show
 NUM_NEIGHBORS = 9  # nearest voxels whose plane is that of a voxel, itself among them
-NEAR_VOXELS = 2.0  # sizes of a voxel within which half of them are, on a surface
-SURFACE_SPREAD = 0.3  # deviation of them across their longest axis, by the size of a voxel: less is a line
+NEAR_VOXELS = 2.0  # sizes of a voxel within which half of them are, on a surface; not on a line
 INRADIUS = 0.75  # of the triangle of a voxel, by its size: gaps close, edges hardly grow
 
 # Where the vehicle may be (geometry/test_area, test_floor_plan)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mcl_depth.constants import INDEX_BITS, INRADIUS, NEAR_VOXELS, NUM_NEIGHBORS, SURFACE_SPREAD
+from mcl_depth.constants import INDEX_BITS, INRADIUS, NEAR_VOXELS, NUM_NEIGHBORS
 from mcl_depth.geometry.cloud import Cloud
 from mcl_depth.geometry.mesh import TriangleMesh
 
@@ -29,9 +29,8 @@ def surfels_of(cloud: Cloud, size: float) -> tuple[TriangleMesh, float]:
         apart, rows = tree.query(own, k=count)
         around = means[rows.reshape(len(own), count)]
         around = around - around.mean(axis=1, keepdims=True)
-        spreads, axes = np.linalg.eigh(np.swapaxes(around, 1, 2) @ around / count)  # the normal first
-        is_near = apart.reshape(len(own), count)[:, count // 2] < NEAR_VOXELS * size
-        num_dense += int(np.count_nonzero(is_near & (spreads[:, 1] > (SURFACE_SPREAD * size) ** 2)))
+        axes = np.linalg.eigh(np.swapaxes(around, 1, 2) @ around)[1]  # the normal first
+        num_dense += int(np.count_nonzero(apart.reshape(len(own), count)[:, count // 2] < NEAR_VOXELS * size))
         for corner, angle in enumerate(CORNERS):
             reach = 2.0 * INRADIUS * size * np.array([np.cos(angle), np.sin(angle)])
             vertices[first : first + BATCH, corner] = own + axes[:, :, 2] * reach[0] + axes[:, :, 1] * reach[1]
