@@ -50,6 +50,8 @@ def names(group: str) -> dict[str, str]:
 def main(words: list[str]) -> int:
     """Run what the command line names."""
     group = words[0] if words else ""
+    if group == "ablation":
+        return int(importlib.import_module("benchmarks.ablation").main(_parser(group, {}), words[1:]))
     if group != "all" and group not in GROUPS:
         return _tell_groups(is_wrong=group not in ("", "-h", "--help"))
     places = {name: one for one in GROUPS if group in ("all", one) for name in names(one)}
@@ -76,7 +78,7 @@ def _module(group: str, name: str) -> Any:
 
 def _tell_groups(is_wrong: bool) -> int:
     lines = [f"  {group:12} {told}: {', '.join(names(group))}" for group, told in GROUPS.items()]
-    text = "\n".join(["usage: python -m benchmarks GROUP|all [NAME ...] [--help]", "", *lines])
+    text = "\n".join(["usage: python -m benchmarks GROUP|all|ablation [NAME ...] [--help]", "", *lines])
     print(text, file=sys.stderr if is_wrong else sys.stdout)
     return 2 if is_wrong else 0
 

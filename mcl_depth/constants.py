@@ -46,9 +46,8 @@ MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
 AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
 MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
 MAX_SIGMA_RAD = float(np.radians(15.0))  # the same of a trusted heading
-JOINT_IMAGES = 2  # that an image of a small map counts for on probation: its proof is that of all images (mcl_homes)
-CLEAR_SHARE = 0.1  # of the largest p_chance: below it an image of a small map counts twice as much (mcl_homes)
-HOME_SIGMA_M = 0.33  # of a pose that leaves in a small map: a metre, three of them, is another room
+JOINT_IMAGES = 2  # that an image counts for on probation: its proof is that of all images (mcl_homes)
+MAX_SIGMA_CELLS = 0.93  # of a pose that leaves, by a cell's edge: 0.33 m in a home, where a metre is another room
 EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
 
@@ -58,7 +57,6 @@ LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a stree
 PEAK = 2  # cells, and steps of headings, around a maximum that are lower
 APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what is nearer is the same place
 NUM_MAXIMA, TAIL_SHARE = 40, 0.5  # of the map that make its tail, and at most of all that there are
-MIN_MAXIMA = 8  # of a large map that can tell chance by them
 CHANCE_SIGMA = 0.6  # of z in homes that a drive is not in, after any number of images (docs/notes/joint_evidence.md)
 RIVAL_SCALE = 0.6  # standard deviations of an image by which a wrong place leads the right one e times less often
 LEAD_SCALE = 1.0  # the same over the mirrored drive as well, where the drive may not have left its room (mcl_rooms)
@@ -115,39 +113,31 @@ LCN_SHARE_OUTDOORS = 1 / 36  # where the sky is far, what is seen is, too, and s
 MIN_CONTRAST_M = 1e-3  # smallest standard deviation that contrast is divided by
 FAR_M = 100.0  # range given to what is far
 SAMPLES = 2  # a side of a pixel of the panorama; a photograph that is finer by more is halved first
-OTHER_ANSWER = np.radians(20.0)  # a rotation farther from the best one than this is another answer
 
 # Learned likeness (likeness/test_encoder): what the networks were trained with (train.py of 76c5c3cb)
 LCN_COLUMNS = 1 / 36, 1 / 9  # radii of the contrast normalisation by the width of a panorama: 10 and 40 degrees
 MIN_CONTRAST_LEVELS = 2.0  # smallest standard deviation that grey levels are divided by
 IMAGE_CLIP = np.float32(4.0)  # of the contrast
 ENCODED_RANGE_M = np.float32(0.3), np.float32(200.0)  # nearest and farthest range that is told from others
-MAX_ENCODER_LAYERS, MAX_WEIGHTS_BYTES = 16, 2_000_000  # of a file
 MIN_SEEN = 0.9  # of the panorama that an image must show
 
-# One image against every cell (likeness/test_matched_filter, test_partial_filter)
-MIN_PLACES = 1500  # cells whose covariance is taken, and fewest of a map: fewer do not tell what places have in common
+# One image against every cell (likeness/test_gradient_filter)
+NUM_SAMPLES = 1500  # cells whose spectra tell how large a code is
 CODE_RANGE = 4.0  # standard deviations that a byte holds (likeness/test_spectra)
 NUM_FREQUENCIES = 37  # over azimuth: structure down to ten degrees
 NUM_ENERGY_FREQUENCIES = 16  # of the energy in view: a view is wide
-BARE_SHARE = np.float32(1.5)  # 2/pi by 4/(3 pi): the first term of the series of |cos x| by the second
-SHRINKAGE, PART_SHRINKAGE = 4.0, 0.3  # of the covariance, by its mean level: of panoramas, of parts of the sphere
-FINENESS, PART_FINENESS = 2, 5  # curves are made at so many times the headings wanted: the best around each counts
-ROOT = 0.5  # power of an image's gradients in a small map: windows and furniture have the strongest (mcl_homes)
-NUM_CG_STEPS = 12  # of conjugate gradients
+FINENESS, PART_FINENESS = 2, 5  # curves, learned or of gradients, have so many times the headings: the best counts
+ROOT = 0.5  # power of an image's gradients: windows and furniture have the strongest (mcl_homes)
 MIN_VIEW_SHARE = 0.1  # of the depth gradients that are expected in view: one of next to nothing has these
 
-# Depth images of clouds (geometry/test_synthesis, columns/test_voxel_map, columns/test_walker)
+# Depth images of clouds (geometry/test_synthesis, geometry/test_surfels)
 NEAREST_M = 0.2  # below which nothing is drawn
 SPLAT = 1.5  # width and height of a single point by the spacing of the points, so that surfaces close
 COARSENESS = 1.0  # spacing of the points that are drawn, at most, by the width of a pixel
-CELL = 1.5  # largest width of a cell by that of a pixel
-MAX_ELEVATION_DEG = 89.9  # of a row, so that its slope is finite
-MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for columns to show what splats show
-PLANE_TOLERANCE = 0.35  # two points this far off a plane, by the size of a voxel, still belong to it
-PLANE_NOISE = 0.15  # half height of a level voxel by its size
-NUM_CLOSINGS = 2  # a gap may be two voxels wide
-MIN_NORMAL_SHARE = 0.8  # of the normals of a coarse voxel that must agree for it to be a plane
+MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for triangles to show what splats show
+NUM_NEIGHBORS = 9  # nearest voxels whose plane is that of a voxel, itself among them
+NEAR_VOXELS = 2.0  # sizes of a voxel within which half of them are, on a surface; not on a line
+INRADIUS = 0.75  # of the triangle of a voxel, by its size: gaps close, edges hardly grow
 
 # Where the vehicle may be (geometry/test_area, test_floor_plan)
 BODY = 0.3  # points this far above or below the camera are in its way, m
@@ -168,7 +158,6 @@ MAX_FACE = 255  # corners
 MAX_SURFACES = 20_000  # of a floor plan: a hundred buildings; doors are compared with the walls of their room
 MAX_ELEMENTS = 50_000_000  # squares of a grid, or samples of a surface
 INDEX_BITS = 20  # of a voxel along an axis; three of them make one int64
-MAX_BLOCKS = 1 << 25  # of columns, in the rectangle around the cloud
 LARGE_EXTENT_M, MIN_POINTS, MAX_LONELY = 1_000.0, 100, 0.5  # a wider cloud of more points; share alone in a cubic metre
 # Surveys larger than memory (geometry/test_tiles)
 MAX_KEPT = 6_000_000  # points, 150 MB: a square kilometre of ground and walls at half a metre

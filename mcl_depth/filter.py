@@ -130,8 +130,7 @@ class Filter:
         if reckoning.best is None or not self._states.is_trusted:
             return Estimate(status, belief=belief)
         pose, covariance = reckoning.propagate(observation)
-        is_vague = self.evidence.is_small and reckoning.is_vague(covariance, self._states.state)
-        if is_vague or not self.map.has_ground(pose):
+        if reckoning.is_vague(covariance, self.map.edge, self._states.state) or not self.map.has_ground(pose):
             return Estimate(status, belief=belief)
         T_map_level = level_pose(pose, self.map.height(pose))
         return Estimate(status, T_map_level, pose_covariance(covariance, float(pose[2])), belief)

@@ -51,7 +51,6 @@ class LikenessParams:
         "gradients: by edges (N17); learned: by trained networks, for whole panoramas at the default synthesis",
         choices=("gradients", "learned"),
     )
-    weights: str = param("", "file of weights for learned; empty: those of the package")
 
 
 @parameters

@@ -13,7 +13,6 @@ from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.constants import (
     AMBIGUOUS_SHARE,
-    CLEAR_SHARE,
     EVEN_ODDS,
     GOOD_SIGMA_M,
     JOINT_IMAGES,
@@ -25,11 +24,9 @@ from mcl_depth.constants import (
 from sphere_nav.localization.state_machine import StateMachine
 from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Reason, State, Verdict
 
-SMALL_MAP = "probability that the place is chance: a map this small has few places to tell it by"
-GIVE_A_START = "give an initial pose or a larger map, or drive on"
 REMEDIES = INPUT_REMEDIES | {
     Reason.LOW_OVERLAP: "the image shows too little of a panorama: set likeness.kind to gradients",
-    Reason.OUTLIERS: "the image fits this place no better than others: check cloud, camera height and initial pose",
+    Reason.OUTLIERS: "no place is proven: drive on, or give an initial pose; check cloud and camera height",
     Reason.NO_CONVERGENCE: "the particles do not agree on one place yet: drive on",
     Reason.JUMP_REJECTED: "odometry leapt and was not believed: check the wheels and who resets odometry",
     Reason.AMBIGUOUS: "two places look alike: drive on until they differ, or give an initial pose",
@@ -90,16 +87,13 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
         detail = "another place fits the last images better"
         return BeliefVerdict(Verdict(Reason.AMBIGUOUS, proof.p_chance, limit, detail), is_bad=True)
     if proof.p_chance >= limit:
-        words = (SMALL_MAP, GIVE_A_START) if proof.is_small else ("probability that the place is chance",)
-        return BeliefVerdict(Verdict(Reason.OUTLIERS, proof.p_chance, limit, *words), is_bad=True)
+        detail = "probability that the place is chance"
+        return BeliefVerdict(Verdict(Reason.OUTLIERS, proof.p_chance, limit, detail), is_bad=True)
     if best.sigma_m > GOOD_SIGMA_M:
         finding = Verdict(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m")
-        return BeliefVerdict(finding, num_images=0 if proof.is_small else 1)
-    is_clear, is_joint = (
-        proof.p_chance < CLEAR_SHARE * max_chance,
-        proof.survey is not None and proof.survey.is_of_rooms,
-    )
-    return BeliefVerdict(num_images=JOINT_IMAGES * (1 + is_clear) if is_joint else 1)
+        return BeliefVerdict(finding, num_images=0)
+    is_joint = proof.survey is not None and proof.survey.is_of_rooms
+    return BeliefVerdict(num_images=JOINT_IMAGES if is_joint else 1)
 
 
 def count(states: StateMachine, verdict: BeliefVerdict, stamp_ns: int) -> None:

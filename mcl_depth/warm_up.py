@@ -6,16 +6,11 @@ from functools import cache
 
 import numpy as np
 
-from mcl_depth.belief.evidence import find_maxima
-from mcl_depth.belief.joint_evidence import JointEvidence
-from mcl_depth.constants import STEP_EVERY
 from mcl_depth.geometry.cloud import cloud_from_points
-from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
+from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.comparison import num_alpha_for, similarity_many
 from mcl_depth.likeness.features import depth_features_many, visual_features
-from mcl_depth.likeness.kinds import check_likeness
-from mcl_depth.likeness.matched_filter import MatchedFilter
-from mcl_depth.likeness.partial_filter import PartialFilter
+from mcl_depth.likeness.gradient_filter import GradientFilter
 from mcl_depth.params import FilterParams, SynthesisParams
 from sphere_nav import photometric
 
@@ -26,24 +21,11 @@ def warm_up(params: FilterParams) -> None:
     num_headings = num_alpha_for(params.heading_step_deg)
     rng = np.random.default_rng(0)
     cloud = cloud_from_points(rng.uniform(-1.0, 1.0, (200, 3)))
-    for drawing in ("columns", "splats"):
-        columns = num_headings * -(-64 // num_headings)
-        synthesizer = DepthSynthesizer(cloud, SynthesisParams(num_columns=columns), drawing)
-        ranges = synthesizer.synthesize_many(np.zeros((2, 3)))
+    columns = num_headings * -(-64 // num_headings)
+    ranges = DepthSynthesizer(cloud, SynthesisParams(num_columns=columns)).synthesize_many(np.zeros((2, 3)))
     gray = rng.uniform(0, 255, ranges.shape[1:]).astype(np.float32)
     stack = depth_features_many(ranges, params.comparison)
     for is_seen in (None, gray > 10.0):
         similarity_many(visual_features(gray, is_seen), stack, num_headings)
-    PartialFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray, gray > 10.0), num_headings)
-    MatchedFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
-    encoders = check_likeness(params)
-    if encoders is not None:
-        window = panorama_window(params.synthesis)
-        empty = np.zeros((window.height, window.width), np.float32)
-        encoders.features_of_image(empty, None, window)
-        encoders.features_of_depths(empty[None], window)
-    joint, mask = JointEvidence(1.0, 1.0), np.ones((8, 8), np.bool_)
-    for number in range(1 + STEP_EVERY):
-        total = joint.add(np.zeros((num_headings, 8, 8), np.float32), np.array([number, 0.0, 0.0]))
-    find_maxima(total, mask)
+    GradientFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
     photometric.warm_up()

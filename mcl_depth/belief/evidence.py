@@ -2,18 +2,13 @@
 
 A belief looks healthy in a map that it is not in: some place always fits best, and particles gather there. What tells
 is how well the rest of the map fits the same images. So each image is compared with every cell
-(`likeness/matched_filter.py`, or `likeness/partial_filter.py`), and these fields are summed along odometry
-(`joint_evidence.py`). The best place of the map is then held against the map's own other maxima. If the images had
-nothing to do with the map, all of them would be draws of one extreme-value (Gumbel) tail, which falls exponentially:
-the gaps between its largest values, times their rank, are independent and of one exponential distribution (Renyi 1953),
-so the lead of the first over the second, by the mean of the other gaps, is F(2, 2 n) distributed. That is `p_chance`,
-exact for any scale of the tail; a rival as good as the best makes it 1.
+(`likeness/gradient_filter.py`), and these fields are summed along odometry (`joint_evidence.py`).
 
-A map of a few rooms has too few maxima for that, and they are not independent of the place that is right. There
-drives that are not in the map are made of the same images (`joint_evidence.ControlDrives`). What they reach by chance,
-the drive itself reaches by chance: in n images more or less by sqrt(n) / 2 or so. By how many sqrt(n) the best place
-exceeds them says whether the images are of this map, and by how much it leads its rivals whether it is that place:
-`chances_in_small_map`. Where only the first is sure, two places are alike.
+The best place of the map is then held against two things. Drives that are not in the map are made of the same images
+(`joint_evidence.ControlDrives`): what they reach by chance, the drive itself reaches by chance, in n images more or
+less by sqrt(n) / 2 or so. By how many sqrt(n) the best place exceeds them says whether the images are of this map, and
+by how much it leads its rivals whether it is that place: `chances_of_place`. Where only the first is sure, two places
+are alike.
 """
 
 from __future__ import annotations
@@ -23,12 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import maximum_filter, uniform_filter
 
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.image_motion import Reconciled
 from mcl_depth.belief.joint_evidence import ControlDrives, EvidenceLevel, Field, JointEvidence
-from mcl_depth.belief.kernels import is_maximum
 from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.survey_grid import SurveyGrid
@@ -42,9 +36,7 @@ from mcl_depth.constants import (
     LOCAL_M,
     MAX_HYPOTHESES,
     MAX_TRIAL,
-    MIN_MAXIMA,
     MIN_PATCH,
-    MIN_PLACES,
     MOVED_SHARE,
     NEAR,
     NEW_SHARE,
@@ -75,7 +67,7 @@ class Survey:
     tolerance_m: float
     is_in_map: bool = False  # one of the places is right, more surely than which
     is_proven: bool = False  # the first of them is more than chance
-    is_of_rooms: bool = False  # of a small map, and of a drive through more than one of its rooms
+    is_of_rooms: bool = False  # of a drive through more than one room
 
     def alike(self) -> Array:
         """Return the places (2, 3) that look alike, where it is known that one of them is right; else none (0, 3)."""
@@ -99,13 +91,12 @@ class Proof:
     """How often chance would look like the belief's place, and whether that is the best place of the map.
 
     `is_held`: of a place that was proven before, and is only to be kept; then there is no `survey` of the map, nor
-    while a place that was given is on trial. `is_small`: of a map with so few places that proof takes long.
+    while a place that was given is on trial.
     """
 
     p_chance: float
     agrees: bool = True
     is_held: bool = False
-    is_small: bool = False
     survey: Survey | None = None
 
     def places(self, hypotheses: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
@@ -116,10 +107,9 @@ class Proof:
     def share_of_new(self) -> float:
         """Return the share of the particles that are put to the best places of the survey: most, to one that is proven.
 
-        What a small map's places tell is joint, what particles tell is of the last images.
+        What its places tell is joint, what particles tell is of the last images.
         """
-        is_proven = self.is_small and self.survey is not None and self.survey.is_proven
-        return MOVED_SHARE if is_proven else NEW_SHARE
+        return MOVED_SHARE if self.survey is not None and self.survey.is_proven else NEW_SHARE
 
 
 class Evidence:
@@ -128,9 +118,8 @@ class Evidence:
     def __init__(self, grid: SurveyGrid, max_chance: float) -> None:
         """`max_chance`: a place that was accepted is chance so often."""
         self._grid, self._max_chance = grid, max_chance
-        self.is_small = len(grid.positions) < MIN_PLACES
         self.joint = JointEvidence(grid.edge, grid.diagonal)
-        self.controls = ControlDrives(grid.edge, grid.diagonal)  # of a small map
+        self.controls = ControlDrives(grid.edge, grid.diagonal)
         self._watch = CusumTest()
         self.reset()
 
@@ -169,7 +158,7 @@ class Evidence:
         T_odom_level = seen.observation.T_odom_level
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
         self.place = survey.poses[0] if survey.is_proven else None
-        return Proof(survey.p_chance, survey.agrees_with(pose), is_small=self.is_small, survey=survey)
+        return Proof(survey.p_chance, survey.agrees_with(pose), survey=survey)
 
     def watch(self, comparison: Comparison, pose: Array) -> float:
         """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one."""
@@ -229,18 +218,14 @@ class Evidence:
         field = standardize(comparison.survey(self._grid.positions), self._grid)
         joint = self.joint.add(field, odometry)
         places, values = find_maxima(joint, self._grid.mask)
-        p_chance, scale = chance_of_lead(values)
-        p_elsewhere, is_of_rooms = 1.0, False
-        if self.is_small:
-            mirrored = standardize(comparison.mirrored.survey(self._grid.positions), self._grid)
-            level = self.controls.add(field, mirrored, odometry, self._grid.mask)
-            (p_elsewhere, p_chance), scale = chances_in_small_map(values, level), RIVAL_SCALE
-            is_of_rooms = level.way_m >= ROOM_M
-        shares = np.exp((values - values[0]) / max(scale, 1e-6))
+        mirrored = standardize(comparison.mirrored.survey(self._grid.positions), self._grid)
+        level = self.controls.add(field, mirrored, odometry, self._grid.mask)
+        p_elsewhere, p_chance = chances_of_place(values, level)
+        shares = np.exp((values - values[0]) / RIVAL_SCALE)
         poses, tolerance = self._grid.poses_of(places, len(joint)), max(1.0, 1.5 * self._grid.edge)
         is_in_map = p_elsewhere < self._max_chance <= p_chance and len(poses) > 1
         is_proven = p_chance < self._max_chance
-        return Survey(p_chance, poses, shares / shares.sum(), tolerance, is_in_map, is_proven, is_of_rooms)
+        return Survey(p_chance, poses, shares / shares.sum(), tolerance, is_in_map, is_proven, level.way_m >= ROOM_M)
 
 
 def standardize(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
@@ -266,7 +251,9 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
 
     Those around the first belong to it and are left out; and so is the lower half of all.
     """
-    places = np.argwhere(is_maximum(joint, mask, PEAK, PEAK))
+    inside = np.where(mask, joint, -np.inf)
+    highest = maximum_filter(inside, 2 * PEAK + 1, mode=("wrap", "constant", "constant"), cval=-np.inf)
+    places = np.argwhere((inside == highest) & mask)
     values = joint[tuple(places.T)].astype(np.float64)
     order = np.argsort(-values, kind="stable")
     places, values = places[order], values[order]
@@ -278,22 +265,7 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
     return places[is_kept][: count + 1], values[is_kept][: count + 1]
 
 
-def chance_of_lead(values: Array) -> tuple[float, float]:
-    """Return the probability that the first of falling values (N,) leads so far by chance, and the tail's scale.
-
-    With gaps d_i = v_i - v_(i+1), the i * d_i are independent and exponential in an exponential tail; p = P(F > f)
-    for f = d_1 by the mean of the others, F(2, 2 n): p = (1 + d_1 / sum of the others) ** -n. Fewer than `MIN_MAXIMA`
-    others tell nothing: 1.
-    """
-    if len(values) < MIN_MAXIMA + 1:
-        return 1.0, 1.0
-    gaps = np.arange(1, len(values)) * -np.diff(values)
-    rest = float(gaps[1:].sum())
-    count = len(gaps) - 1
-    return float((1.0 + gaps[0] / max(rest, 1e-12)) ** -count), rest / count
-
-
-def chances_in_small_map(values: Array, level: EvidenceLevel) -> tuple[float, float]:
+def chances_of_place(values: Array, level: EvidenceLevel) -> tuple[float, float]:
     """Return how probably a drive elsewhere reaches so much, and how probably it or a rival is taken for the place.
 
     `values` (N,) are the maxima of the map, falling. With z = (v_1 - v_chance) / sqrt(n), where v_chance is the mean of

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from mcl_depth.belief.kernels import shift_headings
 from mcl_depth.belief.motion_model import relative_motion
 from mcl_depth.constants import COST, FORGETTING, MAX_STEPS, NEARLY, NEW_TURN, STEP_EVERY, TURNS, WAY_SHARE
 from sphere_nav.geometry.arrays import Array
@@ -74,8 +73,7 @@ class JointEvidence:
         turn = round((self._turn + float(motion[2])) / step)
         self._turn += float(motion[2]) - turn * step
         self._rests = np.roll(self._rests - shifts * self._edge, turn, axis=0)
-        moved = np.empty_like(total)
-        shift_headings(total, shifts, turn, np.float32(0.0), moved)  # of a place that was off the map nothing is known
+        moved = shift_headings(total, shifts, turn)  # of a place that was off the map nothing is known
         for _ in range(self._num_steps(float(np.hypot(motion[0], motion[1])))):
             moved = relax(moved)
         return moved
@@ -87,6 +85,17 @@ class JointEvidence:
         if is_due:
             self._num_images -= STEP_EVERY
         return min(max(far, int(is_due)), MAX_STEPS)
+
+
+def shift_headings(field: Field, shifts: NDArray[np.int64], turn: int) -> Field:
+    """Return field[a, x, y] at [a + turn, x + shifts[a, 0], y + shifts[a, 1]]; 0 where nothing comes from."""
+    moved = np.zeros_like(field)
+    for a, shift in enumerate(shifts.tolist()):
+        sides = list(zip(shift, field.shape[1:], strict=True))
+        to = tuple(slice(max(step, 0), max(side + min(step, 0), 0)) for step, side in sides)
+        source = tuple(slice(max(-step, 0), max(side - max(step, 0), 0)) for step, side in sides)
+        moved[(a + turn) % len(field)][to] = field[a][source]
+    return moved
 
 
 def relax(field: Field) -> Field:

@@ -16,32 +16,11 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 
 MIN_RANGE = np.float32(1e-3)
-BLOCK = 256  # points projected at once
-MAX_STACK = 4096
 MAX_SPLAT = 12.0  # px, half width of the largest drawn point
 PI = np.float32(math.pi)
 
 
 # ---- drawing ----------------------------------------------------------------------------------------------------
-
-
-@njit(**OPTIONS)
-def _is_outside(box, px, py, pz, limits, max_range):
-    """Return whether a box (6,) is out of range or above or below the picture, and its distance in m."""
-    dx = max(box[0] - px, px - box[3], 0.0)
-    dy = max(box[1] - py, py - box[4], 0.0)
-    dz = max(box[2] - pz, pz - box[5], 0.0)
-    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    if distance > max_range:
-        return True, distance
-    nearest = math.sqrt(dx * dx + dy * dy)
-    fx = max(abs(box[0] - px), abs(box[3] - px))
-    fy = max(abs(box[1] - py), abs(box[4] - py))
-    farthest = math.sqrt(fx * fx + fy * fy)
-    highest, lowest = box[5] - pz, box[2] - pz
-    is_below = highest < limits[0] * (farthest if limits[0] < 0 else nearest) - 1.0
-    is_above = lowest > limits[1] * (farthest if limits[1] > 0 else nearest) + 1.0
-    return is_below or is_above, distance
 
 
 @njit(**OPTIONS)
@@ -62,72 +41,38 @@ def _splat(u, v, r, half, across, out):
 
 
 @njit(**OPTIONS)
-def _draw_points(points, first, end, voxel, position, window, splat, reach, scratch, out):
-    """Project points first:end and draw them; scratch (5, BLOCK)."""
+def _draw(place, points, starts, sizes, edges, window, splat, out):
+    """Draw what one place (3,) sees into out (H, W): of each copy of the points what lies between its edges."""
+    out[:] = np.float32(np.nan)
     W = np.float32(out.shape[1])
     full_width, offset_v = window[0], window[1]
     by_angle = full_width / (PI + PI)
-    px, py, pz = np.float32(position[0]), np.float32(position[1]), np.float32(position[2])
-    u, v, r, half, across = scratch
-    half_spacing = np.float32(0.5) * splat * voxel * by_angle
-    for start in range(first, end, BLOCK):
-        n = min(BLOCK, end - start)
-        for i in range(n):
-            x, y, z = points[start + i, 0] - px, points[start + i, 1] - py, points[start + i, 2] - pz
-            horizontal = math.sqrt(x * x + y * y)
-            r[i] = math.sqrt(x * x + y * y + z * z)
-            u[i] = full_width * np.float32(0.5) - arctangent2(y, x) * by_angle - np.float32(0.5)
-            v[i] = full_width * np.float32(0.25) - arctangent2(z, horizontal) * by_angle
-            v[i] -= np.float32(0.5) + offset_v
-            half[i] = min(half_spacing / max(r[i], MIN_RANGE), np.float32(MAX_SPLAT))
-            across[i] = min(half[i] * r[i] / max(horizontal, MIN_RANGE), W / np.float32(2.1))
-        for i in range(n):
-            if reach[0] <= r[i] <= reach[1] and v[i] + half[i] > -1 and v[i] - half[i] < out.shape[0]:
-                _splat(u[i], v[i], r[i], half[i], across[i], out)
-
-
-@njit(**OPTIONS)
-def _draw(position, points, tiles, boxes, voxels, num_roots, window, limits, coarseness, splat, reach, out):
-    """Draw the tiles that one place (3,) sees into out (H, W), each from the copy that suits its distance."""
-    out[:] = np.float32(np.nan)
-    scratch = np.empty((5, BLOCK), np.float32)
-    stack = np.empty(MAX_STACK, np.int64)
-    pixel = coarseness * 2.0 * math.pi / window[0]
-    px, py, pz = position[0], position[1], position[2]
-    height = 0
-    for root in range(num_roots):
-        stack[height] = root
-        height += 1
-    while height > 0:
-        height -= 1
-        tile = stack[height]
-        outside, distance = _is_outside(boxes[tile], px, py, pz, limits, reach[1])
-        if outside:
-            continue
-        first, end, child, end_child = tiles[tile, 0], tiles[tile, 1], tiles[tile, 2], tiles[tile, 3]
-        if child == end_child or voxels[tile] <= pixel * distance or height + end_child - child > MAX_STACK:
-            _draw_points(points, first, end, voxels[tile], position, window, splat, reach, scratch, out)
-        else:
-            for other in range(child, end_child):
-                stack[height] = other
-                height += 1
+    for k in range(len(sizes)):
+        near, far = edges[k] * edges[k], edges[k + 1] * edges[k + 1]
+        half_spacing = np.float32(0.5) * splat * sizes[k] * by_angle
+        for i in range(starts[k], starts[k + 1]):
+            x, y, z = points[i, 0] - place[0], points[i, 1] - place[1], points[i, 2] - place[2]
+            square = x * x + y * y + z * z
+            if square < near or square >= far:
+                continue
+            r, horizontal = math.sqrt(square), math.sqrt(x * x + y * y)
+            v = full_width * np.float32(0.25) - arctangent2(z, horizontal) * by_angle - np.float32(0.5) - offset_v
+            half = min(half_spacing / r, np.float32(MAX_SPLAT))
+            if v + half > -1 and v - half < out.shape[0]:
+                u = full_width * np.float32(0.5) - arctangent2(y, x) * by_angle - np.float32(0.5)
+                across = min(half * r / max(horizontal, MIN_RANGE), W / np.float32(2.1))
+                _splat(u, v, r, half, across, out)
 
 
 @njit(parallel=True, **OPTIONS)
-def draw_many(
-    positions, points, tiles, boxes, voxels, num_roots, window, limits, coarseness, splat, min_range, max_range, out
-):
-    """Draw M places: positions (M, 3) f8, points (P, 3) f4, tiles (T, 4) i8, boxes (T, 6) f4, out (M, H, W) f4.
+def draw_many(places, points, starts, sizes, edges, window, splat, out):
+    """Draw M places (M, 3) f4 into out (M, H, W) f4.
 
-    tiles: first and end point, first and end child. window: columns of the whole sphere, first row of the picture.
-    limits: tangents of the lowest and highest elevation.
+    points (P, 3) f4: K copies of the cloud, ever coarser, from starts (K + 1,) on; sizes (K,) f4: of their voxels;
+    edges (K + 1,) f4: from which distance to which each is drawn. window: columns of the whole sphere, first row.
     """
-    reach = np.array([min_range, max_range], np.float32)
-    for i in prange(len(positions)):
-        _draw(
-            positions[i], points, tiles, boxes, voxels, num_roots,
-            window, limits, coarseness, np.float32(splat), reach, out[i],
-        )  # fmt: skip
+    for i in prange(len(places)):
+        _draw(places[i], points, starts, sizes, edges, window, np.float32(splat), out[i])
     return out
 
 

@@ -9,10 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from mcl_depth.constants import MIN_DENSE_SHARE
 from mcl_depth.geometry.cloud import Cloud
-from mcl_depth.geometry.columns.voxel_map import voxel_map
-from mcl_depth.geometry.columns.walker import Walker
 from mcl_depth.geometry.mesh import RayScene, TriangleMesh
-from mcl_depth.geometry.point_index import PointIndex
+from mcl_depth.geometry.splats import Splats
+from mcl_depth.geometry.surfels import surfels_of
 from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
 
@@ -35,20 +34,24 @@ def panorama_window(params: SynthesisParams) -> Spherical:
 class DepthSynthesizer:
     """Draws range panoramas of a cloud or a mesh; body axes parallel to the map's (yaw 0).
 
-    Dense points are drawn as columns of voxels, single ones as splats; `drawing` (columns, splats) insists on one.
+    Rays meet surfaces, also those that dense points are; single points are drawn as splats.
     """
 
-    def __init__(
-        self, geometry: Cloud | TriangleMesh, params: SynthesisParams | None = None, drawing: str = "auto"
-    ) -> None:
+    def __init__(self, geometry: Cloud | TriangleMesh, params: SynthesisParams | None = None) -> None:
         self.params = params or SynthesisParams()
         self.camera = panorama_window(self.params)
-        self._geometry, self._drawing = geometry, drawing
+        self._geometry = geometry
 
     @cached_property
-    def _scene(self) -> Walker | PointIndex | RayScene:
+    def _scene(self) -> Splats | RayScene:
         """What draws; made when the first panorama is asked for: a map whose panoramas are on disk needs none."""
-        return _scene(self._geometry, self.camera, self.params, self._drawing)
+        geometry, camera, params = self._geometry, self.camera, self.params
+        if isinstance(geometry, TriangleMesh):
+            return RayScene(geometry, camera, params)
+        surfels, dense_share = surfels_of(geometry, params.voxel_m)
+        if dense_share >= MIN_DENSE_SHARE:
+            return RayScene(surfels, camera, params)
+        return Splats(geometry, camera, params)
 
     def synthesize_many(self, positions_map: ArrayLike) -> Image:
         """Return ranges (M, H, W) in m around places (M, 3); in parallel."""
@@ -56,17 +59,3 @@ class DepthSynthesizer:
         if positions.ndim != 2 or positions.shape[1] != 3 or not np.all(np.isfinite(positions)):
             raise ValueError(f"positions: expected finite (M, 3), found shape {positions.shape}")
         return self._scene.ranges(positions)
-
-
-def _scene(
-    geometry: Cloud | TriangleMesh, camera: Spherical, params: SynthesisParams, drawing: str
-) -> Walker | PointIndex | RayScene:
-    """Return what draws a geometry: rays for surfaces, columns for dense points, splats for single ones."""
-    if isinstance(geometry, TriangleMesh):
-        return RayScene(geometry, camera, params)
-    if drawing != "splats" and len(geometry):
-        levels = Walker.num_levels(params.voxel_m, camera, params)
-        voxels = voxel_map(geometry, params.voxel_m, levels)
-        if drawing == "columns" or voxels.dense_share >= MIN_DENSE_SHARE:
-            return Walker(voxels, camera, params)
-    return PointIndex(geometry, camera, params)

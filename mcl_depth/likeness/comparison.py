@@ -6,13 +6,9 @@ s = sum |c| (|Gv| + |Gd|). A pixel without a gradient in one of the images count
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import OTHER_ANSWER
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 
@@ -39,10 +35,7 @@ def similarity_many(
     visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer] | None = None
 ) -> Similarities:
     """Return eq. 2 for M panoramas of a stack (all, or those of `indices`) and all headings, (M, num_alpha)."""
-    _check(visual, stack.directions.shape[1:], num_alpha)
     chosen = np.arange(len(stack)) if indices is None else np.asarray(indices, np.int64)
-    if chosen.size and (chosen.min() < 0 or chosen.max() >= len(stack)):
-        raise ValueError(f"indices: expected 0 to {len(stack) - 1}, found {chosen.min()} to {chosen.max()}")
     arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
     coded = (stack.directions, stack.magnitudes, stack.scales)
     return kernels.compare_headings_many(*arrays, *coded, chosen.astype(np.int64), num_alpha)
@@ -51,47 +44,3 @@ def similarity_many(
 def _seen(visual: GradientFeatures) -> NDArray[np.float32]:
     """Return 1 where a pixel is seen, (H, W); an empty array where all are."""
     return np.zeros((0, 0), np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
-
-
-def _check(visual: GradientFeatures, shape: tuple[int, ...], num_alpha: int) -> None:
-    if visual.shape != tuple(shape):
-        raise ValueError(f"depth image: expected the size of the visual image {visual.shape}, found {tuple(shape)}")
-    if num_alpha < 1 or visual.shape[1] % num_alpha:
-        raise ValueError(f"num_alpha: expected a divisor of the {visual.shape[1]} columns, found {num_alpha}")
-
-
-@dataclass(frozen=True)
-class Heading:
-    """The camera's heading in the map in radians in (-pi, pi], and how far it can be trusted.
-
-    similarity: of the best rotation. contrast: (best - mean) / standard deviation over all rotations.
-    margin: (best - best of the other answers) / (best - mean), 0 (two answers) to about 1 (one).
-    """
-
-    yaw: float
-    similarity: float
-    contrast: float
-    margin: float
-
-
-def heading(similarities: NDArray[np.float32]) -> Heading:
-    """Return the heading of similarities (num_alpha,) of eq. 2, between the steps by a parabola through three."""
-    s = np.asarray(similarities, np.float64)
-    if s.ndim != 1 or s.size < 3 or not np.all(np.isfinite(s)):
-        raise ValueError(f"similarities: expected at least 3 finite numbers, found {s.shape}")
-    step = 2 * np.pi / s.size
-    best = int(np.argmax(s))
-    before, peak, after = s[best - 1], s[best], s[(best + 1) % s.size]
-    curvature = before - 2 * peak + after
-    between = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
-    away = np.abs(_wrap((np.arange(s.size) - best) * step)) > max(OTHER_ANSWER, 1.5 * step)
-    rise, spread = peak - s.mean(), s.std()
-    if rise <= 0 or not away.any():
-        return Heading(float(_wrap(np.array(best * step))), float(peak), 0.0, 0.0)
-    yaw = float(_wrap(np.array((best + between) * step)))
-    return Heading(yaw, float(peak), float(rise / spread), float((peak - s[away].max()) / rise))
-
-
-def _wrap(angles: NDArray[Any]) -> NDArray[Any]:
-    """Return angles in (-pi, pi]."""
-    return -((-angles + np.pi) % (2 * np.pi) - np.pi)

@@ -14,10 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import MIN_PLACES
 from mcl_depth.likeness.depth_cache import Cell, DepthCache
 from mcl_depth.likeness.features import Image, Mask, Stack
-from mcl_depth.likeness.kinds import Kind, SpectralFilter, Visual, likeness_of
+from mcl_depth.likeness.kinds import SpectralFilter, Visual, likeness_of
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Camera, Spherical
@@ -56,7 +55,7 @@ class DepthMap:
         camera = synthesizer.camera
         self.likeness: Any = likeness_of(params, camera)  # one of two, each with features of its own
         self.cache: DepthCache[Any] = DepthCache(params.cache.max_megabytes << 20, self.likeness.empty)
-        self._filters: dict[str, tuple[str, SpectralFilter]] = {}  # with the places that they are of
+        self._filter: tuple[str, SpectralFilter] | None = None  # with the places that it is of
         self._num_unsaved = 0  # depth images that are not on disk
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
@@ -130,37 +129,33 @@ class DepthMap:
                 curves[first + known] = np.nan_to_num(found)
         return curves
 
-    def prepare(self, positions: Array) -> None:
-        """Make what compares an image with all cells of positions (N, 2) at once."""
-        for kind in self.likeness.filters(is_large=len(positions) >= MIN_PLACES):
-            self.spectral(kind, positions)
-
     def survey(
         self, visual: Visual, positions: Array, num_headings: int, rows: NDArray[np.int64] | None = None
     ) -> NDArray[np.float32]:
         """Return how well an image fits at positions (N, 2) m, or some rows of them, (N, A), in units of its own."""
-        is_large = len(positions) >= MIN_PLACES
-        return self.likeness.survey(visual, self, positions, num_headings, rows, is_large=is_large)
+        found: NDArray[np.float32] = self.prepare(positions).curves(visual, num_headings, rows)
+        return found
 
-    def spectral(self, kind: type[Kind], positions: Array) -> Kind:
-        """Return the filter of a kind from memory, or the disk, where a folder is set and holds it; else make it."""
+    def prepare(self, positions: Array) -> Any:
+        """Return what compares an image with all cells of positions (N, 2) at once: kept, read from the disk, or made.
+
+        A folder that is set may hold it.
+        """
         places = hashlib.sha256(positions.tobytes()).hexdigest()[:16]
-        known, made = self._filters.get(kind.__name__, ("", None))
-        if known != places or not isinstance(made, kind):
-            made = self._load_or_make(kind, positions, places)
-            self._filters[kind.__name__] = places, made
-        return made
+        if self._filter is None or self._filter[0] != places:
+            self._filter = places, self._load_or_make(positions, places)
+        return self._filter[1]
 
-    def _load_or_make(self, kind: type[Kind], positions: Array, places: str) -> Kind:
+    def _load_or_make(self, positions: Array, places: str) -> SpectralFilter:
         """Return it from the disk, or made, and kept there."""
-        folder = None
+        kind, folder = self.likeness.filter, None
         if self._folder is not None:
-            folder = self._folder.with_name(f"{self._folder.name}_{places}_{kind.__name__}")
-            found = kind.load(folder)
-            if isinstance(found, kind) and found.codes.shape[1] == len(positions):
+            folder = self._folder.with_name(f"{self._folder.name}_{places}")
+            found: SpectralFilter | None = kind.load(folder)
+            if found is not None and found.codes.shape[1] == len(positions):
                 return found
         slots = self._slots([(int(x), int(y)) for x, y in self.cells(positions)])
-        made: Kind = kind.of(self.cache.stack, slots)  # type: ignore[assignment]
+        made: SpectralFilter = kind.of(self.cache.stack, slots)
         if folder is not None:
             made.save(folder)
         return made

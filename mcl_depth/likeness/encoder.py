@@ -9,38 +9,28 @@ correlation.
 from __future__ import annotations
 
 import hashlib
-import io
-import zipfile
-import zlib
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 import scipy.fft
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from mcl_depth.constants import (
     ENCODED_RANGE_M,
     IMAGE_CLIP,
     LCN_COLUMNS,
-    MAX_ENCODER_LAYERS,
-    MAX_WEIGHTS_BYTES,
     MIN_CONTRAST_LEVELS,
     NUM_FREQUENCIES,
 )
 from mcl_depth.likeness import kernels
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.geometry.files.untrusted import read_bytes
 
 Image = NDArray[np.float32]
-SIDES = ("image", "depth")
-INPUTS = {"image": len(LCN_COLUMNS) + 1, "depth": 4}
-NAMES = ("table", "values")
-PACKAGED = Path(__file__).with_name("weights.npz")
-REFUSED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error)
-FORMAT = "mcl_depth likeness 1"
+WEIGHTS = Path(__file__).with_name("weights.npz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,44 +44,38 @@ class Encoder:
     table: NDArray[np.int64]
     values: Image
 
-    def check(self, side: str) -> None:
-        """Refuse what is no such chain; ValueError."""
-        table, values = self.table, self.values
-        is_table = table.ndim == 2 and table.shape[1] == 6 and 1 <= len(table) <= MAX_ENCODER_LAYERS
-        if not is_table or table.dtype != np.int64 or values.dtype != np.float32 or values.ndim != 1:
-            raise ValueError(f"{side}: expected a table (L, 6) of int64 and float32 values, found {table.shape}")
-        if table.min() < 1 or table[:, :2].max() > 256 or table[:, 2:4].max() > 15 or table[:, 4:].max() > 4:
-            raise ValueError(f"{side}: expected small convolutions, found {table.tolist()}")
-        if np.any(table[:, 2:4] % 2 == 0):
-            raise ValueError(f"{side}: expected filters of odd sides, found {table[:, 2:4].tolist()}")
-        chained = [INPUTS[side], *table[:-1, 1]]
-        if table[:, 0].tolist() != [int(n) for n in chained]:
-            raise ValueError(f"{side}: expected layers of {chained} inputs, found {table[:, 0].tolist()}")
-        count = int(np.sum(np.prod(table[:, :4], axis=1) + table[:, 1]))
-        if len(values) != count:
-            raise ValueError(f"{side}: expected {count} weights, found {len(values)}")
-        if not np.all(np.isfinite(values)):
-            raise ValueError(f"{side}: expected finite weights, found {int(np.sum(~np.isfinite(values)))} others")
-
     @property
     def stride(self) -> tuple[int, int]:
         """Pixels of the panorama by one of the features, over rows and columns."""
         return int(np.prod(self.table[:, 4])), int(np.prod(self.table[:, 5]))
 
     def __call__(self, inputs: Image) -> Image:
-        """Return the features (M, C, h, w) of inputs (M, n, H, W); in parallel."""
-        return kernels.encode_many(np.ascontiguousarray(inputs, np.float32), self.table, self.values)
+        """Return the features (M, C, h, w) of inputs (M, n, H, W)."""
+        return np.stack([self._encode(one) for one in inputs])
+
+    def _encode(self, image: Image) -> Image:
+        """Return the features (C, h, w) of an input (n, H, W): columns wrap around, above and below it is 0."""
+        values = self.values
+        for layer, (inputs, outputs, height, width, *strides) in enumerate(self.table.tolist()):
+            weights, values = np.split(values, [outputs * inputs * height * width])
+            biases, values = np.split(values, [outputs])
+            around = np.pad(image, ((0, 0), (0, 0), (width // 2, width // 2)), "wrap")
+            around = np.pad(around, ((0, 0), (height // 2, height // 2), (0, 0)))
+            windows = sliding_window_view(around, (height, width), axis=(1, 2))[:, :: strides[0], :: strides[1]]
+            rows = np.moveaxis(windows, (1, 2), (3, 4)).reshape(inputs * height * width, -1)
+            image = (weights.reshape(outputs, -1) @ rows + biases[:, None]).reshape(outputs, *windows.shape[1:3])
+            image = np.maximum(image, np.float32(0.0)) if layer < len(self.table) - 1 else image
+        return image
 
 
 @dataclass(frozen=True, eq=False)
 class EncoderPair:
-    """The encoders of one file of weights, and for which panoramas they were trained."""
+    """The encoders, and for which panoramas they were trained."""
 
     image: Encoder
     depth: Encoder
     num_columns: int
     elevations_deg: tuple[float, float]
-    provenance: str
 
     @cached_property
     def digest(self) -> str:
@@ -109,42 +93,14 @@ class EncoderPair:
         """Return the features (M, C, h, w) of range panoramas (M, H, W) in m, of length 1."""
         return normalize(self.depth(depth_inputs(ranges_m, camera)))
 
-    def save(self, path: Path) -> None:
-        """Write a file that `load_encoders` reads."""
-        arrays: dict[str, NDArray[np.generic]] = {"format": np.array(FORMAT), "provenance": np.array(self.provenance)}
-        for side in SIDES:
-            arrays |= {f"{side}_{name}": getattr(getattr(self, side), name) for name in NAMES}
-        arrays["num_columns"] = np.array(self.num_columns)
-        arrays["elevations_deg"] = np.array(self.elevations_deg, np.float64)
-        arrays["digest"] = np.array(self.digest)
-        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
 
-
-@lru_cache(maxsize=2)
-def load_encoders(path: Path = PACKAGED) -> EncoderPair:
-    """Return the encoders of a file; ValueError in one line where it is no such file, or a damaged one."""
-    data = read_bytes(path, "file of weights of the learned likeness", MAX_WEIGHTS_BYTES)
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            found = {info.filename: info.file_size for info in file.zip.infolist()}
-            if sum(found.values()) > 4 * MAX_WEIGHTS_BYTES:
-                raise ValueError(f"expected at most {4 * MAX_WEIGHTS_BYTES} bytes unpacked, found more")
-            if "format" not in file or str(file["format"]) != FORMAT:
-                raise ValueError(f"expected the format {FORMAT!r}, found arrays {sorted(found)[:4]}")
-            sides = {side: Encoder(*(file[f"{side}_{name}"] for name in NAMES)) for side in SIDES}
-            low, high = (float(value) for value in file["elevations_deg"])
-            pair = EncoderPair(**sides, num_columns=int(file["num_columns"]), elevations_deg=(low, high),
-                               provenance=str(file["provenance"]))  # fmt: skip
-            digest = str(file["digest"])
-        for side, encoder in sides.items():
-            encoder.check(side)
-        if pair.image.stride != pair.depth.stride or pair.image.table[-1, 1] != pair.depth.table[-1, 1]:
-            raise ValueError("expected features of one size from images and depths, found two sizes")
-        if pair.digest != digest:
-            raise ValueError(f"expected weights that hash to {digest[:12]}, found {pair.digest[:12]}")
-    except REFUSED as error:
-        raise ValueError(f"{path}: weights of the learned likeness: {' '.join(str(error).split())}") from None
-    return pair
+@cache
+def load_encoders() -> EncoderPair:
+    """Return the encoders of the package."""
+    with np.load(WEIGHTS, allow_pickle=False) as file:
+        image, depth = (Encoder(file[f"{side}_table"], file[f"{side}_values"]) for side in ("image", "depth"))
+        low, high = (float(value) for value in file["elevations_deg"])
+        return EncoderPair(image, depth, int(file["num_columns"]), (low, high))
 
 
 def image_inputs(gray: Image, is_seen: NDArray[np.bool_] | None, camera: Spherical) -> Image:

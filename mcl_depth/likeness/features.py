@@ -35,11 +35,6 @@ class GradientFeatures:
         return self.magnitude.shape[0], self.magnitude.shape[1]
 
     @property
-    def is_whole(self) -> bool:
-        """Whether every pixel of the panorama is seen."""
-        return self.is_seen is None
-
-    @property
     def identity(self) -> bytes:
         """What tells the image from others."""
         return self.magnitude.tobytes()
@@ -109,21 +104,14 @@ def visual_features(gray: Image, is_seen: Mask | None = None) -> GradientFeature
 
     Pixels outside `is_seen` (H, W), and those whose gradient would touch one, count nothing.
     """
-    gray = _panorama(gray, "visual image")
-    if is_seen is not None and is_seen.shape != gray.shape:
-        raise ValueError(f"is_seen: expected shape {gray.shape}, found {is_seen.shape}")
-    if is_seen is not None and is_seen.all():
-        is_seen = None
-    seen = np.ones(gray.shape, np.bool_) if is_seen is None else np.ascontiguousarray(is_seen)
-    seen = seen & np.isfinite(gray)
+    gray = np.ascontiguousarray(gray, np.float32)
+    seen = np.isfinite(gray) if is_seen is None else np.isfinite(gray) & is_seen
     x, y, magnitude, inner = kernels.visual_gradients(np.where(seen, gray, np.float32(0)), seen)
     return GradientFeatures(x, y, magnitude, None if inner.all() else inner)
 
 
 def depth_features_many(ranges_m: Image, params: ComparisonParams) -> FeatureStack:
     """Return the features of range panoramas (M, H, W) in m; in parallel."""
-    if ranges_m.ndim != 3:
-        raise ValueError(f"depth images: expected shape (M, H, W), found {ranges_m.shape}")
     ranges_m = np.ascontiguousarray(ranges_m, np.float32)
     parts = kernels.encode_depth_many(ranges_m, *options_of(params, ranges_m.shape[2]))
     return FeatureStack(parts[0], parts[1], parts[2])
@@ -134,9 +122,3 @@ def options_of(params: ComparisonParams, width: int) -> tuple[bool, bool, float,
     share = LCN_SHARE_OUTDOORS if params.is_sky_far else LCN_SHARE
     is_sky_far = params.is_sky_far and not params.is_measured_only  # what is unknown was not measured
     return is_sky_far, params.is_measured_only, FAR_M, max(round(share * width), 1), MIN_CONTRAST_M
-
-
-def _panorama(image: Image, what: str) -> Image:
-    if image.ndim != 2 or min(image.shape) < 3:
-        raise ValueError(f"{what}: expected shape (H, W) of at least 3 x 3, found {image.shape}")
-    return np.ascontiguousarray(image, np.float32)

@@ -1,4 +1,4 @@
-"""The inner loops of likeness: LCN, gradients, eq. 2, convolutions. Plain arrays in and out.
+"""The inner loops of likeness: LCN, gradients, eq. 2. Plain arrays in and out.
 
 Panoramas are (H, W) float32 whose columns wrap around; nothing here may show a seam.
 """
@@ -336,7 +336,7 @@ def compare_headings_many(vx, vy, vm, seen, directions, magnitudes, scales, indi
     return out
 
 
-# ---- matched filter ---------------------------------------------------------------------------------------------
+# ---- correlation -------------------------------------------------------------------------------------------------
 
 
 @njit(parallel=True, **OPTIONS)
@@ -359,95 +359,4 @@ def correlate_codes(codes, weights):
                 a += value * real[i]
                 b += value * imaginary[i]
             out[f, n] = complex(a, b)
-    return out
-
-
-# ---- learned likeness -------------------------------------------------------------------------------------------
-
-
-@njit(**OPTIONS)
-def _shifted(image, margin_y, width, stride):
-    """Return rows of image (C, H, W) as each column of a filter meets them, (C, width, H + 2 margin_y, W / stride).
-
-    Zeros above and below; columns wrap around.
-    """
-    C, H, W = image.shape
-    out = np.zeros((C, width, H + 2 * margin_y, -(-W // stride)), np.float32)
-    for c in range(C):
-        for j in range(width):
-            for y in range(H):
-                row = out[c, j, y + margin_y]
-                column = (j - width // 2) % W
-                for x in range(len(row)):
-                    row[x] = image[c, y, column]
-                    column += stride
-                    if column >= W:
-                        column -= W
-    return out
-
-
-@njit(**OPTIONS)
-def _add_products(rows, weights, sums):
-    """Add the products of rows (w, W) with weights (w,) to sums (W,), three rows at once where there are so many."""
-    w, W = rows.shape
-    first = 0
-    while first + 3 <= w:
-        a, b, c = weights[first], weights[first + 1], weights[first + 2]
-        p, q, r = rows[first], rows[first + 1], rows[first + 2]
-        for x in range(W):
-            sums[x] += a * p[x] + b * q[x] + c * r[x]
-        first += 3
-    for j in range(first, w):
-        a, p = weights[j], rows[j]
-        for x in range(W):
-            sums[x] += a * p[x]
-
-
-@njit(**OPTIONS)
-def convolve(image, weights, biases, stride_y, stride_x, is_bounded):
-    """Return weights (O, C, h, w) correlated with image (C, H, W), (O, H', W') f4; is_bounded: max(x, 0) of it.
-
-    Pixels above and below the image are 0; its columns wrap around.
-    """
-    num_outputs, C, h, w = weights.shape
-    rows = _shifted(image, h // 2, w, stride_x)
-    H, W = -(-image.shape[1] // stride_y), rows.shape[3]
-    out = np.empty((num_outputs, H, W), np.float32)
-    zero = np.float32(0.0)
-    for o in range(num_outputs):
-        for y in range(H):
-            sums = out[o, y]
-            sums[:] = biases[o]
-            for c in range(C):
-                for i in range(h):
-                    _add_products(rows[c, :, y * stride_y + i], weights[o, c, i], sums)
-            if is_bounded:
-                for x in range(W):
-                    sums[x] = max(sums[x], zero)
-    return out
-
-
-@njit(**OPTIONS)
-def encode(inputs, table, values):
-    """Return the output (C, h, w) f4 of a chain of convolutions of inputs (n, H, W) f4; see `encoder.Encoder`."""
-    image, first = inputs, 0
-    for layer in range(len(table)):
-        C, num, h, w = table[layer, 0], table[layer, 1], table[layer, 2], table[layer, 3]
-        count = num * C * h * w
-        weights = values[first : first + count].reshape((num, C, h, w))
-        biases = values[first + count : first + count + num]
-        image = convolve(image, weights, biases, table[layer, 4], table[layer, 5], layer < len(table) - 1)
-        first += count + num
-    return image
-
-
-@njit(parallel=True, **OPTIONS)
-def encode_many(inputs, table, values):
-    """Return the outputs (M, C, h, w) f4 of inputs (M, n, H, W) f4."""
-    M, H, W = len(inputs), inputs.shape[2], inputs.shape[3]
-    for layer in range(len(table)):
-        H, W = -(-H // table[layer, 4]), -(-W // table[layer, 5])
-    out = np.empty((M, table[-1, 1], H, W), np.float32)
-    for i in prange(M):
-        out[i] = encode(inputs[i], table, values)
     return out

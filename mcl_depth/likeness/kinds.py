@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Protocol, TypeVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +9,7 @@ from mcl_depth.constants import MIN_SEEN
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness import learned
 from mcl_depth.likeness.comparison import similarity_many
-from mcl_depth.likeness.encoder import PACKAGED, EncoderPair, load_encoders
+from mcl_depth.likeness.encoder import EncoderPair, load_encoders
 from mcl_depth.likeness.features import (
     FeatureStack,
     GradientFeatures,
@@ -21,30 +18,20 @@ from mcl_depth.likeness.features import (
     depth_features_many,
     visual_features,
 )
+from mcl_depth.likeness.gradient_filter import GradientFilter
 from mcl_depth.likeness.learned import LearnedFeatures, LearnedFilter, LearnedStack
-from mcl_depth.likeness.matched_filter import MatchedFilter
-from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.likeness.spectra import Curves
 from mcl_depth.params import FilterParams, SynthesisParams
 from sphere_nav.geometry import Spherical
 
 Visual = GradientFeatures | LearnedFeatures
-SpectralFilter = MatchedFilter | PartialFilter | LearnedFilter
-Kind = TypeVar("Kind", bound=SpectralFilter)
-
-
-class Filters(Protocol):
-    """Where the filters of the map's places are kept (`depth_map.DepthMap`)."""
-
-    def spectral(self, kind: type[Kind], positions: NDArray[np.float64]) -> Kind:
-        """Return the filter of a kind for places (N, 2)."""
-        ...
+SpectralFilter = GradientFilter | LearnedFilter
 
 
 class GradientLikeness:
     """By gradients (N17 eq. 2)."""
 
-    name, min_seen = "", 0.0
+    name, min_seen, filter = "", 0.0, GradientFilter
 
     def __init__(self, params: FilterParams, camera: Spherical) -> None:
         self._params, self._camera = params.comparison, camera
@@ -67,31 +54,11 @@ class GradientLikeness:
         """Return eq. 2 (M, num_headings)."""
         return similarity_many(visual, stack, num_headings, slots)
 
-    def filters(self, *, is_large: bool) -> tuple[type[SpectralFilter], ...]:
-        """Return the filters that images may need: whole panoramas and parts of the sphere."""
-        return (MatchedFilter, PartialFilter) if is_large else (PartialFilter,)
-
-    def survey(
-        self,
-        visual: GradientFeatures,
-        filters: Filters,
-        positions: NDArray[np.float64],
-        num_headings: int,
-        rows: NDArray[np.int64] | None,
-        *,
-        is_large: bool,
-    ) -> Curves:
-        """Compare a panorama by the matched filter of a map that has enough places; else by the correlation."""
-        if visual.is_whole and is_large:
-            return filters.spectral(MatchedFilter, positions).curves(visual, num_headings, rows)
-        parts = filters.spectral(PartialFilter, positions)
-        return parts.curves(visual, num_headings, rows, is_whitened=is_large)
-
 
 class LearnedLikeness:
     """By what was learned; for whole panoramas of the resolution of the training."""
 
-    min_seen = MIN_SEEN
+    min_seen, filter = MIN_SEEN, LearnedFilter
 
     def __init__(self, encoders: EncoderPair, camera: Spherical) -> None:
         self.encoders, self._camera = encoders, camera
@@ -115,31 +82,12 @@ class LearnedLikeness:
         """Return the learned similarity (M, num_headings)."""
         return learned.compare_learned(visual, stack.take(slots), num_headings)
 
-    def filters(self, *, is_large: bool) -> tuple[type[SpectralFilter], ...]:
-        """Return the one filter."""
-        del is_large
-        return (LearnedFilter,)
-
-    def survey(
-        self,
-        visual: LearnedFeatures,
-        filters: Filters,
-        positions: NDArray[np.float64],
-        num_headings: int,
-        rows: NDArray[np.int64] | None,
-        *,
-        is_large: bool,
-    ) -> Curves:
-        """Compare a panorama; a map of few places is compared as one of many."""
-        del is_large
-        return filters.spectral(LearnedFilter, positions).curves(visual, num_headings, rows)
-
 
 def check_likeness(params: FilterParams) -> EncoderPair | None:
     """Return the encoders that the parameters ask for, None for gradients; ValueError where they do not fit."""
     if params.likeness.kind == "gradients":
         return None
-    encoders = load_encoders(Path(params.likeness.weights) if params.likeness.weights else PACKAGED)
+    encoders = load_encoders()
     p = params.synthesis
     found = p.num_columns, p.elevation_min_deg, p.elevation_max_deg
     expected = encoders.num_columns, *encoders.elevations_deg

@@ -15,16 +15,16 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from mcl_depth.constants import CHANCE, FINENESS
+from mcl_depth.constants import CHANCE, FINENESS, NUM_FREQUENCIES
 from mcl_depth.likeness.encoder import EncoderPair
 from mcl_depth.likeness.features import Mask, Stack
-from mcl_depth.likeness.matched_filter import ABOVE_MEAN, best_around
 from mcl_depth.likeness.spectra import (
     BATCH,
     Curves,
     Image,
     KeptArrays,
     Spectra,
+    best_around,
     correlate,
     encode_spectra,
     sample_slots,
@@ -32,6 +32,8 @@ from mcl_depth.likeness.spectra import (
     spectra_of,
 )
 from sphere_nav.geometry import Spherical
+
+ABOVE_MEAN = range(1, NUM_FREQUENCIES)  # the mean over azimuth tells no heading
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +56,6 @@ class LearnedFeatures:
         gray = np.ascontiguousarray(self.gray[:, ::-1])
         is_seen = None if self.is_seen is None else np.ascontiguousarray(self.is_seen[:, ::-1])
         return LearnedFeatures(gray, is_seen, self.encoders, self.camera)
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether it is compared as a whole panorama: always."""
-        return True
 
     @property
     def identity(self) -> bytes:
@@ -122,7 +119,7 @@ class LearnedFilter(KeptArrays):
     """Spectra of N cells, ready for images.
 
     codes (F, N, 2 P) int8: real, then imaginary parts of the spectra of all channels row by row, P = C h; scales
-    (F, P): what a code of one is. The networks have learned what places have in common: nothing is whitened.
+    (F, P): what a code of one is.
     """
 
     codes: NDArray[np.int8]
@@ -141,7 +138,7 @@ class LearnedFilter(KeptArrays):
         `rows`: of some cells only. The best within half a step of each heading.
         """
         weights = spectra_of(visual.features, ABOVE_MEAN) * self.scales
-        return best_around(correlate(self.codes, weights, rows, ABOVE_MEAN.start, FINENESS * num_headings))
+        return best_around(correlate(self.codes, weights, rows, ABOVE_MEAN.start, FINENESS * num_headings), FINENESS)
 
 
 def _spectra_of_cells(stack: LearnedStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from mcl_depth.constants import CODE_RANGE, MIN_PLACES, NUM_FREQUENCIES
+from mcl_depth.constants import CODE_RANGE, NUM_FREQUENCIES, NUM_SAMPLES
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.features import FeatureStack
@@ -44,14 +44,6 @@ def spectra_of(pictures: Image, frequencies: range) -> Spectra:
     return np.ascontiguousarray(np.moveaxis(merged, -1, 0), np.complex64)
 
 
-def pictures_of(spectra: Spectra, shape: tuple[int, int, int]) -> Image:
-    """Return the pictures (n, H, W) of spectra (F, P) whose frequencies begin at 0."""
-    full = np.zeros((spectra.shape[1], shape[2] // 2 + 1), np.complex64)
-    full[:, : len(spectra)] = spectra.T
-    pictures: Image = scipy.fft.irfft(full, shape[2], axis=-1).reshape(shape)
-    return pictures
-
-
 def magnitudes_of(stack: FeatureStack) -> Image:
     """Return the magnitudes of depth gradients (M, H, W)."""
     magnitudes: Image = stack.scales[:, None, None] * SQUARES[stack.magnitudes]
@@ -59,15 +51,9 @@ def magnitudes_of(stack: FeatureStack) -> Image:
 
 
 def sample_slots(slots: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Return the slots of some cells, for their covariance; of -1 none."""
+    """Return the slots of some cells, by which codes are scaled; of -1 none."""
     known = slots[slots >= 0]
-    return known[:: max(len(known) // MIN_PLACES, 1)]
-
-
-def spectral_covariance(samples: Spectra) -> Spectra:
-    """Return the mean of x x^H (P, P) of spectra (N, P) of one frequency."""
-    covariance: Spectra = samples.T @ samples.conj() / np.float32(max(len(samples), 1))
-    return covariance
+    return known[:: max(len(known) // NUM_SAMPLES, 1)]
 
 
 def scales_of(samples: Spectra) -> NDArray[np.float32]:
@@ -104,6 +90,13 @@ def correlate(codes: Codes, weights: Spectra, rows: NDArray[np.int64] | None, fi
     full[:, first : first + num] = spectra[:num].T
     curves: Curves = scipy.fft.irfft(full, count, axis=1, norm="forward")
     return curves
+
+
+def best_around(curves: Curves, fineness: int) -> Curves:
+    """Return every heading of curves (N, fineness A), (N, A): the best within half a step of it."""
+    reach = fineness // 2
+    best: Curves = np.max([np.roll(curves, step, axis=1) for step in range(-reach, reach + 1)], axis=0)
+    return best[:, ::fineness]
 
 
 @dataclass(frozen=True)

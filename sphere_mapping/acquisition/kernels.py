@@ -6,6 +6,7 @@ import numpy as np
 from numba import config, set_num_threads
 
 from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
+from sphere_nav.photometric.align.iteration.kernels import arctangent2
 
 SCALE = 16.0  # pyramids are int16 with four bits below the point
 NUM_DISPARITIES = 48  # searched at each level: a constant, so that the loops over them become vectors
@@ -68,31 +69,6 @@ def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, top, f
                 u[y, gx * step + i] = u0 + fw * (u1 - u0)
                 v[y, gx * step + i] = v0 + fw * (v1 - v0)
             left, right = right, left
-
-
-@njit(**OPTIONS)
-def find_same_detail(one, other, both, row, column, radius, at, min_correlation, faint, flat, is_same):
-    """Write which of the places at (N, 2) i32 of a block show the same detail in two images (H, W) f32 to is_same (N,).
-
-    both (h, w) bool: where both images of the block that begins at (row, column) are seen; its columns wrap around.
-    What is seen of (2 radius + 1)^2 pixels must correlate, or there is no detail in either: deviations above `faint`
-    in both, below `flat` in both.
-    """
-    height, width = both.shape
-    whole = one.shape[1]
-    for n in range(at.shape[0]):
-        count, a, b, aa, bb, ab = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for v in range(max(at[n, 0] - radius, 0), min(at[n, 0] + radius + 1, height)):
-            for u in range(max(at[n, 1] - radius, 0), min(at[n, 1] + radius + 1, width)):
-                if both[v, u]:
-                    x, y = float(one[row + v, (column + u) % whole]), float(other[row + v, (column + u) % whole])
-                    count += 1
-                    a, b, aa, bb, ab = a + x, b + y, aa + x * x, bb + y * y, ab + x * y
-        a, b = a / max(count, 1), b / max(count, 1)
-        aa, bb = max(aa / max(count, 1) - a * a, 0.0), max(bb / max(count, 1) - b * b, 0.0)
-        ab, most, least = ab / max(count, 1) - a * b, max(aa, bb), min(aa, bb)
-        is_like = ab > min_correlation * np.sqrt(most * least) and least > faint * faint
-        is_same[n] = both[at[n, 0], at[n, 1]] and (is_like or most < flat * flat)
 
 
 @njit(**OPTIONS)
@@ -512,53 +488,6 @@ def splat_with_std(u, v, range_m, std_m, half, wraps, nearest, nearest_std):
 
 
 @njit(**OPTIONS)
-def fuse(ranges, stds, max_deviations, contradiction, share, range_m, std_m):
-    """Write the mean by inverse variance, and its deviation (H, W) f32, of what agrees with the surest of N sources.
-
-    ranges, stds (N, H, W) f32, NaN unknown, range +Inf far. Where a source that is not `contradiction` times less sure
-    than the surest one disagrees with it by more than max_deviations and this share of the range, nothing is known.
-    Row by row, source by source: pixel by pixel the planes of many sources would push each other out of the cache.
-    """
-    number, height, width = ranges.shape
-    zero, one, inf, nan = np.float32(0.0), np.float32(1.0), np.float32(np.inf), np.float32(np.nan)
-    rows = np.empty((6, width), np.float32)
-    best, best_std, least, total, weighted, denied = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
-    for v in range(height):
-        rows[:2], rows[2], rows[3:] = nan, inf, zero
-        for k in range(number):
-            for u in range(width):
-                r, s = ranges[k, v, u], stds[k, v, u]
-                is_surer = (s > zero) & (s < least[u] * r) & (r < inf)
-                least[u] = s / r if is_surer else least[u]
-                best[u], best_std[u] = r if is_surer else best[u], s if is_surer else best_std[u]
-        for k in range(number):
-            for u in range(width):
-                r, s = ranges[k, v, u], stds[k, v, u]
-                is_there = (s > zero) & (r < inf)
-                off = abs(r - best[u])
-                agrees = is_there & (off <= max_deviations * np.sqrt(s * s + best_std[u] * best_std[u]))
-                denies = is_there & (s < contradiction * least[u] * r) & (off > share * best[u])
-                weight = one / (s * s) if agrees else zero
-                total[u] += weight
-                weighted[u] += weight * r if agrees else zero
-                denied[u] = one if denies & (not agrees) else denied[u]
-                best[u] = inf if (r == inf) & (best[u] != best[u]) else best[u]
-        for u in range(width):
-            is_known = (total[u] > zero) & (denied[u] == zero)
-            range_m[v, u] = weighted[u] / total[u] if is_known else (inf if best[u] == inf else nan)
-            std_m[v, u] = one / np.sqrt(total[u]) if is_known else nan
-
-
-@njit(**OPTIONS)
-def small_angle(sine, cosine):
-    """Return the angle whose sine and cosine are in this proportion; a series where it is small."""
-    if cosine <= 0.0 or abs(sine) > 0.2 * cosine:
-        return np.arctan2(sine, cosine)
-    t = sine / cosine
-    return t * (1.0 - t * t * (1.0 / 3.0 - 0.2 * t * t))
-
-
-@njit(**OPTIONS)
 def recenter(range_m, std_m, owner, offsets, columns, rows, per_m, new_range, new_std):
     """Move ranges (H, W) f32 seen from the cameras' own centres to the centre of the sphere.
 
@@ -588,8 +517,8 @@ def recenter(range_m, std_m, owner, offsets, columns, rows, per_m, new_range, ne
             off = np.float32(1.0) - reach * per_m
             qx, qy, qz = reach * x - off * ox, reach * y - off * oy, reach * z - off * oz
             across = np.sqrt(qx * qx + qy * qy)
-            du = -small_angle(x * qy - y * qx, x * qx + y * qy) / (2 * np.pi) * width
-            dv = -small_angle(level * qz - z * across, level * across + z * qz) / np.pi * height
+            du = -arctangent2(x * qy - y * qx, x * qx + y * qy) / (2 * np.pi) * width
+            dv = -arctangent2(level * qz - z * across, level * across + z * qz) / np.pi * height
             column = int(np.floor(u + du + 0.5)) % width
             row = min(max(int(np.floor(v + dv + 0.5)), 0), height - 1)
             seen = range_m[row, column]
@@ -623,26 +552,6 @@ def sample_inverse_depth(inverse, u, v, max_step, sampled):
             sampled[i] = (a * (1 - fx) + b * fx) * (1 - fy) + (c * (1 - fx) + d * fx) * fy
         else:
             sampled[i] = inverse[min(int(y + 0.5), height - 1), min(int(x + 0.5), width - 1)]
-
-
-@njit(**OPTIONS)
-def splat_nearest(u, v, range_m, wraps, image):
-    """Write each range (N,) f32 to the four pixels of image (H, W) f32 around (u, v), keeping the nearest of all.
-
-    image starts as +Inf where nothing is known. wraps joins the last column to the first.
-    """
-    height, width = image.shape
-    for i in range(u.size):
-        if np.isnan(u[i]) or np.isnan(v[i]) or np.isnan(range_m[i]):
-            continue
-        x0, y0 = int(np.floor(u[i])), int(np.floor(v[i]))
-        for y in range(max(y0, 0), min(y0 + 2, height)):
-            for dx in range(2):
-                x = x0 + dx
-                if wraps:
-                    x = x % width
-                if x >= 0 and x < width and range_m[i] < image[y, x]:
-                    image[y, x] = range_m[i]
 
 
 def use_threads(number: int) -> None:

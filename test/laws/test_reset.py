@@ -90,7 +90,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "DeadReckoning": (lambda: DeadReckoning(MclInputParams(), MotionParams()), "reset", "params noise"),
     "DepthCache": (lambda: DepthCache(64, lambda count: SimpleNamespace(nbytes=8)), "clear", "capacity stack"),
     "Evidence": (lambda: Evidence(SimpleNamespace(edge=0.5, diagonal=0.7, positions=()), 1e-3), "reset",
-                 "grid max_chance is_small"),
+                 "grid max_chance"),
     "ExperienceChoice": (lambda: ExperienceChoice(None), "reset", "coarse"),
     "Homing": (lambda: Homing(np.array([[0.0, 0.0], [9.0, 0.0]]), DirectionParams()), "restart",
                "waypoints way params offsets"),

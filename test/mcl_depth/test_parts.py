@@ -12,7 +12,7 @@ from mcl_depth.geometry.las import read_las
 from mcl_depth.geometry.mesh import RayScene, mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
-from mcl_depth.geometry.point_index import PointIndex
+from mcl_depth.geometry.splats import Splats
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.params import SynthesisParams
 
@@ -29,7 +29,7 @@ def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
 def test_one_point_and_one_triangle_lie_where_they_are() -> None:
     camera = panorama_window(PARAMS)
     place = np.zeros((1, 3))
-    points = PointIndex(cloud_from_points(np.array([[0.0, 5.0, 0.0]])), camera, PARAMS).ranges(place)[0]
+    points = Splats(cloud_from_points(np.array([[0.0, 5.0, 0.0]])), camera, PARAMS).ranges(place)[0]
     corners = np.array([[-1.0, 5.0, -1.0], [1.0, 5.0, -1.0], [0.0, 5.0, 2.0]])
     surface = RayScene(mesh_from_faces(corners, np.array([[0, 1, 2]]), "one"), camera, PARAMS).ranges(place)[0]
     for found in (points, surface):

@@ -31,7 +31,6 @@ def test_a_belief_is_judged():
     for hypotheses, proof, step, reason, is_bad in [
         ([place(0.5), place(0.3)], SURE, DRIVEN, Reason.AMBIGUOUS, True),
         ([place()], CHANCE, DRIVEN, Reason.OUTLIERS, True),
-        ([place()], Proof(1e-2, is_small=True), DRIVEN, Reason.OUTLIERS, True),
         ([place()], HELD, DRIVEN, Reason.NONE, False),
         ([place()], ELSEWHERE, DRIVEN, Reason.AMBIGUOUS, True),
         ([place()], SURE, Step(np.zeros(3), np.zeros(3), jump=4.0), Reason.JUMP_REJECTED, False),
@@ -46,17 +45,9 @@ def test_a_belief_is_judged():
 def test_two_places_that_are_alike_are_named():
     poses = np.array([[1.0, 2.0, 0.0], [4.0, -2.0, np.pi / 2], [9.0, 9.0, 0.0]])
     survey = Survey(0.3, poses, np.array([0.5, 0.4, 0.1]), 1.0, is_in_map=True)
-    finding = judge_belief([place()], Proof(0.3, is_small=True, survey=survey), DRIVEN, 1e-3).finding
+    finding = judge_belief([place()], Proof(0.3, survey=survey), DRIVEN, 1e-3).finding
     assert finding.reason == Reason.AMBIGUOUS
     assert finding.remedy(REMEDIES).startswith("1.0, 2.0 at 0 deg or 4.0, -2.0 at 90 deg; two places look alike")
-
-
-def test_in_a_small_map_the_status_asks_for_a_start_from_outside():
-    words = [judge_belief([place()], Proof(0.2, is_small=is_small), DRIVEN, 1e-3) for is_small in (True, False)]
-    small, large = (verdict.finding.remedy(REMEDIES) for verdict in words)
-    assert "few places" in small
-    assert "initial pose or a larger map" in small
-    assert "few places" not in large
 
 
 def searching() -> StateMachine:

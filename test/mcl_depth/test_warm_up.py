@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mcl_depth.belief import kernels as belief
 from mcl_depth.geometry import kernels as geometry
-from mcl_depth.geometry.columns import kernels as columns
 from mcl_depth.likeness import kernels as likeness
 from mcl_depth.params import FilterParams
 from mcl_depth.warm_up import warm_up
@@ -14,8 +12,7 @@ from sphere_nav.params import build
 
 KERNELS = (  # that an image, or a panorama that it is compared with, goes through
     likeness.visual_gradients, likeness.encode_depth_many, likeness.compare_headings_many,
-    likeness.correlate_codes, geometry.draw_many, columns.draw_columns, columns.fit_planes, columns.find_gaps,
-    columns.join_planes, belief.shift_headings, belief.is_maximum,
+    likeness.correlate_codes, geometry.draw_many,
 )  # fmt: skip
 
 

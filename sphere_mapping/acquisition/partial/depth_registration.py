@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import DEPTH_CORRECTIONS, MAX_CORRECTION, MAX_DEPTH_STEP, MAX_SURFACE_STEP
-from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
+from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_with_std
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
@@ -70,7 +70,8 @@ class DepthRegistration:
         u, v = np.ascontiguousarray(pixels.T, dtype=np.float32)
         nearest = np.full((self._target.height, self._target.width), np.inf, np.float32)
         is_whole = isinstance(self._target, Spherical) and self._target.is_whole
-        splat_nearest(u, v, np.linalg.norm(points, axis=1).astype(np.float32), is_whole, nearest)
+        ranges = np.linalg.norm(points, axis=1).astype(np.float32)
+        splat_with_std(u, v, ranges, ranges, 0, is_whole, nearest, np.empty_like(nearest))
         return nearest
 
     def _measure(self, inverse: Plane, points: Array) -> Array:

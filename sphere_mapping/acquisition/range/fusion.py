@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import AGREEMENT_SIGMAS, CONTRADICTION, MIN_KNOWN, PATCH_PX
-from sphere_mapping.acquisition.kernels import fuse, splat_with_std
+from sphere_mapping.acquisition.kernels import splat_with_std
 from sphere_mapping.acquisition.params import FusionParams
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import Spherical
@@ -43,10 +43,21 @@ def fuse_sources(sources: Sequence[Ranged], whole: Spherical) -> Ranged:
     if len(sources) == 1:
         return sources[0]
     ranges, stds = (np.stack([source[k] for source in sources]) for k in range(2))
-    limits = np.array([AGREEMENT_SIGMAS, *CONTRADICTION], np.float32)
-    range_m, std_m = np.empty_like(ranges[0]), np.empty_like(stds[0])
-    fuse(ranges, stds, *limits, range_m, std_m)
-    return range_m, std_m
+    is_usable, (surer, share) = (stds > 0) & np.isfinite(ranges), CONTRADICTION
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(is_usable, stds / ranges, np.float32(np.inf))
+        surest = np.argmin(relative, axis=0)[None]
+        best, best_std = (np.take_along_axis(planes, surest, axis=0) for planes in (ranges, stds))
+        off = np.abs(ranges - best)
+        agrees = is_usable & (off <= np.float32(AGREEMENT_SIGMAS) * np.hypot(stds, best_std))
+        denies = is_usable & ~agrees & (relative < surer * relative.min(axis=0)) & (off > share * best)
+        weights = np.where(agrees, 1 / np.square(stds), np.float32(0.0))
+        total = weights.sum(axis=0)
+        mean = np.where(agrees, weights * ranges, np.float32(0.0)).sum(axis=0) / total
+        std_m = 1 / np.sqrt(total)
+    unknown = np.where(np.isposinf(ranges).any(axis=0) & ~is_usable.any(axis=0), np.float32(np.inf), np.float32(np.nan))
+    is_known = (total > 0) & ~denies.any(axis=0)
+    return np.where(is_known, mean, unknown), np.where(is_known, std_m, np.float32(np.nan))
 
 
 def inverse_range(range_m: Plane, is_covered: Flags) -> Plane | None:

@@ -27,7 +27,6 @@ from sphere_mapping.acquisition.constants import (
     OVERLAP_GRID,
     VERY_FAR_M,
 )
-from sphere_mapping.acquisition.kernels import find_same_detail
 from sphere_mapping.acquisition.stitching.strips import Block
 from sphere_mapping.acquisition.stitching.views import RigView, block_around
 from sphere_nav.geometry.arrays import Array
@@ -115,9 +114,19 @@ def is_same_detail(
 
     Or neither has any. both: where (h, w) of the block both are seen.
     """
-    found = np.empty(len(chosen), np.bool_)
-    limits = MIN_CORRELATION, FAINT_DETAIL, FLAT_DETAIL
-    find_same_detail(first, second, both, block.row, block.column, DETAIL_WINDOW // 2, chosen, *limits, found)
+    x, y = (block.cut(plane).astype(np.float64) for plane in (first, second))
+    side = (DETAIL_WINDOW, DETAIL_WINDOW)
+    sums = [
+        cv2.boxFilter(np.where(both, plane, 0.0), cv2.CV_64F, side, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for plane in (np.ones_like(x), x, y, x * x, y * y, x * y)
+    ]
+    number, a, b, aa, bb, ab = (plane[*chosen.T] for plane in sums)
+    number = np.maximum(number, 1.0)
+    a, b = a / number, b / number
+    aa, bb, ab = np.maximum(aa / number - a * a, 0.0), np.maximum(bb / number - b * b, 0.0), ab / number - a * b
+    most, least = np.maximum(aa, bb), np.minimum(aa, bb)
+    is_like = (ab > MIN_CORRELATION * np.sqrt(most * least)) & (least > FAINT_DETAIL**2)
+    found: NDArray[np.bool_] = both[*chosen.T] & (is_like | (most < FLAT_DETAIL**2))
     return found
 
 

@@ -1,12 +1,12 @@
-"""Twins of the kernels of the joint evidence in plain NumPy and SciPy."""
+"""How the joint evidence moves and where it is highest, against the same written otherwise."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from mcl_depth.belief.joint_evidence import relax
-from mcl_depth.belief.kernels import is_maximum, shift_headings
+from mcl_depth.belief.evidence import find_maxima
+from mcl_depth.belief.joint_evidence import relax, shift_headings
 
 
 def field_of(seed, shape=(12, 9, 7)):
@@ -14,11 +14,11 @@ def field_of(seed, shape=(12, 9, 7)):
 
 
 def test_headings_are_shifted_each_by_its_own_way():
-    field, out = field_of(1), np.empty((12, 9, 7), np.float32)
+    field = field_of(1)
     shifts = np.random.default_rng(2).integers(-9, 10, (12, 2))
-    shift_headings(field, shifts, 5, np.float32(-3.0), out)
+    out = shift_headings(field, shifts, 5)
     for a, (dx, dy) in enumerate(shifts):
-        padded = np.pad(field[a], 10, constant_values=-3.0)
+        padded = np.pad(field[a], 10, constant_values=0.0)
         np.testing.assert_array_equal(out[(a + 5) % 12], padded[10 - dx : 19 - dx, 10 - dy : 17 - dy])
 
 
@@ -30,10 +30,14 @@ def test_the_best_neighbour_counts_less_its_cost():
     np.testing.assert_allclose(relax(field), np.maximum(turned, beside - 2.5), atol=1e-6)
 
 
-def test_maxima_are_those_of_a_maximum_filter_and_of_equal_ones_the_first_counts():
+def test_maxima_exceed_all_within_two_cells_and_headings_of_the_map():
     field, mask = field_of(4), np.random.default_rng(5).random((9, 7)) < 0.8
-    inside = np.where(mask, field, -np.inf)
-    top = maximum_filter(inside, (3, 5, 5), mode=("wrap", "constant", "constant"), cval=-np.inf)
-    np.testing.assert_array_equal(is_maximum(field, mask, 1, 2), (inside == top) & mask)
-    found = np.argwhere(is_maximum(np.zeros((12, 5, 5), np.float32), np.ones((5, 5), np.bool_), 12, 5))
-    np.testing.assert_array_equal(found, [[0, 0, 0]])
+    places, values = find_maxima(field, mask)
+    np.testing.assert_allclose(values, field[tuple(places.T)])
+    assert values[0] == field[:, mask].max()
+    assert np.all(np.diff(values) <= 0.0)
+    for a, x, y in places:
+        around = np.roll(field, 2 - a, axis=0)[:5, max(x - 2, 0) : x + 3, max(y - 2, 0) : y + 3]
+        near = mask[max(x - 2, 0) : x + 3, max(y - 2, 0) : y + 3]
+        assert mask[x, y]
+        assert around[:, near].max() == field[a, x, y]

@@ -46,5 +46,5 @@ def test_far_tiles_are_drawn_from_coarser_copies_where_they_lie() -> None:
 @pytest.mark.parametrize(("distance", "is_drawn"), [(0.19, False), (0.21, True)])
 def test_nothing_is_drawn_nearer_than_twenty_centimeters(distance: float, is_drawn: bool) -> None:
     cloud = cloud_from_points(np.array([[distance, 0.0, 0.0], [-50.0, 0.0, 0.0]]))
-    found = DepthSynthesizer(cloud, PARAMS, "splats").synthesize_many([(0.0, 0.0, 0.0)])[0]
+    found = DepthSynthesizer(cloud, PARAMS).synthesize_many([(0.0, 0.0, 0.0)])[0]
     assert (np.nanmin(found) < 1.0) == is_drawn

@@ -8,8 +8,6 @@ import pytest
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.features import visual_features
-from mcl_depth.likeness.matched_filter import MatchedFilter
-from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import CacheParams, FilterParams, SynthesisParams
 
@@ -59,21 +57,20 @@ def test_a_position_is_at_most_max_distance_from_its_depth_image():
 
 
 @pytest.mark.slow
-def test_the_filters_come_back_from_disk_for_the_same_places(tmp_path, visual):
+def test_the_filter_comes_back_from_disk_for_the_same_places(tmp_path, visual):
     places = np.random.default_rng(2).uniform(-2, 2, (30, 2))
     curves = []
     for _ in range(2):
         synthesizer, depth_map = made(folder=str(tmp_path))
         depth_map.fill(places)
-        filters = depth_map.spectral(MatchedFilter, places), depth_map.spectral(PartialFilter, places)
-        curves.append([one.curves(visual, HEADINGS) for one in filters])
+        curves.append(depth_map.survey(visual, places, HEADINGS))
     assert synthesizer.asked == []
     np.testing.assert_array_equal(curves[0], curves[1])
-    assert len(made(folder=str(tmp_path))[1].spectral(MatchedFilter, places[:20]).curves(visual, HEADINGS)) == 20
+    assert len(made(folder=str(tmp_path))[1].survey(visual, places[:20], HEADINGS)) == 20
     for part in tmp_path.glob("*_*/codes.npy"):
         part.write_bytes(b"nothing")
     with pytest.raises(ValueError, match="expected a cache of depth features"):
-        made(folder=str(tmp_path))[1].spectral(MatchedFilter, places)
+        made(folder=str(tmp_path))[1].survey(visual, places, HEADINGS)
 
 
 def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visual):

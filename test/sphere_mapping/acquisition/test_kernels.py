@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition import kernels
+from sphere_mapping.acquisition.range.fusion import fuse_sources
+from sphere_nav.geometry import Spherical
 
 
 def test_steps_of_a_pixels_own_surface_are_compared_in_both_images():
@@ -54,10 +56,8 @@ def test_smoothing_keeps_slopes_and_edges():
 
 def test_fused_range_is_the_weighted_mean_unless_denied():
     def fuse(*values):
-        ranges, stds = (np.array([v[k] for v in values], np.float32).reshape(-1, 1, 1) for k in (0, 1))
-        out, out_std = np.empty((1, 1), np.float32), np.empty((1, 1), np.float32)
-        kernels.fuse(ranges, stds, *np.float32([3.0, 3.0, 0.05]), out, out_std)
-        return out[0, 0], out_std[0, 0]
+        found = fuse_sources([tuple(np.full((1, 1), x, np.float32) for x in one) for one in values], Spherical(2, 1))
+        return found[0][0, 0], found[1][0, 0]
 
     assert fuse((10.0, 0.1), (10.3, 0.2))[0] == pytest.approx(10.06)
     assert fuse((10.0, 0.1), (10.3, 0.2))[1] == pytest.approx(0.2 * 0.1 / np.hypot(0.1, 0.2))
@@ -107,7 +107,8 @@ def test_splatting_keeps_the_nearest_and_wraps_only_on_request():
     range_m = np.float32([5.0, 2.0, 3.0, 1.0])
     for wraps in (False, True):
         image = np.full((3, 4), np.inf, dtype=np.float32)
-        kernels.splat_nearest(u, v, range_m, wraps, image)
+        kernels.splat_with_std(u, v, range_m, 0.1 * range_m, 0, wraps, image, std := np.full_like(image, np.nan))
+        np.testing.assert_allclose(std[np.isfinite(image)], 0.1 * image[np.isfinite(image)])
         np.testing.assert_array_equal(image[1:3, 1:3], 2.0)
         assert image[0, 3] == 3.0
         assert image[0, 0] == (3.0 if wraps else np.inf)

@@ -1,15 +1,10 @@
-"""A part of the sphere against every cell of a map at once: the correlation of gradients, whitened within the view.
+"""One image against every cell of a map at once: the correlation of gradients.
 
 Eq. 2 sums |cos| times either magnitude, so an edge of one picture counts even where the other has none; of a whole
-panorama enough is left, of a part of it little. Here a pixel counts by the product of both magnitudes and by the cosine
-of the doubled angle between the gradients (Granlund 1978: an edge has a direction, but no sign), and the sum is divided
-by the length of the depth gradients in view, so that a place with many edges wins nothing by them.
-
-By spectra over azimuth, as in the matched filter, that is quick; and it is sharper where what all places of the map
-have in common is weighed down (Turin 1960, eq. 22). The image is no panorama, though: what is not seen can weigh
-nothing. So the weights x are the solution of (M (C + s) M) x = t within the view M, where t is the image, C the
-covariance of the map's panoramas and s a share of its mean level. C is the same at any heading, so it is applied by
-spectra, and x is found by conjugate gradients (Hestenes, Stiefel 1952).
+panorama enough is left, of a part of it little. So here a pixel counts by the product of both magnitudes and by the
+cosine of the doubled angle between the gradients (Granlund 1978: an edge has a direction, but no sign), and the sum is
+divided by the length of the depth gradients in view, so that a place with many edges wins nothing by them. By spectra
+over azimuth that is quick: products of them are the correlations at all headings.
 """
 
 from __future__ import annotations
@@ -22,10 +17,8 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import (
     MIN_VIEW_SHARE,
-    NUM_CG_STEPS,
     NUM_ENERGY_FREQUENCIES,
     PART_FINENESS,
-    PART_SHRINKAGE,
     ROOT,
 )
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
@@ -38,25 +31,24 @@ from mcl_depth.likeness.spectra import (
     Image,
     KeptArrays,
     Spectra,
+    best_around,
     correlate,
     encode_spectra,
     magnitudes_of,
-    pictures_of,
     sample_slots,
     scales_of,
     spectra_of,
-    spectral_covariance,
 )
 
 ENERGY_FREQUENCIES = range(NUM_ENERGY_FREQUENCIES)
 
 
-def double_gradients(visual: GradientFeatures, power: float = 1.0) -> Image:
+def double_gradients(visual: GradientFeatures) -> Image:
     """Return the gradients of an image with their angles doubled (2, H, W), their squares summing to 1.
 
-    `power`: of the magnitudes.
+    Windows and furniture have the strongest edges and no counterpart in a plan: magnitudes count by their root.
     """
-    magnitude = visual.magnitude**power
+    magnitude = visual.magnitude**ROOT
     both = [magnitude * (visual.x**2 - visual.y**2), magnitude * (2.0 * visual.x * visual.y)]
     doubled = np.stack(both).astype(np.float32)
     normalized: Image = doubled / np.float32(max(float(np.sqrt(np.sum(doubled**2))), 1e-12))
@@ -64,78 +56,43 @@ def double_gradients(visual: GradientFeatures, power: float = 1.0) -> Image:
 
 
 @dataclass(frozen=True)
-class PartialFilter(KeptArrays):
+class GradientFilter(KeptArrays):
     """Spectra of N cells, ready for images.
 
     codes (F, N, 2 P) int8: real, then imaginary parts of the spectra of both components of the doubled gradients row by
     row, P = 2 H, of length 1 in each cell; scales (F, P): what a code of one is. energies (E, N, 2 H), energy_scales
-    (E, H): the same of the squared length. covariances (F, P, P): of the spectra, of mean level 1.
+    (E, H): the same of the squared length.
     """
 
     codes: NDArray[np.int8]
     scales: NDArray[np.float32]
     energies: NDArray[np.int8]
     energy_scales: NDArray[np.float32]
-    covariances: Spectra
 
     @classmethod
-    def of(cls, stack: FeatureStack, slots: NDArray[np.integer]) -> PartialFilter:
+    def of(cls, stack: FeatureStack, slots: NDArray[np.integer]) -> GradientFilter:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
         chosen = sample_slots(slots)
         samples = np.concatenate(list(_tensors_of_cells(stack, chosen)), axis=1)
         energies = np.concatenate(list(_energies_of_cells(stack, chosen)), axis=1)
         scales, energy_scales = scales_of(samples), scales_of(energies)
-        covariances = np.stack([spectral_covariance(spectra) for spectra in samples])
-        level = max(float(np.mean(np.diagonal(covariances, axis1=1, axis2=2).real)), 1e-20)
         codes = encode_spectra(_tensors_of_cells(stack, slots), scales, slots)
         energy_codes = encode_spectra(_energies_of_cells(stack, slots), energy_scales, slots)
-        return cls(codes, scales, energy_codes, energy_scales, (covariances / level).astype(np.complex64))
+        return cls(codes, scales, energy_codes, energy_scales)
 
-    def curves(
-        self,
-        visual: GradientFeatures,
-        num_headings: int,
-        rows: NDArray[np.int64] | None = None,
-        *,
-        is_whitened: bool = True,
-    ) -> Curves:
+    def curves(self, visual: GradientFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
 
-        `rows`: of some cells only. The best around each heading. In a map of too few cells to know what all have in
-        common nothing is whitened; there the edges of furniture weigh less, by the root of the image's gradients.
+        `rows`: of some cells only. The best around each heading.
         """
         seen = np.ones(visual.shape, np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
         count, width = PART_FINENESS * num_headings, visual.shape[1]
-        image = self.weigh(double_gradients(visual), seen) if is_whitened else seen * double_gradients(visual, ROOT)
-        weights = spectra_of(image, FREQUENCIES) * self.scales
+        weights = spectra_of(seen * double_gradients(visual), FREQUENCIES) * self.scales
         products = correlate(self.codes, weights, rows, 0, count)
         in_view = spectra_of(seen[None], ENERGY_FREQUENCIES) * self.energy_scales
         energies = correlate(self.energies, in_view, rows, 0, count) / width
         curves = products / np.sqrt(np.maximum(energies, max(MIN_VIEW_SHARE * float(seen.mean()), 1e-12)))
-        reach = PART_FINENESS // 2
-        best: Curves = np.max([np.roll(curves, step, axis=1) for step in range(-reach, reach + 1)], axis=0)
-        return best[:, ::PART_FINENESS]
-
-    def weigh(self, image: Image, seen: Image) -> Image:
-        """Return the weights (2, H, W) of what is seen (H, W) of an image (2, H, W)."""
-        solution, rest = np.zeros_like(image), image * seen
-        direction, square = rest, float(np.vdot(rest, rest))
-        for _ in range(NUM_CG_STEPS):
-            if square < 1e-20:
-                break
-            step = self.apply(direction, seen)
-            size = np.float32(square / float(np.vdot(direction, step)))
-            solution, rest = solution + size * direction, rest - size * step
-            before, square = square, float(np.vdot(rest, rest))
-            direction = rest + np.float32(square / before) * direction
-        return solution
-
-    def apply(self, image: Image, seen: Image) -> Image:
-        """Return M (C + s) x of an image x (2, H, W) that is 0 where nothing is seen."""
-        spectra = (self.covariances @ spectra_of(image, FREQUENCIES)[..., None])[..., 0]
-        height, width = seen.shape
-        applied: Image = (pictures_of(spectra, (2, height, width)) + np.float32(PART_SHRINKAGE) * image) * seen
-        return applied
+        return best_around(curves.astype(np.float32), PART_FINENESS)
 
 
 def _tensors_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:

@@ -1,4 +1,4 @@
-"""The filter of parts is the correlation of gradients, whitened within what is seen by what all places share."""
+"""The filter is the correlation of gradients, of what is seen."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.likeness.features import GradientFeatures, depth_features_many
-from mcl_depth.likeness.partial_filter import PartialFilter
+from mcl_depth.likeness.gradient_filter import GradientFilter
 from mcl_depth.params import ComparisonParams
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window
 
@@ -42,31 +42,23 @@ def correlation(visual, stack):
 
 @pytest.fixture(scope="module")
 def made(stack):
-    return PartialFilter.of(stack, np.arange(NUM_CELLS))
+    return GradientFilter.of(stack, np.arange(NUM_CELLS))
 
 
-def test_place_and_heading_of_a_part_are_found_and_stand_out_further(ranges, stack, made):
+def test_a_part_is_found_as_by_the_correlation_where_a_strong_edge_weighs_by_its_root(ranges, stack, made):
     for cell, heading in ((7, 0), (120, 5), (299, 31)):
-        visual = part_of(ranges[cell], heading, window(64, 84))
-        found = made.curves(visual, NUM_HEADINGS)
+        found = made.curves(part_of(ranges[cell], heading, window(64, 84)), NUM_HEADINGS)
         assert np.unravel_index(np.argmax(found), found.shape) == (cell, heading)
-        plain = correlation(visual, stack)
-        lead, lead_of_plain = ((c.max() - np.delete(c, cell, 0).max()) / c.std() for c in (found, plain))
-        assert lead > lead_of_plain
-
-
-def test_in_a_small_map_a_strong_edge_weighs_by_its_root_and_nothing_is_whitened(ranges, stack, made):
     visual = part_of(ranges[9], 4, window(20, 46))
     rooted = GradientFeatures(visual.x, visual.y, np.sqrt(visual.magnitude), visual.is_seen)
-    found = made.curves(visual, NUM_HEADINGS, is_whitened=False)
-    assert np.unravel_index(np.argmax(found), found.shape) == (9, 4)
+    found = made.curves(visual, NUM_HEADINGS)
     wanted = correlation(rooted, stack)
     likeness = [np.corrcoef(found.ravel(), c.ravel())[0, 1] for c in (wanted, correlation(visual, stack))]
     assert likeness[0] > max(likeness[1], 0.95)  # the best around each heading, in bytes
     dark = GradientFeatures(visual.x, visual.y, visual.magnitude * 1e-3, visual.is_seen)
-    np.testing.assert_allclose(made.curves(dark, NUM_HEADINGS, is_whitened=False), found, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(made.curves(dark, NUM_HEADINGS), found, rtol=1e-3, atol=1e-6)
     other = GradientFeatures(-visual.x, -visual.y, visual.magnitude, visual.is_seen)  # contrast upside down
-    np.testing.assert_allclose(made.curves(other, NUM_HEADINGS, is_whitened=False), found, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(made.curves(other, NUM_HEADINGS), found, rtol=1e-3, atol=1e-6)
 
 
 def decoded(stack):
@@ -80,7 +72,7 @@ def decoded(stack):
 def test_cells_without_ground_and_images_without_gradients_fit_nothing(stack, ranges):
     slots = np.arange(NUM_CELLS)
     slots[4] = -1
-    made = PartialFilter.of(stack, slots)
+    made = GradientFilter.of(stack, slots)
     view = window(20, 40)
     curves = made.curves(part_of(ranges[9], 0, view), NUM_HEADINGS)
     np.testing.assert_array_equal(curves[4], 0.0)
