@@ -208,4 +208,4 @@ def _join(
         segments=tuple(segments),
         is_closed=is_closed,
     )
-    return path.at_cruise(max(driving.cruise, driving.creep))
+    return path.at_cruise(driving.cruise)

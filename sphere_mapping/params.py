@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_nav.geometry.cameras.rolling_shutter import CameraParams
 from sphere_nav.params import group, param, parameters
 from sphere_nav.photometric import RegistrationParams
+
+REGISTRATION = RegistrationParams(max_pixels=200_000)
+"""How spheres are aligned: offline, so that all pixels may speak."""
 
 
 @parameters
@@ -48,14 +49,6 @@ class LoopParams:
 
 
 @parameters
-class MappingRegistrationParams(RegistrationParams):
-    """How spheres are aligned (`photometric`): offline, so that all pixels may speak."""
-
-    max_pixels: int = param(200_000, "best pixels used at a level, all references together", low=100)
-    min_ncc: ClassVar[float] = 0.3  # correlation of the aligned images below which a result is refused
-
-
-@parameters
 class MapperParams:
     """The mapper and all its steps (`mapper.py`)."""
 
@@ -64,7 +57,6 @@ class MapperParams:
     stereo: StereoParams = group(StereoParams)
     key: KeySphereParams = group(KeySphereParams)
     loop: LoopParams = group(LoopParams)
-    registration: ClassVar[MappingRegistrationParams] = MappingRegistrationParams()
 
 
 @parameters

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import COARSENESS, INDEX_BITS, MAX_ELEVATION_DEG, NEAREST_M, SPLAT
+from mcl_depth.constants import COARSENESS, ELEVATIONS_DEG, INDEX_BITS, MAX_ELEVATION_DEG, NEAREST_M, SPLAT
 from mcl_depth.geometry import kernels
 from mcl_depth.geometry.cloud import Cloud
 from mcl_depth.params import SynthesisParams
@@ -39,7 +39,7 @@ class PointIndex:
         """Return ranges (M, H, W) in m around places (M, 3); NaN where no point is drawn."""
         camera, params = self._camera, self._params
         window = np.array([camera.full_width, camera.offset_v], np.float32)
-        lowest, highest = params.elevation_min_deg, params.elevation_max_deg
+        lowest, highest = ELEVATIONS_DEG
         limits = np.tan(np.radians(np.clip([lowest, highest], -MAX_ELEVATION_DEG, MAX_ELEVATION_DEG)))
         return kernels.draw_many(
             positions_map, self._points, self._tiles, self._boxes, self._voxels, self._num_roots,

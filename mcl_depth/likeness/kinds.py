@@ -8,7 +8,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import MIN_SEEN
+from mcl_depth.constants import ELEVATIONS_DEG, MIN_SEEN
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness import learned
 from mcl_depth.likeness.comparison import similarity_many
@@ -141,7 +141,7 @@ def check_likeness(params: FilterParams) -> EncoderPair | None:
         return None
     encoders = load_encoders(Path(params.likeness.weights) if params.likeness.weights else PACKAGED)
     p = params.synthesis
-    found = p.num_columns, p.elevation_min_deg, p.elevation_max_deg
+    found = p.num_columns, *ELEVATIONS_DEG
     expected = encoders.num_columns, *encoders.elevations_deg
     if found != expected:
         words = "synthesis of {} columns from {:g} to {:g} deg"

@@ -109,7 +109,7 @@ class Intake:
             self._frame_id = message.header.frame_id
         make = self._rgbd if self._params.input == "rgbd" else self._stereo
         for instant in self._sync.put(topic, stamp, pixels, stamp):
-            if not instant.is_failed and (made := make(instant)) is not None:
+            if (made := make(instant)) is not None:
                 self._on_sphere(*made)
 
     def _rgbd(self, instant: Instant) -> Made | None:

@@ -117,7 +117,7 @@ def test_a_rig_file_that_does_not_fit_is_one_line(name, scene, capsys):
     change(values)
     (scene / "rig.yaml").write_text(yaml.safe_dump(values, sort_keys=False))
     words = ["map", scene / "bag", "-o", scene / "m", "--rig", scene / "rig.yaml", *SETTINGS]
-    status = call(*words, "--set-stitcher", "sync.policy=fail")
+    status = call(*words)
     said = capsys.readouterr().err.strip()
     assert status == 2
     assert expected in said
