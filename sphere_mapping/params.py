@@ -16,7 +16,6 @@ class PartialParams:
     """From one camera's view to a window of the sphere (`partial.py`)."""
 
     resolution: float = param(1.0, "sphere pixels for each pixel at the centre of the camera", low=0.1, high=4.0)
-    max_range_m: float = param(10_000.0, "farthest range trusted, beyond is not measured", "m", low=0.01)
 
 
 @parameters

@@ -60,7 +60,6 @@ class RectifyParams:
     num_instants: int = param(
         0, "instants whose images correct the rig before the first sphere; 0: it is as told", low=0
     )
-    width: int = param(2048, "columns of the sphere in which features are found", "px", low=256, high=8192)
 
 
 @parameters

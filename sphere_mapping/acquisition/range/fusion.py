@@ -82,7 +82,7 @@ def fill(values: Plane, known: NDArray[np.bool_]) -> Plane:
     return found
 
 
-def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical, params: FusionParams) -> Ranged:
+def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical) -> Ranged:
     """Return the range of points (N, 3) in the sphere's frame; the nearest hides the others."""
     points = np.asarray(points_sphere, dtype=np.float64)
     points = points[np.all(np.isfinite(points), axis=1) & (np.abs(points).max(axis=1, initial=0.0) > 0)]

@@ -117,9 +117,9 @@ class SphereStitcher(ManagedNode):
 
     def rectify(self, instants: list[RigInstant]) -> None:
         """Correct the rig by what its cameras share."""
-        self.is_rectified, p = True, self.params.rectify
+        self.is_rectified = True
         seen = [instant for instant in instants if instant.images]
-        matches = [match for one in seen for match in self.stitcher.matches(one.images, p, one.points)]
+        matches = [match for one in seen for match in self.stitcher.matches(one.images, one.points)]
         found = rectify(self.stitcher.rig, matches)
         self.stitcher = Stitcher(found.rig, self.params.stitch, masks_of(found.rig), self.params.jobs)
         self.publish_frame()
