@@ -158,7 +158,7 @@ class ReferencePath:
         """
         edges = np.concatenate([np.arange(part.first, part.last) for part in self.segments])
         feet = self._feet(pose, edges)
-        turned = np.abs((self.yaw[edges] - pose.yaw + np.pi) % (2.0 * np.pi) - np.pi)
+        turned = turned_by(self.yaw[edges], pose.yaw)
         distance = np.where(turned <= MAX_OFF_HEADING, feet.distance, np.inf)
         if not np.isfinite(distance).any():
             return None
@@ -218,6 +218,12 @@ def between(a: Pose2, b: Pose2) -> Pose2:
     """Return b as seen from a."""
     cosine, sine, dx, dy = math.cos(a.yaw), math.sin(a.yaw), b.x - a.x, b.y - a.y
     return Pose2(cosine * dx + sine * dy, -sine * dx + cosine * dy, wrap(b.yaw - a.yaw))
+
+
+def turned_by(yaw: Array, other: Array | float) -> Array:
+    """Return the angles (N,) between headings, 0 to pi."""
+    turned: Array = np.abs((yaw - other + np.pi) % (2.0 * np.pi) - np.pi)
+    return turned
 
 
 def wrap(angle: float) -> float:
