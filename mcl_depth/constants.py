@@ -170,3 +170,7 @@ LEAST_STANDING = 0.003  # of the squares that must have something standing: a st
 SMALL_EXTENT = 1.0  # of a place to drive, in its unit: less is kilometres
 ORIGIN_STEP_M = 100.0  # of an origin: easy to read
 MAX_COORDINATE_M, FAR_FROM_ORIGIN_M = 1e7, 1e5  # the size of the Earth; beyond, float32 is coarser than a centimetre
+
+# What is compared, and where one can be (geometry/test_synthesis, geometry/test_area)
+ELEVATIONS_DEG = (-42.5, 42.5)  # lowest and highest elevation of a panorama (N17)
+CLEARANCE = 0.3  # m of free space around the camera

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from sphere_nav.localization import params as shared
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.params import group, param, parameters
@@ -16,8 +14,6 @@ class SynthesisParams:
     """Depth panoramas from the map (N17 section III-A)."""
 
     num_columns: int = param(180, "columns of the panorama, all around", low=32, high=4096)
-    elevation_min_deg: ClassVar[float] = -42.5  # lowest elevation of the panorama (N17)
-    elevation_max_deg: ClassVar[float] = 42.5  # highest elevation of the panorama (N17)
     voxel_m: float = param(0.1, "finest spacing of the points of a cloud; they grow coarser with range", "m", low=1e-3)
     max_range_m: float = param(200.0, "range beyond which points are not drawn", "m", low=1.0)
 
@@ -77,7 +73,6 @@ class AreaParams:
     """Where the vehicle may be (`geometry/area.py`)."""
 
     step: float = param(0.25, "grid of possible positions", "m", low=0.05)
-    clearance: ClassVar[float] = 0.3  # m, free space around the camera that a position needs
     min_piece: float = param(0.5, "smaller pieces that nothing joins to the largest one are left out", "m^2", low=0.0)
     limits: str = param("", "x0,y0,x1,y1 in m of the part of the map that is considered; empty: all of it")
 

@@ -83,7 +83,7 @@ class Arming:
         """Go on with other values of the live parameters, also while driving."""
         self.params = self.watch.params = self.consistency.params = params
         if self.path is not None:
-            self.path = self.path.at_cruise(max(params.speed.cruise, params.speed.creep))
+            self.path = self.path.at_cruise(params.speed.cruise)
 
     def see_pose(self, pose: Pose2, time_ns: int, speed: float | None = None, covariance: Array | None = None) -> None:
         """Accept a pose; `covariance` (3, 3) of (x, y, yaw) in the vehicle's axes, None: not stated."""

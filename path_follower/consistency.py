@@ -24,6 +24,7 @@ import numpy as np
 
 from path_follower.constants import (
     COMMAND_ERRORS,
+    MAX_DEGRADED_TIME,
     MAX_GAP_NS,
     MAX_ODOMETRY_SILENCE,
     MAX_YAW_DEVIATION,
@@ -207,7 +208,7 @@ class MotionConsistency:
             advice = "driving slowly until pose and motion agree again"
             return Doubt(FINE, Verdict(StopReason.POSE_INCONSISTENT, share, 1.0, self._pose.found, advice), share)
         self._uncertain_ns = self._uncertain_ns if self._uncertain_ns >= 0 else now_ns
-        seconds, limit = (now_ns - self._uncertain_ns) / 1e9, self.params.safety.max_degraded_time
+        seconds, limit = (now_ns - self._uncertain_ns) / 1e9, MAX_DEGRADED_TIME
         if seconds <= limit:
             return Doubt(FINE, uncertain, share)
         found = f"for {seconds:.3g} s, limit {limit:.3g}: {uncertain.detail}"

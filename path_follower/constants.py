@@ -30,6 +30,7 @@ MAX_HEADING_ERROR = 1.0  # rad; errors beyond are cut, where tan grows without b
 MAX_ANGLE = 1.2  # rad between heading and direction beyond which a direction cannot be driven; test_homing
 
 # Car
+CREEP = 0.1  # m/s of the last steps, and while the wheels turn at a start; test_speed
 STANDING = 0.03  # m/s of the predicted speed; test_vehicle
 TURNED = 0.1  # rad between wheel and wish within which a start may speed up; test_vehicle
 PREDICTION_STEP = 0.02  # s; test_vehicle
@@ -40,6 +41,8 @@ SAME_SPEED = 1e-12  # m/s below which easing is at its goal; test_vehicle
 MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits: two images of 10 Hz; test_vehicle
 
 # Stops
+MAX_DEGRADED_TIME = 10.0  # s of driving in DEGRADED, or by an uncertain pose; test_safety, test_consistency
+MAX_OFF_HEADING = 1.0  # rad between vehicle and path beyond which it has left it; test_safety
 MAX_SCAN_SILENCE = 0.4  # s, once there was a scan: as of odometry; test_safety
 MAX_YAW_DEVIATION = 0.25  # rad of standard deviation: drives slowly above it, stops above twice; test_consistency
 REACTION = 0.3  # s until the brakes act: dead time, lag and an image; test_obstacles

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from path_follower.arming import Arming
 from path_follower.command import Command, FollowerReport, TrackingError, report_of
-from path_follower.constants import GOAL_TOLERANCE, SEARCH_WINDOW
+from path_follower.constants import CREEP, GOAL_TOLERANCE, SEARCH_WINDOW
 from path_follower.modes import SLOWLY, Event, FollowerState
 from path_follower.path import Pose2
 from path_follower.reasons import FINE, StopReason
@@ -124,5 +124,5 @@ class Follower(Arming):
         is_starting = self.limiter.is_starting(curvature)
         slow = self.params.speed.slow if self.watch.is_slow else self.params.vehicle.max_speed
         coming = eased_speed(self.path, tracking, self.limiter.last, self.limiter.gain, self.params.vehicle)
-        slow = min(slow, max(coming, self.params.speed.creep))
+        slow = min(slow, max(coming, CREEP))
         return bounded_speed(speed, tracking, self.params, slow=slow, is_starting=is_starting), curvature

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from path_follower.command import Command, FollowerReport
-from path_follower.constants import MAX_ANGLE, MAX_POSE_AGE, MIN_POINTS
+from path_follower.constants import CREEP, MAX_ANGLE, MAX_POSE_AGE, MIN_POINTS
 from path_follower.follower import Follower
 from path_follower.modes import SLOWLY, Event
 from path_follower.obstacles import points_on_arc, stopping_distance
@@ -102,4 +102,4 @@ class HomingFollower(Follower):
         slow = self.params.speed.slow if self.watch.state == State.DEGRADED else self.params.homing.speed
         if self.is_there:
             return 0.0, curvature
-        return max(min(self.params.homing.speed * math.cos(angle), slow), self.params.speed.creep), curvature
+        return max(min(self.params.homing.speed * math.cos(angle), slow), CREEP), curvature

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 from sphere_nav.params import group, param, parameters
 
@@ -76,7 +75,6 @@ class SpeedParams:
     is_as_taught: bool = param(True, "not faster than the taught drive, where it has stamps")
     lateral_acceleration: float = param(1.0, "largest lateral acceleration in bends", "m/s^2", low=0.01)
     slow: float = param(0.5, "largest speed while the localisation is DEGRADED", "m/s", low=0.0, is_live=True)
-    creep: ClassVar[float] = 0.1  # m/s, speed of the last steps and while the wheels turn at a start
 
 
 @parameters
@@ -99,7 +97,6 @@ class SafetyParams:
     max_blind_time: float = param(0.35, "longest drive on predicted poses that no image confirms", "s", low=0.0)
     max_status_silence: float = param(1.5, "longest time without a status of the localiser", "s", low=0.01)
     is_status_required: bool = param(True, "stop unless the localiser says TRACKING or DEGRADED")
-    max_degraded_time: ClassVar[float] = 10.0  # s, longest drive in DEGRADED
     max_deviation: float = param(
         0.5, "standard deviation of the position above which it drives slowly; above twice that it stops", "m", low=0.01
     )
@@ -111,7 +108,6 @@ class SafetyParams:
         choices=("never", "moving", "standing"),
     )
     max_distance: float = param(1.0, "largest distance from the path, also at a start", "m", low=0.01, is_live=True)
-    max_heading_error: ClassVar[float] = 1.0  # rad, largest difference to the heading of the path
     is_scan_required: bool = param(False, "stop if no scan comes")
     obstacle_margin: float = param(0.15, "added to every side of the body", "m", low=0.0, is_live=True)
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from path_follower.constants import SAME_DIRECTION, SAME_PLACE
+from path_follower.constants import CREEP, MAX_OFF_HEADING, SAME_DIRECTION, SAME_PLACE
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 
@@ -97,7 +97,7 @@ class ReferencePath:
 
     def at_cruise(self, cruise: float) -> ReferencePath:
         """Return the path with another cruise speed: what is braked and sped up for stays as it is below it."""
-        possible = self.speed if self.possible is None else self.possible
+        possible, cruise = self.speed if self.possible is None else self.possible, max(cruise, CREEP)
         return replace(self, speed=np.clip(possible, -cruise, cruise), possible=possible)
 
     def end_of(self, segment: int) -> float:
@@ -150,7 +150,7 @@ class ReferencePath:
             return replace(found, arc_length=last.arc_length + max(gone, 0.0))
         return replace(found, arc_length=max(found.arc_length, last.arc_length))
 
-    def locate(self, pose: Pose2, max_heading_error: float) -> Location | None:
+    def locate(self, pose: Pose2) -> Location | None:
         """Search the whole path for a start: the closest edge that heads as the pose does; None if none does.
 
         Where the path comes by more than once, as a taught loop does at its end, the earliest of the passes counts; at
@@ -158,8 +158,8 @@ class ReferencePath:
         """
         edges = np.concatenate([np.arange(part.first, part.last) for part in self.segments])
         feet = self._feet(pose, edges)
-        turned = np.abs((self.yaw[edges] - pose.yaw + np.pi) % (2.0 * np.pi) - np.pi)
-        distance = np.where(turned <= max_heading_error, feet.distance, np.inf)
+        turned = turned_by(self.yaw[edges], pose.yaw)
+        distance = np.where(turned <= MAX_OFF_HEADING, feet.distance, np.inf)
         if not np.isfinite(distance).any():
             return None
         near = distance <= distance.min() + SAME_PLACE
@@ -218,6 +218,12 @@ def between(a: Pose2, b: Pose2) -> Pose2:
     """Return b as seen from a."""
     cosine, sine, dx, dy = math.cos(a.yaw), math.sin(a.yaw), b.x - a.x, b.y - a.y
     return Pose2(cosine * dx + sine * dy, -sine * dx + cosine * dy, wrap(b.yaw - a.yaw))
+
+
+def turned_by(yaw: Array, other: Array | float) -> Array:
+    """Return the angles (N,) between headings, 0 to pi."""
+    turned: Array = np.abs((yaw - other + np.pi) % (2.0 * np.pi) - np.pi)
+    return turned
 
 
 def wrap(angle: float) -> float:

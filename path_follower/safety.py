@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from path_follower.consistency import Doubt
-from path_follower.constants import MAX_SCAN_SILENCE, MIN_POINTS, SEARCH_WINDOW
+from path_follower.constants import MAX_DEGRADED_TIME, MAX_OFF_HEADING, MAX_SCAN_SILENCE, MIN_POINTS, SEARCH_WINDOW
 from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
@@ -112,8 +112,8 @@ class SafetyMonitor:
         limits = self.params.safety
         if location.distance > limits.max_distance:
             return Verdict(StopReason.OFF_PATH, location.distance, limits.max_distance)
-        if abs(location.heading_error) > limits.max_heading_error:
-            return Verdict(StopReason.OFF_PATH, abs(location.heading_error), limits.max_heading_error)
+        if abs(location.heading_error) > MAX_OFF_HEADING:
+            return Verdict(StopReason.OFF_PATH, abs(location.heading_error), MAX_OFF_HEADING)
         return FINE
 
     def judge_way(self, path: ReferencePath, location: Location, speed: float) -> Verdict:
@@ -134,9 +134,9 @@ class SafetyMonitor:
             near = path.advance(self.pose, last, SEARCH_WINDOW)
             if self.judge_place(near) is FINE:
                 return self.judge_way(path, near, 0.0), near
-        here = path.locate(self.pose, limits.max_heading_error)
+        here = path.locate(self.pose)
         if here is None:
-            return Verdict(StopReason.OFF_PATH, math.pi, limits.max_heading_error), None
+            return Verdict(StopReason.OFF_PATH, math.pi, MAX_OFF_HEADING), None
         if here.distance > limits.max_distance:
             return Verdict(StopReason.OFF_PATH, here.distance, limits.max_distance), None
         return self.judge_way(path, here, 0.0), here
@@ -168,8 +168,8 @@ class SafetyMonitor:
         if blind > limits.max_blind_time:
             found = f"no image confirms the pose for {blind:.3g} s, limit {limits.max_blind_time:.3g}"
             return Verdict(StopReason.NOT_LOCALISED, blind, limits.max_blind_time, found)
-        if degraded > limits.max_degraded_time:
-            return Verdict(StopReason.LOCALISATION_DEGRADED, degraded, limits.max_degraded_time)
+        if degraded > MAX_DEGRADED_TIME:
+            return Verdict(StopReason.LOCALISATION_DEGRADED, degraded, MAX_DEGRADED_TIME)
         return FINE
 
     def _judge_scan(self, now_ns: int) -> Verdict:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from path_follower.command import TrackingError
-from path_follower.constants import EPSILON, GOAL_TOLERANCE, K_X
+from path_follower.constants import CREEP, EPSILON, GOAL_TOLERANCE, K_X
 from path_follower.params import FollowerParams, SpeedParams, VehicleParams
 from path_follower.path import ReferencePath, ReferencePoint
 from path_follower.vehicle import Motion
@@ -39,8 +39,8 @@ def bounded_speed(
     direction = tracking.reference.direction
     if tracking.remaining <= GOAL_TOLERANCE:
         return 0.0
-    largest = min(slow, params.speed.creep) if is_starting else slow
-    return direction * min(max(direction * speed, params.speed.creep), largest)
+    largest = min(slow, CREEP) if is_starting else slow
+    return direction * min(max(direction * speed, CREEP), largest)
 
 
 def speed_limits(way: Array, bend: Array, driving: SpeedParams, vehicle: VehicleParams) -> Array:
@@ -53,7 +53,7 @@ def speed_limits(way: Array, bend: Array, driving: SpeedParams, vehicle: Vehicle
     turning = np.abs(np.gradient(angle, way)) if len(way) > 2 else np.zeros(len(way))
     by_rate = vehicle.max_steering_rate / np.maximum(turning, 1e-6)
     limit = np.minimum(np.minimum(lateral, by_rate), min(driving.cruise, vehicle.max_speed))
-    return np.maximum(limit, driving.creep)
+    return np.maximum(limit, CREEP)
 
 
 def speed_profile(way: Array, limits: Array, vehicle: VehicleParams, *, is_closed: bool) -> Array:

@@ -17,7 +17,7 @@ from path_follower.constants import (
     MIN_TAUGHT,
 )
 from path_follower.params import PathParams, SpeedParams, VehicleParams
-from path_follower.path import ReferencePath, Segment
+from path_follower.path import ReferencePath, Segment, turned_by
 from path_follower.smoothing import Curve, smooth_curve
 from path_follower.speed import speed_limits, speed_profile
 from sphere_nav.geometry.arrays import Array
@@ -154,7 +154,7 @@ def _distinct(xy: Array) -> Array:
 def _check_heading(xy: Array, yaw: Array, curve: Curve, direction: int) -> None:
     nearest = np.clip(np.searchsorted(curve.way, _share(xy) * curve.way[-1]), 0, len(curve.way) - 1)
     tangent = curve.tangent[nearest] + (np.pi if direction < 0 else 0.0)
-    off = np.abs((yaw - tangent + np.pi) % (2 * np.pi) - np.pi)
+    off = turned_by(yaw, tangent)
     worst = int(np.argmax(off))
     if np.median(off) > MAX_SIDEWAYS:
         found = f"{np.degrees(np.median(off)):.0f} deg off, {np.degrees(off[worst]):.0f} at point {worst}"
@@ -208,4 +208,4 @@ def _join(
         segments=tuple(segments),
         is_closed=is_closed,
     )
-    return path.at_cruise(max(driving.cruise, driving.creep))
+    return path.at_cruise(driving.cruise)

@@ -29,6 +29,7 @@ MIN_INLIER_SHARE = 0.5  # of pixels that agree, below which a reference no longe
 # Edges measured both ways (test_both_ways; those of one way: test_tracking)
 MAX_PAIR_MAD = 0.05 * MAX_GRAY  # grey levels, of a true pair (M15 eq. 12)
 MIN_PAIR_OVERLAP = 0.3  # share of the reference's own coverage that must be in view
+MIN_NCC = 0.3  # correlation of the aligned images below which an alignment is none (test_registration)
 MIN_PAIR_NCC = 0.6  # correlation of the aligned images, both ways
 MIN_INLIERS = 15  # features that agree on a pose; between other places of a town 4 to 8 do
 MAX_FROM_FEATURES = (0.3, 0.05)  # between the motion by features and the dense one

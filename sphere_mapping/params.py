@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_nav.geometry.cameras.rolling_shutter import CameraParams
 from sphere_nav.params import group, param, parameters
 from sphere_nav.photometric import RegistrationParams
+
+REGISTRATION = RegistrationParams(max_pixels=200_000)
+"""How spheres are aligned: offline, so that all pixels may speak."""
 
 
 @parameters
@@ -15,7 +16,6 @@ class PartialParams:
     """From one camera's view to a window of the sphere (`partial.py`)."""
 
     resolution: float = param(1.0, "sphere pixels for each pixel at the centre of the camera", low=0.1, high=4.0)
-    max_range_m: float = param(10_000.0, "farthest range trusted, beyond is not measured", "m", low=0.01)
 
 
 @parameters
@@ -48,14 +48,6 @@ class LoopParams:
 
 
 @parameters
-class MappingRegistrationParams(RegistrationParams):
-    """How spheres are aligned (`photometric`): offline, so that all pixels may speak."""
-
-    max_pixels: int = param(200_000, "best pixels used at a level, all references together", low=100)
-    min_ncc: ClassVar[float] = 0.3  # correlation of the aligned images below which a result is refused
-
-
-@parameters
 class MapperParams:
     """The mapper and all its steps (`mapper.py`)."""
 
@@ -64,7 +56,6 @@ class MapperParams:
     stereo: StereoParams = group(StereoParams)
     key: KeySphereParams = group(KeySphereParams)
     loop: LoopParams = group(LoopParams)
-    registration: ClassVar[MappingRegistrationParams] = MappingRegistrationParams()
 
 
 @parameters

@@ -18,7 +18,7 @@ from benchmarks.report import Bound, Headline, Report, Table
 from sphere_mapping.graph.both_ways import find_motion
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.mapper import Mapper
-from sphere_mapping.params import MapperParams
+from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.sphere import Sphere
 
@@ -126,7 +126,7 @@ def measure_bends(streets: Sequence[Street], report: Report, num_variants: int) 
 
 def measure_pairs(streets: Sequence[Street], seed: int, report: Report, number: int) -> None:
     """Count first motions that are proven between images that share nothing, and wrong ones among those that do."""
-    prepared = [[PreparedSphere(sphere, PARAMS.registration) for sphere in street.spheres] for street in streets]
+    prepared = [[PreparedSphere(sphere, REGISTRATION) for sphere in street.spheres] for street in streets]
     rng = np.random.default_rng(seed)
     false, num_strangers = count_strangers(prepared, number**2, rng)
     counts = count_neighbors(streets, prepared, number, rng)
@@ -155,7 +155,7 @@ def count_strangers(
         if a != b or j - i > APART_M / STEP_M
     ]
     chosen = [strangers[index] for index in rng.permutation(len(strangers))[:number].tolist()]
-    return sum(find_motion(one, other, PARAMS.registration) is not None for one, other in chosen), len(chosen)
+    return sum(find_motion(one, other, REGISTRATION) is not None for one, other in chosen), len(chosen)
 
 
 def count_neighbors(
@@ -167,7 +167,7 @@ def count_neighbors(
         for _ in range(number):
             i, step = int(rng.integers(len(spheres) - 6)), int(rng.integers(1, 6))
             truth = street.poses[i].inverse() @ street.poses[i + step]
-            proven = find_motion(spheres[i], spheres[i + step], PARAMS.registration)
+            proven = find_motion(spheres[i], spheres[i + step], REGISTRATION)
             counts["pairs"] += 1
             if proven is not None:
                 counts["proven"] += 1

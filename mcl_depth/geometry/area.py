@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from mcl_depth.constants import (
     BODY,
+    CLEARANCE,
     FLOOR_REACH,
     GROUND_REACH,
     GROUND_STEP,
@@ -61,7 +62,7 @@ def find_area(points: NDArray[np.floating], heights: Callable[[Array], Array], p
         raise ValueError(f"area: expected 1 to {MAX_ELEMENTS} squares of {params.step:g} m, found {counts.tolist()}")
     axes = (low[i] + (np.arange(counts[i]) + 0.5) * params.step for i in range(2))
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float64)
-    free = _is_free(middles, points, heights, params.clearance).reshape(counts)
+    free = _is_free(middles, points, heights).reshape(counts)
     pieces, num_pieces = label(free)
     if not num_pieces:
         return Area(middles[:0], params.step)
@@ -87,16 +88,14 @@ def limits_of(text: str) -> Array | None:
     return numbers
 
 
-def _is_free(
-    middles: Array, points: NDArray[np.floating], heights: Callable[[Array], Array], clearance: float
-) -> NDArray[np.bool_]:
+def _is_free(middles: Array, points: NDArray[np.floating], heights: Callable[[Array], Array]) -> NDArray[np.bool_]:
     """Return which of the middles (K, 2) have ground, and no point of the map beside the camera."""
     free = np.isfinite(heights(middles))
     above = points[:, 2] - heights(points[:, :2].astype(np.float64))
     in_the_way = points[np.abs(above) < BODY][:, :2]
-    if len(in_the_way) and clearance > 0.0:
-        cells = np.unique(np.round(in_the_way / (0.25 * clearance)).astype(np.int64), axis=0) * (0.25 * clearance)
-        free &= cKDTree(cells).query(middles, distance_upper_bound=clearance)[0] >= clearance
+    if len(in_the_way):
+        cells = np.unique(np.round(in_the_way / (0.25 * CLEARANCE)).astype(np.int64), axis=0) * (0.25 * CLEARANCE)
+        free &= cKDTree(cells).query(middles, distance_upper_bound=CLEARANCE)[0] >= CLEARANCE
     return free
 
 

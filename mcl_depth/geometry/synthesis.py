@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mcl_depth.constants import MIN_DENSE_SHARE
+from mcl_depth.constants import ELEVATIONS_DEG, MIN_DENSE_SHARE
 from mcl_depth.geometry.cloud import Cloud
 from mcl_depth.geometry.mesh import RayScene, TriangleMesh
 from mcl_depth.geometry.splats import Splats
@@ -20,7 +20,7 @@ Image = NDArray[np.float32]
 
 def panorama_window(params: SynthesisParams) -> Spherical:
     """Return the window of the sphere, all around between two elevations, that is synthesised."""
-    low, high = params.elevation_min_deg, params.elevation_max_deg
+    low, high = ELEVATIONS_DEG
     full_height = params.num_columns / 2
     height = round((high - low) / 180.0 * full_height)
     if height < 3:

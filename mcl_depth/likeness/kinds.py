@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import MIN_SEEN
+from mcl_depth.constants import ELEVATIONS_DEG, MIN_SEEN
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.likeness import learned
 from mcl_depth.likeness.comparison import similarity_many
@@ -89,7 +89,7 @@ def check_likeness(params: FilterParams) -> EncoderPair | None:
         return None
     encoders = load_encoders()
     p = params.synthesis
-    found = p.num_columns, p.elevation_min_deg, p.elevation_max_deg
+    found = p.num_columns, *ELEVATIONS_DEG
     expected = encoders.num_columns, *encoders.elevations_deg
     if found != expected:
         words = "synthesis of {} columns from {:g} to {:g} deg"

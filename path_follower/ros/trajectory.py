@@ -59,7 +59,7 @@ class TrajectoryIntake:
         """Make trajectories with other values from now on, and show the one in force."""
         self.params = params
         if self.path is not None:
-            self.path = self.path.at_cruise(max(params.speed.cruise, params.speed.creep))
+            self.path = self.path.at_cruise(params.speed.cruise)
         self.show(self.path)
 
     def on_path(self, message: Path) -> None:

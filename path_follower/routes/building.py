@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from path_follower.constants import SPACING
-from path_follower.path import Pose2, wrap
+from path_follower.path import between, turned_by, wrap
 from path_follower.routes.constants import (
     ALIKE,
     BLEND,
@@ -90,9 +90,6 @@ class _Strand:
         deviation = np.full(count, np.nan) if drive.deviation is None else drive.deviation[part].copy()
         ways = (np.full(count, drive.direction > 0), np.full(count, drive.direction < 0))
         return cls(curve, *ways, deviation, np.ones(count, int), np.zeros(count), np.zeros(count))
-
-    def pose(self, at: int) -> Pose2:
-        return Pose2(float(self.curve.x[at]), float(self.curve.y[at]), float(self.curve.yaw[at]))
 
 
 def build_network(drives: Sequence[TaughtDrive], map_id: str = "", width: float = 0.0) -> Network:
@@ -209,7 +206,7 @@ def _alongside(there: EdgeCurve, curve: EdgeCurve) -> tuple[Array, Indices]:
 
 def _on_lane(there: EdgeCurve, curve: EdgeCurve, at: Indices, points: Indices) -> tuple[Array, Indices]:
     off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
-    turned = np.abs((there.yaw[at] - curve.yaw[points] + np.pi) % (2.0 * np.pi) - np.pi)
+    turned = turned_by(there.yaw[at], curve.yaw[points])
     is_near = (at >= 0) & (off <= LANE) & (turned <= SAME_HEADING)
     return np.where(is_near, off, np.inf), np.where(is_near, at, -1)
 
@@ -323,7 +320,7 @@ def _best(strands: Sequence[_Strand], curve: EdgeCurve, run: _Run, offsets: rang
     there = curve if run.on == HERE else strands[run.on].curve
     points, at = run.first + np.array(offsets), run.at[np.array(offsets)]
     off = np.hypot(there.x[at] - curve.x[points], there.y[at] - curve.y[points])
-    turned = np.abs((there.yaw[at] - curve.yaw[points] + np.pi) % (2.0 * np.pi) - np.pi)
+    turned = turned_by(there.yaw[at], curve.yaw[points])
     cost = off + 3.0 * turned + 4.0 * np.abs(there.bend[at] - curve.bend[points])
     near = np.flatnonzero(cost <= cost.min() + ALIKE)
     best = int(near[-1] if is_late else near[0])
@@ -339,11 +336,9 @@ def _blend(strand: _Strand, other: _Strand, at: int, *, is_begin: bool) -> None:
     its curvature at the branch, and none of them at the other end.
     """
     curve, sign = strand.curve, 1.0 if is_begin else -1.0
-    here, target = (0 if is_begin else len(curve) - 1), other.pose(at)
-    yaw = float(curve.yaw[here])
-    dx, dy = target.x - float(curve.x[here]), target.y - float(curve.y[here])
-    left, ahead = math.cos(yaw) * dy - math.sin(yaw) * dx, math.cos(yaw) * dx + math.sin(yaw) * dy
-    slope = sign * math.tan(wrap(target.yaw - yaw))
+    here, target = (0 if is_begin else len(curve) - 1), other.curve.point(at)
+    ahead, left, turn = between(curve.point(here), target)
+    slope = sign * math.tan(turn)
     bend = float(other.curve.bend[at] - curve.bend[here])
     way = curve.arc if is_begin else curve.length - curve.arc
     is_between = strand.begin is not None and strand.end is not None
@@ -372,8 +367,7 @@ def _note(strand: _Strand, at: int, drive: TaughtDrive, point: int) -> None:
     curve.speed[at] = np.fmax(curve.speed[at], drive.curve.speed[point])
     if drive.deviation is not None:
         strand.deviation[at] = np.fmax(strand.deviation[at], drive.deviation[point])
-    dx, dy = drive.curve.x[point] - curve.x[at], drive.curve.y[point] - curve.y[at]
-    left = math.cos(curve.yaw[at]) * dy - math.sin(curve.yaw[at]) * dx
+    left = between(curve.point(at), drive.curve.point(point)).y
     strand.low[at], strand.high[at] = min(strand.low[at], left), max(strand.high[at], left)
     strand.is_forward[at] |= drive.direction > 0
     strand.is_reverse[at] |= drive.direction < 0
@@ -392,7 +386,7 @@ def _cut(strands: Sequence[_Strand], map_id: str, width: float) -> Network:
             return node(anchor.strand, anchor.at)
         if (strand, at) not in numbers:
             numbers[strand, at] = len(numbers)
-            nodes[numbers[strand, at]] = Node(numbers[strand, at], item.pose(at))
+            nodes[numbers[strand, at]] = Node(numbers[strand, at], item.curve.point(at))
         return numbers[strand, at]
 
     pieces = []

@@ -16,7 +16,7 @@ import numpy as np
 
 from path_follower.constants import MAX_HEADING_ERROR, MAX_POINTS, SPACING
 from path_follower.params import SteeringParams, TurningParams
-from path_follower.path import Pose2, wrap
+from path_follower.path import Pose2, between, wrap
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_DETOUR, MAX_GROWTH, TURN_RATE, TURN_SHARE
 from path_follower.routes.network import EdgeCurve, Network
 from path_follower.routes.planning import Leg
@@ -134,13 +134,9 @@ def _steered(
     angle: float | None = None  # of the wheel: it may stand anyhow before the start
     poses, offsets = [(x, y, yaw)], []
     while True:
-        there = curve.pose(s)
-        dx, dy = x - there.x, y - there.y
-        s += math.cos(there.yaw) * dx * direction + math.sin(there.yaw) * dy * direction
-        s = min(max(s, 0.0), curve.length)
-        there = curve.pose(s)
-        left = math.cos(there.yaw) * (y - there.y) - math.sin(there.yaw) * (x - there.x)
-        turned = wrap(yaw - there.yaw)
+        here = Pose2(x, y, yaw)
+        s = min(max(s + direction * between(curve.pose(s), here).x, 0.0), curve.length)
+        _, left, turned = between(curve.pose(s), here)
         offsets.append(abs(left))
         if abs(left) <= JOINED[0] and abs(turned) <= JOINED[1]:
             return np.array(poses), s, max(offsets) / max(offsets[0], JOINED[0])

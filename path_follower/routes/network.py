@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from path_follower.path import Pose2, wrap
+from path_follower.path import Pose2, between, turned_by, wrap
 from path_follower.routes.constants import MAX_NAME
 from sphere_nav.geometry.arrays import Array
 
@@ -46,6 +46,10 @@ class EdgeCurve:
     def pose(self, s: float) -> Pose2:
         """Return the pose at an arc length."""
         return Pose2(*(float(np.interp(s, self.arc, values)) for values in (self.x, self.y, self.yaw)))
+
+    def point(self, at: int) -> Pose2:
+        """Return one of its points."""
+        return Pose2(float(self.x[at]), float(self.y[at]), float(self.yaw[at]))
 
     def part(self, first: float, last: float) -> EdgeCurve:
         """Return the curve between two arc lengths, with points there; first <= last."""
@@ -155,20 +159,15 @@ class Network:
 def _foot(edge: RouteEdge, pose: Pose2, reach: float, max_turn: float) -> Spot | None:
     """Return the spot of an edge that is closest to a pose, of those that head as it does."""
     curve = edge.curve
-    turned = np.abs((curve.yaw - pose.yaw + np.pi) % (2.0 * np.pi) - np.pi)
+    turned = turned_by(curve.yaw, pose.yaw)
     distance = np.where(turned <= max_turn, np.hypot(curve.x - pose.x, curve.y - pose.y), np.inf)
     best = int(np.argmin(distance))
     if not np.isfinite(distance[best]):
         return None
-    foot, yaw = float(curve.arc[best]), float(curve.yaw[best])
-    dx, dy = pose.x - float(curve.x[best]), pose.y - float(curve.y[best])
-    ahead = math.cos(yaw) * dx + math.sin(yaw) * dy
-    left = math.cos(yaw) * dy - math.sin(yaw) * dx
-    s = min(max(foot + ahead, 0.0), edge.length)
-    beyond = abs(foot + ahead - s)
-    if math.hypot(left, beyond) > reach:
-        return None
-    return Spot(edge.id, s, left, wrap(pose.yaw - yaw))
+    step = between(curve.point(best), pose)
+    foot = float(curve.arc[best]) + step.x
+    s = min(max(foot, 0.0), edge.length)
+    return None if math.hypot(step.y, foot - s) > reach else Spot(edge.id, s, step.y, step.yaw)
 
 
 def headings(x: Array, y: Array, first: float | None = None, last: float | None = None) -> Array:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import count
 
 from path_follower.routes.constants import AT_PLACE, CUSP_COST, REVERSE_COST
 from path_follower.routes.network import Network, RouteEdge, Spot
@@ -61,27 +62,43 @@ def plan(
     `is_round`: to where it starts, once around. Edges that are closed are not driven; a vehicle that stands on one may
     leave it backwards, where that is allowed.
     """
-    targets: dict[int, list[float]] = {}
-    for goal in goals:
-        targets.setdefault(goal.edge, []).append(goal.s)
-    queue = _first(network, list(starts), targets, cruise, closed, is_round=is_round)
-    count = len(queue)
+    goals = list(goals)
+    queue: list[tuple[float, int, bool, Leg, _Trail]] = []  # cost, number, whether a goal is reached, leg, those before
+    numbers = count()
+
+    def add(cost: float, leg: Leg, trail: _Trail = None) -> None:
+        """Add a leg, and its part up to each goal on it; one just behind the start is reached, but not by a round."""
+        edge, is_first = network.edges[leg.edge], trail is None
+        pace = edge.seconds(cruise) / max(edge.length, 1e-9) * (1.0 if leg.direction > 0 else REVERSE_COST)
+        least = (AT_PLACE if is_round else -AT_PLACE) if is_first else 0.0
+        heapq.heappush(queue, (cost + pace * leg.length, next(numbers), False, leg, trail))
+        for s in (goal.s for goal in goals if goal.edge == edge.id):
+            ahead = leg.direction * (s - leg.first)
+            if least <= ahead <= leg.length + 1e-9:
+                part = replace(leg, last=s if ahead > 0.0 else leg.first)
+                heapq.heappush(queue, (cost + pace * max(ahead, 0.0), next(numbers), True, part, trail))
+
+    stands = list(starts)
+    for spot in stands:
+        for direction in _directions(network.edges[spot.edge]):
+            if spot.edge not in closed or direction < 0:
+                add(0.0, _rest(network.edges[spot.edge], direction, spot.s))
+    if not stands:
+        raise ValueError("no way: expected a start on the network, found none")
+    if not queue:
+        on = ", ".join(str(spot.edge) for spot in stands)
+        raise ValueError(f"no way: it stands on edge {on}, which is closed and may not be left backwards")
     done: set[tuple[int, int]] = set()
     while queue:
         cost, _, is_end, leg, trail = heapq.heappop(queue)
         if is_end:
-            return Route(tuple(_legs(leg, trail)), _seconds(network, leg, trail, cruise))
-        if trail is not None:
-            if (leg.edge, leg.direction) in done:
-                continue
-            done.add((leg.edge, leg.direction))
+            return _route(network, leg, trail, cruise)
+        if trail is not None and (leg.edge, leg.direction) in done:
+            continue
+        done |= {(leg.edge, leg.direction)} if trail is not None else set()
         for edge, direction, extra in _next(network, leg, closed):
-            if (edge.id, direction) in done:
-                continue
-            whole = Leg(edge.id, direction, *((0.0, edge.length) if direction > 0 else (edge.length, 0.0)))
-            for more, reached, ends in _reach(edge, whole, targets, cruise, 0.0, False):
-                heapq.heappush(queue, (cost + extra + more, count, ends, reached, (leg, trail)))
-                count += 1
+            if (edge.id, direction) not in done:
+                add(cost + extra, _rest(edge, direction, 0.0 if direction > 0 else edge.length), (leg, trail))
     named = f" while {', '.join(map(str, sorted(closed)))} are closed" if closed else ""
     raise ValueError(f"no way: no edges lead there from here{named}")
 
@@ -89,49 +106,13 @@ def plan(
 _Trail = tuple[Leg, "_Trail"] | None
 
 
-def _first(
-    network: Network,
-    starts: list[Spot],
-    targets: dict[int, list[float]],
-    cruise: float,
-    closed: Collection[int],
-    *,
-    is_round: bool,
-) -> list[tuple[float, int, bool, Leg, _Trail]]:
-    """Return the queue of legs that begin at a start: cost, number, whether it ends there, leg, what came before."""
-    queue: list[tuple[float, int, bool, Leg, _Trail]] = []
-    for spot in starts:
-        edge = network.edges[spot.edge]
-        for direction in _directions(edge):
-            if edge.id not in closed or direction < 0:
-                leg = Leg(edge.id, direction, spot.s, edge.length if direction > 0 else 0.0)
-                for cost, reached, is_end in _reach(
-                    edge, leg, targets, cruise, 0.0 if is_round else AT_PLACE, is_round
-                ):
-                    heapq.heappush(queue, (cost, len(queue), is_end, reached, None))
-    if not starts:
-        raise ValueError("no way: expected a start on the network, found none")
-    if not queue:
-        stands = ", ".join(str(spot.edge) for spot in starts)
-        raise ValueError(f"no way: it stands on edge {stands}, which is closed and may not be left backwards")
-    return queue
+def _rest(edge: RouteEdge, direction: int, first: float) -> Leg:
+    """Return the leg from a place to the end of an edge."""
+    return Leg(edge.id, direction, first, edge.length if direction > 0 else 0.0)
 
 
 def _directions(edge: RouteEdge) -> list[int]:
     return [sign for sign, may in ((1, edge.is_forward), (-1, edge.is_reverse)) if may]
-
-
-def _reach(
-    edge: RouteEdge, leg: Leg, targets: dict[int, list[float]], cruise: float, slack: float, is_round: bool
-) -> Iterator[tuple[float, Leg, bool]]:
-    """Yield the cost of the leg to its end, and of its part up to each goal on it; whether a goal is reached."""
-    pace = edge.seconds(cruise) / max(edge.length, 1e-9) * (1.0 if leg.direction > 0 else REVERSE_COST)
-    yield pace * leg.length, leg, False
-    for s in targets.get(edge.id, ()):
-        ahead = leg.direction * (s - leg.first)
-        if -slack <= ahead <= leg.length + 1e-9 and not (is_round and ahead < AT_PLACE):
-            last = leg.first if ahead < 0.0 else s
-            yield pace * max(ahead, 0.0), Leg(edge.id, leg.direction, leg.first, last), True
 
 
 def _next(network: Network, leg: Leg, closed: Collection[int]) -> Iterator[tuple[RouteEdge, int, float]]:
@@ -147,20 +128,15 @@ def _next(network: Network, leg: Leg, closed: Collection[int]) -> Iterator[tuple
             yield other, -1, 0.0 if leg.direction < 0 else CUSP_COST
 
 
-def _legs(leg: Leg, trail: _Trail) -> list[Leg]:
+def _route(network: Network, leg: Leg, trail: _Trail, cruise: float) -> Route:
     legs = [leg]
     while trail is not None:
         before, trail = trail
-        legs.append(before)
-    return legs[::-1]
-
-
-def _seconds(network: Network, leg: Leg, trail: _Trail, cruise: float) -> float:
-    total = 0.0
-    for part in _legs(leg, trail):
-        edge = network.edges[part.edge]
-        total += edge.seconds(cruise) * part.length / max(edge.length, 1e-9)
-    return total
+        legs.insert(0, before)
+    edges = [network.edges[part.edge] for part in legs]
+    shares = (part.length / max(edge.length, 1e-9) for part, edge in zip(legs, edges, strict=True))
+    seconds = sum(edge.seconds(cruise) * share for edge, share in zip(edges, shares, strict=True))
+    return Route(tuple(legs), seconds)
 
 
 def with_laps(network: Network, route: Route, laps: int, *, cruise: float, closed: Collection[int] = ()) -> Route:

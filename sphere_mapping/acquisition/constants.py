@@ -211,3 +211,9 @@ TRACK_PRIOR_PX = 3.0  # standard deviation of each number before anything is see
 CORRELATED_CORNERS = 9.0  # of one window, that count as one (`estimation/covariance.py`)
 TRACK_FLOOR_PX = np.array([0.02, *[0.04] * 7])  # (8,): no number of corners lowers it: not all patches are planes
 SIGNIFICANCE = {2: 15.2, 6: 24.1, 8: 27.9}  # chi2 of so many numbers that chance exceeds once in two thousand
+
+# A LiDAR's clouds, and what is said of a rig (range/test_fusion, ros/test_rig_intake, ros/test_node)
+FEATURE_WIDTH = 2048  # px, of the sphere in which features are found (range/test_rectification)
+CLOUD_STD_M = 0.03  # standard deviation of its range
+MAX_CLOUD_AGE_S = 0.06  # between a cloud and an instant that it serves: somewhat more than half a period of 10 Hz
+WARN_DEG = 0.5  # turn of a camera against the rig file that is warned of

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from sphere_nav.params import group, param, parameters
 
 
@@ -28,7 +26,6 @@ class MatchParams:
 class FusionParams:
     """Ranges of several sources in one sphere (`fusion.py`)."""
 
-    cloud_std_m: ClassVar[float] = 0.03  # standard deviation of a LiDAR's range
     depth_std_m: float = param(
         0.003, "standard deviation of an RGB-D camera at 1 m; grows by the square", "m", low=1e-5
     )
@@ -54,11 +51,6 @@ class SynchronizerParams:
 
     slack_s: float = param(0.005, "largest difference of the stamps of one instant", "s", low=0.0, high=1.0)
     deadline_s: float = param(0.2, "time after an instant's first image at which it is closed", "s", low=0.001)
-    policy: str = param(
-        "omit",
-        "a camera missing at the deadline: its last image again, no image, no sphere",
-        choices=("hold", "omit", "fail"),
-    )
 
 
 @parameters
@@ -68,15 +60,12 @@ class RectifyParams:
     num_instants: int = param(
         0, "instants whose images correct the rig before the first sphere; 0: it is as told", low=0
     )
-    warn_deg: ClassVar[float] = 0.5  # turn of a camera against the rig file that is warned of
-    width: int = param(2048, "columns of the sphere in which features are found", "px", low=256, high=8192)
 
 
 @parameters
 class LidarParams:
     """The cloud of a LiDAR (topic points)."""
 
-    max_age_s: ClassVar[float] = 0.06  # largest time between a cloud and an instant that it serves
     mounting: str = param("", "LiDAR on rig_frame, x,y,z,roll,pitch,yaw (m, rad) or a YAML, where /tf does not tell")
 
 

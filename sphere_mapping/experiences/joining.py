@@ -38,7 +38,7 @@ from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_cl
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.loop_closure import away
 from sphere_mapping.graph.verification import Run
-from sphere_mapping.params import MapperParams
+from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -184,7 +184,7 @@ def find_first(
     if joins.edges:
         return First(joins.edges, f"{told}; {joins}")
     load_drive = cache(lambda number: RangeImage.from_sphere(drive.load(number)))
-    found = search_by_parts(base, drive, params.registration, lambda a, b: guess_headings(load_base(a), load_drive(b)))
+    found = search_by_parts(base, drive, REGISTRATION, lambda a, b: guess_headings(load_base(a), load_drive(b)))
     searched = First(found, f"{told}; {joins}")
     return (confirm_by_parts(base, drive, searched, params) or searched) if found else searched
 
@@ -192,7 +192,7 @@ def find_first(
 def confirm_by_parts(base: Submap, drive: Submap, first: First, params: MapperParams) -> First | None:
     """Return joins by parts of the images from where the drive is thought to be, beside certain ones; None of none."""
     joined = join_graphs(base.graph, drive.graph, first.edges)
-    found = refine_by_parts(base, drive, joined, params.registration)
+    found = refine_by_parts(base, drive, joined, REGISTRATION)
     told = f"{first.told}; parts of the images agree at {len(found)} of {len(drive.graph)} key spheres"
     edges = agreeing(base.graph, drive.graph, [*(first.edges if first.is_certain else ()), *found]) if found else []
     return First(edges, told) if edges else None

@@ -14,9 +14,9 @@ from sphere_mapping.constants import NUM_KEPT_PREPARED, NUM_PARTS_SEARCHED, PART
 from sphere_mapping.graph.extension import Submap, agreeing
 from sphere_mapping.graph.parts_motion import align_parts, measure_motion_by_parts
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
@@ -26,14 +26,14 @@ Headings = Callable[[int, int], Array]  # yaws of T_a_b that are worth trying, o
 class Prepared:
     """Key spheres of a submap as alignment needs them; the latest used are kept."""
 
-    def __init__(self, submap: Submap, params: MappingRegistrationParams) -> None:
+    def __init__(self, submap: Submap, params: RegistrationParams) -> None:
         self.small = lru_cache(NUM_KEPT_PREPARED[0])(
             lambda number: PreparedSphere(coarse_sphere(submap.load(number)), params)
         )
         self.whole = lru_cache(NUM_KEPT_PREPARED[1])(lambda number: PreparedSphere(submap.load(number), params))
 
 
-def search_by_parts(base: Submap, drive: Submap, params: MappingRegistrationParams, headings: Headings) -> list[Edge]:
+def search_by_parts(base: Submap, drive: Submap, params: RegistrationParams, headings: Headings) -> list[Edge]:
     """Return the places of some key spheres of the drive that their parts agree on, none where too few do.
 
     All pairs are compared small; the likeliest of each key sphere of the drive are measured as they are.
@@ -55,7 +55,7 @@ def search_by_parts(base: Submap, drive: Submap, params: MappingRegistrationPara
     return agreeing(base.graph, drive.graph, edges)
 
 
-def refine_by_parts(base: Submap, drive: Submap, joined: SphereGraph, params: MappingRegistrationParams) -> list[Edge]:
+def refine_by_parts(base: Submap, drive: Submap, joined: SphereGraph, params: RegistrationParams) -> list[Edge]:
     """Return joins of the drive's key spheres with the nearest of the map that agree on where it was.
 
     `joined`: both, as far as it is known.

@@ -16,16 +16,17 @@ from sphere_mapping.constants import (
     MAX_FROM_FEATURES,
     MAX_PAIR_MAD,
     MIN_INLIERS,
+    MIN_NCC,
     MIN_PAIR_NCC,
     MIN_PAIR_OVERLAP,
 )
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, register
 from sphere_nav.photometric.align.alignment import GOOD
+from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
 from sphere_nav.spheres.constants import EDGE_SHARE, MAX_GAP, MAX_GAP_SHARE
 from sphere_nav.spheres.graph import Edge
@@ -54,7 +55,7 @@ class MeasuredMotion(TwoWayMotion):
 
 
 def measure_motion(
-    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingRegistrationParams
+    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: RegistrationParams
 ) -> MeasuredMotion | None:
     """Return the motion between two spheres from a first guess; None unless both ways are good and agree.
 
@@ -64,7 +65,7 @@ def measure_motion(
     return motion if motion is not None and not is_denied(motion.T_a_b, find_pose(b.features, a.features)) else None
 
 
-def find_motion(a: PreparedSphere, b: PreparedSphere, params: MappingRegistrationParams) -> MeasuredMotion | None:
+def find_motion(a: PreparedSphere, b: PreparedSphere, params: RegistrationParams) -> MeasuredMotion | None:
     """Return the motion between two spheres of which nothing is known, however far they are; None unless it is proven.
 
     Features with the ranges of A give the first guess of the one way, those with the ranges of B that of the other: no
@@ -91,7 +92,7 @@ def match_motion(a: PreparedSphere, b: PreparedSphere) -> FeaturePose | None:
 
 
 def _measure(
-    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, T_b_a: SE3, params: MappingRegistrationParams
+    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, T_b_a: SE3, params: RegistrationParams
 ) -> MeasuredMotion | None:
     """Return what alignments from two first guesses agree on; None unless both are good."""
     forward = register(b.pyramid, [a.at(SE3.identity())], T_a_b, params)
@@ -110,15 +111,15 @@ def is_denied(T_a_b: SE3, seen: FeaturePose | None) -> bool:
 
 
 def confirm(
-    a: PreparedSphere, b: PreparedSphere, forward: Alignment, params: MappingRegistrationParams
+    a: PreparedSphere, b: PreparedSphere, forward: Alignment, params: RegistrationParams
 ) -> MeasuredMotion | None:
     """Return the motion that an alignment of `b` in the frame of `a` measured, if the way back from there agrees."""
     back = register(a.pyramid, [b.at(SE3.identity())], forward.T_world_camera.inverse(), params)
-    return agree(forward, back) if back.is_converged and back.ncc >= params.min_ncc else None
+    return agree(forward, back) if back.is_converged and back.ncc >= MIN_NCC else None
 
 
 def why_denied(
-    a: PreparedSphere, b: PreparedSphere, forward: Alignment, params: MappingRegistrationParams, *, is_expected: bool
+    a: PreparedSphere, b: PreparedSphere, forward: Alignment, params: RegistrationParams, *, is_expected: bool
 ) -> str:
     """Return why an alignment of `b` in the frame of `a` is not believed, or `GOOD`; an expected one by the way back.
 

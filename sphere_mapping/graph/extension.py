@@ -21,7 +21,7 @@ from sphere_mapping.constants import (
 from sphere_mapping.graph.loop_closure import drift, lengths_from, seen_pairs
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, believed, find_candidates, verify
-from sphere_mapping.params import MapperParams
+from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
@@ -97,7 +97,7 @@ def join_closely(base: Submap, drive: Submap, joined: SphereGraph, params: Mappe
     joins = [edge for edge in joined.edges if edge.a in base.graph.nodes and edge.b in drive.graph.nodes]
     is_whole = drive.load(min(drive.graph.nodes)).camera.is_whole
     pairs = seen_pairs(moved, base.graph, set(), is_whole=is_whole)
-    trials = (believed(older, newer, base.load, drive.load, params.registration) for older, newer in pairs)
+    trials = (believed(older, newer, base.load, drive.load, REGISTRATION) for older, newer in pairs)
     found = [edge for edge in run(verify, trials) if edge is not None]
     return join_graphs(base.graph, drive.graph, [*joins, *found])
 
@@ -133,4 +133,4 @@ def _lookup(known: AppearanceIndex, own: AppearanceIndex, newer_id: int) -> Look
 def _trial(base: Submap, drive: Submap, newer_id: int, found: list[Candidate], params: MapperParams) -> LoopTrial:
     best = sorted(found, key=lambda one: -one.num_inliers)[:NUM_TRIED]
     older = tuple((one.older, base.load(one.older), one.T_older_newer) for one in best)
-    return LoopTrial(newer_id, drive.load(newer_id), older, params.registration)
+    return LoopTrial(newer_id, drive.load(newer_id), older, REGISTRATION)

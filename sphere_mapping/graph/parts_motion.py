@@ -14,10 +14,10 @@ import numpy as np
 from sphere_mapping.constants import EDGE_FLOOR, MAX_PARTS_APART, MAX_PARTS_CHANCE
 from sphere_mapping.graph.both_ways import TwoWayMotion
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.parts.registration import PartsAlignment, register_parts
 from sphere_nav.spheres.constants import EDGE_SHARE
 
@@ -30,7 +30,7 @@ class PartsMotion(TwoWayMotion):
 
 
 def measure_motion_by_parts(
-    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingRegistrationParams
+    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: RegistrationParams
 ) -> PartsMotion | None:
     """Return the motion between two spheres from a first guess; None unless both ways are proven and are one motion."""
     forward = align_parts(a, b, T_a_b, params)
@@ -52,6 +52,6 @@ def measure_motion_by_parts(
     return PartsMotion(T_there @ SE3.exp(-0.5 * gap), covariance, max(forward.chance, back.chance))
 
 
-def align_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingRegistrationParams) -> PartsAlignment:
+def align_parts(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: RegistrationParams) -> PartsAlignment:
     """Return T_a_b by the image of `b` and the ranges of `a`."""
     return register_parts([RigImage(b.pyramid, views=(a.at(SE3.identity()),))], T_a_b, params)

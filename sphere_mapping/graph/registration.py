@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sphere_mapping.params import MappingRegistrationParams
+from sphere_mapping.constants import MIN_NCC
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import (
     Alignment,
@@ -34,7 +34,7 @@ class PreparedSphere:
     """A sphere with what alignment needs of it, made at first use and kept."""
 
     sphere: Sphere
-    params: MappingRegistrationParams
+    params: RegistrationParams
 
     @property
     def is_whole(self) -> bool:
@@ -87,7 +87,7 @@ def align_sphere(
     current: PreparedSphere,
     references: Sequence[View],
     guesses: Iterable[SE3],
-    params: MappingRegistrationParams,
+    params: RegistrationParams,
     check: Callable[[Alignment], str] = lambda _: GOOD,
 ) -> Alignment:
     """Align a sphere with references, from one guess of T_world_sphere after the other until one converges.
@@ -99,7 +99,7 @@ def align_sphere(
     first: Alignment | None = None
     for T_world_sphere in guesses:
         alignment = register(current.pyramid, references, T_world_sphere, params)
-        if alignment.is_converged and alignment.ncc < params.min_ncc:
+        if alignment.is_converged and alignment.ncc < MIN_NCC:
             alignment = replace(alignment, reason=OUTLIERS)
         if alignment.is_converged:
             alignment = replace(alignment, reason=check(alignment))

@@ -16,12 +16,13 @@ from sphere_mapping.graph.loop_closure import LoopCloser
 from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_mapping.graph.parts_motion import measure_motion_by_parts
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
-from sphere_mapping.params import MapperParams, MappingRegistrationParams
+from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.align.alignment import GOOD
+from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
@@ -51,7 +52,7 @@ class SphereTracker:
         expected = self.motion.expect(current.sphere.stamp_ns, odometry)
 
         def align_expected() -> Alignment:
-            guesses, params = self._guesses(current, expected), self._params.registration
+            guesses, params = self._guesses(current, expected), REGISTRATION
             return align_sphere(
                 current, references, guesses, params, lambda one: self._check(current, one, expected, graph)
             )
@@ -90,7 +91,7 @@ class SphereTracker:
 
     def _prove(self, current: PreparedSphere, reference: PreparedSphere, node: KeySphere) -> Alignment | None:
         """Return the alignment of a sphere with a key sphere from no guess at all; None unless it is proven."""
-        motion = find_motion(reference, current, self._params.registration)
+        motion = find_motion(reference, current, REGISTRATION)
         if motion is None:
             return None
         T_map_sphere = node.T_map_sphere @ motion.T_a_b
@@ -98,7 +99,7 @@ class SphereTracker:
 
     def _prove_by_parts(self, current: PreparedSphere, expected: Expectation, graph: SphereGraph) -> Alignment | None:
         """Return the alignment with the newest key sphere by parts of the images; None unless it is proven."""
-        (key_id, reference), params = self.references[0], self._params.registration
+        (key_id, reference), params = self.references[0], REGISTRATION
         T_map_key = graph[key_id].T_map_sphere
         motion = measure_motion_by_parts(reference, current, T_map_key.inverse() @ expected.T_map_sphere, params)
         if motion is None:
@@ -112,7 +113,7 @@ class SphereTracker:
         """Return a sphere, straightened by its motion if it is of a rolling shutter, and its alignment."""
         if unroll is None:
             return current, self.align(current, odometry, graph)
-        stamp_ns, params = current.sphere.stamp_ns, self._params.registration
+        stamp_ns, params = current.sphere.stamp_ns, REGISTRATION
         return align_unrolled(unroll, stamp_ns, self.motion, params, lambda made: self.align(made, odometry, graph))
 
     def update(
@@ -192,13 +193,13 @@ class SphereTracker:
         Its edge is the last one that the graph was given. Where nothing confirms it the sphere stays where it was.
         """
         (key_id, _), *older = self.references
-        self.last = PreparedSphere(sphere, self._params.registration)
+        self.last = PreparedSphere(sphere, REGISTRATION)
         self.references = [(key_id, self.last), *older]
         node, edges = replace(graph[key_id], sphere=sphere, region_radius_m=self.last.region_m), list(graph.edges)
         if older and edges:
             before_id, before = older[0]
             guess = graph[before_id].T_map_sphere.inverse() @ node.T_map_sphere
-            motion = measure_motion(before, self.last, guess, self._params.registration)
+            motion = measure_motion(before, self.last, guess, REGISTRATION)
             if motion is not None and (edges[-1].a, edges[-1].b) == (before_id, key_id):
                 edges[-1] = motion.edge(before_id, key_id, is_loop=False)
                 T_map_sphere = graph[before_id].T_map_sphere @ motion.T_a_b
@@ -212,7 +213,7 @@ class SphereTracker:
             return None
         key_id, reference = self.references[0]
         forward = local(self._last_alignment, graph[key_id])
-        params = self._params.registration
+        params = REGISTRATION
         motion = confirm(reference, self.last, forward, params) or measure_motion_by_parts(
             reference, self.last, forward.T_world_camera, params
         )
@@ -226,7 +227,7 @@ class SphereTracker:
         """Yield where the sphere may be: by its motion, by the turn of its image (eq. 20), where the last one was."""
         yield expected.T_map_sphere
         if self.last is not None:
-            yield guess_by_rotation(current, self.last, self.motion.newest, self._params.registration)
+            yield guess_by_rotation(current, self.last, self.motion.newest, REGISTRATION)
         yield self.motion.newest
 
     def _check(self, current: PreparedSphere, alignment: Alignment, expected: Expectation, graph: SphereGraph) -> str:
@@ -240,7 +241,7 @@ class SphereTracker:
             return GOOD
         key_id, reference = self.references[0]
         forward, is_expected = local(alignment, graph[key_id]), expected.is_known
-        return why_denied(reference, current, forward, self._params.registration, is_expected=is_expected)
+        return why_denied(reference, current, forward, REGISTRATION, is_expected=is_expected)
 
 
 def is_followed(lost: Sphere, current: PreparedSphere) -> bool:
@@ -257,7 +258,7 @@ def align_unrolled(
     unroll: Unroll,
     stamp_ns: int,
     motion: DriveMotion,
-    params: MappingRegistrationParams,
+    params: RegistrationParams,
     align: Callable[[PreparedSphere], Alignment],
 ) -> tuple[PreparedSphere, Alignment]:
     """Align a sphere as warped by the expected motion, and again by the motion that was found, until they agree."""

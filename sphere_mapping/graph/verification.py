@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 from sphere_mapping.constants import MIN_INLIERS
 from sphere_mapping.graph.both_ways import measure_motion
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3
+from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.appearance.pose import find_pose
 from sphere_nav.spheres.graph import Edge, KeySphere
@@ -50,7 +50,7 @@ class LoopTrial:
     newer_id: int
     newer: Sphere
     older: tuple[tuple[int, Sphere, SE3], ...]
-    params: MappingRegistrationParams
+    params: RegistrationParams
 
 
 def believed(
@@ -58,7 +58,7 @@ def believed(
     newer: KeySphere,
     load_older: Callable[[int], Sphere],
     load_newer: Callable[[int], Sphere],
-    params: MappingRegistrationParams,
+    params: RegistrationParams,
 ) -> LoopTrial:
     """Return two key spheres to be aligned from where the graph has them."""
     guess = older.T_map_sphere.inverse() @ newer.T_map_sphere

@@ -71,7 +71,7 @@ class Intake:
         self._frame_id = ""
         streams = [topic for topic in TOPICS[params.input] if topic.endswith("image_raw")]
         self._levels = {topic: conversions.Levels() for topic in streams}
-        self._sync = Synchronizer(streams, params.slack_s, WAIT_S, "fail")
+        self._sync = Synchronizer(streams, params.slack_s, WAIT_S)
 
     def subscribe(self, endpoints: Endpoints) -> None:
         """Listen to what the input is made of."""
@@ -109,7 +109,7 @@ class Intake:
             self._frame_id = message.header.frame_id
         make = self._rgbd if self._params.input == "rgbd" else self._stereo
         for instant in self._sync.put(topic, stamp, pixels, stamp):
-            if not instant.is_failed and (made := make(instant)) is not None:
+            if not instant.notes and (made := make(instant)) is not None:
                 self._on_sphere(*made)
 
     def _rgbd(self, instant: Instant) -> Made | None:

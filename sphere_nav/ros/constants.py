@@ -15,7 +15,6 @@ MAX_CAUGHT_UP_NS = 10_000_000_000  # of simulated time; all silence has been jud
 
 # Images of an instant (camera/test_synchronizer, camera/test_intake)
 DEPTH_SLACK_S = 0.01  # depth of one instant differs by less: a third of a period at 30 Hz (camera/test_depth_intake)
-MAX_HOLD_NS = 500_000_000  # largest age of an image that is held for a late one
 MAX_MISSES = 3  # instants in a row without an image, after which a camera is not waited for (without a deadline)
 BACK_NS = 1_000_000_000  # stamps so far before the last instant are of another time (without a deadline)
 SILENCE_NS = 500_000_000  # without any instant, until what is refused of one camera is the answer

@@ -28,7 +28,7 @@ class TransformTree:
 
     A frame has one parent. Of several static ones the latest holds, and a static one before one that moves. Of several
     that move the one that is there holds until its stamps have ended for `PARENT_HOLD_NS`, or until time starts again.
-    What would close a loop is judged in the same way: an edge of it gives way, or the new one is refused.
+    What would close a loop is refused.
     """
 
     def __init__(self, memory_ns: int = TF_MEMORY_NS) -> None:
@@ -66,18 +66,11 @@ class TransformTree:
             raise ValueError(f"transform: {parent} -> {child}: expected at most {MAX_FRAMES} frames")
         if held is not None and not self._gives_way(child, stamp):
             raise ValueError(f"transform: {child}: expected parent {held}, found a second one, {parent}")
-        line = "" if held is None else f"transform: {child}: parent {held} is replaced by {parent}"
         if child in above:
-            loop = [frame for frame in self._parents if frame in above[: above.index(child)]]  # oldest first
-            weak = [frame for frame in loop if self._gives_way(frame, stamp)]
-            if not weak:
-                raise ValueError(f"transform: {parent} -> {child}: expected no loop, found {child} above {parent}")
-            cut = min(weak, key=lambda frame: frame in self._static)
-            line = f"transform: {cut}: parent {self._parents[cut]} is dropped: {parent} -> {child} would close a loop"
-            self._forget(cut)
+            raise ValueError(f"transform: {parent} -> {child}: expected no loop, found {child} above {parent}")
         self._forget(child)
         self._parents[child] = parent
-        return line
+        return "" if held is None else f"transform: {child}: parent {held} is replaced by {parent}"
 
     def _gives_way(self, child: str, stamp: int | None) -> bool:
         """Whether the parent of a frame gives way to another edge: at a stamp in ns, or static (None)."""

@@ -80,7 +80,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "Arming": (lambda: Arming(FOLLOWER), "reset", "params mode resumption path location measured_speed"),
     "CameraStream": (camera_stream, "forget_camera",
                      "endpoints params tf odometry on_picture on_refusal fixture waiting images"),
-    "Clouds": (lambda: Clouds(1.0), "clear", "max_age_ns"),
+    "Clouds": (Clouds, "clear", ""),
     "Comparison": (Comparison, lambda one: one.reset(NO_VARIANCE), ""),
     "ControlDrives": (lambda: ControlDrives(0.5, 1.0), "reset", ""),
     "ControlLoop": (lambda: ControlLoop(endpoints(), PathFollowerParams(), None), "clock_jumped",
@@ -120,7 +120,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
     "SimulatedTicks": (lambda: SimulatedTicks(0.1, 0.1), lambda one: one.restart(0), "silence_ns period_ns"),
     "StateMachine": (lambda: StateMachine(StateParams()), "reset", "params"),
     "Synchronizer": (lambda: Synchronizer(("left", "right"), 0.1), "clear",
-                     "names slack_s policy slack_ns deadline_ns is_ready num_first"),
+                     "names slack_s slack_ns deadline_ns is_ready num_first"),
     "TransformTree": (TransformTree, "clear", "memory_ns parents static"),  # what does not move holds at any time
     "ViewMask": (lambda: ViewMask(RegistrationParams()), "reset", "params"),
     "VisualOdometry": (lambda: VisualOdometry(None, LocalizerParams()), "reset", "references params"),

@@ -249,7 +249,7 @@ def test_an_uncertain_pose_does_not_start_and_a_doubtful_one_drives_slowly_for_a
     follower, now = make_follower(kit), SECOND
     follower.see_pose(Pose2(1, 0, 0), now, None, np.diag([1e6, 1e6, 1e-4]))
     assert follower.start(now).startswith("POSE_UNCERTAIN: standard deviation 1e+03 m, limit 1:")
-    x, verdicts, limit = 1.0, [], PARAMS.safety.max_degraded_time
+    x, verdicts, limit = 1.0, [], 10.0
     for k in range(1, round(10 * limit) + 25):
         now += STEP
         follower.watch.see_status("TRACKING", now)

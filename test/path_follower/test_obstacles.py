@@ -23,7 +23,7 @@ def straight(kit):
 
 
 def count(path, points, pose=HERE, distance=2.0):
-    location = path.advance(pose, path.locate(pose, 1.0), 1.0)
+    location = path.advance(pose, path.locate(pose), 1.0)
     return points_in_way(np.array(points, dtype=float), pose, path, location, distance, PARAMS)
 
 

@@ -59,17 +59,17 @@ def test_a_closed_path_goes_on_and_on(kit):
 def test_a_start_looks_for_the_heading_and_takes_the_first_of_equal_places(kit):
     loop = kit.course((10, 0), (2 * math.pi * 4, 1 / 4), (10, 0))  # the way out runs over the way in? no: goes on
     path = kit.make_path(loop[:, :2], PARAMS, loop[:, 2])
-    assert path.locate(Pose2(9.9, 0.05, 0.0), 1.0).arc_length == pytest.approx(9.9, abs=0.02)
-    assert path.locate(Pose2(9.9, 0.05, math.pi), 0.5).distance > 4.0  # only the far side of the ring heads there
+    assert path.locate(Pose2(9.9, 0.05, 0.0)).arc_length == pytest.approx(9.9, abs=0.02)
+    assert path.locate(Pose2(9.9, 0.05, math.pi)).distance > 4.0  # only the far side of the ring heads there
     straight = kit.make_path([(0, 0), (10, 0)], PARAMS)
-    assert straight.locate(Pose2(5, 0, math.pi), 1.0) is None
+    assert straight.locate(Pose2(5, 0, math.pi)) is None
 
 
 def test_a_taught_round_starts_at_its_beginning_although_its_end_is_closer(kit):
     round_trip = kit.course((2 * math.pi * 6, 1 / 6), (1.0, 1 / 6))
     round_trip[-25:, 1] += 0.05  # the end passes the start 5 cm to the left
     path = kit.make_path(round_trip[:, :2], PARAMS, round_trip[:, 2])
-    assert path.locate(Pose2(0.5, 0.06, 0.0), 1.0).arc_length < 1.0
+    assert path.locate(Pose2(0.5, 0.06, 0.0)).arc_length < 1.0
 
 
 def test_passes_further_apart_than_a_quarter_of_a_metre_are_two_places(kit):
@@ -79,7 +79,7 @@ def test_passes_further_apart_than_a_quarter_of_a_metre_are_two_places(kit):
         points = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         path = kit.make_path(points, PARAMS)
         here = path.at(path.length - 3.0, 0)
-        found = path.locate(Pose2(here.x, here.y, here.yaw), 1.0)
+        found = path.locate(Pose2(here.x, here.y, here.yaw))
         assert (found.arc_length < 10.0) == is_first
 
 
@@ -94,7 +94,7 @@ def test_a_start_at_a_flat_crossing_takes_the_pass_that_heads_as_the_vehicle_doe
             there = path.at(s, 0)
             dx, dy = -side * beside * math.sin(there.yaw), side * beside * math.cos(there.yaw)
             pose = Pose2(there.x + dx, there.y + dy, there.yaw)
-            assert path.locate(pose, 1.0).arc_length == pytest.approx(s, abs=0.05)
+            assert path.locate(pose).arc_length == pytest.approx(s, abs=0.05)
 
 
 def test_a_vehicle_does_not_skip_a_cusp(kit):

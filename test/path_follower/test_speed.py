@@ -91,7 +91,7 @@ def test_a_vehicle_creeps_the_last_steps_and_then_stands():
         params = FollowerParams()
         far = bounded_speed(direction * 0.01, tracking(0.3, direction), params, slow=2.0, is_starting=False)
         there = bounded_speed(direction * 0.01, tracking(0.04, direction), params, slow=2.0, is_starting=False)
-        assert far == direction * params.speed.creep
+        assert far == direction * 0.1
         assert there == 0.0
         assert bounded_speed(0.0, tracking(0.06, direction), params, slow=2.0, is_starting=False) == far
 
@@ -99,7 +99,7 @@ def test_a_vehicle_creeps_the_last_steps_and_then_stands():
 def test_slow_and_start_bound_the_speed():
     params = FollowerParams()
     assert bounded_speed(1.4, tracking(9.0), params, slow=0.5, is_starting=False) == 0.5
-    assert bounded_speed(1.4, tracking(9.0), params, slow=2.0, is_starting=True) == params.speed.creep
+    assert bounded_speed(1.4, tracking(9.0), params, slow=2.0, is_starting=True) == 0.1
 
 
 PARAMS = SteeringParams()

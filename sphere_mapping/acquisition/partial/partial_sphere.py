@@ -32,6 +32,7 @@ from sphere_mapping.params import PartialParams
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.spheres.range_codec import MAX_RANGE
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Range, Sphere, check_depth, check_sphere_image, continued
 
 Plane = NDArray[np.float32]
@@ -117,7 +118,7 @@ def sphere_from_views(views: Sequence[RgbdView], stamp_ns: int = 0, params: Part
     params = params or PartialParams()
     full_width = full_width_of([view.camera for view in views], params)
     windows = [window_of(view.camera, view.T_sphere_camera, full_width) for view in views]
-    planes = [_resample(view, window, params) for view, window in zip(views, windows, strict=True)]
+    planes = [_resample(view, window) for view, window in zip(views, windows, strict=True)]
     if len(planes) == 1:
         return Sphere(planes[0][0], planes[0][1], windows[0], stamp_ns)
     whole = Spherical(full_width, full_width // 2)
@@ -133,20 +134,18 @@ def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:
     return full_width_for(finest * params.resolution)
 
 
-def _resample(view: RgbdView, window: Spherical, params: PartialParams) -> tuple[Image, Range, Plane]:
+def _resample(view: RgbdView, window: Spherical) -> tuple[Image, Range, Plane]:
     """Return image, range and weight (distance to the image's border, 0 where not seen) of one view in the window."""
     if view.twist is not None:
-        return _resample_rolling(view, window, view.twist, params)
+        return _resample_rolling(view, window, view.twist)
     depth_camera = view.depth_camera or view.camera
     T_sphere_depth = view.T_sphere_depth or view.T_sphere_camera
-    range_m = resample_range(view.depth_m, depth_camera, T_sphere_depth, window, params)
+    range_m = resample_range(view.depth_m, depth_camera, T_sphere_depth, window)
     image, weight = resample_image(view.image, view.camera, view.T_sphere_camera, window, range_m)
     return image, np.where(weight > 0, range_m, np.float32(np.nan)), weight
 
 
-def _resample_rolling(
-    view: RgbdView, window: Spherical, twist: NDArray[np.float64], params: PartialParams
-) -> tuple[Image, Range, Plane]:
+def _resample_rolling(view: RgbdView, window: Spherical, twist: NDArray[np.float64]) -> tuple[Image, Range, Plane]:
     """Do as `_resample` for a camera that moved while it was read; its depth tells how far each row is off."""
     camera, rotation = view.camera, view.T_sphere_camera.rotation.tobytes()
     inverse = inverse_depth(view.depth_m)
@@ -159,7 +158,7 @@ def _resample_rolling(
     seen = (weight > 0) & (rows.u >= 0) & (rows.u <= camera.width - 1) & (rows.v >= 0) & (rows.v <= camera.height - 1)
     sampled = cv2.remap(view.image, rows.u, rows.v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     image = np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None])
-    return image, np.where(seen, _trusted(range_m, params), np.float32(np.nan)), np.where(seen, weight, np.float32(0.0))
+    return image, np.where(seen, _trusted(range_m), np.float32(np.nan)), np.where(seen, weight, np.float32(0.0))
 
 
 def resample_image(
@@ -180,9 +179,7 @@ def resample_image(
     return np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None]), weight
 
 
-def resample_range(
-    depth_m: NDArray[np.floating], camera: Camera, T_sphere_camera: SE3, window: Spherical, params: PartialParams
-) -> Range:
+def resample_range(depth_m: NDArray[np.floating], camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Range:
     """Return the range along the rays (height, width) of the window from depth along the camera's z axis."""
     inverse = inverse_depth(depth_m)
     if np.any(T_sphere_camera.translation):
@@ -192,11 +189,11 @@ def resample_range(
         u, v, _, z_of_ray = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
         with np.errstate(divide="ignore"):
             range_m = 1.0 / (sample_inverse(inverse, u, v) * z_of_ray)
-    return _trusted(range_m, params)
+    return _trusted(range_m)
 
 
-def _trusted(range_m: NDArray[np.floating], params: PartialParams) -> Range:
-    outside = (range_m < MIN_RANGE_M) | ((range_m > params.max_range_m) & np.isfinite(range_m))
+def _trusted(range_m: NDArray[np.floating]) -> Range:
+    outside = (range_m < MIN_RANGE_M) | ((range_m > MAX_RANGE) & np.isfinite(range_m))
     return np.where(outside, np.nan, range_m).astype(np.float32)
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import AGREEMENT_SIGMAS, CONTRADICTION, MIN_KNOWN, PATCH_PX
+from sphere_mapping.acquisition.constants import AGREEMENT_SIGMAS, CLOUD_STD_M, CONTRADICTION, MIN_KNOWN, PATCH_PX
 from sphere_mapping.acquisition.kernels import splat_with_std
 from sphere_mapping.acquisition.params import FusionParams
 from sphere_mapping.acquisition.stitching.views import RigView
@@ -93,11 +93,11 @@ def fill(values: Plane, known: NDArray[np.bool_]) -> Plane:
     return found
 
 
-def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical, params: FusionParams) -> Ranged:
+def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical) -> Ranged:
     """Return the range of points (N, 3) in the sphere's frame; the nearest hides the others."""
     points = np.asarray(points_sphere, dtype=np.float64)
     points = points[np.all(np.isfinite(points), axis=1) & (np.abs(points).max(axis=1, initial=0.0) > 0)]
-    stds = np.full(len(points), params.cloud_std_m, np.float32)
+    stds = np.full(len(points), CLOUD_STD_M, np.float32)
     return splat(points, stds, whole, PATCH_PX)
 
 

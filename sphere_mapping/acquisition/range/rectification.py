@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 
 from sphere_mapping.acquisition.constants import (
     CLOUD_REACH_DEG,
+    FEATURE_WIDTH,
     FROM_BORDER_DEG,
     LENS_STD,
     MAX_PARALLAX_DEG,
@@ -35,7 +36,6 @@ from sphere_mapping.acquisition.constants import (
     TURN_STD,
     VERY_FAR_M,
 )
-from sphere_mapping.acquisition.params import RectifyParams
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import SE3, OCam, Rig, RigCamera, Spherical
 from sphere_nav.geometry.arrays import Array
@@ -132,14 +132,14 @@ class RigCorrection:
 
 
 def matches_of(
-    rig_views: Sequence[RigView], images: Mapping[str, Image], params: RectifyParams, points_sphere: Array | None = None
+    rig_views: Sequence[RigView], images: Mapping[str, Image], points_sphere: Array | None = None
 ) -> list[Matches]:
     """Return the features that pairs of cameras share in the grey images (h, w) of one instant.
 
     points_sphere (N, 3): a LiDAR's cloud; it tells how far features are.
     """
     views = {rig_view.name: rig_view for rig_view in rig_views}
-    whole = Spherical(params.width, params.width // 2)
+    whole = Spherical(FEATURE_WIDTH, FEATURE_WIDTH // 2)
     rays = pixel_rays(whole)
     found = {
         rig_view.name: _features(rig_view, images[rig_view.name], rays)

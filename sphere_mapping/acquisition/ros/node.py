@@ -11,6 +11,7 @@ from sphere_nav_msgs.msg import AugmentedSphere
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from sphere_mapping.acquisition.constants import WARN_DEG
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.range.rectification import rectify
 from sphere_mapping.acquisition.ros.rig_intake import RigInstant, RigIntake
@@ -116,15 +117,15 @@ class SphereStitcher(ManagedNode):
 
     def rectify(self, instants: list[RigInstant]) -> None:
         """Correct the rig by what its cameras share."""
-        self.is_rectified, p = True, self.params.rectify
+        self.is_rectified = True
         seen = [instant for instant in instants if instant.images]
-        matches = [match for one in seen for match in self.stitcher.matches(one.images, p, one.points)]
+        matches = [match for one in seen for match in self.stitcher.matches(one.images, one.points)]
         found = rectify(self.stitcher.rig, matches)
         self.stitcher = Stitcher(found.rig, self.params.stitch, masks_of(found.rig), self.params.jobs)
         self.publish_frame()
         worst = max(found.angle_deg, key=lambda name: found.angle_deg[name])
         text = f"{worst} turned by {found.angle_deg[worst]:.2f} deg against the rig file, the others less"
-        is_off = found.angle_deg[worst] > p.warn_deg
+        is_off = found.angle_deg[worst] > WARN_DEG
         self.report("rig", WARN if is_off else OK, text, before_deg=found.before_deg, after_deg=found.after_deg)
         (self.log.warning if is_off else self.log.info)(f"rig: {text}")
 
@@ -136,7 +137,7 @@ class SphereStitcher(ManagedNode):
         stamp, notes = instant.sync.stamp_ns, instant.sync.notes
         for name, problem in notes.items():
             self.log.warning(f"camera {name}: {problem}", every=5.0, key=name)
-        if instant.sync.is_failed or not instant.images:
+        if not instant.images:
             self.tell_lack(stamp, ", ".join(notes))
             return
         try:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
+from sphere_mapping.acquisition.constants import MAX_CLOUD_AGE_S
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.range.lens_check import check_info
 from sphere_nav.geometry import SE3, Rig
@@ -32,8 +33,7 @@ Points = NDArray[np.float32]
 class Clouds:
     """Keeps a few of a LiDAR's clouds (N, 3) in the frame of the rig; hands out the one that belongs to an instant."""
 
-    def __init__(self, max_age_s: float) -> None:
-        self._max_age_ns = max_age_s * 1e9
+    def __init__(self) -> None:
         self._kept: deque[tuple[int, Points]] = deque(maxlen=NUM_CLOUDS)
 
     def clear(self) -> None:
@@ -51,7 +51,7 @@ class Clouds:
     def at(self, stamp_ns: int) -> Points | None:
         """Return the cloud nearest in time, None where it is too far away."""
         nearest = min(self._kept, key=lambda cloud: abs(cloud[0] - stamp_ns), default=None)
-        return None if nearest is None or abs(nearest[0] - stamp_ns) > self._max_age_ns else nearest[1]
+        return None if nearest is None or abs(nearest[0] - stamp_ns) > 1e9 * MAX_CLOUD_AGE_S else nearest[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +81,11 @@ class RigIntake:
         self.rig, self.params = rig, params
         self._T_rig_lidar = read_mounting(params.cloud.mounting, "cloud.mounting")
         self._now_ns, self._lookup, self._on_instants = now_ns, lookup, on_instants
-        self.clouds, self._has_points = Clouds(params.cloud.max_age_s), True
+        self.clouds, self._has_points = Clouds(), True
         self._levels = {name: conversions.Levels() for name in rig.names}
         depths = tuple(name + DEPTH for name in rig.names) if params.has_depth else ()
         is_ready = self.clouds.has_since if params.has_cloud else lambda stamp_ns: True
-        waiting = params.sync.slack_s, params.sync.deadline_s, params.sync.policy
+        waiting = params.sync.slack_s, params.sync.deadline_s
         num_first = params.rectify.num_instants
         self.sync = Synchronizer((*rig.names, *depths), *waiting, is_ready=is_ready, num_first=num_first)
 
@@ -125,7 +125,7 @@ class RigIntake:
             values = {"images": health.num_images, "missing": health.num_missing, "refused": health.num_refused}
             yield f"camera {name}", level, health.problem or "delivers", values
         if self.params.has_cloud:
-            problem = "" if self._has_points else f"no cloud within {self.params.cloud.max_age_s} s of the instant"
+            problem = "" if self._has_points else f"no cloud within {MAX_CLOUD_AGE_S} s of the instant"
             yield "points", WARN if problem else OK, problem or "delivers", {}
 
     def _on_info(self, name: str, is_rectified: bool, message: CameraInfo) -> None:

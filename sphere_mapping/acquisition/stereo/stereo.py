@@ -43,7 +43,7 @@ def sphere_from_stereo(
         depth_m[~is_seen] = np.nan
         left = np.where(is_seen if left.ndim == 2 else is_seen[..., None], left, 0).astype(np.uint8)
     window = window_of(camera, T_sphere_camera, full_width_of([camera], partial))
-    range_m = resample_range(depth_m, camera, T_sphere_camera, window, partial)
+    range_m = resample_range(depth_m, camera, T_sphere_camera, window)
     image, weight = resample_image(left, camera, T_sphere_camera, window, range_m)
     range_m[weight == 0] = np.nan
     range_std_m = range_m * resample_nearest(relative_std, camera, T_sphere_camera, window)

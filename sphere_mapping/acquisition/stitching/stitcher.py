@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import MAX_GAIN
 from sphere_mapping.acquisition.light.light import Learned, Light
-from sphere_mapping.acquisition.params import RectifyParams, StitchParams
+from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.fusion import (
     Ranged,
     StereoRange,
@@ -105,13 +105,11 @@ class Stitcher:
         ordered = {name: images[name] for name in self.rig.names if name in images}
         return self._light.balance(ordered)
 
-    def matches(
-        self, images: Mapping[str, Image], params: RectifyParams, points_rig: NDArray[np.floating] | None = None
-    ) -> list[Matches]:
+    def matches(self, images: Mapping[str, Image], points_rig: NDArray[np.floating] | None = None) -> list[Matches]:
         """Return the features that cameras share at one instant, for `rectify`; points_rig as for `stitch`."""
         grays = _to_grays(self.equalize(images)[0])
         points = None if points_rig is None else self._to_sphere(points_rig)
-        return matches_of(list(self.layouts.views.values()), grays, params, points)
+        return matches_of(list(self.layouts.views.values()), grays, points)
 
     @property
     def is_settled(self) -> bool:
@@ -151,7 +149,7 @@ class Stitcher:
     def _project_points(self, points_rig: NDArray[np.floating] | None) -> list[Ranged]:
         if points_rig is None:
             return []
-        return [range_from_cloud(self._to_sphere(points_rig), self.whole, self.params.fusion)]
+        return [range_from_cloud(self._to_sphere(points_rig), self.whole)]
 
     def _to_sphere(self, points_rig: NDArray[np.floating]) -> Array:
         return self.T_rig_sphere.inverse().apply(np.asarray(points_rig, dtype=np.float64))

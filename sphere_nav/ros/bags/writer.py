@@ -28,7 +28,6 @@ from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
 CHUNK_SIZE = 1 << 20  # bytes before compression
 DISTRIBUTION = "jazzy"
 PARTIAL = ".partial"
-ATTEMPTS = 20  # to be the first at a free name
 METADATA = "metadata.yaml"
 
 
@@ -90,9 +89,6 @@ class BagWriter:
     @classmethod
     def at_free_path(cls, path: str | Path, **options: Any) -> Self:
         """Write at the path, or at the first of `<path>_2`, `<path>_3`, ... where nothing is."""
-        for _ in range(ATTEMPTS):
-            with suppress(BagError, FileExistsError):  # another process was faster
-                return cls(free_path(path), **options)
         return cls(free_path(path), **options)
 
     def add_topic(self, topic: str, kind: type[Any] | str, *profiles: QoSProfile, schema: Schema | None = None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -26,14 +26,6 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 DEPTH, DEPTH_INFO = "depth/image_raw", "depth/camera_info"
 ONLY = ("",)  # the name of the only camera
-
-
-@dataclass(frozen=True)
-class Losses:
-    """What became of the images of all cameras."""
-
-    num_lost: int
-    num_refused: int
 
 
 class Cameras:
@@ -91,10 +83,14 @@ class Cameras:
             stream.forget_camera()
 
     @property
-    def images(self) -> Losses:
-        """How many images were refused, and how many lost."""
-        topics = [stream.images for stream in self._streams.values()]
-        return Losses(sum(one.num_lost for one in topics), sum(one.num_refused for one in topics))
+    def num_lost(self) -> int:
+        """Images of all cameras that were lost."""
+        return sum(stream.images.num_lost for stream in self._streams.values())
+
+    @property
+    def num_refused(self) -> int:
+        """Images of all cameras that were refused."""
+        return sum(stream.images.num_refused for stream in self._streams.values())
 
     @property
     def fault(self) -> Verdict:

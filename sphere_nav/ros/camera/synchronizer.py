@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.localization.constants import FROZEN_IMAGES, SAMPLE_STEP
-from sphere_nav.ros.constants import BACK_NS, MAX_HOLD_NS, MAX_MISSES
+from sphere_nav.ros.constants import BACK_NS, MAX_MISSES
 
 Image = NDArray[Any]  # levels, or metres of a depth camera
 
@@ -36,7 +36,7 @@ class CameraHealth:
 
 @dataclass(frozen=True, eq=False)
 class Instant:
-    """Images by camera that belong together; `notes` says which cameras lack or are held, and why.
+    """Images by camera that belong together; `notes` says which cameras lack, and why.
 
     The images are in the order of the names; the stamp is that of the first.
     """
@@ -44,7 +44,6 @@ class Instant:
     stamp_ns: int
     images: dict[str, Any]
     notes: dict[str, str]
-    is_failed: bool = False
 
 
 @dataclass(eq=False)
@@ -69,13 +68,11 @@ class Synchronizer:
         names: Sequence[str],
         slack_s: float,
         deadline_s: float | None = None,
-        policy: str = "omit",
         *,
         is_ready: Callable[[int], bool] = lambda stamp_ns: True,
         num_first: int = 0,
     ) -> None:
-        """`policy`: what becomes of an instant that lacks a camera; hold its last image, omit it, or fail."""
-        self.names, self._slack_s, self._policy = tuple(names), slack_s, policy
+        self.names, self._slack_s = tuple(names), slack_s
         self.health = {name: CameraHealth() for name in names}
         self._slack_ns = round(slack_s * 1e9)
         self._deadline_ns = None if deadline_s is None else round(deadline_s * 1e9)
@@ -85,7 +82,7 @@ class Synchronizer:
     def clear(self) -> None:
         """Forget everything with a stamp: the clock jumped."""
         self._open: list[_Open] = []
-        self._last: dict[str, tuple[int, Image, int]] = {}
+        self._prints: dict[str, int] = {}
         self._closed_ns = -BACK_NS if self._deadline_ns is None else -1
         for health in self.health.values():
             health.last_stamp_ns, health.num_repeats, health.num_misses = -1, 0, 0
@@ -160,14 +157,14 @@ class Synchronizer:
         """Take down what a camera delivers, and whether that is new."""
         health, is_image = self.health[name], isinstance(image, np.ndarray)
         print_now = fingerprint(image) if is_image else 0
-        is_repeat = is_image and image.dtype == np.uint8 and name in self._last and self._last[name][2] == print_now
+        is_repeat = is_image and image.dtype == np.uint8 and self._prints.get(name) == print_now
         health.num_repeats = health.num_repeats + 1 if is_repeat else 0
         health.num_images, health.num_misses, health.last_stamp_ns = health.num_images + 1, 0, stamp_ns
         if is_image:
-            self._last[name] = (stamp_ns, image, print_now)
+            self._prints[name] = print_now
 
     def _close(self, one: _Open) -> Instant:
-        """Check the cameras of an instant, fill gaps by the policy."""
+        """Check the cameras of an instant."""
         self._closed_ns = max(self._closed_ns, one.stamp_ns)
         images, notes = {name: one.images[name] for name in self.names if name in one.images}, {}
         frozen = self._find_frozen()
@@ -178,18 +175,12 @@ class Synchronizer:
             if name in frozen:
                 problem = f"frozen: the same image {health.num_repeats + 1} times"
                 images.pop(name, None)
-            elif problem and self._policy == "hold" and self._may_hold(name, one.stamp_ns):
-                images[name] = self._last[name][1]
-                problem += ", the last one is held"
             if problem:
                 notes[name] = problem
                 health.num_missing += 1
             health.problem = problem
         stamp_ns = next(one.stamps[name] for name in self.names if name in one.stamps)
-        return Instant(stamp_ns, images, notes, bool(notes) and self._policy == "fail")
-
-    def _may_hold(self, name: str, stamp_ns: int) -> bool:
-        return name in self._last and abs(stamp_ns - self._last[name][0]) <= MAX_HOLD_NS
+        return Instant(stamp_ns, images, notes)
 
     def _find_frozen(self) -> set[str]:
         """Return cameras whose image has not changed for long while others' has."""

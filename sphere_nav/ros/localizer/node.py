@@ -167,7 +167,7 @@ class LocalizerNode(ManagedNode):
 
     def add_overrun(self, status: Status) -> Status:
         """Say so where many images are lost before they can be answered, and nothing worse is wrong."""
-        num_lost = self.intake.images.num_lost
+        num_lost = self.intake.num_lost
         self.losses.append(num_lost - self.num_lost)
         self.num_lost = num_lost
         share = sum(self.losses) / (sum(self.losses) + len(self.losses))
@@ -186,7 +186,7 @@ class LocalizerNode(ManagedNode):
 
     def values(self) -> dict[str, float]:
         """Return more numbers for the diagnostics."""
-        return {"lost_images": self.intake.images.num_lost, "refused_images": self.intake.images.num_refused}
+        return {"lost_images": self.intake.num_lost, "refused_images": self.intake.num_refused}
 
     # --- silence
     def on_watch(self) -> None:

@@ -7,13 +7,13 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
-from sphere_nav_msgs.msg import MapExperience, MapInfo
+from sphere_nav_msgs.msg import AugmentedSphere, MapExperience, MapInfo
 
 from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags.mcap_file import McapFile
 from sphere_nav.ros.bags.reader import deserialize
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.conversions import message_to_sphere
+from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
 from sphere_nav.ros.conversions.graphs import message_to_experience, message_to_graph
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.maps.reader import (
@@ -25,10 +25,10 @@ from sphere_nav.ros.maps.reader import (
     SPHERE,
     MapDetails,
     Progress,
-    made_small,
     open_map,
 )
-from sphere_nav.ros.maps.writer import write_stored
+from sphere_nav.ros.maps.writer import SPHERE_FRAME, write_stored
+from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.experiences import with_experience
 from sphere_nav.spheres.graph import SphereGraph
 
@@ -84,8 +84,12 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
     names = {"source": info.source, "parameters": _parameters(info), "rig": info.rig}
     details = MapDetails(told.map_id, told.software, frame_id=told.header.frame_id, **names)
     spheres = (message for topic, message in _readable(file) if topic == SPHERE)
-    write_stored(Path(target), graph, details, None, ((sphere, made_small(sphere)) for sphere in spheres))
+    write_stored(Path(target), graph, details, None, ((sphere, _made_small(sphere)) for sphere in spheres))
     return len(kept)
+
+
+def _made_small(whole: AugmentedSphere) -> AugmentedSphere:
+    return sphere_to_message(coarse_sphere(message_to_sphere(whole)), SPHERE_FRAME, int(whole.id))
 
 
 def _readable(file: Path) -> Iterator[tuple[str, Any]]:

@@ -13,6 +13,7 @@ import weakref
 from collections.abc import Iterator, Mapping, MutableMapping
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from sphere_nav_msgs.msg import AugmentedSphere
@@ -63,18 +64,32 @@ class Spool:
             self._close()
 
 
+C = TypeVar("C")
 LAYOUT = np.dtype([("ray", "<f4", 3), ("range", "<f4"), ("descriptor", "u1", SIZE)])
 
 
-class CompactFeatures(MutableMapping[int, Features]):
-    """Features by id of their key sphere."""
+class _Compact(Mapping[int, C]):
+    """Things by id of their key sphere."""
 
     def __init__(self) -> None:
         self._places: dict[int, int] = {}
         self._spool = Spool()
 
+    def _bytes_of(self, sphere_id: int) -> bytes:
+        return self._spool[self._places[sphere_id]]
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._places)
+
+
+class CompactFeatures(_Compact[Features], MutableMapping[int, Features]):
+    """Features by id of their key sphere."""
+
     def __getitem__(self, sphere_id: int) -> Features:
-        table = np.frombuffer(self._spool[self._places[sphere_id]], LAYOUT)
+        table = np.frombuffer(self._bytes_of(sphere_id), LAYOUT)
         return Features(*(np.ascontiguousarray(table[name]) for name in ("ray", "range", "descriptor")))
 
     def __setitem__(self, sphere_id: int, features: Features) -> None:
@@ -85,19 +100,9 @@ class CompactFeatures(MutableMapping[int, Features]):
     def __delitem__(self, sphere_id: int) -> None:
         del self._places[sphere_id]
 
-    def __len__(self) -> int:
-        return len(self._places)
 
-    def __iter__(self) -> Iterator[int]:
-        return iter(self._places)
-
-
-class CompactSpheres(Mapping[int, Sphere]):
+class CompactSpheres(_Compact[Sphere]):
     """Spheres by id."""
-
-    def __init__(self) -> None:
-        self._places: dict[int, int] = {}
-        self._spool = Spool()
 
     def add(self, data: bytes) -> None:
         """Keep a sphere, an AugmentedSphere in CDR, or another one under its id; ValueError for bytes that are none."""
@@ -106,13 +111,7 @@ class CompactSpheres(Mapping[int, Sphere]):
         self._places[int(message.id)] = self._spool.add(data)
 
     def __getitem__(self, sphere_id: int) -> Sphere:
-        return message_to_sphere(_message_of(self._spool[self._places[sphere_id]]))
-
-    def __len__(self) -> int:
-        return len(self._places)
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self._places)
+        return message_to_sphere(_message_of(self._bytes_of(sphere_id)))
 
 
 def _message_of(data: bytes) -> AugmentedSphere:

@@ -23,8 +23,8 @@ from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_yaml, short
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
-from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
+from sphere_nav.ros.bags.serialization import view_message
+from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.ros.conversions.clouds import message_to_features
 from sphere_nav.ros.conversions.graphs import message_to_graph, messages_to_experiences
 from sphere_nav.ros.maps.compact import CompactFeatures, CompactSpheres
@@ -38,7 +38,6 @@ from sphere_nav.ros.maps.writer import (
     KINDS,
     ORIGIN,
     SPHERE,
-    SPHERE_FRAME,
     MapDetails,
     MapWriter,
     Progress,
@@ -46,7 +45,6 @@ from sphere_nav.ros.maps.writer import (
     save_map,
 )
 from sphere_nav.spheres.appearance.index import AppearanceIndex
-from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
@@ -118,16 +116,8 @@ class MapReader:
         return self._chunk_of(sphere_id).chunk_length
 
     def coarse_spheres(self) -> Mapping[int, Sphere]:
-        """Read all key spheres small, in one read; made from the spheres themselves where a map has none.
-
-        They wait on the disk, each by itself. BagError if one is missing or damaged.
-        """
+        """Read all key spheres small, in one read; they wait on the disk. BagError if one is missing or damaged."""
         found = CompactSpheres()
-        if not self._bag.topics.get(COARSE):
-            for node in self.graph:
-                small = sphere_to_message(coarse_sphere(self.load_sphere(node.id)), SPHERE_FRAME, node.id)
-                found.add(serialize_to_store(small))
-            return found
         self._bag.require(COARSE, AugmentedSphere)
         for number, item in enumerate(self._bag.raw([COARSE])):
             try:
@@ -140,24 +130,14 @@ class MapReader:
 
     def stored(self) -> Iterator[Stored]:
         """Yield the messages of all key spheres, whole and small, in order of their ids. BagError for damage."""
-        has_small = bool(self._bag.topics.get(COARSE))
-        small = (item.message for item in self._bag.messages([COARSE])) if has_small else iter(())
-        for index in self._chunks.values():
-            whole = self._message_of(index)
-            yield whole, next(small, None) or made_small(whole)
+        for index, small in zip(self._chunks.values(), self._bag.messages([COARSE]), strict=True):
+            yield self._message_of(index), small.message
 
     def appearance(self) -> AppearanceIndex:
-        """Read what all key spheres look like, in one read; empty where a map does not say. BagError for damage.
-
-        The features themselves wait on the disk.
-        """
-        index = AppearanceIndex(CompactFeatures())
-        if not self._bag.topics.get(FEATURES):
-            return index
-        ids = sorted(self.graph.nodes)
-        if self._bag.topics[FEATURES].count != len(ids):
+        """Read what all key spheres look like, in one read; the features wait on the disk. BagError for damage."""
+        index, ids = AppearanceIndex(CompactFeatures()), sorted(self.graph.nodes)
+        if self._bag.require(FEATURES, PointCloud2).count != len(ids):
             raise BagError(f"{self.path}: features: expected those of each of {len(ids)} key spheres, found others")
-        self._bag.require(FEATURES, PointCloud2)
         for sphere_id, item in zip(ids, self._bag.raw([FEATURES]), strict=True):
             try:
                 message = view_message(memoryview(item.message), PointCloud2, FEATURES)
@@ -262,8 +242,3 @@ class MapReader:
         if len(found) != 1:
             raise BagError(f"{self.path}: chunk {index.chunk_start_offset}: expected one sphere, found {len(found)}")
         return memoryview(found[0].data)
-
-
-def made_small(whole: AugmentedSphere) -> AugmentedSphere:
-    """Return the small copy of a key sphere as it is stored."""
-    return sphere_to_message(coarse_sphere(message_to_sphere(whole)), SPHERE_FRAME, int(whole.id))

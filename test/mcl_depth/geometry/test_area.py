@@ -44,7 +44,7 @@ def wall(x, y0=0.0, y1=4.0):
 def test_a_wall_keeps_its_distance_and_the_room_behind_it_is_kept_if_it_is_large_enough():
     points, places = np.concatenate([floor(0.0, 8.0), wall(6.0)]), np.array([[2.0, 2.0], [7.5, 2.0]])
     area = area_of(points)
-    assert np.abs(area.middles[:, 0] - 6.0).min() >= PARAMS.clearance - 0.02  # cells of the wall
+    assert np.abs(area.middles[:, 0] - 6.0).min() >= 0.3 - 0.02  # cells of the wall
     assert area.contains(places).tolist() == [True, True]
     smaller = area_of(points, AreaParams(min_piece=8.0))  # the part behind the wall has 7 m2
     assert smaller.contains(places).tolist() == [True, False]

@@ -5,7 +5,7 @@ import pytest
 
 from sphere_mapping.experiences.joining import Localized, join_drive
 from sphere_mapping.experiences.parts import search_by_parts
-from sphere_mapping.params import MapperParams
+from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.geometry import SE3
 from worlds.nightfall import DAY, ELSEWHERE, NIGHT, make_submap
 from worlds.submaps import images_of
@@ -13,7 +13,6 @@ from worlds.submaps import images_of
 pytestmark = pytest.mark.slow
 
 PARAMS = MapperParams()
-REGISTRATION = PARAMS.registration
 BASE = [SE3.from_planar(-2.4 + 0.8 * k, 0.0, 0.0) for k in range(5)]
 DRIVE = [SE3.from_planar(-2.1 + 0.8 * k, 0.15, 0.06) for k in range(4)]
 FAR = SE3.from_planar(5.0, -3.0, 1.2)  # where the drive thinks it began

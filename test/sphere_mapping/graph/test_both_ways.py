@@ -14,7 +14,7 @@ from sphere_mapping.graph.both_ways import (
     why_denied,
 )
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere
-from sphere_mapping.params import MappingRegistrationParams
+from sphere_mapping.params import REGISTRATION
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.photometric import register
 from sphere_nav.spheres.appearance.pose import FeaturePose
@@ -23,7 +23,7 @@ from worlds.room import sharp_room
 # Written out: imported, a change would go unseen.
 MAX_GAP = (0.05, 0.02)
 
-PARAMS = MappingRegistrationParams()
+PARAMS = REGISTRATION
 CAMERA = Spherical(256, 128)
 ROOM = sharp_room()
 HERE = SE3.exp([0.5, -0.4, 0.0, 0.0, 0.0, 0.3])

@@ -4,12 +4,11 @@ import numpy as np
 
 from sphere_mapping.graph.parts_motion import measure_motion_by_parts
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.params import MapperParams
+from sphere_mapping.params import REGISTRATION
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import register
 from worlds.nightfall import DAY, NIGHT, make_sphere
 
-REGISTRATION = MapperParams().registration
 T_DAY, T_NIGHT = SE3.from_planar(-1.6, 0.0, 0.0), SE3.from_planar(-1.3, 0.15, 0.06)
 
 

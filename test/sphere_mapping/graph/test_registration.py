@@ -3,13 +3,13 @@ import pytest
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
-from sphere_mapping.params import MappingRegistrationParams
+from sphere_mapping.params import REGISTRATION
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.spheres.sphere import Sphere
 from worlds.room import optical, sharp_room
 
-PARAMS = MappingRegistrationParams()
+PARAMS = REGISTRATION
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
 ROOM = sharp_room()
 AT = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])

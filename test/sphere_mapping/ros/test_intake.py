@@ -1,3 +1,5 @@
+from copy import deepcopy
+
 import pytest
 
 pytest.importorskip("rclpy")
@@ -113,6 +115,16 @@ def test_compressed_images_give_the_sphere_of_raw_ones():
     both = found.measured & raw.measured
     assert both.sum() > 0.99 * raw.measured.sum()
     np.testing.assert_allclose(found.range_m[both], raw.range_m[both], atol=2e-3)
+
+
+def test_an_image_whose_depth_stays_away_gives_no_sphere():
+    told = list(rgbd(3))
+    place = next(number for number, (topic, _) in enumerate(told) if topic == "image_raw")
+    alone = deepcopy(told[place][1])
+    alone.header.stamp.nanosec -= 200_000_000
+    node = caught("rgbd", *told[:place], ("image_raw", alone), *told[place:])
+    ((found, *_),) = node.caught
+    assert found.stamp_ns == 1_300_000_000
 
 
 def test_a_damaged_compressed_image_is_refused_and_counted():

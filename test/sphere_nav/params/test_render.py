@@ -6,10 +6,10 @@ import sys
 import pytest
 import yaml
 
+from sphere_nav.localization.params import NodeParams
 from sphere_nav.params import build, group, leaves, param, parameters, to_mapping
 from sphere_nav.params.__main__ import main
 from sphere_nav.params.render import to_yaml
-from sphere_nav.photometric.params import RegistrationParams
 
 
 @parameters
@@ -53,15 +53,12 @@ def run(arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
 
 
 def test_the_command_prints_the_file(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["sphere_nav.photometric.params:RegistrationParams", "--node", "some_node"], monkeypatch) == 0
-    assert capsys.readouterr().out == to_yaml(RegistrationParams, node="some_node")
-
-
-PHOTOMETRIC = "sphere_nav.photometric.params"
+    assert run(["sphere_nav.localization.params:NodeParams", "--node", "some_node"], monkeypatch) == 0
+    assert capsys.readouterr().out == to_yaml(NodeParams, node="some_node")
 
 
 @pytest.mark.dds
-@pytest.mark.parametrize("name", [f"{PHOTOMETRIC}:Nothing"])
+@pytest.mark.parametrize("name", ["sphere_nav.photometric.params:Nothing"])
 def test_an_unknown_class_is_one_line_and_exit_code_2(name: str) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "sphere_nav.params", name], capture_output=True, text=True, check=False

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sphere_mapping.acquisition.params import FusionParams
-from sphere_mapping.acquisition.range.fusion import fill, range_from_depth
+from sphere_mapping.acquisition.range.fusion import fill, range_from_cloud, range_from_depth
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
@@ -48,3 +48,8 @@ def test_filling_goes_on_around_the_seam():
     found = fill(values.astype(np.float32), known)
     assert np.abs(found[:, 0] - found[:, -1]).max() < 0.01
     assert np.abs(found - values).max() < 0.06  # 20 columns of a cosine are off its chord by 0.03
+
+
+def test_a_cloud_is_sure_of_its_range_by_3_cm():
+    range_m, std_m = range_from_cloud(np.array([[0.0, 5.0, 0.0]]), WHOLE)
+    assert set(std_m[np.isfinite(range_m)].tolist()) == {np.float32(0.03)}

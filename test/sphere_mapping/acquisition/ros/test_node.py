@@ -4,11 +4,24 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from sphere_mapping.acquisition.range.rectification import RigCorrection
+from sphere_mapping.acquisition.ros import node as module
 from sphere_mapping.acquisition.ros.node import SphereStitcher
+from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags.replay import OfflineBus
+from worlds.rig import vertical_rig
 
 
 def test_a_rig_file_that_is_none_is_named(tmp_path):
     (tmp_path / "rig.yaml").write_text("nothing: 1\n")
     with pytest.raises(ValueError, match=r"rig\.yaml"):
         OfflineBus().add(SphereStitcher, {"rig": str(tmp_path / "rig.yaml")})
+
+
+def test_a_camera_turned_by_more_than_half_a_degree_is_warned_of(tmp_path, monkeypatch):
+    write_rig(tmp_path / "rig.yaml", vertical_rig())
+    node = OfflineBus().add(SphereStitcher, {"rig": str(tmp_path / "rig.yaml")})
+    for angle_deg, level in [(0.49, module.OK), (0.51, module.WARN)]:
+        monkeypatch.setattr(module, "rectify", lambda rig, _, a=angle_deg: RigCorrection(rig, {"top_left": a}, 1, 0))
+        node.rectify([])
+        assert node.reports["rig"][0] == level

@@ -102,7 +102,7 @@ def cloud(value):
 
 
 def test_the_nearest_in_time_is_taken_within_the_limit():
-    clouds = Clouds(0.06)
+    clouds = Clouds()
     assert clouds.at(0) is None
     clouds.add(100 * MS, cloud(1))
     clouds.add(200 * MS, cloud(2))

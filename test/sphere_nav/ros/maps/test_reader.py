@@ -79,17 +79,6 @@ def test_all_spheres_are_read_small_at_once(saved, sphere_graph):
         np.testing.assert_allclose(found[node.id].range_m, expected.range_m, rtol=1.1e-4)
 
 
-def test_a_map_without_small_spheres_has_them_made(saved, sphere_graph, tmp_path):
-    bare = rewritten(saved, tmp_path / "bare", lambda topic, message: [] if topic == COARSE else [message])
-    with open_map(bare) as reader, open_map(saved) as full:
-        found = reader.coarse_spheres()
-        expected = [(small.id, bytes(small.image), small.header.frame_id) for _, small in full.stored()]
-        assert [(small.id, bytes(small.image), small.header.frame_id) for _, small in reader.stored()] == expected
-    assert list(found) == [number for number, _, _ in expected]
-    for node in sphere_graph:
-        np.testing.assert_array_equal(found[node.id].image, coarse_sphere(node.sphere).image)
-
-
 def test_two_savings_are_the_same_bytes(sphere_graph, tmp_path):
     first, second = (save_map(tmp_path / name, sphere_graph, DETAILS) / "map.mcap" for name in ("a", "b"))
     assert first.read_bytes() == second.read_bytes()
