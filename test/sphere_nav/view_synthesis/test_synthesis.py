@@ -1,7 +1,6 @@
 """Views of a room against the room itself, seen from the same place."""
 
 import numpy as np
-import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.sphere import Sphere

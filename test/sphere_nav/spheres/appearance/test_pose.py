@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.appearance.features import Features, features_of_image, features_of_sphere
