@@ -124,6 +124,7 @@ def test_a_correlation_is_of_what_is_in_view():
     assert correlate_poses(points, other, here, level)[0][0] == pytest.approx(np.corrcoef(seen, other)[0, 1], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_drive_starts_from_nowhere_in_any_experience(days):
     localizer = Localizer(PARAMS, days)
     for number in range(6):
