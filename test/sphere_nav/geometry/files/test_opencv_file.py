@@ -82,6 +82,15 @@ DEFECTS = {
         "found 'thin prism or tilted sensor', which is not",
     ),
     "fisheye": (GOOD | {"fisheye_model": 1}, "distortion: expected 4 numbers, found 5"),
+    "model": (GOOD | {"distortion_model": "fov"}, "distortion_model: expected pinhole, plumb_bob"),
+    "seven numbers": (
+        GOOD | {"distortion_coefficients": np.zeros((7, 1))},
+        "expected 4, 5, 8, 12 or 14 numbers, found 7",
+    ),
+    "no second matrix": (GOOD | {"M1": K, "R": np.eye(3), "T": np.ones((3, 1))}, "M2: expected a camera matrix"),
+    "no extrinsics": (GOOD | {"M1": K, "M2": K}, "expected R and T of the second camera"),
+    "two numbers of T": (GOOD | {"M1": K, "M2": K, "R": np.eye(3), "T": np.ones((2, 1))}, "T: expected 3 numbers"),
+    "two rows of R": (GOOD | {"M1": K, "M2": K, "R": np.eye(2), "T": np.ones((3, 1))}, "R: expected 3 x 3 numbers"),
     "flat": (GOOD | {"M1": K, "M2": K, "R": np.ones((3, 3)), "T": np.ones((3, 1))}, None),
 }
 
