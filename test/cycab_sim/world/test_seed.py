@@ -11,7 +11,7 @@ from cycab_sim.world import building, city, furniture, season, street, town
 from cycab_sim.world.mesh import Mesh, MeshBuilder, joined, placed
 from cycab_sim.world.traffic import figures, loops
 from cycab_sim.world.traffic.traffic import Traffic
-from cycab_sim.world.worlds import GroundProfile, World
+from cycab_sim.world.worlds import GroundProfile, World, build_world
 
 AT = placed(3.0, -2.0, 0.7, 0.12)
 BLOCK = (3.75, 3.75, 41.0, 31.0)
@@ -76,6 +76,7 @@ THINGS = {
     "house": lambda: [drawn(building.add_house, AT, 9.0, 8.0, 3, seeds=range(8))],
     "row": lambda: [drawn(town.add_row, AT, 60.0, 9.0)],
     "block": lambda: [block()],
+    **{kind: lambda kind=kind: [build_world(kind, 3).mesh] for kind in ("corridor", "ramp")},
     "town": lambda: [town.build_town(5)[0]],
     "parked cars": lambda: [season.change_season(block(), SeasonParams(parked=2), 5)],
     "autumn": lambda: [season.change_season(block(), SeasonParams(leaves="yellow"), 5)],
@@ -88,6 +89,7 @@ THINGS = {
     "who keeps off": lambda: [traffic().poses(SECOND, np.array([[5.0, 5.0], [20.0, 1.0]]), 2.0)],
 }  # fmt: skip
 NUMBERS = {
+    "corridor": 3.116093, "ramp": -1.895655,
     "car": -0.549624, "lamp": 0.365278, "traffic_sign": 1.947710, "bollard": -0.540807, "box": -2.256028,
     "bench": -2.831116, "tree": 1.916368, "monument": -2.749808, "kiosk": -2.022435, "hedge": -5.361531,
     "house": 0.524900, "row": -5.310562, "block": -4.853642, "town": 4.933649, "parked cars": 11.578493,
