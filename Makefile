@@ -26,9 +26,8 @@ demo: env
 	$(RUN)/sphere_nav demo $(ARGS)
 
 # The rings of tests are told in test/rings.py; what `check` runs is left out. A worker a core, and one more where
-# tests wait for processes that they start; of many cores four. Threads that multiply matrices beside them would wait for
-# each other with all cores busy.
-TEST := OPENBLAS_NUM_THREADS=1 $(RUN)/pytest --maxprocesses 4 --dist worksteal
+# tests wait for processes that they start; of many cores four.
+TEST := $(RUN)/pytest --maxprocesses 4 --dist worksteal
 
 test: env $(STAMPS)/test_wheels
 	$(TEST) -n auto -m "not slow and not dds" $(ARGS)
@@ -126,7 +125,7 @@ test-oldest:
 	$(MAKE) VENV=$(OLDEST) $(addprefix $(OLDEST)/.stamps/,test_wheels tf2_msgs msg_defs sphere_nav)
 	$(OLDEST)/bin/python scripts/install_wheels.py -r requirements-oldest.txt
 	scripts/compile_kernels.sh $(OLDEST)
-	OPENBLAS_NUM_THREADS=1 $(OLDEST)/bin/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
+	$(OLDEST)/bin/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
 
 # With the Python that PYTHON names, or the newest that uv finds or brings.
 test-newer: $(STAMPS)/wheels

@@ -97,9 +97,9 @@ class Simulator:
 
     def capture_rig(self) -> dict[str, RenderedFrame]:
         """Return what all cameras of the rig see now, by name; without those withheld by a fault."""
-        index, now = self.schedule.count["rig"], self.time_ns
+        index, now = self._number("rig"), self.time_ns
         names = [name for name in self.rig_names if not self.faults.is_withheld(name, index, now)]
-        return self.cameras.capture_together(names, max(index, 0), now)
+        return self.cameras.capture_together(names, index, now)
 
     def read_imu(self) -> ImuReading:
         """Return what the IMU measures now; it follows the car where `imu.is_on`."""

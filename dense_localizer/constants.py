@@ -54,7 +54,7 @@ SHARED_ERROR = 2.0  # factor of what key spheres disagree by: they err together,
 EDGE_ERROR = 2.0  # factor of the covariance of an edge
 MAX_OBSERVED_SIGMAS = 3.0  # that one observation counts at most; 1 in 370 by chance
 REFUSED_FADING = 0.8  # weight that observations keep with each refused image (references/test_map_error)
-EDGE_HOPS, MAX_LOOP_SIGMAS = 5, 4.74  # edges around a key sphere that count; of a loop: chi of 6 at 0.001
+EDGE_HOPS = 5  # edges around a key sphere that count
 MIN_EDGE_M = 0.1  # shorter edges say nothing of a meter
 
 # Acceptance (judge/test_acceptance): a first value refuses, a second one means care: DEGRADED.
@@ -128,7 +128,6 @@ SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.5, 2.0  # between two searches of the whole m
 
 # Parts of the view, asked of one prediction after the other (track/test_candidates)
 MAX_HINT_CHANCE = 0.01  # that as many agree in a wrong place, above which those of other predictions are not asked
-MAX_SAME_POSE = 4.7  # standard deviations of both, chi of 6 at 0.001: poses by grey levels and contrast that agree
 NUM_OTHER_EXPERIENCES = 3  # that are asked for an image which the one in use does not explain well
 SURE_GRAY_NCC = 0.9  # correlation of grey levels below which local contrast is asked, too: other cars, another light
 ASK_ALL_S = 0.3  # since the map placed an image, until which they are in any case
@@ -144,4 +143,3 @@ MAX_KEY_SIGMA_M = 0.05  # standard deviation of the place of a key image
 NUM_RANGE_REFERENCES = 2  # key spheres that depth is aligned to, those that cover most of it
 NUM_RANGE_KEPT = 16  # ranges of key spheres that are kept ready: memory, no result
 GOOD_RANGE_OVERLAP, GOOD_RANGE_AGREEMENT = 0.4, 0.8  # shares; the least are those of any motion by ranges
-MAX_CONTRADICTION = 4.74  # deviations between both poses, chi of 6 at 0.001: beyond it they are not joined

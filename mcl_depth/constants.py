@@ -87,9 +87,6 @@ MAX_TRIAL = 12  # images of a trial: a right place takes five to eight
 
 # Odometry against the images (belief/test_image_motion); chosen in towns 61 and 62, `benchmarks bare contradictions`
 MAX_REACH = 0.35  # way by the median range, 20 deg of parallax: beyond it images are not aligned, test_image_motion
-CONTRADICTION = (
-    21.1  # chi^2 of 3 degrees of freedom: odometry and images that are right differ so in 1e-4 of the images
-)
 WHEEL_SIGMA = 0.02  # m, of odometry however short the way: wheels that stand say so, but not at the very stamp
 IMAGE_SIGMA = np.array([0.03, 0.03, np.radians(0.3)])  # m, m, rad: of a motion by images, however short
 IMAGE_DRIFT = np.array([0.04, 0.04, np.radians(0.3)])  # and by its way: the range is that of the map, not quite there

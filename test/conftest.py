@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+
+# NumPy reads it as it is imported; threads that multiply matrices would wait for each other longer than they compute.
+os.environ["OPENBLAS_NUM_THREADS"] = os.environ.get("OPENBLAS_NUM_THREADS", "1")
+
 import faulthandler
 import gc
-import os
 import signal
 import sys
 import tempfile

@@ -17,7 +17,7 @@ NEUTRAL, HIDDEN = 128, 0
 def residual_image(image: NDArray[Any], camera: Camera, candidate: PoseCandidate) -> NDArray[np.uint8]:
     """Return (H, W) uint8: 128 plus half of image minus map at the pixels of the first reference, 128 elsewhere.
 
-    Cells that never show the map are 0. It is of the first camera that a reference covers; `image` (H, W) where none is.
+    Cells that never show the map are 0. It is of the first camera that a reference covers, else of `image` (H, W).
     """
     if candidate.alignment is None:
         return np.full((camera.height, camera.width), NEUTRAL, np.uint8)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dense_localizer.constants import EDGE_HOPS, MAX_LOOP_SIGMAS
+from dense_localizer.constants import EDGE_HOPS
+from sphere_nav.estimation.gates import gate
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import Edge, SphereGraph
@@ -80,4 +81,4 @@ def is_usable(graph: SphereGraph, edge: Edge) -> bool:
         return True
     T_a_b = graph[edge.a].T_map_sphere.inverse() @ graph[edge.b].T_map_sphere
     xi = (edge.T_a_b.inverse() @ T_a_b).log()
-    return bool(xi @ edge.information @ xi <= MAX_LOOP_SIGMAS**2)
+    return bool(xi @ edge.information @ xi <= gate(6))

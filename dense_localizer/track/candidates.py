@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE, MAX_SAME_POSE, NUM_OTHER_EXPERIENCES, SURE_GRAY_NCC
+from dense_localizer.constants import ASK_ALL_S, MAX_HINT_CHANCE, NUM_OTHER_EXPERIENCES, SURE_GRAY_NCC
 from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.references.likeness import Tried
 from dense_localizer.references.reference import References
-from sphere_nav.estimation.gates import squared_distance
+from sphere_nav.estimation.gates import gate, squared_distance
 from sphere_nav.localization.status import Reason
 
 Locate = Callable[[Prediction, Tried], PoseCandidate]  # by another experience than those
@@ -66,7 +66,7 @@ def explains_more(other: PoseCandidate, candidate: PoseCandidate) -> bool:
     if not (other.choice.by_contrast if is_doubtful else other.acceptance.is_good):
         return False
     both = candidate.covariance + other.covariance
-    is_there = squared_distance(candidate.T_map_camera, other.T_map_camera, both) <= MAX_SAME_POSE**2
+    is_there = squared_distance(candidate.T_map_camera, other.T_map_camera, both) <= gate(6)
     return not (is_there and candidate.finding.reason is Reason.JUMP_REJECTED)
 
 

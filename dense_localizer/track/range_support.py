@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from dense_localizer.constants import MAX_CONTRADICTION, NUM_RANGE_KEPT, NUM_RANGE_REFERENCES
+from dense_localizer.constants import NUM_RANGE_KEPT, NUM_RANGE_REFERENCES
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.acceptance import assess_range
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.range_alignment import DepthImage, RangeFit, RangeImage, measure_motion_by_ranges
@@ -51,7 +51,7 @@ class RangeSupport:
         supported = replace(candidate, acceptance=acceptance)
         if candidate.is_accepted:
             T, joint, apart = join(candidate.T_map_camera, candidate.covariance, T_map_body, covariance)
-            if apart <= MAX_CONTRADICTION:
+            if apart**2 <= gate(6):
                 return replace(supported, T_map_camera=T, covariance=joint)
         return replace(supported, T_map_camera=T_map_body, covariance=covariance, is_by_range=True)
 

@@ -21,7 +21,6 @@ from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.motion_model import MotionModel, compose_planar, planar_pose, relative_motion
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.constants import (
-    CONTRADICTION,
     IMAGE_DRIFT,
     IMAGE_FORGETTING,
     IMAGE_SIGMA,
@@ -36,7 +35,7 @@ from mcl_depth.constants import (
     WHEEL_SIGMA,
 )
 from mcl_depth.likeness.depth_map import DepthMap
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import PLANAR, Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
@@ -204,9 +203,9 @@ class ReconciledOdometry:
         difference = step.motion - motion
         difference[2] = float(wrap_angle(difference[2]))
         square = squared_mahalanobis(difference, C_odometry + step.covariance)
-        if square > CONTRADICTION:
+        if square > gate(3, 1e-4):
             words, remedy = describe_difference(motion, step.motion)
-            limit = float(np.sqrt(CONTRADICTION))
+            limit = float(np.sqrt(gate(3, 1e-4)))
             return Verdict(Reason.JUMP_REJECTED, float(np.sqrt(square)), limit, words, remedy), step.motion, True, False
         self._fit = step.ncc, motion, step.motion
         is_sharp = float(np.linalg.eigvalsh(step.covariance[:2, :2])[-1]) < SHARP_M**2

@@ -210,7 +210,6 @@ TRACK_STEPS, TRACK_LOSS_PX = 15, 0.15  # of the fit; scale of Cauchy's loss on a
 TRACK_PRIOR_PX = 3.0  # standard deviation of each number before anything is seen
 CORRELATED_CORNERS = 9.0  # of one window, that count as one (`estimation/covariance.py`)
 TRACK_FLOOR_PX = np.array([0.02, *[0.04] * 7])  # (8,): no number of corners lowers it: not all patches are planes
-SIGNIFICANCE = {2: 15.2, 6: 24.1, 8: 27.9}  # chi2 of so many numbers that chance exceeds once in two thousand
 
 # A LiDAR's clouds, and what is said of a rig (range/test_fusion, ros/test_rig_intake, ros/test_node)
 FEATURE_WIDTH = 2048  # px, of the sphere in which features are found (range/test_rectification)

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sphere_mapping.constants import EDGE_FLOOR, MAX_PARTS_APART, MAX_PARTS_CHANCE
+from sphere_mapping.constants import EDGE_FLOOR, MAX_PARTS_CHANCE
 from sphere_mapping.graph.both_ways import TwoWayMotion
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.params import RegistrationParams
@@ -45,7 +45,7 @@ def measure_motion_by_parts(
     length_m = float(np.linalg.norm(T_there.translation))
     floor = np.diag(np.repeat([EDGE_FLOOR[0] + EDGE_SHARE * length_m, EDGE_FLOOR[1]], 3) ** 2)
     both = forward.covariance + adjoint @ back.covariance @ adjoint.T
-    if squared_mahalanobis(gap, both + floor) > MAX_PARTS_APART**2:
+    if squared_mahalanobis(gap, both + floor) > gate(6):
         return None
     apart = np.repeat([np.sum(gap[:3] ** 2) / 12, np.sum(gap[3:] ** 2) / 12], 3)
     covariance = 0.5 * both + floor + np.diag(apart)

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from sphere_nav.geometry import SE3
 
 Floats = NDArray[np.floating]
+RARE = 1e-3  # share of what belongs together that a gate turns away; test_gates
+
+
+@cache
+def gate(dof: int, rate: float = RARE) -> float:
+    """Return the squared distance of so many degrees of freedom that chance exceeds at a rate."""
+    return float(chdtri(dof, rate))
 
 
 def squared_mahalanobis(error: Floats, covariance: Floats) -> float:

@@ -32,7 +32,6 @@ SETTLED_PX = 2.0  # rms change of the lens that moves no image out of the reach 
 # A survey against what was aligned (mapping/test_drive)
 SURVEY_SIGMA = np.repeat([0.01, np.radians(0.3)], 3)  # (6,) m, rad: standard deviations that are granted to a survey
 EDGE_FACTOR = 2.0  # of those of the edges: on real recordings with good truth edges err about twice as much as they say
-MAX_SURVEY_SIGMAS = 5.3  # of six degrees of freedom together: an edge in 10,000 by chance
 MAX_CONTRADICTED = 0.5  # share of the edges above which the survey is refused
 
 # A drive that is mapped or localised (mapping/test_drive, mapping/test_extension)

@@ -14,8 +14,6 @@ from sphere_nav.ros.maps.reader import save_map
 from worlds.localizer import SMALL_IMAGES, Room, make_map
 from worlds.mcl import SETTINGS, room_points
 
-pytestmark = pytest.mark.slow
-
 CAMERA = Pinhole(160, 120, 120.0, 120.0, 79.5, 59.5)
 OTHER = Pinhole(160, 120, 125.0, 120.0, 79.5, 59.5)
 SECOND = 10**9
@@ -134,6 +132,9 @@ CASES = {
 }
 
 
+@pytest.mark.parametrize(
+    "localizer", ["dense_localizer", pytest.param("mcl_depth", marks=pytest.mark.slow)], indirect=True
+)
 def test_a_bad_image_is_answered_by_its_reason_and_the_next_good_one_used(localizer):
     localizer.begin()
     for case, (show, reason, detail) in CASES.items():

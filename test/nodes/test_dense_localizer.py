@@ -39,14 +39,17 @@ def room():
 
 
 @pytest.fixture(scope="module")
-def map_path(room, tmp_path_factory):
-    sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0)])
-    return save_map(tmp_path_factory.mktemp("maps") / "room", sphere_map.graph)
+def pictures(room):
+    return [room.photograph(PINHOLE, pose, k) for k, pose in enumerate(drive(12))]
 
 
 @pytest.fixture(scope="module")
-def pictures(room):
-    return [room.photograph(PINHOLE, pose, k) for k, pose in enumerate(drive(12))]
+def map_path(room, pictures, tmp_path_factory):
+    """A map, in which a camera was localised before: what that loads is charged to no test."""
+    sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0)])
+    path = save_map(tmp_path_factory.mktemp("maps") / "room", sphere_map.graph)
+    Bench(path).follow(pictures[:2])
+    return path
 
 
 def info_message(stamp, camera=PINHOLE):
@@ -84,7 +87,6 @@ class Bench:
         return [self.see(picture) for picture in pictures]
 
 
-@pytest.mark.slow
 def test_a_drive_gives_pose_odometry_transform_and_status(map_path, pictures):
     bench = Bench(map_path)
     answers = bench.follow(pictures)
@@ -110,7 +112,6 @@ def test_a_drive_gives_pose_odometry_transform_and_status(map_path, pictures):
     assert len(status.references) == 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("use_depth", "state"), [(True, "TRACKING"), (False, "DEGRADED")])
 def test_where_the_light_goes_out_depth_goes_on(map_path, room, pictures, use_depth, state):
     bench, way = Bench(map_path, use_depth=use_depth), drive(12)
@@ -124,7 +125,6 @@ def test_where_the_light_goes_out_depth_goes_on(map_path, room, pictures, use_de
         assert T_map_base.distance(way[7] @ T_BASE_CAMERA.inverse())[0] < 0.03
 
 
-@pytest.mark.slow
 def test_a_twist_is_that_of_the_base_and_not_of_the_camera(map_path, pictures):
     answer = Bench(map_path).follow(pictures)[-1]
     _, twist = odometry_to_se3(answer["/odometry"])
@@ -137,7 +137,6 @@ def test_a_twist_is_that_of_the_base_and_not_of_the_camera(map_path, pictures):
     )  # the drift of the map is in it
 
 
-@pytest.mark.slow
 def test_compressed_images_in_color_localise(map_path, pictures):
     bench = Bench(map_path, transport="compressed")
     for picture in pictures[:5]:
@@ -148,7 +147,6 @@ def test_compressed_images_in_color_localise(map_path, pictures):
     assert answer["/status"].state == "TRACKING"
 
 
-@pytest.mark.slow
 def test_relocalize_answers_with_the_pose_it_found(map_path, pictures):
     bench = Bench(map_path, automatic=False)
     call = bench.node.endpoints.call
@@ -164,7 +162,6 @@ def test_relocalize_answers_with_the_pose_it_found(map_path, pictures):
     assert "from a key sphere" in refused.message
 
 
-@pytest.mark.slow
 def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_path, pictures, tmp_path):
     bench = Bench()
     call = bench.node.endpoints.call

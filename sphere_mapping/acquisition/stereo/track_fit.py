@@ -15,7 +15,6 @@ import numpy as np
 
 from sphere_mapping.acquisition.constants import (
     CORRELATED_CORNERS,
-    SIGNIFICANCE,
     TRACK_FLOOR_PX,
     TRACK_LOSS_PX,
     TRACK_PRIOR_PX,
@@ -28,7 +27,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
     slopes_of_columns,
     tangents,
 )
-from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.gates import gate, squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import SE3, Pinhole, so3
 from sphere_nav.geometry.arrays import Array
@@ -65,7 +64,7 @@ class ColumnFit:
 
     def _is_more_than(self, first: int) -> bool:
         rest, covariance = self.columns[first:], self.covariance[first:, first:]
-        return squared_mahalanobis(rest, covariance) > SIGNIFICANCE[len(rest)]
+        return squared_mahalanobis(rest, covariance) > gate(len(rest), 5e-4)
 
 
 def fit_columns(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -> ColumnFit | None:

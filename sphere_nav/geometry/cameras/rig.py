@@ -39,7 +39,8 @@ class RigCamera:
         if self.level not in LEVELS:
             raise ValueError(f"{self.name}: level: expected top, bottom or nothing, found {self.level!r}")
         if self.T_rig_camera.matrix.shape != (4, 4) or not np.all(np.isfinite(self.T_rig_camera.matrix)):
-            raise ValueError(f"{self.name}: T_rig_camera: expected one finite pose, found {self.T_rig_camera.matrix}")
+            found = self.T_rig_camera.matrix.tolist()
+            raise ValueError(f"{self.name}: T_rig_camera: expected one finite pose, found {found}")
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.estimation.gates import gate
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -25,7 +26,6 @@ from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import linearize_samples, solve_robustly
 from sphere_nav.photometric.constants import (
     BIAS_STEPS,
-    LAST_SUPPORT_STEP,
     MAX_CHANCE,
     MAX_PREDICTED_CHANCE,
     NUM_TRIED_MOTIONS,
@@ -115,7 +115,7 @@ def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, params
             break
         step, remaining, weight = solve_robustly(*problem, params)
         covariance = _covariance(problem[0], remaining, weight, votes.owner)
-        if step[:6] @ scaled_inverse(covariance) @ step[:6] < LAST_SUPPORT_STEP**2:
+        if step[:6] @ scaled_inverse(covariance) @ step[:6] < gate(6, 0.05):  # it says nothing
             break
         T_step = T_step @ SE3.exp(step[:6])
         votes = vote(levels, sampler(T_world_body @ T_step))

@@ -12,7 +12,7 @@ import numpy as np
 from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.mount import CameraMount
-from sphere_nav.estimation.gates import squared_distance
+from sphere_nav.estimation.gates import gate, squared_distance
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
@@ -22,7 +22,6 @@ from sphere_nav_tools.offline.constants import (
     EDGE_FACTOR,
     MAX_CONTRADICTED,
     MAX_LOST,
-    MAX_SURVEY_SIGMAS,
     MIN_WAY_M,
     SURVEY_SIGMA,
 )
@@ -181,7 +180,7 @@ def check_survey(aligned: SphereGraph, surveyed: SphereGraph, source: str) -> li
     BagError where most edges contradict the survey: the poses are wrong, of another frame or of other stamps.
     """
     found = sorted(((_sigmas(edge, surveyed), edge) for edge in aligned.edges), key=lambda pair: pair[0], reverse=True)
-    wrong = [(sigmas, edge) for sigmas, edge in found if sigmas > MAX_SURVEY_SIGMAS]
+    wrong = [(sigmas, edge) for sigmas, edge in found if sigmas**2 > gate(6, 1e-4)]
     if not wrong:
         return []
     named = "; ".join(_describe(edge, sigmas, surveyed) for sigmas, edge in wrong[:NUM_NAMED])

@@ -26,7 +26,6 @@ from worlds.room import Room
 INTEGRITY_PERIOD, MAP_PHASE = 10, 5
 
 
-@pytest.mark.slow
 def test_every_image_gets_the_full_check_until_the_pose_is_trusted(room_map):
     integrity = Integrity(References(room_map, LocalizerParams()), LocalizerParams())
     assert all(integrity.find_due(state) is EVERYTHING for state in State if state is not State.TRACKING)

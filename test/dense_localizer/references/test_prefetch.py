@@ -23,7 +23,6 @@ def chosen_of(reference, T):
     return reference.level_like(PINHOLE).selections.get((PINHOLE, NUMBER))
 
 
-@pytest.mark.slow
 def test_pixels_are_chosen_before_they_are_needed_and_used_when_asked(room_map):
     reference, T = reference_of(room_map), at(0.0).inverse()
     pixels = PixelPrefetch(PARAMS, is_live=False)

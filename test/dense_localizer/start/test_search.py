@@ -106,7 +106,6 @@ def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):
     assert find(pyramid_at(room, pose), 1_950_000_000).candidate is not None
 
 
-@pytest.mark.slow
 def test_a_vehicle_lost_for_long_is_searched_for_in_another_light_and_turned(asked):
     _, ask = asked
     rounds = ask(NUM_WHOLE_SEARCHES + 4, SEARCH_PERIOD_S)

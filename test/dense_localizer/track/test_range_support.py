@@ -81,9 +81,8 @@ def test_depth_of_a_camera_on_a_body_places_the_body(run):
     assert error(estimate, way[-1] @ T_body_camera.inverse())[0] < 0.015
 
 
-@pytest.mark.slow
 def test_without_depth_a_black_image_is_no_pose(run):
-    way = drive(22, speed=0.5)
+    way = drive(20, speed=0.5)
     nothing = DepthImage(np.full((96, 128), np.nan), DEPTH_CAMERA, T_IMAGE_DEPTH)
     for k, pose in enumerate(way):
         estimate = run.see(pose, *((BLACK, nothing) if k >= 8 else ()))
@@ -114,7 +113,6 @@ def candidate_at(pose, sigma=0.02, *, is_accepted=True, is_guess=False):
     return PoseCandidate(pose, sigma**2 * np.eye(6), prediction, None, acceptance)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("off_m", "is_joined"), [(0.03, True), (0.3, False)])
 def test_a_pose_with_care_is_joined_or_geometry_holds(run, support, off_m, is_joined):
     pose, off = at(0.2, 0.1, 0.2), SE3.exp([off_m, 0.0, 0.0, 0.0, 0.0, 0.0])

@@ -7,8 +7,6 @@ from sphere_nav.geometry import SE3, FrameMotion, Pinhole, Spherical
 from sphere_nav.photometric import View, build_pyramid, prepare_reference, register
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-pytestmark = pytest.mark.slow
-
 CAMERA = Pinhole(320, 240, 262.0, 262.0, 159.5, 119.5)
 SPHERE = Spherical(1024, 512)
 READOUT = 0.68  # of the time between two frames

@@ -1,7 +1,6 @@
 """Views of a room against the room itself, seen from the same place."""
 
 import numpy as np
-import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.sphere import Sphere
@@ -34,7 +33,6 @@ def test_from_its_own_place_a_sphere_is_itself(room):
     assert error.max() <= 8
 
 
-@pytest.mark.slow
 def test_no_sheet_is_drawn_between_a_board_and_the_wall_behind(room_with_board):
     first = placed(room_with_board)[:1]
     T = optical(SE3.from_planar(0.0, 0.8, 0.0))
@@ -50,7 +48,6 @@ def test_no_sheet_is_drawn_between_a_board_and_the_wall_behind(room_with_board):
     assert (view.image[view.is_known] > 0).all()
 
 
-@pytest.mark.slow
 def test_a_second_sphere_fills_what_the_first_did_not_see(room_with_board):
     T = optical(SE3.from_planar(0.2, 0.8, 0.0))
     T_other = SE3.from_planar(0.4, 1.2, 0.0)

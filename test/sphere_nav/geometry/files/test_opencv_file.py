@@ -74,7 +74,8 @@ def test_a_matrix_of_a_camera_without_skew_is_taken_up_to_the_limit(tmp_path):
                 read_foreign([store(tmp_path / "a.yml", **(GOOD | {"camera_matrix": matrix}))])
 
 
-GOOD = {"image_width": 640, "image_height": 480, "camera_matrix": K, "distortion_coefficients": D}
+SIZED = {"image_width": 640, "image_height": 480}
+GOOD, PAIR = SIZED | {"camera_matrix": K, "distortion_coefficients": D}, SIZED | {"M1": K, "M2": K}
 DEFECTS = {
     "no size": ({"camera_matrix": K}, "image_width, image_height: expected in the file, or --size, found neither"),
     "prism": (
@@ -82,16 +83,22 @@ DEFECTS = {
         "found 'thin prism or tilted sensor', which is not",
     ),
     "fisheye": (GOOD | {"fisheye_model": 1}, "distortion: expected 4 numbers, found 5"),
-    "flat": (GOOD | {"M1": K, "M2": K, "R": np.ones((3, 3)), "T": np.ones((3, 1))}, None),
+    "model": (GOOD | {"distortion_model": "fov"}, "distortion_model: expected pinhole, plumb_bob"),
+    "seven numbers": (
+        GOOD | {"distortion_coefficients": np.zeros((7, 1))},
+        "expected 4, 5, 8, 12 or 14 numbers, found 7",
+    ),
+    "no second matrix": (SIZED | {"M1": K, "R": np.eye(3), "T": np.ones((3, 1))}, "M2: expected a camera matrix"),
+    "no extrinsics": (PAIR, "expected R and T of the second camera"),
+    "two numbers of T": (PAIR | {"R": np.eye(3), "T": np.ones((2, 1))}, "T: expected 3 numbers"),
+    "two rows of R": (PAIR | {"R": np.eye(2), "T": np.ones((3, 1))}, "R: expected 3 x 3 numbers"),
+    "flat": (PAIR | {"R": np.ones((3, 3)), "T": np.ones((3, 1))}, "R: rigid motion: expected a rotation"),
 }
 
 
 def test_a_defect_is_one_line_with_its_place(tmp_path):
     for name in DEFECTS:
         values, expected = DEFECTS[name]
-        if expected is None:
-            values = {key: value for key, value in values.items() if key != "camera_matrix"}
-            expected = "R: rigid motion: expected a rotation"
         path = store(tmp_path / "a.yml", **values)
         with pytest.raises(ValueError, match=r"a\.yml: ") as caught:
             read_opencv([path], None, None, 1.0)

@@ -68,6 +68,11 @@ def test_a_file_is_not_overwritten_unless_told(rig, path):
     assert [file.name for file in path.parent.iterdir() if file.is_file()] == ["rig.yaml"]
 
 
+def test_a_panorama_is_no_camera_of_a_rig_file(tmp_path):
+    with pytest.raises(ValueError, match=r"a: expected a camera of pinhole, .*, found spherical"):
+        write_rig(tmp_path / "rig.yaml", Rig((RigCamera("a", Spherical(64, 32), SE3.identity()),)))
+
+
 def drop(*keys):
     def change(values):
         inner = values
@@ -107,6 +112,13 @@ DEFECTS = {
     "short matrix": (put(*A, "T_rig_camera", [[1, 2], [3]]), "cameras.a.T_rig_camera: expected 4 rows of 4 numbers"),
     "a list for a model": (put(*A, "model", ["pinhole"]), "cameras.a.model: expected pinhole"),
     "ocam without polynomial": (put("cameras", "f", "polynomial", []), "cameras.f: ocam: polynomial: expected 1 to 20"),
+    "another format": (put("format_version", 9), "format, format_version: expected"),
+    "no cameras": (put("cameras", {}), "cameras: expected camera names with their fields, found {}"),
+    "a lost mask": (put(*A, "mask", "gone.png"), "cameras.a.mask: expected an image file, found no gone.png"),
+    "ocam distorted": (put("cameras", "f", "distortion", [0.1]), "cameras.f.distortion: expected none for ocam"),
+    "pinhole polynomial": (put(*A, "polynomial", [0.1]), "cameras.a.polynomial: expected none for pinhole"),
+    "short fisheye": (put("cameras", "c", "distortion", [0.1]), "cameras.c.distortion: expected 4 numbers, found 1"),
+    "distorted sphere": (put("cameras", "d", "distortion", [0.1]), "distortion: expected none for double_sphere"),
     "unknown level": (put(*A, "level", "up"), "cameras.a: a: level: expected top, bottom or nothing, found 'up'"),
 }
 

@@ -42,7 +42,6 @@ def images(room, views):
     return tuple(image(k, *pair) for k, pair in enumerate(zip(CAMERAS, MOUNTS, strict=True)))
 
 
-@pytest.mark.slow
 def test_the_increment_of_a_camera_is_the_adjoint_of_that_of_the_body(images):
     problem, state = RigProblem.choose_pixels(images, 1, START, PARAMS, None), AlignmentState.start(START, 4)
     H, g, visible = problem.linearize(state)
@@ -61,7 +60,6 @@ def test_the_increment_of_a_camera_is_the_adjoint_of_that_of_the_body(images):
     assert np.all(H[6:10, 10:] == 0.0)  # the light of one camera says nothing of the other's
 
 
-@pytest.mark.slow
 def test_two_cameras_find_their_motion(images):
     found = register_rig(images, START, PARAMS)
     assert found.is_converged
@@ -76,7 +74,6 @@ def test_two_cameras_find_their_motion(images):
     assert abs(structure.stretch) < 0.03
 
 
-@pytest.mark.slow
 def test_the_turn_of_the_body_is_that_of_a_camera_in_its_axes(room, images):
     turn = SE3.exp([0, 0, 0, 0.02, -0.03, np.deg2rad(4)])
     later = tuple(

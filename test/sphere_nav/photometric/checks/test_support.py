@@ -15,8 +15,6 @@ from sphere_nav.photometric.pixels.samples import CameraSamples, sample_views
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import optical
 
-pytestmark = pytest.mark.slow
-
 PARAMS = RegistrationParams(max_pixels=20_000, max_mad=100.0)
 SPHERE, CAMERA = Spherical(768, 384), Pinhole(240, 180, 165.0, 165.0, 119.5, 89.5)
 PLACES = [SE3.from_planar(-2.0, 0.0, 0.0), SE3.from_planar(-1.2, 0.0, 0.0)]

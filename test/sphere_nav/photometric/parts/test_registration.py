@@ -10,8 +10,6 @@ from sphere_nav.photometric.parts.registration import register_parts
 from worlds.parked import ParkingRoom, boxes_along
 from worlds.room import optical
 
-pytestmark = pytest.mark.slow
-
 PARAMS = RegistrationParams(max_pixels=20_000)
 SPHERE, CAMERA = Spherical(768, 384), Pinhole(240, 180, 165.0, 165.0, 119.5, 89.5)
 TRUTH = optical(SE3.from_planar(-1.7, 0.1, 0.05))

@@ -41,7 +41,6 @@ def looked(image, view, T_world_body, T_body_camera=None):
     return finest_levels(images, PARAMS), _sampler(images, PARAMS)(T_world_body)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mount", [SE3.exp([0.3, -0.2, 0.1, 0.2, -0.3, 0.5])])
 @pytest.mark.parametrize(
     "xi",
@@ -57,7 +56,6 @@ def test_cells_are_shifted_as_the_motion_that_is_missing_shifts_them(image, view
     assert near[np.abs(expected).max(axis=1) < 7.0].mean() > 0.75
 
 
-@pytest.mark.slow
 def test_pixels_of_agreeing_cells_are_kept_each_with_its_cell(image, view):
     levels, cameras = looked(image, view, TRUTH)
     votes = vote(levels, cameras)

@@ -60,7 +60,6 @@ def columns_of(pixels):
     return np.abs(np.column_stack([pixels[4:].T, np.cross(pixels[:3].T, pixels[4:].T)]))
 
 
-@pytest.mark.slow
 def test_each_column_gets_its_best_of_what_is_seen(rng):
     pixels = rng.normal(size=(7, 20 * SIDE)).astype(np.float32)
     pixels[4:, : 10 * SIDE] *= 100.0  # what is not seen fixes most, and counts for nothing

@@ -9,8 +9,6 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import build_pyramid, prepare_reference
 from sphere_nav.photometric.pixels.selection import choose_pixels, holds, select, select_levels
 
-pytestmark = pytest.mark.slow
-
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 SPHERE = Spherical(1024, 512)
 T_CAMERA_BODY = SE3.from_parts([[0, -1, 0], [0, 0, -1], [1, 0, 0]], [0, 0, 0])
@@ -78,6 +76,7 @@ def test_what_is_chosen_ahead_is_used_once_it_is_kept(room, levels):
     assert not holds(reference.level_like(CAMERA), slightly, CAMERA, 400, 0.05)
 
 
+@pytest.mark.slow
 def test_threads_see_the_same_squares(room):
     reference = prepare_reference(*room.render(SPHERE, A), SPHERE)
     turns = [SE3.exp([0, 0, 0, 0, 0.1 * k, 0]) @ T_CAMERA_BODY for k in range(60)]

@@ -19,7 +19,6 @@ from std_srvs.srv import Trigger
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagError, BagReader, BagWriter, verify_bag
-from sphere_nav.ros.bags.player_node import BagPlayer
 from sphere_nav.ros.bags.recorder_node import BagRecorder
 from sphere_nav.ros.conversions import array_to_image
 from sphere_nav.ros.live import LiveShell
@@ -149,23 +148,6 @@ def test_paused_with_an_offset_latched_topics_are_there(start, drive, desk):
     desk.until(lambda: future.done() and len(stamps) == 10)
     assert stamps == [str(number) for number in range(20, 30)]
     end_of(player)
-
-
-@pytest.mark.parametrize(
-    ("values", "reason"),
-    [
-        ({"bag": "nowhere"}, "nowhere: expected a bag .*, found none"),
-        ({"topics": "/other"}, "expected topic /other, found"),
-        ({"start": 99.0}, r"start: expected at most 1\.450 s"),
-        ({"wait_for": "/latched", "topics": "/stamp"}, "/latched: expected a topic that is played"),
-    ],
-)
-def test_what_cannot_be_played(ros, drive, values, reason):
-    values = {"bag": str(drive)} | values
-    shell = LiveShell(BagPlayer, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
-    with pytest.raises(ValueError, match=reason):
-        shell.node.configure()
-    shell.destroy_node()
 
 
 def test_a_full_disk_ends_the_recording_with_one_line(ros, tmp_path, monkeypatch):

@@ -62,7 +62,6 @@ def test_a_camera_beside_the_middle_of_the_sphere_finds_its_heading():
     assert found.score > 0.46  # 0.4 where no cell may lie beside its place
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("roll", "pitch"), [(0.6, 0.0), (0.0, 0.5)])
 def test_a_tilted_camera_is_drawn_upright(roll, pitch):
     T_level_camera = SE3.from_angles(roll, pitch, 0.0, np.zeros(3)) @ T_BODY_OPTICAL

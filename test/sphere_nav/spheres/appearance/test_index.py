@@ -9,7 +9,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import optical, sharp_room
 
 CAMERA = Spherical(512, 256)
-ROOMS = [sharp_room(seed=seed) for seed in range(12)]
+ROOMS = [sharp_room(seed=seed) for seed in range(5)]
 HERE = SE3.exp([0.5, -0.4, 0.0, 0.0, 0.0, 0.0])
 
 
@@ -21,18 +21,19 @@ def index():
     return made
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", [90.0, -137.0])
 def test_a_place_is_found_at_any_heading_with_the_turn(index, turn_deg):
-    for number in (0, 5, 11):
-        there = HERE @ SE3.exp([0.3, 0.2, 0.0, 0.0, 0.0, np.radians(turn_deg)])
-        found = index.find(features_of_sphere(ROOMS[number].sphere(there, CAMERA, 50 + number)), 3)
-        assert found[0].sphere_id == 100 + number
-        assert abs((np.degrees(found[0].turn) - turn_deg + 180) % 360 - 180) <= 15  # a turn is told in tens of degrees
-        assert found[0].log_chance < -20 < found[1].log_chance
+    there, number = HERE @ SE3.exp([0.3, 0.2, 0.0, 0.0, 0.0, np.radians(turn_deg)]), 3
+    features = features_of_sphere(ROOMS[number].sphere(there, CAMERA, 50 + number))
+    found = index.find(features, 3)
+    assert found[0].sphere_id == 100 + number
+    assert abs((np.degrees(found[0].turn) - turn_deg + 180) % 360 - 180) <= 15  # a turn is told in tens of degrees
+    assert found[0].log_chance < -20 < found[1].log_chance
+    assert [one.sphere_id for one in index.find(features, 9, without=[103])] == [
+        one.sphere_id for one in index.find(features, 9) if one.sphere_id != 103
+    ]
 
 
-@pytest.mark.slow
 def test_an_ordinary_image_finds_its_sphere(index):
     lens = Pinhole(400, 300, 250.0, 250.0, 199.5, 149.5)
     found = 0
@@ -42,7 +43,7 @@ def test_an_ordinary_image_finds_its_sphere(index):
         rays = (image.rays @ T_BODY_OPTICAL.rotation.T).astype(np.float32)
         alike = index.find(Features(rays, image.range_m, image.descriptors), 3)
         found += 100 + number in [one.sphere_id for one in alike]
-    assert found >= 11  # of 12 rooms, in the first three: a view holds a sixth of a sphere
+    assert found >= 4  # of 5 rooms, in the first three: a view holds a sixth of a sphere
 
 
 def test_the_chance_of_many_votes_is_the_tail_of_poisson():

@@ -1,5 +1,4 @@
 import numpy as np
-import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.appearance.features import Features, features_of_image, features_of_sphere
@@ -14,9 +13,8 @@ ROOM = sharp_room()
 HERE = SE3.exp([0.5, -0.4, 0.0, 0.0, 0.0, 0.0])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("turn", [1.6, np.pi])
-def test_a_sphere_is_placed_at_any_heading_and_beside(turn):
+def test_a_sphere_is_placed_at_any_heading_and_beside():
+    turn = 2.6
     motion = SE3.exp([0.4, -0.3, 0.1, 0.0, 0.02, 0.0]) @ SE3.exp([0, 0, 0, 0, 0, turn])
     known = features_of_sphere(ROOM.sphere(HERE, CAMERA, 1))
     found = find_pose(features_of_sphere(ROOM.sphere(HERE @ motion, CAMERA, 2)), known)

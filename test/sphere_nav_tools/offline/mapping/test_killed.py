@@ -22,39 +22,42 @@ CAMERA = Spherical(128, 64)
 NUM_SPHERES = 6
 LOST = 3  # key spheres since the last graph, at most
 SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.05", "--experience", "dusk")  # all become key spheres
-# A process that has imported everything forks one for each run, which ends as it is told: (end, number of the call of
-# MapWriter.add, or of finish, at which it does).
-FORKS = """
+# A process makes one run after the other, each to the end that it is told: what is to be killed, in a fork that has all
+# that the first one loaded. An end is (end, number of the call of MapWriter.add, or of finish, at which it comes).
+RUNS = """
 import json, os, resource, signal, sys
 from sphere_nav_tools.cli.main import main
 from sphere_nav.ros.maps.writer import MapWriter
 
 calls = {"add": 0, "finish": 0}
 
-def counted(name, limit, act):
+def counted(name, limit):
     method = getattr(MapWriter, name)
     def call(self, *words, **named):
         done = method(self, *words, **named)
         calls[name] += 1
         if calls[name] == limit:
-            act()
+            os.kill(os.getpid(), signal.SIGKILL)
         return done
     setattr(MapWriter, name, call)
 
 for line in sys.stdin:
-    name, limit, how, words = json.loads(line)
-    pid = os.fork()
-    if pid == 0:
-        status = 1
-        try:
-            if how == "kill":
-                counted(name, limit, lambda: os.kill(os.getpid(), signal.SIGKILL))
-            elif how == "full":
-                resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-            status = main(words)
-        finally:
-            os._exit(status)
-    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+    name, limit, words = json.loads(line)
+    if name == "full":
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+        status = main(words)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    else:
+        pid = os.fork()
+        if pid == 0:
+            try:
+                counted(name, limit)
+                main(words)
+            finally:
+                os._exit(1)
+        status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    print("ended", status, flush=True)
 """
 
 
@@ -75,29 +78,26 @@ def call(command, *words):
 
 
 def test_killed_or_out_of_disk_it_leaves_a_map(bag, tmp_path):
-    """While the drive is mapped; when it is mapped, but not the map; with a limit of the size of files."""
-    ends = [
-        ("add", 5, "kill", -9, 5, ".partial"),
-        ("finish", 1, "kill", -9, 6, ""),
-        ("", 70_000, "full", 1, 1, ".partial"),
-    ]
+    """With a limit of the size of files; while the drive is mapped; when it is mapped, but not the map."""
+    ends = [("full", 70_000, 1, 1, ".partial"), ("add", 5, -9, 5, ".partial"), ("finish", 1, -9, 6, "")]
     outputs = [tmp_path / f"map_{number}" for number in range(len(ends))]
     lines = [
-        json.dumps([*end[:3], ["map", str(bag), "-o", str(path), *SETTINGS]]) + "\n"
+        json.dumps([*end[:2], ["map", str(bag), "-o", str(path), *SETTINGS]]) + "\n"
         for end, path in zip(ends, outputs, strict=True)
     ]
-    forks = [sys.executable, "-c", FORKS]
-    done = subprocess.run(forks, input="".join(lines), capture_output=True, text=True, timeout=240, check=True)
-    assert done.stdout.split() == [str(end[3]) for end in ends], done.stderr
+    runs = [sys.executable, "-c", RUNS]
+    done = subprocess.run(runs, input="".join(lines), capture_output=True, text=True, timeout=240, check=True)
+    ended = [line for line in done.stdout.splitlines() if line.startswith("ended ")]
+    assert ended == [f"ended {end[2]}" for end in ends], done.stderr
     told = next(line for line in done.stderr.splitlines() if "key spheres stay" in line)
     assert "File too large" in told
-    assert told.endswith(f"stay: sphere_nav map-verify {outputs[-1]}.drive.partial --salvage OUT")
+    assert told.endswith(f"stay: sphere_nav map-verify {outputs[0]}.drive.partial --salvage OUT")
     for end, path in zip(ends, outputs, strict=True):
-        left = f"{path}.drive{end[5]}"
+        left = f"{path}.drive{end[4]}"
         assert call("map-verify", left, "--salvage", tmp_path / "mended") == 0
         assert call("map-verify", tmp_path / "mended") == 0
         with open_map(tmp_path / "mended") as reader:
-            assert len(reader.graph) >= end[4] - LOST
+            assert len(reader.graph) >= end[3] - LOST
             assert len(reader.graph.edges) >= len(reader.graph) - 1
         shutil.rmtree(tmp_path / "mended")
 

@@ -1,0 +1,108 @@
+"""A seed is one world for ever: recorded maps, drives and figures are of it, whatever else changes in the code."""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cycab_sim.params import SeasonParams, TrafficParams
+from cycab_sim.world import building, city, furniture, season, street, town
+from cycab_sim.world.mesh import Mesh, MeshBuilder, joined, placed
+from cycab_sim.world.traffic import figures, loops
+from cycab_sim.world.traffic.traffic import Traffic
+from cycab_sim.world.worlds import GroundProfile, World, build_world
+
+AT = placed(3.0, -2.0, 0.7, 0.12)
+BLOCK = (3.75, 3.75, 41.0, 31.0)
+PLAN = town.draw_plan(5)
+SECOND = 1_000_000_000
+
+
+def drawn(add: Callable[..., None], *given, seeds=range(4)) -> Mesh:
+    """Return what one function adds for each of some seeds."""
+    meshes = []
+    for seed in seeds:
+        mesh = MeshBuilder(np.random.default_rng(seed))
+        add(mesh, *given, np.random.default_rng(seed))
+        meshes.append(mesh.build())
+    return joined(meshes)
+
+
+@cache
+def block() -> Mesh:
+    """A block of houses with its streets, and all that stands in them."""
+    mesh, rng = MeshBuilder(np.random.default_rng(2)), np.random.default_rng(1)
+    street.add_ground(mesh, BLOCK)
+    street.add_pavement(mesh, BLOCK)
+    for sides in ("ssss", "qsal"):
+        town.add_houses(mesh, BLOCK, rng, sides)
+        town.furnish(mesh, BLOCK, rng, sides)
+    street.add_street(mesh, placed(0.0, 0.0, 0.3), 80.0, (20.0, 60.0), rng)
+    town.add_skyline(mesh, BLOCK, rng)
+    return mesh.build()
+
+
+@cache
+def traffic() -> Traffic:
+    path = town.taught_path(PLAN, "two_turns")
+    world = World(block(), GroundProfile(), path, PLAN.bounds, loops.town_loops(PLAN)[::2])
+    return Traffic(world, TrafficParams(density="usual", standing_at=20.0, may_cross=True), 5)
+
+
+def made(figure: Callable[[np.random.Generator], figures.Figure]) -> list[object]:
+    some = [figure(np.random.default_rng(seed)) for seed in range(3)]
+    parts = [part for one in some for part in one.parts]
+    numbers = [(p.ahead, p.base, *p.pivot, p.swing, p.wave, p.phase, p.roll) for p in parts]
+    return [joined([part.mesh for part in parts]), numbers, [(one.half_length, one.half_width) for one in some]]
+
+
+def ways(some: tuple[loops.Loop, ...]) -> list[object]:
+    return [
+        np.concatenate([loop.points for loop in some]),
+        [(loop.z, loop.is_crossing, loop.has_rails) for loop in some],
+    ]
+
+
+def paths() -> list[object]:
+    some = [*(town.taught_path(PLAN, name) for name in town.path_names()), city.tour()]
+    return [path.at(np.linspace(-3.0, path.length + 3.0, 300)) for path in some]
+
+
+THINGS = {
+    **{kind: lambda kind=kind: [drawn(getattr(furniture, f"add_{kind}"), AT)]
+       for kind in ("car", "lamp", "traffic_sign", "bollard", "box", "bench", "tree", "monument", "kiosk")},
+    "hedge": lambda: [drawn(furniture.add_hedge, AT, 2.0)],
+    "house": lambda: [drawn(building.add_house, AT, 9.0, 8.0, 3, seeds=range(8))],
+    "row": lambda: [drawn(town.add_row, AT, 60.0, 9.0)],
+    "block": lambda: [block()],
+    **{kind: lambda kind=kind: [build_world(kind, 3).mesh] for kind in ("corridor", "ramp")},
+    "town": lambda: [town.build_town(5)[0]],
+    "parked cars": lambda: [season.change_season(block(), SeasonParams(parked=2), 5)],
+    "autumn": lambda: [season.change_season(block(), SeasonParams(leaves="yellow"), 5)],
+    "winter": lambda: [season.change_season(block(), SeasonParams(leaves="none"), 5)],
+    **{kind: lambda kind=kind: made(getattr(figures, f"make_{kind}")) for kind in ("tram", "pedestrian", "cyclist")},
+    "ways": lambda: ways(loops.town_loops(PLAN)) + ways(loops.city_loops()),
+    "paths": paths,
+    "walks": lambda: ways(tuple(traffic().loops)),
+    "traffic": lambda: [traffic().mesh, *(traffic().poses(k * SECOND) for k in (0, 77))],
+    "who keeps off": lambda: [traffic().poses(SECOND, np.array([[5.0, 5.0], [20.0, 1.0]]), 2.0)],
+}  # fmt: skip
+NUMBERS = {
+    "corridor": 3.116093, "ramp": -1.895655,
+    "car": -0.549624, "lamp": 0.365278, "traffic_sign": 1.947710, "bollard": -0.540807, "box": -2.256028,
+    "bench": -2.831116, "tree": 1.916368, "monument": -2.749808, "kiosk": -2.022435, "hedge": -5.361531,
+    "house": 0.524900, "row": -5.310562, "block": -4.853642, "town": 4.933649, "parked cars": 11.578493,
+    "autumn": -4.901163, "winter": -3.546974, "tram": -2.741106, "pedestrian": 2.647092, "cyclist": 7.738381,
+    "ways": 1.725270, "paths": 3.485482, "walks": -1.663502, "traffic": 7.614327, "who keeps off": -0.448396,
+}  # fmt: skip
+
+
+SLOW = {"town": pytest.mark.slow}
+
+
+@pytest.mark.parametrize("thing", [pytest.param(one, marks=SLOW.get(one, ())) for one in THINGS])
+def test_a_seed_draws_the_same_for_ever(fingerprint, thing):
+    """Who changes a world on purpose writes the new number."""
+    found = fingerprint(*THINGS[thing]())
+    assert np.dot(found, 1.0 + 0.1 * np.arange(len(found))) == pytest.approx(NUMBERS[thing], abs=2e-6)
