@@ -78,16 +78,8 @@ def plan(
                 part = replace(leg, last=s if ahead > 0.0 else leg.first)
                 heapq.heappush(queue, (cost + pace * max(ahead, 0.0), next(numbers), True, part, trail))
 
-    stands = list(starts)
-    for spot in stands:
-        for direction in _directions(network.edges[spot.edge]):
-            if spot.edge not in closed or direction < 0:
-                add(0.0, _rest(network.edges[spot.edge], direction, spot.s))
-    if not stands:
-        raise ValueError("no way: expected a start on the network, found none")
-    if not queue:
-        on = ", ".join(str(spot.edge) for spot in stands)
-        raise ValueError(f"no way: it stands on edge {on}, which is closed and may not be left backwards")
+    for leg in _first(network, list(starts), closed):
+        add(0.0, leg)
     done: set[tuple[int, int]] = set()
     while queue:
         cost, _, is_end, leg, trail = heapq.heappop(queue)
@@ -104,6 +96,22 @@ def plan(
 
 
 _Trail = tuple[Leg, "_Trail"] | None
+
+
+def _first(network: Network, starts: list[Spot], closed: Collection[int]) -> list[Leg]:
+    """Return the legs on which it may begin; ValueError where there is none."""
+    if not starts:
+        raise ValueError("no way: expected a start on the network, found none")
+    found = [
+        _rest(network.edges[spot.edge], direction, spot.s)
+        for spot in starts
+        for direction in _directions(network.edges[spot.edge])
+        if spot.edge not in closed or direction < 0
+    ]
+    if not found:
+        on = ", ".join(str(spot.edge) for spot in starts)
+        raise ValueError(f"no way: it stands on edge {on}, which is closed and may not be left backwards")
+    return found
 
 
 def _rest(edge: RouteEdge, direction: int, first: float) -> Leg:
