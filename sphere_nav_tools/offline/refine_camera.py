@@ -111,10 +111,10 @@ class RecordedDrive:
     def _localize(self, localizer: Localizer, camera: Camera) -> Located:
         stamps, poses = [], []
         for stamp, image in tqdm(self._images(), desc="localise", unit="image", leave=False, disable=None):
-            estimate = localizer.update(image, camera, stamp)
-            if estimate.T_map_camera is not None and estimate.candidate is not None:
+            candidate = localizer.update(image, camera, stamp).candidate  # a wrong lens is not trusted
+            if candidate is not None and candidate.is_accepted:
                 stamps.append(stamp)
-                poses.append(estimate.T_map_camera)
+                poses.append(candidate.T_map_camera)
         return Located(np.array(stamps, np.int64), tuple(poses))
 
     def _collect(self, localizer: Localizer, camera: Camera, located: Located) -> Iterator[DriveImage]:
