@@ -147,4 +147,4 @@ class Localizer:
             one.reset()
 
     def _report(self, frame: LocalizerInput, finding: Verdict, used: PoseCandidate | None = None) -> CameraEstimate:
-        return report_estimate(self._states, self._prior, frame.stamp_ns, finding, used)
+        return report_estimate(self._states, self._prior, frame.stamp_ns, finding, used, self._integrity.lens)

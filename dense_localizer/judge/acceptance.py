@@ -22,18 +22,15 @@ from dense_localizer.constants import (
     GOOD_RANGE_AGREEMENT,
     GOOD_RANGE_OVERLAP,
     GOOD_SIGMA,
-    GOOD_STRETCH,
     MAX_ATTITUDE_SIGMA_RAD,
     MAX_INNOVATION,
     MAX_LIGHT_BIAS,
     MAX_OCCLUSION_BIAS,
-    MAX_STRETCH,
     MIN_GRADIENT_AGREEMENT,
     MIN_OVERLAP,
     NOTABLE_DISTANCE,
     NOTABLE_GAIN,
     NOTABLE_OFFSET,
-    STRETCH_SIGMAS,
 )
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
@@ -195,13 +192,9 @@ def _check_images(alignment: Alignment, params: AcceptanceParams, lead: float, *
 def _check_structure(structure: Structure, params: AcceptanceParams, lead: float) -> list[Check]:
     """Return the checks of what the residuals look like; `lead`: share of that which is asked of a good one."""
     limits = MIN_GRADIENT_AGREEMENT, MIN_GRADIENT_AGREEMENT + lead * GOOD_AGREEMENT_LEAD
-    surely = max(abs(structure.stretch) - STRETCH_SIGMAS * structure.stretch_sigma, 0.0)
-    larger = "larger" if structure.stretch > 0 else "smaller"
-    detail = f"the image is {larger} about its centre than the lens says, by {abs(structure.stretch):.0%}"
     agreement = Check(Reason.OUTLIERS, structure.agreement, *limits, "agreement of gradients")
     return [
         *([] if structure.support.is_proven else [agreement]),  # a part of the view may have changed
-        Check(Reason.BAD_INFO, surely, MAX_STRETCH, GOOD_STRETCH, detail),
         *_check_bias(structure, params),
     ]
 

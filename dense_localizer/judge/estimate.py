@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.judge.lens_watch import LensWatch
 from dense_localizer.motion_prior import PosePrior
 from dense_localizer.reasons import REMEDIES
 from sphere_nav.geometry import SE3
@@ -51,15 +52,24 @@ class CameraEstimate:
 
 
 def report_estimate(
-    states: StateMachine, prior: PosePrior, stamp_ns: int, finding: Verdict, candidate: PoseCandidate | None
+    states: StateMachine,
+    prior: PosePrior,
+    stamp_ns: int,
+    finding: Verdict,
+    candidate: PoseCandidate | None,
+    lens: LensWatch,
 ) -> CameraEstimate:
-    """Return the news of an instant; the pose, as the prior knows it, only where it is trusted."""
+    """Return the news of an instant; the pose, as the prior knows it, only where it is trusted.
+
+    What a wrong lens does to it all images share: its covariance is in what is said, not in the prior.
+    """
     status = report_status(states.state, stamp_ns, finding, prior.age(stamp_ns), candidate)
     pose = prior.last
     if pose is None or not states.is_trusted:
         return CameraEstimate(status, candidate=candidate)
     velocity, drift = (prior.velocity, prior.velocity_covariance), prior.drift.covariance
-    return CameraEstimate(status, pose.T_map_camera, pose.covariance, *velocity, candidate, pose.covariance + drift)
+    covariance = pose.covariance + lens.covariance
+    return CameraEstimate(status, pose.T_map_camera, covariance, *velocity, candidate, covariance + drift)
 
 
 def report_status(

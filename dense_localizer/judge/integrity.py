@@ -2,7 +2,7 @@
 
 Not every check is due for each image, but all while the pose is not trusted: does odometry agree
 (`odometry_check.py`), what do the residuals look like (`photometric/checks/structure.py`), do the references agree
-(`map_error.py`)?
+(`map_error.py`), is the lens right (`lens_watch.py`)?
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from dense_localizer.constants import (
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.judge.acceptance import assess, cover_slip, refuse
 from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.judge.lens_watch import LensWatch
 from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
 from dense_localizer.judge.view_mask import ViewMask
 from dense_localizer.motion_prior import Prediction
@@ -61,6 +62,7 @@ class Integrity:
         self._references, self._map_error, self._params = references, references.error, params
         self._odometry = OdometryCheck(params.prior.odometry_error)
         self.mask = ViewMask(params.registration)
+        self.lens = LensWatch()
         self._is_refused = False  # the image before, which could be used
         self._count, self._is_biased = 0, False  # biased: when last checked
 
@@ -68,6 +70,7 @@ class Integrity:
         """Forget the stream: it is another, or an operator has said where the camera is; the map stays known."""
         self._odometry.reset()
         self.mask.reset()
+        self.lens.reset()
         self._count, self._is_biased, self._is_refused = 0, False, False
 
     def begin(self, frame: LocalizerInput, state: State) -> None:
@@ -137,7 +140,7 @@ class Integrity:
             self._odometry.start(sample)
 
     def confirm(self, frame: LocalizerInput, candidate: PoseCandidate) -> Verdict:
-        """Note an accepted candidate; return what is against it: by itself, by what preceded it, by odometry."""
+        """Note an accepted candidate; return what is against it: its lens, itself, what preceded it, odometry."""
         alignment, registration = candidate.alignment, self._params.registration
         self._count, self._is_biased, self._is_refused = self._count + 1, candidate.is_biased, False
         if self._count % INTEGRITY_PERIOD == MAP_PHASE and alignment is not None and not candidate.is_biased:
@@ -145,7 +148,8 @@ class Integrity:
         self.mask.observe(candidate)
         sample = _make_sample(frame, candidate)
         by_odometry = self._odometry.find(sample) if sample else FINE
-        findings = candidate.finding, candidate.prediction.finding, by_odometry
+        self.lens.observe(candidate, registration)
+        findings = self.lens.finding, candidate.finding, candidate.prediction.finding, by_odometry
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)
 
 

@@ -31,7 +31,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric import Pyramid, RegistrationParams
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import samples_of
+from sphere_nav.photometric.checks.structure import sample_images
 from sphere_nav.photometric.constants import MIN_COSINE_RATIO, TYPICAL_QUANTILE
 from sphere_nav.photometric.pixels.pyramid import hide
 from sphere_nav.photometric.pixels.samples import Sample, cosines
@@ -82,7 +82,7 @@ class ViewMask:
         self._last = pose
         images = [replace(one, pyramid=self._as_it_was(one.pyramid)) for one in candidate.images]
         there = replace(alignment, T_world_camera=pose)
-        for image, samples in samples_of(images, there, self._params, candidate.motion):
+        for image, samples in sample_images(images, there, self._params, candidate.motion):
             now, before = _gradients(image.pyramid), self._gradients.get(image.name)
             self._gradients[image.name] = now
             if before is not None and before.shape == now.shape:

@@ -27,7 +27,6 @@ EDGE_PIXELS, EDGE_SHARE = 2, 0.05  # test_reference, test_esm
 NUM_SAMPLES, MIN_SAMPLES = 2048, 100  # test_samples, test_structure
 NUM_REWEIGHTINGS = 2  # times that robust weights are found; one is too few (test_bias), a third changes little
 BIAS_STEPS = 6  # at most, to a pose without a bias; test_illumination, test_occlusion
-LENS_PIECES = 24  # of the pixels in scan order, whose scatter is the deviation of the stretch; test_structure
 
 # Illumination gradient
 GRADIENT_ORDER = 2  # half periods of the gain across the image, both axes together; test_illumination
@@ -49,6 +48,9 @@ CELL_SIGMAS = 3.0  # by which a cell must be below: by chance one in 700 that is
 MIN_VISIBLE_SHARE = 0.3  # of the pixels, below which nothing can be said without the occluded ones; test_occlusion
 OCCLUSION_SHARE = 0.1  # of the texture, below which nothing is occluded; test_occlusion
 LAST_OCCLUSION_STEP_RAD = 1e-3  # median motion, below which a step is the last; test_occlusion
+
+# The lens: level above the finest one, fits with new weights, fewest cells of all views; test_lens
+LENS_LEVEL, LENS_REWEIGHTINGS, MIN_LENS_CELLS = 2, 4, 16
 
 # Parts of the view that show the map (parts/)
 PARTS = (12, 8)  # columns and rows of an image, wherever it is cut; parts/test_votes

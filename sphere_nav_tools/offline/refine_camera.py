@@ -93,10 +93,10 @@ class RecordedDrive:
     def _localize(self, localizer: Localizer, camera: Camera) -> Trajectory:
         stamps, poses = [], []
         for stamp, image in tqdm(self._images(), desc="localise", unit="image", leave=False, disable=None):
-            estimate = localizer.update(image, camera, stamp)
-            if estimate.T_map_camera is not None and estimate.candidate is not None:
+            candidate = localizer.update(image, camera, stamp).candidate  # a wrong lens is not trusted
+            if candidate is not None and candidate.is_accepted:
                 stamps.append(stamp)
-                poses.append(estimate.T_map_camera.matrix)
+                poses.append(candidate.T_map_camera.matrix)
         return Trajectory(np.array(stamps, np.int64), SE3(np.array(poses).reshape(-1, 4, 4)))
 
     def _collect(self, localizer: Localizer, camera: Camera, located: Trajectory) -> Iterator[DriveImage]:

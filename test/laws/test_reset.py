@@ -14,6 +14,7 @@ import pytest
 
 from dense_localizer.inputs import Inputs
 from dense_localizer.judge.integrity import Integrity
+from dense_localizer.judge.lens_watch import LensWatch
 from dense_localizer.judge.odometry_check import OdometryCheck
 from dense_localizer.judge.view_mask import ViewMask
 from dense_localizer.motion_prior import PosePrior
@@ -101,6 +102,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                   "references map_error params"),  # the map stays known
     "InterFrame": (lambda: InterFrame(RegistrationParams()), "reset", "params"),
     "JointEvidence": (lambda: JointEvidence(0.5, 1.0), "reset", "edge new_way"),
+    "LensWatch": (LensWatch, "reset", ""),
     "Lineage": (Lineage, "clear", "scores"),  # of the images that are forgotten
     "MapTransform": (lambda: MapTransform(endpoints(), odometry_input(), "map", "base"), "clear",
                      "endpoints odometry map_frame base_frame broadcaster"),

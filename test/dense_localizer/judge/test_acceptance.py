@@ -127,14 +127,6 @@ def test_where_parts_have_proven_a_pose_the_whole_only_says_how_much_has_changed
     assert not assessed(replace(GOOD, overlap=0.1), structure=hidden).is_accepted  # what is not seen proves nothing
 
 
-def test_a_stretch_counts_by_what_it_surely_exceeds():
-    wrong = assessed(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.01))
-    assert not wrong.is_accepted
-    assert wrong.finding.reason is Reason.BAD_INFO
-    assert "smaller" in wrong.finding.detail
-    assert assessed(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.04)).is_good
-
-
 def test_a_pose_by_little_of_the_view_is_not_driven_by():
     for change, is_accepted, is_good in [
         ({"overlap": 0.24}, True, False),
@@ -147,14 +139,11 @@ def test_a_pose_by_little_of_the_view_is_not_driven_by():
         assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
 
 
-def test_images_of_another_lens_place_nobody():
+def test_gradients_that_do_not_agree_place_nobody():
     for structure, is_accepted, is_good in [
         (Structure(0.19), False, False),
         (Structure(0.24), True, False),
         (Structure(0.26), True, True),
-        (Structure(0.9, stretch=-0.101, stretch_sigma=0.01), False, False),  # surely beyond 0.06
-        (Structure(0.9, stretch=0.099, stretch_sigma=0.01), True, False),
-        (Structure(0.9, stretch=0.069, stretch_sigma=0.01), True, True),
     ]:
         found = assessed(GOOD, structure=structure)
         assert (found.is_accepted, found.is_good) == (is_accepted, is_good)

@@ -9,6 +9,7 @@ from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.problem import AlignmentState
 from sphere_nav.photometric.align.rig import RigImage, RigProblem, image_overlap
 from sphere_nav.photometric.align.rotation import register_rig_rotation
+from sphere_nav.photometric.checks.lens import measure_stretches
 from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
@@ -69,9 +70,10 @@ def test_two_cameras_find_their_motion(images):
     assert radians < 0.0015
     xi = (found.T_world_camera.inverse() @ T_ROOM_BODY).log()
     assert xi @ np.linalg.solve(found.covariance, xi) < 25.0  # 6 degrees of freedom, 1 in 3000
-    structure = find_rig_structure(images, found, PARAMS)
-    assert structure.agreement > 0.5
-    assert abs(structure.stretch) < 0.03
+    assert find_rig_structure(images, found, PARAMS).agreement > 0.5
+    lenses = measure_stretches(images, found, PARAMS)
+    assert [one.camera for one in lenses] == [image.name for image in images]
+    assert max(abs(one.share) for one in lenses) < 0.02
 
 
 def test_the_turn_of_the_body_is_that_of_a_camera_in_its_axes(room, images):

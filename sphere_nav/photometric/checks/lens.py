@@ -1,0 +1,114 @@
+"""By how much is the image larger about its centre than the lens says?
+
+Of a wrong focal length a pose takes over most: a street that is seen 2 % too large is one that is nearer. Not all: what
+is near and what is far ask for another step. So the stretch of each camera is solved for together with the pose, at an
+aligned pose. A level much coarser than the finest one is used, where corners are shifted by few pixels. Each cell of
+the view has a light of its own, with a slope: what a lamp does there is no motion. Cells are the independent
+observations: how differently they pull is the deviation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sphere_nav.estimation.normal_equations import scaled_inverse
+from sphere_nav.estimation.robust import weigh
+from sphere_nav.geometry import FrameMotion, Spherical
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.align.alignment import Alignment
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.bias import LeastSquares
+from sphere_nav.photometric.checks.structure import sample_images
+from sphere_nav.photometric.constants import CELLS, LENS_LEVEL, LENS_REWEIGHTINGS, MIN_CELL_PIXELS, MIN_LENS_CELLS
+from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.pixels.samples import CameraSamples, Sample
+
+POSE = 6  # columns of a pose
+LIGHT_FLOOR = 1e-6  # of a pixel's weight: a light of which a cell shows nothing stays as it is
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """The image of a camera is larger about its centre than its lens says, by a share with its standard deviation.
+
+    by_share (6,) is xi of the body from where it was aligned to where it is, for each unit of the share.
+    """
+
+    camera: str
+    share: float
+    sigma: float
+    by_share: Array
+
+
+def measure_stretches(
+    images: Sequence[RigImage],
+    alignment: Alignment,
+    params: RegistrationParams,
+    motion: FrameMotion | None = None,
+) -> list[Stretch]:
+    """Return the stretch of each camera in an alignment of `register_rig`; none of whole spheres, or of few cells."""
+    finest = min(params.pyramid.finest + LENS_LEVEL, min(len(one.pyramid.levels) for one in images) - 1)
+    coarse = replace(params, pyramid=replace(params.pyramid, finest=finest))
+    seen = [(one.T_body_camera, parts) for one, parts in sample_images(images, alignment, coarse, motion)]
+    lenses = {k: one.name for k, one in enumerate(images) if not isinstance(one.pyramid.cameras[0], Spherical)}
+    return solve_stretches(seen, lenses, params)
+
+
+def solve_stretches(cameras: CameraSamples, lenses: Mapping[int, str], params: RegistrationParams) -> list[Stretch]:
+    """Return the stretch of the cameras that have a lens, named by their place; none where too few cells are seen."""
+    column, parts = {k: POSE + number for number, k in enumerate(lenses)}, []
+    for k, (place, samples) in enumerate(cameras):
+        turn = np.eye(POSE) if place is None else place.inverse().adjoint()
+        for sample in samples:
+            J = np.zeros((len(sample.residual), POSE + len(lenses)))
+            J[:, :POSE] = sample.by_pose @ turn
+            if k in column:
+                J[:, column[k]] = sample.by_stretch
+            parts.append(_without_light(sample, J, params))
+    if not parts:
+        return []
+    J, residual = (np.concatenate([part[which] for part in parts]) for which in (0, 1))
+    numbers = [index * CELLS[0] * CELLS[1] + part[2] for index, part in enumerate(parts)]
+    cells, owner = np.unique(np.concatenate(numbers), return_inverse=True)
+    if len(cells) < MIN_LENS_CELLS:
+        return []
+    x = np.zeros(J.shape[1])
+    for _ in range(LENS_REWEIGHTINGS):
+        weight, _ = weigh(residual + J @ x, params.huber, params.min_sigma)
+        inverse = scaled_inverse((weight[:, None] * J).T @ J)
+        x = -inverse @ (J.T @ (weight * residual))
+    pulls = np.zeros((len(cells), len(x)))
+    np.add.at(pulls, owner, (weight * (residual + J @ x))[:, None] * J)
+    freedom = len(pulls) / (len(pulls) - len(x))
+    sigma = np.sqrt(freedom * np.sum((pulls @ inverse) ** 2, axis=0))
+    by_share = inverse[:POSE, POSE:] @ np.linalg.inv(inverse[POSE:, POSE:])
+    return [Stretch(lenses[k], float(x[own]), float(sigma[own]), by_share[:, own - POSE]) for k, own in column.items()]
+
+
+def _without_light(sample: Sample, J: Array, params: RegistrationParams) -> LeastSquares:
+    """Return derivatives and residuals of the pixels without what the light of their cells explains, and the cells.
+
+    That is a gain, a bias and its slopes, in each cell on its own.
+    """
+    place = (sample.at + 1.0) / 2.0 * CELLS
+    corner = np.clip(place.astype(np.int64), 0, np.array(CELLS) - 1)
+    number = corner[:, 0] * CELLS[1] + corner[:, 1]
+    kept = (np.bincount(number, minlength=CELLS[0] * CELLS[1]) >= MIN_CELL_PIXELS)[number]
+    order = np.flatnonzero(kept)[np.argsort(number[kept], kind="stable")]
+    weight, _ = weigh(sample.residual, params.huber, params.min_sigma)
+    light = np.column_stack([sample.current - sample.current.mean(), np.ones(len(number)), place - corner - 0.5])[order]
+    rows = np.column_stack([J, sample.residual])[order]
+    number, weighted = number[order], weight[order, None] * light
+    if not len(order):
+        return rows[:, :-1], rows[:, -1], number
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    size = np.diff([*first, len(number)])
+    A = np.add.reduceat(weighted[:, :, None] * light[:, None, :], first)
+    b = np.add.reduceat(weighted[:, :, None] * rows[:, None, :], first)
+    floor = LIGHT_FLOOR * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(light.shape[1])
+    explained = np.repeat(np.linalg.solve(A + floor, b), size, axis=0)
+    rows = rows - np.einsum("nl,nlk->nk", light, explained)
+    return rows[:, :-1], rows[:, -1], number

@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+
+from dense_localizer.judge.lens_watch import LensWatch
+from sphere_nav.localization.status import FINE, Reason
+from sphere_nav.photometric.checks.lens import Stretch
+
+ALONG = np.array([0.0, 0.0, 7.0, 0.0, 0.1, 0.0])  # m, rad by a share
+
+
+def told(*shares, sigma=0.003, camera=""):
+    """A watch that key spheres have told shares."""
+    watch = LensWatch()
+    for number, share in enumerate(shares):
+        watch.add([Stretch(camera, share, sigma, ALONG)], number)
+    return watch
+
+
+@pytest.mark.parametrize(
+    ("shares", "is_wrong"),
+    [
+        ([0.004], False),
+        ([-0.02], False),  # one key sphere may be wrong by as much
+        ([-0.06], True),
+        ([0.02, 0.021, 0.019], True),
+        ([0.02, -0.02, 0.06], False),  # they do not agree
+        ([0.009] * 64, False),  # however sure it is
+        ([0.012] * 64, True),
+    ],
+)
+def test_a_lens_is_wrong_beyond_one_per_cent_and_four_deviations_of_what_key_spheres_tell(shares, is_wrong):
+    assert (told(*shares).finding.reason is Reason.BAD_INFO) == is_wrong
+
+
+def test_many_images_near_one_key_sphere_are_no_surer_than_it_is():
+    watch = LensWatch()
+    for _ in range(100):
+        watch.add([Stretch("", 0.018, 0.003, ALONG)], 1)
+    assert watch.finding is FINE
+
+
+@pytest.mark.parametrize(("share", "word"), [(0.05, "longer"), (-0.05, "shorter")])
+def test_the_value_is_told_with_the_camera_and_what_to_do(share, word):
+    finding = told(*[share] * 4, camera="left").finding
+    assert finding.value == pytest.approx(0.05)
+    assert finding.detail == f"the lens of camera left is 5.0 ± 0.3 % {word} than camera_info says"
+    assert "calibrate" in finding.advice
+
+
+def test_a_pose_is_as_uncertain_as_its_lens_makes_it():
+    assert not told(0.001).covariance.any()  # within what one key sphere may be wrong by
+    covariance = told(*[0.02] * 16).covariance
+    assert np.sqrt(np.diagonal(covariance)) == pytest.approx(0.02 * ALONG, rel=0.01)
+
+
+def test_what_was_told_long_ago_is_forgotten():
+    watch = told(*[0.02] * 20)
+    for number in range(100, 164):
+        watch.add([Stretch("", 0.0, 0.003, ALONG)], number)
+    assert watch.finding is FINE
+    assert not watch.covariance.any()
+
+
+def test_each_camera_is_judged_by_itself():
+    watch = LensWatch()
+    for number in range(4):
+        watch.add([Stretch("a", 0.03, 0.003, ALONG), Stretch("b", -0.03, 0.003, ALONG[::-1])], number)
+    assert "camera b is" in watch.finding.detail
+    assert np.linalg.matrix_rank(watch.covariance) == 2

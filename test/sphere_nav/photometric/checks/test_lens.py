@@ -1,0 +1,118 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Pinhole, Spherical
+from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.lens import measure_stretches, solve_stretches
+from sphere_nav.photometric.pixels.samples import Sample
+
+PARAMS = RegistrationParams(max_pixels=10_000)
+SPHERE = Spherical(512, 256)
+LENSES = [Pinhole(320, 240, 220.0, 220.0, 159.5, 119.5), Fisheye(320, 240, 120.0, 120.0, 159.5, 119.5, (0.02, 0, 0, 0))]
+SOMEWHERE = SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01])
+STEP = np.array([0.01, -0.02, 0.03, 0.001, 0.002, -0.001])
+
+
+def flow(seed, share=0.0, bend=0.0, step=STEP, light=0.0, number=2000):
+    """Residuals to first order: the camera is off by a step, its image too large by share + bend r^2, r 1 at a side."""
+    rng, focal = np.random.default_rng(seed), 100.0
+    at = rng.uniform(-1.0, 1.0, (number, 2))
+    pixels, depth = at * [80.0, 60.0], rng.uniform(2.0, 20.0, number)
+    points = np.column_stack([pixels / focal, np.ones(number)]) * depth[:, None]
+    gradient = rng.normal(0.0, 10.0, (number, 2)) + (6.0 * at if light else 0.0)  # darker in the middle
+    by_point = np.zeros((number, 3))
+    by_point[:, :2] = gradient * focal / depth[:, None]
+    by_point[:, 2] = -np.sum(gradient * pixels, axis=1) / depth
+    by_stretch, radius = np.sum(gradient * pixels, axis=1), np.linalg.norm(at, axis=1)
+    sample = Sample(points, by_point, by_point, by_stretch, rng.uniform(0, 255, number), np.zeros(number), at)
+    lamp = light * radius**2
+    residual = lamp - sample.by_pose @ step - by_stretch * (share + bend * radius**2)
+    return replace(sample, residual=residual + rng.normal(0.0, 3.0, number))
+
+
+def solved(*samples):
+    (found,) = solve_stretches([(None, samples)], {0: ""}, PARAMS)
+    return found
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02, -0.05])
+def test_the_stretch_of_a_flow_is_found_with_its_deviation(share):
+    found = [solved(flow(seed, share), flow(100 + seed, share)) for seed in range(12)]
+    errors = np.array([(one.share - share) / one.sigma for one in found])
+    assert np.abs(errors).max() < 4.0
+    assert 0.4 < np.mean(errors**2) < 2.2  # chi^2 of 12 over 12, at 0.2 % either way
+    assert np.mean([one.sigma for one in found]) < 0.001
+
+
+def test_a_lamp_that_shines_unevenly_is_no_stretch():
+    found = solved(flow(1, light=200.0))
+    assert abs(found.share) < 0.001
+
+
+def test_another_distortion_is_a_stretch_between_that_of_the_centre_and_that_of_the_corner():
+    found = solved(flow(1, bend=0.02))
+    assert 0.01 < found.share < 0.04
+
+
+def test_a_pose_that_takes_a_stretch_over_is_off_by_as_much():
+    """Where all is equally far only its distance tells: the pose takes all of it."""
+    sample = flow(3, 0.02)
+    found = solved(sample)
+    J, r = sample.by_pose, sample.residual + sample.by_pose @ STEP
+    taken = -np.linalg.lstsq(J, r, rcond=None)[0]  # from the truth to where it is aligned without the stretch
+    np.testing.assert_allclose(found.by_share * 0.02, -taken, atol=0.25 * np.linalg.norm(taken))
+
+
+def test_each_camera_of_a_body_has_its_own():
+    place = SE3.exp([0.3, 0.1, 0.0, 0.0, 1.0, 0.0])
+    turned = place.inverse().adjoint() @ STEP  # of the body, seen by the second camera
+    cameras = [(None, [flow(1, 0.03)]), (place, [flow(2, -0.02, step=turned)])]
+    left, right = solve_stretches(cameras, {0: "left", 1: "right"}, PARAMS)
+    assert (left.camera, right.camera) == ("left", "right")
+    assert (left.share, right.share) == (pytest.approx(0.03, abs=0.003), pytest.approx(-0.02, abs=0.003))
+
+
+def test_few_cells_tell_nothing():
+    sample = flow(1)
+    assert solve_stretches([(None, [sample.where(sample.at[:, 0] < -0.6)])], {0: ""}, PARAMS) == []
+    assert solve_stretches([(None, [])], {0: ""}, PARAMS) == []
+
+
+@pytest.fixture(scope="module")
+def views(room):
+    places = [SE3.identity(), SE3.exp([0.3, 0.0, 0.1, 0.0, 0.0, 0.0])]
+    return [View(prepare_reference(*room.render(SPHERE, T), SPHERE, PARAMS), T) for T in places]
+
+
+def told(image, views, camera, motion=None):
+    """What an image tells, aligned as if it were of a camera."""
+    pyramid = build_pyramid(image, camera, PARAMS.pyramid)
+    alignment = register(pyramid, views, SOMEWHERE, PARAMS, motion)
+    assert alignment.is_converged
+    return measure_stretches([RigImage(pyramid, views=tuple(views))], alignment, PARAMS, motion)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("camera", LENSES, ids=lambda camera: camera.model)
+@pytest.mark.parametrize("share", [0.0, -0.03])
+def test_the_stretch_of_a_focal_length_is_found_in_images(room, views, camera, share):
+    lens = replace(camera, fx=(1 + share) * camera.fx, fy=(1 + share) * camera.fy)
+    found = [told(room.photograph(lens, SOMEWHERE, seed), views, camera)[0] for seed in range(4)]
+    assert np.mean([one.share for one in found]) == pytest.approx(share, abs=0.005)
+    assert np.abs([one.share - share for one in found]).max() < 0.01
+
+
+@pytest.mark.slow
+def test_a_rolling_shutter_is_no_stretch(room, views):
+    camera, twist = LENSES[0], np.array([0.02, 0.0, 0.03, 0.0, 0.02, 0.0])
+    image = np.rint(room.render_rolling(camera, SOMEWHERE, twist)).astype(np.uint8)
+    (found,) = told(image, views, camera, FrameMotion(SOMEWHERE @ SE3.exp(-twist), 1.0))
+    assert abs(found.share) < max(0.005, 4.0 * found.sigma)
+
+
+def test_whole_spheres_have_no_lens(room, views):
+    sphere = Spherical(256, 128)
+    assert told(room.photograph(sphere, SOMEWHERE, 1), views, sphere) == []
