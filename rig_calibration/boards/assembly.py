@@ -9,7 +9,7 @@ Two unknown poses from many instants, X M_i = A_i Z: a camera and a board that o
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -112,17 +112,21 @@ def board_turns(board: Board) -> SE3:
 
 
 def assemble(sightings: list[Sighting], reference: SE3, num_cameras: int) -> Assembly:
-    """Join everything to camera 0, whose `T_rig_camera` is `reference`, and to the board that it saw most often.
+    """Join all to camera 0, whose `T_rig_camera` is `reference`, from a board that it saw: the one that joins most.
 
-    What cannot be joined stays out.
+    Boards that it saw more often come first, and no other is tried where all cameras are joined. What cannot be joined
+    stays out.
     """
-    own = np.bincount([s.board for s in sightings if s.camera == 0] or [0])
-    if not any(s.camera == 0 for s in sightings):
-        return Assembly(sightings)
-    found = Assembly(sightings, {0: reference}, {int(np.argmax(own)): SE3.identity()})
-    while _grow(found) or (len(found.cameras) < num_cameras and _join_by_motion(found)):
-        pass
-    return found
+    best = Assembly(sightings)
+    own = Counter(s.board for s in sightings if s.camera == 0)
+    for board, _ in own.most_common():
+        found = Assembly(sightings, {0: reference}, {board: SE3.identity()})
+        while _grow(found) or (len(found.cameras) < num_cameras and _join_by_motion(found)):
+            pass
+        best = max(best, found, key=lambda one: len(one.cameras))
+        if len(best.cameras) == num_cameras:
+            break
+    return best
 
 
 def _grow(found: Assembly) -> bool:

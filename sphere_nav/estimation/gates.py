@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from sphere_nav.geometry import SE3
 
@@ -17,6 +16,8 @@ RARE = 1e-3  # share of what belongs together that a gate turns away; test_gates
 @cache
 def gate(dof: int, rate: float = RARE) -> float:
     """Return the squared distance of so many degrees of freedom that chance exceeds at a rate."""
+    from scipy.special import chdtri  # what only reads bags does without it
+
     return float(chdtri(dof, rate))
 
 

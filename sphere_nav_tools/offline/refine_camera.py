@@ -104,17 +104,17 @@ class RecordedDrive:
         number = min(self._arguments.images, len(located.stamps_ns))
         indices = np.unique(np.linspace(0, len(located.stamps_ns) - 1, number).round().astype(int))
         velocities = {int(located.stamps_ns[i]): (int(i), velocity(located, int(i))) for i in indices}
-        if all(velocity is None for _, velocity in velocities.values()):  # too slow for one: no readout, but a lens
+        if all(twist is None for _, twist in velocities.values()):  # too slow for one: no readout, but a lens
             velocities = {stamp: (i, np.zeros(6)) for stamp, (i, _) in velocities.items()}
         for stamp, image in self._images():
-            index, velocity = velocities.get(stamp, (0, None))
-            if velocity is None:
+            index, twist = velocities.get(stamp, (0, None))
+            if twist is None:
                 continue
             T_map_camera = located.T_map_body[index]
             choice = localizer.references.choose(T_map_camera, camera)
             if choice.views:
                 pyramid = build_pyramid(image, camera, localizer.params.registration.pyramid)
-                yield collect(pyramid, choice.views[0], T_map_camera, velocity)
+                yield collect(pyramid, choice.views[0], T_map_camera, twist)
 
     def _images(self) -> Iterator[tuple[int, NDArray[Any]]]:
         levels = conversions.Levels()

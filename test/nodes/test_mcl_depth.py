@@ -32,7 +32,7 @@ def test_a_room_searched_from_nowhere_withholds_the_pose_until_it_is_proven_and_
     answers = bench.follow(poses)
     early = [answer for answer in answers if answer["/status"].p_chance >= 1e-3][:6]
     assert [(answer["/status"].state, "/pose" in answer) for answer in early] == [("SEARCHING", False)] * 6
-    assert "few places" in early[-1]["/status"].remedy
+    assert "no place is proven" in early[-1]["/status"].remedy
     assert answers[-1]["/status"].state == "TRACKING"
     for answer, pose in zip(answers, poses, strict=True):
         assert "/pose" not in answer or error(answer, pose)[0] < NEAR_M

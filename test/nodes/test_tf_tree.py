@@ -123,7 +123,7 @@ def test_a_camera_in_bare_geometry(tmp_path):
     said += send(bus, "/sphere_info", camera_to_sphere_info(eye.camera, "eye"))
     start_pose = se3_to_pose_with_covariance(around_the_room(1)[0], 0.01 * np.eye(6), START_NS, "map")
     said += send(bus, "/initialpose", start_pose)
-    for k, T_map_base in enumerate(around_the_room(8)):
+    for k, T_map_base in enumerate(around_the_room(12)):
         now = START_NS + (k + 1) * 10**9
         said += bus.advance(now)
         T_odom_base = T_ODOM_MAP @ T_map_base
