@@ -69,7 +69,7 @@ class Car:
         return status
 
 
-@pytest.fixture(scope="module", params=["dense_localizer", "mcl_depth"])
+@pytest.fixture(scope="module", params=["dense_localizer", pytest.param("mcl_depth", marks=pytest.mark.slow)])
 def localizer(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("maps")
     if request.param == "dense_localizer":
@@ -132,9 +132,6 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(
-    "localizer", ["dense_localizer", pytest.param("mcl_depth", marks=pytest.mark.slow)], indirect=True
-)
 def test_a_bad_image_is_answered_by_its_reason_and_the_next_good_one_used(localizer):
     localizer.begin()
     for case, (show, reason, detail) in CASES.items():
