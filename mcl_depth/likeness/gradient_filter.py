@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +34,8 @@ from mcl_depth.likeness.spectra import (
     Spectra,
     best_around,
     correlate,
-    encode_spectra,
+    encode_cells,
     magnitudes_of,
-    sample_slots,
-    scales_of,
     spectra_of,
 )
 
@@ -72,13 +71,8 @@ class GradientFilter(KeptArrays):
     @classmethod
     def of(cls, stack: FeatureStack, slots: NDArray[np.integer]) -> GradientFilter:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
-        chosen = sample_slots(slots)
-        samples = np.concatenate(list(_tensors_of_cells(stack, chosen)), axis=1)
-        energies = np.concatenate(list(_energies_of_cells(stack, chosen)), axis=1)
-        scales, energy_scales = scales_of(samples), scales_of(energies)
-        codes = encode_spectra(_tensors_of_cells(stack, slots), scales, slots)
-        energy_codes = encode_spectra(_energies_of_cells(stack, slots), energy_scales, slots)
-        return cls(codes, scales, energy_codes, energy_scales)
+        tensors, energies = partial(_tensors_of_cells, stack), partial(_energies_of_cells, stack)
+        return cls(*encode_cells(tensors, slots), *encode_cells(energies, slots))
 
     def curves(self, visual: GradientFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.

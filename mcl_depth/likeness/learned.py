@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
@@ -26,9 +26,7 @@ from mcl_depth.likeness.spectra import (
     Spectra,
     best_around,
     correlate,
-    encode_spectra,
-    sample_slots,
-    scales_of,
+    encode_cells,
     spectra_of,
 )
 from sphere_nav.geometry import Spherical
@@ -128,9 +126,7 @@ class LearnedFilter(KeptArrays):
     @classmethod
     def of(cls, stack: LearnedStack, slots: NDArray[np.integer]) -> Self:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
-        samples = np.concatenate(list(_spectra_of_cells(stack, sample_slots(slots))), axis=1)
-        scales = scales_of(samples)
-        return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales)
+        return cls(*encode_cells(partial(_spectra_of_cells, stack), slots))
 
     def curves(self, visual: LearnedFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Self
@@ -27,14 +27,14 @@ BATCH = 128  # cells whose spectra are made at once
 FREQUENCIES = range(NUM_FREQUENCIES)
 
 
-def _double_directions() -> tuple[Image, Image, Image]:
-    """Return cosine and sine of twice the angle of each code of a direction (256,), and 1 where it is one, else 0."""
+def _double_directions() -> tuple[Image, Image]:
+    """Return cosine and sine of twice the angle of each code of a direction (256,); 0 where it is none."""
     is_direction = np.arange(len(COSINES)) != NO_DIRECTION
     cosines, sines = np.where(is_direction, COSINES**2 - SINES**2, 0.0), 2.0 * COSINES * SINES
-    return cosines.astype(np.float32), sines.astype(np.float32), is_direction.astype(np.float32)
+    return cosines.astype(np.float32), sines.astype(np.float32)
 
 
-DOUBLE_COSINES, DOUBLE_SINES, IS_DIRECTION = _double_directions()
+DOUBLE_COSINES, DOUBLE_SINES = _double_directions()
 
 
 def spectra_of(pictures: Image, frequencies: range) -> Spectra:
@@ -48,6 +48,14 @@ def magnitudes_of(stack: FeatureStack) -> Image:
     """Return the magnitudes of depth gradients (M, H, W)."""
     magnitudes: Image = stack.scales[:, None, None] * SQUARES[stack.magnitudes]
     return magnitudes
+
+
+def encode_cells(
+    spectra_at: Callable[[NDArray[np.integer]], Iterable[Spectra]], slots: NDArray[np.integer]
+) -> tuple[Codes, NDArray[np.float32]]:
+    """Return the codes (F, N, 2 P) of the cells of slots (N,), by spectra in batches of slots, and their scales."""
+    scales = scales_of(np.concatenate(list(spectra_at(sample_slots(slots))), axis=1))
+    return encode_spectra(spectra_at(slots), scales, slots), scales
 
 
 def sample_slots(slots: NDArray[np.integer]) -> NDArray[np.integer]:
