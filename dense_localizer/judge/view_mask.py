@@ -28,13 +28,13 @@ from dense_localizer.constants import (
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.references.reference import RigChoice
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import TINY, Array
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Pyramid, RegistrationParams
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.structure import sample_images
-from sphere_nav.photometric.constants import MIN_COSINE_RATIO, TYPICAL_QUANTILE
+from sphere_nav.photometric.constants import MIN_COSINE_RATIO
 from sphere_nav.photometric.pixels.pyramid import hide
-from sphere_nav.photometric.pixels.samples import Sample, cosines
+from sphere_nav.photometric.pixels.samples import Sample, cosines_by_cell
 
 COLUMNS, ROWS = MASK_CELLS
 Cells = NDArray[np.bool_]  # (ROWS, COLUMNS)
@@ -104,19 +104,10 @@ class ViewMask:
 
 def _vote(samples: Sequence[Sample], still: Cells) -> Array:
     """Return what one image adds to the log-odds; 0 where a cell shows too little, or the whole image is not alike."""
-    votes = np.zeros((ROWS, COLUMNS))
-    if not samples:
-        return votes
-    cell = np.concatenate([_cell_of(one) for one in samples])
-    cosine, weight = (np.concatenate(parts) for parts in zip(*map(cosines, samples), strict=True))
-    number, total, agreeing = (_sum(cell, values) for values in (np.ones(len(cell)), weight, weight * cosine))
-    known = (number >= MIN_MASK_PIXELS) & (total > 0.0)
-    mean = agreeing / np.maximum(total, TINY)
-    typical = float(np.quantile(mean[known], TYPICAL_QUANTILE)) if known.any() else 0.0
-    if typical >= MIN_MASK_COSINE:
-        disagrees = mean < MIN_COSINE_RATIO * typical
-        votes[known] = np.where(disagrees & still, LOG_ODDS_HIDDEN, LOG_ODDS_SEEN)[known]
-    return votes
+    found = cosines_by_cell(samples, MASK_CELLS, MIN_MASK_PIXELS)
+    disagrees = (found.mean < MIN_COSINE_RATIO * found.typical).reshape(ROWS, COLUMNS)
+    asked = found.known.reshape(ROWS, COLUMNS) & (found.typical >= MIN_MASK_COSINE)
+    return np.where(asked, np.where(disagrees & still, LOG_ODDS_HIDDEN, LOG_ODDS_SEEN), 0.0)
 
 
 def _gradients(pyramid: Pyramid) -> Array:
@@ -133,12 +124,6 @@ def _are_still(now: Array, before: Array) -> Cells:
         _sum(cell, np.sum(a * b, axis=0).reshape(-1)) for a, b in ((now, before), (now, now), (before, before))
     )
     return np.asarray(both > MIN_STILL_COSINE * np.sqrt(squares[0] * squares[1]))
-
-
-def _cell_of(sample: Sample) -> NDArray[np.int64]:
-    """Return the index (N,) of the cell in which each pixel is."""
-    column, row = np.clip((0.5 * (sample.at + 1.0) * MASK_CELLS).astype(np.int64), 0, np.array(MASK_CELLS) - 1).T
-    return row * COLUMNS + column
 
 
 def _sum(cell: NDArray[np.int64], values: Array) -> Array:

@@ -30,10 +30,9 @@ from sphere_nav.photometric.constants import (
     MIN_VIEW_PIXELS,
     MIN_VISIBLE_SHARE,
     OCCLUSION_SHARE,
-    TYPICAL_QUANTILE,
 )
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler, cosines
+from sphere_nav.photometric.pixels.samples import CameraSamples, Sample, Sampler, cell_of, cosines_by_cell
 
 
 def find_occlusion_bias(
@@ -83,7 +82,7 @@ def _agreeing(cameras: CameraSamples) -> tuple[float, CameraSamples]:
     for place, samples in cameras:
         agrees, parts = _cells_that_agree(samples), list[Sample]()
         for sample in samples:
-            part = sample.where(agrees[_cell(sample)])
+            part = sample.where(agrees[cell_of(sample, CELLS)])
             strength += [_strength(sample), _strength(part)]
             if len(part.residual) >= MIN_VIEW_PIXELS:
                 parts.append(part)
@@ -100,28 +99,10 @@ def _strength(sample: Sample) -> Array:
 
 def _cells_that_agree(samples: Sequence[Sample]) -> NDArray[np.bool_]:
     """Return for each cell of an image whether it shows what the references do; true where that is not sure."""
-    cell = np.concatenate([_cell(sample) for sample in samples]) if samples else np.zeros(0, np.int64)
-    agreement = [cosines(sample) for sample in samples]
-    cosine, weight = (np.concatenate(parts) for parts in zip(*agreement, strict=True)) if samples else np.zeros((2, 0))
-    total, number = _sum(cell, weight), _sum(cell, np.ones(len(cell)))
-    is_known = (number >= MIN_CELL_PIXELS) & (total > 0.0)
-    if not is_known.any():
-        return np.ones(math.prod(CELLS), bool)
-    mean = _sum(cell, weight * cosine) / np.maximum(total, TINY)
-    variance = _sum(cell, (weight * (cosine - mean[cell])) ** 2) / np.maximum(total, TINY) ** 2
-    limit = MIN_COSINE_RATIO * float(np.quantile(mean[is_known], TYPICAL_QUANTILE))
-    return ~is_known | (mean + CELL_SIGMAS * np.sqrt(variance) >= limit)
-
-
-def _sum(cell: NDArray[np.int64], values: Array) -> Array:
-    """Return the sum of values (N,) in each cell."""
-    return np.asarray(np.bincount(cell, values, math.prod(CELLS)), np.float64)
-
-
-def _cell(sample: Sample) -> NDArray[np.int64]:
-    """Return the index (N,) of the cell in which each pixel is."""
-    column, row = np.clip((0.5 * (sample.at + 1.0) * CELLS).astype(np.int64), 0, np.array(CELLS) - 1).T
-    return row * CELLS[0] + column
+    found = cosines_by_cell(samples, CELLS, MIN_CELL_PIXELS)
+    scatter = (found.weight * (found.cosine - found.mean[found.cell])) ** 2
+    variance = np.bincount(found.cell, scatter, math.prod(CELLS)) / np.maximum(found.total, TINY) ** 2
+    return ~found.known | (found.mean + CELL_SIGMAS * np.sqrt(variance) >= MIN_COSINE_RATIO * found.typical)
 
 
 def _motion(cameras: CameraSamples, step: Array) -> float:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,7 @@ from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats, KernelCamera, kernel_motion, rolling
-from sphere_nav.photometric.constants import NUM_SAMPLES
+from sphere_nav.photometric.constants import NUM_SAMPLES, TYPICAL_QUANTILE
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
 from sphere_nav.photometric.pixels.reference import Selection, View
@@ -63,6 +65,39 @@ def cosines(sample: Sample) -> tuple[Array, Array]:
     )
     product = np.einsum("ni,ni->n", sample.of_reference, sample.of_image)
     return product / np.maximum(in_reference * in_image, TINY), length * in_reference
+
+
+class CellCosines(NamedTuple):
+    """Of pixels (N,) their cell, `cosines` and weight; of each cell its weight, its mean, whether it has enough."""
+
+    cell: NDArray[np.int64]
+    cosine: Array
+    weight: Array
+    total: Array
+    mean: Array
+    known: NDArray[np.bool_]
+
+    @property
+    def typical(self) -> float:
+        """The mean of the cells that show what the references do; 0: no cell is known."""
+        return float(np.quantile(self.mean[self.known], TYPICAL_QUANTILE)) if self.known.any() else 0.0
+
+
+def cosines_by_cell(samples: Sequence[Sample], cells: tuple[int, int], least: int) -> CellCosines:
+    """Return the cosines of all views by cells (columns, rows) of the image; known are those of `least` pixels."""
+    number = math.prod(cells)
+    cell = np.concatenate([np.zeros(0, np.int64), *(cell_of(one, cells) for one in samples)])
+    parts = [np.zeros((2, 0)), *(np.stack(cosines(one)) for one in samples)]
+    cosine, weight = np.concatenate(parts, axis=1)
+    total, agreeing = (np.asarray(np.bincount(cell, one, number), np.float64) for one in (weight, weight * cosine))
+    known = (np.bincount(cell, minlength=number) >= least) & (total > 0.0)
+    return CellCosines(cell, cosine, weight, total, agreeing / np.maximum(total, TINY), known)
+
+
+def cell_of(sample: Sample, cells: tuple[int, int]) -> NDArray[np.int64]:
+    """Return in which cell (columns, rows) of the image each pixel (N,) is, row by row."""
+    column, row = np.clip((0.5 * (sample.at + 1.0) * cells).astype(np.int64), 0, np.array(cells) - 1).T
+    return row * cells[0] + column
 
 
 def sample_views(
