@@ -79,6 +79,15 @@ def nothing_is_left_in_the_checkout() -> Iterator[None]:
     assert visible() - before == set()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def numba_is_ready() -> None:
+    """Charge what numba loads with the first kernel of a process to no test: which comes first is chance."""
+    if "numba" in sys.modules:
+        from sphere_nav.estimation.kernels import newton_step
+
+        newton_step(np.eye(6), np.zeros(6), 0)
+
+
 def visible() -> set[str]:
     """Return what stands at the root of the checkout, without what begins with a dot and what Python compiles."""
     return {path.name for path in ROOT.iterdir() if not path.name.startswith((".", "__"))}

@@ -26,6 +26,12 @@ from worlds.recordings import CAMERA, FIRST, PERIOD_NS, STEP, T_BASE_CAMERA, mou
 T_ROOM_MAP = FIRST @ T_BASE_CAMERA.inverse()  # where the vehicle was when the drive began; it stood level
 
 
+@pytest.fixture(scope="module", autouse=True)
+def kernels_are_loaded():
+    """Charge what the first node of a process loads to no test."""
+    OfflineBus().add(SphereMapper, {})
+
+
 class Bench:
     """A node on an offline bus; `said` is all that it published, by topic."""
 
