@@ -164,6 +164,7 @@ GROWTH = 2.0**0.5  # of cubes: half as many have a piece of a surface
 SURVEY_SAMPLES = 400_000  # points by which axes are found
 UP_RATIO = 1.5  # by which the floor must be larger than along the other axis
 LEAST_STANDING = 0.003  # of the squares that must have something standing: a street of 100 m with one house
+STRAY_SHARE, STRAY_RATIO = 0.001, 100.0  # of points; times the half width of the place that all the others are in
 SMALL_EXTENT = 1.0  # of a place to drive, in its unit: less is kilometres
 ORIGIN_STEP_M = 100.0  # of an origin: easy to read
 MAX_COORDINATE_M, FAR_FROM_ORIGIN_M = 1e7, 1e5  # the size of the Earth; beyond, float32 is coarser than a centimetre

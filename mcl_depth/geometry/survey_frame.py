@@ -27,6 +27,8 @@ from mcl_depth.constants import (
     MIN_POINTS,
     ORIGIN_STEP_M,
     SMALL_EXTENT,
+    STRAY_RATIO,
+    STRAY_SHARE,
     SURVEY_SAMPLES,
     UP_RATIO,
 )
@@ -78,6 +80,8 @@ def find_frame(
     origin = _read_origin(params.origin)
     if not len(finite):
         return SurveyFrame("m", "z", np.zeros(3), "")
+    if not is_mesh:
+        refuse_stray(finite, name)
     low, high = finite.min(axis=0).astype(np.float64), finite.max(axis=0).astype(np.float64)
     sample = finite[:: max(len(finite) // SURVEY_SAMPLES, 1)] - low
     is_large = len(finite) >= MIN_POINTS
@@ -106,6 +110,19 @@ def find_frame(
     if not words and up == "z":
         return SurveyFrame("m", "z", np.zeros(3), "")
     return SurveyFrame(unit, up, origin, f"{name}: " + "; ".join(words or ["y is up (as was set)"]))
+
+
+def refuse_stray(points: NDArray[np.floating], name: str) -> None:
+    """Refuse a point (of N, 3; finite) far outside of all others: unit, axis and area would be found by it alone."""
+    sample = points[:: max(len(points) // SURVEY_SAMPLES, 1)]
+    middle = np.median(sample, axis=0)
+    inner = float(np.quantile(np.abs(sample - middle).max(axis=1), 1.0 - STRAY_SHARE, method="lower"))
+    outer = np.abs(points - middle).max(axis=1)
+    if len(points) >= MIN_POINTS and outer.max() > STRAY_RATIO * inner:
+        found = f"{2.0 * inner:.3g}, and one at " + ", ".join(f"{value:.6g}" for value in points[outer.argmax()])
+        raise ValueError(
+            f"{name}: points: expected one place, found {1.0 - STRAY_SHARE:.1%} in a width of {found}: cut it off"
+        )
 
 
 def declared_unit(path: Path) -> str:

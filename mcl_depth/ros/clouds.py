@@ -19,6 +19,7 @@ from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.geometry.files import TILE_ENDINGS, read_geometry
 from mcl_depth.geometry.geodetic import Geodetic, declared_crs
 from mcl_depth.geometry.mesh import TriangleMesh
+from mcl_depth.geometry.survey_frame import refuse_stray
 from mcl_depth.params import MclDepthParams
 from mcl_depth.site import Site
 from mcl_depth.status import REMEDIES
@@ -131,7 +132,9 @@ class GeometryLoader:
     def on_cloud(self, message: PointCloud2) -> None:
         """Use a cloud in the map's frame; ValueError for one of another frame, or without points."""
         check_frames(message, self._declared.map_frame)
-        self.use(cloud_from_points(conversions.message_to_cloud(message), "cloud"))
+        cloud = cloud_from_points(conversions.message_to_cloud(message), "cloud")
+        refuse_stray(cloud.points, cloud.name)
+        self.use(cloud)
 
     def on_load_cloud(self, request: LoadCloud.Request, response: LoadCloud.Response) -> LoadCloud.Response:
         """Use another cloud; one that cannot be read leaves the present one in force, and who asks is told no more."""

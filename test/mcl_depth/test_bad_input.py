@@ -104,12 +104,14 @@ def test_the_command_refuses_a_recording_without_calibration(files, tmp_path, ca
 # --- the node
 
 
-def test_a_cloud_by_topic_without_coordinates_is_refused(eye):
+def test_a_cloud_by_topic_without_coordinates_or_with_a_point_far_outside_is_refused(eye):
     bench, message = Bench(eye), cloud_to_message(room_points(0.5), SECOND, "map")
     message.fields[2].name = "intensity"
-    bench.send("/cloud", message)
-    assert bench.node.clouds.geometry is None
-    assert "field of numbers 'z'" in next(item.last_refusal for item in bench.node.inputs if item.topic == "cloud")
+    stray = cloud_to_message(np.vstack([room_points(0.5), [0.0, 5e4, 0.0]]), SECOND, "map")
+    for sent, said in ((message, "field of numbers 'z'"), (stray, "expected one place, found 99.9%")):
+        bench.send("/cloud", sent)
+        assert bench.node.clouds.geometry is None
+        assert said in next(item.last_refusal for item in bench.node.inputs if item.topic == "cloud")
 
 
 @pytest.mark.slow

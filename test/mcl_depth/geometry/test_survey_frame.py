@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
 import laspy
@@ -78,6 +79,20 @@ def test_a_plain_and_degrees_are_refused_in_one_line(tmp_path: Path) -> None:
         read(tmp_path, plain)
     with pytest.raises(ValueError, match="longitude and latitude"):
         read(tmp_path, STREET * [1e-5, 1e-5, 1.0] + [8.4, 49.0, 100.0])
+
+
+def test_a_point_far_outside_of_all_others_is_refused_before_it_tells_unit_axis_or_area() -> None:
+    """Half a street is 10 m by the nearest 99.9 % of it; a point 500 m away may have been seen through a gap."""
+    for axis, sign in product(range(3), (1.0, -1.0)):
+        for far in (5e2, 2e4, 1e9):
+            stray = np.insert(STREET, 7, sign * far * np.eye(3)[axis], axis=0)
+            if far == 5e2:
+                assert find_frame(stray, SurveyParams(unit="m", up="z"), "a").words == ""
+                continue
+            with pytest.raises(
+                ValueError, match=r"a: points: expected one place, found 99\.9% in a width .*: cut it off"
+            ):
+                find_frame(stray, SurveyParams(), "a")
 
 
 def test_a_place_to_drive_is_a_metre_to_a_kilometre_wide() -> None:
