@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Protocol
 
@@ -11,7 +12,7 @@ from tf2_msgs.msg import TFMessage
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.odometry import PoseBuffer, move_on
 from sphere_nav.ros import qos
-from sphere_nav.ros.constants import LOG_PERIOD_S, PARENT_HOLD_NS, TF_MEMORY_NS
+from sphere_nav.ros.constants import LOG_PERIOD_S, PARENT_HOLD_NS, SAME_POSE, TF_MEMORY_NS
 from sphere_nav.ros.conversions import se3_to_transform, stamp_ns, transform_to_se3
 from sphere_nav.ros.endpoints import WARN, Endpoints
 
@@ -49,9 +50,10 @@ class TransformTree:
         stamp = stamp_ns(message)
         line = self._make_way(parent, child, None if is_static else stamp)
         if is_static:
+            held = self._static.get(child, T_parent_child)
             self._static[child] = T_parent_child
-        else:
-            self._remember(child, stamp, T_parent_child)
+            return line or _told_anew(f"transform {parent} -> {child}", held, T_parent_child)
+        self._remember(child, stamp, T_parent_child)
         return line
 
     def _make_way(self, parent: str, child: str, stamp: int | None) -> str:
@@ -177,6 +179,14 @@ class TransformTree:
 
     def _hint(self, frame: str) -> str:
         return f"{frame} is below {self._ancestors(frame)[-1]}"
+
+
+def _told_anew(name: str, held: SE3, told: SE3) -> str:
+    """Return that a frame which stands still is elsewhere now; nothing where it is where it was."""
+    metres, radians = held.distance(told)
+    if max(metres, radians) < SAME_POSE:
+        return ""
+    return f"{name}: told twice, {metres:.3f} m and {math.degrees(radians):.1f} deg apart: the later one holds"
 
 
 class Transforms(Protocol):

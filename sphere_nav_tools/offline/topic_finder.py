@@ -10,7 +10,6 @@ import argparse
 import difflib
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice, product
@@ -71,6 +70,8 @@ class TopicFinder:
         finder.named = frozenset(finder.chosen)
         if arguments.driver:
             finder.chosen = finder.of_driver(arguments.driver) | finder.chosen
+        for line in finder.shared_frames():
+            logging.getLogger("sphere_nav.frames").warning(line)
         return finder
 
     @cached_property
@@ -86,15 +87,40 @@ class TopicFinder:
     @cached_property
     def frames(self) -> TransformTree:
         """The frames: those that stand still, and as the first moving ones are."""
-        tree = TransformTree()
+        return self.frames_told[0]
+
+    @cached_property
+    def frames_told(self) -> tuple[TransformTree, list[str]]:
+        """The frames, and where those that stand still contradict each other, a line each."""
+        tree, lines = TransformTree(), dict[str, None]()
         for usual, kind in ((TF_STATIC_TOPIC, True), (TF_TOPIC, False)):
             topic = absolute(self.chosen.get(usual.strip("/"), usual))
             found = self.bag.messages([topic]) if topic in self.bag.topics else ()
             for _, _, message in islice(found, NUM_TF_MESSAGES):
                 for transform in message.transforms:
-                    with suppress(ValueError):
-                        tree.add(transform, is_static=kind)
-        return tree
+                    try:
+                        line = tree.add(transform, is_static=kind)
+                    except ValueError as error:
+                        line = str(error)
+                    lines |= {f"{topic}: {line}": None} if line and kind else {}
+        return tree, [*lines]
+
+    def shared_frames(self) -> list[str]:
+        """Return a line for each frame in which several cameras are, by topics that no driver has for one of them.
+
+        Pictures beside a calibration of their own are those of a camera; both of a stereo pair may be in one frame.
+        """
+        roots = tuple(f"/{root}/" for driver in self.drivers() for root in driver.roots(list(self.by_name)))
+        calibrated = {(_folder(s), s.frame_id) for s in self.streams if s.type == CAMERA_INFO}
+        cameras: dict[str, dict[str, Stream]] = {}
+        for stream in _without_twins(s for s in self.streams if s.is_picture and s.frame_id):
+            if not stream.topic.startswith(roots) and (_folder(stream), stream.frame_id) in calibrated:
+                cameras.setdefault(stream.frame_id, {}).setdefault(_folder(stream), stream)
+        return [
+            f"frame {frame}: expected one camera, found {' and '.join(topics)}: each needs a frame_id of its own"
+            for frame, found in cameras.items()
+            if len(topics := [stream.topic for stream in _without_rights([*found.values()])]) > 1
+        ]
 
     @property
     def lens(self) -> str:
@@ -203,8 +229,7 @@ class TopicFinder:
         """
         pictures = _without_twins(stream for stream in self.streams if stream.is_picture and not stream.problem)
         colored = [p for p in pictures if not set(p.base.split("/")) & set(INFRARED)] or pictures
-        lefts = [p for p in colored if not any(_is_pair((other, p)) for other in pictures)]
-        seen = colored if has_pairs else lefts or colored
+        seen = colored if has_pairs else _without_rights(colored) or colored
         best: dict[tuple[str, tuple[int, int]], Stream] = {}
         for view in sorted(seen, key=lambda stream: (stream.is_gray, stream.topic)):
             best.setdefault((view.frame_id or view.topic, view.size), view)
@@ -393,6 +418,15 @@ def _is_registered(pair: Candidate) -> bool:
     image, depth = pair
     has_size = depth.size == image.size or not (depth.width and image.width)
     return has_size and depth.frame_id == image.frame_id
+
+
+def _without_rights(pictures: Sequence[Stream]) -> list[Stream]:
+    """Leave out the right side of a pair."""
+    return [p for p in pictures if not any(_is_pair((other, p)) for other in pictures)]
+
+
+def _folder(stream: Stream) -> str:
+    return stream.base.rpartition("/")[0]
 
 
 def _is_pair(pair: Candidate) -> bool:

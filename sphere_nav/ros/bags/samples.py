@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
 from sphere_nav.geometry.files.encoded import encoded_size
 from sphere_nav.ros import conversions
+from sphere_nav.ros.conversions.driving import check_scan
 from sphere_nav.ros.conversions.images import (
     COMPRESSED_DEPTH_HEADER,
     DEPTH_ENCODINGS,
@@ -31,7 +32,8 @@ IMAGE, COMPRESSED, CAMERA_INFO = (
 )
 SPHERE, SPHERE_INFO = "sphere_nav_msgs/msg/AugmentedSphere", "sphere_nav_msgs/msg/SphereInfo"
 ODOMETRY, IMU, CLOUD = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/PointCloud2"
-WITH_FRAME = (IMAGE, COMPRESSED, CAMERA_INFO, SPHERE_INFO, SPHERE, ODOMETRY, IMU, CLOUD)
+SCAN = "sensor_msgs/msg/LaserScan"
+WITH_FRAME = (IMAGE, COMPRESSED, CAMERA_INFO, SPHERE_INFO, SPHERE, ODOMETRY, IMU, CLOUD, SCAN)
 WITH_STAMPS = (IMAGE, COMPRESSED, ODOMETRY)  # what is used at its stamp
 VIDEO = (  # of which an image cannot be had without those before it
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
@@ -153,8 +155,14 @@ def _check_pixels(message: Image, has_depth: bool) -> dict[str, Any]:
     return {"encoding": f"{message.encoding}; {bits} bits used"}
 
 
+def _check_scan(message: LaserScan, _: bool) -> dict[str, Any]:
+    check_scan(message)
+    return {}
+
+
 _DETAILS: dict[str, tuple[Callable[[Any], dict[str, Any]], Callable[[Any, bool], dict[str, Any]]]] = {
     IMAGE: (_raw_details, _check_pixels),
     COMPRESSED: (_compressed_details, _check_compressed),
     CAMERA_INFO: (_info_details, _check_info),
+    SCAN: (lambda message: {"encoding": f"{len(message.ranges)} beams"}, _check_scan),
 }

@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     with BagReader(arguments.bag) as bag:
         finder = TopicFinder.of(bag, arguments)
         streams, (first, last) = finder.streams, bag.time_range
-        mounting = describe_mountings(finder.frames, streams, arguments.mounting)
+        mounting = describe_mountings(finder.frames, streams, arguments.mounting) + finder.frames_told[1]
         offers = find_offers(OpenedBag(finder, arguments.rig, arguments.mounting))
     if arguments.mounting:
         for offer in offers:

@@ -120,6 +120,8 @@ def test_the_latest_static_parent_holds_and_the_change_names_both():
     assert tree.add(**edge("base_link", "camera", x=1.0)) == "transform: camera: parent wrong is replaced by base_link"
     assert tree.lookup("base_link", "camera", 99 * SECOND).translation[0] == 1.0
     assert tree.add(**edge("mast", "camera", x=2.0)) == "transform: camera: parent base_link is replaced by mast"
+    anew = "transform mast -> camera: told twice, 1.000 m and 0.0 deg apart: the later one holds"
+    assert tree.add(**edge("mast", "camera", x=3.0)) == anew
     assert tree.add(**edge("mast", "camera", x=3.0)) == ""
     assert tree.lookup("mast", "camera").translation[0] == 3.0
     with pytest.raises(ValueError, match="camera: expected parent mast, found a second one, wrong"):

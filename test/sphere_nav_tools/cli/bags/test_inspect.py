@@ -7,8 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from rosbags.rosbag2 import StoragePlugin
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CompressedImage, Image, LaserScan
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3, Pinhole
@@ -98,6 +99,21 @@ def test_a_camera_that_is_far_from_its_vehicle_is_of_no_use_until_the_user_says_
     assert call("inspect", bag) == 1
     assert f"image_raw ({FRAME}: expected metres, 0 to 25, found 1170: millimetres?" in capsys.readouterr().out
     assert call("inspect", bag, "--mounting", "0.4,0,1.1,0,0,0") == 0
+
+
+def test_a_frame_that_is_told_at_two_places_and_a_scan_in_mm_are_named(tmp_path, capsys):
+    def contradicting(number):
+        yield from rgbd(number)
+        scan = LaserScan(angle_max=3.0, angle_increment=1.0, range_max=3e4, ranges=[3500.0] * 4)
+        scan.header.stamp = Time(sec=stamp(number) // 10**9)
+        yield "scan", scan
+        place = se3_to_transform(SE3.exp([0.2 + number, 0, 0, 0, 0, 0]), stamp(number), "base_link", "mast")
+        yield "tf_static", TFMessage(transforms=[place])
+
+    assert call("inspect", write_bag(tmp_path / "two", contradicting, numbers=range(2))) == 0
+    said = capsys.readouterr().out
+    assert "/tf_static: transform base_link -> mast: told twice, 1.000 m and 0.0 deg apart: the later one holds" in said
+    assert "scan: ranges: median: expected metres, 0.01 to 200, found 3500: millimetres? (factor 0.001)" in said
 
 
 def as_jpeg(topic, message):
