@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +19,31 @@ from sphere_nav_tools.offline.evaluation import evaluate_poses
 TRUTH = ("ground_truth/pose",)  # of recordings and their bags
 
 
+class Said(NamedTuple):
+    """What a command said, and its status."""
+
+    status: int
+    out: str
+    err: str
+
+
+def run(*words: object) -> Said:
+    """Run a command."""
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        try:
+            status = sphere_nav([str(word) for word in words])
+        except SystemExit as misuse:  # of argparse, which has written why
+            status = int(misuse.code or 0)
+    return Said(status, out.getvalue(), err.getvalue())
+
+
 def call(*words: object) -> str:
     """Run a command and return what it said; ValueError with its last line where it fails."""
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        try:
-            status: object = sphere_nav([str(word) for word in words])
-        except SystemExit as misuse:  # of argparse, which has written why
-            status = misuse.code or 0
-    if status != 0:
-        lines = said.getvalue().strip().splitlines() or [""]
-        raise ValueError(f"sphere_nav {words[0]}: expected status 0, found {status}: {lines[-1]}")
-    return said.getvalue()
+    said = run(*words)
+    if said.status != 0:
+        lines = said.err.strip().splitlines() or [""]
+        raise ValueError(f"sphere_nav {words[0]}: expected status 0, found {said.status}: {lines[-1]}")
+    return said.out + said.err
 
 
 def errors(estimate: Trajectory, truth: Trajectory) -> NDArray[np.float64]:

@@ -10,29 +10,26 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
 from benchmarks.abuse.nodes import pictures, rig_in
+from benchmarks.base import Base
 from benchmarks.fault_drives import Course
-from benchmarks.fault_processes import Base
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions, qos
+from sphere_nav_tools.cli.processes import Processes, node_command
+from worlds.patience import family
 
 HELP = "an hour of the real processes at 10 Hz: memory, descriptors, threads, shared memory"
 DOMAIN = "71"
@@ -41,13 +38,13 @@ SAMPLING, WARM_UP = 10.0, 600.0  # s between two looks; in which caches fill, at
 RADIUS, SWAY, NOISE = 20.0, 6.0, 1.2  # m of the circle; m of the camera's way; grey levels
 EYES, PARTICLES, RIG = "/eyes", "/particles", "/rig"  # namespaces of what sees
 TOPICS = f"'pose status scan cmd_vel cmd_vel_in path_follower/status /tf /diagnostics {EYES}/pose {EYES}/status'"
-NODES = {  # module, remappings
-    "path_follower": ("path_follower.ros.node", ["cmd_vel:=cmd_vel_in"]),
-    "command_guard": ("path_follower.ros.guard_node", []),
-    "dense_localizer": ("dense_localizer.ros.node", [f"__ns:={EYES}"]),
-    "mcl_depth": ("mcl_depth.ros.node", [f"__ns:={PARTICLES}", "/tf:=/particles/tf"]),
-    "sphere_stitcher": ("sphere_mapping.acquisition.ros.node", [f"__ns:={RIG}"]),
-    "bag_recorder": ("sphere_nav.ros.bags.recorder_node", []),
+NODES = {  # their remappings
+    "path_follower": ["cmd_vel:=cmd_vel_in"],
+    "command_guard": [],
+    "dense_localizer": [f"__ns:={EYES}"],
+    "mcl_depth": [f"__ns:={PARTICLES}", "/tf:=/particles/tf"],
+    "sphere_stitcher": [f"__ns:={RIG}"],
+    "bag_recorder": [],
 }
 
 
@@ -71,44 +68,11 @@ def look(pid: int) -> Look:
     return Look(anonymous, len(os.listdir(process / "fd")), int(stat[17]), seconds)
 
 
-def family(pid: int) -> list[int]:
-    """Return a process and those beneath it."""
-    found = [pid]
-    for task in os.listdir(f"/proc/{pid}/task"):
-        for child in Path(f"/proc/{pid}/task/{task}/children").read_text(encoding="ascii").split():
-            found += family(int(child))
-    return found
-
-
 def shared_bytes(pids: list[int]) -> int:
     """Return the bytes of /dev/shm that processes have mapped."""
     maps = [Path(f"/proc/{pid}/maps").read_text(encoding="utf-8").splitlines() for pid in pids]
     names = {line[line.index("/dev/shm/") :] for lines in maps for line in lines if "/dev/shm/" in line}
     return sum(os.stat(name).st_size for name in names if os.path.exists(name))
-
-
-@contextmanager
-def processes(parameters: Mapping[str, Mapping[str, Any]]) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
-    """Run nodes by name as processes of their own."""
-    running = {}
-    for name, (module, remaps) in NODES.items():
-        given = [word for key, value in parameters.get(name, {}).items() for word in ("-p", f"{key}:={value}")]
-        given += [word for rule in remaps for word in ("-r", rule)]
-        code = f"import sys; from {module} import main; sys.exit(main())"
-        running[name] = subprocess.Popen(
-            [sys.executable, "-P", "-c", code, "--ros-args", *given, "--log-level", "warn"]
-        )
-    try:
-        yield running
-    finally:
-        for process in running.values():
-            process.send_signal(signal.SIGINT)
-        for process in running.values():
-            try:
-                process.wait(timeout=20.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
 
 
 class Feeder(Base):
@@ -190,12 +154,18 @@ def soak(minutes: float, log: Path) -> None:
             "sphere_stitcher": rig_in(folder),
             "bag_recorder": {"output": folder / "bag", "topics": TOPICS},
         }
-        with processes(parameters) as running:
-            rclpy.init()
+        with Processes(folder) as nodes:
+            running = {name: nodes.begin(name, _command(name, parameters.get(name, {}))) for name in NODES}
+            feeder = Feeder(views, course.camera, course.T_base_camera)
             try:
-                _watch(Feeder(views, course.camera, course.T_base_camera), running, minutes, log)
+                _watch(feeder, running, minutes, log)
             finally:
-                rclpy.try_shutdown()
+                feeder.close()
+
+
+def _command(node: str, parameters: dict[str, Any]) -> list[str]:
+    given = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
+    return node_command(node, "--ros-args", *given, *(word for rule in NODES[node] for word in ("-r", rule)))
 
 
 def _watch(feeder: Feeder, running: dict[str, subprocess.Popen[bytes]], minutes: float, log: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import io
 import json
 import tempfile
 from collections.abc import Iterable, Sequence
@@ -12,11 +11,11 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from benchmarks.abuse.zoo_bags import RIG_NAMES, Exhibit, base_pose, exhibits, rig, six_cameras, write_room
+from benchmarks import commands
+from benchmarks.abuse.zoo_bags import RIG, Exhibit, base_pose, exhibits, six_cameras, write_room
 from benchmarks.report import Bound, Headline, Report, Table
 from sphere_nav.geometry import Rig
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline.offers import CLOUD_FILE, MAP, RIG_FILE
 
 HELP = "recordings written by other libraries: does every command that inspect prints succeed"
@@ -38,15 +37,6 @@ class Visit:
     faults: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class Said:
-    """What a command said, and its status."""
-
-    status: int
-    out: str
-    err: str
-
-
 def run(options: argparse.Namespace) -> Report:
     """Visit the whole zoo, or every seventh recording from one that the seed says."""
     chosen = exhibits()[options.seed % 7 :: 7] if options.size == "quick" else exhibits()
@@ -66,16 +56,6 @@ def run(options: argparse.Namespace) -> Report:
     what, told = f"faults in {num_commands} commands and {num_refusals} refusals", f"{len(visits)} foreign recordings"
     report.bounds.append(Bound(what, 0, len(faults), "", headline=Headline("robustness", told)))
     return report
-
-
-def call(*words: str) -> Said:
-    """Run a command of sphere_nav."""
-    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
-        try:
-            status = main([*map(str, words)])
-        except SystemExit as end:
-            status = int(end.code or 0)
-    return Said(status, out.getvalue(), err.getvalue())
 
 
 def joined(text: str) -> str:
@@ -103,7 +83,7 @@ class Keeper:
         return visit
 
     def _inspect(self, visit: Visit, exhibit: Exhibit, bag: Path) -> None:
-        said = call("inspect", str(bag), "--json", "offer.json")
+        said = commands.run("inspect", bag, "--json", "offer.json")
         if said.status == 2 or not Path("offer.json").exists():
             visit.faults.append(f"inspect: expected offers, found {joined(said.err)!r}")
             return
@@ -139,7 +119,7 @@ class Keeper:
             start = ",".join(f"{v:.4f}" for v in [*base_pose(0).translation, *base_pose(0).quaternion])
             words.append(f"--initial-pose={start}")
             words += ["--json", "mcl.json"]
-        said = call(*words)
+        said = commands.run(*words)
         if job == "mcl" and said.status == NEVER_FOUND and json.loads(Path("mcl.json").read_text())["images"] > 0:
             return
         if said.status != 0:
@@ -161,26 +141,22 @@ class Keeper:
             folder = self._folder / "whole"
             folder.mkdir()
             bag = Exhibit("rig", partial(six_cameras, num=2)).build(folder)
-            write_rig(folder / RIG_FILE, rig())
-            words = [f"--camera={name}=/{name}/image_raw" for name in RIG_NAMES]
-            said = call(
-                "map", str(bag), "-o", str(folder / "m"), "--rig", str(folder / RIG_FILE), *words, *SMALL_SPHERES
-            )
-            if said.status:
-                raise ValueError(f"{folder}: expected a map, found {joined(said.err)}")
+            write_rig(folder / RIG_FILE, RIG)
+            words = [f"--camera={name}=/{name}/image_raw" for name in RIG.names]
+            commands.call("map", bag, "-o", folder / "m", "--rig", folder / RIG_FILE, *words, *SMALL_SPHERES)
             self._whole = folder / "m"
         return self._whole
 
     def _try_without(self, visit: Visit, job: str, bag: Path) -> None:
         """Run a command that was not offered: it is refused in one line, too."""
         if job == "map":
-            self._refused(visit, call("map", str(bag), "-o", "never"))
+            self._refused(visit, commands.run("map", bag, "-o", "never"))
         else:
             sphere_map = self._last or self._whole_map()
-            self._refused(visit, call("localize", str(sphere_map), str(bag), "-o", "never.tum"))
+            self._refused(visit, commands.run("localize", sphere_map, bag, "-o", "never.tum"))
 
     @staticmethod
-    def _refused(visit: Visit, said: Said) -> None:
+    def _refused(visit: Visit, said: commands.Said) -> None:
         visit.num_refusals += 1
         lines = [line for line in said.err.splitlines() if line.strip()]
         if said.status != 2 or len(lines) != 1:
@@ -194,6 +170,6 @@ def named_rig(command: Iterable[str]) -> Rig:
     for word in command:
         if word.startswith("--camera="):
             _, name, topic = word.split("=")
-            own = max((known for known in RIG_NAMES if known in topic), key=len)
-            parts.append(replace(rig().camera(own), name=name))
+            own = next(known for known in RIG.names if known in topic)
+            parts.append(replace(RIG.camera(own), name=name))
     return Rig(tuple(parts))

@@ -22,10 +22,11 @@ from sensor_msgs.msg import CompressedImage
 from tf2_msgs.msg import TFMessage
 
 from benchmarks.room import HALF_SIDES_M, render
-from sphere_nav.geometry import SE3, Fisheye, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import Camera, pixel_rays
 from sphere_nav.ros import conversions
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from worlds.rig import RIG_NAMES, vertical_rig
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
 PANORAMA = Spherical(256, 128)
@@ -37,8 +38,7 @@ T_BASE_OPTICAL = T_BASE_CAMERA @ T_BODY_OPTICAL
 T_ROOM_MAP = SE3.from_parts(np.eye(3), [0.0, 0.0, -HALF_SIDES_M[2]])  # the room's origin is its middle
 FIRST, STEP = SE3.from_planar(-1.0, 0.5, 0.3), SE3.exp([0.04, 0.0, 0.0, 0.0, 0.0, 0.015])
 BASELINE = 0.5
-RIG_LENS = Fisheye(160, 160, 48.0, 48.0, 79.5, 79.5)
-RIG_NAMES = ("front", "left", "right", "low_front", "low_left", "low_right")
+RIG = vertical_rig()
 VIDEO = b"\x00\x00\x00\x01\x67\x42\x00\x1e" + bytes(range(200))
 ALL = ("map", "localize", "mcl")
 NO_MAP, NO_MCL = ("localize", "mcl"), ("map", "localize")  # odometry is optional: a map of one camera needs depth
@@ -127,17 +127,6 @@ def base_pose(number: int) -> SE3:
 def see(camera: Camera, number: int, T_base_camera: SE3) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return grey levels and range (H, W) in m."""
     return render(camera, T_ROOM_MAP @ base_pose(number) @ T_base_camera)
-
-
-@lru_cache(maxsize=1)
-def rig() -> Rig:
-    """Return three pairs of fisheye cameras, one above the other."""
-    parts = []
-    for name, azimuth, z in zip(RIG_NAMES, (0.0, 2.1, -2.1) * 2, (0.15,) * 3 + (-0.15,) * 3, strict=True):
-        pose = SE3.from_planar(0.0, 0.0, azimuth) @ SE3.from_parts(T_BODY_OPTICAL.rotation, [0.02, 0.0, z])
-        group = name.removeprefix("low_")
-        parts.append(RigCamera(name, RIG_LENS, pose, exposure_group=group, level="bottom" if "low" in name else "top"))
-    return Rig(tuple(parts))
 
 
 def write_room(path: Path) -> Path:
@@ -266,11 +255,11 @@ def stereo(*, baseline: float = BASELINE) -> list[Item]:
 def six_cameras(*, topic: str = "/{}/image_raw", encoding: str = "mono8", num: int = 5) -> list[Item]:
     """Return the drive of the rig."""
     edges = [(T_BASE_CAMERA, "base_link", "rig_link")]
-    edges += [(rig().camera(name).T_rig_camera, "rig_link", f"{name}_optical") for name in RIG_NAMES]
+    edges += [(part.T_rig_camera, "rig_link", f"{part.name}_optical") for part in RIG.cameras]
     found: list[Item] = [("/tf_static", EPOCH, transforms(edges, EPOCH))]
     for number in range(num):
-        for name in RIG_NAMES:
-            gray, _ = see(RIG_LENS, number, T_BASE_CAMERA @ rig().camera(name).T_rig_camera)
+        for name, part in zip(RIG_NAMES, RIG.cameras, strict=True):
+            gray, _ = see(part.camera, number, T_BASE_CAMERA @ part.T_rig_camera)
             ns = steady(number)
             found.append((topic.format(name), ns, encode(gray, encoding, ns, f"{name}_optical")))
     return found

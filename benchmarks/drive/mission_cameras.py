@@ -20,18 +20,7 @@ from scipy.spatial import cKDTree
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from benchmarks.commands import call
-from benchmarks.drive.mission_town import (
-    CRUISE,
-    LATENCY_NS,
-    NORTH,
-    PERIOD_NS,
-    RIGHT,
-    SOUTH,
-    STEP_NS,
-    Driven,
-    Town,
-    named,
-)
+from benchmarks.drive.mission_town import CRUISE, LATENCY_NS, PERIOD_NS, STEP_NS, TOUR, Driven, Town, features, named
 from benchmarks.drive.ways import rounded_way
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
@@ -41,7 +30,6 @@ from dense_localizer.ros.node import DenseLocalizerNode
 from path_follower.path import Pose2
 from path_follower.routes.network import Network
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
@@ -53,47 +41,29 @@ from sphere_nav_tools.cli.demo.demo import BUSY, OTHER_DAY, SIMULATION, TEACHING
 from sphere_nav_tools.cli.demo.report import read_truth
 from sphere_nav_tools.offline.routes import map_id_of, read_network_of
 
-EAST, LANE, NORTH_SIDE = 132.5, 120.0, 42.0  # m: x of the other way over the square, x of the lane, y where they meet
-WEST, F_NORTH, F_SOUTH = -20.0 - RIGHT, 40.0 + RIGHT, 40.0 - RIGHT
-Corners = tuple[tuple[float, float], ...]
-RINGS: Corners = (  # A, F, B, C; A, the square, the lane, B
-    *((0.0, SOUTH), (F_NORTH, SOUTH), (F_NORTH, NORTH), (WEST, NORTH), (WEST, SOUTH)),
-    *((LANE, SOUTH), (LANE, NORTH)),
-)
-TOUR: Corners = (  # F southwards, the block the other way round, the other way over the square, B westwards
-    *(*RINGS, (F_SOUTH, NORTH), (F_SOUTH, -SOUTH)),
-    *((-20.0 + RIGHT, -SOUTH), (-20.0 + RIGHT, 110.0 - RIGHT), (F_SOUTH, 110.0 - RIGHT), (F_SOUTH, SOUTH)),
-    *((EAST, SOUTH), (EAST, NORTH_SIDE), (LANE, NORTH_SIDE), (LANE, NORTH)),
-    (20.0, NORTH),
-)
 WAIT_NS = 30_000_000_000  # of simulated time until the car must know where it is
 CITY = SIMULATION | BUSY | {"world": "city", "teach.speed": CRUISE, "capture.distance": 2.0}
 
 
 @dataclass(frozen=True)
 class City:
-    """Where a city's tour and map are kept, its seed, the corners of the tour, and how many processes map it."""
+    """Where a city's tour and map are kept, its seed, and how many processes map it."""
 
     folder: Path
     seed: int
-    corners: Corners = TOUR
     jobs: int = 1
 
     def simulator(self, more: Mapping[str, Any]) -> Simulator:
         """Return the city, its traffic busy where the tour does not lead."""
-        return Simulator(build(SimParams, {**CITY, "seed": self.seed, **more}), rounded_way(self.corners))
+        return Simulator(build(SimParams, {**CITY, "seed": self.seed, **more}), rounded_way(TOUR))
 
     def prepare(self) -> None:
         """Drive the tour by the simulator's driver into a bag and map it."""
         self.folder.mkdir(parents=True)
-        self.teach(self.folder / "teach")
         rig, taught = self.folder / "rig.yaml", self.folder / "taught.tum"
+        record_drive(self.simulator(TEACHING | {"rig.file": str(rig)}), self.folder / "teach")
         words = ("--rig", rig, "--taught", taught, "--anchor", "truth", "--jobs", self.jobs)
         call("map", self.folder / "teach", "-o", self.folder / "map", *words)
-
-    def teach(self, path: Path) -> None:
-        """Write the bag of the drive."""
-        record_drive(self.simulator(TEACHING | {"rig.file": str(self.folder / "rig.yaml")}), path)
 
 
 def record_drive(simulator: Simulator, path: Path, length_m: float = np.inf) -> None:
@@ -133,11 +103,6 @@ class Taught:
         return self.T_world[near] @ self.T_map[near].inverse() @ T_map
 
 
-def features(x: Array, y: Array, yaw: Array) -> Array:
-    """Return (..., 4) in which poses are near that are near and head alike."""
-    return np.stack([x, y, 2.0 * np.cos(yaw), 2.0 * np.sin(yaw)], axis=-1)
-
-
 class CameraTown(Town):
     """The car in the simulated city: its camera, the localizer, and the nodes of every mission."""
 
@@ -149,8 +114,6 @@ class CameraTown(Town):
         self.errors: list[float] = []  # of poses, m
         self.truth: dict[int, SE3] = {}  # T_world_base by the stamp of an image
         super().__init__(folder, seed)
-        self.points = np.array([self.placed(Pose2(*pose)) for pose in self.points])
-        self.tree = cKDTree(features(*self.points.T))
         self.simulator = city.simulator(OTHER_DAY | {"mode": "drive", "noise_seed": seed})
         self.simulator.faults.add("camera", "delayed", LATENCY_NS / 1e9, 0.0, 0.0, self.simulator.time_ns)
         self.simulator.step(VehicleCommand(), STEP_NS)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.action import Navigate
@@ -20,8 +21,8 @@ from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
 from path_follower.path import Pose2
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import TaughtDrive, build_network, even_curve
-from path_follower.routes.network import Network, Spot
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.network import EdgeCurve, Network, Spot
 from path_follower.routes.network_file import write_network
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -33,12 +34,17 @@ from sphere_nav.ros.conversions import header, se3_to_pose_with_covariance, se3_
 CRUISE = 2.0  # m/s
 RIGHT = 1.75  # m to the right of the middle of a street
 SOUTH, NORTH = -RIGHT, 110.0 + RIGHT  # y of the streets A eastwards and B westwards
-CORNERS = (  # of the drives, driven in this order; the first is where one begins
-    ((0.0, SOUTH), (120.0, SOUTH), (120.0, NORTH), (-20.0 - RIGHT, NORTH), (-20.0 - RIGHT, SOUTH), (30.0, SOUTH)),
-    ((0.0, SOUTH), (40.0 + RIGHT, SOUTH), (40.0 + RIGHT, NORTH), (0.0, NORTH)),
-    ((90.0, NORTH), (40.0 - RIGHT, NORTH), (40.0 - RIGHT, SOUTH), (80.0, SOUTH)),
-    ((60.0, SOUTH), (95.0, SOUTH), (95.0, NORTH), (55.0, NORTH)),
-    ((-20.0 + RIGHT, -50.0), (-20.0 + RIGHT, 110.0 - RIGHT), (40.0 - RIGHT, 110.0 - RIGHT), (40.0 - RIGHT, 30.0)),
+EAST, LANE, NORTH_SIDE = 132.5, 120.0, 42.0  # m: x of the other way over the square, x of the lane, y where they meet
+WEST, F_NORTH, F_SOUTH = -20.0 - RIGHT, 40.0 + RIGHT, 40.0 - RIGHT
+TOUR: tuple[tuple[float, float], ...] = (
+    # A, F, B, C; A, the square, the lane, B
+    *((0.0, SOUTH), (F_NORTH, SOUTH), (F_NORTH, NORTH), (WEST, NORTH), (WEST, SOUTH)),
+    *((LANE, SOUTH), (LANE, NORTH)),
+    # F southwards, the block the other way round, the other way over the square, B westwards
+    *((F_SOUTH, NORTH), (F_SOUTH, -SOUTH)),
+    *((-20.0 + RIGHT, -SOUTH), (-20.0 + RIGHT, 110.0 - RIGHT), (F_SOUTH, 110.0 - RIGHT), (F_SOUTH, SOUTH)),
+    *((EAST, SOUTH), (EAST, NORTH_SIDE), (LANE, NORTH_SIDE), (LANE, NORTH)),
+    (20.0, NORTH),
 )
 PLACES = {"square": (100.0, SOUTH), "lane": (120.0, 60.0), "market": (80.0, NORTH)}
 PLACES |= {"church": (-20.0 - RIGHT, 60.0), "gate": (40.0 + RIGHT, 60.0), "school": (40.0 - RIGHT, 60.0)}
@@ -89,13 +95,13 @@ class Town:
         self.pending: list[tuple[int, Pose2]] = []
         self.walkers: list[tuple[Array, int]] = []  # where, and until when
         self.next_walker = 0.0
-        points = [np.stack([e.curve.x, e.curve.y, e.curve.yaw], -1) for e in self.network.edges.values()]
-        self.points = np.concatenate(points)
-        yaw = self.points[:, 2]
-        self.tree = cKDTree(np.column_stack([self.points[:, :2], 2.0 * np.cos(yaw), 2.0 * np.sin(yaw)]))
+        curves = [edge.curve for edge in self.network.edges.values()]
+        points = [pose for curve in curves for pose in zip(curve.x, curve.y, curve.yaw, strict=True)]
+        self.points = np.array([self.placed(Pose2(*pose)) for pose in points])
+        self.tree = cKDTree(features(*self.points.T))
 
     def _network(self) -> Network:
-        return named(build_network(taught_drives(self.rng), "city", 1.2))
+        return tour_network()
 
     def _spot(self, place: str) -> tuple[int, Pose2]:
         node = self.network.nodes[self.network.places[place]]
@@ -216,8 +222,7 @@ class Town:
         if mission.course is None or abs(state.speed) < 0.05 or mission.progress < 10.0:
             self._count_stop(driven)
             return
-        turned = (2.0 * math.cos(state.yaw), 2.0 * math.sin(state.yaw))
-        x, y, yaw = self.points[self.tree.query((state.x, state.y, *turned))[1]]
+        x, y, yaw = self.points[self.tree.query(features(state.x, state.y, state.yaw))[1]]
         error = math.cos(yaw) * (state.y - y) - math.sin(yaw) * (state.x - x)
         driven.lateral.append(error)
         self.is_standing = False
@@ -237,13 +242,10 @@ class Offered:
     """A goal as a client of the action sees it."""
 
     def __init__(self, request: Navigate.Goal) -> None:
-        self.request = request
-        self.feedback: list[Navigate.Feedback] = []
-        self.result: Navigate.Result | None = None
+        self.request, self.result = request, cast("Navigate.Result | None", None)
 
     def publish(self, feedback: Navigate.Feedback) -> None:
         """Take feedback."""
-        self.feedback.append(feedback)
 
     def finish(self, result: Navigate.Result, *, success: bool) -> None:
         """Take the result."""
@@ -251,21 +253,16 @@ class Offered:
 
 
 # --- the network
-def taught_drives(rng: np.random.Generator) -> list[TaughtDrive]:
-    """Return the drives as they were recorded: a few centimetres beside what was meant, slowly varying."""
-    drives = []
-    for corners in CORNERS:
-        way = rounded_way(corners)
-        x, y, yaw, _ = way.at(np.arange(0.0, way.length, 0.1)).T
-        s = 0.1 * np.arange(len(x))
-        off = sum(
-            0.03 * np.sin(2 * np.pi * s / wave + phase)
-            for wave, phase in zip((23.0, 41.0), rng.uniform(0, 6.28, 2), strict=True)
-        )
-        drives.append(
-            TaughtDrive(even_curve(x - off * np.sin(yaw), y + off * np.cos(yaw), yaw, np.full(len(x), CRUISE)))
-        )
-    return drives
+def features(x: ArrayLike, y: ArrayLike, yaw: ArrayLike) -> Array:
+    """Return (..., 4) in which poses are near that are near and head alike."""
+    return np.stack([x, y, 2.0 * np.cos(yaw), 2.0 * np.sin(yaw)], axis=-1)
+
+
+def tour_network() -> Network:
+    """Return the network of the tour as it was meant."""
+    way = rounded_way(TOUR)
+    x, y, yaw, _ = way.at(np.arange(0.0, way.length, 0.1)).T
+    return named(build_network([TaughtDrive(EdgeCurve(x, y, np.unwrap(yaw), np.full(len(x), CRUISE)))], "city", 1.2))
 
 
 def named(network: Network) -> Network:

@@ -1,9 +1,9 @@
 """Missions over a network of 1.1 km in the simulated city: `route_navigator` and `path_follower` on a bus, with a car.
 
-Five drives through the city make the network: around its blocks, by two streets in its middle, one of them both ways,
-and from the south. Missions go from one of six places to another, drawn at random; about every 150 m somebody steps
-before the car and off again. The nodes, their messages and calls are the real ones; poses are the truth with noise, ten
-a second and 50 ms late, so that this measures missions, ways and joints; by a camera, the localiser tells them.
+One tour through the city makes the network: around its blocks, by two streets in its middle, one of them both ways, and
+over a square. Missions go from one of six places to another, drawn at random; about every 150 m somebody steps before
+the car and off again. The nodes, their messages and calls are the real ones; poses are the truth with noise, ten a
+second and 50 ms late, so that this measures missions, ways and joints; by a camera, the localiser tells them.
 """
 
 from __future__ import annotations

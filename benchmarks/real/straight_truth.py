@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,8 +24,6 @@ from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, stamp_ns
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-NUM_STEPS = 5
-ROBUST_PX = 2.0  # beyond which a residual counts less
 STEP = 12  # px between points
 MIN_POINTS = 50
 
@@ -62,21 +61,10 @@ def fit_at_once(camera: Camera, points: Array, twist: Array) -> SE3:
     Identity where too few of the points are seen.
     """
     pixels, is_seen = project_rolling(camera, points, twist)
-    points, pixels = points[is_seen], pixels[is_seen]
-    T_middle_fit = SE3.identity()
-    if len(points) < MIN_POINTS:
-        return T_middle_fit
-    for _ in range(NUM_STEPS):
-        seen = T_middle_fit.inverse().apply(points)
-        residual = camera.project(seen)[0] - pixels
-        by_point = camera.J_project(seen)
-        J = np.concatenate([-by_point, by_point @ _skew(seen)], axis=-1)  # of exp(-xi) p
-        weight = 1.0 / np.maximum(1.0, np.linalg.norm(residual, axis=-1) / ROBUST_PX)
-        H = np.einsum("n,nij,nik->jk", weight, J, J)
-        T_middle_fit = T_middle_fit @ SE3.exp(-np.linalg.solve(H, np.einsum("n,nij,ni->j", weight, J, residual)))
-    return T_middle_fit
-
-
-def _skew(p: Array) -> Array:
-    """Return [p]x (N, 3, 3)."""
-    return np.cross(np.eye(3), p[:, None, :])
+    if np.count_nonzero(is_seen) < MIN_POINTS:
+        return SE3.identity()
+    rays = camera.unproject(pixels[is_seen])
+    turn, moved = cv2.solvePnPRefineLM(
+        points[is_seen], rays[:, :2] / rays[:, 2:], np.eye(3), None, *np.zeros((2, 3, 1))
+    )
+    return SE3.from_parts(cv2.Rodrigues(turn)[0], moved.ravel()).inverse()

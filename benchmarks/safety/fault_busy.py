@@ -38,12 +38,13 @@ from sphere_nav_msgs.srv import LoadTrajectory
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from benchmarks.fault_processes import SETTLE, Base
+from benchmarks.base import SETTLE, Base
 from benchmarks.report import Bound, Headline, Report, Table
 from path_follower.ros.loop_process import take_precedence
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import se3_to_transform
+from sphere_nav_tools.cli.processes import node_command
 
 HELP = "stops of real processes over DDS: alone, with every call and topic flooded, on a loaded machine"
 RUN = 2.0  # s of driving before a fault, in which the silence of commands is measured
@@ -99,8 +100,8 @@ def faults() -> dict[str, Callable[[Base, Any], None]]:
         "localiser's status silent": lambda base, _: lie(base, "has_status", False),
         "localiser LOST": lambda base, _: lie(base, "state", "LOST"),
         "pose of another frame": lambda base, _: lie(base, "frame", "odom"),
-        "pose that is no number": lambda base, _: lie(base, "value", float("nan")),
-        "pose 3 m aside": lambda base, _: lie(base, "value", 3.0),
+        "pose that is no number": lambda base, _: lie(base, "aside", float("nan")),
+        "pose 3 m aside": lambda base, _: lie(base, "aside", 3.0),
         "second publisher of the pose": lambda base, _: second(base, "pose", PoseWithCovarianceStamped),
         "second publisher of cmd_vel": lambda base, _: second(base, "cmd_vel", Twist),
         "front killed": lambda _, process: os.kill(front_of(process.pid), signal.SIGKILL),
@@ -119,11 +120,8 @@ def observe(name: str, gate: EventOfProcesses) -> Seen:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "path.csv"
         path.write_text("\n".join(f"{x},0" for x in range(400)), encoding="utf-8")
-        code = "import sys; from path_follower.ros.node import main; sys.exit(main())"
-        arguments = ["--ros-args", "-p", f"trajectory:={path}", "--log-level", "fatal"]
-        process = subprocess.Popen([sys.executable, "-P", "-c", code, *arguments])
-        rclpy.init()
-        base = Base()
+        words = node_command("path_follower", "--ros-args", "-p", f"trajectory:={path}", "--log-level", "fatal")
+        process, base = subprocess.Popen(words), Base()
         # as a computer of its own would serve the base, but not what it starts
         take_precedence(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, BASE_PRIORITY)
         try:
@@ -142,9 +140,9 @@ def observe(name: str, gate: EventOfProcesses) -> Seen:
             return Seen(silence, zero, base.reason, base.worst_cycle)
         finally:
             gate.clear()
-            for node in (base.node, *base.others):
+            for node in base.others:
                 node.destroy_node()
-            rclpy.try_shutdown()
+            base.close()
             process.kill()
             process.wait()
 

@@ -8,14 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.room import FINEST, Factor, MemoryMap, Room
+from benchmarks.room import FINEST, MemoryMap, graph_of, make_room
 from sphere_nav.geometry import SE3, Pinhole, Spherical
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from worlds.room import Room
 
 CAMERA = Pinhole(240, 180, 190.0, 190.0, 119.5, 89.5)
 SPHERE = Spherical(1024, 512)
@@ -34,7 +36,7 @@ Image = NDArray[np.uint8]
 class Lamp:
     """Light that is added or taken where a lamp hangs; beyond it, all is darker by `dark`; on one side of the hall."""
 
-    place: NDArray[np.float32]
+    place: Array
     size_m: float
     bright: float
     dark: float
@@ -44,18 +46,29 @@ class Lamp:
     def random(rng: np.random.Generator) -> Lamp:
         """Return one that hangs anywhere along the drive."""
         half = np.array([REACH_M, HALF_SIDES_M[1], HALF_SIDES_M[2]])
-        place = (rng.uniform(-1.0, 1.0, 3) * half).astype(np.float32)
+        place = rng.uniform(-1.0, 1.0, 3) * half
         size_m, bright, dark = rng.uniform(1.0, 3.0), rng.uniform(0.5, 2.0), rng.uniform(0.2, 1.0)
         return Lamp(place, size_m, bright, dark, float(rng.integers(-1, 2)))
 
-    def __call__(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the factor (N,) of the grey levels of points (N, 3) of the walls."""
+    def __call__(self, points: Array) -> Array:
+        """Return the factor (...,) of the grey levels of points (..., 3) of the walls."""
         off = points - self.place
-        near = np.exp(np.einsum("ni,ni->n", off, off) * np.float32(-0.5 / self.size_m**2))
-        factor = np.float32(self.dark) + np.float32(self.bright) * near
+        near = np.exp(np.sum(off**2, axis=-1) * (-0.5 / self.size_m**2))
+        factor = self.dark + self.bright * near
         if self.side:
-            factor[self.side * points[:, 1] < 0.0] = 1.0
+            factor[self.side * points[..., 1] < 0.0] = 1.0
         return factor
+
+
+class Hall(Room):
+    """A room in which a lamp may be switched."""
+
+    lamp: Lamp | None = None
+
+    def gray(self, points: Any) -> Any:
+        """Return grey levels of points (..., 3)."""
+        gray = super().gray(points)
+        return gray if self.lamp is None else np.clip(gray * self.lamp(points), 0.0, 255.0)
 
 
 @dataclass
@@ -74,15 +87,16 @@ class World:
 
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
-        self.room = Room(self.seed, HALF_SIDES_M, SOFT if self.is_soft else FINEST)
+        self.room, self.other = (self.hall(self.seed + off) for off in (0, 1000))
         places = [SE3.from_planar(x, 0.0, 0.0) for x in np.arange(-REACH_M, REACH_M + 0.5, SPACING_M)]
-        nodes = [
-            KeySphere(i, i + 1, T, Sphere(*self.room.render(SPHERE, T), SPHERE, i + 1)) for i, T in enumerate(places)
-        ]
-        self.map = MemoryMap(SphereGraph(nodes))
+        self.map = MemoryMap(graph_of(self.room, SPHERE, places))
         self.patch = self.rng.integers(0, 255, (CAMERA.height // 20, CAMERA.width // 20)).astype(np.uint8)
         self.lamp = Lamp.random(self.rng)
         self.T_odom_camera, self.before = SE3.identity(), [self.T_map_camera] * (LATE + 1)
+
+    def hall(self, seed: int) -> Hall:
+        """Return the hall of a seed."""
+        return make_room(seed, HALF_SIDES_M, SOFT if self.is_soft else FINEST, Hall)
 
     @property
     def T_map_camera(self) -> SE3:
@@ -107,12 +121,10 @@ class World:
         self.phase, self.seconds = self.rng.uniform(0.0, 2 * np.pi), self.rng.uniform(0.0, 500.0)
         self.before = [self.T_map_camera] * (LATE + 1)
 
-    def see(
-        self, T_map_camera: SE3, camera: Pinhole = CAMERA, light: Factor | None = None, room: Room | None = None
-    ) -> Image:
+    def see(self, T_map_camera: SE3, camera: Pinhole = CAMERA, lamp: Lamp | None = None, room: Any = None) -> Image:
         """Return an image with noise; `room`: another one."""
-        gray, _ = (room or self.room).render(camera, T_map_camera, light)
-        return _noisy(gray.astype(np.float32), self.rng)
+        self.room.lamp = lamp
+        return _noisy((room or self.room).render(camera, T_map_camera)[0], self.rng)
 
 
 def _noisy(gray: NDArray[np.float32], rng: np.random.Generator) -> Image:
@@ -135,7 +147,7 @@ def kidnapped(world: World) -> Image:
 
 def elsewhere(world: World) -> Image:
     """See another hall."""
-    return world.see(world.T_map_camera, room=replace(world.room, seed=world.seed + 1000))
+    return world.see(world.T_map_camera, room=world.other)
 
 
 def _covered(world: World) -> Image:
@@ -157,7 +169,7 @@ def _light(world: World) -> Image:
 
 
 def _lamp(world: World) -> Image:
-    return world.see(world.T_map_camera, light=world.lamp)
+    return world.see(world.T_map_camera, lamp=world.lamp)
 
 
 def _calibration(world: World) -> Image:

@@ -8,9 +8,6 @@ from __future__ import annotations
 import argparse
 import os
 import random
-import signal
-import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -19,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from geometry_msgs.msg import TransformStamped
 from rclpy.action import ActionClient
 from sensor_msgs.msg import LaserScan
@@ -29,13 +25,14 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 from tqdm import tqdm
 
-from benchmarks.fault_processes import PATIENCE, Base
+from benchmarks.base import PATIENCE, Base
 from benchmarks.report import Bound, Headline, Report, Table
-from path_follower.routes.building import TaughtDrive, build_network, even_curve
-from path_follower.routes.network import Spot
+from path_follower.routes.building import TaughtDrive, build_network
+from path_follower.routes.network import EdgeCurve, Spot
 from path_follower.routes.network_file import write_network
 from sphere_nav.ros import qos
 from sphere_nav_tools.cli.operate.link import Link
+from sphere_nav_tools.cli.processes import Processes
 
 HELP = "stops, pauses and presses at random moments over DDS: how far does the vehicle move after them?"
 TRIALS, QUICK_TRIALS = 200, 12
@@ -70,36 +67,23 @@ def run(options: argparse.Namespace) -> Report:
 def session(rule: str, count: int, draw: random.Random) -> list[tuple[str, float]]:
     """Return for each trial how it was driven, and by how many m/s the speed grew after the answer."""
     os.environ["ROS_DOMAIN_ID"] = "45"
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        prepare(folder)
-        processes = [
-            spawn("node", "-p", f"trajectory:={folder / 'path.csv'}", "-p", f"safety.resume:={rule}"),
-            spawn("navigator_node", "-p", f"network:={folder / 'routes.geojson'}", "-p", f"state:={folder}"),
-        ]
-        rclpy.init()
-        vehicle = StoppedBase(folder)
+    with tempfile.TemporaryDirectory() as name, Processes(Path(name)) as nodes:
+        prepare(nodes.folder)
+        nodes.start("path_follower", {"trajectory": f"{name}/path.csv", "safety.resume": rule})
+        nodes.start("route_navigator", {"network": f"{name}/routes.geojson", "state": name})
+        vehicle = StoppedBase(nodes.folder)
         try:
             trials = tqdm(range(count), desc=rule, unit="stop", mininterval=20.0)
             return [trial(vehicle, WAYS[i % 2], draw) for i in trials]
         finally:
             vehicle.page.close()
-            rclpy.try_shutdown()
-            for process in processes:
-                process.send_signal(signal.SIGINT)
-                process.wait(10.0)
-
-
-def spawn(module: str, *words: str) -> subprocess.Popen[bytes]:
-    """Start a node as a process."""
-    code = f"import sys; from path_follower.ros.{module} import main; sys.exit(main())"
-    return subprocess.Popen([sys.executable, "-P", "-c", code, "--ros-args", *words, "--log-level", "fatal"])
+            vehicle.close()
 
 
 def prepare(folder: Path) -> None:
     """Write a straight path, and a network of it with a place at its end."""
     x = np.arange(0.0, LENGTH, 0.1)
-    network = build_network([TaughtDrive(even_curve(x, 0 * x, 0 * x, 0 * x + 1.4))], "", 1.2)
+    network = build_network([TaughtDrive(EdgeCurve(x, 0 * x, 0 * x, 0 * x + 1.4))], "", 1.2)
     write_network(folder / "routes.geojson", network.with_place("end", Spot(max(network.edges), LENGTH - 5.0)))
     (folder / "path.csv").write_text("\n".join(f"{i},0" for i in range(int(LENGTH))), encoding="utf-8")
 
@@ -150,7 +134,7 @@ class StoppedBase(Base):
             self.live(PATIENCE, lambda: bool(answers))
             asking.join()
             return "NOT CONFIRMED" not in answers[0] and "NOT KNOWN" not in answers[0]
-        return bool(self.answer(self.calls[stop].call_async(self.request)).success)
+        return bool(self.answer(self.calls[stop].call_async(Trigger.Request())).success)
 
     def begin(self, way: str) -> None:
         """Ask for motion, again and again, until it was accepted."""
@@ -164,7 +148,7 @@ class StoppedBase(Base):
                 accepted = self.goal.accepted
             else:
                 self.answer(self.load.call_async(LoadTrajectory.Request(path=self.file)))
-                started = self.answer(self.start.call_async(self.request))
+                started = self.answer(self.start.call_async(Trigger.Request()))
                 accepted, self.reason = started.success, started.message
             if accepted:
                 return
@@ -191,6 +175,6 @@ def trial(vehicle: StoppedBase, way: str, draw: random.Random) -> tuple[str, flo
     late = [speed for at, speed in vehicle.commands if at - answered > RAMP]
     if way == "mission":  # leave no mission behind, and no pause
         vehicle.answer(vehicle.goal.cancel_goal_async())
-    vehicle.answer(vehicle.calls["stop"].call_async(vehicle.request))
+    vehicle.answer(vehicle.calls["stop"].call_async(Trigger.Request()))
     vehicle.live(1.0)
     return way, max([gained, *late])

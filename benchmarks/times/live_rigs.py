@@ -10,13 +10,11 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,7 +27,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from benchmarks.report import Bound, Headline, Report, Table
-from benchmarks.room import render
+from benchmarks.room import graph_of, make_room, render
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
@@ -40,8 +38,8 @@ from sphere_nav.ros.conversions import array_to_image, camera_to_info, stamp_ns
 from sphere_nav.ros.conversions.stamps import SECOND, ns_to_time
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.ros.run import use_large_segment
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav_tools.cli.processes import Processes
 
 HELP = "cameras and rigs over DDS at their rate: what has no answer, how old answers are"
 RATE, SECONDS, QUICK_SECONDS = 45.0, 60.0, 2.0  # of one camera
@@ -58,10 +56,10 @@ CHECKOUT = str(Path(__file__).resolve().parents[2])
 
 @dataclass(frozen=True)
 class Case:
-    """Modules of nodes with their parameters, what is played to them, and the topic on which they answer."""
+    """Nodes with their parameters, what is played to them, and the topic on which they answer."""
 
     name: str
-    nodes: dict[str, list[str]]
+    nodes: dict[str, dict[str, str]]
     info: tuple[str, Camera]  # topic, lens
     outputs: dict[str, str]  # encoding by the topic; images are in the folder as 0.npy, 1.npy, ...
     periods: list[float]
@@ -110,15 +108,12 @@ def run(options: argparse.Namespace) -> Report:
 # --- what is played
 def localizer_case(folder: Path, seed: int, is_quick: bool) -> Case:
     """Write a map of the room and a lap of images."""
-    graph = SphereGraph()
-    for number, x in enumerate(np.arange(-2.0, 2.1, 1.0)):
-        T = SE3.from_planar(x, 0.1, 0.0)
-        graph.add(KeySphere(number, number + 1, T, Sphere(*render(SPHERE, T, seed), SPHERE, number + 1)))
-    save_map(folder / "map", graph)
+    places = [SE3.from_planar(x, 0.1, 0.0) for x in np.arange(-2.0, 2.1, 1.0)]
+    save_map(folder / "map", graph_of(make_room(seed), SPHERE, places))
     phases = 2 * np.pi * np.arange(LAP) / LAP
     poses = [SE3.from_planar(REACH_M * np.sin(p), 0.1 * np.sin(2 * p), TURN * np.cos(p)) for p in phases]
     np.save(folder / "0.npy", np.stack([render(CAMERA, pose @ T_BODY_OPTICAL, seed)[0] for pose in poses]))
-    nodes = {"dense_localizer.ros.node": [f"map:={folder / 'map'}", "base_frame:=camera"]}
+    nodes = {"dense_localizer": {"map": f"{folder / 'map'}", "base_frame": "camera"}}
     periods = [SETTLE_S] * SETTLE + [1.0 / RATE] * round(RATE * (QUICK_SECONDS if is_quick else SECONDS))
     info = ("camera_info", CAMERA)
     return Case("45 Hz into the localiser", nodes, info, {"image_raw": "mono8"}, periods, num_uncounted=SETTLE)
@@ -140,8 +135,8 @@ def rig_case(folder: Path, seed: int, is_quick: bool) -> Case:
         for file, frame in zip(files, simulator.capture_rig().values(), strict=True):
             file[index] = frame.image
     nodes = {
-        "sphere_mapping.acquisition.ros.node": [f"rig:={folder / 'rig.yaml'}"],
-        "sphere_mapping.ros.node": [f"map_folder:={folder / 'maps'}", "mounting:=0,0,1.6,0,0,0"],
+        "sphere_stitcher": {"rig": f"{folder / 'rig.yaml'}"},
+        "sphere_mapper": {"map_folder": f"{folder / 'maps'}", "mounting": "0,0,1.6,0,0,0"},
     }
     outputs = {f"cameras/{name}/image_raw": "rgb8" for name in simulator.rig.names}
     first = simulator.rig.names[0]
@@ -174,7 +169,9 @@ def listen(case: Case, folder: Path) -> Heard:
             rclpy.spin_once(node, timeout_sec=0.05)
 
     try:
-        with running(case):
+        with Processes(folder) as nodes:
+            for name, values in case.nodes.items():
+                nodes.start(name, values)
             command = [sys.executable, "-P", "-c", PLAYER, str(folder), CHECKOUT]
             with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as player:
                 spin(PATIENCE_S + sum(case.periods), lambda: player.poll() is not None)
@@ -186,23 +183,6 @@ def listen(case: Case, folder: Path) -> Heard:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-
-
-@contextmanager
-def running(case: Case) -> Iterator[None]:
-    """Run the nodes of a case."""
-    processes = []
-    for module, parameters in case.nodes.items():
-        words = [word for value in parameters for word in ("-p", value)]
-        code = f"import sys; from {module} import main; sys.exit(main())"
-        processes.append(subprocess.Popen([sys.executable, "-P", "-c", code, "--ros-args", *words]))
-    try:
-        yield
-    finally:
-        for process in processes:
-            process.send_signal(signal.SIGINT)
-        for process in processes:
-            process.wait(20.0)
 
 
 def play(name: str) -> None:

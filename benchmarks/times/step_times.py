@@ -13,6 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from benchmarks.machine import repeat_cpu
 from benchmarks.report import Bound, Headline, Report, Table
-from benchmarks.room import MemoryMap, Room
+from benchmarks.room import MemoryMap, graph_of, look, make_room
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from dense_localizer.localizer import Localizer
@@ -35,8 +36,8 @@ from sphere_nav.params import build
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.problem import AlignmentState, Problem
 from sphere_nav.ros.maps.reader import save_map
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 HELP = "one iteration, a localisation step at 800 x 600, a key sphere, a process's first answer: CPU"
 CAMERA, SPHERE = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5), Spherical(2048, 1024)
@@ -63,9 +64,9 @@ assert [item.message.state for item in bus.settle() if item.topic == "/status"]
 
 def run(options: argparse.Namespace) -> Report:
     """Time every part on images of the same room, and a rig in a town."""
-    is_quick, room = options.size == "quick", Room(options.seed)
+    is_quick, room = options.size == "quick", make_room(options.seed)
     runs = QUICK_RUNS if is_quick else NUM_RUNS
-    image = room.render(CAMERA, T_BODY_OPTICAL)[0]
+    image = look(room, CAMERA, T_BODY_OPTICAL)[0]
     unit = repeat_cpu(yardstick(), runs)
     times = {"yardstick": unit, "iteration": iteration_ms(image, room, runs)}
     times["pyramid"] = repeat_cpu(lambda: build_pyramid(image, CAMERA, PyramidParams()), runs)
@@ -97,9 +98,9 @@ def yardstick() -> Callable[[], object]:
     return lambda: [np.add(np.multiply(a, b, out=out), c, out=out) for _ in range(20)]
 
 
-def iteration_ms(image: NDArray[np.uint8], room: Room, num_runs: int) -> NDArray[np.float64]:
+def iteration_ms(image: NDArray[np.uint8], room: Any, num_runs: int) -> NDArray[np.float64]:
     """Return times (num_runs,) of one of ten passes on the full image, all 60 000 pixels in view and compared."""
-    gray, range_m = room.render(SPHERE, SE3.identity())
+    gray, range_m = look(room, SPHERE, SE3.identity())
     view = View(prepare_reference(gray, range_m, SPHERE), SE3.identity())
     params = RegistrationParams(pyramid=PyramidParams(num_levels=1), max_pixels=NUM_PIXELS)
     level = build_pyramid(image, CAMERA, params.pyramid).levels[0]
@@ -108,22 +109,17 @@ def iteration_ms(image: NDArray[np.uint8], room: Room, num_runs: int) -> NDArray
     return repeat_cpu(lambda: [problem.linearize(state) for _ in range(NUM_ITERATIONS)], num_runs) / NUM_ITERATIONS
 
 
-def map_of(room: Room, camera: Spherical) -> SphereGraph:
+def map_of(room: Any, camera: Spherical) -> SphereGraph:
     """Return key spheres a metre apart."""
-    places = [SE3.from_planar(x, 0.1, 0.0) for x in np.arange(-REACH_M, REACH_M + 0.5)]
-    return SphereGraph(
-        [KeySphere(i, i + 1, T, Sphere(*room.render(camera, T), camera, i + 1)) for i, T in enumerate(places)]
-    )
+    return graph_of(room, camera, [SE3.from_planar(x, 0.1, 0.0) for x in np.arange(-REACH_M, REACH_M + 0.5)])
 
 
-def drive(room: Room, num_images: int, num_searches: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def drive(room: Any, num_images: int, num_searches: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return CPU ms (N, 2) of a drive's images but for its start, by own and by all threads; of first images by all."""
-    localizer, t = (
-        Localizer(LocalizerParams(), MemoryMap(map_of(room, SPHERE))),
-        1e-9 * PERIOD_NS * np.arange(num_images),
-    )
+    localizer = Localizer(LocalizerParams(), MemoryMap(map_of(room, SPHERE)))
+    t = 1e-9 * PERIOD_NS * np.arange(num_images)
     way = np.stack([-REACH_M + SPEED * t, 0.3 * np.sin(t), 0.4 * np.sin(0.8 * t)], axis=-1)
-    images = [room.render(CAMERA, SE3.from_planar(*row) @ T_BODY_OPTICAL)[0] for row in way]
+    images = [look(room, CAMERA, SE3.from_planar(*row) @ T_BODY_OPTICAL)[0] for row in way]
     localizer.relocalize(SE3.from_planar(*way[0]) @ T_BODY_OPTICAL)
     steps = [_clocked(localizer, image, index + 1) for index, image in enumerate(images)]
     searches = []
@@ -165,11 +161,11 @@ def key_sphere(seed: int, number: int) -> tuple[NDArray[np.float64], NDArray[np.
     return np.array(stitched), np.array(placed)
 
 
-def first_answer_s(room: Room) -> float:
+def first_answer_s(room: Any) -> float:
     """Return the wall time in s of a process that opens a map and answers one image, its kernels compiled."""
     with tempfile.TemporaryDirectory() as name:
         save_map(Path(name) / "map", map_of(room, Spherical(1024, 512)))
-        np.save(f"{name}/image.npy", room.render(CAMERA, SE3.from_planar(0.4, 0.1, 0.3) @ T_BODY_OPTICAL)[0])
+        np.save(f"{name}/image.npy", look(room, CAMERA, SE3.from_planar(0.4, 0.1, 0.3) @ T_BODY_OPTICAL)[0])
         lens = (CAMERA.width, CAMERA.height, CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
         words = [sys.executable, "-P", "-c", ANSWER, f"{name}/map", f"{name}/image.npy", *map(str, lens)]
         seconds = []

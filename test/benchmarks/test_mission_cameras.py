@@ -7,10 +7,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from benchmarks.drive.mission_cameras import TOUR, Taught
-from benchmarks.drive.mission_town import PLACES, named
-from benchmarks.drive.ways import rounded_way
-from path_follower.routes.building import TaughtDrive, build_network, even_curve
+from benchmarks.drive.mission_cameras import Taught
+from benchmarks.drive.mission_town import PLACES, tour_network
 from path_follower.routes.network import Spot
 from path_follower.routes.planning import plan
 from sphere_nav.geometry import SE3
@@ -40,8 +38,7 @@ def test_the_drift_of_the_map_does_not_count():
 
 
 def test_the_tour_is_a_network_with_a_way_from_each_place_to_each_other_one():
-    x, y, yaw, _ = rounded_way(TOUR).at(np.arange(0.0, rounded_way(TOUR).length, 0.1)).T
-    network = named(build_network([TaughtDrive(even_curve(x, y, yaw, np.full(len(x), 2.0)))], "city", 1.2))
+    network = tour_network()
     assert sum(edge.length for edge in network.edges.values()) > 1000.0
     assert max(np.abs(edge.curve.bend).max() for edge in network.edges.values()) < 0.25  # 1/m, of 6 m with branches
     places = network.places.keys() & PLACES.keys()

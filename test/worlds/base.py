@@ -51,7 +51,12 @@ def is_running(pid):
 
 
 class Base:
-    """The base, its localiser and its button."""
+    """The base, its localiser and its button, and what they say."""
+
+    patience = Patience
+    state, has_status, is_silent = "TRACKING", True, False  # of the localiser; its status and its pose
+    frame, aside = "map", 0.0  # of the pose; how far it is off, m
+    worst_cycle = 0.0
 
     def __init__(self, button=qos.SENSOR):
         rclpy.init()
@@ -77,10 +82,11 @@ class Base:
 
     def _hear(self, message):
         self.reason = message.reason or self.reason
+        self.worst_cycle = max(self.worst_cycle, message.worst_cycle)
 
     def live(self, seconds, is_done=lambda: False):
         """Let time pass until something is done; whether it was."""
-        patience = Patience(seconds)
+        patience = self.patience(seconds)
         while patience.is_left() and not is_done():
             if time.monotonic() >= self._due:
                 self._due = max(self._due + PERIOD, time.monotonic())
@@ -88,15 +94,22 @@ class Base:
             rclpy.spin_once(self.node, timeout_sec=max(self._due - time.monotonic(), 0.001))
         return is_done()
 
+    def place(self):
+        """Return where the base is."""
+        return SE3.from_planar(self.x, 0.0, 0.0)
+
     def speak(self):
-        """Say where the base is, that it is localised, and that the button is as it is."""
+        """Say where the base is, how it is localised, and that the button is as it is."""
         stamp, now = self.node.get_clock().now().nanoseconds, time.monotonic()
         self.x, self._told = self.x + self.speed * (now - self._told), now  # what is late to say it has moved, too
         if not self.is_button_silent:
             self.button.publish(Bool(data=self.is_pressed))
-        self.states.publish(status_to_message(Status(State.TRACKING), stamp, "map"))
-        pose = SE3.from_planar(self.x, 0.0, 0.0)
-        self.poses.publish(se3_to_pose_with_covariance(pose, 1e-4 * np.eye(6), stamp, "map"))
+        if self.has_status:
+            self.states.publish(status_to_message(Status(State(self.state)), stamp, "map"))
+        if not self.is_silent:
+            message = se3_to_pose_with_covariance(self.place(), 1e-4 * np.eye(6), stamp, self.frame)
+            message.pose.pose.position.y += self.aside
+            self.poses.publish(message)
 
     def ask(self):
         """Ask for the drive once a second; keep the last answer."""
