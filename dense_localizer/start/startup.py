@@ -122,13 +122,13 @@ class Startup:
         return self._refine(seen, guesses)
 
     def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
-        """Return a guess for each of several poses in a sphere, with how much the image resembles it there."""
+        """Return the best of several poses in a sphere, with how much the image resembles it there."""
         level = self._references.coarse.reference(node.id).levels[-1]
         step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
         points, intensity = level.points[:, ::step].T, level.intensity[::step]
         scores = score_poses(points, intensity, T_sphere_camera.inverse(), seen.pyramid.levels[-1])
-        rows = enumerate(scores.tolist())
-        return [Guess(node, node.T_map_sphere @ T_sphere_camera[index], score) for index, score in rows]
+        best = np.argsort(-scores, kind="stable")[:NUM_ALIGNED].tolist()
+        return [Guess(node, node.T_map_sphere @ T_sphere_camera[row], float(scores[row])) for row in best]
 
     def _refine(self, seen: RigImage, guesses: Sequence[Guess]) -> list[SE3]:
         aligned = select_best([self._align(seen, guess) for guess in guesses], len(guesses))
