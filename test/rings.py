@@ -20,6 +20,7 @@ MARGIN = 4.0  # kernels that a process loads first, garbage that it collects
 LOOP_S = 0.02  # CPU time of `loop` on a quiet core
 HANGS_S = {False: 120.0, True: 600.0}  # wall time after which a test of the first ring, or of another, hangs
 FIRST, OTHERS = "not slow and not dds", "slow or dds"  # what `make test` and `make test-slow` select
+LONGEST = ("mapping/test_extension", "offline/test_lessons", "system/test_chain", "mapping/test_killed")  # measured
 OF_A_FILE = re.compile(r"^pytestmark = .*\bpytest\.mark\.(slow|dds)\b", re.MULTILINE)
 OF_A_TEST = re.compile(r"\bpytest\.mark\.(slow|dds)\b")
 STARTED = pytest.StashKey[float]()
@@ -43,6 +44,12 @@ def is_outer(item: pytest.Item) -> bool:
     return any(item.get_closest_marker(name) for name in ("slow", "dds"))
 
 
+def rank(path: Path, with_processes: set[Path]) -> int:
+    """Return when the tests of a file begin: first the longest files, then those that start processes."""
+    found = [number for number, end in enumerate(LONGEST) if path.as_posix().endswith(f"/{end}.py")]
+    return found[0] if found else len(LONGEST) + (path not in with_processes)
+
+
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Load no file whose tests are all of another ring: what they import takes seconds."""
     if collection_path.suffix != ".py" or config.option.markexpr not in (FIRST, OTHERS):
@@ -53,7 +60,9 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """End a test that hangs: where a second thread does, the process ends, and says where each thread is."""
+    """Begin with what takes longest; end a test that hangs: the process ends, and says where each thread is."""
+    with_processes = {item.path for item in items if item.get_closest_marker("dds")}
+    items.sort(key=lambda item: rank(item.path, with_processes))
     for item in items:
         if item.get_closest_marker("timeout") is None:
             item.add_marker(pytest.mark.timeout(HANGS_S[is_outer(item)], method="thread"))

@@ -187,7 +187,7 @@ class Page:
         look.on_update(lambda _: changed.set())
         text = client.gui.add_markdown("")
         minimap = client.gui.add_image(self._minimap.draw(browser_pose(client.camera)), label="map, x to the right")
-        client.gui.add_button("back to the begin").on_click(lambda _: self.fly(client, self._start))
+        client.gui.add_button("back to the start").on_click(lambda _: self.fly(client, self._start))
         shot = client.gui.add_button("screenshot")
 
         def draw(is_still: bool) -> bool:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -31,12 +32,12 @@ def reader(tmp_path):
     return SimpleNamespace(path=tmp_path / "campus", info=info)
 
 
-def follow(recorder, number, *, ncc=0.5, camera=CAMERA):
-    """Let a recorder see images, each a metre farther."""
+def follow(recorder, number, *, ncc=0.5, camera=CAMERA, step_m=1.0):
+    """Let a recorder see images, each a step farther."""
     candidate = SimpleNamespace(is_accepted=True, is_by_map=True, ncc=ncc, choice=SimpleNamespace(region_m=1.0))
     for k in range(number):
         status = Status(State.TRACKING, stamp_ns=(k + 1) * SECOND, references=(3,))
-        pose = SE3.from_planar(float(k), 0.0, 0.0)
+        pose = SE3.from_planar(step_m * k, 0.0, 0.0)
         said = CameraEstimate(status, pose, np.eye(6) * 1e-6, candidate=candidate)
         recorder.see([CameraImage(np.full((24, 32), k + 1, np.uint8), camera)], said)
 
@@ -63,6 +64,18 @@ def test_a_drive_is_a_bag_beside_the_map(reader):
     assert counts == dict.fromkeys(names, MIN_KEY_IMAGES)
     assert images == list(range(1, MIN_KEY_IMAGES + 1))
     assert (status.map_id, list(status.references)) == ("abc", [3])
+
+
+def test_a_vehicle_that_stands_gives_one_image_and_none_waits_for_the_disk(reader, monkeypatch):
+    kept, disk = [], threading.Event()
+    monkeypatch.setattr(DriveRecorder, "_write", lambda _, images, estimate: kept.append(disk.wait(10.0)))
+    for is_live, step_m in ((False, 0.0), (True, 1.0)):
+        (disk.clear if is_live else disk.set)()
+        recorder = DriveRecorder(reader, lambda line: None, is_live=is_live)
+        follow(recorder, 3, step_m=step_m)
+        disk.set()
+        recorder.close()
+    assert kept == [True, True]
 
 
 def test_the_cameras_of_a_rig_are_kept_where_each_was(reader):

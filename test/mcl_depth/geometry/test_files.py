@@ -86,6 +86,21 @@ def test_an_absurd_count_is_refused_before_memory_is_taken(tmp_path: Path) -> No
             read_geometry(tmp_path / name)
 
 
+def test_a_pcd_holds_numbers_of_any_size_beside_the_points(tmp_path: Path) -> None:
+    kinds = ["f8", "f4", "i2", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"]
+    names = ["x", "y", "z", *(f"more{k}" for k in range(8))]
+    rows = np.zeros(3, np.dtype([(name, f"<{kind}") for name, kind in zip(names, kinds, strict=True)]))
+    rows["x"], rows["y"], rows["z"] = POINTS[:, 0], POINTS[:, 1], [1, -3, 7]
+    head = f"FIELDS {' '.join(names)}\nSIZE {' '.join(kind[1] for kind in kinds)}\n"
+    head += f"TYPE {' '.join(kind[0].upper() for kind in kinds)}\nWIDTH 3\nHEIGHT 1\nDATA binary\n"
+    (tmp_path / "a.pcd").write_bytes(head.encode() + rows.tobytes())
+    np.testing.assert_array_equal(read_geometry(tmp_path / "a.pcd").points[:, 2], [1, -3, 7])
+    for other in ("f2", "i3"):
+        (tmp_path / "b.pcd").write_bytes(pcd("binary").replace(b"SIZE 4", f"SIZE {other[1]}".encode()))
+        with pytest.raises(ValueError, match="of known size"):
+            read_geometry(tmp_path / "b.pcd")
+
+
 def test_millimeters_are_refused_and_a_wide_map_is_not() -> None:
     rng = np.random.default_rng(0)
     room = rng.uniform(-4000, 4000, (500, 3))

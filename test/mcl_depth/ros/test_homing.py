@@ -10,12 +10,16 @@ import pytest
 pytest.importorskip("rclpy")
 
 from mcl_depth import homing
+from mcl_depth.params import MclDepthParams
+from mcl_depth.ros.views import HomingGuide
 from path_follower.path import Pose2
 from path_follower.ros.node import PathFollowerNode
 from path_follower.vehicle import Motion
 from path_follower.vehicle import drive as driven
 from sphere_nav.geometry import SE3
+from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import pose_to_se3, poses_to_path, stamp_ns
+from sphere_nav.ros.node import ManagedNode
 from worlds.mcl import SECOND, Bench, Eye, room_points
 
 PATH = [SE3.from_planar(x, -1.0 + 0.1 * (x + 2.4) ** 2, 0.0) for x in np.arange(-2.6, 1.4, 0.2)]
@@ -54,6 +58,18 @@ def path_message(frame="map"):
 
 def bench_of(eye, cloud, **more):
     return Bench(eye, cloud, **{name.replace(".", "__"): value for name, value in (SETTINGS | more).items()})
+
+
+def test_the_same_path_again_goes_on_and_another_one_begins():
+    bus = OfflineBus()
+    guide = HomingGuide(bus.add(ManagedNode).endpoints, MclDepthParams())
+    bus.deliver("/reference_path", path_message())
+    homing = guide.homing
+    assert np.linalg.norm(homing.waypoints[[0, -1]] - [PATH[k].translation[:2] for k in (0, -1)], axis=1).max() < 1e-9
+    bus.deliver("/reference_path", path_message())
+    assert guide.homing is homing
+    bus.deliver("/reference_path", poses_to_path([(0, pose) for pose in PATH[2:]], SECOND, "map"))
+    assert guide.homing is not homing
 
 
 @pytest.mark.slow

@@ -1,21 +1,20 @@
 """What leaves small residuals and a wrong lens is warned of by name; good images are not."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.quality import quality_warnings
+from rig_calibration.boards.state import camera_problem, camera_state
 from rig_calibration.boards.validation import Validation
-from rig_calibration.boards.views import BoardView
+from rig_calibration.boards.views import BoardView, observations
 from rig_calibration.calibrate import CameraSpec, calibrate
 from sphere_nav.geometry import SE3, Pinhole, so3
+from sphere_nav.geometry.cameras.lens import lens_of
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from worlds.boards import BoardWorld
-
-pytestmark = pytest.mark.slow
 
 CAMERA = Pinhole(640, 480, 500.0, 501.0, 322.0, 238.0, (-0.1, 0.02, 0.0, 0.0, 0.0))
 BOARD = Board("board", 7, 5, 0.05)
@@ -45,13 +44,23 @@ def board_poses(camera, board, count, flaw, rng):
     return SE3(np.stack(poses))
 
 
-@cache
-def calibrated(count=14, flaw="", blur=0.7):
+def seen(count=14, flaw="", blur=0.7):
+    """Return views (count,) of a board, and T_camera_board of each."""
     rng = np.random.default_rng(5)
     rig = Rig((RigCamera("cam", CAMERA, SE3.identity()),), "one")
-    world = BoardWorld(rig, (BOARD,), SE3(np.eye(4)[None]), board_poses(CAMERA, BOARD, count, flaw, rng).inverse())
-    views = [replace(view, blur_px=blur) for view in world.views(BoardView, 0.05, rng)]
-    return calibrate([CameraSpec("cam", "pinhole", (640, 480), CAMERA)], [BOARD], views)
+    poses = board_poses(CAMERA, BOARD, count, flaw, rng)
+    world = BoardWorld(rig, (BOARD,), SE3(np.eye(4)[None]), poses.inverse())
+    return [replace(view, blur_px=blur) for view in world.views(BoardView, 0.05, rng)], poses
+
+
+def judged(views, poses, halves=None):
+    """Return the warnings about views whose lens and poses are right."""
+    number = len(views)
+    own = observations([0] * number, range(number), [0] * number, [BOARD.points] * number, [v.pixels for v in views])
+    problem = camera_problem("pinhole", (640, 480), own)
+    halves = halves or Validation(np.zeros(1), np.full((1, 6), np.nan), np.full(1, np.nan))  # not known
+    state = camera_state(lens_of(CAMERA), poses)
+    return quality_warnings(["cam"], problem, state, np.ones(len(own.pixels)), views, halves)
 
 
 @pytest.mark.parametrize(
@@ -65,16 +74,26 @@ def calibrated(count=14, flaw="", blur=0.7):
     ],
 )
 def test_each_flaw_is_warned_of_by_name(arguments, word):
-    lines = [line for line in calibrated(**arguments).warnings if "halves" not in line]
+    lines = judged(*seen(**arguments))
     assert bool(lines) == bool(word)
     assert all(line.startswith(word) for line in lines)
 
 
 def test_halves_that_disagree_are_warned_of_with_both_numbers():
-    found = calibrated()
-    start, state, views = found.start, found.state, found.start.views
     halves = Validation(np.zeros(1), np.array([[0.0, 0.006, 0.0, 0.0, 0.0, 0.01]]), np.array([0.015]))
-    lines = quality_warnings(["cam"], start.problem, state, found.kept, views, halves)
+    lines = judged(*seen(), halves)
     assert lines == ["cam: halves of the images disagree by 1.50 % of the focal length, 6.0 mm, 0.57 deg"]
-    unknown = Validation(np.zeros(1), np.full((1, 6), np.nan), np.full(1, np.nan))
-    assert quality_warnings(["cam"], start.problem, state, found.kept, views, unknown) == []
+
+
+@pytest.fixture(scope="module")
+def found():
+    """One camera that nobody knows anything of, by few views."""
+    return calibrate([CameraSpec("cam", "pinhole", (640, 480))], [BOARD], seen(7)[0])
+
+
+def test_few_views_give_a_lens_and_a_warning(found):
+    assert found.camera(0).fx == pytest.approx(CAMERA.fx, rel=0.01)
+    assert found.camera(0).cy == pytest.approx(CAMERA.cy, abs=3.0)
+    assert found.dropped == {}
+    assert any(line == "cam: few views: 7 instants, expected 10 or more" for line in found.warnings)
+    assert not any("no tilt" in line for line in found.warnings)

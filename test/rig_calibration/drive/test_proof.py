@@ -1,6 +1,7 @@
 """A refined lens is believed where each half of the drive shows it in the other one, and nowhere else."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +14,6 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import View, build_pyramid, prepare_reference
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import Room
-
-pytestmark = pytest.mark.slow
 
 CAMERA = Pinhole(160, 120, 100.0, 101.0, 80.0, 59.0, (-0.1, 0.02, 0.0, 0.0))
 OTHER = replace(CAMERA, fx=106.0, fy=106.0)
@@ -63,6 +62,7 @@ def off_in_sigmas(judged, truth):
     return np.abs(judged.found.lens.values[:MAP] - truth.values) / sigma
 
 
+@pytest.mark.slow
 def test_a_wrong_lens_is_replaced(rooms):
     judged = prove(drive(rooms, rooms[1], [CAMERA] * 8, OTHER), Lens.of(OTHER))
     assert judged.reasons == ()
@@ -70,6 +70,7 @@ def test_a_wrong_lens_is_replaced(rooms):
     assert judged.found.lens.camera.fx == pytest.approx(CAMERA.fx, rel=0.005)
 
 
+@pytest.mark.slow
 def test_a_right_lens_stays(rooms):
     steps = []
     images = drive(rooms, rooms[1], [CAMERA] * 8, CAMERA)
@@ -78,6 +79,7 @@ def test_a_right_lens_stays(rooms):
     assert any("held-out images" in reason for reason in judged.reasons)
 
 
+@pytest.mark.slow
 def test_halves_of_two_lenses_are_refused(rooms):
     between = replace(CAMERA, fx=103.0, fy=103.0)
     images = drive(rooms, rooms[1], [CAMERA] * 4 + [OTHER] * 4, between)
@@ -86,6 +88,7 @@ def test_halves_of_two_lenses_are_refused(rooms):
     assert any("time between two images, found" in reason for reason in judged.reasons)
 
 
+@pytest.mark.slow
 def test_a_lens_in_a_map_of_a_wrong_lens_is_as_uncertain_as_that_one(rooms):
     judged = prove(drive(rooms, rooms[2], [CAMERA] * 8, CAMERA, turn=0.03), Lens.of(CAMERA, READOUT_S))
     relative = judged.found.deviations["fx"] / CAMERA.fx
@@ -99,3 +102,12 @@ def test_a_turn_is_no_difference_of_lenses():
     assert lens_distance(Lens.of(CAMERA), Lens.of(shifted)) < 0.25
     assert lens_distance(Lens.of(CAMERA), Lens.of(OTHER)) > 1.0
     assert lens_distance(Lens.of(CAMERA), Lens.of(CAMERA, 0.03), speed=100.0) == pytest.approx(3.0 / np.sqrt(12.0))
+
+
+@pytest.mark.parametrize(("more", "told"), [(1.9, "hardly show it"), (2.1, "are not told apart")])
+def test_a_parameter_is_blamed_on_another_one_that_would_tell_twice_as_much(more, told):
+    def information_without(_, other):
+        return more if other == 1 else 1.0
+
+    found = SimpleNamespace(names=("fx", "cx"), equations=SimpleNamespace(information_without=information_without))
+    assert told in proof.tell_apart(found, 0)

@@ -12,6 +12,8 @@ from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.spheres.appearance.features import features_of_sphere
+from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.range_alignment import RangeImage
 from sphere_nav.spheres.sphere import Sphere
@@ -36,19 +38,19 @@ class Cave:
         self.centers = directions / np.abs(directions).max(axis=1, keepdims=True) * HALF
         self.radii = rng.uniform(0.3, 0.9, num_balls)
 
-    def sphere(self, pose, is_dark=False):
-        sphere = sharp_room(tuple(HALF)).sphere(pose, CAMERA)
-        rays, range_m = pixel_rays(CAMERA) @ pose.rotation.T, sphere.range_m
+    def sphere(self, pose, is_dark=False, camera=CAMERA):
+        sphere = sharp_room(tuple(HALF)).sphere(pose, camera)
+        rays, range_m = pixel_rays(camera) @ pose.rotation.T, sphere.range_m
         for center, radius in zip(self.centers - pose.translation, self.radii, strict=True):
             along = rays @ center
             square = along**2 - center @ center + radius**2
             hit = np.where(square > 0, along - np.sqrt(np.maximum(square, 0.0)), np.inf)
             range_m = np.where(hit > 0.2, np.minimum(hit, range_m), range_m).astype(np.float32)
-        return Sphere(np.ones_like(sphere.image) if is_dark else sphere.image, range_m, CAMERA)
+        return Sphere(np.ones_like(sphere.image) if is_dark else sphere.image, range_m, camera)
 
 
-def submap(cave, poses, first_id, T=None, is_dark=False):
-    return submap_of(lambda k: cave.sphere(poses[k], is_dark), poses, first_id, T)
+def submap(cave, poses, first_id, T=None, **values):
+    return submap_of(lambda k: cave.sphere(poses[k], **values), poses, first_id, T)
 
 
 def worst_m(joined):
@@ -108,9 +110,43 @@ def test_a_place_is_moved_along_the_axes_of_the_map(base):
 
 
 @pytest.mark.slow
-def test_elsewhere_and_where_all_corners_are_alike_nothing_is_joined(base):
+def test_elsewhere_nothing_is_joined(base):
     elsewhere = submap(Cave(seed=9), DRIVE, 100, FAR, is_dark=True)
     assert join_drive(base, elsewhere, images_of(elsewhere), MapperParams()).graph is None
+
+
+WHOLE = Spherical(64, 32)
+
+
+def test_a_start_that_ranges_do_not_confirm_is_refused():
+    dark = {"camera": WHOLE, "is_dark": True}
+    small, elsewhere = submap(Cave(), BASE, 0, **dark), submap(Cave(seed=9), DRIVE, 100, FAR, **dark)
+    found = join_drive(small, elsewhere, images_of(elsewhere), MapperParams(), DRIVE[0])
+    assert found.graph is None
+    assert found.told.endswith("a start was given; ranges fit at 0 of 3 places, 0 tell where")
+
+
+@pytest.mark.parametrize(("num_balls", "is_found"), [(12, True), (0, False)])
+def test_where_all_corners_are_alike_ranges_tell_no_place(num_balls, is_found):
+    """An empty box looks the same the other way round."""
+    map_, night = (submap(Cave(num_balls), *of, camera=WHOLE) for of in ((BASE, 0), (DRIVE, 100, FAR)))
+    load = cache(lambda number: RangeImage.from_sphere(map_.load(number)))
+    assert bool(joining.search_by_ranges(map_.graph, night, load).edges) == is_found
+
+
+def test_features_join_a_drive_by_day_before_anything_is_searched_by_parts():
+    known, day = (with_features(submap(Cave(), *of)) for of in ((BASE[:2], 0), (DRIVE[:2], 100, FAR)))
+    first = joining.find_first(known, day, images_of(day), MapperParams(), None, map, None)
+    assert first.told.endswith("2 of these agree on one place")
+    assert {edge.b for edge in first.edges} == {100, 101}
+    assert first.is_certain
+
+
+def with_features(part):
+    index = AppearanceIndex()
+    for node in part.graph:
+        index.add(node.id, features_of_sphere(part.load(node.id)))
+    return replace(part, index=index)
 
 
 @pytest.mark.slow

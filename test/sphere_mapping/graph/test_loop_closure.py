@@ -47,13 +47,16 @@ def look(graph, closer):
 @pytest.mark.parametrize("turn", [np.pi / 2, np.pi], ids=["crossing", "opposite"])
 def test_a_place_is_recognised_whatever_the_heading(turn):
     motion = SE3.exp([0.25, 0.2, 0.0, 0.0, 0.01, 0.0]) @ SE3.exp([0, 0, 0, 0, 0, turn])
-    graph, closer = revisit(HERE @ motion, HERE @ motion @ SE3.exp([0.3, -0.3, 0, 0, 0, 0.05]))  # drifted
+    graph, closer = revisit(HERE @ motion, HERE @ motion @ SE3.exp([0.9, -0.9, 0, 0, 0, 0.05]))  # drifted
     *earlier, loop = look(graph, closer)
     assert earlier == [None, None, None]
     assert (loop.a, loop.b, loop.is_loop) == (0, 3, True)
     distance, angle = loop.T_a_b.distance(motion)
     assert distance < 0.01
     assert angle < np.radians(0.3)
+    (again,) = closer.find_all(graph)  # by appearance alone: so far apart nothing is seen to be near
+    assert (again.a, again.b) == (0, 3)
+    assert again.T_a_b.distance(loop.T_a_b)[0] < 1e-9
     closed = with_loops(graph, [loop])
     before, after = (float(one[3].T_map_sphere.distance(HERE @ motion)[0]) for one in (graph, closed))
     assert after < 0.3 * before
