@@ -29,7 +29,7 @@ from sphere_nav.photometric.checks.structure import sample_images
 from sphere_nav.photometric.constants import (
     CELLS,
     LENS_DOUBT,
-    LENS_LEAD,
+    LENS_LEFT,
     LENS_LEVEL,
     LENS_REWEIGHTINGS,
     LENS_ROUNDS,
@@ -86,7 +86,7 @@ def find_stretches(
         found = measure_stretches(seen, here, coarse, motion) if here.is_converged else []
         if not any(map(_steps, found)):
             break
-    if not found or here.ncc < told.ncc + LENS_LEAD:
+    if not found or 1.0 - here.ncc > LENS_LEFT * (1.0 - told.ncc):
         return by_told
     return [replace(one, share=(1.0 + one.share) * LENS_STEP ** longer[one.camera] - 1.0) for one in found]
 
