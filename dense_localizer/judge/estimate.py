@@ -13,7 +13,7 @@ from dense_localizer.motion_prior import PosePrior
 from dense_localizer.reasons import REMEDIES
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import BaseEstimate, State, Status, Verdict, status_of
+from sphere_nav.localization.status import BaseEstimate, Reason, State, Status, Verdict, status_of
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,11 @@ def report_estimate(
 ) -> CameraEstimate:
     """Return the news of an instant; the pose, as the prior knows it, only where it is trusted.
 
-    What a wrong lens does to it all images share: its covariance is in what is said, not in the prior.
+    What a wrong lens does to it all images share: its covariance is in what is said, not in the prior. A search in
+    which nothing resembles the view names the lens, where that is wrong.
     """
+    if lens.finding.reason and finding.reason is Reason.LOW_OVERLAP and not states.is_following:
+        finding = lens.finding
     status = report_status(states.state, stamp_ns, finding, prior.age(stamp_ns), candidate)
     pose = prior.last
     if pose is None or not states.is_trusted:

@@ -20,9 +20,9 @@ from dense_localizer.constants import (
 )
 from dense_localizer.judge.candidate import PoseCandidate
 from sphere_nav.geometry.arrays import TINY, Array
-from sphere_nav.localization.status import FINE, Reason, Verdict
+from sphere_nav.localization.status import FINE, Reason, State, Verdict
 from sphere_nav.photometric import RegistrationParams
-from sphere_nav.photometric.checks.lens import Stretch, measure_stretches
+from sphere_nav.photometric.checks.lens import Stretch, find_stretches
 
 ADVICE = "calibrate the camera, or run sphere_nav refine-camera"
 
@@ -41,21 +41,22 @@ class LensWatch:
         self.finding: Verdict = FINE
         self.covariance: Array = np.zeros((6, 6))
         self._told: dict[str, dict[int, Array]] = {}  # information and information times share, of a key sphere
+        self._judged: dict[str, tuple[Verdict, Array]] = {}  # finding and covariance of each camera
         self._num_left = 0  # images that are not asked
 
-    def observe(self, candidate: PoseCandidate, params: RegistrationParams) -> None:
-        """Ask one of several images that the map has placed and nothing else pulls."""
+    def observe(self, candidate: PoseCandidate, params: RegistrationParams, state: State) -> None:
+        """Ask one of several images that the map has placed, each of a pose on probation until a lens is wrong."""
         self._num_left -= 1
-        is_clear = not (candidate.is_biased or candidate.is_by_range)
-        if self._num_left > 0 or candidate.alignment is None or not is_clear:
+        is_due = self._num_left <= 0 or (state is State.PROBATION and self.finding is FINE)
+        if not is_due or candidate.alignment is None or candidate.is_by_range:
             return
         self._num_left = INTEGRITY_PERIOD
-        found = measure_stretches(candidate.images, candidate.alignment, params, candidate.motion)
+        how = candidate.alignment, params, candidate.motion
+        found = find_stretches(candidate.images, *how, is_clear=not candidate.is_biased)
         self.add(found, candidate.choice.ids[0])
 
     def add(self, stretches: Iterable[Stretch], sphere_id: int) -> None:
         """Take what an image tells that was placed by a key sphere, and judge."""
-        finding, covariance = FINE, np.zeros((6, 6))
         for one in stretches:
             told = self._told.setdefault(one.camera, {})
             information = 1.0 / max(CORRELATED_CELLS * one.sigma**2, TINY)
@@ -63,10 +64,11 @@ class LensWatch:
             if len(told) > LENS_SPHERES:
                 del told[next(iter(told))]
             share, sigma = fuse(np.array(list(told.values())))
-            covariance += max(share**2 - sigma**2, 0.0) * np.outer(one.by_share, one.by_share)
-            if abs(share) > max(LENS_SIGMAS * sigma, MAX_SHARE):
-                finding = _name(one.camera, share, sigma)
-        self.finding, self.covariance = finding, covariance
+            is_wrong = abs(share) > max(LENS_SIGMAS * sigma, MAX_SHARE)
+            covariance = max(share**2 - sigma**2, 0.0) * np.outer(one.by_share, one.by_share)
+            self._judged[one.camera] = _name(one.camera, share, sigma) if is_wrong else FINE, covariance
+        self.finding = next((finding for finding, _ in self._judged.values() if finding.reason), FINE)
+        self.covariance = sum((covariance for _, covariance in self._judged.values()), np.zeros((6, 6)))
 
 
 def fuse(told: Array) -> tuple[float, float]:

@@ -28,6 +28,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.params import between
 from sphere_nav.spheres.graph import SphereGraph
 
 # How likely each variance is before anything has been compared: all sizes alike up to the assumed one, larger ones
@@ -102,5 +103,5 @@ class MapError:
 @cache
 def refine_only(params: RegistrationParams) -> RegistrationParams:
     """Return the parameters of an alignment with one of two references that begins where both ended."""
-    pyramid = replace(params.pyramid, coarsest=params.pyramid.finest + 1)
-    return replace(params, pyramid=pyramid, max_pixels=params.max_pixels // 2)
+    both = between(params, coarsest=params.pyramid.finest + 1)
+    return replace(both, max_pixels=params.max_pixels // 2)

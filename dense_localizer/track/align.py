@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -11,8 +10,9 @@ from dense_localizer.constants import CONTRAST_COVARIANCE
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import Choice, RigChoice
-from sphere_nav.photometric import Alignment, Pyramid, RegistrationParams
+from sphere_nav.photometric import Alignment, Pyramid
 from sphere_nav.photometric.align.esm import register_rig
+from sphere_nav.photometric.params import between
 
 
 def align_rig(chosen: RigChoice, prediction: Prediction, params: LocalizerParams) -> Alignment | None:
@@ -21,7 +21,8 @@ def align_rig(chosen: RigChoice, prediction: Prediction, params: LocalizerParams
     if not images:
         return None
     if not (prediction.is_guess or prediction.is_fallback):
-        registration = start_at(find_first_level(prediction, chosen.choice, images[0].pyramid), registration)
+        first = find_first_level(prediction, chosen.choice, images[0].pyramid)
+        registration = between(registration, coarsest=min(first, registration.pyramid.coarsest))
     motion = prediction.frame_motion(params.camera.readout)
     found = register_rig(images, prediction.T_map_camera, registration, motion)
     return replace(found, covariance=CONTRAST_COVARIANCE * found.covariance) if chosen.choice.by_contrast else found
@@ -33,9 +34,3 @@ def find_first_level(prediction: Prediction, choice: Choice, pyramid: Pyramid) -
     angle = np.max(deviation[3:]) + np.max(deviation[:3]) / choice.typical_range_m
     pixels = angle * pyramid.levels[0].camera.pixels_per_radian
     return max(0, int(np.ceil(np.log2(max(pixels, 1.0)))))
-
-
-@cache
-def start_at(level: int, params: RegistrationParams) -> RegistrationParams:
-    """Return the parameters of an alignment that begins at a level."""
-    return replace(params, pyramid=replace(params.pyramid, coarsest=min(level, params.pyramid.coarsest)))

@@ -47,6 +47,7 @@ from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.problem import MAX_VIEWS
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
+from sphere_nav.photometric.params import between
 from sphere_nav.photometric.pixels.selection import choose_pixels
 
 CONTRADICTED = Verdict(Reason.JUMP_REJECTED, detail="the map fits elsewhere than the last images say")
@@ -154,7 +155,9 @@ class VisualOdometry:
             return None
         as_before = replace(prediction, by_contrast=last.choice.by_contrast)
         chosen = self._references.choose_rig(images, as_before)
-        registration = end_at(find_finest_level(images, self._params), self._params.registration)
+        registration = self._params.registration
+        finest = max(find_finest_level(images, self._params), registration.pyramid.finest)
+        registration = between(registration, finest=finest)
         seen = add_last(chosen, last, registration)
         if not seen:
             return None
@@ -237,9 +240,7 @@ def measure_agreement(
 ) -> float:
     """Return the mean cosine of gradients at the predicted pose, at a level where its uncertainty is about a pixel."""
     coarsest = min(len(image.pyramid.levels) for image in seen) - 1
-    registration = replace(
-        params.registration, pyramid=replace(params.registration.pyramid, finest=min(level, coarsest))
-    )
+    registration = between(params.registration, finest=min(level, coarsest))
     there = replace(found, T_world_camera=prediction.T_map_camera)
     return find_rig_structure(seen, there, registration, aspects=Aspect.FIT).agreement
 
@@ -252,14 +253,6 @@ def find_finest_level(images: Sequence[RigImage], params: LocalizerParams) -> in
         for level in zip(*(image.pyramid.cameras for image in images), strict=False)
     ]
     return next((index for index, size in enumerate(sizes) if size <= limit), len(sizes) - 1)
-
-
-@cache
-def end_at(level: int, params: RegistrationParams) -> RegistrationParams:
-    """Return the parameters of an alignment that ends at a level, or at a coarser one."""
-    pyramid = params.pyramid
-    finest = max(level, pyramid.finest)
-    return replace(params, pyramid=replace(pyramid, finest=finest, coarsest=max(finest, pyramid.coarsest)))
 
 
 @cache

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 from sphere_nav.estimation.robust import HUBER
 
@@ -36,3 +37,14 @@ class RegistrationParams:
     max_condition: float = 1e9  # condition number of the scaled normal matrix above which texture is too low
     max_mad: float = 25.0  # grey level, median absolute deviation above which a result is refused
     correlated_pixels: float = 20.0  # pixels that count as one, where it cannot be measured
+
+
+@cache
+def between(
+    params: RegistrationParams, *, finest: int | None = None, coarsest: int | None = None
+) -> RegistrationParams:
+    """Return the parameters of an alignment that uses only the levels between two; None: the one that is set."""
+    pyramid = params.pyramid
+    finest = pyramid.finest if finest is None else finest
+    coarsest = max(finest, pyramid.coarsest if coarsest is None else coarsest)
+    return replace(params, pyramid=replace(pyramid, finest=finest, coarsest=coarsest))

@@ -37,7 +37,7 @@ from sphere_mapping.acquisition.constants import (
     VERY_FAR_M,
 )
 from sphere_mapping.acquisition.stitching.views import RigView
-from sphere_nav.geometry import SE3, OCam, Rig, RigCamera, Spherical
+from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
@@ -104,15 +104,11 @@ def _rays(rig: Rig, match: Matches) -> tuple[Array, Array, Array]:
 
 def _change(part: RigCamera, own: Array) -> RigCamera:
     camera: Any = part.camera  # no spherical one
-    factor = float(np.exp(own[3]))
     fx, fy = (float(value) for value in camera.coefficients[:2])
     lens = {"cx": camera.cx + fx * float(own[4]), "cy": camera.cy + fy * float(own[5])}
-    if isinstance(camera, OCam):
-        camera = camera.scaled(factor)
-    else:
-        lens |= {"fx": fx * factor, "fy": fy * factor}
     turn = SE3.exp(np.concatenate([np.zeros(3), own[:3]]))
-    return replace(part, camera=replace(camera, **lens), T_rig_camera=part.T_rig_camera @ turn)
+    camera = replace(camera.scaled(float(np.exp(own[3]))), **lens)
+    return replace(part, camera=camera, T_rig_camera=part.T_rig_camera @ turn)
 
 
 Image = NDArray[np.uint8]

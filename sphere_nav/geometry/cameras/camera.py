@@ -117,6 +117,8 @@ class Focal:
     def halve(self) -> Self:
         """Return the camera of the next pyramid level."""
         cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
-        return replace(
-            self, width=self.width // 2, height=self.height // 2, fx=self.fx / 2, fy=self.fy / 2, cx=cx, cy=cy
-        )
+        return replace(self.scaled(0.5), width=self.width // 2, height=self.height // 2, cx=cx, cy=cy)
+
+    def scaled(self, factor: float) -> Self:
+        """Return the camera whose image is magnified about its centre, in an image of the same size."""
+        return replace(self, fx=self.fx * factor, fy=self.fy * factor)

@@ -5,6 +5,9 @@ is near and what is far ask for another step. So the stretch of each camera is s
 aligned pose. A level much coarser than the finest one is used, where corners are shifted by few pixels. Each cell of
 the view has a light of its own, with a slope: what a lamp does there is no motion. Cells are the independent
 observations: how differently they pull is the deviation.
+
+That holds for small stretches. Of a large one a part is found: with a lens that is so much longer the images are
+aligned anew, and so on until nothing is left. What they tell then counts if they resemble the map more.
 """
 
 from __future__ import annotations
@@ -16,14 +19,27 @@ import numpy as np
 
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.estimation.robust import weigh
-from sphere_nav.geometry import FrameMotion, Spherical
+from sphere_nav.geometry import SE3, FrameMotion, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.alignment import Alignment
+from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import LeastSquares
 from sphere_nav.photometric.checks.structure import sample_images
-from sphere_nav.photometric.constants import CELLS, LENS_LEVEL, LENS_REWEIGHTINGS, MIN_CELL_PIXELS, MIN_LENS_CELLS
-from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.constants import (
+    CELLS,
+    LENS_DOUBT,
+    LENS_LEFT,
+    LENS_LEVEL,
+    LENS_REWEIGHTINGS,
+    LENS_ROUNDS,
+    LENS_STEP,
+    MAX_LENS_STEP,
+    MIN_CELL_PIXELS,
+    MIN_LENS_CELLS,
+)
+from sphere_nav.photometric.params import RegistrationParams, between
+from sphere_nav.photometric.pixels.pyramid import magnify
 from sphere_nav.photometric.pixels.samples import CameraSamples, Sample
 
 POSE = 6  # columns of a pose
@@ -43,16 +59,52 @@ class Stretch:
     by_share: Array
 
 
+def find_stretches(
+    images: Sequence[RigImage],
+    alignment: Alignment,
+    params: RegistrationParams,
+    motion: FrameMotion | None = None,
+    *,
+    is_clear: bool = True,
+) -> list[Stretch]:
+    """Return the stretch of each camera in an alignment of `register_rig`, however large.
+
+    Where something else pulls the alignment, it is not `is_clear`, only what other lenses explain better is returned.
+    """
+    finest = min(params.pyramid.finest + LENS_LEVEL, min(len(one.pyramid.levels) for one in images) - 1)
+    coarse = between(params, finest=finest)
+    found = measure_stretches(images, alignment, coarse, motion)
+    by_told, longer = found if is_clear else [], dict.fromkeys((one.camera for one in found), 0)
+    if not any(map(_steps, found)):
+        return by_told
+    told = here = register_rig(images, alignment.T_world_camera, coarse, motion)
+    for _ in range(LENS_ROUNDS):
+        longer |= {one.camera: longer[one.camera] + _steps(one) for one in found}
+        seen = [replace(one, pyramid=magnify(one.pyramid, LENS_STEP ** longer.get(one.name, 0))) for one in images]
+        xi = sum((one.share * one.by_share for one in found), np.zeros(POSE))
+        here = register_rig(seen, here.T_world_camera @ SE3.exp(xi), coarse, motion)
+        found = measure_stretches(seen, here, coarse, motion) if here.is_converged else []
+        if not any(map(_steps, found)):
+            break
+    if not found or 1.0 - here.ncc > LENS_LEFT * (1.0 - told.ncc):
+        return by_told
+    return [replace(one, share=(1.0 + one.share) * LENS_STEP ** longer[one.camera] - 1.0) for one in found]
+
+
+def _steps(found: Stretch) -> int:
+    """Return by how many steps a lens is longer; none where that is not told."""
+    share = float(np.clip(found.share, -MAX_LENS_STEP, MAX_LENS_STEP))
+    return round(np.log1p(share) / np.log(LENS_STEP)) if abs(share) > LENS_DOUBT * found.sigma else 0
+
+
 def measure_stretches(
     images: Sequence[RigImage],
     alignment: Alignment,
     params: RegistrationParams,
     motion: FrameMotion | None = None,
 ) -> list[Stretch]:
-    """Return the stretch of each camera in an alignment of `register_rig`; none of whole spheres, or of few cells."""
-    finest = min(params.pyramid.finest + LENS_LEVEL, min(len(one.pyramid.levels) for one in images) - 1)
-    coarse = replace(params, pyramid=replace(params.pyramid, finest=finest))
-    seen = [(one.T_body_camera, parts) for one, parts in sample_images(images, alignment, coarse, motion)]
+    """Return the stretch of each camera, to first order; none of whole spheres, or of few cells."""
+    seen = [(one.T_body_camera, parts) for one, parts in sample_images(images, alignment, params, motion)]
     lenses = {k: one.name for k, one in enumerate(images) if not isinstance(one.pyramid.cameras[0], Spherical)}
     return solve_stretches(seen, lenses, params)
 

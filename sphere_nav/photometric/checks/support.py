@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +30,7 @@ from sphere_nav.photometric.constants import (
     NUM_TRIED_MOTIONS,
     PREDICTED_LEVELS,
 )
-from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.params import RegistrationParams, between
 from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
 from sphere_nav.photometric.parts.votes import find_shifts, finest_levels, vote
 from sphere_nav.photometric.pixels.pyramid import Level
@@ -94,16 +93,11 @@ def _predictions(
     """
     yield T_predicted, 1
     for number in PREDICTED_LEVELS:
-        yield register_rig(images, T_predicted, _finest_only(number, params)).T_world_camera, 1
+        few = between(params, coarsest=params.pyramid.finest + number - 1)
+        yield register_rig(images, T_predicted, few).T_world_camera, 1
     xi = fit_motion(find_shifts(finest_levels(images, params), sampler(T_predicted)))
     if xi is not None:
         yield T_predicted @ SE3.exp(xi), NUM_TRIED_MOTIONS
-
-
-@cache
-def _finest_only(number: int, params: RegistrationParams) -> RegistrationParams:
-    """Return the parameters of an alignment at so many of the finest levels."""
-    return replace(params, pyramid=replace(params.pyramid, coarsest=params.pyramid.finest + number - 1))
 
 
 def _follow(levels: Sequence[Level], sampler: Sampler, T_world_body: SE3, params: RegistrationParams) -> Support:

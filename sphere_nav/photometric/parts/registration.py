@@ -8,8 +8,7 @@ levels then have no common minimum, but edges of what has stayed are where they 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -23,7 +22,7 @@ from sphere_nav.photometric.constants import (
     PART_ROUNDS,
     SURE_CHANCE,
 )
-from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.params import RegistrationParams, between
 from sphere_nav.photometric.parts.motion import fit_motion, motion_covariance
 from sphere_nav.photometric.parts.votes import find_shifts, finest_levels, vote
 from sphere_nav.photometric.pixels.samples import CameraSamples, Sampler, sample_views
@@ -65,7 +64,7 @@ def _descend(
 ) -> PartsAlignment:
     """Return the alignment through levels, the coarsest first; `num_begun` such are tried."""
     for level in reversed(levels):
-        own = _from_level(level, params)
+        own = between(params, finest=level)
         for _ in range(PART_ROUNDS):
             xi = fit_motion(find_shifts(finest_levels(images, own), _sampler(images, own)(T_world_body)))
             if xi is None:
@@ -84,12 +83,6 @@ def _usable_levels(images: Sequence[RigImage], params: RegistrationParams) -> li
     sides = [min(side for one in level for side in (one.width, one.height)) for level in cameras]
     wide = [level for level in range(finest, coarsest + 1) if sides[level] >= MIN_PARTS_SIDE]
     return wide or [min(finest, coarsest)]
-
-
-@cache
-def _from_level(level: int, params: RegistrationParams) -> RegistrationParams:
-    """Return the parameters by which pixels are sampled at a level."""
-    return replace(params, pyramid=replace(params.pyramid, finest=level))
 
 
 def _sampler(images: Sequence[RigImage], params: RegistrationParams) -> Sampler:

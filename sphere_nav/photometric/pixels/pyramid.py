@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.geometry import Camera, OCam, Spherical
+from sphere_nav.geometry.cameras.camera import Focal
 from sphere_nav.photometric.align.projection import KernelCamera, kernel_camera
 from sphere_nav.photometric.constants import MIN_LEVELS, SHARPER_LEVELS
 from sphere_nav.photometric.params import PyramidParams
@@ -105,6 +106,15 @@ def hide(pyramid: Pyramid, is_hidden: NDArray[np.bool_]) -> Pyramid:
         cell = np.ix_(np.arange(height) * rows // height, np.arange(width) * columns // width)
         image = np.where(is_hidden[cell], np.float32(np.nan), level.unpadded).astype(np.float32, copy=False)
         levels.append(Level(_pad(image, level.pad), level.camera, level.pad))
+    return Pyramid(tuple(levels))
+
+
+def magnify(pyramid: Pyramid, factor: float) -> Pyramid:
+    """Return a pyramid whose lens magnifies its image about the centre; a sphere has none."""
+    levels = []
+    for level in pyramid.levels:
+        camera = level.camera
+        levels.append(replace(level, camera=camera.scaled(factor)) if isinstance(camera, Focal | OCam) else level)
     return Pyramid(tuple(levels))
 
 

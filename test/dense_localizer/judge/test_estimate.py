@@ -3,9 +3,15 @@
 import numpy as np
 import pytest
 
-from dense_localizer.judge.estimate import CameraEstimate
+from dense_localizer.judge.estimate import CameraEstimate, report_estimate
+from dense_localizer.judge.lens_watch import LensWatch
+from dense_localizer.motion_prior import PosePrior
+from dense_localizer.params import PriorParams
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.status import State, Status
+from sphere_nav.localization.params import StateParams
+from sphere_nav.localization.state_machine import StateMachine
+from sphere_nav.localization.status import Reason, State, Status, Verdict
+from sphere_nav.photometric.checks.lens import Stretch
 
 T_BASE_CAMERA = SE3.exp([0.5, 0.1, 1.2, -0.3, 0.2, 1.1])
 T_MAP_CAMERA = SE3.exp([3.0, 1.0, 1.0, 0.1, -0.2, 0.7])
@@ -30,3 +36,20 @@ def test_errors_and_velocity_of_the_camera_are_those_of_the_base(rng):
     later = T_MAP_CAMERA @ SE3.exp(velocity * dt) @ T_camera_base
     np.testing.assert_allclose((base.T_map_base.inverse() @ later).log() / dt, base.velocity, atol=1e-5)
     assert base.velocity_covariance == pytest.approx(base.covariance)
+
+
+@pytest.mark.parametrize(
+    ("is_wrong", "found", "told"),
+    [
+        (True, Reason.LOW_OVERLAP, Reason.BAD_INFO),
+        (False, Reason.LOW_OVERLAP, Reason.LOW_OVERLAP),
+        (True, Reason.AMBIGUOUS, Reason.AMBIGUOUS),
+    ],
+)
+def test_a_search_in_which_nothing_resembles_the_view_names_a_wrong_lens(is_wrong, found, told):
+    states, lens = StateMachine(StateParams()), LensWatch()
+    states.search()
+    if is_wrong:
+        lens.add([Stretch("", 0.2, 0.003, np.ones(6))], 1)
+    estimate = report_estimate(states, PosePrior(PriorParams()), 1, Verdict(found), None, lens)
+    assert estimate.status.reason == told

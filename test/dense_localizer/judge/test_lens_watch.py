@@ -1,8 +1,14 @@
 import numpy as np
 import pytest
 
+from dense_localizer.judge.acceptance import refuse
+from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.judge.lens_watch import LensWatch
-from sphere_nav.localization.status import FINE, Reason
+from dense_localizer.motion_prior import Prediction
+from dense_localizer.references.reference import Choice
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import FINE, Reason, State
+from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.checks.lens import Stretch
 
 ALONG = np.array([0.0, 0.0, 7.0, 0.0, 0.1, 0.0])  # m, rad by a share
@@ -61,9 +67,59 @@ def test_what_was_told_long_ago_is_forgotten():
     assert not watch.covariance.any()
 
 
+def test_an_image_that_tells_nothing_changes_nothing():
+    watch = told(*[0.05] * 4)
+    before = watch.covariance
+    watch.add([], 99)
+    assert watch.finding.reason is Reason.BAD_INFO
+    np.testing.assert_array_equal(watch.covariance, before)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """The images that are asked, and whether as clear ones; each tells 5 %."""
+    images = []
+
+    def find(images_of, *_, is_clear):
+        images.append((images_of, is_clear))
+        return [Stretch("", 0.05, 0.003, ALONG)]
+
+    monkeypatch.setattr("dense_localizer.judge.lens_watch.find_stretches", find)
+    return images
+
+
+def candidate(number, *, is_biased=False, is_by_range=False):
+    choice = Choice((number,), (), 1.0, 0.0, 5.0, 1.0)
+    alignment = Alignment(SE3.identity(), np.eye(6), "", 1, 1000, 1.0, 1.0, 1.0, 0.9, (1.0,), (0.0,))
+    given = Prediction.guess(SE3.identity()), choice, refuse(FINE), alignment, None, (number,)
+    return PoseCandidate(SE3.identity(), np.eye(6), *given, is_biased=is_biased, is_by_range=is_by_range)
+
+
+@pytest.mark.parametrize(("state", "numbers"), [(State.TRACKING, [0, 10, 20]), (State.PROBATION, [0, 10, 20])])
+def test_one_of_ten_images_is_asked(asked, state, numbers):
+    watch = LensWatch()
+    for number in range(21):
+        watch.observe(candidate(number), RegistrationParams(), state)
+    assert [images[0] for images, _ in asked] == numbers
+    assert watch.finding.reason is Reason.BAD_INFO
+
+
+def test_each_image_of_a_pose_on_probation_is_asked_while_no_lens_is_wrong(asked, monkeypatch):
+    monkeypatch.setattr("dense_localizer.judge.lens_watch.MAX_SHARE", 1.0)
+    watch = LensWatch()
+    for number in range(3):
+        watch.observe(candidate(number, is_biased=number == 1), RegistrationParams(), State.PROBATION)
+    assert [is_clear for _, is_clear in asked] == [True, False, True]
+    watch.observe(candidate(4, is_by_range=True), RegistrationParams(), State.PROBATION)
+    assert len(asked) == 3
+
+
 def test_each_camera_is_judged_by_itself():
     watch = LensWatch()
     for number in range(4):
         watch.add([Stretch("a", 0.03, 0.003, ALONG), Stretch("b", -0.03, 0.003, ALONG[::-1])], number)
-    assert "camera b is" in watch.finding.detail
+    assert "camera a is" in watch.finding.detail
     assert np.linalg.matrix_rank(watch.covariance) == 2
+    for number in range(100, 164):
+        watch.add([Stretch("a", 0.0, 0.003, ALONG)], number)
+    assert "camera b is" in watch.finding.detail

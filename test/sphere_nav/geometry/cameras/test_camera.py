@@ -49,6 +49,14 @@ def test_pixels_per_radian_is_the_resolution_at_the_axis(camera):
     assert np.sqrt(area) == pytest.approx(camera.pixels_per_radian, rel=1e-6)
 
 
+def test_an_image_of_half_the_magnification_has_the_same_rays_nearer_to_the_centre(camera, pixels):
+    if isinstance(camera, Spherical):
+        pytest.skip("a sphere has no lens")
+    center = np.array([camera.cx, camera.cy])
+    nearer = 0.5 * (pixels - center) + center
+    np.testing.assert_allclose(camera.scaled(0.5).unproject(nearer), camera.unproject(pixels), atol=1e-9)
+
+
 def test_halved_camera_sees_the_same_direction_at_the_middle_of_four_pixels(camera, pixels):
     half = camera.halve()
     assert (half.width, half.height) == (camera.width // 2, camera.height // 2)

@@ -34,14 +34,6 @@ def test_where_the_polynomial_folds_back_no_pixel_has_a_ray():
     assert not camera.project([0.0, 0.0, -1.0])[1]
 
 
-def test_a_magnified_image_has_the_same_rays():
-    camera = OCam(640, 480, 320.0, 240.0, H, 0.98, 0.01, -0.02)
-    offset, center = np.array([50.0, -70.0]), np.array([320.0, 240.0])
-    np.testing.assert_allclose(
-        camera.scaled(1.5).unproject(1.5 * offset + center), camera.unproject(offset + center), atol=1e-12
-    )
-
-
 def test_wrong_coefficients_are_refused():
     for values, message in [
         ((), "polynomial"),

@@ -6,7 +6,7 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.lens import measure_stretches, solve_stretches
+from sphere_nav.photometric.checks.lens import find_stretches, solve_stretches
 from sphere_nav.photometric.pixels.samples import Sample
 
 PARAMS = RegistrationParams(max_pixels=10_000)
@@ -87,12 +87,12 @@ def views(room):
     return [View(prepare_reference(*room.render(SPHERE, T), SPHERE, PARAMS), T) for T in places]
 
 
-def told(image, views, camera, motion=None):
+def told(image, views, camera, motion=None, *, is_clear=True):
     """What an image tells, aligned as if it were of a camera."""
     pyramid = build_pyramid(image, camera, PARAMS.pyramid)
     alignment = register(pyramid, views, SOMEWHERE, PARAMS, motion)
     assert alignment.is_converged
-    return measure_stretches([RigImage(pyramid, views=tuple(views))], alignment, PARAMS, motion)
+    return find_stretches([RigImage(pyramid, views=tuple(views))], alignment, PARAMS, motion, is_clear=is_clear)
 
 
 @pytest.mark.slow
@@ -103,6 +103,22 @@ def test_the_stretch_of_a_focal_length_is_found_in_images(room, views, camera, s
     found = [told(room.photograph(lens, SOMEWHERE, seed), views, camera)[0] for seed in range(4)]
     assert np.mean([one.share for one in found]) == pytest.approx(share, abs=0.005)
     assert np.abs([one.share - share for one in found]).max() < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.12, -0.19])
+def test_a_lens_that_is_far_off_is_found_though_something_else_pulls_the_image(room, views, share):
+    camera = LENSES[0]
+    lens = replace(camera, fx=(1 + share) * camera.fx, fy=(1 + share) * camera.fy)
+    found = [told(room.photograph(lens, SOMEWHERE, seed), views, camera, is_clear=False) for seed in range(2)]
+    np.testing.assert_allclose([one.share for (one,) in found], share, atol=0.01)
+
+
+@pytest.mark.slow
+def test_what_pulls_an_image_of_a_right_lens_is_not_told(room, views):
+    image = room.photograph(LENSES[0], SOMEWHERE, 1)
+    image[60:180, 100:220] = 90
+    assert told(image, views, LENSES[0], is_clear=False) == []
 
 
 @pytest.mark.slow
