@@ -36,11 +36,8 @@ STREET = {"path": "straight", "camera.size": "320,240", "sphere.width": 768, "re
 SPACING = 1.5  # m between key spheres
 BEFORE = 2.0  # m of map behind the place where drives begin
 NOISE = 1.2  # grey levels
-GRID = (0.002, 0.002, 0.001)  # m, m, rad
-LAP_GRID = (0.01, 0.01, 0.002)  # for many drives: most of what they see was drawn before
 FRAME = "camera_optical"
 Messages = list[tuple[str, Any]]  # topic and message
-Gray = NDArray[np.uint8]
 
 
 class Course:
@@ -53,26 +50,16 @@ class Course:
         self.camera, self.T_base_camera = mounts["camera"].camera, mounts["camera"].T_base_camera
         self.length = self.path.length - BEFORE
         self.map = self._make_map(folder / "map", mounts["sphere"])
-        self.grid = GRID
-        self.drawn: dict[tuple[int, ...], Gray] = {}
 
     def pose(self, along: float, left: float = 0.0, turned: float = 0.0) -> tuple[float, float, float]:
         """Return x, y, yaw of the base at a distance along the path."""
         x, y, yaw, _ = map(float, self.path.at(np.array(along + BEFORE)))
         return x - left * np.sin(yaw), y + left * np.cos(yaw), yaw + turned
 
-    def see_coarsely(self) -> None:
-        """Draw views for many drives from now on."""
-        self.grid, self.drawn = LAP_GRID, {}
-
-    def look(self, x: float, y: float, yaw: float) -> Gray:
-        """Return what the camera sees, without noise: from a place rounded to `grid`, as drives see much the same."""
-        key = tuple(round(value / step) for value, step in zip((x, y, yaw), self.grid, strict=True))
-        if key not in self.drawn:
-            x, y, yaw = (number * step for number, step in zip(key, self.grid, strict=True))
-            T_world_camera = SE3.from_planar(x, y, yaw) @ self.T_base_camera
-            self.drawn[key], _ = self.simulator.render(self.camera, T_world_camera, is_gray=True)
-        return self.drawn[key]
+    def look(self, x: float, y: float, yaw: float) -> NDArray[np.uint8]:
+        """Return what the camera sees, without noise."""
+        T_world_camera = SE3.from_planar(x, y, yaw) @ self.T_base_camera
+        return self.simulator.render(self.camera, T_world_camera, is_gray=True)[0]
 
     def _make_map(self, folder: Path, mount: Any) -> Path:
         nodes: list[KeySphere] = []

@@ -26,9 +26,9 @@ from path_follower.constants import (
     COMMAND_ERRORS,
     MAX_DEGRADED_TIME,
     MAX_GAP_NS,
-    MAX_ODOMETRY_SILENCE,
     MAX_YAW_DEVIATION,
     RELEVANT,
+    SENSOR_SILENCE,
     SLOW_SIGMAS,
     STILL,
     STILL_WAY,
@@ -217,7 +217,7 @@ class MotionConsistency:
     # --- wheels
     def _judge_wheels(self, now_ns: int) -> Verdict:
         """Return whether wheels that were heard are silent."""
-        silence, limit = (now_ns - self._odometry[-1][0]) / 1e9 if self._odometry else 0.0, MAX_ODOMETRY_SILENCE
+        silence, limit = (now_ns - self._odometry[-1][0]) / 1e9 if self._odometry else 0.0, SENSOR_SILENCE
         return Verdict(StopReason.ODOM_TIMEOUT, silence, limit) if silence > limit else FINE
 
     def _wheels_at(self, time_ns: int) -> Reckoning | None:

@@ -26,7 +26,6 @@ K_X = 0.8  # 1/m, gain of the longitudinal error (M15 eq. 25); test_speed
 EPSILON = 0.1  # m/s, keeps the longitudinal gain alive where U* is 0 (M15 eq. 25); test_speed
 GOAL_TOLERANCE = 0.05  # m before its end a segment is finished; test_speed
 MAX_BANDWIDTH = 2.5  # rad/s; of the loop in time at most: docs/notes/control_loop.md, chosen on S-curves; test_speed
-MAX_HEADING_ERROR = 1.0  # rad; errors beyond are cut, where tan grows without bound; test_speed
 MAX_ANGLE = 1.2  # rad between heading and direction beyond which a direction cannot be driven; test_homing
 
 # Car
@@ -42,8 +41,8 @@ MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits:
 
 # Stops
 MAX_DEGRADED_TIME = 10.0  # s of driving in DEGRADED, or by an uncertain pose; test_safety, test_consistency
-MAX_OFF_HEADING = 1.0  # rad between vehicle and path beyond which it has left it; test_safety
-MAX_SCAN_SILENCE = 0.4  # s, once there was a scan: as of odometry; test_safety
+MAX_OFF_HEADING = 1.0  # rad off the path, beyond which it was left; the law cuts what is more; test_safety, test_speed
+SENSOR_SILENCE = 0.4  # s of scans, once there was one, and of odometry, which is carried on so long; test_safety
 MAX_YAW_DEVIATION = 0.25  # rad of standard deviation: drives slowly above it, stops above twice; test_consistency
 REACTION = 0.3  # s until the brakes act: dead time, lag and an image; test_obstacles
 SWEEP_STEP = 0.2  # m between the footprints that are checked: half the smallest thing to stop for; test_obstacles
@@ -73,7 +72,6 @@ STOP_SIGMAS, SLOW_SIGMAS = 6.0, 4.5  # of two poses as they state it: 1e-9 and 3
 STILL = 0.3  # share of the expected way: less is no motion
 STILL_WAY = 0.2  # m of expected way, the last of it, by which a motion is called still
 MAX_GAP_NS = 2_500_000_000  # between two poses, else it begins anew: HISTORY_NS is as far as commands are known
-MAX_ODOMETRY_SILENCE = 0.4  # s: as of poses and scans; up to then it is carried on by its speed
 
 # Times of the loop and of who else commands (ros/test_control, test_peers, test_loop_process)
 TICK = 0.025  # s of steady time between two looks at the clocks
@@ -83,8 +81,7 @@ CYCLE_MEMORY_NS = 10_000_000_000  # for how long the worst cycle is told
 ACKNOWLEDGE = 0.5  # s to wait for all that receive commands to have the last one
 LOOK_PERIOD = 0.1  # s between two looks at who publishes
 HEARD_BEFORE_NS = 300_000_000  # a message may come this much earlier than its publisher is seen
-GUARD_SILENCE_NS = 500_000_000  # five times the period of the guard's status
-GUARD_GRACE_NS = 500_000_000  # from a start until the guard has seen its zero command and has said so
+GUARD_SILENCE_NS = 500_000_000  # five times the period of the guard's status; until it has said what a start changed
 GUARD_PERIOD = 0.02  # s between two commands to the base
 PAIRED = 16  # stamps of poses and statuses that are kept for the other one, which comes within milliseconds
 BEAM_FORGETTING = 0.99  # of the share of beams that measured, a scan: 7 s at 10 Hz until half of it is usual

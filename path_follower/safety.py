@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from path_follower.consistency import Doubt
-from path_follower.constants import MAX_DEGRADED_TIME, MAX_OFF_HEADING, MAX_SCAN_SILENCE, MIN_POINTS, SEARCH_WINDOW
+from path_follower.constants import MAX_DEGRADED_TIME, MAX_OFF_HEADING, MIN_POINTS, SEARCH_WINDOW, SENSOR_SILENCE
 from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
@@ -173,7 +173,7 @@ class SafetyMonitor:
         return FINE
 
     def _judge_scan(self, now_ns: int) -> Verdict:
-        limit, why = MAX_SCAN_SILENCE, self.scan_refusal
+        limit, why = SENSOR_SILENCE, self.scan_refusal
         refused = f" (refused: {why})" if why else ""
         if self.scan_ns < 0:
             missing = Verdict(StopReason.SCAN_TIMEOUT, 0.0, limit, f"no scan yet{refused}")

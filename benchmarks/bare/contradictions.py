@@ -11,6 +11,7 @@ import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,59 +68,41 @@ def _drive(town: int, count: int, found: dict[str, list[Trial]]) -> None:
 
 def healthy(drive: Drive, other: Drive, share: float) -> Drive:
     """Return the drive as it is."""
-    return _cut(drive, np.arange(NUM_IMAGES), drive.odometry[:NUM_IMAGES])
+    return drive
 
 
 def frozen(drive: Drive, other: Drive, share: float) -> Drive:
     """Return the drive with odometry that stands still while the car drives on."""
-    rows = np.minimum(np.arange(NUM_IMAGES), FAULT - 1)
-    return _cut(drive, np.arange(NUM_IMAGES), drive.odometry[rows])
+    return replace(drive, odometry=_going_on(drive, [np.zeros(3)] * (NUM_IMAGES - FAULT)))
 
 
 def slipping(drive: Drive, other: Drive, share: float) -> Drive:
     """Return the drive with wheels whose way is up to 30 % longer (spinning) or shorter (locked) than that driven."""
-    scale = 1.0 + MAX_SLIP * (2.0 * share - 1.0)
-    return _cut(
-        drive, np.arange(NUM_IMAGES), _rolled(drive.odometry[:NUM_IMAGES], lambda i: scale if i >= FAULT else 1.0)
-    )
+    scale = np.array([1.0 + MAX_SLIP * (2.0 * share - 1.0)] * 2 + [1.0])
+    motions = [relative_motion(before, after) for before, after in pairwise(drive.odometry)]
+    return replace(drive, odometry=_going_on(drive, [motion * scale for motion in motions[FAULT - 1 :]]))
 
 
 def carried_off(drive: Drive, other: Drive, share: float) -> Drive:
-    """Return a drive that goes on where another one does: lifted, and put down anywhere."""
-    rows = np.arange(NUM_IMAGES)
-    matrices = np.concatenate([drive.T_map_base.matrix[:FAULT], other.T_map_base.matrix[FAULT:NUM_IMAGES]])
-    return replace(
-        drive,
-        images=np.concatenate([drive.images[:FAULT], other.images[FAULT:NUM_IMAGES]]),
-        tilts=np.concatenate([drive.tilts[:FAULT], other.tilts[FAULT:NUM_IMAGES]]),
-        T_map_base=SE3.from_matrix(matrices),
-        odometry=_spliced(drive.odometry, other.odometry, rows),
-    )
+    """Return a drive that goes on where another one does: lifted, and put down anywhere; the wheels miss the jump."""
+
+    def spliced(name: Callable[[Drive], NDArray[Any]]) -> NDArray[Any]:
+        return np.concatenate([name(drive)[:FAULT], name(other)[FAULT:]])
+
+    motions = [np.zeros(3), *(relative_motion(*pair) for pair in pairwise(other.odometry[FAULT:]))]
+    images, tilts = spliced(lambda one: one.images), spliced(lambda one: one.tilts)
+    T_map_base = SE3.from_matrix(spliced(lambda one: one.T_map_base.matrix))
+    return Drive(images, T_map_base, _going_on(drive, motions), tilts)
 
 
 FAULTS: dict[str, Fault] = {"healthy": healthy, "frozen": frozen, "slipping": slipping, "carried off": carried_off}
 
 
-def _cut(drive: Drive, rows: NDArray[np.integer], odometry: Array) -> Drive:
-    """Return some images of a drive, with other odometry."""
-    poses = SE3.from_matrix(drive.T_map_base.matrix[rows])
-    return replace(drive, images=drive.images[rows], tilts=drive.tilts[rows], T_map_base=poses, odometry=odometry)
-
-
-def _rolled(odometry: Array, scale: Callable[[int], float]) -> Array:
-    """Return odometry whose way before each image is scaled."""
-    poses = [odometry[0]]
-    for index, (before, after) in enumerate(pairwise(odometry), 1):
-        motion = relative_motion(before, after) * [scale(index), scale(index), 1.0]
+def _going_on(drive: Drive, motions: Sequence[Array]) -> Array:
+    """Return odometry that goes on by other motions from the fault on."""
+    poses = [*drive.odometry[:FAULT]]
+    for motion in motions:
         poses.append(compose_planar(poses[-1][None], motion)[0])
-    return np.array(poses)
-
-
-def _spliced(before: Array, after: Array, rows: NDArray[np.integer]) -> Array:
-    """Return odometry that stands still at the fault, and then goes on by that of the rows of another drive."""
-    poses = [*before[:FAULT], before[FAULT - 1]]
-    for index in rows[FAULT + 1 :]:
-        poses.append(compose_planar(poses[-1][None], relative_motion(after[index - 1], after[index]))[0])
     return np.array(poses)
 
 

@@ -7,7 +7,6 @@ texture is inverted, or not at all from the 13th image on. The start is given, 0
 from __future__ import annotations
 
 import argparse
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.commands import TRUTH
 from benchmarks.light.lights import Gray, Light
-from benchmarks.light.relight import Room
+from benchmarks.light.relight import TITLE, Room, in_kitchen
 from benchmarks.report import Bound, Headline, Report, Table
-from benchmarks.rgbd_data import Recording
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav_tools.offline.pose_bags import read_poses
@@ -52,12 +50,9 @@ class Out:
 
 def run(options: argparse.Namespace) -> Report:
     """Measure every darkness."""
-    recording, is_quick = Recording.open(options.data), options.size == "quick"
-    if recording is None:
-        return Report("dark", skipped=f"no redkitchen with COLMAP's poses in {options.data}")
     report, rows = Report("dark", notes=[__doc__ or ""]), list[tuple[str, ...]]()
-    with tempfile.TemporaryDirectory() as temporary:
-        room = Room(recording, Path(temporary), 60 if is_quick else 120)
+
+    def measure(room: Room, is_quick: bool) -> None:
         day = room.base()
         nights: dict[str, Any] = {"torch": room.light("lamp", 1.0, options.seed, Torch), "out": Out()}
         if not is_quick:
@@ -70,13 +65,14 @@ def run(options: argparse.Namespace) -> Report:
             )
             rows.append((name, str(colour), str(depth)))
             of = Headline("other light", "redkitchen by night, the camera's depth", f"by day {day.placed}")
-            placed = Bound(
-                f"{name}: images placed with depth", day.placed, depth.placed, "", True, of if name == "torch" else None
-            )
-            wrong = Bound(f"{name}: wrong, both ways", 0, colour.num_wrong + depth.num_wrong, "")
-            report.bounds += [placed, wrong]
-    report.tables.append(Table("Images placed, wrong ones, median error", ("night", "colour", "with depth"), rows))
-    return report
+            told = of if name == "torch" else None
+            report.bounds += [
+                Bound(f"{name}: images placed with depth", day.placed, depth.placed, "", True, told),
+                Bound(f"{name}: wrong, both ways", 0, colour.num_wrong + depth.num_wrong, ""),
+            ]
+        report.tables.append(Table(TITLE, ("night", "colour", "with depth"), rows))
+
+    return in_kitchen(options, report, measure)
 
 
 def start_near(bag: Path) -> str:

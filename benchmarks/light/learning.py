@@ -9,13 +9,10 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import tempfile
-from pathlib import Path
 
 from benchmarks.commands import call
-from benchmarks.light.relight import Placed, Room
+from benchmarks.light.relight import TITLE, Placed, Room, in_kitchen
 from benchmarks.report import Bound, Headline, Report, Table
-from benchmarks.rgbd_data import Recording
 
 HELP = "a vehicle that learns by itself: light that leaves the map step by step"
 SHARES, QUICK_SHARES = (0.3, 0.45, 0.6, 0.8, 1.0), (0.6,)  # of the other light, one a day
@@ -25,14 +22,12 @@ LEARN = ("--set", "learn=true")
 
 def run(options: argparse.Namespace) -> Report:
     """Measure day after day."""
-    recording, is_quick = Recording.open(options.data), options.size == "quick"
-    if recording is None:
-        return Report("learning", skipped=f"no redkitchen with COLMAP's poses in {options.data}")
     report = Report("learning", notes=[__doc__ or ""])
-    with tempfile.TemporaryDirectory() as temporary:
-        room = Room(recording, Path(temporary), 60 if is_quick else 120)
+
+    def measure(room: Room, is_quick: bool) -> None:
         follow(room, options.seed, QUICK_SHARES if is_quick else SHARES, report)
-    return report
+
+    return in_kitchen(options, report, measure)
 
 
 def follow(room: Room, seed: int, shares: tuple[float, ...], report: Report) -> None:
@@ -57,7 +52,7 @@ def follow(room: Room, seed: int, shares: tuple[float, ...], report: Report) -> 
         days.append((before, after, first, now))
         first = now
     columns = ("light", "before", "learned", "after", "first light after")
-    report.tables.append(Table("Images placed, wrong ones, median error", columns, rows))
+    report.tables.append(Table(TITLE, columns, rows))
     report.bounds += judge(days)
 
 

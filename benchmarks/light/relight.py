@@ -11,6 +11,7 @@ import argparse
 import json
 import shutil
 import tempfile
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,7 @@ LIGHTS = (("season", 0.6), ("season", 0.85), ("season", 1.0), ("lamp", 1.0))  # 
 NUM_FRAMES, STEP = 120, 3  # drives in the room are every third of them, and the next two of each
 MAX_WORSE = 1.5  # error by that of the map of that light alone
 WRONG = (0.1, 5.0)  # m, deg
+TITLE = "Images placed, wrong ones, median error"
 COLUMNS = ("light", "map alone", "extension", "after it", "own map", "first light before", "first light after")
 
 
@@ -141,23 +143,31 @@ class Room:
         call("import", "seven_scenes", folder, "-o", bag, "--truth-camera", "colour")
 
 
-def run(options: argparse.Namespace) -> Report:
-    """Measure every light."""
+def in_kitchen(options: argparse.Namespace, report: Report, measure: Callable[[Room, bool], None]) -> Report:
+    """Measure in the recorded room, in a part of it where the size is quick; return the report."""
     recording, is_quick = Recording.open(options.data), options.size == "quick"
     if recording is None:
-        return Report("relight", skipped=f"no redkitchen with COLMAP's poses in {options.data}")
-    report, found, rows = Report("relight", notes=[__doc__ or ""]), list[Result](), list[tuple[str, ...]]()
+        return Report(report.name, skipped=f"no redkitchen with COLMAP's poses in {options.data}")
     with tempfile.TemporaryDirectory() as name:
-        room = Room(recording, Path(name), 60 if is_quick else NUM_FRAMES)
+        measure(Room(recording, Path(name), 60 if is_quick else NUM_FRAMES), is_quick)
+    return report
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Measure every light."""
+    report, found, rows = Report("relight", notes=[__doc__ or ""]), list[Result](), list[tuple[str, ...]]()
+
+    def measure(room: Room, is_quick: bool) -> None:
         day = room.base()
-        for number, (kind, share) in enumerate(LIGHTS[:1] if is_quick else LIGHTS):
-            result, said = room.compare(kind, share, options.seed + number, day)
+        for seed, (kind, share) in enumerate(LIGHTS[:1] if is_quick else LIGHTS, options.seed):
+            result, said = room.compare(kind, share, seed, day)
             found.append(result)
             alone, *others = map(str, result)
-            rows.append((f"{kind} {share:.0%}, seed {options.seed + number}", alone, said, *others))
-    report.tables.append(Table("Images placed, wrong ones, median error", COLUMNS, rows))
-    report.bounds += judge("redkitchen", found)
-    return report
+            rows.append((f"{kind} {share:.0%}, seed {seed}", alone, said, *others))
+        report.tables.append(Table(TITLE, COLUMNS, rows))
+        report.bounds += judge("redkitchen", found)
+
+    return in_kitchen(options, report, measure)
 
 
 def judge(what: str, found: list[Result]) -> list[Bound]:

@@ -136,7 +136,6 @@ def _outcomes(course: Course, runs: int) -> Iterator[Outcome]:
 def _laps(course: Course, count: int) -> Bound:
     """Drive to the end of the course with a tenth of the images lost."""
     num_stops, way, seconds = 0, 0.0, 0.0
-    course.see_coarsely()
     for seed in tqdm(range(count), unit="lap", disable=None):
         drive = Drive(course, 2000 + seed)
         _drive_off(drive)

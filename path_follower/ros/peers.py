@@ -7,7 +7,7 @@ from collections.abc import Callable
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
-from path_follower.constants import GUARD_GRACE_NS, GUARD_SILENCE_NS, HEARD_BEFORE_NS
+from path_follower.constants import GUARD_SILENCE_NS, HEARD_BEFORE_NS
 from path_follower.guard.guard import AWAITED
 from path_follower.reasons import FINE, StopReason
 from sphere_nav.localization.status import Verdict
@@ -116,7 +116,7 @@ class Peers:
         if now - self._guard_ns > GUARD_SILENCE_NS:
             silent = (now - self._guard_ns) / 1e9
             return Verdict(StopReason.COMMAND_GUARD, silent, GUARD_SILENCE_NS / 1e9, f"silent for {silent:.2g} s")
-        is_awaited = guard.reason in AWAITED and now - self._started_ns < GUARD_GRACE_NS
+        is_awaited = guard.reason in AWAITED and now - self._started_ns < GUARD_SILENCE_NS
         if not guard.reason or is_awaited:
             return FINE
         return Verdict(StopReason.COMMAND_GUARD, detail=f"{guard.reason}: {guard.detail}")

@@ -102,13 +102,6 @@ def build_network(drives: Sequence[TaughtDrive], map_id: str = "", width: float 
     return _cut(strands, map_id, width)
 
 
-def even_curve(x: Array, y: Array, yaw: Array, speed: Array) -> EdgeCurve:
-    """Return a curve with a point every SPACING m, at least two."""
-    curve = EdgeCurve(x, y, np.unwrap(yaw), speed)
-    s = np.linspace(0.0, curve.length, max(2, round(curve.length / SPACING) + 1))
-    return EdgeCurve(*(np.interp(s, curve.arc, values) for values in (curve.x, curve.y, curve.yaw, curve.speed)))
-
-
 # --- alongside
 def _add_drive(strands: list[_Strand], drive: TaughtDrive) -> None:
     """Add what a drive does not share as curves of their own; note on the others that it came by."""

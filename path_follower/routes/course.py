@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from path_follower.constants import MAX_HEADING_ERROR, MAX_POINTS, SPACING
+from path_follower.constants import MAX_OFF_HEADING, MAX_POINTS, SPACING
 from path_follower.params import SteeringParams, TurningParams
 from path_follower.path import Pose2, between, wrap
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_DETOUR, MAX_GROWTH, TURN_RATE, TURN_SHARE
@@ -143,7 +143,7 @@ def _steered(
         if s >= reach - 1e-6 or len(poses) * SPACING > MAX_DETOUR * reach:
             found = f"{abs(left):.2f} m and {math.degrees(abs(turned)):.0f} deg beside it after {reach:.1f} m"
             raise ValueError(f"way: expected a vehicle that can drive onto the path, found {found}: bring it closer")
-        error = min(max(turned, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
+        error = min(max(turned, -MAX_OFF_HEADING), MAX_OFF_HEADING)
         wanted = float(np.interp(s, curve.arc, bend)) - law.k_y * left - direction * law.k_psi * math.tan(error)
         wheel = math.atan(vehicle.virtual_wheelbase * wanted)
         if is_firm and direction * left * turned > 0.0:

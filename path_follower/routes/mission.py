@@ -27,7 +27,6 @@ from path_follower.routes.constants import (
     LATE,
     MAX_SILENCE,
     MAX_TURN,
-    PAUSE_RETRY,
     RETRY,
     SMOOTHED,
     STEADY,
@@ -423,7 +422,7 @@ class Mission:
         if self._is_paused or (self.view is not None and self.view.state == FollowerState.PAUSED):
             self._is_paused = True
             return self._hold(now)
-        if now < self._asked_at + PAUSE_RETRY:
+        if now < self._asked_at + LATE:
             return None
         self._asked_at = now
         return self._ask("pause")

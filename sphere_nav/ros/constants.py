@@ -16,7 +16,7 @@ MAX_CAUGHT_UP_NS = 10_000_000_000  # of simulated time; all silence has been jud
 # Images of an instant (camera/test_synchronizer, camera/test_intake)
 DEPTH_SLACK_S = 0.01  # depth of one instant differs by less: a third of a period at 30 Hz (camera/test_depth_intake)
 MAX_MISSES = 3  # instants in a row without an image, after which a camera is not waited for (without a deadline)
-BACK_NS = 1_000_000_000  # stamps so far before the last instant are of another time (without a deadline)
+BACK_NS = 1_000_000_000  # stamps so far before the last instant, or before now, are of another time, as of a recording
 SILENCE_NS = 500_000_000  # without any instant, until what is refused of one camera is the answer
 
 # Odometry and transforms (camera/test_odometry_input, test_tf, localizer/test_map_transform)
@@ -26,7 +26,6 @@ PARENT_HOLD_NS = 1_000_000_000  # by which the stamps of a frame's parent must h
 SAME_POSE = 1e-3  # m and rad: a frame that stands still and is told again may be off by so much
 AHEAD_NS = 100_000_000  # map -> odom is stamped so far ahead that look-ups need not wait for the next one
 TRANSFORM_PERIOD_S = 0.05  # between two of them while no image comes
-MAX_LATENCY_NS = 1_000_000_000  # of an image; more means that its stamp is of another time, as of a recording
 ODOMETRY_PATIENCE_NS = 500_000_000  # for odometry on /tf to come up to the stamp of an image
 
 # A localiser's node (localizer/test_node, localizer/test_peer_localizer)

@@ -41,15 +41,6 @@ def region_radius(sphere: Sphere) -> float:
     return float(np.median([reach.middle for reach in reaches])) if reaches else 0.0
 
 
-def region_radii(sphere: Sphere) -> Array:
-    """Return how far the region reaches in m towards `NUM_DIRECTIONS` azimuths, the first ahead; empty: no range."""
-    reaches = _start(sphere)
-    for reach in reaches:
-        while not reach.is_found:
-            reach.narrow()
-    return np.array([reach.middle for reach in reaches])
-
-
 def usable_share(surface: Surface, shift_m: Array) -> float:
     """Return the share (0..1, by solid angle) of a horizontal band that is usable from a place (3,) beside it."""
     nearness, source = draw_surfaces(surface, SE3.from_parts(np.eye(3), -shift_m), WINDOW)

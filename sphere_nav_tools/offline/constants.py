@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 # Recordings (test_topics, cli/test_localize, cli/test_import)
+EPOCHS_S = 1e8  # stamps, and names of files, before it, in 1973, are of no calendar (cli/maps/test_map)
 SLACK_S = (0.005, 0.02)  # least and largest difference of the stamps of one instant: what a moving camera can bear
 NUM_PAIRED = 40  # messages of each of two cameras, within which two of one instant are looked for
 SILENT_PERIODS = 4.0  # of a camera, that are a silence; recordings drop images

@@ -17,7 +17,7 @@ from sphere_nav_msgs.srv import CloseEdge, PlanRoute
 from path_follower.path import Pose2
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import TaughtDrive, build_network, even_curve
+from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import write_network
 from path_follower.vehicle import Motion, drive
@@ -28,6 +28,7 @@ from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import se3_to_pose_stamped, se3_to_pose_with_covariance, status_to_message
 from sphere_nav.ros.executor import GuardedExecutor
 from sphere_nav.ros.live import LiveShell
+from worlds.curves import even_curve
 from worlds.patience import Patience
 
 SECOND, STEP = 1_000_000_000, 100_000_000

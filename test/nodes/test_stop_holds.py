@@ -17,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 from path_follower.path import Pose2
 from path_follower.ros.navigator_node import RouteNavigator
 from path_follower.ros.node import PathFollowerNode
-from path_follower.routes.building import TaughtDrive, build_network, even_curve
+from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import write_network
 from path_follower.vehicle import Motion, drive
@@ -26,6 +26,7 @@ from sphere_nav.localization.status import State, Status
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 from sphere_nav.ros.conversions.stamps import header
+from worlds.curves import even_curve
 
 SECOND, STEP = 1_000_000_000, 100_000_000
 COVARIANCE = 1e-4 * np.eye(6)

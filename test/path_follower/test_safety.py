@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from path_follower.constants import MAX_SCAN_SILENCE
+from path_follower.constants import SENSOR_SILENCE
 from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Location, Pose2
 from path_follower.reasons import FINE, REMEDIES, StopReason, describe
@@ -66,7 +66,7 @@ def test_a_pose_that_is_no_number_stops_and_is_not_kept():
 
 def test_a_scan_that_was_there_and_has_gone_stops():
     watch = good_watch()
-    watch.see_scan(np.empty((0, 2)), 10 * SECOND - round(1.1e9 * MAX_SCAN_SILENCE))
+    watch.see_scan(np.empty((0, 2)), 10 * SECOND - round(1.1e9 * SENSOR_SILENCE))
     assert watch.judge_inputs(10 * SECOND).reason is StopReason.SCAN_TIMEOUT
 
 
@@ -155,10 +155,10 @@ def test_a_scan_that_cannot_be_used_is_none_at_once_where_there_never_was_one_an
         assert (verdict.reason, verdict.detail) == (StopReason.SCAN_TIMEOUT, "no scan yet (refused: no transform)")
         watch.see_scan(np.empty((0, 2)), 10 * SECOND)
         assert watch.judge_inputs(10 * SECOND) is FINE
-        watch.see_scan(np.empty((0, 2)), 10 * SECOND - round(0.9e9 * MAX_SCAN_SILENCE))
+        watch.see_scan(np.empty((0, 2)), 10 * SECOND - round(0.9e9 * SENSOR_SILENCE))
         watch.refuse_scan("blind")
         assert watch.judge_inputs(10 * SECOND) is FINE
-        watch.scan_ns -= round(0.2e9 * MAX_SCAN_SILENCE)
+        watch.scan_ns -= round(0.2e9 * SENSOR_SILENCE)
         assert "0.44 s, limit 0.4 (refused: blind)" in watch.judge_inputs(10 * SECOND).detail
 
 

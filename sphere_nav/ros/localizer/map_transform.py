@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.camera.odometry_input import OdometryInput
-from sphere_nav.ros.constants import AHEAD_NS, LOG_PERIOD_S, MAX_LATENCY_NS, ODOMETRY_PATIENCE_NS, TRANSFORM_PERIOD_S
+from sphere_nav.ros.constants import AHEAD_NS, BACK_NS, LOG_PERIOD_S, ODOMETRY_PATIENCE_NS, TRANSFORM_PERIOD_S
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 from sphere_nav.ros.tf import TransformBroadcaster
 
@@ -37,7 +37,7 @@ class MapTransform:
     def update(self, T_map_base: SE3, stamp_ns: int) -> None:
         """Send the transform of a new pose."""
         now = self._endpoints.now_ns()
-        is_of_this_time = 0 <= now - stamp_ns < MAX_LATENCY_NS
+        is_of_this_time = 0 <= now - stamp_ns < BACK_NS
         self._lead_ns = AHEAD_NS if is_of_this_time else stamp_ns + AHEAD_NS - now
         if not self._odometry.frame:
             T_root_base, root = self._odometry.T_root_base

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.experiences import find_places, split_by_experience
 from sphere_nav.spheres.graph import Experience, SphereGraph
+from sphere_nav_tools.offline.constants import EPOCHS_S
 
-EPOCHS_S = 1e8  # stamps before it, in 1973, are of no calendar
 HELP = """\
 Tell what is in a map: key spheres, edges, size, extent, and with which parameters it was made.
 

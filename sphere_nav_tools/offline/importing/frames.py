@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry.trajectory import associate
-from sphere_nav_tools.offline.constants import DEFAULT_HZ
+from sphere_nav_tools.offline.constants import DEFAULT_HZ, EPOCHS_S
 from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, read_image
 
 IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
@@ -60,7 +60,6 @@ def describe_folder(folder: Path) -> str:
 
 
 UNITS = ((18, 1), (15, 1_000), (12, 1_000_000))  # digits of a stamp since 1970, and ns in its unit
-EARLIEST_S = 1e8  # a name that is a number with a point, at least this, is a stamp in s
 
 
 class Folder:
@@ -149,7 +148,7 @@ def stamp_of(stem: str) -> int | None:
     """Return the stamp in ns that the name of a file is; None if it is none."""
     if re.fullmatch(r"\d{9,10}\.\d+", stem):
         whole, part = stem.split(".")
-        return int(whole) * 1_000_000_000 + int(f"{part:0<9}"[:9]) if float(stem) >= EARLIEST_S else None
+        return int(whole) * 1_000_000_000 + int(f"{part:0<9}"[:9]) if float(stem) >= EPOCHS_S else None
     if stem.isdigit():
         for digits, unit in UNITS:
             if len(stem) >= digits and int(stem) > 0:

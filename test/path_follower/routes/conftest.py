@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from path_follower.path import Pose2
-from path_follower.routes.building import TaughtDrive, build_network, even_curve
+from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.vehicle import Motion
 from path_follower.vehicle import drive as drive_circle
+from worlds.curves import even_curve
 
 FORK = [(15, 0), (4, 1 / 8), (8, -1 / 8), (4, 1 / 8), (45, 0)]
 RING = [(30, 0), (6 * np.pi / 2, 1 / 6), (20, 0), (6 * np.pi / 2, 1 / 6)]

@@ -8,8 +8,9 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from path_follower.path import wrap
-from path_follower.routes.building import TaughtDrive, build_network, even_curve
+from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.network import EdgeCurve
+from worlds.curves import even_curve
 
 # Written out: imported, a change would go unseen.
 BLEND, LANE, MIN_SHARED, SAME_HEADING = 8.0, 0.6, 5.0, math.radians(15.0)

@@ -7,7 +7,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.sphere import Sphere
-from sphere_nav.view_synthesis.region import region_radii, region_radius, usable_share
+from sphere_nav.view_synthesis.region import region_radius, usable_share
 from sphere_nav.view_synthesis.surface import surface_of
 from worlds.room import Room
 
@@ -30,13 +30,6 @@ def test_at_the_sphere_all_is_usable_and_never_more_away_from_it(sphere):
 def test_twice_the_room_has_twice_the_region(sphere):
     larger = Room(half=(8.0, 6.0, 3.0)).sphere(SE3.identity(), CAMERA)
     assert region_radius(larger) == pytest.approx(2 * region_radius(sphere), rel=0.05)
-
-
-def test_a_long_room_reaches_farther_along_than_across():
-    radii = region_radii(Room(half=(20.0, 2.0, 1.5)).sphere(SE3.identity(), CAMERA))
-    ahead, aside = radii[0], 0.5 * (radii[1] + radii[2])  # 0, 60 and 120 degrees
-    assert ahead > 1.2 * aside
-    assert ahead == pytest.approx(radii[3], rel=0.15)  # as far behind as ahead
 
 
 def test_without_range_there_is_no_region(sphere):
@@ -76,21 +69,11 @@ def test_the_radius_is_where_a_fifth_is_left():
         return share_in_a_ball(np.array([radius, 0.0, 0.0])) / share_in_a_ball(np.zeros(3))
 
     assert kept(0.99) > 0.2  # a ball has no end inside it
-    corridor = region_radii(Room(half=(30.0, 2.0, 1.5)).sphere(SE3.identity(), CAMERA))
-    surface = surface_of(Room(half=(30.0, 2.0, 1.5)).sphere(SE3.identity(), CAMERA))
-    whole = usable_share(surface, np.zeros(3))
-    for angle, radius in zip(np.arange(6) * np.pi / 3, corridor, strict=True):
-        direction = np.array([np.cos(angle), np.sin(angle), 0.0])
-        assert (
-            usable_share(surface, 0.8 * radius * direction)
-            > 0.2 * whole
-            > usable_share(surface, 1.3 * radius * direction)
-        )
-
-
-def test_azimuths_turn_to_the_left():
-    """A wall near on the right, one far on the left."""
-    beside = Room(half=(8.0, 4.0, 1.5)).sphere(SE3.from_planar(0.0, -3.0, 0.0), CAMERA)
-    radii = region_radii(beside)
-    assert len(radii) == 6
-    assert np.mean(radii[1:3]) > 1.5 * np.mean(radii[4:6])  # 60 and 120 degrees against 240 and 300
+    corridor = Room(half=(30.0, 2.0, 1.5)).sphere(SE3.identity(), CAMERA)
+    surface, radius = surface_of(corridor), region_radius(corridor)
+    whole, angles = usable_share(surface, np.zeros(3)), np.arange(6) * np.pi / 3
+    ways = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
+    is_kept = {
+        factor: [usable_share(surface, factor * radius * way) > 0.2 * whole for way in ways] for factor in (0.8, 1.3)
+    }
+    assert sum(is_kept[0.8]) >= 4 > 2 >= sum(is_kept[1.3])  # a median: along the corridor it reaches farther

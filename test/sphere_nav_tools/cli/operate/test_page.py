@@ -24,7 +24,7 @@ from sphere_nav_msgs.srv import LoadTrajectory
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
-from path_follower.routes.building import TaughtDrive, build_network, even_curve
+from path_follower.routes.building import TaughtDrive, build_network
 from path_follower.routes.network import Spot
 from path_follower.routes.network_file import to_geojson
 from sphere_nav.geometry import SE3
@@ -36,6 +36,7 @@ from sphere_nav_tools.cli.operate.page import NAMES, OperatorPage
 from sphere_nav_tools.cli.operate.teaching import Teaching
 from sphere_nav_tools.cli.operate.words import Place
 from worlds import patience
+from worlds.curves import even_curve
 from worlds.localizer import make_map
 from worlds.page_client import WAIT_S, PageClient
 from worlds.room import Room
