@@ -154,8 +154,9 @@ def to_base(estimate: Estimate, T_base_level: SE3, tilt: Array) -> BaseEstimate:
     pose = estimate.T_map_level
     if pose is None or estimate.covariance is None:
         return BaseEstimate(estimate.status)
-    Ad, T_map_level = T_base_level.adjoint(), SE3.from_parts(pose.rotation @ tilt, pose.translation)
-    return BaseEstimate(estimate.status, T_map_level @ T_base_level.inverse(), Ad @ estimate.covariance @ Ad.T)
+    T_base_upright = T_base_level @ SE3.from_parts(tilt.T, np.zeros(3))
+    Ad = T_base_upright.adjoint()
+    return BaseEstimate(estimate.status, pose @ T_base_upright.inverse(), Ad @ estimate.covariance @ Ad.T)
 
 
 def main() -> int:

@@ -42,9 +42,11 @@ def test_the_base_hangs_below_the_levelled_camera_and_is_unsure_as_that_is(rng):
     )
     root = np.diag([0.02, 0.01, 0.005, 0.001, 0.002, 0.02])
     root[5, 1] = 0.01
-    found = to_base(Estimate(status, T_map_level, root @ root.T), T_base_level, np.eye(3))
-    drawn = T_base_level @ SE3.exp(rng.normal(size=(5_000, 6)) @ root.T) @ T_base_level.inverse()
-    expected = np.cov(drawn.log().T)
+    steep = so3.exp([0.0, 0.6, 0.0]) @ so3.exp([-0.4, 0.0, 0.0])
+    found = to_base(Estimate(status, T_map_level, root @ root.T), T_base_level, steep)
+    T_level_base = SE3.from_parts(steep, np.zeros(3)) @ T_base_level.inverse()
+    drawn = T_map_level @ SE3.exp(rng.normal(size=(5_000, 6)) @ root.T) @ T_level_base
+    expected = np.cov((found.T_map_base.inverse() @ drawn).log().T)
     sigma = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(found.covariance / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=0.1)
     assert to_base(Estimate(status), T_base_level, LEVEL).T_map_base is None
