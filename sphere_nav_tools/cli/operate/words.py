@@ -73,7 +73,8 @@ class Heard:
 def by_buttons(text: str, state: str = "") -> str:
     """Return what a node says to do in the words of what is on the page; in a state of the follower."""
     text = RELOCALIZE.sub("drag the vehicle on the map to where it is", text)
-    return CALL.sub(lambda found: f"press {'resume' if state == 'PAUSED' else found[1]}", text)
+    instead = {"PAUSED": "press resume", "NO_PATH": "load a path or choose a place"}  # where there is no start
+    return CALL.sub(lambda found: instead.get(state, f"press {found[1]}"), text)
 
 
 def places_of(text: str) -> list[Place]:

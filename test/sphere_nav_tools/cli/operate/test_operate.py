@@ -72,6 +72,7 @@ def test_the_page_speaks_of_its_buttons():
     status = {"value": 0.0, "limit": 0.0, "progress": 0.0, "distance_to_end": 0.0}
     for state, remedy, told in (
         ("PAUSED", "call start", "&rarr; press resume"),
+        ("NO_PATH", "release the emergency stop, then call start", "then load a path or choose a place"),
         ("STOPPED", "wait for TRACKING or call relocalize of the localiser, then call start", "is, then press start"),
     ):
         seen.hear("follower", SimpleNamespace(state=state, reason="OPERATOR", remedy=remedy, **status))
