@@ -12,7 +12,6 @@ PERIOD_S, PICTURE_S = 0.2, 0.5  # between two looks at what was heard; between t
 ALIVE_S, ASK_S = 0.4, 0.2  # within which a browser has to answer where the dead-man switch is on; between two questions
 HELD_S, STRIDE_S, HOLD_HZ = 0.25, 0.05, 20.0  # since a held button was told of, until zero; how often it is sent, told
 NO_IMAGE_S, RATE_S = 3.0, 2.0  # without an image while a drive is recorded; over which their rate is told
-GLIDE_S = 0.05  # between two steps of a view that follows
 SILENT_S, MISSION_S = 1.5, 3.0  # s after which what a node said holds no more; of a navigator, which says it less often
 
 # Who is let in to a page (test_gate)

@@ -14,7 +14,7 @@ from sphere_nav_tools.cli.operate.ground import Ground
 from sphere_nav_tools.cli.operate.words import Heard, Place, ellipse, pieces, scale_bar, way_driven
 
 COLORS = {
-    "car": (200, 30, 30),
+    "car": (30, 110, 230),  # as the way ahead; red is left to what is wrong
     "old": (140, 140, 140),
     "path": (120, 140, 170),
     "ahead": (30, 110, 230),
@@ -25,25 +25,30 @@ COLORS = {
 }
 BODY_M = (1.9, 1.2, 0.6)  # of the box that stands for the vehicle, as the Cycab
 BEGIN = (0.0, -0.5, 25.0)  # of the view at first, m: from above, y up
-CALM, GLIDE = 0.12, 0.08  # share of the height that the vehicle may leave the middle; of the way back in a step
+SHOWN = {"path": "path", "ahead": "vehicle, way ahead", "trail": "driven", "place": "place", "mark": "clicked"}
+LEGEND = " ".join(f'<span><b style="color:rgb{COLORS[name]}">&#9644;</b>{text}</span>' for name, text in SHOWN.items())
+# Between two lines: how far they reach. A plane with a shader (`add_grid`) takes a browser without a graphics card a
+# second a picture, in which no held button is told of.
+GRID_M = {1.0: 40.0, 10.0: 300.0}
+CALM, GLIDE = 0.12, 0.3  # share of the height that the vehicle may leave the middle; of the way back in a step
 
 
 class Chart:
     """What one browser's map shows."""
 
     def __init__(self, client: Any) -> None:
-        self.client, self.follows = client, True
+        self.client = client
         self._drawn: dict[str, int] = {}
         self._places: Sequence[Place] = ()
-        self._goal: NDArray[np.float64] | None = None  # where the view glides to
         with client.atomic():  # a browser that comes while the vehicle drives tells of another view than the first
             client.camera.position, client.camera.look_at = BEGIN, (0.0, 0.0, 0.0)
-        grid: dict[str, Any] = {"cell_color": (150, 150, 150), "section_color": (120, 120, 120)}  # also on black
-        grid |= {"cell_size": 1.0, "section_size": 10.0, "fade_distance": 120.0}
-        client.scene.add_grid("/grid", infinite_grid=True, **grid)
+        client.scene.configure_default_lights(cast_shadow=False)
+        self._grid = client.scene.add_frame("/grid", show_axes=False)
+        for step, reach in GRID_M.items():
+            self._lines(f"grid/{step:.0f}", raster(step, reach), (150, 150, 150), 0.1 * step + 1.0)
 
-    def show(self, seen: Heard, ground: Ground | None) -> None:
-        """Draw what is new."""
+    def show(self, seen: Heard, ground: Ground | None, is_followed: bool) -> None:
+        """Draw what is new, and let the view follow the vehicle, where that is wished."""
         if ground is not None and self._is_new("ground", id(ground)):
             place, turn = (*ground.middle, -0.01), (0.0, 1.0, 0.0, 0.0)  # a picture's y points down
             self.client.scene.add_image(
@@ -55,8 +60,11 @@ class Chart:
         self.draw("driven", driven, COLORS["trail"], 0.2)  # well above: from far away depths of a browser are coarse
         self._show_spheres(seen.told("spheres")[0])
         self._show_places(seen.told("places")[0] or ())
-        self._show_car(*seen.told("pose"))
-        self._goal = driven[-1] if driven else None
+        self._show_car(*seen.told("wheels" if seen.told("pose")[0] is None else "pose"))
+        if driven:
+            self._grid.position = (*(10.0 * np.round(driven[-1] / 10.0)), 0.0)
+            if is_followed:
+                self._glide_to(driven[-1])
 
     def draw(self, name: str, points: Any, color: tuple[int, ...], height: float, width: float = 3.0) -> None:
         """Draw a line, where it is another one than the last time."""
@@ -83,28 +91,32 @@ class Chart:
         self.draw(name, cross if len(points) == 1 else arrow, COLORS["mark"], 0.7, 4.0)
 
     def scale(self) -> str:
-        """Return the scale of what is seen, and where y of the map points, as HTML."""
+        """Return the scale of what is seen, where y of the map points, and a legend, as HTML."""
         camera = self.client.camera
         height = max(float(np.linalg.norm(np.subtract(camera.position, camera.look_at))), 0.1)
-        w, x, y, z = camera.wxyz
-        up = -SE3.from_quaternion([x, y, z, w], (0.0, 0.0, 0.0)).rotation[:2, 1]
+        up = -self._axes()[:2, 1]
         turn = float(np.degrees(np.arctan2(up[0], up[1])))
         pixels = max(float(camera.image_height), 1.0)
-        return scale_bar(2.0 * height * float(np.tan(0.5 * camera.fov)) / pixels, -turn)
+        return scale_bar(2.0 * height * float(np.tan(0.5 * camera.fov)) / pixels, -turn, LEGEND)
 
-    def glide(self) -> None:
+    def _glide_to(self, goal: NDArray[np.float64]) -> None:
         """Move the view a little towards the vehicle where that leaves its middle; how it is turned, the mouse says."""
-        if not self.follows or self._goal is None:
-            return
         camera = self.client.camera
-        position, look_at = np.array(camera.position), np.array(camera.look_at)
-        way = np.array([*(self._goal - look_at[:2]), 0.0])
-        distance, calm = float(np.hypot(*way[:2])), CALM * float(np.linalg.norm(position - look_at))
-        if distance <= calm:
+        position = np.array(camera.position)
+        middle = ground_point(position, self._axes()[:, 2])  # `look_at` may be of another moment than the position
+        if middle is None:
             return
-        step = GLIDE * way * (distance - calm) / distance
-        with self.client.atomic():
-            camera.position, camera.look_at = position + step, look_at + step
+        way, calm = goal - middle, CALM * position[2]
+        distance = float(np.hypot(*way))
+        if distance > calm:
+            step = GLIDE * way * (distance - calm) / distance
+            with self.client.atomic():
+                camera.position, camera.look_at = (*(position[:2] + step), position[2]), (*(middle + step), 0.0)
+
+    def _axes(self) -> NDArray[np.float64]:
+        """Return how the view is turned: its x to the right, y down, z ahead (3, 3)."""
+        w, x, y, z = self.client.camera.wxyz
+        return SE3.from_quaternion([x, y, z, w], (0.0, 0.0, 0.0)).rotation
 
     def _show_spheres(self, points: Any) -> None:
         if points is None or not len(points) or not self._is_new("spheres", len(points)):
@@ -144,6 +156,13 @@ class Chart:
         """Whether what is to be drawn is another one than the last time."""
         is_new, self._drawn[name] = self._drawn.get(name) != mark, mark
         return is_new
+
+
+def raster(step: float, reach: float) -> NDArray[np.float32]:
+    """Return the lines (N, 2, 3) of a square of squares."""
+    at = np.arange(-reach, reach + step, step)
+    ends = np.stack([np.stack([at, np.full_like(at, side), np.zeros_like(at)], axis=1) for side in (-reach, reach)], 1)
+    return np.concatenate([ends, ends[..., [1, 0, 2]]]).astype(np.float32)
 
 
 def way_ahead(path: Any, status: Any) -> Any:

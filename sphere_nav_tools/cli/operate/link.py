@@ -47,7 +47,7 @@ from sphere_nav_tools.cli.constants import (
     STRIDE_S,
     WITHDRAW_S,
 )
-from sphere_nav_tools.cli.operate.words import Heard, Place, places_of
+from sphere_nav_tools.cli.operate.words import Heard, Place, by_buttons, places_of
 
 AT_REST = ("NO_PATH", "IDLE", "STOPPED", "FINISHED")
 EXPECTED = {  # states that confirm a command
@@ -162,8 +162,9 @@ class Link:
         self._grow("trail", T.translation[:2])
 
     def _on_odometry(self, message: Odometry) -> None:
-        place = message.pose.pose.position
-        self._grow("odometry", np.array([place.x, place.y]))
+        T = conversions.pose_to_se3(message.pose.pose)
+        self.seen.hear("wheels", (float(T.translation[0]), float(T.translation[1]), float(T.yaw), np.zeros((2, 2))))
+        self._grow("odometry", T.translation[:2])
 
     def _grow(self, name: str, point: Any) -> None:
         trail, _ = self.seen.told(name)
@@ -187,11 +188,13 @@ class Link:
     # --- what is asked; every answer is one line that a person understands
     def command(self, name: str) -> str:
         """Ask to start, stop, pause or resume, and wait until a status shows that it was done."""
-        if name == "stop":
-            return f"stop: {self._stop()}"
+        self.seen.refused = ""
         is_mission = name in ("pause", "resume") and self._mission_state() != "IDLE"
         node = "route_navigator" if is_mission else "path_follower"
-        return f"{name}: {self._ask(f'{node}/{name}', EXPECTED[name])}"
+        told = self._stop() if name == "stop" else self._ask(f"{node}/{name}", EXPECTED[name])
+        if not told.startswith(EXPECTED[name]):
+            self.seen.refused = by_buttons(f"{name}: {told}")
+        return f"{name}: {told}"
 
     def _stop(self) -> str:
         """Stop the follower and end every mission, whoever began it; it is done only where both are confirmed."""

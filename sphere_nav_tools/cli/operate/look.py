@@ -6,7 +6,7 @@ STYLE = """
 #sn-stop {position:fixed; z-index:10000; left:12px; bottom:12px; width:300px; height:76px; font:700 23px sans-serif;
   border-radius:10px; background:#c92a2a; color:white; border:3px solid white; cursor:pointer;
   touch-action:manipulation}
-.mantine-Notifications-root {inset:auto auto 150px 12px !important}
+.mantine-Notifications-root {inset:auto auto 168px 12px !important}
 .sn-state {position:fixed; z-index:900; left:12px; top:12px; width:420px; max-width:calc(100vw - 48px);
   padding:10px 14px; border-radius:10px; background:var(--mantine-color-body);
   box-shadow:0 1px 6px #0006; font:15px sans-serif}
@@ -20,6 +20,9 @@ STYLE = """
   background:var(--mantine-color-body); border-radius:6px}
 .sn-scale i {display:inline-block; height:6px; border:2px solid currentColor; border-top:0; margin-right:6px}
 .sn-scale svg {vertical-align:middle; margin-left:10px}
+.sn-scale span {white-space:nowrap}
+.sn-refused {margin:0 1em 0.6em; padding:6px 10px; border:2px solid #c92a2a; border-radius:6px; font-weight:600}
+.mantine-Paper-root:has(#sn-beat) label {color:var(--mantine-color-text) !important}
 #sn-lost {position:fixed; z-index:10001; left:12px; bottom:100px; width:640px; padding:14px;
   background:#c92a2a; color:white;
   font:700 18px sans-serif; display:none; text-align:center}
@@ -29,7 +32,7 @@ STYLE = """
   .sn-word {font-size:26px}
   .sn-log {max-height:4.2em; overflow-y:auto}
   .sn-past {position:static; width:auto; height:auto; box-shadow:none}
-  .sn-scale {left:8px; bottom:calc(40% + 8px)}
+  .sn-scale {left:8px; bottom:calc(40% + 8px); font-size:11px}
   #sn-lost {left:8px; right:8px; top:76px; bottom:auto; width:auto}
   .mantine-Paper-root:has(#sn-beat) {width:100vw !important; max-height:40% !important}
   .mantine-Notifications-root {inset:230px auto auto 8px !important}

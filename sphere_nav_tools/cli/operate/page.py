@@ -19,7 +19,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, GLIDE_S, HOLD_HZ, MISSION_S, PERIOD_S, PICTURE_S, SILENT_S
+from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, MISSION_S, PERIOD_S, PICTURE_S, SILENT_S
 from sphere_nav_tools.cli.gate import make_server
 from sphere_nav_tools.cli.operate.chart import BEGIN, Chart, ground_point
 from sphere_nav_tools.cli.operate.ground import Ground, ground_of
@@ -37,6 +37,7 @@ THEME: dict[str, Any] = {"show_logo": False, "show_share_button": False, "contro
 NO_PATH, NO_DRIVE, NO_PLACE = "(no path here)", "(no drive here)", "(no places heard)"
 STOPS, MOVES, OTHER = "red", "green", "blue"  # what a button does to the vehicle
 TEACH_FIRST = "teach it: record a drive, make its map, localise in it"  # of a simulated vehicle
+INDENTED = '<div style="padding:0 1em">{}</div>'
 LOOKS, GOES, NAMES, POSES = "only looks", "sets a goal", "chooses a place to name", "dragged: where the vehicle is"
 PACE = {  # by hand: m/s, rad/s
     "ahead": (0.8, 0.0),
@@ -141,7 +142,7 @@ class Desk:
         with tabs.add_tab("health"):
             self._health = client.gui.add_html(health(self.link.seen))
         client.scene.on_click()(self._on_click)
-        for work in (self._live, self._watch, self._glide):
+        for work in (self._live, self._watch):
             threading.Thread(target=work, daemon=True).start()
 
     # --- what stands on it
@@ -178,13 +179,14 @@ class Desk:
         self._name = gui.add_text("name", "")
         self._record = self._button("record", OTHER, lambda: teaching.record(self._name.value))
         self._job = gui.add_html("")
-        self._hands, self._pace = gui.add_markdown(""), []
+        self._hands, self._pace = gui.add_html(""), []
         for name, (speed, turn) in PACE.items():
             button = gui.add_button(name, color=MOVES)
             button.on_hold(lambda _, v=speed, w=turn: self._hold(v, w), callback_hz=HOLD_HZ)
             button.on_click(lambda _: self.link.let_go())
             self._pace.append(button)
-        self._rest = self._button("end localiser and follower", STOPS, self._end_drivers, visible=False)
+        if self.page.simulated:
+            self._rest = self._button("end localiser and follower", STOPS, self.page.simulated.rest, visible=False)
         self._finish = self._button("end of the drive", OTHER, teaching.finish)
         self._recorded = gui.add_dropdown("drive", teaching.drives or [NO_DRIVE])
         self._map = self._button("make its map", OTHER, lambda: teaching.map(self._recorded.value))
@@ -217,9 +219,6 @@ class Desk:
         path = self.teaching.path_of(self._path.value)
         return self.link.load_path(str(path)) if path else f"path: expected one in {self.teaching.folder}, found none"
 
-    def _end_drivers(self) -> str:
-        return self.page.simulated.rest() if self.page.simulated else "only those of the simulator end from here"
-
     def _hold(self, speed: float, turn: float) -> None:
         refusal = self.link.hold(speed, turn)
         if refusal and refusal not in "".join(self.link.seen.lines):
@@ -250,6 +249,9 @@ class Desk:
         made, taught = self._in_use()
         self.link.seen.hear("places", name_place(made, taught, self._new_place.value, *self._clicked))
         told = "; route_navigator reads it when it starts anew" if self.link.has_navigator else ""
+        if self.page.simulated:
+            self.page.simulated.guide(made)
+            told = ""
         return f"place {self._new_place.value}: kept in {made.name}{told}"
 
     def _in_use(self) -> tuple[Path, Path | None]:
@@ -322,14 +324,6 @@ class Desk:
                 if is_watching:
                     self.link.watch_pictures(False)
 
-    def _glide(self) -> None:
-        """Let the view follow until the browser leaves."""
-        with suppress(RuntimeError):
-            while self.page.has(self.client):
-                self.chart.follows = self._follows.value
-                self.chart.glide()
-                time.sleep(GLIDE_S)
-
     def _watch(self) -> None:
         """Press the emergency stop when the page is lost while its dead-man switch is on: once, until it lives again.
 
@@ -362,25 +356,28 @@ class Desk:
             self.link.watch_pictures(is_recording)
             if teaching.name in teaching.drives:
                 self._recorded.options, self._recorded.value = tuple(teaching.drives), teaching.name
-        set_if_new(self._banner, "content", self.page.state())
-        set_if_new(self._scale, "content", self.chart.scale())
-        set_if_new(self._past, "content", timeline(seen))
-        set_if_new(self._log, "content", log_of(seen))
-        set_if_new(self._health, "content", health(seen))
-        set_if_new(self._job, "content", f'<div style="padding:0 1em">{escape(told)}</div>')
+        self._banner.content = self.page.state()
+        self._scale.content = self.chart.scale()
+        self._past.content = timeline(seen)
+        self._log.content = log_of(seen)
+        self._health.content = health(seen)
+        self._job.content = INDENTED.format(escape("" if teaching.busy else told))
         pressed = self.link.is_pressed
         self._beat.content = f'<i id="sn-beat" data-beat="{time.monotonic():.1f}" data-pressed="{"1" * pressed}"></i>'
-        set_if_new(self._release, "visible", pressed)
+        self._release.visible = pressed
         for name, is_shown in possible(seen, pressed).items():
-            set_if_new(self._buttons[name], "visible", is_shown)
+            self._buttons[name].visible = is_shown
         self._offer()
-        set_if_new(self._path, "options", tuple(teaching.paths or [NO_PATH]))
-        set_if_new(self._recorded, "options", tuple(teaching.drives or [NO_DRIVE]))
-        places = tuple(place.name for place in seen.told("places")[0] or ()) or (NO_PLACE,)
-        set_if_new(self._place, "options", places)
-        set_if_new(self._there, "label", "go there" if self.link.has_navigator else "make the way there")
-        set_if_new(self._there, "color", MOVES if self.link.has_navigator else OTHER)
-        self.chart.show(seen, self.page.ground())
+        for part, choice in (
+            (self._path, teaching.paths or [NO_PATH]),
+            (self._recorded, teaching.drives or [NO_DRIVE]),
+            (self._place, [place.name for place in seen.told("places")[0] or ()] or [NO_PLACE]),
+        ):
+            if part.options != tuple(choice):
+                part.options = choice
+        self._there.label = "go there" if self.link.has_navigator else "make the way there"
+        self._there.color = MOVES if self.link.has_navigator else OTHER
+        self.chart.show(seen, self.page.ground(), self._follows.value)
 
     def _offer(self) -> None:
         """Show the parts that do something now."""
@@ -389,18 +386,18 @@ class Desk:
         takes_path = age < SILENT_S and status.state in AT_REST
         is_busy = bool(teaching.busy)
         hands_off = self.link.hands_off()
-        set_if_new(self._hands, "content", hands_off or "**By hand**, while a button is held:")
+        self._hands.content = INDENTED.format(escape(hands_off or "By hand, while a button is held:"))
         for part, is_shown in (
             *((button, not hands_off) for button in self._pace),
             (self._load, takes_path and bool(teaching.paths)),
             (self._there, takes_path and bool(seen.told("places")[0])),
-            (self._rest, bool(self.page.simulated and self.page.simulated.is_driven)),
+            *([(self._rest, self.page.simulated.is_driven)] if self.page.simulated else []),
             (self._record, not is_busy),
             (self._finish, teaching.is_recording),
             (self._map, not is_busy and bool(teaching.drives)),
             (self._use_map, not is_busy and teaching.map_of(self._recorded.value) is not None),
         ):
-            set_if_new(part, "visible", is_shown)
+            part.visible = is_shown
 
     def _show_pictures(self) -> None:
         for name, shown in self._pictures.items():
@@ -408,12 +405,6 @@ class Desk:
             if gray is not None:
                 scale = min(1.0, 320 / gray.shape[1])
                 shown.image = colored(cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
-
-
-def set_if_new(handle: Any, field: str, value: Any) -> None:
-    """Set what a part of the page shows; what is there already is not sent again."""
-    if getattr(handle, field) != value:
-        setattr(handle, field, value)
 
 
 def possible(seen: Heard, is_pressed: bool) -> dict[str, bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 import time
 from collections import deque
@@ -22,6 +23,8 @@ GOOD, FAIR, BAD, NONE = "#2b8a3e", "#b35c00", "#c92a2a", "#666666"
 # One colour a meaning: green is as wanted, orange is slower or not yet, red stands for a reason, grey is at rest.
 COLORS = {"DRIVING": GOOD, "FINISHED": GOOD, "TRACKING": GOOD, "SLOW": FAIR, "PAUSED": FAIR, "DEGRADED": FAIR}
 COLORS |= {"IDLE": NONE, "NO_PATH": NONE, "PROBATION": FAIR, "SEARCHING": FAIR, "STOPPING": FAIR}
+CALL = re.compile(r"\bcall (start|resume|stop)\b")  # of a node, where a reader of the page has buttons
+RELOCALIZE = re.compile(r"\b(call )?relocalize( of the localiser)?\b")
 IS_IT_RUNNING = "is the node running, in this domain and namespace?"
 PAST_S, GONE_S = 300.0, 30.0  # of the time line; after which who has ended is no longer told of
 
@@ -41,6 +44,7 @@ class Heard:
         self._told: dict[str, tuple[Any, float]] = {}
         self._lock = threading.Lock()
         self.lines: deque[str] = deque(maxlen=MAX_TOLD)
+        self.refused = ""  # the last command, and why, until the next one
         self.past: deque[tuple[float, str, str]] = deque(maxlen=MAX_PAST)  # since when, state and reason
 
     def hear(self, name: str, value: Any) -> None:
@@ -63,7 +67,14 @@ class Heard:
 
     def say(self, line: str) -> None:
         """Add a line to what was done."""
-        self.lines.appendleft(f"{time.strftime('%H:%M:%S')} {line}")
+        self.lines.appendleft(f"{time.strftime('%H:%M:%S')} {by_buttons(line)}")
+
+
+def by_buttons(text: str, state: str = "") -> str:
+    """Return what a node says to do in the words of what is on the page; in a state of the follower."""
+    text = RELOCALIZE.sub("drag the vehicle on the map to where it is", text)
+    instead = {"PAUSED": "press resume", "NO_PATH": "load a path or choose a place"}  # where there is no start
+    return CALL.sub(lambda found: instead.get(state, f"press {found[1]}"), text)
 
 
 def places_of(text: str) -> list[Place]:
@@ -91,11 +102,11 @@ def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
             continue  # no node is needed to teach
         if status is None or age > SILENT_S:
             since = f"silent for {age:.0f} s" if status is not None else "nothing heard"
-            rows.append(_row(title, "UNKNOWN", since, remedy))
+            rows.append(_row(title, "UNKNOWN", since, remedy if not rows else ""))
             continue
         found = f"{status.value:.3g}, limit {status.limit:.3g}" if status.limit else ""
         reason = " ".join(word for word in (status.reason, found) if word)
-        rows.append(_row(title, status.state, reason, status.remedy))
+        rows.append(_row(title, status.state, reason, by_buttons(status.remedy, status.state)))
     rows[0] = rows[0].replace("<b ", '<b class="sn-word" ', 1)
     status, age = seen.told("follower")
     if status is not None and age <= SILENT_S:
@@ -130,25 +141,27 @@ def timeline(seen: Heard) -> str:
             style = f"left:{left:.2f}%;width:{right - left:.2f}%;background:{COLORS.get(state, BAD)}"
             text = text if right - left > 12.0 else ""
             parts.append(f'<div style="{style};color:white;padding:5px 4px" title="{told}">{text}</div>')
-    last = f"{status.reason}: {status.remedy}" if status is not None and status.reason and status.remedy else ""
-    ticks = f"<span>-{PAST_S / 60:.0f} min</span><span>{escape(last[:90])}</span><span>now</span>"
+    ticks = f"<span>-{PAST_S / 60:.0f} min</span><span>now</span>"
     line = f'<div style="display:flex;justify-content:space-between">{ticks}</div>'
     return f'<div class="sn-past"><div class="sn-bar">{"".join(parts)}</div>{line}</div>'
 
 
-def scale_bar(metres_a_pixel: float, turn_deg: float) -> str:
-    """Return a bar of a round length, and an arrow that points to y of the map, as HTML."""
+def scale_bar(metres_a_pixel: float, turn_deg: float, legend: str) -> str:
+    """Return a bar of a round length, an arrow that points to y of the map, and a legend, as HTML."""
     length = 10.0 ** math.floor(math.log10(max(120.0 * metres_a_pixel, 1e-3)))
     length *= next(factor for factor in (5.0, 2.0, 1.0) if factor * length <= 120.0 * metres_a_pixel)
     arrow = f'<svg width="26" height="26" viewBox="-13 -13 26 26"><g transform="rotate({turn_deg:.0f})">'
-    arrow += '<path d="M0-12 L6 8 L0 4 L-6 8Z" fill="#c92a2a"/></g></svg>'
-    return f'<div class="sn-scale"><i style="width:{length / metres_a_pixel:.0f}px"></i>{length:g} m {arrow}y</div>'
+    arrow += '<path d="M0-12 L6 8 L0 4 L-6 8Z" fill="currentColor"/></g></svg>'
+    bar = f'<i style="width:{length / metres_a_pixel:.0f}px"></i>{length:g} m {arrow}y'
+    return f'<div class="sn-scale">{bar}<div>{legend}</div></div>'
 
 
 def log_of(seen: Heard) -> str:
-    """Return what was done as HTML, the newest first."""
-    lines = "".join(f"<div>{escape(line)}</div>" for line in list(seen.lines))
-    return f'<div class="sn-log" style="padding:0 1em 0.8em;font-size:0.8em">{lines}</div>'
+    """Return what was done as HTML, the newest first; before it, the command that was refused."""
+    refused = f'<div class="sn-refused">NOT DONE: {escape(seen.refused)}</div>' if seen.refused else ""
+    told = [line for line in list(seen.lines) if not (refused and line.endswith(seen.refused))]
+    lines = "".join(f"<div>{escape(line)}</div>" for line in told)
+    return f'{refused}<div class="sn-log" style="padding:0 1em 0.8em;font-size:0.8em">{lines}</div>'
 
 
 def health(seen: Heard) -> str:

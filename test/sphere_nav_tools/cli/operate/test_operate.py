@@ -67,6 +67,21 @@ def test_state_reason_and_remedy_are_told():
     assert "mission: DRIVING on a-b, 41 m, 30 s to gate" in banner(seen)
 
 
+def test_the_page_speaks_of_its_buttons():
+    seen = Heard()
+    status = {"value": 0.0, "limit": 0.0, "progress": 0.0, "distance_to_end": 0.0}
+    for state, remedy, told in (
+        ("PAUSED", "call start", "&rarr; press resume"),
+        ("NO_PATH", "release the emergency stop, then call start", "then load a path or choose a place"),
+        ("STOPPED", "wait for TRACKING or call relocalize of the localiser, then call start", "is, then press start"),
+    ):
+        seen.hear("follower", SimpleNamespace(state=state, reason="OPERATOR", remedy=remedy, **status))
+        assert told in banner(seen)
+        assert "call" not in banner(seen).replace("localiser", "")
+    seen.say("load: call stop first")
+    assert "load: press stop first" in seen.lines[0]
+
+
 @pytest.mark.parametrize(("later", "is_told"), [(1.4, True), (1.6, False)])
 def test_an_old_state_is_shown_as_unknown_after_a_second_and_a_half(monkeypatch, later, is_told):
     seen = Heard()
@@ -254,16 +269,16 @@ class Scene:
         self.added = []
 
     def __getattr__(self, kind):
-        def add(name, *words, **values):
+        def add(name="", *words, **values):
             self.added.append((kind.removeprefix("add_"), name, values))
-            return SimpleNamespace(position=None, wxyz=None, on_click=lambda act: self.added.append(("click", act, {})))
+            return SimpleNamespace(position=None, wxyz=None)
 
         return add
 
 
 @pytest.fixture
 def chart():
-    camera = SimpleNamespace(position=(0.0, 0.0, 0.0), look_at=(0.0, 0.0, 0.0))
+    camera = SimpleNamespace(position=(0.0, 0.0, 0.0), look_at=(0.0, 0.0, 0.0), wxyz=(0.0, 1.0, 0.0, 0.0))
     return Chart(SimpleNamespace(scene=Scene(), camera=camera, atomic=nullcontext))
 
 
@@ -304,3 +319,17 @@ def test_the_way_ahead_begins_where_the_vehicle_is():
 def test_a_click_is_where_its_ray_meets_the_ground():
     assert ground_point((1.0, 2.0, 10.0), (0.3, 0.0, -1.0)).tolist() == pytest.approx([4.0, 2.0])
     assert ground_point((1.0, 2.0, 10.0), (0.3, 0.0, 0.1)) is None
+
+
+def test_a_view_that_follows_is_never_turned(chart):
+    camera = chart.client.camera
+    camera.position, camera.look_at = (1.0, 2.0, 20.0), (1.4, 2.3, 0.0)  # a browser tells of two moments
+    seen = Heard()
+    seen.hear("trail", [np.array([1.0, 2.0]), np.array([11.0, 2.0])])
+    seen.hear("pose", (11.0, 2.0, 0.0, np.zeros((2, 2))))
+    chart.show(seen, None, False)
+    assert camera.position == (1.0, 2.0, 20.0)
+    for _ in range(50):
+        chart.show(seen, None, True)
+        np.testing.assert_allclose(np.subtract(camera.look_at, camera.position), (0.0, 0.0, -20.0), atol=1e-9)
+    np.testing.assert_allclose(camera.position, (11.0 - 0.12 * 20.0, 2.0, 20.0), atol=0.01)  # not to the very middle

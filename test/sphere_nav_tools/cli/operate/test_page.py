@@ -161,7 +161,7 @@ def test_commands_are_confirmed_by_the_node(follower, enter):
     assert "&lt;b&gt;see&lt;/b&gt; the log" in page.text()  # what a node says is text
     follower.refusal = "OFF_PATH: 3 m, limit 1"
     page.click("start")
-    page.wait_for("start: OFF_PATH: 3 m, limit 1")
+    page.wait_for("NOT DONE: start: OFF_PATH: 3 m, limit 1")  # at the buttons, until the next one is pressed
     page.click("make the way there")
     page.wait_for("expected one of route_navigator, found none")
 
@@ -448,3 +448,11 @@ def test_from_teaching_to_why_it_stands_by_clicks_alone(yard, follower, enter, p
     page.click("release the emergency stop")
     page.wait_for("released; start drives again")
     page.set("a click on the map", "only looks")
+    navigator = FakeNavigator(follower)
+    page.click("go there")
+    page.wait_for("gate: on the way")
+    assert navigator.asked == ["gate"]
+    wait_until(lambda: page.parts[page.find("stop")]["visible"])
+    page.click("stop")
+    page.wait_for("gate: canceled, 12 m")
+    navigator.close()
