@@ -114,13 +114,13 @@ class StoppedBase(Base):
         scan.ranges = ranges.tolist()
         self.scans.publish(scan)
 
-    def answer(self, future: Any) -> Any:
+    def answer_to(self, future: Any) -> Any:
         """Return what was answered."""
         if not self.live(PATIENCE, future.done):
             raise RuntimeError("expected an answer, found none")
         return future.result()
 
-    def ask(self, stop: str) -> bool:
+    def stop_by(self, stop: str) -> bool:
         """Stop in one of the ways; return whether it was answered with success."""
         if stop == "press":
             self.is_pressed = True
@@ -134,7 +134,7 @@ class StoppedBase(Base):
             self.live(PATIENCE, lambda: bool(answers))
             asking.join()
             return "NOT CONFIRMED" not in answers[0] and "NOT KNOWN" not in answers[0]
-        return bool(self.answer(self.calls[stop].call_async(Trigger.Request())).success)
+        return bool(self.answer_to(self.calls[stop].call_async(Trigger.Request())).success)
 
     def begin(self, way: str) -> None:
         """Ask for motion, again and again, until it was accepted."""
@@ -144,11 +144,11 @@ class StoppedBase(Base):
         while time.monotonic() < end:
             self.live(0.3)
             if way == "mission":
-                self.goal = self.answer(self.goals.send_goal_async(Navigate.Goal(place="end")))
+                self.goal = self.answer_to(self.goals.send_goal_async(Navigate.Goal(place="end")))
                 accepted = self.goal.accepted
             else:
-                self.answer(self.load.call_async(LoadTrajectory.Request(path=self.file)))
-                started = self.answer(self.start.call_async(Trigger.Request()))
+                self.answer_to(self.load.call_async(LoadTrajectory.Request(path=self.file)))
+                started = self.answer_to(self.start.call_async(Trigger.Request()))
                 accepted, self.reason = started.success, started.message
             if accepted:
                 return
@@ -164,8 +164,8 @@ def trial(vehicle: StoppedBase, way: str, draw: random.Random) -> tuple[str, flo
     vehicle.state = "LOST" if cause == "lost" else "TRACKING"
     if cause != "none":
         vehicle.live(draw.uniform(0.0, 3.0))
-    if not vehicle.ask(stop):  # a pause of what stands for good: nothing to hold
-        vehicle.ask("stop")
+    if not vehicle.stop_by(stop):  # a pause of what stands for good: nothing to hold
+        vehicle.stop_by("stop")
     answered = time.monotonic()
     vehicle.live(draw.uniform(0.0, 0.5 * WATCH))
     vehicle.is_silent, vehicle.has_obstacle, vehicle.state = False, False, "TRACKING"
@@ -174,7 +174,7 @@ def trial(vehicle: StoppedBase, way: str, draw: random.Random) -> tuple[str, flo
     gained = max([max(b - a, 0.0) for a, b in pairwise(speeds)], default=0.0)
     late = [speed for at, speed in vehicle.commands if at - answered > RAMP]
     if way == "mission":  # leave no mission behind, and no pause
-        vehicle.answer(vehicle.goal.cancel_goal_async())
-    vehicle.answer(vehicle.calls["stop"].call_async(Trigger.Request()))
+        vehicle.answer_to(vehicle.goal.cancel_goal_async())
+    vehicle.answer_to(vehicle.calls["stop"].call_async(Trigger.Request()))
     vehicle.live(1.0)
     return way, max([gained, *late])

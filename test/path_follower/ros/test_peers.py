@@ -8,7 +8,7 @@ from path_follower.reasons import FINE, StopReason, describe
 from path_follower.ros.peers import Peers
 
 # Written out: imported, a change would go unseen.
-GUARD_GRACE_NS, GUARD_SILENCE_NS, HEARD_BEFORE_NS = 500_000_000, 500_000_000, 300_000_000
+GUARD_SILENCE_NS, HEARD_BEFORE_NS = 500_000_000, 300_000_000
 
 MS = 1_000_000
 
@@ -133,7 +133,7 @@ def test_a_guard_that_waits_for_zero_does_not_refuse_a_start(bench):
     for reason in ["NO_COMMAND", "WAITS_FOR_ZERO"]:
         guard_says(bench, reason)
         assert bench.peers.begin() is FINE
-        bench.now += GUARD_GRACE_NS + MS
+        bench.now += GUARD_SILENCE_NS + MS
         guard_says(bench, reason, "found")
         verdict = bench.peers.judge()
         assert verdict.reason is StopReason.COMMAND_GUARD
