@@ -140,6 +140,7 @@ def test_a_command_refuses_in_one_line_and_writes_nothing(line, inputs, tmp_path
         assert (list(tmp_path.iterdir()), snapshot(inputs)) == ([], before), name
 
 
+@pytest.mark.slow
 def test_half_of_the_depth_unknown_is_no_reason_to_lose_a_drive(tmp_path, capsys):
     messages = []
     _, depth_m = wall()
