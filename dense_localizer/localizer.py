@@ -93,7 +93,7 @@ class Localizer:
         if not candidate.is_by_map:
             self._states.refuse(is_lost=not candidate.is_certain)
             return self._report(frame, candidate.finding, candidate)
-        finding = self._integrity.confirm(frame, candidate)
+        finding = self._integrity.confirm(frame, candidate, self._states.state)
         self.references.prefetch(candidate.T_map_camera, self._prior.velocity, is_rig=candidate.is_rig)
         self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)
         return self._report(frame, finding if finding.reason else frame.finding, candidate)

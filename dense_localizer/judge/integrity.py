@@ -65,7 +65,6 @@ class Integrity:
         self.lens = LensWatch()
         self._is_refused = False  # the image before, which could be used
         self._count, self._is_biased = 0, False  # biased: when last checked
-        self._state = State.NOT_LOCALISED  # before the image
 
     def reset(self) -> None:
         """Forget the stream: it is another, or an operator has said where the camera is; the map stays known."""
@@ -78,7 +77,7 @@ class Integrity:
         """Note odometry, whatever becomes of the image; `state` is what the image before has led to."""
         if self._is_refused:
             self._map_error.fade()
-        self._is_refused, self._state = bool(frame.images), state  # refused: until it is placed
+        self._is_refused = bool(frame.images)  # until it is placed
         self._odometry.propagate(frame.T_odom_camera, is_trusted=state is State.TRACKING)
 
     def find_due(self, state: State) -> Aspect:
@@ -140,8 +139,8 @@ class Integrity:
         if sample is not None:
             self._odometry.start(sample)
 
-    def confirm(self, frame: LocalizerInput, candidate: PoseCandidate) -> Verdict:
-        """Note an accepted candidate; return what is against it: its lens, itself, what preceded it, odometry."""
+    def confirm(self, frame: LocalizerInput, candidate: PoseCandidate, state: State) -> Verdict:
+        """Note a candidate accepted in a state; return what is against it: lens, itself, what preceded it, odometry."""
         alignment, registration = candidate.alignment, self._params.registration
         self._count, self._is_biased, self._is_refused = self._count + 1, candidate.is_biased, False
         if self._count % INTEGRITY_PERIOD == MAP_PHASE and alignment is not None and not candidate.is_biased:
@@ -149,7 +148,7 @@ class Integrity:
         self.mask.observe(candidate)
         sample = _make_sample(frame, candidate)
         by_odometry = self._odometry.find(sample) if sample else FINE
-        self.lens.observe(candidate, registration, self._state)
+        self.lens.observe(candidate, registration, state)
         findings = self.lens.finding, candidate.finding, candidate.prediction.finding, by_odometry
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)
 
