@@ -109,8 +109,9 @@ class TrajectoryIntake:
             return
         self.shown.publish(driving.trajectory_to_message(path, self._now_ns(), self.params.map_frame))
         sharpest, possible = path.max_curvature, self.params.vehicle.max_curvature
-        text = f"trajectory of {path.length:.1f} m, sharpest bend of {1 / max(sharpest, 1e-9):.1f} m radius"
+        text = f"trajectory of {path.length:.1f} m"
         if sharpest > possible:
-            self.log.warning(f"{text}: the car cannot turn tighter than {1 / possible:.1f} m")
+            bend = f"bends to {1 / sharpest:.1f} m radius"
+            self.log.warning(f"{text} {bend}: the car cannot turn tighter than {1 / possible:.1f} m")
         else:
             self.log.info(text)

@@ -74,3 +74,13 @@ def test_a_message_that_would_be_read_for_minutes_is_refused_unread(intake):
 def test_a_path_without_stamps_is_driven_at_cruise_speed(intake):
     intake.on_path(taught())
     assert intake.loop.follower.path.speed.max() == pytest.approx(FollowerParams().speed.cruise)
+
+
+def test_a_bend_that_the_car_cannot_take_is_told_and_a_straight_path_has_none(intake, caplog):
+    caplog.set_level("INFO")
+    intake.on_path(taught())
+    turns = [SE3.from_planar(np.sin(a), 1.0 - np.cos(a), a) for a in np.arange(0.0, 1.5, 0.05)]
+    intake.on_path(poses_to_path([(0, pose) for pose in turns], SECOND, "map"))
+    straight, bent = [record.getMessage() for record in caplog.records][-2:]
+    assert straight.endswith("trajectory of 9.9 m")
+    assert "m bends to 1.0 m radius: the car cannot turn tighter than 2.5 m" in bent
