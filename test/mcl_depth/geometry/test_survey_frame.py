@@ -114,6 +114,13 @@ def test_something_stands_on_three_of_a_thousand_squares() -> None:
             assert find_frame(points, SurveyParams(), "a").words == ""
 
 
+def test_a_line_of_points_ten_thousand_kilometers_long_is_refused_by_few_squares() -> None:
+    """Of half a metre they would be 20 million."""
+    line = np.linspace(0.0, 1e7, 20_000)[:, None] * [1.0, 0.0, 0.0]
+    with pytest.raises(ValueError, match=r"squares of 2\.5e\+03 m"):
+        find_frame(line, SurveyParams(unit="m"), "a")
+
+
 def test_y_is_up_where_half_as_much_again_lies_across_it() -> None:
     """A floor of 20 x 12 m, and a wall of 20 m and this height: level ones, whatever they are."""
     for height, up in [(14.0, "z"), (23.0, "y")]:
