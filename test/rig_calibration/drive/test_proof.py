@@ -8,9 +8,11 @@ import pytest
 
 from rig_calibration.drive import proof
 from rig_calibration.drive.drive_image import collect
-from rig_calibration.drive.drive_lens import MAP, Lens
+from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
 from rig_calibration.drive.proof import lens_distance, prove
+from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
 from sphere_nav.photometric import View, build_pyramid, prepare_reference
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import Room
@@ -111,3 +113,18 @@ def test_a_parameter_is_blamed_on_another_one_that_would_tell_twice_as_much(more
 
     found = SimpleNamespace(names=("fx", "cx"), equations=SimpleNamespace(information_without=information_without))
     assert told in proof.tell_apart(found, 0)
+
+
+def test_a_readout_stays_between_none_and_its_limit():
+    lens = Lens.of(CAMERA, READOUT_S)
+    for step, readout in [(-1.0, 0.0), (0.01, READOUT_S + 0.01), (1.0, MAX_READOUT_S)]:
+        assert lens.moved(step * np.eye(len(lens.values))[READOUT]).readout == pytest.approx(readout)
+
+
+def test_a_pixel_that_becomes_an_outlier_makes_no_leap_in_likelihood(monkeypatch):
+    before = np.tile([-1.0, 1.0, -1.0, 1.0, 10.0], 2 * proof.MIN_PIXELS)
+    sigma = weigh(before, proof.HUBER, proof.MIN_SIGMA)[1]
+    sides = [np.where(before > 2.0, share * proof.HUBER * sigma, before) for share in (1.001, 0.999)]
+    monkeypatch.setattr(proof, "settle_image", lambda *_: sides.pop())
+    lens = Lens.of(CAMERA)
+    assert abs(proof.likelihood_ratio([None], [None], lens, lens)[0]) < 0.01
