@@ -109,7 +109,9 @@ def test_what_resembles_the_map_little_is_looked_at_by_contrast(ncc, serves, is_
 )
 @pytest.mark.parametrize("serves", [False, True])
 def test_contrast_that_is_accepted_goes_before_grey_levels_that_resemble_the_map_little(serves, ncc, by, is_contrast):
-    """Not where parts or the range say more. With a lens of 30 degrees they were 0.3 to 0.6 m off, good by themselves; contrast was right, but not sure."""
+    """Not where parts or the range say more.
+
+    With a lens of 30 degrees they were 0.3 to 0.6 m off, good by themselves; contrast was right, but not sure."""
     days = Days()
     days.knows_contrast = True
     gray = candidate(0.9, prediction=HERE, ncc=ncc, **{by or "is_by_parts": bool(by)})
