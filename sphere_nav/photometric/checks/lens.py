@@ -19,7 +19,7 @@ import numpy as np
 
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.estimation.robust import weigh
-from sphere_nav.geometry import SE3, FrameMotion, Spherical
+from sphere_nav.geometry import FrameMotion, Spherical
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.esm import register_rig
@@ -81,8 +81,7 @@ def find_stretches(
     for _ in range(LENS_ROUNDS):
         longer |= {one.camera: longer[one.camera] + _steps(one) for one in found}
         seen = [replace(one, pyramid=magnify(one.pyramid, LENS_STEP ** longer.get(one.name, 0))) for one in images]
-        xi = sum((one.share * one.by_share for one in found), np.zeros(POSE))
-        here = register_rig(seen, here.T_world_camera @ SE3.exp(xi), coarse, motion)
+        here = register_rig(seen, here.T_world_camera, coarse, motion)
         found = measure_stretches(seen, here, coarse, motion) if here.is_converged else []
         if not any(map(_steps, found)):
             break

@@ -93,7 +93,7 @@ class Votes:
         from scipy.special import bdtrc  # what only reads bags does without it
 
         number, agreeing = self.num_cells - FITTED_CELLS, self.num_agreeing - FITTED_CELLS
-        return float(bdtrc(agreeing - 1, number, P_NEAR)) if 0 < agreeing <= number else 1.0
+        return float(bdtrc(agreeing - 1, number, P_NEAR)) if agreeing > 0 else 1.0
 
 
 def finest_levels(images: Sequence[RigImage], params: RegistrationParams) -> list[Level]:

@@ -91,6 +91,19 @@ def test_a_live_camera_never_waits_for_a_sphere(room):
     assert references.choose(at(0.95), AROUND, is_followed=True).ids == (2, 1)
 
 
+@pytest.mark.parametrize(
+    ("speed", "moved_m", "is_begun"), [(0.0, 0.1, False), (0.0, 0.3, True), (10.0, 0.4, False), (10.0, 0.6, True)]
+)
+def test_what_is_ahead_is_asked_for_again_after_some_way_longer_at_speed(
+    room_map, monkeypatch, speed, moved_m, is_begun
+):
+    references, begun = References(room_map, PARAMS), []
+    monkeypatch.setattr(references._spheres, "begin", lambda ids, _: begun.append(ids))
+    for x in (0.0, moved_m):
+        references.prefetch(at(x), np.array([0.0, 0.0, speed, 0.0, 0.0, 0.0]))
+    assert len(begun) == 1 + is_begun
+
+
 def seen_from(room, pose):
     return RigImage(build_pyramid(room.photograph(PINHOLE, pose), PINHOLE, PARAMS.registration.pyramid))
 

@@ -38,7 +38,7 @@ def candidate(quality, ids=(0,), prediction="here", chance=None, **more):
     judged.finding = SimpleNamespace(reason=more.get("reason", Reason.OUTLIERS))
     evidence = {
         "chance": chance,
-        "is_by_range": False,
+        "is_by_range": more.get("is_by_range", False),
         "is_by_parts": more.get("is_by_parts", False),
         "ncc": more.get("ncc", 1.0),
     }
@@ -103,13 +103,18 @@ def test_what_resembles_the_map_little_is_looked_at_by_contrast(ncc, serves, is_
     assert found is (another if is_asked else one)
 
 
-@pytest.mark.parametrize(("ncc", "is_contrast"), [(0.89, True), (0.91, False)])
+@pytest.mark.parametrize(
+    ("ncc", "by", "is_contrast"),
+    [(0.89, "", True), (0.91, "", False), (0.89, "is_by_parts", False), (0.89, "is_by_range", False)],
+)
 @pytest.mark.parametrize("serves", [False, True])
-def test_contrast_that_is_accepted_goes_before_grey_levels_that_resemble_the_map_little(serves, ncc, is_contrast):
-    """With a lens of 30 degrees they were 0.3 to 0.6 m off, good by themselves; contrast was right, but not sure."""
+def test_contrast_that_is_accepted_goes_before_grey_levels_that_resemble_the_map_little(serves, ncc, by, is_contrast):
+    """Not where parts or the range say more.
+
+    With a lens of 30 degrees they were 0.3 to 0.6 m off, good by themselves; contrast was right, but not sure."""
     days = Days()
     days.knows_contrast = True
-    gray = candidate(0.9, prediction=HERE, ncc=ncc)
+    gray = candidate(0.9, prediction=HERE, ncc=ncc, **{by or "is_by_parts": bool(by)})
     contrast = candidate(0.3, prediction=HERE, by_contrast=True, ncc=0.7)
     asked = {None: contrast if serves else gray, not serves: gray if serves else contrast}
     found = find_candidate([HERE], lambda how, tried: NOTHING if tried else asked[how.by_contrast], days)

@@ -27,6 +27,17 @@ def test_at_the_sphere_all_is_usable_and_never_more_away_from_it(sphere):
     assert shares[-1] < 0.3  # before a wall, 20 cm away
 
 
+def test_before_a_wall_less_is_usable_than_as_far_from_it(room):
+    surface = surface_of(room.sphere(SE3.from_planar(2.0, 0.0, 0.0), CAMERA))
+    before, behind = (usable_share(surface, np.array([x, 0.0, 0.0])) for x in (1.5, -1.5))
+    assert before < 0.8 * behind
+
+
+@pytest.mark.parametrize(("range_m", "share"), [(290.0, 1.0), (310.0, 0.0)])
+def test_what_is_farther_than_300_m_tells_no_place(range_m, share):
+    assert usable_share(surface_of(ball(range_m)), np.zeros(3)) == pytest.approx(share, abs=0.01)
+
+
 def test_twice_the_room_has_twice_the_region(sphere):
     larger = Room(half=(8.0, 6.0, 3.0)).sphere(SE3.identity(), CAMERA)
     assert region_radius(larger) == pytest.approx(2 * region_radius(sphere), rel=0.05)

@@ -28,15 +28,16 @@ def sphere_map(room):
     return make_map(room, PLACES, Spherical(256, 128))
 
 
-def test_it_sees_the_room_and_keeps_to_its_memory(room, sphere_map):
-    scene = Scene(sphere_map, max_megabytes=0.5)
+@pytest.mark.parametrize("num_kept", [0.5, 5.5])
+def test_it_sees_the_room_and_keeps_to_its_memory(room, sphere_map, num_kept):
+    scene = Scene(sphere_map, num_kept * 1e-6 * surface_of(sphere_map.load_sphere(0)).num_bytes)
     for x in np.linspace(-2.4, 2.4, 6):
         T = optical(SE3.from_planar(x, 0.2, 0.2))
         view = scene.render(T, PINHOLE)
         gray, _ = room.render(PINHOLE, T)
         assert view.is_known.mean() > 0.97
         assert np.median(np.abs(view.image[..., 0] - gray)) < 6
-    assert MIN_KEPT <= len(scene._surfaces) <= MIN_KEPT + 1
+    assert max(MIN_KEPT, num_kept - 1) <= len(scene._surfaces) <= max(MIN_KEPT, num_kept) + 1
     scene.close()
 
 

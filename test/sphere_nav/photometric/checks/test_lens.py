@@ -105,16 +105,14 @@ def test_the_stretch_of_a_focal_length_is_found_in_images(room, views, camera, s
     assert np.abs([one.share - share for one in found]).max() < 0.01
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.12, -0.19])
 def test_a_lens_that_is_far_off_is_found_though_something_else_pulls_the_image(room, views, share):
     camera = LENSES[0]
     lens = replace(camera, fx=(1 + share) * camera.fx, fy=(1 + share) * camera.fy)
-    found = [told(room.photograph(lens, SOMEWHERE, seed), views, camera, is_clear=False) for seed in range(2)]
-    np.testing.assert_allclose([one.share for (one,) in found], share, atol=0.01)
+    (found,) = told(room.photograph(lens, SOMEWHERE, 0), views, camera, is_clear=False)
+    assert found.share == pytest.approx(share, abs=0.01)
 
 
-@pytest.mark.slow
 def test_what_pulls_an_image_of_a_right_lens_is_not_told(room, views):
     image = room.photograph(LENSES[0], SOMEWHERE, 1)
     image[60:180, 100:220] = 90

@@ -64,6 +64,13 @@ def test_pixels_of_agreeing_cells_are_kept_each_with_its_cell(image, view):
     assert len(np.unique(votes.owner)) == votes.num_agreeing
 
 
+def test_what_may_leave_the_image_when_it_is_shifted_does_not_vote(image, view):
+    levels, [(place, parts)] = looked(image, view, TRUTH)
+    middle, half = np.array([119.5, 89.5]), np.array([119.5, 89.5]) - 8.6  # px; 8 either way, and a neighbour
+    at_edge = [one.where((np.abs(CAMERA.project(one.points)[0] - middle) > half).any(axis=1)) for one in parts]
+    assert vote(levels, [(place, 5 * at_edge)]).num_cells == 0  # of pixels enough
+
+
 def test_the_chance_is_binomial_but_for_what_six_numbers_fit():
     for agreeing, chance in [(9, 1.4e-3), (12, 3.1e-6), (14, 2.7e-8)]:
         votes = Votes(43, agreeing, [], np.zeros(0, np.int64))
