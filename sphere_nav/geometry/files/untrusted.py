@@ -274,7 +274,8 @@ def check_center(center: tuple[float, float], image_size: tuple[int, int], where
 
 def short(found: Any) -> str:
     """Return a value as text of one short line, whatever its size."""
-    if isinstance(found, int) and found.bit_length() > MAX_DIGITS * 4:
-        return f"an integer of {found.bit_length()} bits"  # Python does not write those of more than 4300 digits
-    text = " ".join(_REPR.repr(found).split())
+    try:
+        text = " ".join(_REPR.repr(found).split())
+    except ValueError:  # Python does not write such a number
+        text = "a number of thousands of digits"
     return text if len(text) <= 60 else text[:57] + "..."

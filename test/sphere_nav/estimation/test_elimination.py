@@ -36,6 +36,8 @@ def test_what_is_known_beforehand_counts_as_many_pixels(rng):
     reduced = Elimination(nothing, known, np.array([0.05, 0.0]))
     np.testing.assert_allclose(reduced.step()[0], [-0.05, 0.0], atol=1e-12)  # back to where it was known to be
     np.testing.assert_allclose(reduced.covariance(), np.diag(known**2), atol=1e-12)
+    alike = [Part(nothing[0].H, np.ones(5), 0, 1.0)] * 3  # what pulls all images the same way is no scatter
+    np.testing.assert_allclose(Elimination(alike, known, np.zeros(SHARED)).covariance(), np.diag(known**2), atol=1e-12)
     H = np.diag([400.0, 25.0, 1.0, 1.0, 1.0])  # as much as is known beforehand: the step goes half of the way
     part = Part(H, -H @ [0.1, -0.2, 0.0, 0.0, 0.0], 60, 1.0)
     shared, _, _ = Elimination([part], np.array([0.5, 2.0]), np.zeros(SHARED)).step()
@@ -50,6 +52,12 @@ def test_a_step_is_measured_by_what_a_hundred_pixels_for_one_leave(rng):
         np.testing.assert_allclose(shared, step, rtol=1e-6)
         np.testing.assert_allclose(own, np.zeros((1, OWN)), atol=1e-12)
         np.testing.assert_allclose(told, size, rtol=1e-6)
+
+
+def test_what_an_image_hardly_shows_of_its_own_steps_half_the_way_and_not_back():
+    H = np.diag([1.0, 1.0, 1.0, 1.0, 1e-9])
+    _, own, _ = Elimination([Part(H, -H.sum(axis=0), 60, 1.0)], NO_PRIOR, np.zeros(SHARED)).step()
+    np.testing.assert_allclose(own, [[1.0, 1.0, 0.5]], rtol=1e-6)
 
 
 def test_the_covariance_is_the_scatter_of_many_drives(rng):
@@ -82,4 +90,5 @@ def test_information_grows_by_what_is_taken_for_a_parameter(rng):
     reduced = Elimination([part, part], NO_PRIOR, np.zeros(SHARED))
     told = [reduced.information_without(0, column) for column in (None, 1, 2, 3, 4)]
     assert told[3] > 100.0 * told[0]
+    np.testing.assert_allclose(told[0], 2.0 / np.linalg.inv(part.H)[0, 0], rtol=1e-6)  # of two images
     np.testing.assert_allclose([told[1], told[2], told[4]], told[0], rtol=0.2)

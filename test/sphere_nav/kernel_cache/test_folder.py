@@ -57,3 +57,11 @@ def test_the_oldest_texts_are_removed(copy):
     gone = folder.remove_old()
     assert len(gone) == 20 - (folder.NUM_KEPT - 1)
     assert not any(path.exists() for path in gone)
+
+
+def test_compiled_kernels_are_kept_where_the_user_says(copy, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    assert folder.cache_root() == tmp_path / "cache"
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    forget()
+    assert folder.cache_root() == tmp_path / "home/sphere_nav/kernels"

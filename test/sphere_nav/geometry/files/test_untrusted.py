@@ -28,6 +28,8 @@ def test_what_is_no_number_is_one_short_line():
         "one",
         [1],
         10**400,
+        10**5000,
+        [10**5000],
         "9" * 100,
     ]:
         with pytest.raises(ValueError, match="x: expected a finite number") as caught:

@@ -5,6 +5,7 @@ import pytest
 
 pytest.importorskip("rclpy")  # of the package that it lies in
 
+from sphere_nav.localization.params import RigParams
 from sphere_nav.ros.camera.synchronizer import Synchronizer
 
 # Written out: imported, a change would go unseen.
@@ -34,6 +35,12 @@ def test_stamps_that_differ_by_more_than_the_limit_are_two_instants():
     sync.put("a", 100 * MS, image(0), 100 * MS)
     assert sync.put("b", 110 * MS, image(1), 110 * MS) == []
     assert [set(one.images) for one in sync.pop(400 * MS)] == [{"a"}, {"b"}]
+
+
+def test_cameras_that_take_turns_thirty_times_a_second_are_never_of_one_instant():
+    sync = make(slack_s=RigParams().slack)
+    sync.put("a", 100 * MS, image(0), 100 * MS)
+    assert sync.put("b", 116 * MS, image(1), 116 * MS) == []
 
 
 def test_a_late_camera_is_left_out_and_named():

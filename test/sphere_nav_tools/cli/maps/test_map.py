@@ -214,6 +214,8 @@ def test_two_pairs_of_files_are_registered(second, options, limit, tmp_path, cap
     status, found = registered(capsys, a, b, "--camera", camera, *options)
     assert status == 0
     assert motion_of(found).distance(pose(0).inverse() @ pose(2))[0] < limit
+    angle = motion_of(found).distance(SE3.identity())[1]
+    assert found["T_a_b"]["angle_deg"] == pytest.approx(np.degrees(angle), rel=1e-3)
 
 
 @pytest.mark.slow

@@ -15,9 +15,9 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.cli.operate import simulator, words
+from sphere_nav_tools.cli.operate import ground, simulator, words
 from sphere_nav_tools.cli.operate.chart import COLORS, Chart, ground_point, way_ahead
-from sphere_nav_tools.cli.operate.ground import add_colors, closed
+from sphere_nav_tools.cli.operate.ground import add_colors, closed, ground_of
 from sphere_nav_tools.cli.operate.link import Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.page import possible
@@ -225,6 +225,19 @@ def test_small_gaps_take_the_colour_beside_them_and_the_unseen_is_clear():
     found = closed(picture)
     np.testing.assert_allclose(found[12, 12], (200, 100, 50, 255), atol=2)
     assert found[35, 35, 3] == 0
+
+
+def test_the_ground_of_a_map_that_is_longer_than_wide_lies_where_it_was_seen(monkeypatch):
+    nodes = [SimpleNamespace(id=x, T_map_sphere=SE3.from_planar(x, 0.0, 0.0)) for x in (0, 8)]
+    seen = SimpleNamespace(points=lambda: (np.array([[1.0, 2.0, -1.0]]), np.array([[200, 100, 50]], np.uint8)))
+    reader = SimpleNamespace(graph=nodes, load_sphere=lambda _: seen)
+    monkeypatch.setattr(ground, "open_map", lambda _: nullcontext(reader))
+    picture, middle, size = ground_of(Path("map"))
+    np.testing.assert_allclose([*middle, *size], [4.0, 0.0, 32.0, 24.0])
+    assert picture.shape == (480, 640, 4)
+    for x in (1.0, 9.0):
+        v, u = round((12.0 - 2.0) / 0.05), round((x + 12.0) / 0.05)
+        assert (picture[v - 1 : v + 1, u - 1 : u + 1] == [200, 100, 50, 255]).all(axis=-1).any()
 
 
 class Nodes:
