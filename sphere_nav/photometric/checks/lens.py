@@ -149,12 +149,12 @@ def _without_light(sample: Sample, J: Array, params: RegistrationParams) -> Leas
     number = corner[:, 0] * CELLS[1] + corner[:, 1]
     kept = (np.bincount(number, minlength=CELLS[0] * CELLS[1]) >= MIN_CELL_PIXELS)[number]
     order = np.flatnonzero(kept)[np.argsort(number[kept], kind="stable")]
+    rows = np.column_stack([J, sample.residual])[order]
+    if not len(order):
+        return rows[:, :-1], rows[:, -1], number[order]
     weight, _ = weigh(sample.residual, params.huber, params.min_sigma)
     light = np.column_stack([sample.current - sample.current.mean(), np.ones(len(number)), place - corner - 0.5])[order]
-    rows = np.column_stack([J, sample.residual])[order]
     number, weighted = number[order], weight[order, None] * light
-    if not len(order):
-        return rows[:, :-1], rows[:, -1], number
     first = np.flatnonzero(np.diff(number, prepend=-1))
     size = np.diff([*first, len(number)])
     A = np.add.reduceat(weighted[:, :, None] * light[:, None, :], first)
