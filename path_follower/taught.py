@@ -152,7 +152,7 @@ def _distinct(xy: Array) -> Array:
 
 
 def _check_heading(xy: Array, yaw: Array, curve: Curve, direction: int) -> None:
-    nearest = np.clip(np.searchsorted(curve.way, _share(xy) * curve.way[-1]), 0, len(curve.way) - 1)
+    nearest = np.searchsorted(curve.way, _share(xy) * curve.way[-1])
     tangent = curve.tangent[nearest] + (np.pi if direction < 0 else 0.0)
     off = turned_by(yaw, tangent)
     worst = int(np.argmax(off))

@@ -10,7 +10,7 @@ from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.localization.status import State
+from sphere_nav.localization.status import FINE, State
 from sphere_nav.params import build
 from worlds.boxes import box
 from worlds.lit_room import POSES, picture, room
@@ -41,7 +41,7 @@ def started(site):
     return filter_
 
 
-def test_a_pose_is_told_with_how_sure_it_is(site):
+def test_a_pose_is_told_with_how_sure_it_is_and_lost_once_blind_for_longer_than_allowed(site):
     filter_ = started(site)
     for number, pose in enumerate(POSES):
         estimate = filter_.update(observe(site, pose, number))
@@ -50,6 +50,9 @@ def test_a_pose_is_told_with_how_sure_it_is(site):
     assert np.hypot(*error) < 0.3  # the cache's cells are 0.35 m wide
     assert abs(float(estimate.T_map_level.yaw) - 0.1) < np.radians(6)  # half a step of 10 degrees, and a little
     assert np.all(np.linalg.eigvalsh(estimate.covariance) > 0)
+    blind_ns = len(POSES) * 10**9 + round(site.params.state.max_blind_s * 10**9)
+    for late, state in [(0, State.TRACKING), (1, State.LOST)]:
+        assert filter_.refuse(blind_ns + late, FINE).status.state is state
 
 
 def test_from_nowhere_the_place_is_withheld_until_it_is_proven(site):

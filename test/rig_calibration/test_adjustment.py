@@ -8,7 +8,7 @@ from rig_calibration.boards.bundle import rms_px, solve
 from rig_calibration.boards.intrinsics import calibrate_camera
 from rig_calibration.boards.observability import Spread, warnings
 from rig_calibration.boards.rejection import reject
-from rig_calibration.boards.state import camera_problem, camera_state
+from rig_calibration.boards.state import SHARED, RigState, camera_problem, camera_state
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import observations
 from sphere_nav.geometry import SE3, OCam, Omni, Pinhole
@@ -100,3 +100,11 @@ def test_points_behind_the_camera_are_refused(seen):
     )
     with pytest.raises(ValueError, match="in front of"):
         solve(camera_problem("pinhole", (640, 480), seen), state, np.ones(810))
+
+
+def test_each_of_two_boards_is_moved_by_its_own_step():
+    still = SE3(np.stack([np.eye(4)] * 2))
+    step = np.zeros(SHARED + 6 * 4)
+    step[SHARED + 6 + 2] = 0.3
+    moved = RigState(np.zeros((1, SHARED - 6)), still[:1], still, still).moved(step).T_world_board.translation
+    np.testing.assert_allclose(moved, [[0.0, 0.0, 0.0], [0.0, 0.0, 0.3]])

@@ -10,8 +10,6 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, so3
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from worlds.boards import BoardWorld
 
-pytestmark = pytest.mark.slow
-
 BOARDS = (Board("wide", 7, 4, 0.06), Board("high", 5, 6, 0.06), Board("absent", 9, 6, 0.06))
 
 
@@ -32,6 +30,7 @@ def seen(request):
     return world.render(0, 0, np.random.default_rng(1)), truth
 
 
+@pytest.mark.slow
 def test_boards_are_told_apart_by_their_size(seen):
     image, truth = seen
     found = detect_all(image, BOARDS)
@@ -40,8 +39,16 @@ def test_boards_are_told_apart_by_their_size(seen):
         assert np.abs(pixels - truth[name][numbers]).max() < 0.3  # noise of 2 of 180 grey levels, windows of 2 to 7 px
 
 
+@pytest.mark.slow
 def test_a_candidate_that_the_border_cuts_is_passed_over(seen, monkeypatch):
     image, truth = seen
     cut = truth["wide"] - [truth["wide"][:, 0].min() + 1.0, 0.0]  # as the detectors do now and then: guessed corners
     monkeypatch.setattr(chessboard, "candidates", lambda gray, boards: [(boards[0], [cut])])
     assert detect_all(image, BOARDS) == {}
+
+
+def test_a_single_board_is_found_at_once():
+    squares = np.kron(np.indices((5, 8)).sum(axis=0) % 2 * 255, np.ones((30, 30)))
+    gray = np.pad(squares, 30, constant_values=255).astype(np.uint8)
+    ((board, found),) = chessboard.candidates(gray, BOARDS[:1])
+    assert np.ptp(next(found), axis=0) == pytest.approx([30.0 * (board.columns - 1), 30.0 * (board.rows - 1)], abs=1.0)

@@ -16,6 +16,7 @@ from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.params import build
 from sphere_nav.ros.maps.check import salvage_map
 from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from worlds.room import wide_room
 
 CAMERA = Spherical(256, 128)
@@ -88,3 +89,8 @@ def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told):
     assert [entry.name for entry in (tmp_path / "second").iterdir()] == ["journal_2"]
     with open_map(tmp_path / "second" / "journal_2") as reader:
         assert len(reader.graph) == len(whole.graph)
+
+
+def test_a_journal_is_on_disk_from_the_first_key_sphere_on(tmp_path, told):
+    journal_in(tmp_path, told).tell(SphereGraph([KeySphere(0, 1, PLACES[0])]))
+    assert f"key spheres are written to {tmp_path / 'journal.partial'}" in told[0]

@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_rgbd, sphere_from_views
+from sphere_mapping.acquisition.partial.partial_sphere import (
+    RgbdView,
+    resample_image,
+    sphere_from_rgbd,
+    sphere_from_views,
+)
 from sphere_mapping.params import PartialParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -74,6 +79,8 @@ def test_a_camera_beside_the_center_sees_the_range_from_the_center():
     assert sphere.measured.sum() > 0.95 * sphere.is_seen.sum()
     assert np.percentile(error, 99) < 2e-3  # without the parallax it would be 3 %
     assert np.sqrt(np.mean((sphere.gray - gray)[sphere.measured] ** 2)) < 1.5
+    weight = resample_image(image, PINHOLE, T_sphere_camera, sphere.camera, sphere.range_m)[1]
+    assert 110.0 < weight.max() <= 120.0  # its middle counts by its rows to the border: there a neighbour takes over
 
 
 def test_depth_from_a_camera_beside_the_color_camera_is_moved_to_it():

@@ -1,5 +1,7 @@
 """The node sphere_stitcher without a usable rig; with one: test/nodes/test_sphere_stitcher.py."""
 
+from types import SimpleNamespace
+
 import pytest
 
 pytest.importorskip("rclpy")
@@ -7,6 +9,7 @@ pytest.importorskip("rclpy")
 from sphere_mapping.acquisition.range.rectification import RigCorrection
 from sphere_mapping.acquisition.ros import node as module
 from sphere_mapping.acquisition.ros.node import SphereStitcher
+from sphere_mapping.acquisition.ros.rig_intake import RigInstant
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.ros.bags.replay import OfflineBus
 from worlds.rig import vertical_rig
@@ -25,3 +28,12 @@ def test_a_camera_turned_by_more_than_half_a_degree_is_warned_of(tmp_path, monke
         monkeypatch.setattr(module, "rectify", lambda rig, _, a=angle_deg: RigCorrection(rig, {"top_left": a}, 1, 0))
         node.rectify([])
         assert node.reports["rig"][0] == level
+
+
+def test_an_instant_without_any_image_names_what_lacks(tmp_path):
+    write_rig(tmp_path / "rig.yaml", vertical_rig())
+    node = OfflineBus().add(SphereStitcher, {"rig": str(tmp_path / "rig.yaml")})
+    node.deliver(
+        RigInstant(SimpleNamespace(stamp_ns=10**9, notes={"top_left": "late", "top_right": "late"}), {}, {}, None)
+    )
+    assert node.reports["stitching"][:2] == (module.WARN, "no sphere: top_left, top_right")
