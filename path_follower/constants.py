@@ -83,5 +83,5 @@ LOOK_PERIOD = 0.1  # s between two looks at who publishes
 HEARD_BEFORE_NS = 300_000_000  # a message may come this much earlier than its publisher is seen
 GUARD_SILENCE_NS = 500_000_000  # five times the period of the guard's status; until it has said what a start changed
 GUARD_PERIOD = 0.02  # s between two commands to the base
-PAIRED = 16  # stamps of poses and statuses that are kept for the other one, which comes within milliseconds
+PAIRED = 16  # stamps of poses and statuses that are kept for the other one, milliseconds later; ros/test_intake
 BEAM_FORGETTING = 0.99  # of the share of beams that measured, a scan: 7 s at 10 Hz until half of it is usual

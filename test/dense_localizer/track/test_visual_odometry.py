@@ -1,13 +1,14 @@
 """The last image as a reference (M15 section 5.3): range, covariance of a way, other light, a hidden map."""
 
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dense_localizer.judge import integrity
 from dense_localizer.params import LocalizerParams
-from dense_localizer.track.visual_odometry import Way, make_view
+from dense_localizer.track.visual_odometry import Way, find_finest_level, make_view
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason, State
 from sphere_nav.params import build
@@ -50,6 +51,12 @@ def test_an_image_that_was_placed_is_a_reference(room):
     alignment = register(now, [make_view(image, pose, PARAMS)], pose, PARAMS)
     assert alignment.is_converged
     assert alignment.T_world_camera.distance(pose @ step) < (0.006, 0.004)
+
+
+def test_a_reference_is_made_of_at_most_twice_the_pixels_that_are_aligned():
+    cameras = [SimpleNamespace(width=w, height=h) for w, h in ((500, 400), (400, 300), (200, 150))]
+    seen = [SimpleNamespace(pyramid=SimpleNamespace(cameras=cameras))]
+    assert find_finest_level(seen, LocalizerParams()) == 1
 
 
 def test_a_way_without_the_map_is_the_less_sure_the_longer_it_is(room):

@@ -225,6 +225,15 @@ def test_bad_news_counts_whatever_its_stamp():
         assert node.loop.follower.mode.verdict.reason == "NOT_LOCALISED"
 
 
+def test_a_status_that_never_has_a_pose_is_told_at_the_sixteenth():
+    bus, node = follower_bus()
+    for _ in range(16):
+        status(bus, "TRACKING", bus.now_ns)
+        list(bus.advance(bus.now_ns + SECOND // 100))
+    told = next(item for item in node.inputs if item.topic == "status")
+    assert "expected that of a pose, found another one 16 times" in told.last_refusal
+
+
 @pytest.mark.parametrize("lost", ["LOST", "DEGRADED", "silent"])
 def test_a_status_of_other_images_does_not_hide_what_the_localiser_says(lost):
     bus, node = follower_bus()

@@ -106,6 +106,8 @@ def test_both_ways_agree_within_their_gap(monkeypatch):
     for axis, limit in [(0, 0.07), (1, -0.07), (2, 0.07), (3, 0.02), (4, -0.02), (5, 0.02)]:
         assert both_ways(monkeypatch, 0.999 * limit * np.eye(6)[axis]) is not None
         assert both_ways(monkeypatch, 1.001 * limit * np.eye(6)[axis]) is None
+    floor = np.diagonal(both_ways(monkeypatch, np.zeros(6)).covariance - GOOD.covariance)
+    np.testing.assert_allclose(np.sqrt(floor), np.repeat([0.005 + 0.005, 0.002], 3))  # where they agree, a metre apart
 
 
 def test_the_points_of_a_depth_image_are_those_of_the_surfaces():
