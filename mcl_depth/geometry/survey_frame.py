@@ -114,12 +114,14 @@ def find_frame(
 
 def refuse_stray(points: NDArray[np.floating], name: str) -> None:
     """Refuse a point (of N, 3; finite) far outside of all others: unit, axis and area would be found by it alone."""
+    if len(points) < MIN_POINTS:
+        return
     sample = points[:: max(len(points) // SURVEY_SAMPLES, 1)]
     middle = np.median(sample, axis=0)
     inner = float(np.quantile(np.abs(sample - middle).max(axis=1), 1.0 - STRAY_SHARE, method="lower"))
-    outer = np.abs(points - middle).max(axis=1)
-    if len(points) >= MIN_POINTS and outer.max() > STRAY_RATIO * inner:
-        found = f"{2.0 * inner:.3g}, and one at " + ", ".join(f"{value:.6g}" for value in points[outer.argmax()])
+    if max((points.max(axis=0) - middle).max(), (middle - points.min(axis=0)).max()) > STRAY_RATIO * inner:
+        farthest = points[np.abs(points - middle).max(axis=1).argmax()]
+        found = f"{2.0 * inner:.3g}, and one at " + ", ".join(f"{value:.6g}" for value in farthest)
         raise ValueError(
             f"{name}: points: expected one place, found {1.0 - STRAY_SHARE:.1%} in a width of {found}: cut it off"
         )
