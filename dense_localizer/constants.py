@@ -23,6 +23,11 @@ MAX_POSITION_SIGMA_M = 0.5  # of a pose that one may go on from (judge/test_cand
 MOVING_SPEED = 0.05  # m/s, from which a repeated image is a fault (test_inputs)
 START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations after a start
 
+# The ground: height, roll and pitch of a vehicle where another one was taught (test_ground)
+GROUND_SIGMA = np.array([0.03, 0.01, 0.01])  # (3,) m, rad: a laden car on its springs, how well cameras are mounted
+GROUND_NEIGHBOUR_M = 10.0  # between two key spheres, up to which they say how even the ground is
+MAX_GROUND_SIGMA_RAD = 0.05  # of roll and pitch between key spheres: more is no vehicle on a ground
+
 # Rotation between images, M15 eq. 20 (track/test_inter_frame). A mismatch is one minus a correlation.
 MAX_MISMATCH_RATIO, MISMATCH_FLOOR = 3.0, 0.02  # of a supported prediction: factor of the usual one, and beyond it
 MAX_ROTATION_MISMATCH = 0.7  # of a measured rotation, as share of that of the prediction

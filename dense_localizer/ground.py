@@ -1,0 +1,58 @@
+"""A vehicle stands on the ground that was taught: its height, roll and pitch are those of the key spheres around it.
+
+That is worth most to a narrow view, in which a step ahead looks like a change of height and pitch, and cars that stand
+elsewhere decide between them. How even the ground is say the key spheres themselves. Nothing is expected where nobody
+tells how a camera sits on the vehicle, or where a map was taken by hand.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from dense_localizer.constants import GROUND_NEIGHBOUR_M, GROUND_SIGMA, MAX_GROUND_SIGMA_RAD
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
+from sphere_nav.spheres.graph import SphereGraph
+
+ON_GROUND = [2, 3, 4]  # of a tangent vector of the base: height, roll, pitch
+
+
+class Ground:
+    """The ground of one map. `T_base_body`: the camera, or what several share, on the vehicle; None: nobody knows."""
+
+    def __init__(self, graph: SphereGraph) -> None:
+        self._graph = graph
+        self.T_base_body: SE3 | None = None
+        # A map begins at its base, on level ground: a slope there widens what follows, as the way then climbs.
+        self._T_sphere_base = min(graph, key=lambda node: node.stamp_ns).T_map_sphere.inverse()
+        self.sigma = self._measure()  # (3,) m, rad; None: no vehicle on a ground
+
+    def expect(self, T_map_body: SE3) -> Expectation:
+        """Return what the ground says of a body somewhere near a pose."""
+        if self.T_base_body is None or self.sigma is None:
+            return NO_EXPECTATION
+        near = self._graph.nearest(T_map_body.translation)[0]
+        T_map_ground, T_map_base = near.T_map_sphere @ self._T_sphere_base, T_map_body @ self.T_base_body.inverse()
+        place = T_map_ground.inverse() @ T_map_base
+        x, y, _ = place.translation.tolist()
+        T_map_expected = T_map_ground @ SE3.from_planar(x, y, float(place.yaw)) @ self.T_base_body
+        A = self.T_base_body.adjoint()[ON_GROUND]
+        return Expectation(T_map_expected, A.T @ np.diag(self.sigma**-2) @ A)
+
+    def _measure(self) -> Array | None:
+        """Return how far height, roll and pitch differ between neighbours, but for what is assumed at least."""
+        if np.linalg.norm(self._T_sphere_base.translation) == 0.0:  # the mapped camera is the base: nobody told
+            return None
+        steps = []
+        for a, b in pairwise(sorted(self._graph, key=lambda node: node.stamp_ns)):
+            T = self._T_sphere_base.inverse() @ (a.T_map_sphere.inverse() @ b.T_map_sphere) @ self._T_sphere_base
+            length = float(np.linalg.norm(T.translation))
+            if 0.0 < length <= GROUND_NEIGHBOUR_M:
+                roll, pitch, _ = (float(angle) for angle in T.angles)
+                climb = float(T.translation[2])
+                steps.append([climb, roll, np.hypot(pitch, climb / length)])
+        sigma = np.sqrt(np.mean(np.square(steps), axis=0)) if steps else np.zeros(3)
+        return np.maximum(sigma, GROUND_SIGMA) if max(sigma[1:]) <= MAX_GROUND_SIGMA_RAD else None
