@@ -12,7 +12,6 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from dense_localizer.ground import Ground
 from dense_localizer.inputs import CameraImage, Inputs, LocalizerInput
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.judge.estimate import CameraEstimate, report_estimate, report_status
@@ -38,11 +37,9 @@ class Localizer:
         self.params, self._inter_frame = params, InterFrame(params.registration)
         self._prior = PosePrior(params.prior, sphere_map.graph, self._inter_frame)
         self.references = References(sphere_map, params, is_live=is_live)
-        self.ground = Ground(sphere_map.graph)
         self._inputs = Inputs(params, self.references.pixels_per_radian)
-        self._integrity = Integrity(self.references, params)
+        self._integrity, self._range_support = Integrity(self.references, params), RangeSupport(self.references, params)
         self._visual_odometry = VisualOdometry(self.references, params)
-        self._range_support = RangeSupport(self.references, params)
         self.search, self._states = PoseSearch(self.references, params), StateMachine(params.state)
 
     def update(self, image: NDArray[Any], camera: Camera, stamp_ns: int, T_odom: SE3 | None = None) -> CameraEstimate:
@@ -83,8 +80,9 @@ class Localizer:
 
     def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Tried = ()) -> PoseCandidate:
         """Choose references, align, assess, ask depth: of a prediction, or of a guess of the search."""
+        prediction = self.references.ground.stand(prediction)
         chosen = self._integrity.mask.hide(self.references.choose_rig(frame.images, prediction, instead_of=tried))
-        alignment = align_rig(chosen, prediction, self.params, self.ground.expect(prediction.T_map_camera))
+        alignment = align_rig(chosen, prediction, self.params)
         evidence = self._states.state, self._visual_odometry.usual_ncc(chosen.choice.by_contrast)
         return self._range_support.support(frame, self._integrity.assess(chosen, alignment, prediction, *evidence))
 

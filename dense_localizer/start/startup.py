@@ -60,23 +60,23 @@ class Startup:
         self._by_parts = PartsSearch(references, params.registration)
         self._count = 0
 
-    def propose(self, images: Sequence[RigImage], T_base_body: SE3 | None = None) -> list[SE3]:
+    def propose(self, images: Sequence[RigImage]) -> list[SE3]:
         """Compare the key spheres that look like the image, where features place it and from many poses in each.
 
         The vehicle is taken as upright, and where nobody says how the camera sits on it, the camera. Of several cameras
         each serves in turn.
         """
         seen, self._count = images[self._count % len(images)], self._count + 1
-        attitude = find_attitude(seen, T_base_body)
+        attitude = find_attitude(seen, self._references.ground.T_base_body)
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance) > NUM_RETRIEVED:
             nodes, placed = self._recognize(seen, [attitude])
         return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
 
-    def propose_turned(self, images: Sequence[RigImage], T_base_body: SE3 | None = None) -> list[SE3]:
+    def propose_turned(self, images: Sequence[RigImage]) -> list[SE3]:
         """Do the same for a camera that is turned about its axis in any way; where features place it, these suffice."""
         seen = images[(self._count - 1) % len(images)]
-        upright = find_attitude(seen, T_base_body)
+        upright = find_attitude(seen, self._references.ground.T_base_body)
         turns = np.radians(np.arange(ROLL_STEP_DEG, 360.0, ROLL_STEP_DEG))
         attitudes = [upright @ SE3.from_angles(roll, 0.0, 0.0, np.zeros(3)) for roll in turns.tolist()]
         nodes, placed = list(self._references.nodes), list[Guess]()
@@ -84,15 +84,13 @@ class Startup:
             nodes, placed = self._recognize(seen, [upright, *attitudes])
         return self._refine(seen, placed or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
 
-    def propose_by_parts(
-        self, images: Sequence[RigImage], T_base_body: SE3 | None = None
-    ) -> list[tuple[SE3, Experience]]:
+    def propose_by_parts(self, images: Sequence[RigImage]) -> list[tuple[SE3, Experience]]:
         """Compare edges of the image with key spheres: in another light grey levels do not say where, nor features.
 
         Return with each pose the experience that the image resembles there.
         """
         seen = images[(self._count - 1) % len(images)]
-        found = self._by_parts.propose(seen, find_attitude(seen, T_base_body))
+        found = self._by_parts.propose(seen, find_attitude(seen, self._references.ground.T_base_body))
         return [(seen.body(one.T_map_camera), one.node.experience) for one in select_distinct(found, NUM_VERIFIED)]
 
     def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
@@ -139,7 +137,8 @@ class Startup:
         """Return a guess after alignment at the coarsest level."""
         params = stop_at(len(seen.pyramid.levels) - 1, self._params.registration)
         view = View(self._references.coarse.reference(guess.node.id), guess.node.T_map_sphere)
-        found = register(seen.pyramid, [view], guess.T_map_camera, params)
+        expected = self._references.ground.expect(guess.T_map_camera, seen.T_body_camera)
+        found = register(seen.pyramid, [view], guess.T_map_camera, params, expected=expected)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
         return Guess(guess.node, found.T_world_camera, float(score))
 

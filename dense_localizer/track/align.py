@@ -12,13 +12,10 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import Choice, RigChoice
 from sphere_nav.photometric import Alignment, Pyramid
 from sphere_nav.photometric.align.esm import register_rig
-from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
 from sphere_nav.photometric.params import between
 
 
-def align_rig(
-    chosen: RigChoice, prediction: Prediction, params: LocalizerParams, expected: Expectation = NO_EXPECTATION
-) -> Alignment | None:
+def align_rig(chosen: RigChoice, prediction: Prediction, params: LocalizerParams) -> Alignment | None:
     """Return the alignment of the images that references cover, all at once; None where they cover none."""
     images, registration = chosen.covered, params.registration
     if not images:
@@ -27,7 +24,7 @@ def align_rig(
         first = find_first_level(prediction, chosen.choice, images[0].pyramid)
         registration = between(registration, coarsest=min(first, registration.pyramid.coarsest))
     motion = prediction.frame_motion(params.camera.readout)
-    found = register_rig(images, prediction.T_map_camera, registration, motion, expected)
+    found = register_rig(images, prediction.T_map_camera, registration, motion, prediction.expected)
     return replace(found, covariance=CONTRAST_COVARIANCE * found.covariance) if chosen.choice.by_contrast else found
 
 

@@ -30,7 +30,8 @@ def register_rig(
     Eq. 4-8, 18-19, 30-35. Several references are aligned at once; the cameras, and the references of each, share
     `max_pixels` (section 5.1.3). Gains and biases come camera by camera. `motion` is that of the body within a frame of
     a rolling shutter; it follows the pose from level to level, and once more at the finest. `expected`: what is known
-    of the pose beforehand. Raises ValueError without images, for an image without views, and for one with more than `MAX_VIEWS`.
+    of the pose beforehand. Raises ValueError without images, for an image without views, and for one with more than
+    `MAX_VIEWS`.
     """
     params = params or RegistrationParams()
     _check(images)
@@ -51,9 +52,10 @@ def register(
     T_world_camera: SE3,
     params: RegistrationParams | None = None,
     motion: FrameMotion | None = None,
+    expected: Expectation = NO_EXPECTATION,
 ) -> Alignment:
     """Align the image of one camera, as `register_rig` does; pose and motion are those of the camera."""
-    return register_rig([RigImage(pyramid, views=tuple(views))], T_world_camera, params, motion)
+    return register_rig([RigImage(pyramid, views=tuple(views))], T_world_camera, params, motion, expected)
 
 
 def evaluate(

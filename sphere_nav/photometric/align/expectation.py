@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.descent import kernels
@@ -15,9 +16,9 @@ from sphere_nav.photometric.constants import EXPECTED_SIGMAS
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """Where a body is expected; information (6, 6) is that of xi in T_world_body @ exp(xi), zero where nothing is known.
+    """Where a body is expected.
 
-    Beyond `EXPECTED_SIGMAS` it pulls no harder (Huber): an expectation that is wrong yields to what is seen.
+    information (6, 6) is that of xi in T_world_body @ exp(xi), zero where nothing is known. Beyond `EXPECTED_SIGMAS` it pulls no harder (Huber): an expectation that is wrong yields to what is seen.
     """
 
     T_world_body: SE3
@@ -33,6 +34,19 @@ class Expectation:
         H, g = np.zeros((6, 6)), np.zeros(6)
         kernels.add_expectation(np.ascontiguousarray(T_world_body.matrix[:3]), self.weighted(1.0), H, g)
         return H
+
+    def resist(self, xi: Array, T_world_body: SE3, covariance: Array) -> Array:
+        """Return what is left of a step xi (6,) by images alone; the covariance of its pose has the expectation in it."""
+        return xi - covariance @ self.information_at(T_world_body) @ xi
+
+    def fuse(self, T_world_body: SE3, covariance: Array) -> tuple[SE3, Array]:
+        """Return a pose by images alone, and its covariance, together with the expectation."""
+        H, g = np.zeros((6, 6)), np.zeros(6)
+        kernels.add_expectation(np.ascontiguousarray(T_world_body.matrix[:3]), self.weighted(1.0), H, g)
+        if not H.any():
+            return T_world_body, covariance
+        together = scaled_inverse(scaled_inverse(covariance) + H)
+        return T_world_body @ SE3.exp(-together @ g), together
 
     @cached_property
     def _T_body_world(self) -> Array:

@@ -53,7 +53,8 @@ def test_a_camera_is_found_at_once_where_its_mounting_is_known(room, room_map, r
     T_base_body = SE3.from_angles(*np.radians([roll_deg, pitch_deg, 0.0]), [0.1, 0.0, 0.2]) @ T_BODY_OPTICAL
     references, pose = References(room_map, PARAMS), SE3.from_planar(-0.7, 0.1, 1.9) @ T_base_body
     images = [RigImage(pyramid_at(room, pose))]
-    poses = Startup(references, PARAMS).propose(images, T_base_body)
+    references.ground.T_base_body = T_base_body
+    poses = Startup(references, PARAMS).propose(images)
     start = decide([locate(images, references, PARAMS, Prediction.guess(pose)) for pose in poses], PARAMS.start)
     assert start.candidate is not None
     assert start.candidate.T_map_camera.distance(pose) < (0.015, 0.008)

@@ -270,10 +270,10 @@ def descend(
 ):
     """Iterate at one level (M15 eq. 6-7); T_world_camera (3, 4) and light (MAX_VIEWS, 2) change in place.
 
-    robust is (Huber bound, smallest sigma, whether light is estimated), expected as of `add_expectation`, stop (smallest increment in pixels, pixels per
-    radian, depth in m, fewest visible pixels). A pure rotation (eq. 20) leaves the translation as it is. Returns the
-    iterations, the last increment in pixels, and whether the image determined it; facts and pieces are those of the
-    last pass, the gradients those after its increment.
+    robust is (Huber bound, smallest sigma, whether light is estimated), expected as of `add_expectation`, stop
+    (smallest increment in pixels, pixels per radian, depth in m, fewest visible pixels). A pure rotation (eq. 20)
+    leaves the translation as it is. Returns the iterations, the last increment in pixels, and whether the image
+    determined it; facts and pieces are those of the last pass, the gradients those after its increment.
     """
     min_step, per_radian, depth, min_pixels = stop
     first = 3 if is_rotation else 0

@@ -7,11 +7,13 @@ tells how a camera sits on the vehicle, or where a map was taken by hand.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from dense_localizer.constants import GROUND_NEIGHBOUR_M, GROUND_SIGMA, MAX_GROUND_SIGMA_RAD
+from dense_localizer.motion_prior import Prediction
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
@@ -30,16 +32,21 @@ class Ground:
         self._T_sphere_base = min(graph, key=lambda node: node.stamp_ns).T_map_sphere.inverse()
         self.sigma = self._measure()  # (3,) m, rad; None: no vehicle on a ground
 
-    def expect(self, T_map_body: SE3) -> Expectation:
-        """Return what the ground says of a body somewhere near a pose."""
+    def stand(self, prediction: Prediction) -> Prediction:
+        """Return a prediction with what the ground says of its pose."""
+        return replace(prediction, expected=self.expect(prediction.T_map_camera))
+
+    def expect(self, T_map_body: SE3, T_body_camera: SE3 | None = None) -> Expectation:
+        """Return what the ground says of the body near a pose; or of a camera on it, then the pose is that one's."""
         if self.T_base_body is None or self.sigma is None:
             return NO_EXPECTATION
+        T_base_body = self.T_base_body if T_body_camera is None else self.T_base_body @ T_body_camera
         near = self._graph.nearest(T_map_body.translation)[0]
-        T_map_ground, T_map_base = near.T_map_sphere @ self._T_sphere_base, T_map_body @ self.T_base_body.inverse()
+        T_map_ground, T_map_base = near.T_map_sphere @ self._T_sphere_base, T_map_body @ T_base_body.inverse()
         place = T_map_ground.inverse() @ T_map_base
         x, y, _ = place.translation.tolist()
-        T_map_expected = T_map_ground @ SE3.from_planar(x, y, float(place.yaw)) @ self.T_base_body
-        A = self.T_base_body.adjoint()[ON_GROUND]
+        T_map_expected = T_map_ground @ SE3.from_planar(x, y, float(place.yaw)) @ T_base_body
+        A = T_base_body.adjoint()[ON_GROUND]
         return Expectation(T_map_expected, A.T @ np.diag(self.sigma**-2) @ A)
 
     def _measure(self) -> Array | None:
