@@ -18,7 +18,8 @@ from sphere_nav.photometric.constants import EXPECTED_SIGMAS
 class Expectation:
     """Where a body is expected.
 
-    information (6, 6) is that of xi in T_world_body @ exp(xi), zero where nothing is known. Beyond `EXPECTED_SIGMAS` it pulls no harder (Huber): an expectation that is wrong yields to what is seen.
+    information (6, 6) is that of xi in T_world_body @ exp(xi), zero where nothing is known. Beyond `EXPECTED_SIGMAS` it
+    pulls no harder (Huber): an expectation that is wrong yields to what is seen.
     """
 
     T_world_body: SE3
@@ -36,7 +37,7 @@ class Expectation:
         return H
 
     def resist(self, xi: Array, T_world_body: SE3, covariance: Array) -> Array:
-        """Return what is left of a step xi (6,) by images alone; the covariance of its pose has the expectation in it."""
+        """Return what is left of a step xi (6,) by images alone from a pose; the expectation is in its covariance."""
         return xi - covariance @ self.information_at(T_world_body) @ xi
 
     def fuse(self, T_world_body: SE3, covariance: Array) -> tuple[SE3, Array]:

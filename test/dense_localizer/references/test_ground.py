@@ -1,0 +1,75 @@
+"""Height, roll and pitch of a camera on a vehicle, by where another vehicle was taught."""
+
+import numpy as np
+import pytest
+
+from dense_localizer.constants import GROUND_SIGMA
+from dense_localizer.references.ground import Ground
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric.align.expectation import NO_EXPECTATION
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+
+T_BASE_SPHERE = SE3.from_angles(0.0, 0.05, 0.0, [0.6, 0.0, 1.8])
+T_BASE_CAMERA = SE3.from_angles(0.0, 0.1, 0.3, [1.2, 0.1, 0.4]) @ T_BODY_OPTICAL
+
+
+def ground_of(bases, T_base_sphere=T_BASE_SPHERE, T_base_body=T_BASE_CAMERA):
+    """Return the ground of a map that was taken at these poses of the base."""
+    ground = Ground(SphereGraph(KeySphere(k, 1 + k, T @ T_base_sphere) for k, T in enumerate(bases)))
+    ground.T_base_body = T_base_body
+    return ground
+
+
+def climb(slope_rad, start=0):
+    """Return poses of the base, two metres apart, on a slope from one of them on."""
+    T, poses = SE3.identity(), []
+    for k in range(8):
+        pitch = -slope_rad if k >= start else 0.0
+        poses.append(SE3.from_angles(0.0, pitch, 0.0, T.translation))
+        T = poses[-1] @ SE3.from_planar(2.0, 0.0, 0.0)
+    return poses
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.4, np.pi])
+@pytest.mark.parametrize("slope", [0.0, 0.08])
+def test_the_camera_is_as_high_and_as_tilted_as_on_the_taught_vehicle_wherever_that_heads(yaw, slope):
+    bases = climb(slope, start=1)
+    ground = ground_of(bases)
+    T_map_base = bases[5] @ SE3.from_planar(0.3, -0.8, yaw)
+    off = SE3.exp([0.0, 0.0, 0.07, 0.02, -0.03, 0.0])  # of the base: too high, and tilted
+    expected = ground.expect(T_map_base @ off @ T_BASE_CAMERA)
+    there = (T_map_base @ T_BASE_CAMERA).inverse() @ expected.T_world_body
+    assert there.distance(SE3.identity()) < (2e-3, 1e-3)
+    A = T_BASE_CAMERA.inverse().adjoint()
+    np.testing.assert_allclose(A.T @ expected.information @ A, np.diag([0, 0, *ground.sigma**-2, 0]), atol=1e-6)
+
+
+def test_a_camera_of_several_stands_as_the_body_does():
+    ground, T_body_camera = ground_of(climb(0.0), T_base_body=SE3.identity()), T_BASE_CAMERA
+    pose = SE3.from_planar(3.0, 0.2, 0.5)
+    body, camera = ground.expect(pose), ground.expect(pose @ T_body_camera, T_body_camera)
+    assert camera.T_world_body.distance(body.T_world_body @ T_body_camera) < (1e-9, 1e-9)
+    A = T_body_camera.adjoint()
+    np.testing.assert_allclose(camera.information, A.T @ body.information @ A, atol=1e-6)
+
+
+def test_rough_ground_and_a_start_on_a_slope_are_told_by_how_the_taught_vehicle_moved():
+    np.testing.assert_allclose(ground_of(climb(0.0)).sigma, GROUND_SIGMA)
+    rng = np.random.default_rng(3)
+    rough = [T @ SE3.exp(rng.normal(0.0, [0.0, 0.0, 0.05, 0.02, 0.01, 0.0])) for T in climb(0.0)]
+    sigma = ground_of([climb(0.0)[0], *rough[1:]]).sigma
+    assert np.all(sigma > [0.04, 0.015, 0.015])
+    # Who begins on a slope is taken as level there, and seems to climb.
+    np.testing.assert_allclose(ground_of(climb(0.04)).sigma, [0.08, GROUND_SIGMA[1], 0.04], rtol=1e-2)
+
+
+def test_nothing_is_expected_of_a_hand_held_map_or_where_nobody_tells_the_mounting():
+    rng = np.random.default_rng(4)
+    by_hand = [T @ SE3.exp(rng.normal(0.0, [0.1, 0.1, 0.1, 0.1, 0.1, 0.3])) for T in climb(0.0)]
+    for ground in (
+        ground_of(by_hand),
+        ground_of(climb(0.0), T_base_sphere=SE3.identity()),
+        ground_of(climb(0.0), T_base_body=None),
+    ):
+        assert ground.expect(SE3.identity()) is NO_EXPECTATION
