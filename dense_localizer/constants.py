@@ -25,7 +25,7 @@ START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations after
 
 # The ground: height, roll and pitch of a vehicle where another one was taught (test_ground)
 GROUND_SIGMA = np.array([0.03, 0.01, 0.01])  # (3,) m, rad: a laden car on its springs, how well cameras are mounted
-GROUND_NEIGHBOUR_M = 10.0  # between two key spheres, up to which they say how even the ground is
+GROUND_REACH_M = 10.0  # from a key sphere, up to which it says where the ground is
 MAX_GROUND_SIGMA_RAD = 0.05  # of roll and pitch between key spheres: more is no vehicle on a ground
 
 # Rotation between images, M15 eq. 20 (track/test_inter_frame). A mismatch is one minus a correlation.
