@@ -15,7 +15,7 @@ import numpy as np
 from dense_localizer.constants import GROUND_REACH_M, GROUND_SIGMA, MAX_GROUND_SIGMA_RAD
 from dense_localizer.motion_prior import Prediction
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import TINY, Array
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
 from sphere_nav.spheres.graph import SphereGraph
 
@@ -25,16 +25,15 @@ ON_GROUND = [2, 3, 4]  # of a tangent vector of the base: height, roll, pitch
 class Ground:
     """The ground of one map. `T_base_body`: the camera, or what several share, on the vehicle; None: nobody knows."""
 
-    def __init__(self, graph: SphereGraph) -> None:
+    def __init__(self, graph: SphereGraph, T_base_sphere: SE3 | None) -> None:
         self.T_base_body: SE3 | None = None
         first = min(graph, key=lambda node: node.stamp_ns)
         taught = [
             node for node in graph if node.experience == first.experience
         ]  # later drives have mounts of their own
         self._taught = SphereGraph(sorted(taught, key=lambda node: node.stamp_ns))
-        # A map begins at its base, on level ground: a slope there widens what follows, as the way then climbs.
-        self._T_sphere_base = first.T_map_sphere.inverse()
-        self.sigma = self._measure()  # (3,) m, rad; None: no vehicle on a ground
+        self._T_sphere_base = T_base_sphere and T_base_sphere.inverse()
+        self.sigma = self._measure()  # (3,) m, rad; None: no vehicle on a ground, or nobody knows how it carried them
 
     def stand(self, prediction: Prediction) -> Prediction:
         """Return a prediction with what the ground says of its pose."""
@@ -43,7 +42,7 @@ class Ground:
     def expect(self, T_map_body: SE3, T_body_camera: SE3 | None = None) -> Expectation:
         """Return what the ground says of the body near a pose; or of a camera on it, then the pose is that one's."""
         near = self._taught.nearest(T_map_body.translation, 1, GROUND_REACH_M)
-        if self.T_base_body is None or self.sigma is None or not near:
+        if self.T_base_body is None or self.sigma is None or self._T_sphere_base is None or not near:
             return NO_EXPECTATION
         T_base_body = self.T_base_body if T_body_camera is None else self.T_base_body @ T_body_camera
         T_map_ground, T_map_base = near[0].T_map_sphere @ self._T_sphere_base, T_map_body @ T_base_body.inverse()
@@ -55,16 +54,10 @@ class Ground:
 
     def _measure(self) -> Array | None:
         """Return how far height, roll and pitch differ between neighbours, but for what is assumed at least."""
-        if np.linalg.norm(self._T_sphere_base.translation) == 0.0:  # the mapped camera is the base: nobody told
+        if self._T_sphere_base is None:
             return None
         T_map_base = [node.T_map_sphere @ self._T_sphere_base for node in self._taught]
         steps = [a.inverse() @ b for a, b in pairwise(T_map_base) if a.distance(b)[0] <= GROUND_REACH_M]
-        if not steps:
-            return GROUND_SIGMA
-        climb, roll, pitch, length = np.sqrt(
-            np.mean(
-                [np.square([T.translation[2], *T.angles[:2], T.distance(SE3.identity())[0]]) for T in steps], axis=0
-            )
-        )
-        sigma = np.array([climb, roll, max(pitch, climb / max(length, TINY))])
+        differ = np.array([[T.translation[2], *T.angles[:2]] for T in steps]).reshape(-1, 3)
+        sigma = np.sqrt(np.mean(differ**2, axis=0)) if steps else np.zeros(3)
         return np.maximum(sigma, GROUND_SIGMA) if max(sigma[1:]) <= MAX_GROUND_SIGMA_RAD else None

@@ -59,6 +59,11 @@ class SphereMap(Protocol):
         """Where the key spheres are."""
         ...
 
+    @property
+    def T_base_sphere(self) -> SE3 | None:
+        """The spheres of the first drive on its vehicle, where that is known."""
+        ...
+
     def load_sphere(self, sphere_id: int) -> Sphere:
         """Return one key sphere with its pictures; ValueError or OSError where it cannot be read."""
         ...
@@ -123,7 +128,7 @@ class References:
         self.appearance = sphere_map.appearance()
         self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
         self.error = MapError(sphere_map.graph, params.covariance)
-        self.ground = Ground(sphere_map.graph)
+        self.ground = Ground(sphere_map.graph, sphere_map.T_base_sphere)
         self._parts = split_by_experience(sphere_map.graph)
         self._experience = ExperienceChoice(self.coarse)
         self.knows_contrast = params.alignment.contrast  # whether images may be aligned by it
