@@ -27,11 +27,10 @@ class Ground:
 
     def __init__(self, graph: SphereGraph, T_base_sphere: SE3 | None) -> None:
         self.T_base_body: SE3 | None = None
-        first = min(graph, key=lambda node: node.stamp_ns)
-        taught = [
-            node for node in graph if node.experience == first.experience
-        ]  # later drives have mounts of their own
-        self._taught = SphereGraph(sorted(taught, key=lambda node: node.stamp_ns))
+        first = graph[min(graph.nodes)]
+        # Later drives have mounts of their own, which nobody tells.
+        taught = [node for node in graph if node.experience == first.experience]
+        self._taught = SphereGraph(sorted(taught, key=lambda node: node.id))
         self._T_sphere_base = T_base_sphere and T_base_sphere.inverse()
         self.sigma = self._measure()  # (3,) m, rad; None: no vehicle on a ground, or nobody knows how it carried them
 

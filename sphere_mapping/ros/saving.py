@@ -47,9 +47,8 @@ def details_of(
         digest.update(node.stamp_ns.to_bytes(8, "little", signed=True) + node.T_map_sphere.matrix.tobytes())
     map_id, parameters = digest.hexdigest()[:16], {ORIGIN: origin} | to_mapping(params)
     if T_base_sphere is not None:
-        parameters[SPHERE_ON_BASE] = [
-            round(float(one), 6) for one in (*T_base_sphere.translation, *T_base_sphere.angles)
-        ]
+        place = *T_base_sphere.translation.tolist(), *map(float, T_base_sphere.angles)
+        parameters[SPHERE_ON_BASE] = [round(one, 6) for one in place]
     return MapDetails(map_id, source=source, parameters=parameters, rig=rig, frame_id=frame_id)
 
 

@@ -80,7 +80,7 @@ def test_another_drive_in_the_map_says_nothing_by_its_own_mount_nor_does_a_place
     other = KeySphere(
         20, 99, SE3.from_planar(40.0, 0.0, 1.0) @ SE3.exp([0, 0, 9.0, 0, 0, 0]), experience=Experience("dusk")
     )
-    near = KeySphere(21, 100, SE3.from_planar(4.0, 0.5, 1.0), experience=Experience("dusk"))
+    near = KeySphere(21, 0, SE3.from_planar(4.0, 0.5, 1.0), experience=Experience("dusk"))
     ground, alone = Ground(SphereGraph([*first, other, near]), T_BASE_SPHERE), ground_of(climb(0.0))
     ground.T_base_body = T_BASE_CAMERA
     np.testing.assert_allclose(ground.sigma, alone.sigma)
