@@ -38,12 +38,24 @@ class Ground:
         """Return a prediction with what the ground says of its pose."""
         return replace(prediction, expected=self.expect(prediction.T_map_camera))
 
+    def camera_on_base(self, T_body_camera: SE3 | None) -> SE3 | None:
+        """Return where a camera of the body is on the vehicle; None: nobody knows."""
+        if self.T_base_body is None or T_body_camera is None:
+            return self.T_base_body
+        return self.T_base_body @ T_body_camera
+
+    def height_above(self, T_base_camera: SE3) -> float:
+        """Return by how much in m a camera is higher than the key spheres; 0 where nobody knows."""
+        if self.sigma is None or self._T_sphere_base is None:
+            return 0.0
+        return float((self._T_sphere_base @ T_base_camera).translation[2])
+
     def expect(self, T_map_body: SE3, T_body_camera: SE3 | None = None) -> Expectation:
         """Return what the ground says of the body near a pose; or of a camera on it, then the pose is that one's."""
         near = self._taught.nearest(T_map_body.translation, 1, GROUND_REACH_M)
-        if self.T_base_body is None or self.sigma is None or self._T_sphere_base is None or not near:
+        T_base_body = self.camera_on_base(T_body_camera)
+        if T_base_body is None or self.sigma is None or self._T_sphere_base is None or not near:
             return NO_EXPECTATION
-        T_base_body = self.T_base_body if T_body_camera is None else self.T_base_body @ T_body_camera
         T_map_ground, T_map_base = near[0].T_map_sphere @ self._T_sphere_base, T_map_body @ T_base_body.inverse()
         place = T_map_ground.inverse() @ T_map_base
         x, y, _ = place.translation.tolist()

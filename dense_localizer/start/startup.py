@@ -32,6 +32,7 @@ from dense_localizer.constants import (
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference, stop_at
+from dense_localizer.references.ground import Ground
 from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.recognition import Recognition, find_body_axes
 from dense_localizer.references.reference import References
@@ -67,7 +68,7 @@ class Startup:
         each serves in turn.
         """
         seen, self._count = images[self._count % len(images)], self._count + 1
-        attitude = find_attitude(seen, self._references.ground.T_base_body)
+        attitude = find_attitude(seen, self._references.ground)
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance) > NUM_RETRIEVED:
             nodes, placed = self._recognize(seen, [attitude])
@@ -76,7 +77,7 @@ class Startup:
     def propose_turned(self, images: Sequence[RigImage]) -> list[SE3]:
         """Do the same for a camera that is turned about its axis in any way; where features place it, these suffice."""
         seen = images[(self._count - 1) % len(images)]
-        upright = find_attitude(seen, self._references.ground.T_base_body)
+        upright = find_attitude(seen, self._references.ground)
         turns = np.radians(np.arange(ROLL_STEP_DEG, 360.0, ROLL_STEP_DEG))
         attitudes = [upright @ SE3.from_angles(roll, 0.0, 0.0, np.zeros(3)) for roll in turns.tolist()]
         nodes, placed = list(self._references.nodes), list[Guess]()
@@ -90,7 +91,7 @@ class Startup:
         Return with each pose the experience that the image resembles there.
         """
         seen = images[(self._count - 1) % len(images)]
-        found = self._by_parts.propose(seen, find_attitude(seen, self._references.ground.T_base_body))
+        found = self._by_parts.propose(seen, find_attitude(seen, self._references.ground))
         return [(seen.body(one.T_map_camera), one.node.experience) for one in select_distinct(found, NUM_VERIFIED)]
 
     def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
@@ -116,7 +117,8 @@ class Startup:
         guesses, T_map_camera = [], seen.pose(T_map_body)
         for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M):
             guesses.append(Guess(node, T_map_camera))
-            guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
+            place = node.T_map_sphere @ find_attitude(seen, self._references.ground)
+            guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, place.translation)))
         return self._refine(seen, guesses)
 
     def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
@@ -143,18 +145,20 @@ class Startup:
         return Guess(guess.node, found.T_world_camera, float(score))
 
 
-def find_attitude(seen: RigImage, T_base_body: SE3 | None) -> SE3:
-    """Return the rotation T_level_camera of the camera's body axes on an upright vehicle, its heading left out.
+def find_attitude(seen: RigImage, ground: Ground) -> SE3:
+    """Return T_level_camera of the camera's body axes on an upright vehicle above a key sphere, its heading left out.
 
-    Upright where nobody says how the camera sits, or where it would look up or down, as of optical axes for a base.
+    Upright where nobody says how the camera sits, or where it would look up or down, as of optical axes for a base; as
+    high as the key sphere where nobody says how that sat.
     """
-    if T_base_body is None:
+    T_base_camera = ground.camera_on_base(seen.T_body_camera)
+    if T_base_camera is None:
         return SE3.identity()
-    T_base_camera = T_base_body @ seen.T_body_camera if seen.T_body_camera is not None else T_base_body
     R = T_base_camera.rotation @ find_body_axes(seen.pyramid.cameras[0]).rotation.T
     roll, pitch, _ = SE3.from_parts(R, np.zeros(3)).angles
     is_steep = abs(pitch) > MAX_PITCH_RAD
-    return SE3.identity() if is_steep else SE3.from_angles(float(roll), float(pitch), 0.0, np.zeros(3))
+    above = np.array([0.0, 0.0, ground.height_above(T_base_camera)])
+    return SE3.from_parts(np.eye(3), above) if is_steep else SE3.from_angles(float(roll), float(pitch), 0.0, above)
 
 
 def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camera, attitude: SE3 | None = None) -> SE3:
@@ -163,7 +167,8 @@ def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camer
     All around in a whole sphere; in and beside the middle of a partial one; each at its center and a step before and
     behind it, by a share of the range. `attitude`: that of `find_attitude`; None: upright.
     """
-    roll, pitch, _ = (attitude or SE3.identity()).angles
+    level = attitude or SE3.identity()
+    (roll, pitch, _), lifted = level.angles, SE3.from_parts(np.eye(3), [0.0, 0.0, level.translation[2]])
     window = coarse.camera
     center = window.unproject([(window.width - 1) / 2, (window.height - 1) / 2])
     side, tilt = np.radians(SIDE_STEP_DEG), np.radians(TILT_STEP_DEG)
@@ -181,7 +186,7 @@ def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camer
     raised = SE3.exp(np.stack([zero, zero, zero, zero, -elevation, zero], axis=-1))
     advanced = SE3.from_parts(np.eye(3), np.stack([forward, zero, zero], axis=-1))
     rolled = SE3.from_angles(float(roll), 0.0, 0.0, np.zeros(3))
-    return turned @ raised @ advanced @ rolled @ find_body_axes(camera)
+    return lifted @ turned @ raised @ advanced @ rolled @ find_body_axes(camera)
 
 
 def decide(candidates: Sequence[PoseCandidate], params: SearchParams) -> SearchResult:
