@@ -9,6 +9,7 @@ from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros.maps.reader import open_map, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from worlds.localizer import make_map
+from worlds.room import Room
 
 
 def test_the_map_id_changes_with_poses_and_only_then():
@@ -21,8 +22,8 @@ def test_the_map_id_changes_with_poses_and_only_then():
 
 
 @pytest.mark.parametrize("T_base_sphere", [None, SE3.from_angles(0.1, -0.2, 0.3, [0.6, -0.1, 1.8])])
-def test_a_map_tells_where_its_spheres_were_on_the_vehicle(T_base_sphere, room, tmp_path):
-    graph = make_map(room, [SE3.identity()], Spherical(64, 32)).graph
+def test_a_map_tells_where_its_spheres_were_on_the_vehicle(T_base_sphere, tmp_path):
+    graph = make_map(Room(), [SE3.identity()], Spherical(64, 32)).graph
     details = details_of(graph, MapperParams(), frame=("a mark on the floor", T_base_sphere))
     with open_map(save_map(tmp_path / "map", graph, details)) as reader:
         assert reader.origin == "a mark on the floor"
