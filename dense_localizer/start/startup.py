@@ -23,6 +23,7 @@ from dense_localizer.constants import (
     NUM_COMPARED_POINTS,
     NUM_NEAR,
     NUM_RETRIEVED,
+    NUM_SEEN_POINTS,
     NUM_TURNED,
     NUM_VERIFIED,
     ROLL_STEP_DEG,
@@ -41,6 +42,7 @@ from dense_localizer.start.guesses import Guess, is_same_pose, select_best, sele
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric import View, register
+from sphere_nav.photometric.align.projection import view_cone
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.graph import Experience, KeySphere
 
@@ -124,7 +126,9 @@ class Startup:
     def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
         """Return the best of several poses in a sphere, with how much the image resembles it there."""
         level = self._references.coarse.reference(node.id).levels[-1]
-        step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
+        *_, angle = view_cone(seen.pyramid.cameras[0]).tolist()
+        num_around = level.num_pixels * 0.5 * (1.0 - np.cos(angle))
+        step = max(1, int(min(level.num_pixels / NUM_COMPARED_POINTS, num_around / NUM_SEEN_POINTS)))
         points, intensity = level.points[:, ::step].T, level.intensity[::step]
         scores = score_poses(points, intensity, T_sphere_camera.inverse(), seen.pyramid.levels[-1])
         best = np.argsort(-scores, kind="stable")[:NUM_ALIGNED].tolist()
