@@ -23,6 +23,11 @@ MAX_POSITION_SIGMA_M = 0.5  # of a pose that one may go on from (judge/test_cand
 MOVING_SPEED = 0.05  # m/s, from which a repeated image is a fault (test_inputs)
 START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations after a start
 
+# The ground: height, roll and pitch of a vehicle where another one was taught (test_ground)
+GROUND_SIGMA = np.array([0.03, 0.01, 0.01])  # (3,) m, rad: a laden car on its springs, how well cameras are mounted
+GROUND_REACH_M = 10.0  # from a key sphere, up to which it says where the ground is
+MAX_GROUND_SIGMA_RAD = 0.05  # of roll and pitch between key spheres: more is no vehicle on a ground
+
 # Rotation between images, M15 eq. 20 (track/test_inter_frame). A mismatch is one minus a correlation.
 MAX_MISMATCH_RATIO, MISMATCH_FLOOR = 3.0, 0.02  # of a supported prediction: factor of the usual one, and beyond it
 MAX_ROTATION_MISMATCH = 0.7  # of a measured rotation, as share of that of the prediction
@@ -121,6 +126,8 @@ MAX_GUESS_M = 10.0  # from an initial pose to the nearest key sphere: more is an
 MAX_PITCH_RAD = 1.2  # 70 deg: steeper, a mounting is of optical axes
 FORWARD_STEP = 0.2  # before and behind a center, as share of the range
 NUM_COMPARED_POINTS, MIN_COMPARED_POINTS = 600, 20  # of a sphere with the image; visible, below which nothing is said
+NUM_SEEN_POINTS = 100  # within the cone of a view, at least; 600 of a sphere are as many in a view of 80 degrees
+MIN_COARSE_PIXELS = 60  # of an alignment that only ranks guesses: a view of 30 degrees has 200 of a small sphere
 NUM_ALIGNED, NUM_VERIFIED = 12, 4  # best guesses that are aligned coarsely, and of them at full resolution
 CLEAR_LEAD = 0.25  # of coarse correlation, by which the best guess leaves others behind: twice the margin of a start
 NUM_LAID_OUT, NUM_HEADINGS, NUM_BY_PARTS = 48, 2, 6  # spheres compared by edges; headings of each; best ones aligned

@@ -38,9 +38,8 @@ class Localizer:
         self._prior = PosePrior(params.prior, sphere_map.graph, self._inter_frame)
         self.references = References(sphere_map, params, is_live=is_live)
         self._inputs = Inputs(params, self.references.pixels_per_radian)
-        self._integrity = Integrity(self.references, params)
+        self._integrity, self._range_support = Integrity(self.references, params), RangeSupport(self.references, params)
         self._visual_odometry = VisualOdometry(self.references, params)
-        self._range_support = RangeSupport(self.references, params)
         self.search, self._states = PoseSearch(self.references, params), StateMachine(params.state)
 
     def update(self, image: NDArray[Any], camera: Camera, stamp_ns: int, T_odom: SE3 | None = None) -> CameraEstimate:
@@ -81,6 +80,7 @@ class Localizer:
 
     def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Tried = ()) -> PoseCandidate:
         """Choose references, align, assess, ask depth: of a prediction, or of a guess of the search."""
+        prediction = self.references.ground.stand(prediction)
         chosen = self._integrity.mask.hide(self.references.choose_rig(frame.images, prediction, instead_of=tried))
         alignment = align_rig(chosen, prediction, self.params)
         evidence = self._states.state, self._visual_odometry.usual_ncc(chosen.choice.by_contrast)

@@ -31,6 +31,7 @@ from dense_localizer.track.inter_frame import InterFrame
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
+from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
 from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.spheres.graph import Experience, SphereGraph
 
@@ -55,6 +56,7 @@ class Prediction:
     T_map_aligned: SE3 | None = None  # pose of the last alignment
     growth: Array | None = None  # covariance (6, 6) of the motion since then
     age_s: float = 0.0  # since an image was last placed by the map
+    expected: Expectation = NO_EXPECTATION  # of the ground, whatever the motion
 
     @staticmethod
     def guess(T_map_camera: SE3, *, is_near: bool = False, experience: Experience | None = None) -> Prediction:

@@ -40,6 +40,7 @@ class Mapper:
         self.params, self._spheres = params or MapperParams(), SphereCache(store)
         self.num_loops, self.first_id, self._features = 0, 0, features if features is not None else {}
         self.T_map_first, self.origin = T_map_first or SE3.identity(), "the first sphere"
+        self.T_base_sphere: SE3 | None = None  # spheres on the vehicle, where that is told
         self._begin()
 
     def _begin(self) -> None:

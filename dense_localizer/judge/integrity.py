@@ -37,6 +37,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, Reason, State, Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.alignment import GOOD
+from sphere_nav.photometric.align.expectation import Expectation
 from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import PoseBias
@@ -108,7 +109,7 @@ class Integrity:
         motion = prediction.frame_motion(self._params.camera.readout)
         has_failed, chance = not alignment.is_converged, None
         if has_failed and prediction.asks_parts:
-            alignment, chance = align_by_parts(alignment, images, prediction.T_map_camera, registration)
+            alignment, chance = align_by_parts(alignment, images, prediction, registration)
         is_by_parts = has_failed and alignment.is_converged
         is_unusual = has_failed or not usual_ncc or alignment.ncc < FULL_CHECK_NCC * usual_ncc
         # No grey levels pull a pose that they have not given.
@@ -117,6 +118,7 @@ class Integrity:
         if alignment.is_converged and due:
             predicted = prediction.T_map_camera if prediction.asks_parts else None
             structure = find_rig_structure(images, alignment, registration, motion, due, predicted)
+            structure = hold_to(prediction.expected, structure, alignment)
             alignment, remaining, is_pulled = mend(alignment, structure)
             is_biased = has_failed or is_pulled
         pose = alignment.T_world_camera
@@ -154,17 +156,30 @@ class Integrity:
 
 
 def align_by_parts(
-    alignment: Alignment, images: Sequence[RigImage], T_world_body: SE3, params: RegistrationParams
+    alignment: Alignment, images: Sequence[RigImage], prediction: Prediction, params: RegistrationParams
 ) -> tuple[Alignment, float]:
     """Return an alignment that failed at the pose on which parts of the view agree, where these prove it.
 
     With it, the chance that as many agree in a wrong place.
     """
-    found = register_parts(images, T_world_body, params)
+    found = register_parts(images, prediction.T_map_camera, params)
     if found.chance > MAX_PREDICTED_CHANCE:
         return alignment, found.chance
-    covariance = CORRELATED_CELLS * found.covariance
-    return replace(alignment, T_world_camera=found.T_world_body, covariance=covariance, reason=GOOD), found.chance
+    pose, covariance = prediction.expected.fuse(found.T_world_body, CORRELATED_CELLS * found.covariance)
+    return replace(alignment, T_world_camera=pose, covariance=covariance, reason=GOOD), found.chance
+
+
+def hold_to(expected: Expectation, structure: Structure, alignment: Alignment) -> Structure:
+    """Return what was found of residuals, which know images alone, as it is of a pose of which something is known."""
+    pose, support = alignment.T_world_camera, structure.support
+    if support.is_proven:
+        there, covariance = expected.fuse(pose @ SE3.exp(support.xi), support.covariance)
+        support = replace(support, xi=(pose.inverse() @ there).log(), covariance=covariance)
+    light, occlusion = (
+        replace(bias, xi=expected.resist(bias.xi, pose, alignment.covariance))
+        for bias in (structure.illumination, structure.occlusion)
+    )
+    return replace(structure, illumination=light, occlusion=occlusion, support=support)
 
 
 def mend(alignment: Alignment, structure: Structure) -> tuple[Alignment, NDArray[np.float64], bool]:

@@ -9,7 +9,7 @@ from functools import cache, cached_property, lru_cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.constants import NUM_COARSE_LEVELS, NUM_COVERAGE_POINTS, NUM_LAID_OUT
+from dense_localizer.constants import MIN_COARSE_PIXELS, NUM_COARSE_LEVELS, NUM_COVERAGE_POINTS, NUM_LAID_OUT
 from sphere_nav.geometry import Spherical
 from sphere_nav.photometric import Reference, RegistrationParams, prepare_reference
 from sphere_nav.photometric.constants import CONTRAST_ANGLE
@@ -95,5 +95,5 @@ def limit_levels(params: RegistrationParams) -> RegistrationParams:
 @cache
 def stop_at(finest: int, params: RegistrationParams) -> RegistrationParams:
     """Return the parameters of an alignment that stops at the level `finest`."""
-    pyramid = replace(params.pyramid, finest=max(0, finest))
-    return replace(params, pyramid=pyramid, max_iterations_fine=params.max_iterations_coarse)
+    pyramid, least = replace(params.pyramid, finest=max(0, finest)), min(MIN_COARSE_PIXELS, params.min_pixels)
+    return replace(params, pyramid=pyramid, max_iterations_fine=params.max_iterations_coarse, min_pixels=least)

@@ -34,6 +34,7 @@ from dense_localizer.constants import (
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.coarse_reference import CoarseReferences
+from dense_localizer.references.ground import Ground
 from dense_localizer.references.likeness import ExperienceChoice, Sight, Tried
 from dense_localizer.references.map_error import MapError
 from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
@@ -56,6 +57,11 @@ class SphereMap(Protocol):
     @property
     def graph(self) -> SphereGraph:
         """Where the key spheres are."""
+        ...
+
+    @property
+    def T_base_sphere(self) -> SE3 | None:
+        """The spheres of the first drive on its vehicle, where that is known."""
         ...
 
     def load_sphere(self, sphere_id: int) -> Sphere:
@@ -122,6 +128,7 @@ class References:
         self.appearance = sphere_map.appearance()
         self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
         self.error = MapError(sphere_map.graph, params.covariance)
+        self.ground = Ground(sphere_map.graph, sphere_map.T_base_sphere)
         self._parts = split_by_experience(sphere_map.graph)
         self._experience = ExperienceChoice(self.coarse)
         self.knows_contrast = params.alignment.contrast  # whether images may be aligned by it

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from sensor_msgs.msg import Image
 
 from dense_localizer.inputs import CameraImage
@@ -104,7 +105,8 @@ class DenseLocalizerNode(LocalizerNode):
         if self.localizer is None:
             return BaseEstimate(self.refuse(picture.stamp_ns, FINE))
         T_base_body = self.intake.T_base_camera
-        self.localizer.search.T_base_body = T_base_body
+        is_told = self.has_rig or bool(np.any(T_base_body.translation))
+        self.localizer.references.ground.T_base_body = T_base_body if is_told else None
         T_odom_body = picture.T_odom_base and picture.T_odom_base @ T_base_body
         images = self.images_of(picture)
         estimate = self.localizer.update_rig(images, picture.stamp_ns, T_odom_body)

@@ -27,7 +27,6 @@ class PoseSearch:
         self._references = references
         self._params, self._is_automatic = params.start, params.automatic
         self._startup = Startup(references, params)
-        self.T_base_body: SE3 | None = None  # the camera, or what several share, on the vehicle, where that is known
         self.reset()
 
     @property
@@ -111,17 +110,17 @@ class PoseSearch:
 
         Who is lost for long mostly stands where no map is: to ask all each time would take a core for nothing.
         """
-        images, T_base_body = frame.images, self.T_base_body
+        images = frame.images
         asks_all, is_turned = self._num_whole < NUM_WHOLE_SEARCHES, self._num_whole // len(images) % 2 == 0
         self._num_whole += 1  # every camera serves once before the other is asked
-        yield list(map(Prediction.guess, self._startup.propose(images, T_base_body)))
+        yield list(map(Prediction.guess, self._startup.propose(images)))
         if self._finding.reason is Reason.AMBIGUOUS:
             return
         if asks_all or not is_turned:
-            by_parts = self._startup.propose_by_parts(images, T_base_body)
+            by_parts = self._startup.propose_by_parts(images)
             yield [Prediction.guess(pose, experience=experience) for pose, experience in by_parts]
         if asks_all or is_turned:
-            yield list(map(Prediction.guess, self._startup.propose_turned(images, T_base_body)))
+            yield list(map(Prediction.guess, self._startup.propose_turned(images)))
 
     def _check(self, T_map_camera: SE3) -> None:
         if not np.all(np.isfinite(T_map_camera.matrix)):

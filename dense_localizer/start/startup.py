@@ -23,6 +23,7 @@ from dense_localizer.constants import (
     NUM_COMPARED_POINTS,
     NUM_NEAR,
     NUM_RETRIEVED,
+    NUM_SEEN_POINTS,
     NUM_TURNED,
     NUM_VERIFIED,
     ROLL_STEP_DEG,
@@ -32,6 +33,7 @@ from dense_localizer.constants import (
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference, stop_at
+from dense_localizer.references.ground import Ground
 from dense_localizer.references.likeness import score_poses
 from dense_localizer.references.recognition import Recognition, find_body_axes
 from dense_localizer.references.reference import References
@@ -40,6 +42,7 @@ from dense_localizer.start.guesses import Guess, is_same_pose, select_best, sele
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric import View, register
+from sphere_nav.photometric.align.projection import view_cone
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.graph import Experience, KeySphere
 
@@ -60,23 +63,23 @@ class Startup:
         self._by_parts = PartsSearch(references, params.registration)
         self._count = 0
 
-    def propose(self, images: Sequence[RigImage], T_base_body: SE3 | None = None) -> list[SE3]:
+    def propose(self, images: Sequence[RigImage]) -> list[SE3]:
         """Compare the key spheres that look like the image, where features place it and from many poses in each.
 
         The vehicle is taken as upright, and where nobody says how the camera sits on it, the camera. Of several cameras
         each serves in turn.
         """
         seen, self._count = images[self._count % len(images)], self._count + 1
-        attitude = find_attitude(seen, T_base_body)
+        attitude = find_attitude(seen, self._references.ground)
         nodes, placed = list(self._references.nodes), list[Guess]()
         if len(self._references.appearance) > NUM_RETRIEVED:
             nodes, placed = self._recognize(seen, [attitude])
         return self._refine(seen, placed + self._compare_all(seen, nodes, [attitude], NUM_ALIGNED - len(placed)))
 
-    def propose_turned(self, images: Sequence[RigImage], T_base_body: SE3 | None = None) -> list[SE3]:
+    def propose_turned(self, images: Sequence[RigImage]) -> list[SE3]:
         """Do the same for a camera that is turned about its axis in any way; where features place it, these suffice."""
         seen = images[(self._count - 1) % len(images)]
-        upright = find_attitude(seen, T_base_body)
+        upright = find_attitude(seen, self._references.ground)
         turns = np.radians(np.arange(ROLL_STEP_DEG, 360.0, ROLL_STEP_DEG))
         attitudes = [upright @ SE3.from_angles(roll, 0.0, 0.0, np.zeros(3)) for roll in turns.tolist()]
         nodes, placed = list(self._references.nodes), list[Guess]()
@@ -84,15 +87,13 @@ class Startup:
             nodes, placed = self._recognize(seen, [upright, *attitudes])
         return self._refine(seen, placed or self._compare_all(seen, nodes[:NUM_TURNED], attitudes, NUM_ALIGNED))
 
-    def propose_by_parts(
-        self, images: Sequence[RigImage], T_base_body: SE3 | None = None
-    ) -> list[tuple[SE3, Experience]]:
+    def propose_by_parts(self, images: Sequence[RigImage]) -> list[tuple[SE3, Experience]]:
         """Compare edges of the image with key spheres: in another light grey levels do not say where, nor features.
 
         Return with each pose the experience that the image resembles there.
         """
         seen = images[(self._count - 1) % len(images)]
-        found = self._by_parts.propose(seen, find_attitude(seen, T_base_body))
+        found = self._by_parts.propose(seen, find_attitude(seen, self._references.ground))
         return [(seen.body(one.T_map_camera), one.node.experience) for one in select_distinct(found, NUM_VERIFIED)]
 
     def _recognize(self, seen: RigImage, attitudes: Sequence[SE3]) -> tuple[list[KeySphere], list[Guess]]:
@@ -118,13 +119,16 @@ class Startup:
         guesses, T_map_camera = [], seen.pose(T_map_body)
         for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, MAX_GUESS_M):
             guesses.append(Guess(node, T_map_camera))
-            guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
+            place = node.T_map_sphere @ find_attitude(seen, self._references.ground)
+            guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, place.translation)))
         return self._refine(seen, guesses)
 
     def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
         """Return the best of several poses in a sphere, with how much the image resembles it there."""
         level = self._references.coarse.reference(node.id).levels[-1]
-        step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
+        *_, angle = view_cone(seen.pyramid.cameras[0]).tolist()
+        num_around = level.num_pixels * 0.5 * (1.0 - np.cos(angle))
+        step = max(1, int(min(level.num_pixels / NUM_COMPARED_POINTS, num_around / NUM_SEEN_POINTS)))
         points, intensity = level.points[:, ::step].T, level.intensity[::step]
         scores = score_poses(points, intensity, T_sphere_camera.inverse(), seen.pyramid.levels[-1])
         best = np.argsort(-scores, kind="stable")[:NUM_ALIGNED].tolist()
@@ -139,23 +143,26 @@ class Startup:
         """Return a guess after alignment at the coarsest level."""
         params = stop_at(len(seen.pyramid.levels) - 1, self._params.registration)
         view = View(self._references.coarse.reference(guess.node.id), guess.node.T_map_sphere)
-        found = register(seen.pyramid, [view], guess.T_map_camera, params)
+        expected = self._references.ground.expect(guess.T_map_camera, seen.T_body_camera)
+        found = register(seen.pyramid, [view], guess.T_map_camera, params, expected=expected)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
         return Guess(guess.node, found.T_world_camera, float(score))
 
 
-def find_attitude(seen: RigImage, T_base_body: SE3 | None) -> SE3:
-    """Return the rotation T_level_camera of the camera's body axes on an upright vehicle, its heading left out.
+def find_attitude(seen: RigImage, ground: Ground) -> SE3:
+    """Return T_level_camera of the camera's body axes on an upright vehicle above a key sphere, its heading left out.
 
-    Upright where nobody says how the camera sits, or where it would look up or down, as of optical axes for a base.
+    Upright where nobody says how the camera sits, or where it would look up or down, as of optical axes for a base; as
+    high as the key sphere where nobody says how that sat.
     """
-    if T_base_body is None:
+    T_base_camera = ground.camera_on_base(seen.T_body_camera)
+    if T_base_camera is None:
         return SE3.identity()
-    T_base_camera = T_base_body @ seen.T_body_camera if seen.T_body_camera is not None else T_base_body
     R = T_base_camera.rotation @ find_body_axes(seen.pyramid.cameras[0]).rotation.T
     roll, pitch, _ = SE3.from_parts(R, np.zeros(3)).angles
     is_steep = abs(pitch) > MAX_PITCH_RAD
-    return SE3.identity() if is_steep else SE3.from_angles(float(roll), float(pitch), 0.0, np.zeros(3))
+    above = np.array([0.0, 0.0, ground.height_above(T_base_camera)])
+    return SE3.from_parts(np.eye(3), above) if is_steep else SE3.from_angles(float(roll), float(pitch), 0.0, above)
 
 
 def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camera, attitude: SE3 | None = None) -> SE3:
@@ -164,7 +171,8 @@ def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camer
     All around in a whole sphere; in and beside the middle of a partial one; each at its center and a step before and
     behind it, by a share of the range. `attitude`: that of `find_attitude`; None: upright.
     """
-    roll, pitch, _ = (attitude or SE3.identity()).angles
+    level = attitude or SE3.identity()
+    (roll, pitch, _), lifted = level.angles, SE3.from_parts(np.eye(3), [0.0, 0.0, level.translation[2]])
     window = coarse.camera
     center = window.unproject([(window.width - 1) / 2, (window.height - 1) / 2])
     side, tilt = np.radians(SIDE_STEP_DEG), np.radians(TILT_STEP_DEG)
@@ -182,7 +190,7 @@ def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camer
     raised = SE3.exp(np.stack([zero, zero, zero, zero, -elevation, zero], axis=-1))
     advanced = SE3.from_parts(np.eye(3), np.stack([forward, zero, zero], axis=-1))
     rolled = SE3.from_angles(float(roll), 0.0, 0.0, np.zeros(3))
-    return turned @ raised @ advanced @ rolled @ find_body_axes(camera)
+    return lifted @ turned @ raised @ advanced @ rolled @ find_body_axes(camera)
 
 
 def decide(candidates: Sequence[PoseCandidate], params: SearchParams) -> SearchResult:

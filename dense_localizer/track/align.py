@@ -24,7 +24,7 @@ def align_rig(chosen: RigChoice, prediction: Prediction, params: LocalizerParams
         first = find_first_level(prediction, chosen.choice, images[0].pyramid)
         registration = between(registration, coarsest=min(first, registration.pyramid.coarsest))
     motion = prediction.frame_motion(params.camera.readout)
-    found = register_rig(images, prediction.T_map_camera, registration, motion)
+    found = register_rig(images, prediction.T_map_camera, registration, motion, prediction.expected)
     return replace(found, covariance=CONTRAST_COVARIANCE * found.covariance) if chosen.choice.by_contrast else found
 
 

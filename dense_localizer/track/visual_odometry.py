@@ -162,7 +162,7 @@ class VisualOdometry:
         if not seen:
             return None
         motion = prediction.frame_motion(self._params.camera.readout)
-        found = register_rig(seen, prediction.T_map_camera, accept_any_mad(registration), motion)
+        found = register_rig(seen, prediction.T_map_camera, accept_any_mad(registration), motion, prediction.expected)
         step, noise = found.T_world_camera, found.covariance
         self._num_predicted = 0 if is_step(found, prediction) else self._num_predicted + 1
         if self._num_predicted:

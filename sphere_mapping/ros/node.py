@@ -105,8 +105,9 @@ class SphereMapper(ManagedNode):
         T_map_base, source = self.vehicle.begin(sphere, self.mount)
         self.mapper.T_map_first = T_map_base @ self.T_base_sphere
         self.mapper.origin = f"{self.params.base_frame} at the first sphere, level by {source}"
+        self.mapper.T_base_sphere = self.T_base_sphere if np.any(self.T_base_sphere.translation) else None
         if self.journal is not None:
-            self.journal.origin = self.mapper.origin
+            self.journal.frame = self.mapper.origin, self.mapper.T_base_sphere
         self.log.info(f"{self.params.map_frame}: {self.mapper.origin}")
         return True
 

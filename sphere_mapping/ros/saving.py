@@ -20,22 +20,35 @@ from sphere_nav_msgs.srv import SaveMap
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams, SphereMapperParams
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.untrusted import path_below
 from sphere_nav.params import to_mapping
 from sphere_nav.ros.bags.writer import PARTIAL, free_path
-from sphere_nav.ros.maps.reader import ORIGIN, MapDetails, MapWriter, save_map
+from sphere_nav.ros.maps.reader import ORIGIN, SPHERE_ON_BASE, MapDetails, MapWriter, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 
 def details_of(
-    graph: SphereGraph, params: MapperParams, source: str = "", frame_id: str = "map", rig: str = "", origin: str = ""
+    graph: SphereGraph,
+    params: MapperParams,
+    source: str = "",
+    frame_id: str = "map",
+    rig: str = "",
+    frame: tuple[str, SE3 | None] = ("", None),
 ) -> MapDetails:
-    """Return what a map says about itself, `origin` in words among it; its id is a checksum of stamps and poses."""
+    """Return what a map says about itself; its id is a checksum of stamps and poses.
+
+    frame: what fixes its origin, in words, and its first drive's spheres on the vehicle (T_base_sphere; None: untold).
+    """
+    origin, T_base_sphere = frame
     digest = hashlib.sha256()
     for node in graph:
         digest.update(node.stamp_ns.to_bytes(8, "little", signed=True) + node.T_map_sphere.matrix.tobytes())
     map_id, parameters = digest.hexdigest()[:16], {ORIGIN: origin} | to_mapping(params)
+    if T_base_sphere is not None:
+        place = *T_base_sphere.translation.tolist(), *map(float, T_base_sphere.angles)
+        parameters[SPHERE_ON_BASE] = [round(one, 6) for one in place]
     return MapDetails(map_id, source=source, parameters=parameters, rig=rig, frame_id=frame_id)
 
 
@@ -47,7 +60,8 @@ class Journal:
 
     def __init__(self, params: SphereMapperParams, tell: Callable[[str], None]) -> None:
         """`tell` is given a line for whom it concerns: where the journal is, and what became of it."""
-        self._params, self._tell, self.origin = params, tell, ""
+        self._params, self._tell = params, tell
+        self.frame: tuple[str, SE3 | None] = "", None
         self._writer: MapWriter | None = None
         self._unwritten: dict[int, Sphere] = {}
         self._is_saved = self._has_failed = False
@@ -124,7 +138,7 @@ class Journal:
             )
 
     def _details(self, graph: SphereGraph) -> MapDetails:
-        return details_of(graph, self._params.mapper, frame_id=self._params.map_frame, origin=self.origin)
+        return details_of(graph, self._params.mapper, frame_id=self._params.map_frame, frame=self.frame)
 
 
 def journal_path(folder: Path) -> Path:
@@ -147,7 +161,8 @@ def save(
         path = path_below(Path(params.map_folder), request.path, "a folder (parameter map_folder)")
         path.parent.mkdir(parents=True, exist_ok=True)
         graph = graph_to_save(mapper)
-        details = details_of(graph, params.mapper, frame_id=params.map_frame, origin=mapper.origin)
+        frame = mapper.origin, mapper.T_base_sphere
+        details = details_of(graph, params.mapper, frame_id=params.map_frame, frame=frame)
         load, seen, is_overwriting = mapper.load_sphere, mapper.appearance, request.overwrite
         save_map(path, graph, details, load_sphere=load, appearance=seen, is_overwriting=is_overwriting)
     except (ValueError, OSError) as error:

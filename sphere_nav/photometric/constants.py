@@ -8,6 +8,7 @@ import numpy as np
 
 # Alignment
 STUCK = 25.0  # times `min_step`: an increment as large at the end is no convergence; test_judgement
+EXPECTED_SIGMAS = 2.0  # beyond so many standard deviations an expectation pulls no harder; align/test_expectation
 ROTATION_ITERATIONS = 10  # of a pure rotation, M15 section 6.1; test_problem
 TURN_PIXELS = 400  # of a level, compared after a turn; test_problem
 MIN_VIEW_PIXELS = 50  # fewest of a view, or of such a level, to be used; test_occlusion, test_problem

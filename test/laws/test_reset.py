@@ -115,7 +115,7 @@ RESETS: dict[str, tuple[Any, Any, str]] = {
                       "endpoints frame is_wanted search"),
     "PosePrior": (lambda: PosePrior(PriorParams()), "reset", "params drift inter_frame"),  # drift: from each start on
     "PoseSearch": (lambda: PoseSearch(SimpleNamespace(), LocalizerParams()), "reset",
-                   "references params is_automatic startup T_base_body"),
+                   "references params is_automatic startup"),
     "Predictor": (lambda: Predictor(FOLLOWER.vehicle, FOLLOWER.actuation), "reset", "vehicle actuation"),
     "ReconciledOdometry": (lambda: ReconciledOdometry(None, MotionModel(MotionParams())), "reset", ""),
     "SafetyMonitor": (lambda: SafetyMonitor(FOLLOWER), "reset", "params is_emergency outside"),

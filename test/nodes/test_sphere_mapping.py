@@ -206,3 +206,4 @@ def test_gravity_levels_the_map_unless_the_imu_is_of_another_frame(roll):
     np.testing.assert_allclose(T_map_base.rotation, expected, atol=1e-6)
     source = "gravity (IMU at rest)" if roll == 0.0 else "the mounting"
     assert bench.node.mapper.origin == f"base_link at the first sphere, level by {source}"
+    np.testing.assert_allclose(bench.node.mapper.T_base_sphere.matrix, bench.node.T_base_sphere.matrix)

@@ -32,6 +32,8 @@ features = cache(features_of_sphere)
 class MemoryMap:
     """A map that needs no file."""
 
+    T_base_sphere = None
+
     def __init__(self, nodes) -> None:
         self.graph = SphereGraph(nodes)
         self.num_loaded = 0

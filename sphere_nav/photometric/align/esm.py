@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.photometric.align.alignment import Alignment
+from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
 from sphere_nav.photometric.align.problem import MAX_VIEWS, AlignmentState, Descent
 from sphere_nav.photometric.align.rig import RigImage, RigProblem, share_pixels
 from sphere_nav.photometric.params import RegistrationParams
@@ -22,13 +23,15 @@ def register_rig(
     T_world_body: SE3,
     params: RegistrationParams | None = None,
     motion: FrameMotion | None = None,
+    expected: Expectation = NO_EXPECTATION,
 ) -> Alignment:
     """Align the images of the cameras of a body with references that they overlap, from a first guess of its pose.
 
     Eq. 4-8, 18-19, 30-35. Several references are aligned at once; the cameras, and the references of each, share
     `max_pixels` (section 5.1.3). Gains and biases come camera by camera. `motion` is that of the body within a frame of
-    a rolling shutter; it follows the pose from level to level, and once more at the finest. Raises ValueError without
-    images, for an image without views, and for one with more than `MAX_VIEWS`.
+    a rolling shutter; it follows the pose from level to level, and once more at the finest. `expected`: what is known
+    of the pose beforehand. Raises ValueError without images, for an image without views, and for one with more than
+    `MAX_VIEWS`.
     """
     params = params or RegistrationParams()
     _check(images)
@@ -36,7 +39,7 @@ def register_rig(
     coarsest = min(params.pyramid.coarsest, max(len(image.pyramid.levels) for image in images) - 1)
     finest = min(params.pyramid.finest, coarsest)
     for index in [*range(coarsest, finest - 1, -1), *([finest] if motion is not None else [])]:
-        problem = RigProblem.choose_pixels(images, index, state.T_world_camera, share, motion)
+        problem = RigProblem.choose_pixels(images, index, state.T_world_camera, share, motion, expected)
         limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
         descent = problem.descend(state, limit)
         state, iterations = descent.state, iterations + descent.iterations
@@ -49,9 +52,10 @@ def register(
     T_world_camera: SE3,
     params: RegistrationParams | None = None,
     motion: FrameMotion | None = None,
+    expected: Expectation = NO_EXPECTATION,
 ) -> Alignment:
     """Align the image of one camera, as `register_rig` does; pose and motion are those of the camera."""
-    return register_rig([RigImage(pyramid, views=tuple(views))], T_world_camera, params, motion)
+    return register_rig([RigImage(pyramid, views=tuple(views))], T_world_camera, params, motion, expected)
 
 
 def evaluate(

@@ -46,14 +46,19 @@ def classify(
     iterations: int,
     overlap: float,
     params: RegistrationParams,
+    known: Array | None = None,
 ) -> Alignment:
-    """Say what was found by the comparison of all views; H over (xi, gain 1, bias 1, ...) is that of them together."""
+    """Say what was found by the comparison of all views; H over (xi, gain 1, bias 1, ...) is that of them together.
+
+    `known` (6, 6) is the information on the pose that does not come from the images.
+    """
     state = descent.state
     num_pixels = sum(view.num_visible for view in found)
     if num_pixels < params.min_pixels or overlap < params.min_overlap:
         return _refuse(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
     mad = sum(view.mad * view.num_visible for view in found) / num_pixels
-    covariance, condition = _covariance(H)
+    correlated = correlated_pixels(found, params.correlated_pixels)
+    covariance, condition = _covariance(H, correlated * known if known is not None else np.zeros((6, 6)))
     reason = alignment.GOOD
     if condition > params.max_condition:
         reason = alignment.LOW_TEXTURE
@@ -62,7 +67,7 @@ def classify(
     elif mad > params.max_mad:
         reason = alignment.OUTLIERS
     if reason != alignment.LOW_TEXTURE:
-        covariance = covariance * correlated_pixels(found, params.correlated_pixels)
+        covariance = covariance * correlated
     return Alignment(
         T_world_camera=state.T_world_camera.orthonormal(),  # the first guess was a product of many
         covariance=covariance if reason != alignment.LOW_TEXTURE else UNKNOWN,
@@ -95,14 +100,14 @@ def _refuse(state: AlignmentState, reason: str, iterations: int, num_pixels: int
     return Alignment(pose, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, gains, biases)
 
 
-def _covariance(H: Array) -> tuple[Array, float]:
+def _covariance(H: Array, known: Array) -> tuple[Array, float]:
     """Return the covariance of the pose, were all pixels independent, and the condition of the scaled normal matrix.
 
     Light is eliminated: what it could explain is not known of the pose.
     """
     pose, cross, light = H[:6, :6], H[:6, 6:], H[6:, 6:]
     marginal = pose - cross @ np.linalg.solve(light, cross.T) if light.size else pose
-    return inverse_and_condition(marginal)
+    return inverse_and_condition(marginal + known)
 
 
 def _correlation(found: Sequence[ViewComparison], state: AlignmentState) -> float:

@@ -12,6 +12,7 @@ from sphere_nav.estimation.kernels import SIGMA_OF_MAD
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.descent import kernels
+from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
 from sphere_nav.photometric.align.projection import KernelCamera, rolling
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import NO_FLOATS, Level
@@ -94,7 +95,14 @@ class Problem:
         moving = level.kernel_camera if motion is None else rolling(camera, motion.twist(T_world_camera))
         return Problem(tuple(selections), tuple(view.T_world_reference for view in views), level, params, moving)
 
-    def descend(self, state: AlignmentState, limit: int, *, is_rotation: bool = False) -> Descent:
+    def descend(
+        self,
+        state: AlignmentState,
+        limit: int,
+        expected: Expectation = NO_EXPECTATION,
+        *,
+        is_rotation: bool = False,
+    ) -> Descent:
         """Iterate until the increment moves the image less than `min_step` (M15 eq. 6-7), `limit` times at most."""
         T_world_camera, light = state.T_world_camera.matrix[:3].copy(), np.ones((MAX_VIEWS, 2))
         light[: len(state.light)] = state.light
@@ -102,8 +110,9 @@ class Problem:
         depth = min(selection.typical_range for selection in self.selections)
         stop = (params.min_step, self.level.camera.pixels_per_radian, depth, float(params.min_pixels))
         moving, end = (T_world_camera, light), (stop, limit, is_rotation)
+        known = self._robust, expected.weighted(params.correlated_pixels)
         iterations, motion, is_determined = kernels.descend(
-            *self._views, *self._image, *moving, self._robust, *end, facts, pieces
+            *self._views, *self._image, *moving, *known, *end, facts, pieces
         )
         pose = np.concatenate([T_world_camera, [[0.0, 0.0, 0.0, 1.0]]])
         last = AlignmentState(SE3(pose), light[: len(state.light)])

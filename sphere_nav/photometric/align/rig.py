@@ -20,6 +20,7 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.descent import kernels
+from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
 from sphere_nav.photometric.align.judgement import classify, normal_matrix
 from sphere_nav.photometric.align.problem import AlignmentState, Descent, Problem, ViewComparison
 from sphere_nav.photometric.align.projection import kernel_motion
@@ -63,10 +64,11 @@ def share_pixels(params: RegistrationParams, number: int) -> RegistrationParams:
 
 @dataclass(frozen=True)
 class RigProblem:
-    """The least-squares problem of one level: those of the cameras, about one pose."""
+    """The least-squares problem of one level: those of the cameras, about one pose, and what is known of it."""
 
     images: tuple[RigImage, ...]
     problems: tuple[Problem, ...]
+    expected: Expectation = NO_EXPECTATION
 
     @staticmethod
     def choose_pixels(
@@ -75,6 +77,7 @@ class RigProblem:
         T_world_body: SE3,
         params: RegistrationParams,
         motion: FrameMotion | None = None,
+        expected: Expectation = NO_EXPECTATION,
     ) -> RigProblem:
         """Pick the pixels of each camera at a level, or at its coarsest where it has fewer."""
         problems = []
@@ -82,7 +85,7 @@ class RigProblem:
             level = image.pyramid.levels[min(index, len(image.pyramid.levels) - 1)]
             args = image.views, image.pose(T_world_body), params, image.motion(motion)
             problems.append(Problem.choose_pixels(level, *args))
-        return RigProblem(tuple(images), tuple(problems))
+        return RigProblem(tuple(images), tuple(problems), expected)
 
     @property
     def is_camera(self) -> bool:
@@ -127,12 +130,14 @@ class RigProblem:
         That of a camera alone is compiled as a whole.
         """
         if self.is_camera:
-            return self.problems[0].descend(state, limit)
+            return self.problems[0].descend(state, limit, self.expected)
         params, motion = self.problems[0].params, 0.0
+        expected = self.expected.weighted(params.correlated_pixels)
         for iteration in range(limit):
             H, g, visible = self.linearize(state)
             if visible < params.min_pixels:
                 return Descent(state, iteration, motion, is_determined=False)
+            kernels.add_expectation(np.ascontiguousarray(state.T_world_camera.matrix[:3]), expected, H, g)
             x, is_found = newton_step(H, g, int(kernels.START))
             if not is_found:
                 return Descent(state, iteration, motion, is_determined=False)
@@ -167,7 +172,8 @@ class RigProblem:
             for image, state in zip(self.images, states, strict=True)
         ]
         H = self.normal_matrix(found, has_light=params.illumination)
-        return classify(found, H, descent, iterations, float(np.mean(overlaps)), params)
+        known = self.expected.information_at(descent.state.T_world_camera)
+        return classify(found, H, descent, iterations, float(np.mean(overlaps)), params, known)
 
     def normal_matrix(self, found: Sequence[ViewComparison], *, has_light: bool) -> Array:
         """Return H over (xi of the body, gain 1, bias 1, ...) of the compared views of all cameras, in their order."""

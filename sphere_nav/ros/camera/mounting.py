@@ -24,13 +24,18 @@ def read_mounting(text: str, what: str = "mounting") -> SE3 | None:
     if not text:
         return None
     values = _from_file(Path(text), what) if text.endswith((".yaml", ".yml")) else text.split(",")
-    try:
-        numbers = [number(value, what) for value in values]
-    except ValueError:
-        numbers = []
-    if len(numbers) != len(NAMES):
+    found = parse_mounting(values, what)
+    if found is None:
         raise ValueError(f"{what}: expected {','.join(NAMES)} (m, rad) or a YAML file, found {short(text)}")
-    x, y, z, roll, pitch, yaw = numbers
+    return found
+
+
+def parse_mounting(values: object, what: str) -> SE3 | None:
+    """Return the place of six numbers, None for anything else; ValueError for a place that is on no vehicle."""
+    try:
+        x, y, z, roll, pitch, yaw = [number(value, what) for value in values]  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        return None
     check_mounting(np.array([x, y, z]), what)
     return SE3.from_angles(roll, pitch, yaw, [x, y, z])
 

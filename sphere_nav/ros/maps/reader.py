@@ -19,11 +19,13 @@ from mcap.records import ChunkIndex
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_yaml, short
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import view_message
+from sphere_nav.ros.camera.mounting import parse_mounting
 from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.ros.conversions.clouds import message_to_features
 from sphere_nav.ros.conversions.graphs import message_to_graph, messages_to_experiences
@@ -38,6 +40,7 @@ from sphere_nav.ros.maps.writer import (
     KINDS,
     ORIGIN,
     SPHERE,
+    SPHERE_ON_BASE,
     MapDetails,
     MapWriter,
     Progress,
@@ -58,6 +61,7 @@ __all__ = [
     "KINDS",
     "ORIGIN",
     "SPHERE",
+    "SPHERE_ON_BASE",
     "MapDetails",
     "MapReader",
     "MapWriter",
@@ -160,6 +164,20 @@ class MapReader:
     def origin(self) -> str:
         """What fixes the frame of the map, in words; a map that does not say so has that of its first sphere."""
         return str(self.parameters.get(ORIGIN) or "the first sphere")
+
+    @cached_property
+    def T_base_sphere(self) -> SE3 | None:
+        """The spheres of the first drive on its vehicle; None where the map does not say it. BagError for nonsense."""
+        values, what = self.parameters.get(SPHERE_ON_BASE), f"{self.path}: {SPHERE_ON_BASE}"
+        if values is None:
+            return None
+        try:
+            found = parse_mounting(values, what)
+        except ValueError as error:
+            raise BagError(str(error)) from None
+        if found is None:
+            raise BagError(f"{what}: expected x, y, z, roll, pitch, yaw (m, rad), found {short(values)}")
+        return found
 
     def close(self) -> None:
         """Close the file."""

@@ -49,6 +49,7 @@ KINDS: dict[str, type[Any]] = {
 }
 MAP_FRAME, SPHERE_FRAME = "map", "sphere_link"
 ORIGIN = "origin"  # among the parameters: what fixes the frame of the map, in words
+SPHERE_ON_BASE = "sphere_on_base"  # the same: x, y, z, roll, pitch, yaw (m, rad) of the first drive's spheres
 CHUNK_SIZE = 1 << 24  # bytes of a chunk of small spheres or features; a sphere is one, whatever it takes
 GRAPH_EVERY = 4  # key spheres, after which the graph is written again: as many less one are lost in a crash
 

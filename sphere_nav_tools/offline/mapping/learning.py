@@ -101,10 +101,11 @@ def finish_map(
     truth = truth_of(arguments.bag)
     T_new_map, graph, warnings = drive.anchor_graph(arguments.anchor, truth, str(arguments.bag))
     origin = known.origin if known is not None else ORIGINS.get(arguments.anchor, mapper.origin)
+    T_base_sphere = known.T_base_sphere if known is not None else mapper.T_base_sphere
     ways = [drive.trajectory(is_base=is_base).moved(T_new_map) for is_base in (False, True)]
     graph, condensed, left = thin_map(mapper, (mapped, known), arguments.budget, graph, ways[0].positions, new)
     told += left
-    details = details_of(graph, mapper.params, source, frame, drive.recipe.details.rig, origin)
+    details = details_of(graph, mapper.params, source, frame, drive.recipe.details.rig, (origin, T_base_sphere))
     whole = condense(chain(stored, mapped.stored()), condensed)
     write_stored(arguments.output, graph, details, index, whole, is_overwriting=arguments.overwrite)
     for path, way in zip((arguments.trajectory, arguments.taught), ways, strict=True):

@@ -8,7 +8,7 @@ from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
 from dense_localizer.references.reference import References
 from dense_localizer.start.guesses import Guess
-from dense_localizer.start.startup import Startup, candidate_poses, decide
+from dense_localizer.start.startup import Startup, candidate_poses, decide, find_attitude
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason
 from sphere_nav.params import build
@@ -53,10 +53,28 @@ def test_a_camera_is_found_at_once_where_its_mounting_is_known(room, room_map, r
     T_base_body = SE3.from_angles(*np.radians([roll_deg, pitch_deg, 0.0]), [0.1, 0.0, 0.2]) @ T_BODY_OPTICAL
     references, pose = References(room_map, PARAMS), SE3.from_planar(-0.7, 0.1, 1.9) @ T_base_body
     images = [RigImage(pyramid_at(room, pose))]
-    poses = Startup(references, PARAMS).propose(images, T_base_body)
+    references.ground.T_base_body = T_base_body
+    poses = Startup(references, PARAMS).propose(images)
     start = decide([locate(images, references, PARAMS, Prediction.guess(pose)) for pose in poses], PARAMS.start)
     assert start.candidate is not None
     assert start.candidate.T_map_camera.distance(pose) < (0.015, 0.008)
+
+
+def test_a_camera_far_below_the_mapping_one_is_looked_for_where_it_is(room):
+    """Its vehicle has the spheres 1.1 m above ground, and it a hand's breadth."""
+    sphere_map = make_map(room, [SE3.from_planar(0.0, 0.0, 1.0), SE3.from_planar(0.6, 0.0, 1.0)])
+    sphere_map.T_base_sphere = SE3.from_parts(np.eye(3), [0.0, 0.0, 1.1])
+    references, T_base_camera = (
+        References(sphere_map, PARAMS),
+        SE3.from_parts(np.eye(3), [0.2, 0.0, 0.1]) @ T_BODY_OPTICAL,
+    )
+    references.ground.T_base_body = T_base_camera
+    pose = SE3.from_planar(0.1, 0.2, 1.3) @ SE3.from_parts(np.eye(3), [0.0, 0.0, -1.1]) @ T_base_camera
+    seen = RigImage(pyramid_at(room, pose))
+    assert find_attitude(seen, references.ground).translation[2] == pytest.approx(-1.0)
+    for poses in (Startup(references, PARAMS).propose([seen]), Startup(references, PARAMS).propose_near([seen], pose)):
+        assert poses[0].distance(pose) < (0.1, 0.05)
+        assert all(abs(one.translation[2] + 1.0) < 0.1 for one in poses)
 
 
 def about_axis(roll_deg):

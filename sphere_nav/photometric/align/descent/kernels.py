@@ -167,6 +167,28 @@ def join_view(view, h, q, sigma, has_light, H, g):
 
 
 @njit(**OPTIONS)
+def add_expectation(T_world_body, expected, H, g):
+    """Add what is known of the pose beforehand to H and g (6 or more), in place; see `Expectation.weighted`.
+
+    The deviation is taken to first order in its rotation.
+    """
+    T_body_world, information, bound = expected
+    D, r, q, square = compose(T_body_world, T_world_body), np.empty(6), np.zeros(6), 0.0
+    for i in range(3):
+        r[i] = D[i, 3]
+        r[3 + i] = 0.5 * (D[(i + 2) % 3, (i + 1) % 3] - D[(i + 1) % 3, (i + 2) % 3])
+    for i in range(6):
+        for j in range(6):
+            q[i] += information[i, j] * r[j]
+        square += r[i] * q[i]
+    weight = 1.0 if square <= bound**2 else bound / math.sqrt(square)
+    for i in range(6):
+        g[i] += weight * q[i]
+        for j in range(6):
+            H[i, j] += weight * information[i, j]
+
+
+@njit(**OPTIONS)
 def scale_step(num_blocks):
     """Return every how many blocks are enough for the scale."""
     return max(1, min(SCALE_STEP, num_blocks // MIN_SCALE_BLOCKS))
@@ -239,6 +261,7 @@ def descend(
     T_world_camera,
     light,
     robust,
+    expected,
     stop,
     limit,
     is_rotation,
@@ -247,10 +270,10 @@ def descend(
 ):
     """Iterate at one level (M15 eq. 6-7); T_world_camera (3, 4) and light (MAX_VIEWS, 2) change in place.
 
-    robust is (Huber bound, smallest sigma, whether light is estimated), stop (smallest increment in pixels, pixels per
-    radian, depth in m, fewest visible pixels). A pure rotation (eq. 20) leaves the translation as it is. Returns the
-    iterations, the last increment in pixels, and whether the image determined it; facts and pieces are those of the
-    last pass, the gradients those after its increment.
+    robust is (Huber bound, smallest sigma, whether light is estimated), expected as of `add_expectation`, stop
+    (smallest increment in pixels, pixels per radian, depth in m, fewest visible pixels). A pure rotation (eq. 20)
+    leaves the translation as it is. Returns the iterations, the last increment in pixels, and whether the image
+    determined it; facts and pieces are those of the last pass, the gradients those after its increment.
     """
     min_step, per_radian, depth, min_pixels = stop
     first = 3 if is_rotation else 0
@@ -262,6 +285,7 @@ def descend(
         )
         if visible < min_pixels:
             return iteration, motion, False
+        add_expectation(T_world_camera, expected, H, g)
         x, is_found = newton_step(H, g, first)
         if not is_found:
             return iteration, motion, False

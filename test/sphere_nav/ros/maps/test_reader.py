@@ -58,6 +58,13 @@ def test_a_map_comes_back(saved, sphere_graph):
         np.testing.assert_allclose(after.information, before.information, rtol=1e-6)
 
 
+@pytest.mark.parametrize("told", ["kitchen.yaml", [0, 0, 1, 0, 0], [0, 0, "high", 0, 0, 0], [0, 0, 4e3, 0, 0, 0], 7])
+def test_spheres_that_sit_nowhere_on_a_vehicle_are_refused(told, sphere_graph, tmp_path):
+    path = save_map(tmp_path / "map", sphere_graph, MapDetails(parameters={"sphere_on_base": told}))
+    with open_map(path) as reader, pytest.raises(BagError, match=r"map: sphere_on_base: expected"):
+        _ = reader.T_base_sphere
+
+
 def test_a_map_is_a_bag_with_one_chunk_a_sphere(saved):
     with BagReader(saved) as bag:
         counts = {INFO: 2, SPHERE: 3, COARSE: 3, FEATURES: 3, GRAPH: 2, EXPERIENCE: 1}
