@@ -280,9 +280,12 @@ class Stage:
             finally:
                 for copy in copies:
                     copy.write_bytes(text)
-            if outcome == "survived" or (test and self.run([test.partition("[")[0]], limit_s)[0] == "survived"):
+            own = [test.partition("[")[0]] if test else tests
+            if outcome == "survived" or self.run(own, limit_s)[0] == "survived":
                 return outcome, test
-            if not test or test in self.broken:
+            if not test:
+                raise RuntimeError("no test runs without a fault either:\n" + (self.folder / "log").read_text())
+            if test in self.broken:
                 return "survived", ""
             self.broken.add(test)
 

@@ -18,6 +18,7 @@ from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import lessons
 from sphere_nav_tools.offline.lessons import (
@@ -25,6 +26,7 @@ from sphere_nav_tools.offline.lessons import (
     count_explained,
     draw_range,
     explains,
+    key_edge,
     learn_map,
     list_drives,
     make_sphere,
@@ -143,6 +145,18 @@ def test_a_map_learns_a_light_once(campus, capsys):
         assert {edge.b for edge in new.graph.edges} >= {node.id for node in added}
     assert count_explained((previous, campus), withheld, PARAMS) == [0, len(withheld)]
     assert main(["map-learn", str(campus), *SETTINGS]) == 1  # there is nothing left to learn
+
+
+def test_a_key_image_joins_the_key_sphere_that_placed_it_to_5_mm_and_2_mrad():
+    graph = SphereGraph(KeySphere(k, k, SE3.from_planar(float(k), 0.0, 0.5)) for k in (3, 4))
+    node = KeySphere(9, 9, SE3.from_planar(3.2, 0.1, 0.7))
+    for references, a in (((7, 4), 4), ((), 3)):  # one that is no more, none: the nearest
+        one = KeyImage(5, np.zeros((2, 2), np.uint8), PINHOLE, SE3.identity(), np.eye(6), references, False)
+        edge = key_edge(graph, one, node, 1e-9 * np.eye(6))
+        assert (edge.a, edge.b) == (a, 9)
+        np.testing.assert_allclose((graph[a].T_map_sphere @ edge.T_a_b).matrix, node.T_map_sphere.matrix, atol=1e-12)
+        sigmas = np.sqrt(np.diag(np.linalg.inv(edge.information)))
+        np.testing.assert_allclose(sigmas, np.repeat([0.005, 0.002], 3), rtol=1e-3)
 
 
 def see_marks(monkeypatch, *marks):
