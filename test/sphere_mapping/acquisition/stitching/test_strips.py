@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sphere_mapping.acquisition.stitching.strips import strips_of
+from sphere_mapping.acquisition.stitching.strips import Block, strips_of
 
 WIDTH, HEIGHT = 1024, 512
 
@@ -32,6 +32,12 @@ def test_seams_lie_in_strips_that_do_not_overlap():
         assert found[:, (first - 20) % WIDTH : (first - 20) % WIDTH + 1].all()
         assert found[:, (first + 20) % WIDTH].all()
     assert found.mean() < 0.6  # most of the sphere is one camera's
+
+
+def test_a_block_knows_where_another_one_lies_round_the_back_and_repeats_its_border_beyond():
+    rows, columns = Block(10, 1000, 20, 40).places_of(Block(8, 990, 24, 60), WIDTH)
+    assert rows.tolist() == [0, 0, *range(20), 19, 19]
+    assert columns.tolist() == [0] * 10 + [*range(40)] + [39] * 10
 
 
 def test_all_shares_of_a_strip_make_one():
