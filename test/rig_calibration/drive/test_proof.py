@@ -104,6 +104,15 @@ def test_a_turn_is_no_difference_of_lenses():
     assert lens_distance(Lens.of(CAMERA), Lens.of(CAMERA, 0.03), speed=100.0) == pytest.approx(3.0 / np.sqrt(12.0))
 
 
+def test_what_a_wrong_lens_made_of_a_map_grows_with_the_tangent_as_far_as_it_is_known():
+    errors, z = 0.01 * np.arange(1.0, 7.0), 2.0
+    lens = replace(Lens.of(CAMERA), map_errors=tuple(errors))
+    for tangent, known in ((-0.5, -0.5), (1.5, 1.5), (2.5, 1.5)):
+        ((found,), _) = lens.correct_map(np.array([[z * tangent, 0.0, z]]))
+        off = -known * (errors[0] + errors[4] * known**2 + errors[5] * known**4) - errors[2]
+        np.testing.assert_allclose(found, [z * (tangent + off), -z * errors[3], z])
+
+
 @pytest.mark.parametrize(("more", "told"), [(1.9, "hardly show it"), (2.1, "are not told apart")])
 def test_a_parameter_is_blamed_on_another_one_that_would_tell_twice_as_much(more, told):
     def information_without(_, other):
