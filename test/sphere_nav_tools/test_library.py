@@ -74,7 +74,6 @@ def test_a_camera_has_its_centre_in_the_middle_and_takes_no_numbers_without_name
         sphere_nav.Camera.from_fx(640, 480, 500)
 
 
-@pytest.mark.slow
 def test_images_are_placed_and_the_pose_is_where_the_view_looks_the_same(demo):
     truth = drive(NUM_IMAGES)
     with sphere_nav.open_map(demo / "map") as room, sphere_nav.Localizer(room) as localizer:
@@ -152,7 +151,6 @@ def test_an_example_is_short_and_says_in_a_line_how_it_is_called_or_which_path_i
     assert not offenders, "\n".join(offenders)
 
 
-@pytest.mark.slow
 def test_two_rgbd_arrays_give_their_motion():
     room, camera = wide_room(), sphere_nav.Camera.from_fx(width=320, height=240, fx=200)
     places = drive(8)[0], drive(8)[7]

@@ -112,7 +112,6 @@ def options(folder, mounting=""):
     return SimpleNamespace(source=folder, mounting=mounting)
 
 
-@pytest.mark.slow
 def test_a_camera_is_mounted_where_odometry_finds_it(tmp_path):
     camera = drive(tmp_path / "bag", 400)
     found, _ = mounting_by_odometry(options(tmp_path / "bag", "0.5,0,1.1,0,0,0"), "optical", "/wheels", camera)

@@ -98,7 +98,6 @@ def campus(taught, tmp_path):
     return tmp_path / taught.name
 
 
-@pytest.mark.slow
 def test_a_drive_that_the_map_did_not_explain_is_the_lesson(taught, pictures):
     drives = list_drives(taught)
     assert [one.name for one in drives] == ["19700101_000001", "19700101_000140"]
@@ -109,7 +108,6 @@ def test_a_drive_that_the_map_did_not_explain_is_the_lesson(taught, pictures):
     assert np.array_equal(images[0].image, in_light(pictures[3]))  # after probation
 
 
-@pytest.mark.slow
 def test_an_image_that_is_learned_has_the_range_of_the_map(taught, room):
     image = next(iter(list_drives(taught)[1].images()))
     with open_map(taught) as base:
@@ -165,7 +163,6 @@ def see_marks(monkeypatch, *marks):
     monkeypatch.setattr(lessons, "count_explained", lambda *_: next(counts))
 
 
-@pytest.mark.slow
 def test_a_map_that_makes_another_drive_worse_is_refused(campus, monkeypatch):
     before = (campus / "map.mcap").read_bytes()
     see_marks(monkeypatch, [0, 1], [1, 0])

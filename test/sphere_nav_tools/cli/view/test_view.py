@@ -40,7 +40,6 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
 def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
     output = tmp_path / "view.png"
     words = ["view", str(folder / "map"), "--screenshot", str(output), "--size", "160x120", "--fov", "70"]
@@ -131,7 +130,6 @@ def test_key_spheres_and_loops_lie_where_they_are():
 TUNED = ["--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4"]
 
 
-@pytest.mark.slow
 def test_a_drive_is_localized_image_by_image(folder):
     parser = ArgumentParser()
     view.add_arguments(parser)
