@@ -41,7 +41,6 @@ def single(seen):
     return calibrate_camera("pinhole", (640, 480), seen)
 
 
-@pytest.mark.slow
 def test_lens_comes_back(single):
     assert single.camera.fx == pytest.approx(CAMERA.fx, rel=0.005)  # 810 corners at 0.1 px
     assert single.camera.cx == pytest.approx(CAMERA.cx, abs=2.0)
@@ -64,7 +63,6 @@ def test_a_wide_lens_comes_back_in_its_own_model(camera):
     assert found.rms_px < 0.15
 
 
-@pytest.mark.slow
 def test_a_disturbed_solution_settles_where_it_was(seen, single):
     problem = camera_problem("pinhole", (640, 480), seen)
     best = single.adjusted.solution
@@ -74,7 +72,6 @@ def test_a_disturbed_solution_settles_where_it_was(seen, single):
     assert camera_rms(problem, again.residuals, np.ones(810))[0] < 0.15  # sqrt(2) times the noise, at most
 
 
-@pytest.mark.slow
 def test_a_false_corner_and_a_false_view_go(seen, single):
     errors = single.adjusted.solution.residuals.copy()
     errors[5] = 1.5  # alone it does not condemn its view
@@ -111,7 +108,6 @@ def test_an_open_axis_is_named_with_the_motion():
     assert "0.0° pitch" in last
 
 
-@pytest.mark.slow
 def test_points_behind_the_camera_are_refused(seen):
     state = camera_state(
         np.array([400.0, 400, 320, 240, *np.zeros(8)]), SE3.exp(np.tile([0, 0, -3.0, 0, 0, 0], (15, 1)))

@@ -162,7 +162,6 @@ def with_features(part):
     return replace(part, index=index)
 
 
-@pytest.mark.slow
 def test_what_the_localizer_placed_counts_before_all(base, night):
     """Two of three key spheres, as the localizer saw them: the others by the drive's own motions and by ranges."""
     sure = {100 + k: Localized(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=k != 2) for k in (0, 1, 2)}

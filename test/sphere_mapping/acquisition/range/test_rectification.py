@@ -9,8 +9,6 @@ from sphere_mapping.acquisition.range.rectification import Matches, epipolar_err
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
 from worlds.rig import BASELINE, OPTICAL
 
-pytestmark = pytest.mark.slow
-
 LENS = Fisheye(800, 800, 240.0, 240.0, 399.5, 399.5)
 NOISE_PX = 0.3
 
@@ -50,6 +48,7 @@ def disturbed(rig, rng, degrees=0.3):
     )
 
 
+@pytest.mark.slow
 def test_turned_cameras_are_turned_back(rng):
     rig = make_rig()
     matches = matches_in(rig, rng, 90)

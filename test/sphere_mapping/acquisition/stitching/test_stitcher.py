@@ -24,7 +24,6 @@ def images(stitcher):
     return {part.name: seen(part) for part in stitcher.rig.cameras}
 
 
-@pytest.mark.slow
 def test_image_and_range_are_those_of_the_scene(stitcher, images):
     found = stitcher.stitch(images)
     levels, range_m = truth(stitcher)
