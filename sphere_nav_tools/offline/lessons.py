@@ -175,7 +175,7 @@ def teach(base: MapReader, drive: KeptDrive, taught: Sequence[KeyImage], target:
         if float(np.mean(sphere.measured)) >= MIN_MEASURED:
             new_id, radius = max(base.graph.nodes) + 1 + len(nodes), region_radius(sphere)
             nodes.append(KeySphere(new_id, one.stamp_ns, T_map_sphere, region_radius_m=radius, experience=experience))
-            edges.append(key_edge(base.graph, one, nodes[-1], covariance))
+            edges.append(_edge(base.graph, one, nodes[-1], covariance))
             spheres[new_id] = sphere
     graph = SphereGraph([*base.graph, *nodes], [*base.graph.edges, *edges])
     for node in graph:
@@ -223,7 +223,7 @@ def draw_range(base: MapReader, one: KeyImage) -> Range:
     return range_m
 
 
-def key_edge(graph: SphereGraph, one: KeyImage, node: KeySphere, covariance: Array) -> Edge:
+def _edge(graph: SphereGraph, one: KeyImage, node: KeySphere, covariance: Array) -> Edge:
     """Return what was measured between a new key sphere and the one of the map that placed it."""
     known = [sphere_id for sphere_id in one.references if sphere_id in graph.nodes]
     origin = graph[known[0]] if known else graph.nearest(node.T_map_sphere.translation)[0]

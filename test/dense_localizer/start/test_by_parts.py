@@ -6,7 +6,7 @@ import pytest
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from dense_localizer.start.by_parts import PartsSearch
+from dense_localizer.start.by_parts import GRID, PartsSearch, _cut
 from dense_localizer.start.search import PoseSearch
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
@@ -52,6 +52,15 @@ def test_edges_of_grey_levels_and_of_contrast_are_asked_in_turn(references, monk
         best = parts.propose(image, SE3.identity())[0]
         assert set(asked) == {by_contrast}
         assert best.T_map_camera.distance(pose)[0] < 0.3
+
+
+def test_what_is_cut_of_an_image_is_its_edges_or_those_of_its_contrast(monkeypatch):
+    image, cut = seen(at(0.4, 0.1, 0.3)).pyramid, []
+    monkeypatch.setattr("dense_localizer.start.by_parts.cut_view", lambda picture, camera, _: cut.append(camera))
+    for by_contrast in (False, True):
+        _cut(image, SE3.identity(), by_contrast=by_contrast)
+    assert cut[0] == CAMERA
+    assert cut[1].pixels_per_radian <= np.sqrt(2.0) * GRID.pixels_per_radian < cut[0].pixels_per_radian
 
 
 @pytest.mark.slow

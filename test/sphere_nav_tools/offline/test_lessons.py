@@ -26,7 +26,6 @@ from sphere_nav_tools.offline.lessons import (
     count_explained,
     draw_range,
     explains,
-    key_edge,
     learn_map,
     list_drives,
     make_sphere,
@@ -150,7 +149,7 @@ def test_a_key_image_joins_the_key_sphere_that_placed_it_to_5_mm_and_2_mrad():
     node = KeySphere(9, 9, SE3.from_planar(3.2, 0.1, 0.7))
     for references, a in (((7, 4), 4), ((), 3)):  # one that is no more, none: the nearest
         one = KeyImage(5, np.zeros((2, 2), np.uint8), PINHOLE, SE3.identity(), np.eye(6), references, False)
-        edge = key_edge(graph, one, node, 1e-9 * np.eye(6))
+        edge = lessons._edge(graph, one, node, 1e-9 * np.eye(6))
         assert (edge.a, edge.b) == (a, 9)
         np.testing.assert_allclose((graph[a].T_map_sphere @ edge.T_a_b).matrix, node.T_map_sphere.matrix, atol=1e-12)
         sigmas = np.sqrt(np.diag(np.linalg.inv(edge.information)))

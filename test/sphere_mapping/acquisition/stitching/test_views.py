@@ -12,8 +12,8 @@ WHOLE = Spherical(256, 128)
 def test_a_block_holds_what_is_wanted_with_a_margin_aligned_and_round_the_back():
     is_wanted = np.zeros((32, 64), bool)  # every fourth pixel
     assert block_around(is_wanted, WHOLE, 4, 8, 16) is None
-    is_wanted[10:13, [62, 63, 0, 1]] = True
-    assert block_around(is_wanted, WHOLE, 4, 8, 16) == Block(16, 224, 48, 64)  # 28 to 64, 236 to 276
+    is_wanted[10:14, [62, 63, 0, 1]] = True
+    assert block_around(is_wanted, WHOLE, 4, 8, 16) == Block(16, 224, 64, 64)  # 28 to 68, 236 to 276
     is_wanted[:] = True
     assert block_around(is_wanted, WHOLE, 4, 8, 16) == Block(0, 240, 128, 272)  # all, and a margin twice
 
