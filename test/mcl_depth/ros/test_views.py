@@ -14,6 +14,7 @@ from worlds.mcl import Bench, Eye, drive, room_points
 TOPICS = {"/particle_cloud", "/heading", "/hypotheses", "/similarity", "/synthesized_depth"}
 
 
+@pytest.mark.slow
 def test_every_image_is_shown(tmp_path):
     np.save(tmp_path / "room.npy", room_points(0.08))
     bench = Bench(Eye(), tmp_path / "room.npy", bus=OfflineBus(None))

@@ -62,6 +62,7 @@ def test_turned_cameras_are_turned_back(rng):
     assert set(found.angle_deg) == {"a", "b", "c", "d"}
 
 
+@pytest.mark.slow
 def test_known_ranges_tell_turns_that_epipolar_planes_do_not(rng):
     """Two cameras side by side look the same way: a turn about the axis across both moves all along the lines."""
     poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.25, -0.25)]
