@@ -66,4 +66,4 @@ MAX_RESTARTS = 5  # of one node; more would hide that something is broken
 # Diagnostics and the log (test_qos, test_service)
 HEALTH_PERIOD = 1.0  # s between two diagnostics
 EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
-REQUEST_PERIOD = 1.0  # s between two lines of requests that failed alike; each of them is answered
+REQUEST_PERIOD = 1.0  # s between two lines of requests that failed alike; each of them is answered; test_node

@@ -24,7 +24,7 @@ AHEAD = 2  # instants stitched before the mapper has their spheres: always as ma
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
 MAX_PAIRS = 400  # of the drive's beginning
 
-# A driving camera by its drive in a map (test_refine_camera)
+# A driving camera by its drive in a map (cli/test_refine_camera)
 MAX_PAUSE_S = 0.3  # between two images that tell a velocity
 MAX_ODOMETRY_GAP_NS = 200_000_000  # between two poses
 REFINE_ROUNDS = 3  # of localizing with the lens found so far and refining it

@@ -2,8 +2,6 @@ import threading
 import time
 from dataclasses import replace
 
-import pytest
-
 from cycab_sim.params import ClockParams
 from cycab_sim.runner import ANSWER, MEET, PAUSE, LockStep, Runner
 from cycab_sim.simulator import START_NS, Simulator
@@ -16,7 +14,6 @@ def make(params, clock, hand_out):
     return Runner(simulator, lock_step, hand_out), simulator, lock_step
 
 
-@pytest.mark.slow
 def test_commands_that_answer_images_set_the_pace(small_params):
     stamps = []
     done = threading.Event()
@@ -42,7 +39,6 @@ def test_commands_that_answer_images_set_the_pace(small_params):
     assert simulator.vehicle.state.speed > 0.3
 
 
-@pytest.mark.slow
 def test_without_commands_time_passes_and_the_car_stands(small_params):
     names = []
     runner, simulator, lock_step = make(small_params, ClockParams(real_time_factor=0.0), names.append)
@@ -56,7 +52,6 @@ def test_without_commands_time_passes_and_the_car_stands(small_params):
     assert lock_step.num_missed == 0
 
 
-@pytest.mark.slow
 def test_a_real_time_factor_slows_time_down(small_params):
     ticks = []
     runner, _, _ = make(small_params, ClockParams(real_time_factor=0.5), ticks.append)
@@ -103,7 +98,6 @@ def strict_drive(params, delays, slow=0.0):
     return places[: len(delays) + 1], told
 
 
-@pytest.mark.slow
 def test_where_it_is_strict_the_drive_is_the_same_however_long_answers_take(small_params, monkeypatch):
     monkeypatch.setattr("cycab_sim.runner.SETTLE", 0.15)
     prompt, told = strict_drive(small_params, [0.0] * 8)

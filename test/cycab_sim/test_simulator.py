@@ -7,8 +7,6 @@ from cycab_sim.params import CameraRigParams, CaptureParams, SimCameraParams
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
 
-pytestmark = pytest.mark.slow
-
 STEP = 10_000_000
 
 

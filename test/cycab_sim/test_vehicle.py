@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -87,4 +88,8 @@ def test_odometry_is_wrong_by_what_its_parameters_say():
     # 50 m, 50 s; the noise of 2500 messages of 0.02 s adds 0.05 * 0.02 * sqrt(2500) = 0.05 m
     assert odometry.way == pytest.approx(50.0 / 0.98, abs=0.2)
     assert odometry.pose[2] == pytest.approx(0.05, abs=4 * 0.003 * 0.02 * 50)
+    usual = WheelOdometry(0.02, 1, replace(WheelErrors(), speed_noise=0.0, yaw_rate_noise=0.0))
+    for _ in range(1000):
+        usual.step(1.0, 0.2, 0.01)
+    assert (usual.way, usual.pose[2]) == (pytest.approx(10.0 / 0.995), pytest.approx(2.0 * 1.01 + 0.005))
     assert np.all(odometry.deviations[[0, 1, 5]] > WheelOdometry(0.02, 1, wrong).deviations[[0, 1, 5]])

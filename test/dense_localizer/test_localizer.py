@@ -111,7 +111,6 @@ def test_odometry_carries_the_pose_through_the_dark(room, room_map):
     assert estimate.status.state is State.DEGRADED
 
 
-@pytest.mark.slow
 def test_odometry_that_stands_still_is_overruled_and_named(room, room_map):
     localizer = make_localizer(room_map)
     truth, stamp = drive(20, speed=2.0), 1_000_000_000

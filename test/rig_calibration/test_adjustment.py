@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.bundle import rms_px, solve
-from rig_calibration.boards.intrinsics import calibrate_camera
+from rig_calibration.boards.bundle import information, normal_equations, residuals, rms_px, solve
+from rig_calibration.boards.intrinsics import calibrate_camera, view_poses
 from rig_calibration.boards.observability import Spread, warnings
 from rig_calibration.boards.rejection import reject
 from rig_calibration.boards.state import SHARED, RigState, camera_problem, camera_state
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import observations
 from sphere_nav.geometry import SE3, OCam, Omni, Pinhole
+from sphere_nav.geometry.cameras.lens import lens_of
 
 CAMERA = Pinhole(640, 480, 400.0, 402.0, 318.0, 243.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01))
 BOARD = Board("b", 9, 6, 0.1)
@@ -40,7 +41,6 @@ def single(seen):
     return calibrate_camera("pinhole", (640, 480), seen)
 
 
-@pytest.mark.slow
 def test_lens_comes_back(single):
     assert single.camera.fx == pytest.approx(CAMERA.fx, rel=0.005)  # 810 corners at 0.1 px
     assert single.camera.cx == pytest.approx(CAMERA.cx, abs=2.0)
@@ -63,7 +63,6 @@ def test_a_wide_lens_comes_back_in_its_own_model(camera):
     assert found.rms_px < 0.15
 
 
-@pytest.mark.slow
 def test_a_disturbed_solution_settles_where_it_was(seen, single):
     problem = camera_problem("pinhole", (640, 480), seen)
     best = single.adjusted.solution
@@ -73,7 +72,6 @@ def test_a_disturbed_solution_settles_where_it_was(seen, single):
     assert camera_rms(problem, again.residuals, np.ones(810))[0] < 0.15  # sqrt(2) times the noise, at most
 
 
-@pytest.mark.slow
 def test_a_false_corner_and_a_false_view_go(seen, single):
     errors = single.adjusted.solution.residuals.copy()
     errors[5] = 1.5  # alone it does not condemn its view
@@ -81,6 +79,23 @@ def test_a_false_corner_and_a_false_view_go(seen, single):
     kept, dropped = reject(seen, errors, np.ones(810))
     assert kept[5] == 0.0
     assert set(dropped) == {2}
+
+
+def test_views_that_no_lens_explains_are_refused(seen, monkeypatch):
+    monkeypatch.setattr("rig_calibration.boards.intrinsics._try", lambda *_: None)
+    with pytest.raises(ValueError, match="expected views that a pinhole camera explains, found none of 15"):
+        calibrate_camera("pinhole", (640, 480), seen, CAMERA)
+
+
+def test_what_views_tell_of_a_lens_is_what_is_left_when_their_poses_are_free(seen):
+    problem = camera_problem("pinhole", (640, 480), seen)
+    T_camera_board = view_poses(CAMERA, seen)[0]
+    state, weights = camera_state(lens_of(CAMERA), T_camera_board), np.ones(len(seen.pixels))
+    weights[: seen.starts[1]] = 0.0  # a view that was left out says nothing
+    H, _ = normal_equations(problem, state, residuals(problem, state), weights)
+    covariance = np.linalg.pinv(H)[:4, :4]  # of the focal lengths and the centre
+    found = np.linalg.pinv(information(problem, state, weights))[:4, :4]
+    np.testing.assert_allclose(found, covariance, rtol=1e-4)
 
 
 def test_an_open_axis_is_named_with_the_motion():
@@ -93,7 +108,6 @@ def test_an_open_axis_is_named_with_the_motion():
     assert "0.0° pitch" in last
 
 
-@pytest.mark.slow
 def test_points_behind_the_camera_are_refused(seen):
     state = camera_state(
         np.array([400.0, 400, 320, 240, *np.zeros(8)]), SE3.exp(np.tile([0, 0, -3.0, 0, 0, 0], (15, 1)))

@@ -35,7 +35,6 @@ def calibrated(world):
     return found, views[3].label, specs, views
 
 
-@pytest.mark.slow
 def test_a_known_rig_comes_back(world, calibrated):
     found = calibrated[0]
     error = (found.rig.cameras[1].T_rig_camera.inverse() @ world.rig.cameras[1].T_rig_camera).log()
@@ -51,7 +50,6 @@ def test_a_false_detection_is_named(calibrated):
     assert list(found.dropped) == [label]
 
 
-@pytest.mark.slow
 def test_report_has_every_camera(calibrated):
     report = calibration_as_mapping(calibrated[0])
     assert set(report["cameras"]) == {"cam0", "cam1"}
@@ -101,7 +99,6 @@ def test_images_that_were_not_taken_at_one_time_are_warned_of(world, calibrated)
     assert found.warnings[-1].startswith("were the images of each instant taken at one time")
 
 
-@pytest.mark.slow
 def test_the_adjustment_moves_by_the_derivatives_that_it_says(calibrated):
     problem, state = calibrated[0].start.problem, calibrated[0].state
     problem = dataclasses.replace(problem, is_free=np.ones_like(problem.is_free))

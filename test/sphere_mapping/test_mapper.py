@@ -51,7 +51,6 @@ def errors(updates, truth):
     return np.array([T.distance(update.T_map_sphere) for T, update in zip(truth, updates, strict=True)])
 
 
-@pytest.mark.slow
 def test_a_drive_is_recovered_and_few_spheres_are_kept(drive):
     truth, spheres = drive
     mapper, updates = mapped(spheres, truth[0])
@@ -64,7 +63,6 @@ def test_a_drive_is_recovered_and_few_spheres_are_kept(drive):
     assert len(mapper.graph.edges) == len(mapper.graph) - 1
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("max_parallax", "is_kept"), [(0.12, True), (0.3, False)])
 def test_the_end_of_a_drive_is_kept_where_the_last_key_sphere_is_far(drive, max_parallax, is_kept):
     truth, spheres = drive  # 0.56 m in a room whose median range is 4.8 m

@@ -12,7 +12,7 @@ from sphere_nav_msgs.msg import LocalizationStatus, TrackingError
 
 import sphere_nav
 from architecture.tree import ROOT
-from sphere_nav.geometry import SE3, Fisheye
+from sphere_nav.geometry import SE3, Fisheye, Pinhole
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_odometry
@@ -68,11 +68,12 @@ def test_every_public_name_is_there_and_no_other():
 def test_a_camera_has_its_centre_in_the_middle_and_takes_no_numbers_without_names():
     camera = sphere_nav.Camera.from_fx(width=640, height=480, fx=500)
     assert (camera.fy, camera.cx, camera.cy) == (500, 319.5, 239.5)
+    other = sphere_nav.Camera.from_fx(width=640, height=480, fx=500, fy=501, cx=300, cy=200, distortion=[0.1, 0.2])
+    assert other == Pinhole(640, 480, 500, 501, 300, 200, (0.1, 0.2))
     with pytest.raises(TypeError):
         sphere_nav.Camera.from_fx(640, 480, 500)
 
 
-@pytest.mark.slow
 def test_images_are_placed_and_the_pose_is_where_the_view_looks_the_same(demo):
     truth = drive(NUM_IMAGES)
     with sphere_nav.open_map(demo / "map") as room, sphere_nav.Localizer(room) as localizer:
@@ -150,7 +151,6 @@ def test_an_example_is_short_and_says_in_a_line_how_it_is_called_or_which_path_i
     assert not offenders, "\n".join(offenders)
 
 
-@pytest.mark.slow
 def test_two_rgbd_arrays_give_their_motion():
     room, camera = wide_room(), sphere_nav.Camera.from_fx(width=320, height=240, fx=200)
     places = drive(8)[0], drive(8)[7]

@@ -8,8 +8,6 @@ from cycab_sim.sensors.cameras import OPTICAL
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
-pytestmark = pytest.mark.slow
-
 PINHOLE = Pinhole(160, 120, 95.0, 95.0, 79.5, 59.5)
 QUICK = RenderParams(shadow_texel=0.5)
 NEAR = (-14.0, -14.0, 14.0, 14.0)  # of the box: shadows no further

@@ -13,8 +13,6 @@ from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.ros.conversions import camera_from_info, image_to_array, stamp_ns, transform_to_se3
 from sphere_nav.ros.conversions.driving import scan_to_points
 
-pytestmark = pytest.mark.slow
-
 
 class Catcher:
     """Stands for a node: keeps what is published, by topic."""

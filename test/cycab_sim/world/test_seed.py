@@ -76,6 +76,8 @@ THINGS = {
     "house": lambda: [drawn(building.add_house, AT, 9.0, 8.0, 3, seeds=range(8))],
     "row": lambda: [drawn(town.add_row, AT, 60.0, 9.0)],
     "block": lambda: [block()],
+    "square": lambda: [drawn(city._add_square, seeds=range(1))],
+    "rails and views": lambda: [drawn(lambda mesh, _: city._add_rails(mesh)), drawn(city._close_views, seeds=[0])],
     **{kind: lambda kind=kind: [build_world(kind, 3).mesh] for kind in ("corridor", "ramp")},
     "town": lambda: [town.build_town(5)[0]],
     "parked cars": lambda: [season.change_season(block(), SeasonParams(parked=2), 5)],
@@ -92,7 +94,8 @@ NUMBERS = {
     "corridor": 3.116093, "ramp": -1.895655,
     "car": -0.549624, "lamp": 0.365278, "traffic_sign": 1.947710, "bollard": -0.540807, "box": -2.256028,
     "bench": -2.831116, "tree": 1.916368, "monument": -2.749808, "kiosk": -2.022435, "hedge": -5.361531,
-    "house": 0.524900, "row": -5.310562, "block": -4.853642, "town": 4.933649, "parked cars": 11.578493,
+    "house": 0.524900, "row": -5.310562, "block": -4.853642, "square": 2.324253,
+    "rails and views": -1.242157, "town": 4.933649, "parked cars": 11.578493,
     "autumn": -4.901163, "winter": -3.546974, "tram": -2.741106, "pedestrian": 2.647092, "cyclist": 7.738381,
     "ways": 1.725270, "paths": 3.485482, "walks": -1.663502, "traffic": 7.614327, "who keeps off": -0.448396,
 }  # fmt: skip

@@ -60,7 +60,6 @@ def along(number, first=0):
     return [at(-1.5 + 0.3 * (first + k)) for k in range(number)]
 
 
-@pytest.mark.slow
 def test_the_own_bonnet_is_left_out_after_five_places_and_seen_again_when_it_is_gone(seen):
     assert not seen.see(along(4)).any()
     hidden = seen.see(along(2, 4))

@@ -42,7 +42,6 @@ def sight(experience, x, is_followed=True):
     return Sight(build_pyramid(image, PINHOLE).levels[-1], at(x), is_followed)
 
 
-@pytest.mark.slow
 def test_references_are_of_the_experience_that_looks_like_the_image(days):
     references = References(days, PARAMS)
     for tens, experience in enumerate((DAY, NIGHT, SNOW)):
@@ -124,7 +123,6 @@ def test_a_correlation_is_of_what_is_in_view():
     assert correlate_poses(points, other, here, level)[0][0] == pytest.approx(np.corrcoef(seen, other)[0, 1], abs=1e-5)
 
 
-@pytest.mark.slow
 def test_a_drive_starts_from_nowhere_in_any_experience(days):
     localizer = Localizer(PARAMS, days)
     for number in range(6):

@@ -6,7 +6,7 @@ import pytest
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from dense_localizer.start.by_parts import PartsSearch
+from dense_localizer.start.by_parts import GRID, PartsSearch, _cut
 from dense_localizer.start.search import PoseSearch
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
@@ -14,8 +14,6 @@ from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
 from worlds.localizer import SMALL_IMAGES, at, locate, make_map
 from worlds.relit import EdgedRoom, relit
-
-pytestmark = pytest.mark.slow
 
 ROOM = EdgedRoom(half=(6.0, 4.0, 2.0), wave_numbers=(1.0, 10.0, 60))
 CAMERA = Pinhole(320, 240, 220.0, 220.0, 159.5, 119.5)
@@ -44,6 +42,7 @@ def test_a_start_from_nowhere_is_found_in_another_light(references):
     assert result.candidate.T_map_camera.distance(pose) < (0.06, 0.02)
 
 
+@pytest.mark.slow
 def test_edges_of_grey_levels_and_of_contrast_are_asked_in_turn(references, monkeypatch):
     asked, panorama, pose = [], references.coarse.panorama, at(0.4, 0.1, 0.3)
     monkeypatch.setattr(references.coarse, "panorama", lambda one, way: asked.append(way) or panorama(one, way))
@@ -55,6 +54,16 @@ def test_edges_of_grey_levels_and_of_contrast_are_asked_in_turn(references, monk
         assert best.T_map_camera.distance(pose)[0] < 0.3
 
 
+def test_what_is_cut_of_an_image_is_its_edges_or_those_of_its_contrast(monkeypatch):
+    image, cut = seen(at(0.4, 0.1, 0.3)).pyramid, []
+    monkeypatch.setattr("dense_localizer.start.by_parts.cut_view", lambda picture, camera, _: cut.append(camera))
+    for by_contrast in (False, True):
+        _cut(image, SE3.identity(), by_contrast=by_contrast)
+    assert cut[0] == CAMERA
+    assert cut[1].pixels_per_radian <= np.sqrt(2.0) * GRID.pixels_per_radian < cut[0].pixels_per_radian
+
+
+@pytest.mark.slow
 def test_noise_has_no_guess(references):
     noise = np.random.default_rng(4).integers(0, 255, (240, 320), dtype=np.uint8)
     image = RigImage(build_pyramid(noise, CAMERA, PARAMS.registration.pyramid))

@@ -145,6 +145,17 @@ def test_guesses_that_are_clearly_behind_are_not_aligned_at_full_resolution(monk
     assert [round(float(pose.translation[0])) for pose in poses] == [1, 3]
 
 
+def test_of_three_cameras_each_serves_in_turn_and_for_every_way_to_look(monkeypatch):
+    startup, seen = Startup(SimpleNamespace(nodes=[], appearance=()), PARAMS), []
+    monkeypatch.setattr("dense_localizer.start.startup.find_attitude", lambda image, T_base_body: SE3.identity())
+    monkeypatch.setattr(startup, "_refine", lambda image, guesses: seen.append(image))
+    monkeypatch.setattr(startup, "_by_parts", SimpleNamespace(propose=lambda image, _: seen.append(image) or []))
+    for _ in range(4):
+        for propose in (startup.propose, startup.propose_turned, startup.propose_by_parts):
+            propose("abc")
+    assert "".join(seen) == "aaabbbcccaaa"
+
+
 def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):
     params = SearchParams(heading_step_deg=30.0)
     coarse = References(room_map, PARAMS).coarse[0]

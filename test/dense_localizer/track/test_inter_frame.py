@@ -37,7 +37,6 @@ def test_without_images_of_the_same_camera_nothing_is_said(room):
     assert inter.measure([image]) is None
 
 
-@pytest.mark.slow
 def test_five_degrees_and_fifty_pixels_between_images_at_15_hz_are_tracked(room, room_map):
     run, step_ns = Run(room, make_localizer(room_map), NARROW), 66_666_667
     still = [at(-1.0 + 0.01 * k) for k in range(7)]

@@ -1,6 +1,7 @@
 """Depth where images do not do: by night, in new light, beside a lamp; and what it must not do."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.track.range_support import RangeSupport, join
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.status import FINE, Reason, State
+from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.range_alignment import DepthImage
 from worlds.localizer import PINHOLE, STEP_NS, at, drive, error, make_localizer
 
 DEPTH_CAMERA = Pinhole(128, 96, 90.0, 90.0, 63.5, 47.5)
 T_IMAGE_DEPTH = SE3.exp([0.05, 0.01, -0.02, 0.0, 0.03, 0.02])
+SLIP = SE3.exp([0.02, 0.01, 0.0, 0.0, 0.01, 0.0])
 BLACK = np.zeros((PINHOLE.height, PINHOLE.width), np.uint8)
 NOISE = 0.004  # of the depth
 
@@ -42,6 +45,26 @@ class DepthRun:
 @pytest.fixture
 def run(room, room_map):
     return DepthRun(room, make_localizer(room_map))
+
+
+def test_of_all_key_spheres_that_a_depth_image_fits_the_likeliest_places_it(monkeypatch):
+    likeness = {1: 0.3, 2: 0.7, 3: 0.5}
+    nodes = [KeySphere(one, one, SE3.from_planar(float(one), 0.0, 0.0)) for one in likeness]
+
+    def measure(one, image, T_guess):
+        return SimpleNamespace(likeness=likeness[one], T_a_b=T_guess @ SLIP, honest_covariance=np.eye(6))
+
+    monkeypatch.setattr("dense_localizer.track.range_support.measure_motion_by_ranges", measure)
+    error = SimpleNamespace(covariance=lambda *_: np.zeros((6, 6)))
+    support = RangeSupport(SimpleNamespace(covering=lambda *_: nodes, error=error), None)
+    monkeypatch.setattr(support, "_range_of", lambda one: one)
+    depth = DepthImage(np.ones((96, 128)), DEPTH_CAMERA, T_IMAGE_DEPTH)
+    fit, T_map_body, covariance = support._place(depth, at(0.5, 0.0, 0.3))
+    assert fit.likeness == 0.7
+    expected = at(0.5, 0.0, 0.3) @ T_IMAGE_DEPTH @ SLIP @ T_IMAGE_DEPTH.inverse()
+    np.testing.assert_allclose(T_map_body.matrix, expected.matrix, atol=1e-12)
+    Ad = T_IMAGE_DEPTH.adjoint()
+    np.testing.assert_allclose(covariance, Ad @ Ad.T, atol=1e-12)
 
 
 def night(image):

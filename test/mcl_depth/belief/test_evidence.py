@@ -11,7 +11,7 @@ import pytest
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Evidence, chances_of_place
 from mcl_depth.belief.image_motion import Reconciled
-from mcl_depth.belief.joint_evidence import EvidenceLevel, JointEvidence
+from mcl_depth.belief.joint_evidence import ControlDrives, EvidenceLevel, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
 from sphere_nav.geometry import SE3, Spherical
@@ -133,6 +133,23 @@ def test_evidence_moves_with_odometry():
     assert total.max() == pytest.approx(6.0 * FORGETTING)
     assert peak_of(joint_of(field, [(0.0, 0.0, np.pi / 2)])) == (9, 3, 5)
     assert joint_of(field, [(20 * EDGE, 0.0, 0.0)]).max() == 0.0  # off the map
+
+
+def test_control_drives_look_aside_and_back_and_in_a_mirror():
+    """Each fits what is seen where the vehicle goes another way than odometry says."""
+
+    def level_of(*to, sees=1):
+        drives, mask = ControlDrives(EDGE, 2 * EDGE), np.ones((12, 12), bool)
+        for place, ahead in (((5, 5), 0.0), (to, 2 * EDGE)):
+            fields = np.zeros((2, 36, 12, 12), np.float32)
+            fields[sees, 0, *place] = 6.0
+            found = drives.add(fields[1], fields[0], np.array([ahead, 0.0, 0.0]), mask)
+        return found
+
+    ahead, *others = [level_of(*to).turned for to in ((7, 5), (5, 7), (3, 5), (5, 3))]
+    assert others == [pytest.approx(6.0 + 2.0 * FORGETTING)] * 3  # of three drives one goes there
+    assert ahead == 6.0
+    assert level_of(7, 5, sees=0).mirrored == pytest.approx(6.0 + 6.0 * FORGETTING)
 
 
 def test_odometry_may_err_by_a_cell_and_a_heading():

@@ -48,7 +48,6 @@ def images(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return (255 * rng.random((H, W))).astype(np.float32), (1 + 9 * rng.random((H, W))).astype(np.float32)
 
 
-@pytest.mark.slow
 def test_similarity_is_equation_2_for_every_rotation(images) -> None:
     gray, range_m = images
     found = similarity(visual_features(gray), range_m, 12)

@@ -56,7 +56,6 @@ def test_a_position_is_at_most_max_distance_from_its_depth_image():
     assert depth_map.depth_at(np.array([9.0, 0.0])) is None
 
 
-@pytest.mark.slow
 def test_the_filter_comes_back_from_disk_for_the_same_places(tmp_path, visual):
     places = np.random.default_rng(2).uniform(-2, 2, (30, 2))
     curves = []

@@ -27,7 +27,6 @@ def observe(site, pose, number):
     return Observation(image, camera, (number + 1) * 10**9, np.eye(3), SE3.from_planar(*pose))
 
 
-@pytest.mark.slow
 def test_a_place_is_recovered_from_nowhere(site):
     filter_ = site.filter()
     for number, pose in enumerate(POSES):
@@ -37,7 +36,6 @@ def test_a_place_is_recovered_from_nowhere(site):
     assert abs(best[2] - POSES[-1][2]) < np.radians(11)  # a step of headings, and a little
 
 
-@pytest.mark.slow
 def test_a_start_that_is_given_is_confirmed_and_a_wrong_one_is_not(site):
     for offset, is_right in (([0.1, -0.1, 0.05], True), ([2.6, 2.0, 2.5], False)):
         filter_ = site.filter()

@@ -57,7 +57,6 @@ def test_images_without_calibration_are_answered_after_a_while(room):
     assert {status.reason for status in statuses(bus)} == {"BAD_INFO"}
 
 
-@pytest.mark.slow
 def test_while_the_map_is_made_ready_every_image_tells_how_much_of_it_is(room, monkeypatch):
     monkeypatch.setattr(clouds, "MADE_AT_ONCE", 100)
     bus = OfflineBus()

@@ -13,7 +13,7 @@ from worlds.boards import BoardWorld
 BOARDS = (Board("wide", 7, 4, 0.06), Board("high", 5, 6, 0.06), Board("absent", 9, 6, 0.06))
 
 
-@pytest.fixture(scope="module", params=[1, 2], ids=["small", "halved"])
+@pytest.fixture(scope="module", params=[1, pytest.param(2, marks=pytest.mark.slow)], ids=["small", "halved"])
 def seen(request):
     """An image with two boards side by side, of 300 rows or of 600, that are searched at half size; and the truth."""
     scale = request.param
@@ -30,7 +30,6 @@ def seen(request):
     return world.render(0, 0, np.random.default_rng(1)), truth
 
 
-@pytest.mark.slow
 def test_boards_are_told_apart_by_their_size(seen):
     image, truth = seen
     found = detect_all(image, BOARDS)
@@ -39,7 +38,6 @@ def test_boards_are_told_apart_by_their_size(seen):
         assert np.abs(pixels - truth[name][numbers]).max() < 0.3  # noise of 2 of 180 grey levels, windows of 2 to 7 px
 
 
-@pytest.mark.slow
 def test_a_candidate_that_the_border_cuts_is_passed_over(seen, monkeypatch):
     image, truth = seen
     cut = truth["wide"] - [truth["wide"][:, 0].min() + 1.0, 0.0]  # as the detectors do now and then: guessed corners

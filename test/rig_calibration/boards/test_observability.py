@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from rig_calibration.boards.board import Board
+from rig_calibration.boards.observability import motion
 from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.rig import Rig
 from worlds.boards import BoardWorld, boards_around, ring_rig, vertical_rig, wandering
-
-pytestmark = pytest.mark.slow
 
 
 def calibrated(rig, num_boards, num_instants, seed, *, is_drive_only=False):
@@ -26,6 +26,7 @@ def two_sectors():
     return Rig((whole[0], whole[2]), "two sectors")
 
 
+@pytest.mark.slow
 def test_a_rig_that_only_drives_leaves_the_height_open():
     found = calibrated(two_sectors(), 6, 12, 1, is_drive_only=True)
     assert any("top1: z (up) cannot be observed" in line for line in found.warnings)
@@ -34,12 +35,21 @@ def test_a_rig_that_only_drives_leaves_the_height_open():
     assert not any("top0" in line and "observed" in line for line in found.warnings)
 
 
+@pytest.mark.slow
 def test_a_rig_that_is_tilted_leaves_nothing_open():
     found = calibrated(two_sectors(), 4, 24, 2)
     assert not any("cannot be observed" in line for line in found.warnings)
     assert np.all(np.isfinite(found.spread.pose_std))
 
 
+def test_the_motion_of_a_rig_is_told_in_degrees_and_metres():
+    steps = np.array([[0, 0, 0, -0.2, 0, 0], [0, 0, 0, 0, 0, 0], [2.0, 0.5, -1.0, 0.1, 0, 0]])
+    poses = SE3.from_planar(5.0, 6.0, 2.0) @ SE3(np.stack([SE3.exp(step).matrix for step in steps]))
+    told = motion(poses)
+    assert told.startswith("turned by 17.2° roll, 0.0° pitch, 0.0° yaw and moved by 2.00, 0.55, 0.97 m")
+
+
+@pytest.mark.slow
 def test_errors_scatter_as_the_report_promises():
     rig = Rig(ring_rig((480, 360)).cameras[:2], "pair")
     truth, values = rig.cameras[1].T_rig_camera, []

@@ -26,9 +26,11 @@ def drive(rng, *, is_flat=True, turns=1.0, count=400, noise_m=0.0, noise_rad=0.0
     return T_map_world @ base @ camera, SE3(np.stack([T.matrix for T in T_odom_base]))
 
 
-@pytest.mark.slow
+GIVEN = SE3.from_angles(0.0, 0.0, 0.0, [0.5, 0.0, 1.2])
+
+
 def test_a_drive_over_bumps_tells_all():
-    found = find_mounting(*drive(np.random.default_rng(1), is_flat=False, scales=SCALES))
+    found = find_mounting(*drive(np.random.default_rng(1), is_flat=False, scales=SCALES), GIVEN)
     assert found.T_base_camera.matrix == pytest.approx(CAMERA.matrix, abs=2e-3)  # pieces that do not bend evenly
     assert found.scales == pytest.approx(SCALES, abs=1e-3)
     assert found.unobserved == ()
@@ -45,8 +47,7 @@ def test_a_camera_that_looks_back_is_found_without_a_start():
 
 
 def test_a_plane_does_not_show_the_height_which_stays_as_given():
-    given = SE3.from_angles(0.0, 0.0, 0.0, [0.5, 0.0, 1.2])
-    found = find_mounting(*drive(np.random.default_rng(3), noise_m=1e-3, noise_rad=5e-4), given)
+    found = find_mounting(*drive(np.random.default_rng(3), noise_m=1e-3, noise_rad=5e-4), GIVEN)
     assert found.unobserved == ("z",)
     assert found.T_base_camera.translation[2] == pytest.approx(1.2, abs=0.1)
     assert found.T_base_camera.translation[:2] == pytest.approx(CAMERA.translation[:2], abs=0.05)
@@ -72,7 +73,6 @@ def test_deviations_are_those_of_the_errors():
     assert np.all((rms > 0.6) & (rms < 1.7)), dict(zip(NAMES, rms, strict=True))
 
 
-@pytest.mark.slow
 def test_wheels_that_slip_now_and_then_do_not_matter():
     rng = np.random.default_rng(5)
     poses, odometry = drive(rng, is_flat=False, noise_m=1e-3, noise_rad=5e-4)
@@ -80,7 +80,7 @@ def test_wheels_that_slip_now_and_then_do_not_matter():
     for k in (90, 210, 330):
         T = SE3(matrices[k]) @ SE3.from_planar(0.4, 0.0, 0.1) @ SE3(matrices[k]).inverse()
         matrices[k:] = (T @ SE3(matrices[k:])).matrix
-    found = find_mounting(poses, SE3(matrices))
+    found = find_mounting(poses, SE3(matrices), GIVEN)
     assert np.linalg.norm(found.T_base_camera.translation - CAMERA.translation) < 0.05
     assert found.unobserved == ()
 

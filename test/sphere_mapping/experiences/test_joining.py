@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -128,12 +129,22 @@ def test_a_start_that_ranges_do_not_confirm_is_refused():
     assert found.told.endswith("a start was given; ranges fit at 2 of 3 places, 2 tell where")
 
 
-@pytest.mark.parametrize(("num_balls", "is_found"), [(12, True), (0, False)])
-def test_where_all_corners_are_alike_ranges_tell_no_place(num_balls, is_found):
-    """An empty box looks the same the other way round."""
-    map_, night = (submap(Cave(num_balls), *of, camera=WHOLE) for of in ((BASE, 0), (DRIVE, 100, FAR)))
+@pytest.mark.parametrize(("num_balls", "aside_m", "is_found"), [(12, 0.0, True), (0, 0.0, False), (0, 0.3, False)])
+def test_where_all_corners_are_alike_ranges_tell_no_place(num_balls, aside_m, is_found):
+    """An empty box looks the same the other way round; away from its middle three quarters of the fits are right."""
+    base, drive = ([SE3.from_planar(aside_m, 0.0, 0.0) @ pose for pose in poses] for poses in (BASE, DRIVE))
+    map_, night = (submap(Cave(num_balls), *of, camera=WHOLE) for of in ((base, 0), (drive, 100, FAR)))
     load = cache(lambda number: RangeImage.from_sphere(map_.load(number)))
     assert bool(joining.search_by_ranges(map_.graph, night, load).edges) == is_found
+
+
+def test_ranges_of_eight_spheres_of_a_drive_are_sought_in_forty_of_a_map_and_sixteen_places_of_each_kept(monkeypatch):
+    asked, fit = [], SimpleNamespace(likeness=0.5, T_a_b=SE3.identity(), honest_covariance=np.eye(6))
+    monkeypatch.setattr(joining, "_fit_all", lambda a, b: asked.append(a) or [fit])
+    base, drive = (submap(Cave(), [SE3.identity()] * number, 0, camera=Spherical(16, 8)) for number in (80, 16))
+    found = joining.search_by_ranges(base.graph, drive, lambda number: number)
+    assert [asked.count(number) for number in set(asked)] == [8] * 40
+    assert found.told.startswith("; by ranges 128 places")
 
 
 def test_features_join_a_drive_by_day_before_anything_is_searched_by_parts():
@@ -151,7 +162,6 @@ def with_features(part):
     return replace(part, index=index)
 
 
-@pytest.mark.slow
 def test_what_the_localizer_placed_counts_before_all(base, night):
     """Two of three key spheres, as the localizer saw them: the others by the drive's own motions and by ranges."""
     sure = {100 + k: Localized(k, BASE[k].inverse() @ DRIVE[k], 1e-6 * np.eye(6), is_sure=k != 2) for k in (0, 1, 2)}

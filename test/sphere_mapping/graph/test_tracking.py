@@ -78,7 +78,6 @@ def test_a_sphere_whose_way_back_disagrees_is_refused_where_nothing_sharp_was_ex
     assert tracker.align(current, None, graph).reason == ONE_WAY
 
 
-@pytest.mark.slow
 def test_an_edge_that_one_way_measured_alone_is_wide():
     tracker, graph = started(1)
     informations = []
@@ -147,7 +146,6 @@ def test_a_key_sphere_that_is_unrolled_anew_is_measured_anew():
     assert tracker.is_key
 
 
-@pytest.mark.slow
 def test_rounding_does_not_grow_from_key_sphere_to_key_sphere():
     """An inverse is a transpose: what is not quite a rotation would be twice as far from one with each."""
     tracker, graph = started(1)

@@ -43,6 +43,12 @@ def test_an_edit_of_a_called_package_means_another_folder(copy):
     assert present("mcl_depth") != before
 
 
+def test_kernels_of_the_project_have_a_name_and_no_other_file(copy):
+    names = ("sphere_nav/photometric/kernels.py", "sphere_nav/photometric/other.py", "other/kernels.py")
+    assert [folder.name_of(copy / name) for name in names] == ["sphere_nav.photometric", "", ""]
+    assert folder.name_of(copy.parent / "sphere_nav" / "kernels.py") == ""
+
+
 def test_the_same_text_elsewhere_has_the_same_folder(copy, tmp_path, monkeypatch):
     before = present("sphere_nav")
     (tmp_path / "at").rename(tmp_path / "moved")

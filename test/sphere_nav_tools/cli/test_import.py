@@ -45,7 +45,6 @@ def frames_of(topics):
     return tree
 
 
-@pytest.mark.slow
 def test_seven_scenes(imported, seven_scenes, box_and_wall):
     topics = imported("seven_scenes", seven_scenes)
     assert {name: len(messages) for name, messages in topics.items()} == {

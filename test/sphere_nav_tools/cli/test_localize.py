@@ -67,7 +67,6 @@ def localize(recorded, output, *words) -> int:
     return main(["localize", str(recorded / "map"), str(recorded / "bag"), "-o", str(output), *TUNED, *map(str, words)])
 
 
-@pytest.mark.slow
 def test_trusted_poses_of_the_base_are_written_with_a_summary(recorded, tmp_path, capsys):
     assert localize(recorded, tmp_path / "poses.tum", "--json", tmp_path / "s.json", "--bag", tmp_path / "out") == 0
     found = read_tum(tmp_path / "poses.tum")

@@ -9,6 +9,7 @@ import yaml
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image
 
+from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
@@ -18,7 +19,8 @@ from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_odometry
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav_tools.cli.main import main
-from sphere_nav_tools.offline.refine_camera import mounting_by_odometry, mounting_lines, mounting_values
+from sphere_nav_tools.offline import refine_camera
+from sphere_nav_tools.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, mounting_values
 from worlds.localizer import STEP_NS, at, make_map
 from worlds.room import wide_room
 
@@ -70,6 +72,21 @@ def test_a_guess_becomes_a_calibration(recorded, tmp_path, capsys):
     assert "no mounting: the bag has no odometry" in printed
 
 
+@pytest.mark.parametrize(("change_px", "num_rounds"), [(1.9, 1), (2.1, 3)])
+def test_a_drive_is_localised_anew_while_the_lens_changes_by_two_pixels(monkeypatch, change_px, num_rounds):
+    lenses, recorded = [], SimpleNamespace(camera=CAMERA, frame_id="optical", odometry="")
+    for name, value in {
+        "RecordedCamera": lambda *_: recorded,
+        "refine_camera": lambda *_, **__: SimpleNamespace(lens=Lens(GUESS, len(lenses))),
+        "lens_distance": lambda a, b: change_px,
+        "prove": lambda *_, **__: None,
+    }.items():
+        monkeypatch.setattr(refine_camera, name, value)
+    monkeypatch.setattr(RecordedDrive, "_locate", lambda _, sphere_map, lens: lenses.append(lens))
+    RecordedDrive(SimpleNamespace(source="", readout=0.0)).refine(None)
+    assert [lens.readout for lens in lenses] == [*range(num_rounds)]
+
+
 PERIOD_NS = 50_000_000
 T_BASE_CAMERA = SE3.from_angles(0.02, 0.1, 0.4, [0.6, -0.1, 1.1])
 
@@ -95,7 +112,6 @@ def options(folder, mounting=""):
     return SimpleNamespace(source=folder, mounting=mounting)
 
 
-@pytest.mark.slow
 def test_a_camera_is_mounted_where_odometry_finds_it(tmp_path):
     camera = drive(tmp_path / "bag", 400)
     found, _ = mounting_by_odometry(options(tmp_path / "bag", "0.5,0,1.1,0,0,0"), "optical", "/wheels", camera)

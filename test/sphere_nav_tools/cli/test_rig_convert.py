@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav_tools.cli.main import main
 
@@ -64,6 +65,14 @@ def test_masks_levels_and_groups_are_options(capsys, camchain, tmp_path):
     first, second = read_rig(tmp_path / "rig.yaml").cameras
     assert (first.level, second.level, first.exposure_group, first.mask) == ("top", "bottom", "front", None)
     assert second.mask == str(tmp_path / "mask.png")
+
+
+def test_a_camera_is_told_by_where_it_looks(capsys, tmp_path):
+    left, up = SE3.exp(np.radians([0, 0, 0, 0, -30, 0])), SE3.exp(np.radians([0, 0, 0, 20, 0, 0]))  # about optical axes
+    path, T_cam1_cam0 = tmp_path / "camchain.yaml", (left @ up).inverse()
+    path.write_text(yaml.safe_dump({"cam0": CAM, "cam1": CAM | {"T_cn_cnm1": T_cam1_cam0.matrix.tolist()}}))
+    _, out, _ = run(capsys, path, "-o", tmp_path / "rig.yaml")
+    assert out[1].endswith("looks 30.0° to the left, 20.0° up")
 
 
 def test_camchains_are_joined_by_a_shared_topic(capsys, tmp_path):

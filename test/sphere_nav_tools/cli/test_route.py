@@ -31,7 +31,6 @@ def run(capsys, *words):
     return status, capsys.readouterr()
 
 
-@pytest.mark.slow
 def test_from_drives_to_a_way(drives, capsys):
     status, said = run(capsys, "build", "net.geojson", "a.csv", "b.csv", "--dry-run", "--plot", "net.png")
     assert status == 0

@@ -52,7 +52,6 @@ def up(*words):
     return subprocess.Popen([sys.executable, "-c", code, "up", *words])
 
 
-@pytest.mark.dds
 def test_a_node_that_dies_starts_again(tmp_path, capfd):
     """The first time it fails, the second time it ends as if it were told to; the other one ends with it."""
     mark = f"import pathlib, sys; mark = pathlib.Path({str(tmp_path / 'mark')!r}); found = mark.exists(); mark.touch()"

@@ -18,6 +18,7 @@ from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_transform
 from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.offline import lessons
 from sphere_nav_tools.offline.lessons import (
@@ -96,7 +97,6 @@ def campus(taught, tmp_path):
     return tmp_path / taught.name
 
 
-@pytest.mark.slow
 def test_a_drive_that_the_map_did_not_explain_is_the_lesson(taught, pictures):
     drives = list_drives(taught)
     assert [one.name for one in drives] == ["19700101_000001", "19700101_000140"]
@@ -107,7 +107,6 @@ def test_a_drive_that_the_map_did_not_explain_is_the_lesson(taught, pictures):
     assert np.array_equal(images[0].image, in_light(pictures[3]))  # after probation
 
 
-@pytest.mark.slow
 def test_an_image_that_is_learned_has_the_range_of_the_map(taught, room):
     image = next(iter(list_drives(taught)[1].images()))
     with open_map(taught) as base:
@@ -145,13 +144,24 @@ def test_a_map_learns_a_light_once(campus, capsys):
     assert main(["map-learn", str(campus), *SETTINGS]) == 1  # there is nothing left to learn
 
 
+def test_a_key_image_joins_the_key_sphere_that_placed_it_to_5_mm_and_2_mrad():
+    graph = SphereGraph(KeySphere(k, k, SE3.from_planar(float(k), 0.0, 0.5)) for k in (3, 4))
+    node = KeySphere(9, 9, SE3.from_planar(3.2, 0.1, 0.7))
+    for references, a in (((7, 4), 4), ((), 3)):  # one that is no more, none: the nearest
+        one = KeyImage(5, np.zeros((2, 2), np.uint8), PINHOLE, SE3.identity(), np.eye(6), references, False)
+        edge = lessons._edge(graph, one, node, 1e-9 * np.eye(6))
+        assert (edge.a, edge.b) == (a, 9)
+        np.testing.assert_allclose((graph[a].T_map_sphere @ edge.T_a_b).matrix, node.T_map_sphere.matrix, atol=1e-12)
+        sigmas = np.sqrt(np.diag(np.linalg.inv(edge.information)))
+        np.testing.assert_allclose(sigmas, np.repeat([0.005, 0.002], 3), rtol=1e-3)
+
+
 def see_marks(monkeypatch, *marks):
     """Say how many images maps explain, one after the other: withheld ones, then those of other drives."""
     counts = iter(marks)
     monkeypatch.setattr(lessons, "count_explained", lambda *_: next(counts))
 
 
-@pytest.mark.slow
 def test_a_map_that_makes_another_drive_worse_is_refused(campus, monkeypatch):
     before = (campus / "map.mcap").read_bytes()
     see_marks(monkeypatch, [0, 1], [1, 0])

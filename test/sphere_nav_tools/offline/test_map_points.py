@@ -90,7 +90,7 @@ TABLE = [(0.0, 110574.3, 111319.5), (45.0, 111131.8, 78846.8)]
 def test_meters_become_degrees():
     for latitude, per_latitude, per_longitude in TABLE:
         for heading in [0.0, 90.0, 30.0]:
-            datum = Datum(latitude, 10.0, heading)
+            datum = Datum.parse(f"{latitude},10,{heading}")
             ahead = datum.locate(SE3.from_planar(1000.0, 0.0, 0.0))
             left = datum.locate(SE3.from_planar(0.0, 1000.0, 0.0))
             c, s = np.cos(np.radians(heading)), np.sin(np.radians(heading))

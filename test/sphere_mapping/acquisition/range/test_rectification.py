@@ -9,8 +9,6 @@ from sphere_mapping.acquisition.range.rectification import Matches, epipolar_err
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
 from worlds.rig import BASELINE, OPTICAL
 
-pytestmark = pytest.mark.slow
-
 LENS = Fisheye(800, 800, 240.0, 240.0, 399.5, 399.5)
 NOISE_PX = 0.3
 
@@ -50,6 +48,7 @@ def disturbed(rig, rng, degrees=0.3):
     )
 
 
+@pytest.mark.slow
 def test_turned_cameras_are_turned_back(rng):
     rig = make_rig()
     matches = matches_in(rig, rng, 90)
@@ -63,6 +62,7 @@ def test_turned_cameras_are_turned_back(rng):
     assert set(found.angle_deg) == {"a", "b", "c", "d"}
 
 
+@pytest.mark.slow
 def test_known_ranges_tell_turns_that_epipolar_planes_do_not(rng):
     """Two cameras side by side look the same way: a turn about the axis across both moves all along the lines."""
     poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.25, -0.25)]

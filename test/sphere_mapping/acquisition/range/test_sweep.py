@@ -9,8 +9,6 @@ from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Rig, RigCamera
 from sphere_nav.params import build
 from worlds.rig import LENS, OPTICAL, WIDTH, seen, truth
 
-pytestmark = pytest.mark.slow
-
 OTHER = DoubleSphere(160, 160, 44.0, 44.0, 79.5, 79.5, 0.3, 0.55)
 BENT = Fisheye(160, 150, 46.0, 47.0, 80.5, 74.5, (-0.02, 0.002, 0.0, 0.0))
 PARAMS = build(StitchParams, {"width": WIDTH, "match.noise": 0.5})
@@ -52,6 +50,7 @@ def test_range_is_that_of_the_scene_and_so_is_its_deviation(stitcher, found):
     assert (std_m[known] <= 0.08 * range_m[known] * 1.001).all()
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_missing_or_masked_measures_nothing(ring, stitcher, images, found):
     rest = {name: image for name, image in images.items() if name in ("c0", "c1", "c2")}
     fewer = np.isfinite(stitcher.stereo.find(rest).measured[0][0])

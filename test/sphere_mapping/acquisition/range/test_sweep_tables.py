@@ -58,6 +58,8 @@ def test_hypotheses_reach_the_nearest_range_by_steps_of_about_a_pixel(views):
     assert 0.69 < px < 1.26
     assert first < 0 < first + 1.5 * step
     assert first + (NUM_HYPOTHESES - 2) * step > 1 / 0.5
+    first, step = hypotheses_of(views, WHOLE, 0.25)  # wider steps, that no more of them are needed
+    assert first + (NUM_HYPOTHESES - 2) * step == pytest.approx(1 / 0.25)
     wide = [replace(v, T_sphere_camera=SE3.from_parts(OPTICAL, 5 * v.T_sphere_camera.translation)) for v in views]
     assert hypotheses_of(wide, WHOLE, 0.5)[1] * 1.5 * WHOLE.pixels_per_radian < 1.26  # nearer things are given up
 

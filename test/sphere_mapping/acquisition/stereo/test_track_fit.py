@@ -32,7 +32,6 @@ def window(rng, columns, num=150, num_wrong=0):
     return Window(left, right)
 
 
-@pytest.mark.slow
 def test_offset_and_bow_are_recovered_within_their_deviations():
     rng, columns = np.random.default_rng(0), np.array([0.7, 2.5])
     fit = fit_columns(CAMERA, BASELINE, [window(rng, columns, num_wrong=20) for _ in range(8)])

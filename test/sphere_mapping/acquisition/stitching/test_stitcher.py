@@ -1,6 +1,7 @@
 """A textured sphere around a rig, in closed form: the stitched image and range are those of the true sphere."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -24,7 +25,6 @@ def images(stitcher):
     return {part.name: seen(part) for part in stitcher.rig.cameras}
 
 
-@pytest.mark.slow
 def test_image_and_range_are_those_of_the_scene(stitcher, images):
     found = stitcher.stitch(images)
     levels, range_m = truth(stitcher)
@@ -82,6 +82,17 @@ def test_exchanged_levels_are_refused_by_name(stitcher, images):
     }
     with pytest.raises(ValueError, match=r"top and bottom image: .* with the images exchanged"):
         Stitcher(stitcher.rig, stitcher.params).stitch(exchanged)
+
+
+def test_a_stitcher_has_settled_once_range_lenses_and_light_have():
+    for has_stereo, has_lenses, is_checked, has_light, is_settled in [
+        (False, False, False, True, True), (False, True, True, False, False), (True, True, True, True, True),
+        (True, False, True, True, False), (True, True, False, True, False),
+    ]:  # fmt: skip
+        stereo = SimpleNamespace(is_checked=is_checked) if has_stereo else None
+        light = SimpleNamespace(is_settled=has_light)
+        stitcher = SimpleNamespace(stereo=stereo, _has_lenses=has_lenses, _light=light)
+        assert Stitcher.is_settled.fget(stitcher) == is_settled
 
 
 @pytest.mark.slow

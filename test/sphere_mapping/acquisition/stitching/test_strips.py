@@ -2,9 +2,12 @@
 
 import numpy as np
 
-from sphere_mapping.acquisition.stitching.strips import strips_of
+from sphere_mapping.acquisition.stitching.strips import Block, strips_of
+from sphere_mapping.acquisition.stitching.views import block_around, block_rays
+from sphere_nav.geometry import Spherical
 
 WIDTH, HEIGHT = 1024, 512
+SPHERE = Spherical(256, 128)
 
 
 def owner_of(edges):
@@ -34,6 +37,12 @@ def test_seams_lie_in_strips_that_do_not_overlap():
     assert found.mean() < 0.6  # most of the sphere is one camera's
 
 
+def test_a_block_knows_where_another_one_lies_round_the_back_and_repeats_its_border_beyond():
+    rows, columns = Block(10, 1000, 20, 40).places_of(Block(8, 990, 24, 60), WIDTH)
+    assert rows.tolist() == [0, 0, *range(20), 19, 19]
+    assert columns.tolist() == [0] * 10 + [*range(40)] + [39] * 10
+
+
 def test_all_shares_of_a_strip_make_one():
     for strip in strips_of(owner_of((100, 500, 900)), 3, 4):
         for level in range(5):
@@ -41,3 +50,20 @@ def test_all_shares_of_a_strip_make_one():
             for share in strip.shares:
                 total[:, share.columns.start >> level : share.columns.stop >> level] += share.weights[level]
             np.testing.assert_allclose(total, 1.0, atol=1e-5)
+
+
+def test_a_block_holds_what_is_wanted_with_a_margin_aligned_and_round_the_back():
+    is_wanted = np.zeros((32, 64), bool)  # every fourth pixel
+    assert block_around(is_wanted, SPHERE, 4, 8, 16) is None
+    is_wanted[10:14, [62, 63, 0, 1]] = True
+    assert block_around(is_wanted, SPHERE, 4, 8, 16) == Block(16, 224, 64, 64)  # 28 to 68, 236 to 276
+    is_wanted[:] = True
+    assert block_around(is_wanted, SPHERE, 4, 8, 16) == Block(0, 240, 128, 272)  # all, and a margin twice
+
+
+def test_rays_are_those_of_the_pixels_and_of_one_more_at_the_end():
+    block = Block(16, 224, 48, 64)
+    rays = block_rays(SPHERE, block, 5)
+    assert rays.shape == (11, 14, 3)
+    np.testing.assert_allclose(rays[3, 13], SPHERE.unproject([224 + 65, 16 + 15]), atol=1e-12)
+    assert block_rays(SPHERE, block).shape == (48, 64, 3)

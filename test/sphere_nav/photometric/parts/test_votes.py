@@ -1,5 +1,6 @@
 """Cells of a view: how far each is shifted, which agree, and the chance of as many in a wrong place."""
 
+from itertools import pairwise
 from math import comb
 
 import numpy as np
@@ -69,6 +70,20 @@ def test_what_may_leave_the_image_when_it_is_shifted_does_not_vote(image, view):
     middle, half = np.array([119.5, 89.5]), np.array([119.5, 89.5]) - 8.6  # px; 8 either way, and a neighbour
     at_edge = [one.where((np.abs(CAMERA.project(one.points)[0] - middle) > half).any(axis=1)) for one in parts]
     assert vote(levels, [(place, 5 * at_edge)]).num_cells == 0  # of pixels enough
+
+
+def test_a_view_has_twelve_columns_and_eight_rows_and_twelve_pixels_make_a_cell_known(image, view):
+    levels, [(place, parts)] = looked(image, view, TRUTH)
+
+    def cells_of(columns, rows, most=10_000):
+        u, v = np.rint(CAMERA.project(np.concatenate([part.points for part in parts]))[0]).T
+        chosen = np.flatnonzero((u >= columns[0]) & (u < columns[1]) & (v >= rows[0]) & (v < rows[1]))[:most]
+        bounds = np.cumsum([0, *[len(part.residual) for part in parts]])
+        wanted = [np.isin(np.arange(*pair), chosen) for pair in pairwise(bounds)]
+        return vote(levels, [(place, [part.where(own) for part, own in zip(parts, wanted, strict=True)])]).num_cells
+
+    assert cells_of((80, 120), (68, 113)) == 4  # 20 px wide and 22.5 high
+    assert [cells_of((80, 100), (68, 90), most) for most in (11, 12)] == [0, 1]
 
 
 def test_the_chance_is_binomial_but_for_what_six_numbers_fit():

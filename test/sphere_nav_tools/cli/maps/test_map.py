@@ -140,7 +140,6 @@ def test_a_bag_whose_images_are_all_refused_says_why(tmp_path, capsys):
     assert "/camera_info: camera_optical: K[0]: expected a calibrated camera, found focal length 0" in error
 
 
-@pytest.mark.slow
 def test_map_verify_finds_a_flipped_byte(room_map, tmp_path, capsys):
     assert call("map-verify", room_map) == 0
     assert "0 problems" in capsys.readouterr().out
@@ -155,7 +154,6 @@ def test_map_verify_finds_a_flipped_byte(room_map, tmp_path, capsys):
     assert call("map-verify", tmp_path / "none") == 2
 
 
-@pytest.mark.slow
 def test_exported_points_lie_on_the_walls(room_map, tmp_path):
     assert call("map-export", room_map, "-o", tmp_path / "room.ply", "--step", 8) == 0
     data = (tmp_path / "room.ply").read_bytes()
@@ -218,7 +216,6 @@ def test_two_pairs_of_files_are_registered(second, options, limit, tmp_path, cap
     assert found["T_a_b"]["angle_deg"] == pytest.approx(np.degrees(angle), rel=1e-3)
 
 
-@pytest.mark.slow
 def test_a_pair_that_cannot_be_one_is_refused_in_a_line(tmp_path, capsys):
     for number in (0, 2):
         files(tmp_path, number)

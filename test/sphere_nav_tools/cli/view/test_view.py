@@ -2,6 +2,7 @@
 
 from argparse import ArgumentParser
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
@@ -13,7 +14,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.conversions import array_to_image, camera_to_info
 from sphere_nav.ros.maps.reader import open_map, save_map
-from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav_tools.cli.main import main
 from sphere_nav_tools.cli.view import server, view
@@ -40,7 +41,6 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
 def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
     output = tmp_path / "view.png"
     words = ["view", str(folder / "map"), "--screenshot", str(output), "--size", "160x120", "--fov", "70"]
@@ -128,10 +128,78 @@ def test_key_spheres_and_loops_lie_where_they_are():
     assert has(picture, COLORS["loops"], SIDE // 2, SIDE // 2)
 
 
+@pytest.fixture
+def page(monkeypatch):
+    """A page without a server: three key spheres on a way, and a loop between the first and the last one."""
+    monkeypatch.setattr(server, "make_server", lambda *_: MagicMock())
+    monkeypatch.setattr(server, "FLIGHT_S", 0.05)
+    edges = [Edge(0, 1, SE3.identity(), np.eye(6)), Edge(0, 2, SE3.identity(), np.eye(6), is_loop=True)]
+    graph = SphereGraph([KeySphere(i, i, T) for i, T in enumerate(PLACES)], edges)
+    scene = MagicMock(experiences=[Experience("", "night", "b", 5)])
+    return server.Page(graph, scene, PLACES[1] @ T_BODY_OPTICAL, host="", port=0, token="")
+
+
+def browser(T):
+    x, y, z, w = T.quaternion
+    camera = SimpleNamespace(wxyz=(w, x, y, z), position=T.translation, aspect=2.0, fov=1.0, on_update=MagicMock())
+    return MagicMock(camera=camera)
+
+
+def test_a_page_shows_the_graph_and_flies_to_the_key_sphere_that_is_clicked(page):
+    scene, client = page.server.scene, browser(PLACES[0] @ T_BODY_OPTICAL)
+    lines = {call.args[0]: call.kwargs["points"] for call in scene.add_line_segments.call_args_list}
+    np.testing.assert_allclose(lines["/graph/way"], [[[0, 0, 0], [20, 0, 0]]])
+    np.testing.assert_allclose(lines["/graph/loops"], [[[0, 0, 0], [20, 20, 0]]])
+    assert [call.kwargs["position"].tolist() for call in scene.add_icosphere.call_args_list] == [
+        list(T.translation) for T in PLACES
+    ]
+    np.testing.assert_allclose(page.server.initial_camera.look_at, [21.0, 0.0, 0.0])
+    handle = scene.add_icosphere.return_value
+    handle.on_click.call_args_list[2].args[0](SimpleNamespace(client=client))
+    np.testing.assert_allclose(client.camera.position, [20.0, 20.0, 0.0])
+    np.testing.assert_allclose(client.camera.look_at, [21.0, 20.0, 0.0], atol=1e-9)
+
+
+def test_a_drive_is_shown_where_it_is_and_who_rides_along_is_taken_there(page):
+    client, (x, y, z, w) = browser(PLACES[0]), T.quaternion
+    page.server.get_clients.return_value = {1: client}
+    page.server.gui.add_checkbox.side_effect = lambda name, _: SimpleNamespace(value=name == "ride along")
+    image, residual = np.full((6, 8, 3), 7, np.uint8), np.full((6, 8), 90, np.uint8)
+    page.show(SimpleNamespace(image=image, text="where", T_map_camera=T, residual=residual), PINHOLE)
+    shown = page.server.scene.add_camera_frustum.call_args.kwargs
+    assert (shown["wxyz"], shown["aspect"]) == ((w, x, y, z), PINHOLE.width / PINHOLE.height)
+    assert np.tan(shown["fov"] / 2) == pytest.approx(PINHOLE.height / 2 / PINHOLE.fy)
+    np.testing.assert_allclose(client.camera.position, T.translation)
+    handle = page.server.gui.add_image.return_value
+    assert (handle.image == 90).all()
+    assert handle.image.shape == (6, 8, 3)
+
+
+def test_a_browser_is_sent_small_views_while_it_moves_and_large_ones_once_it_stands(page, monkeypatch):
+    threads, client = [], browser(T)
+    monkeypatch.setattr(server.threading, "Thread", lambda target, args, daemon: threads.append(args) or MagicMock())
+    page._welcome(client)
+    client.gui.add_dropdown.return_value.value = server.ANY_LOOK
+    ((_, _, draw),) = threads
+    render, is_ready = page._scene.render, page._scene.is_ready
+    render.return_value = SimpleNamespace(image=np.full((2, 2, 3), 9, np.uint8), is_known=np.eye(2, dtype=bool))
+    for is_still, count, width in ((False, 2, 480), (True, 4, 800)):
+        is_ready.return_value = is_still
+        assert draw(is_still) == is_still
+        (_, lens, look), options = render.call_args
+        assert (lens.width, lens.height, look, options["count"]) == (width, width // 2, None, count)
+    picture = client.scene.set_background_image.call_args.args[0]
+    assert (picture[:, :, 0] == [[9, 60], [60, 9]]).all()  # holes are dark
+    assert "50 % seen" in client.gui.add_markdown.return_value.content
+    assert not client.gui.add_dropdown.return_value.visible  # of two looks one is all
+    client.gui.add_checkbox.return_value.value = False
+    assert draw(False)
+    assert client.scene.set_background_image.call_args.args == (None,)
+
+
 TUNED = ["--set", "acceptance.min_pixels=200", "--set", "alignment.num_levels=4"]
 
 
-@pytest.mark.slow
 def test_a_drive_is_localized_image_by_image(folder):
     parser = ArgumentParser()
     view.add_arguments(parser)

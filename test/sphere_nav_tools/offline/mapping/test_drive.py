@@ -200,7 +200,6 @@ def test_a_given_start_is_where_and_as_it_was_told_beside_a_key_sphere_that_is_t
 # Written out: imported, a change would go unseen.
 
 
-@pytest.mark.slow
 def test_a_right_pair_is_left_alone(tmp_path):
     write_bag(tmp_path / "bag", stereo, numbers=range(5))
     with BagReader(tmp_path / "bag") as bag:

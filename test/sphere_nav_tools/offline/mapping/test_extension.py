@@ -27,8 +27,6 @@ from sphere_nav_tools.offline.mapping.thinning import thin_map
 from worlds.maps import load_all
 from worlds.room import sharp_room
 
-pytestmark = pytest.mark.slow
-
 START, PERIOD = 1_000_000_000, 200_000_000
 SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.1")
 ALL_KEPT = ("--set", "mapper.key.merge=false")
@@ -75,6 +73,7 @@ def joint(drives, tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_two_drives_are_one_map_and_the_first_one_stays_as_it_is(drives, joint):
     assert sorted(path.name for path in joint.iterdir()) == ["both", "west.tum"]
     assert verify_map(joint / "both") == []
@@ -91,6 +90,7 @@ def test_two_drives_are_one_map_and_the_first_one_stays_as_it_is(drives, joint):
     assert max(float(a.distance(b)[0]) for a, b in zip(driven.T_map_body, WEST, strict=True)) < 0.02
 
 
+@pytest.mark.slow
 def test_processes_and_a_cluster_make_the_same_map_bit_for_bit(drives, joint, tmp_path, monkeypatch):
     class Client:
         def __init__(self, address, timeout):
@@ -120,6 +120,7 @@ def refused(capsys, *words):
     return said
 
 
+@pytest.mark.slow
 def test_a_drive_elsewhere_is_refused_with_what_was_tried(drives, tmp_path, capsys):
     words = (drives / "short", "-o", tmp_path / "both", *SETTINGS)
     assert call("map", *words, "--extend", drives / "taught") == 1
@@ -131,6 +132,7 @@ def test_a_drive_elsewhere_is_refused_with_what_was_tried(drives, tmp_path, caps
     assert verify_map(tmp_path / "both.drive") == []
 
 
+@pytest.mark.slow
 def test_a_drive_in_another_light_becomes_an_experience_from_a_given_start(drives, tmp_path, capsys):
     """Other patterns on the same walls, which features do not know: ranges place it."""
     output, taught = tmp_path / "both", drives / "taught"
@@ -166,6 +168,7 @@ def thinned_to(reader, budget):
     return thin_map(mapper, (None, reader), budget, reader.graph, np.zeros((0, 3)), ())
 
 
+@pytest.mark.slow
 def test_a_budget_is_kept_by_condensing_first(joint):
     with open_map(joint / "both") as both:
         number = len(both.graph)
@@ -179,6 +182,7 @@ def test_a_budget_is_kept_by_condensing_first(joint):
             assert told[1:] == ([f"{number - len(graph)} key spheres left for the budget"] if is_left else [])
 
 
+@pytest.mark.slow
 def test_a_map_that_cannot_be_extended_is_refused_before_anything_is_mapped(drives, tmp_path, capsys):
     west, taught = drives / "west", drives / "taught"
     words = (west, "-o", tmp_path / "both", "--extend")
@@ -244,6 +248,7 @@ class HalfNew:
         return replace(known, image=mixed.astype(np.uint8))
 
 
+@pytest.mark.slow
 def test_a_place_that_is_tracked_but_looks_different_is_new(known_room):
     with open_map(known_room) as reader:
         mapper, locator = locate(reader, HalfNew())
