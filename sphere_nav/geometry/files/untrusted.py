@@ -11,7 +11,8 @@ import math
 import os
 import reprlib
 import stat
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from decimal import Decimal, InvalidOperation
 from io import BufferedReader
 from pathlib import Path
@@ -27,6 +28,15 @@ from sphere_nav.geometry.se3 import SE3
 MAX_TABLE_BYTES = 64 << 20  # of numbers as text: half a million poses
 MAX_ARRAY_BYTES = 1 << 32
 NPY_MAGIC = b"\x93NUMPY"
+
+
+@contextmanager
+def told_at(where: object, kind: type[ValueError] = ValueError) -> Iterator[None]:
+    """A ValueError of what is done within says where, and is of that kind."""
+    try:
+        yield
+    except ValueError as error:
+        raise kind(f"{where}: {error}") from None
 
 
 def open_file(path: str | os.PathLike[str], what: str, max_bytes: int) -> BufferedReader:
@@ -258,10 +268,8 @@ def pose(found: Any, where: str) -> SE3:
     if not isinstance(found, list) or len(found) != 4:
         raise ValueError(f"{where}: expected 4 rows of 4 numbers, found {short(found)}")
     matrix = np.array([numbers(row, where, 4) for row in found])
-    try:
+    with told_at(where):
         return SE3.from_matrix(matrix, ROTATION_TOLERANCE)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
 
 
 def check_center(center: tuple[float, float], image_size: tuple[int, int], where: str) -> None:

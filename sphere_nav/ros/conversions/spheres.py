@@ -14,6 +14,7 @@ from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import MAX_SIDE
 from sphere_nav.geometry.files.encoded import decode_file
 from sphere_nav.geometry.files.limits import LIMITS
+from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.ros.conversions.images import to_bytes
 from sphere_nav.ros.conversions.stamps import header, stamp_ns
 from sphere_nav.spheres import range_codec
@@ -133,10 +134,8 @@ def _decode_codes(data: Any, shape: tuple[int, int], dtype: str, name: str) -> N
 def _decode_file(
     raw: NDArray[np.uint8], shape: tuple[int, int], name: str, mode: int = cv2.IMREAD_UNCHANGED
 ) -> NDArray[Any]:
-    try:
+    with told_at(name):
         pixels = decode_file(raw, LIMITS["sphere"], mode, shape[::-1], "info")
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
     if pixels.shape[2:] == (3,):
         for row in range(0, len(pixels), ROWS):  # in its place: a sphere in colour takes as much as all else of it
             pixels[row : row + ROWS] = cv2.cvtColor(pixels[row : row + ROWS], cv2.COLOR_BGR2RGB)

@@ -20,7 +20,7 @@ from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, MapInfo
 
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import load_yaml, short
+from sphere_nav.geometry.files.untrusted import load_yaml, short, told_at
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import view_message
@@ -101,10 +101,8 @@ class MapReader:
             raise BagError(
                 f"{self.path}: chunk {index.chunk_start_offset}: expected sphere {sphere_id}, found {message.id}"
             )
-        try:
+        with told_at(f"{self.path}: key sphere {sphere_id}", BagError):
             sphere = message_to_sphere(message, is_gray=self._is_gray)
-        except ValueError as error:
-            raise BagError(f"{self.path}: key sphere {sphere_id}: {error}") from None
         return sphere
 
     def load_message(self, sphere_id: int) -> AugmentedSphere:
@@ -120,10 +118,8 @@ class MapReader:
         found = CompactSpheres()
         self._bag.require(COARSE, AugmentedSphere)
         for number, item in enumerate(self._bag.raw([COARSE])):
-            try:
+            with told_at(f"{self.path}: coarse sphere {number} of {len(self.graph)}", BagError):
                 found.add(item.message)
-            except ValueError as error:
-                raise BagError(f"{self.path}: coarse sphere {number} of {len(self.graph)}: {error}") from None
         if found.keys() != self.graph.nodes.keys():
             raise BagError(f"{self.path}: coarse spheres: expected one for each of {len(self.graph)} key spheres")
         return found
@@ -139,11 +135,9 @@ class MapReader:
         if self._bag.require(FEATURES, PointCloud2).count != len(ids):
             raise BagError(f"{self.path}: features: expected those of each of {len(ids)} key spheres, found others")
         for sphere_id, item in zip(ids, self._bag.raw([FEATURES]), strict=True):
-            try:
+            with told_at(f"{self.path}: features of key sphere {sphere_id}", BagError):
                 message = view_message(memoryview(item.message), PointCloud2, FEATURES)
                 index.add(sphere_id, *message_to_features(message))
-            except ValueError as error:
-                raise BagError(f"{self.path}: features of key sphere {sphere_id}: {error}") from None
         return index
 
     @property
@@ -192,10 +186,8 @@ class MapReader:
         if has_experiences:
             self._bag.require(EXPERIENCE, MapExperience)
         told = [item.message for item in self._bag.messages([EXPERIENCE])] if has_experiences else []
-        try:
+        with told_at(f"{self.path}: graph", BagError):
             graph = messages_to_experiences(message_to_graph(message), told)
-        except ValueError as error:
-            raise BagError(f"{self.path}: graph: {error}") from None
         if not len(graph):
             raise BagError(f"{self.path}: graph: expected key spheres, found none")
         if len(graph) != self.info.num_spheres:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav.geometry.files.untrusted import number, read_text, short
+from sphere_nav.geometry.files.untrusted import number, read_text, short, told_at
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory, associate
 from sphere_nav.ros.conversions import (
     array_to_image,
@@ -252,10 +252,8 @@ def read_pose(path: Path) -> SE3:
 
 def pose_of_matrix(values: Any, where: Path) -> SE3:
     """Return the pose of 16 numbers, row by row."""
-    try:
+    with told_at(where):
         return SE3.from_matrix(np.reshape(values, (4, 4)), tolerance=2e-3)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
 
 
 def pose_of_row(row: NDArray[np.float64], where: Path) -> SE3:
@@ -270,10 +268,8 @@ def trajectory(stamps: Any, poses: SE3 | Sequence[SE3], path: Path) -> Trajector
     if not len(stamps):
         raise ValueError(f"{path}: expected true poses, found none")
     matrices = poses if isinstance(poses, SE3) else SE3(np.stack([pose.matrix for pose in poses]))
-    try:
+    with told_at(path):
         return Trajectory(np.array(stamps, dtype=np.int64), matrices)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def require_folder(path: Path) -> Path:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mcl_depth.geometry.geodetic import place_on_earth
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole
 from sphere_nav.geometry.files.opencv_file import load_opencv
-from sphere_nav.geometry.files.untrusted import choice, number, numbers, read_text, required
+from sphere_nav.geometry.files.untrusted import choice, number, numbers, read_text, required, told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav_tools.offline.constants import DEFAULT_HZ
 from sphere_nav_tools.offline.importing.recording import (
@@ -153,10 +153,8 @@ def _asl_camera(path: Path) -> tuple[Camera, SE3]:
     k1, k2, k3, k4 = numbers(values["distortion_coefficients"], f"{path}: distortion_coefficients", 4)
     model = MODELS[choice(values["distortion_model"], f"{path}: distortion_model", MODELS)]
     matrix = numbers(required(values["T_BS"], f"{path}: T_BS", ["data"])["data"], f"{path}: T_BS", 16)
-    try:
+    with told_at(path):
         return model(width, height, fx, fy, cx, cy, (k1, k2, k3, k4)), pose_of_matrix(matrix, path)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _asl_truth(path: Path, T_body_left: SE3) -> Trajectory:
