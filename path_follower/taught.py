@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from path_follower.constants import (
     CUSP_HYSTERESIS,
@@ -20,7 +20,7 @@ from path_follower.params import PathParams, SpeedParams, VehicleParams
 from path_follower.path import ReferencePath, Segment, turned_by
 from path_follower.smoothing import Curve, smooth_curve
 from path_follower.speed import speed_limits, speed_profile
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Integers
 
 
 def reference_path(
@@ -55,7 +55,7 @@ def reference_path(
     return _join(curves, [direction for _, _, direction in parts], bounds, driving, vehicle, is_closed)
 
 
-def taught_speeds(points: Array, stamps_ns: NDArray[np.int64], way: float = 0.5) -> Array:
+def taught_speeds(points: Array, stamps_ns: Integers, way: float = 0.5) -> Array:
     """Return the speed (N,) in m/s at points (N, 2) of a drive, over `way` m to both sides: noise does not count."""
     driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     before = np.maximum(np.searchsorted(driven, driven - way, side="right") - 1, 0)

@@ -8,11 +8,10 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes
 from cycab_sim.world.mesh import BOX_FACES, Finish, MeshBuilder, moved, placed
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Integers
 
 SPRAYS = 220  # leaves around a lump of foliage
 LEAVES = 700  # of a hedge, each metre
@@ -168,7 +167,7 @@ def add_lump(mesh: MeshBuilder, center: Array, radius: float, leaves: Finish, rn
 
 
 @cache
-def _sphere_faces() -> tuple[Array, NDArray[np.int64]]:
+def _sphere_faces() -> tuple[Array, Integers]:
     """Return an octahedron split twice: directions (P, 3) and faces (F, 3)."""
     points = [
         np.array(p, dtype=np.float64) for p in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))

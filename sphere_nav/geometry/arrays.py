@@ -10,6 +10,10 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 Array: TypeAlias = NDArray[np.float64]
+Floats: TypeAlias = NDArray[np.float32]  # many numbers: pixels, points
+Bytes: TypeAlias = NDArray[np.uint8]
+Flags: TypeAlias = NDArray[np.bool_]
+Integers: TypeAlias = NDArray[np.int64]
 
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y, yaw of the covariance of a tangent vector (v, omega)
 TINY = 1e-12  # keeps divisors from 0; nothing that is measured is as small

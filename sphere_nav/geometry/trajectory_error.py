@@ -6,10 +6,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import so3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.se3 import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 
@@ -200,7 +199,7 @@ def nees_of_axes(estimate: Trajectory, truth: Trajectory) -> Array:
     return np.where(is_good[:, None], squared, np.nan)
 
 
-def _scaled_errors(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _scaled_errors(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, Flags]:
     """Return errors (N, 6), covariances (N, 6, 6), and where these are some; the others are made those of 1."""
     xi = (estimate.T_map_body.inverse() @ truth.T_map_body).log()
     given = np.full((len(estimate), 6, 6), np.nan) if estimate.covariances is None else estimate.covariances

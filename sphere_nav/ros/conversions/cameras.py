@@ -5,10 +5,10 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.plausible import check_center, check_length
 from sphere_nav.ros.conversions.stamps import header
@@ -64,7 +64,7 @@ def camera_to_info(camera: Camera, stamp: int, frame_id: str, *, baseline: float
     )
 
 
-def rectification_of(info: CameraInfo) -> NDArray[np.float64]:
+def rectification_of(info: CameraInfo) -> Array:
     """Return R (3, 3), from the axes of the raw camera to those of the rectified one; zeros are told as no turn."""
     R = np.array(info.r, dtype=np.float64).reshape(3, 3)
     if not R.any():

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
+from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.encoded import PNG_MAGIC, decode_file
 from sphere_nav.geometry.plausible import SAMPLE_STEP, check_lengths
@@ -71,9 +72,6 @@ SIXTEEN_BITS = ("16UC1", "mono16")
 IN_PAIRS = ("yuv422", "uyvy", "yuv422_yuy2", "yuyv", "nv12", "nv21")  # two pixels share a colour
 WITH_PLANE = ("nv12", "nv21")  # half as many rows again, of colours
 COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")  # of image_transport's compressedDepth: kind, two parameters
-
-Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float32]
 
 
 def image_to_array(message: Image) -> NDArray[Any]:

@@ -11,8 +11,8 @@ from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.files.untrusted import load_json, number
 from sphere_nav_tools.cli.constants import MISSION_S, SILENT_S
 
@@ -179,12 +179,12 @@ def health(seen: Heard) -> str:
     return f'<div style="padding:0 1em;font-size:0.8em">{"".join(cells) or "nothing heard"}</div>'
 
 
-def ellipse(x: float, y: float, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def ellipse(x: float, y: float, covariance: Array) -> Array:
     """Return points (N, 2) of the closed line that a place (m, covariance (2, 2) m^2) is within, at 2 deviations."""
     values, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
     turn = np.linspace(0.0, 2.0 * np.pi, 48)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    points: NDArray[np.float64] = circle * (2.0 * np.sqrt(np.maximum(values, 0.0))) @ axes.T + (x, y)
+    points: Array = circle * (2.0 * np.sqrt(np.maximum(values, 0.0))) @ axes.T + (x, y)
     return points
 
 
@@ -193,7 +193,7 @@ def way_driven(seen: Heard) -> Any:
     return seen.told("odometry" if seen.told("pose")[0] is None else "trail")[0]
 
 
-def pieces(points: Any, height: float) -> NDArray[np.float32]:
+def pieces(points: Any, height: float) -> Floats:
     """Return the pieces (N, 2, 3) of a line through points (M, 2), at most `MAX_DRAWN`; none through fewer than two."""
     line = np.asarray(points, dtype=np.float32).reshape(-1, 2)
     if len(line) > MAX_DRAWN:

@@ -13,12 +13,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.geometry.files.untrusted import read_bytes, read_text
@@ -42,15 +41,15 @@ MAX_TABLE_BYTES = 1 << 30  # 2 million lines of a table of undistortion
 class Undistorted(Folder):
     """The images of a camera, taken to what a pinhole sees; maps (H, W): where column and row are in the image."""
 
-    def __init__(self, path: Path, columns: NDArray[np.float32], rows: NDArray[np.float32]) -> None:
+    def __init__(self, path: Path, columns: Floats, rows: Floats) -> None:
         super().__init__(path)
         self.columns, self.rows = columns, rows
 
-    def read(self, index: int) -> NDArray[np.uint8]:
+    def read(self, index: int) -> Bytes:
         """Return an image (H, W) grey or (H, W, 3) BGR; what the lens does not see is 0."""
         return np.asarray(cv2.remap(super().read(index), self.columns, self.rows, cv2.INTER_LINEAR), np.uint8)
 
-    def mask(self) -> NDArray[np.uint8]:
+    def mask(self) -> Bytes:
         """Return 255 (H, W) where the lens sees, 0 elsewhere."""
         seen = cv2.remap(np.full(self.rows.shape, 255, np.uint8), self.columns, self.rows, cv2.INTER_NEAREST)
         kernel = np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)
@@ -108,7 +107,7 @@ def pose_of(rows: Array) -> SE3:
     return SE3.from_parts(Rotation.from_euler("xyz", rows[..., 3:]).as_matrix(), rows[..., :3])
 
 
-def read_undistortion(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def read_undistortion(path: Path) -> tuple[Floats, Floats]:
     """Return the column and row (H, W) in the image of each pixel of the undistorted one.
 
     A table of lines 'row column row_in_image column_in_image', every pixel once, in the order of an image.
