@@ -20,7 +20,7 @@ from path_follower.path import Pose2, between, wrap
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_DETOUR, MAX_GROWTH, TURN_RATE, TURN_SHARE
 from path_follower.routes.network import EdgeCurve, Network
 from path_follower.routes.planning import Leg
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, arc_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +83,13 @@ def _joined(
     table: Array, direction: int, run: float, pose: Pose2, vehicle: TurningParams
 ) -> tuple[Array, float, float]:
     """Return the points with their beginning replaced by the way onto them, how much longer that is, and the lead."""
-    base = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
+    base = arc_lengths(table[:, :2])
     curve = EdgeCurve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
     poses, s = join_curve(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
     rest = table[base > s + SPACING / 2]
     speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, table[:, 3])
     joined = np.concatenate([np.column_stack([poses, speed]), rest])
-    change = float(np.sum(np.hypot(*np.diff(joined[:, :2], axis=0).T))) - float(base[-1])
+    change = float(arc_lengths(joined[:, :2])[-1] - base[-1])
     behind = _behind(poses, direction)
     lead = np.column_stack([behind, np.full(len(behind), speed[0])])
     return np.concatenate([lead, joined]), change, SPACING * len(behind)
@@ -129,7 +129,7 @@ def _steered(
 ) -> tuple[Array, float, float]:
     """Return the poses, where they end, and the largest offset over the first one."""
     law, limit = SteeringParams(), TURN_SHARE * vehicle.max_steering_angle
-    bend = direction * np.gradient(curve.yaw, np.maximum(curve.arc, 1e-9 * np.arange(len(curve))))
+    bend = direction * curve.bend
     x, y, yaw, s = pose.x, pose.y, pose.yaw, 0.0
     angle: float | None = None  # of the wheel: it may stand anyhow before the start
     poses, offsets = [(x, y, yaw)], []

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from path_follower.path import Pose2, between, turned_by, wrap
 from path_follower.routes.constants import MAX_NAME
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, arc_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class EdgeCurve:
     @cached_property
     def arc(self) -> Array:
         """Arc length (N,) from the first point, in m."""
-        return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(self.x), np.diff(self.y)))])
+        return arc_lengths(np.column_stack([self.x, self.y]))
 
     @property
     def length(self) -> float:
@@ -40,8 +40,7 @@ class EdgeCurve:
     @property
     def bend(self) -> Array:
         """Curvature (N,) in 1/m, positive to the left."""
-        bend: Array = np.gradient(self.yaw, np.maximum(self.arc, 1e-9 * np.arange(len(self))))
-        return bend
+        return np.gradient(self.yaw, np.maximum(self.arc, 1e-9 * np.arange(len(self))))
 
     def pose(self, s: float) -> Pose2:
         """Return the pose at an arc length."""

@@ -43,8 +43,7 @@ def _number(gray: Bytes, board: Board, candidates: Iterable[Array]) -> tuple[Ind
 
 def _is_inside(gray: Bytes, corners: Array) -> Flags:
     """Return which corners (N, 2) lie in the image."""
-    inside: Flags = np.all((corners >= 0) & (corners <= (gray.shape[1] - 1, gray.shape[0] - 1)), axis=-1)
-    return inside
+    return np.all((corners >= 0) & (corners <= (gray.shape[1] - 1, gray.shape[0] - 1)), axis=-1)
 
 
 def canonical(gray: Bytes, board: Board, corners: Array) -> Array:

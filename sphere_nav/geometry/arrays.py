@@ -22,6 +22,11 @@ OWN_PAGES = 1 << 14  # bytes, from which an array that stays has pages of its ow
 HUGE_PAGES = 1 << 22  # bytes, from which NumPy asks for large pages, too
 
 
+def arc_lengths(points: Array) -> Array:
+    """Return how far along a line through points (N, 2) each of them is (N,)."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
 def empty_to_keep(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     """Return an array that is to stay while images come and go; its memory leaves the process with it.
 

@@ -121,8 +121,7 @@ def is_same_detail(first: Floats, second: Floats, both: Flags, block: Block, cho
     aa, bb, ab = np.maximum(aa / number - a * a, 0.0), np.maximum(bb / number - b * b, 0.0), ab / number - a * b
     most, least = np.maximum(aa, bb), np.minimum(aa, bb)
     is_like = (ab > MIN_CORRELATION * np.sqrt(most * least)) & (least > FAINT_DETAIL**2)
-    found: Flags = both[*chosen.T] & (is_like | (most < FLAT_DETAIL**2))
-    return found
+    return both[*chosen.T] & (is_like | (most < FLAT_DETAIL**2))
 
 
 def angles_of(rig_view: RigView, pixels: Array) -> Array:

@@ -6,7 +6,6 @@ import heapq
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_text, required, short, told_at
@@ -135,7 +134,7 @@ class BagReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.close()
 
     def _class_of(self, topic: str) -> type[Any]:

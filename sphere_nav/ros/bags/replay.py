@@ -101,10 +101,6 @@ class OfflineShell(NodeShell):
         """Return the time of the recording: there is no other."""
         return self._bus.now_ns
 
-    def own_ns(self) -> int:
-        """Return the time of the recording."""
-        return self._bus.now_ns
-
     def publishers_of(self, topic: str) -> list[str]:
         """Return none: a bag does not say who published."""
         return []

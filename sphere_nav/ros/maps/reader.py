@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from mcap.records import ChunkIndex
@@ -162,7 +161,7 @@ class MapReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.close()
 
     def _read_info(self) -> MapInfo:
@@ -224,8 +223,7 @@ class MapReader:
         return index
 
     def _message_of(self, index: ChunkIndex) -> AugmentedSphere:
-        message: AugmentedSphere = self._bag.decode(SPHERE, bytes(self._data_of(index)), AugmentedSphere)
-        return message
+        return self._bag.decode(SPHERE, bytes(self._data_of(index)), AugmentedSphere)
 
     def _data_of(self, index: ChunkIndex) -> memoryview:
         """Return the bytes of the message of a key sphere."""

@@ -174,8 +174,7 @@ class MapWriter:
         with (folder / FILE_NAME).open("rb") as file:
             records = read_chunk(file, place)
         data = next(record.data for record in records if isinstance(record, Message))
-        message: AugmentedSphere = deserialize(data, AugmentedSphere, str(self.path))
-        return message
+        return deserialize(data, AugmentedSphere, str(self.path))
 
     def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
         known = appearance.features if appearance is not None else {}

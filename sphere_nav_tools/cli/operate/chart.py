@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array, Floats
+from sphere_nav.geometry.arrays import Array, Floats, arc_lengths
 from sphere_nav_tools.cli.operate.ground import Ground
 from sphere_nav_tools.cli.operate.words import Heard, Place, ellipse, pieces, scale_bar, way_driven
 
@@ -169,7 +169,7 @@ def way_ahead(path: Any, status: Any) -> Any:
     """Return the points of a path that are still to be driven; None without one."""
     if path is None or status is None or len(path) < 2:
         return None
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    arc = arc_lengths(path)
     return path[min(int(np.searchsorted(arc, status.progress)), len(path) - 2) :]
 
 

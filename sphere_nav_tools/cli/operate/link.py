@@ -35,6 +35,7 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import read_gray
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.node import ThrottledLog
+from sphere_nav.ros.subscription import full_name
 from sphere_nav_tools.cli.constants import (
     ANSWER_S,
     CONFIRMED_S,
@@ -260,7 +261,7 @@ class Link:
         if publisher is None:
             return "emergency stop: is not pressed here"
         others = [
-            f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            full_name(info)
             for info in self.node.get_publishers_info_by_topic(publisher.topic_name)
             if (info.node_name, info.node_namespace) != (self.node.get_name(), self.node.get_namespace())
         ]

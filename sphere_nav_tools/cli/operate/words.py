@@ -184,8 +184,7 @@ def ellipse(x: float, y: float, covariance: Array) -> Array:
     values, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
     turn = np.linspace(0.0, 2.0 * np.pi, 48)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    points: Array = circle * (2.0 * np.sqrt(np.maximum(values, 0.0))) @ axes.T + (x, y)
-    return points
+    return circle * (2.0 * np.sqrt(np.maximum(values, 0.0))) @ axes.T + (x, y)
 
 
 def way_driven(seen: Heard) -> Any:
