@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, starmap
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +31,8 @@ from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.writer import PARTIAL
 from sphere_nav.ros.maps.reader import MapDetails, MapReader, open_map
-from sphere_nav.ros.maps.writer import SPHERE_FRAME, Stored, replace_map, write_stored
+from sphere_nav.ros.maps.writer import as_stored, replace_map, write_stored
 from sphere_nav.spheres.appearance.features import features_of_sphere
-from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav.view_synthesis.region import region_radius
@@ -185,15 +184,8 @@ def teach(base: MapReader, drive: KeptDrive, taught: Sequence[KeyImage], target:
     details = MapDetails(
         str(info.map_id), source=source, parameters=base.parameters, rig=info.rig, frame_id=info.header.frame_id
     )
-    write_stored(target, graph, details, index, chain(base.stored(), map(_stored, spheres.items())))
+    write_stored(target, graph, details, index, chain(base.stored(), starmap(as_stored, spheres.items())))
     return len(nodes)
-
-
-def _stored(numbered: tuple[int, Sphere]) -> Stored:
-    """Return a key sphere with its id as a map stores it: whole and small."""
-    sphere_id, sphere = numbered
-    whole = conversions.sphere_to_message(sphere, SPHERE_FRAME, sphere_id)
-    return whole, conversions.sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, sphere_id)
 
 
 def make_sphere(base: MapReader, one: KeyImage) -> tuple[Sphere, SE3, Array]:

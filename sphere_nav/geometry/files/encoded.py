@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.isolated import read_isolated
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import read_bytes
+from sphere_nav.geometry.files.untrusted import printable, read_bytes
 
 HEADER = 65536  # bytes within which a JPEG tells its size
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
@@ -69,7 +69,7 @@ def decode_file(
     try:
         pixels = cv2.imdecode(raw, mode | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
-        raise ValueError(f"image data: expected an image, found {' '.join(str(error).split())}") from None
+        raise ValueError(f"image data: expected an image, found {printable(str(error))}") from None
     if pixels is None or pixels.shape[1::-1] != (width, height):
         raise ValueError(f"image data: expected an image, found {raw.size} bytes that do not decode")
     return np.asarray(pixels)

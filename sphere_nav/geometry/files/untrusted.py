@@ -76,7 +76,7 @@ def read_text(
     try:
         text = read_bytes(path, what, max_bytes).decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: expected text of a {what}, found {' '.join(str(error).split())}") from None
+        raise ValueError(f"{path}: expected text of a {what}, found {printable(str(error))}") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -88,7 +88,7 @@ def read_npy(path: str | os.PathLike[str], what: str) -> Any:
     try:
         return np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError, OverflowError, TypeError, SyntaxError, TokenError) as error:  # of its header
-        text = " ".join(str(error).split())[:200]
+        text = printable(str(error))[:200]
         raise ValueError(f"{path}: expected an {what}, found a file that is none ({text})") from None
 
 
@@ -97,7 +97,7 @@ def load_json(where: Path | str, text: str) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{where}: expected JSON, found {' '.join(str(error).split())[:200]}") from None
+        raise ValueError(f"{where}: expected JSON, found {printable(str(error))[:200]}") from None
 
 
 def path_below(folder: Path, name: str, what: str) -> Path:

@@ -21,7 +21,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import open_file, told_at
+from sphere_nav.geometry.files.untrusted import open_file, printable, told_at
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.unpack import unpack
 
@@ -51,7 +51,7 @@ def told(what: str) -> Iterator[None]:
     except (MemoryError, BagError):
         raise
     except Exception as error:
-        text = " ".join(str(error).split()) or type(error).__name__
+        text = printable(str(error)) or type(error).__name__
         raise BagError(f"expected {what}, found: {text[:200]}") from None
 
 

@@ -20,7 +20,7 @@ from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.geometry.files.untrusted import read_bytes, read_text
+from sphere_nav.geometry.files.untrusted import printable, read_bytes, read_text
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.conversions.clouds import cloud_to_message
 from sphere_nav_tools.offline.importing.frames import Folder, stamp_of
@@ -148,7 +148,7 @@ def _table(path: Path, count: int | None, width: int, *, skip: int = 0, separato
     try:
         table = np.loadtxt(StringIO(text), delimiter=separator, skiprows=skip, ndmin=2)
     except ValueError as error:
-        raise ValueError(f"{path}: expected numbers, found others: {' '.join(str(error).split())[:100]}") from None
+        raise ValueError(f"{path}: expected numbers, found others: {printable(str(error))[:100]}") from None
     if table.shape[1:] != (width,) or table.shape[0] != (count or table.shape[0]) or not len(table):
         found = f"{table.shape[0]} x {table.shape[1]}"
         raise ValueError(f"{path}: expected {count or 'N'} x {width} numbers, found {found}")
