@@ -63,7 +63,7 @@ class RelativeErrors:
 def align_trajectories(estimate: Trajectory, truth: Trajectory, kind: str) -> tuple[SE3, float]:
     """Return `T_truth_estimate` and scale that bring the trajectories together best, by `kind`.
 
-    They are paired pose by pose. Kind: 'none'; 'poses' (positions and rotations together, `align_poses`); by positions
+    They are paired pose by pose. Kind: 'none'; 'poses' (positions and rotations together, `_align_poses`); by positions
     alone (Umeyama 1991) 'se3' (rigid) or 'sim3' (rigid and scale), which need a path that is no straight line.
     """
     if kind not in ALIGNMENTS:
@@ -71,7 +71,7 @@ def align_trajectories(estimate: Trajectory, truth: Trajectory, kind: str) -> tu
     if kind == "none":
         return SE3.identity(), 1.0
     if kind == "poses":
-        return align_poses(estimate.T_map_body, truth.T_map_body), 1.0
+        return _align_poses(estimate.T_map_body, truth.T_map_body), 1.0
     return _fit_positions(estimate.positions, truth.positions, has_scale=kind == "sim3")
 
 
@@ -88,7 +88,7 @@ def _fit_positions(source: Array, target: Array, *, has_scale: bool) -> tuple[SE
     return SE3.from_parts(R, target_mean - scale * R @ source_mean), scale
 
 
-def align_poses(estimate: SE3, truth: SE3) -> SE3:
+def _align_poses(estimate: SE3, truth: SE3) -> SE3:
     """Return `T_truth_estimate` of paired poses (N,), by positions and rotations together.
 
     It minimises sum rho(|q - (R p + t)| / sigma_p) + rho(|log(R_q (R R_p)^T)| / sigma_r) with Tukey's rho. Both sigmas

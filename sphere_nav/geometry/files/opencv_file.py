@@ -40,16 +40,16 @@ NUM_PINHOLE = (0, 4, 5, 8, 12, 14)
 MAX_SKEW = 1e-6
 
 
-class OpenCvLoader(StrictLoader):
+class _OpenCvLoader(StrictLoader):
     """Reads `!!opencv-matrix` as the mapping of rows, cols and data that it is."""
 
 
-def _as_mapping(loader: OpenCvLoader, node: Any) -> dict[Any, Any]:
+def _as_mapping(loader: _OpenCvLoader, node: Any) -> dict[Any, Any]:
     return loader.construct_mapping(node, deep=True)
 
 
-OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _as_mapping)
-OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _as_mapping)
+_OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _as_mapping)
+_OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _as_mapping)
 
 
 def without_directive(text: str) -> str:
@@ -63,7 +63,7 @@ def load_opencv(path: Path) -> Any:
     text = read_text(path, "calibration file", MAX_FILE_BYTES)
     if text.lstrip().startswith("<"):
         raise ValueError(f"{path}: expected YAML or JSON, found XML (FileStorage writes YAML to names in .yml)")
-    return load_yaml(path, without_directive(text).replace("\t", " "), OpenCvLoader)
+    return load_yaml(path, without_directive(text).replace("\t", " "), _OpenCvLoader)
 
 
 def is_opencv(values: Any) -> bool:

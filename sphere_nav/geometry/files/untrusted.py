@@ -129,8 +129,6 @@ MAX_DEPTH = 32
 MAX_ALIASES = 64  # each stands for a part of the text, as none stands for another
 MAX_WORD = 4096  # characters without quotes; the sexagesimal numbers of YAML 1.1 take time by the square of theirs
 
-MERGE = "tag:yaml.org,2002:merge"
-
 Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -139,7 +137,7 @@ class StrictLoader(Base):  # type: ignore[misc]
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Return the mapping of a node; ConstructorError where a key comes twice."""
-        own = [key for key, _ in node.value if key.tag != MERGE]  # those it merges, it may override
+        own = [key for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]  # those it merges, it may override
         found = super().construct_mapping(node, deep=True)  # refuses keys that cannot be compared
         keys = [self.construct_object(key, deep=True) for key in own]
         if len(set(keys)) < len(keys):
