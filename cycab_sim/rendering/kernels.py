@@ -174,9 +174,8 @@ def _nearest_ray(rays, v, u, dv, du):
 def erase_shadows(windows, still, shadow):
     """Restore the texels (first column, first row, last column, last row) (T, 4) i32 of `shadow` from `still`."""
     for t in range(windows.shape[0]):
-        for j in range(windows[t, 1], windows[t, 3] + 1):
-            for i in range(windows[t, 0], windows[t, 2] + 1):
-                shadow[j, i] = still[j, i]
+        rows, columns = slice(windows[t, 1], windows[t, 3] + 1), slice(windows[t, 0], windows[t, 2] + 1)
+        shadow[rows, columns] = still[rows, columns]
 
 
 @njit(cache=True)
@@ -260,6 +259,13 @@ def _lit(shadow, a, b, depth, footprint):
     s = 0.3 * footprint
     total = _lit_once(shadow, a - s, b - s, depth) + _lit_once(shadow, a + s, b - s, depth)
     return 0.25 * (total + _lit_once(shadow, a - s, b + s, depth) + _lit_once(shadow, a + s, b + s, depth))
+
+
+@njit(cache=True, nogil=True)
+def compare_depths(shadow, at, depths, lit):
+    """Write the share (N,) f32 of light that reaches points at columns and rows (N, 2) f32 and depths (N,) f32 m."""
+    for n in range(lit.size):
+        lit[n] = _lit_once(shadow, at[n, 0], at[n, 1], depths[n])
 
 
 @njit(cache=True)

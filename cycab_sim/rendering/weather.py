@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cycab_sim.params import LightParams, SeasonParams
+from cycab_sim.rendering.kernels import compare_depths
 from cycab_sim.rendering.lamps.kernels import collect_lit
 from cycab_sim.rendering.shadows import ShadowMap
 from cycab_sim.rendering.sky import UNIT, SkyLight
@@ -199,15 +200,9 @@ class Weather:
             return np.ones(len(points), np.float32)
         seen = points @ roof.T_sun_world.T.astype(np.float32)
         at = (seen[:, :2] - roof.corner.astype(np.float32)) / np.float32(roof.texel)
-        first = np.floor(at).astype(np.int64)
-        a, b = (at - first).T
-        size = roof.still.shape[0]
-        inside = np.all((first >= 0) & (first < size - 1), axis=1)
-        i, j = np.where(inside[:, None], first, 0).T
-        depth = seen[:, 2] - SHELTER_OFF
-        total = (1 - a) * (1 - b) * (depth <= roof.still[j, i]) + a * (1 - b) * (depth <= roof.still[j, i + 1])
-        total += (1 - a) * b * (depth <= roof.still[j + 1, i]) + a * b * (depth <= roof.still[j + 1, i + 1])
-        return np.where(inside, total, 1.0).astype(np.float32)
+        lit = np.empty(len(points), np.float32)
+        compare_depths(roof.still, at, seen[:, 2] - np.float32(SHELTER_OFF), lit)
+        return lit
 
     def _noise(self, view: PixelView, some: Integers, points: Floats, size: float, seed: int) -> Floats:
         """Return noise (M,) at points (M, 3) on level ground, averaged over the footprint of the rays."""
