@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehic
     way = 0.0
     for number, leg in enumerate(legs):
         part = network.edges[leg.edge].curve.part(min(leg.first, leg.last), max(leg.first, leg.last))
-        columns = np.stack([part.x, part.y, part.yaw, part.speed], axis=-1)[:: leg.direction]
+        columns = part.columns.T[:: leg.direction]
         way += leg.length
         points.append(columns[1:] if number else columns)
         ends.append(way)
@@ -71,12 +72,7 @@ def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehic
 
 def _first_run(legs: Sequence[Leg]) -> float:
     """Return how far it is to the first change of direction, or to the end."""
-    run = 0.0
-    for leg in legs:
-        if leg.direction != legs[0].direction:
-            break
-        run += leg.length
-    return run
+    return sum(leg.length for leg in takewhile(lambda leg: leg.direction == legs[0].direction, legs))
 
 
 def _joined(
