@@ -16,7 +16,7 @@ from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.paths import Path, rounded
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT
 from cycab_sim.world.town import Plan
-from sphere_nav.geometry.arrays import Array, Bytes, Floats, Integers
+from sphere_nav.geometry.arrays import Array, Floats
 
 SPACING = 0.25  # m between the points of a loop
 WIDTHS = {"road": 2.5, "cycle": 0.7, "walk": 0.7}  # of what moves on a loop, m

@@ -114,12 +114,7 @@ def read_undistortion(path: Path) -> tuple[Floats, Floats]:
     """
     table = _table(path, None, 4, skip=1, separator=None)
     height, width = (int(value) + 1 for value in table[:, :2].max(axis=0))
-    expected = (
-        np.stack(np.meshgrid(np.arange(height), np.arange(width), indexing="ij"), axis=-1).reshape(-1, 2)
-        if height * width == len(table)
-        else None
-    )
-    if expected is None or not np.array_equal(expected, table[:, :2]):
+    if height * width != len(table) or not np.array_equal(np.argwhere(np.ones((height, width))), table[:, :2]):
         raise ValueError(
             f"{path}: expected a line for each pixel, row by row, found {len(table)} lines in another order"
         )
