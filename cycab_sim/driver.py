@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.params import TeachParams
 from cycab_sim.vehicle import VehicleCommand, VehicleState
 from cycab_sim.world.paths import Path
+from sphere_nav.geometry.arrays import Array
 
 SPACING = 0.02  # m between the points the driver looks at
 REACH = 100  # points ahead among which the closest one is looked for
@@ -63,9 +63,7 @@ class PurePursuitDriver:
         return here
 
 
-def _speeds(
-    s: NDArray[np.float64], curvature: NDArray[np.float64], end: float, params: TeachParams
-) -> NDArray[np.float64]:
+def _speeds(s: Array, curvature: Array, end: float, params: TeachParams) -> Array:
     """Return the largest speed at each distance from which bends and the end can be met by gentle braking."""
     bend = np.sqrt(params.lateral_acceleration / np.maximum(np.abs(curvature), 1e-6))
     squares = np.minimum(bend, params.speed) ** 2

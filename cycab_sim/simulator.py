@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.driver import PurePursuitDriver
 from cycab_sim.params import SimParams, in_condition
@@ -32,6 +31,7 @@ from cycab_sim.world.season import change_season
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array, Bytes, Floats
 
 MAX_PLACE, MAX_SPEED = 1e6, 100.0  # m from the origin, and m/s, that a car is put to
 NAMES = ("odom", "imu", "scan", "camera", "sphere", "rig")
@@ -142,9 +142,7 @@ class Simulator:
         return self.params.mode == "teach" and self.driver.is_done and abs(self.vehicle.state.speed) < 1e-3
 
     # --- the world around it
-    def render(
-        self, camera: Camera, T_world_camera: SE3, is_gray: bool = False
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    def render(self, camera: Camera, T_world_camera: SE3, is_gray: bool = False) -> tuple[Bytes, Floats]:
         """Return a perfect view from anywhere, now: image (H, W, 3) RGB or (H, W) grey u1, range (H, W) f32 m.
 
         Nobody of the traffic stands where the camera is.
@@ -171,7 +169,7 @@ class Simulator:
             self._scene_of = moment
         return T_world_base
 
-    def _light_and_move(self, stamp_ns: int, clear: NDArray[np.float64], radius: float) -> None:
+    def _light_and_move(self, stamp_ns: int, clear: Array, radius: float) -> None:
         """Put light and traffic as they are at an instant, nobody within `radius` m of the points `clear` (N, 2)."""
         if not is_constant(self.params.light):
             self.renderer.illuminate(light_at(self.params.light, stamp_ns / SECOND, self.params.seed))

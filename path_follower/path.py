@@ -222,8 +222,7 @@ def between(a: Pose2, b: Pose2) -> Pose2:
 
 def turned_by(yaw: Array, other: Array | float) -> Array:
     """Return the angles (N,) between headings, 0 to pi."""
-    turned: Array = np.abs((yaw - other + np.pi) % (2.0 * np.pi) - np.pi)
-    return turned
+    return np.abs((yaw - other + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def wrap(angle: float) -> float:

@@ -26,6 +26,7 @@ from sphere_nav.geometry.files.untrusted import (
     read_text,
     required,
     short,
+    told_at,
 )
 from sphere_nav.geometry.trajectory import read_map_id, read_tum
 
@@ -69,11 +70,9 @@ def read_path(path: str | os.PathLike[str], params: FollowerParams, *, is_closed
     expected_frame = params.map_frame if isinstance(params, PathFollowerParams) else given.frame
     if given.frame not in ("", expected_frame):
         raise ValueError(f"{file}: frame: expected {expected_frame!r}, found {short(given.frame)}")
-    try:
+    with told_at(file):
         is_ring = is_closed or given.is_closed
         return make_path(given.points, given.yaw, given.speed, params, is_closed=is_ring, map_id=given.map_id)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
 
 
 def read_given(file: Path) -> Given:

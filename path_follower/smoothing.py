@@ -77,8 +77,7 @@ def _resample(points: Array, spacing: float, *, is_closed: bool) -> Array:
     even = np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / spacing)), 3) + 1)
     if len(points) < 4 or _largest_bend(points) > MAX_BEND:
         return np.column_stack([np.interp(even, way, points[:, axis]) for axis in (0, 1)])
-    smooth: Array = _spline(way, points, is_closed)(even)
-    return smooth
+    return _spline(way, points, is_closed)(even)
 
 
 def _largest_bend(points: Array) -> float:

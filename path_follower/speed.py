@@ -73,5 +73,4 @@ def speed_profile(way: Array, limits: Array, vehicle: VehicleParams, *, is_close
             squared[i] = min(squared[i], squared[i + 1] + 2.0 * vehicle.max_deceleration * steps[i])
         for i in range(len(steps)):
             squared[i + 1] = min(squared[i + 1], squared[i] + 2.0 * vehicle.max_acceleration * steps[i])
-    speeds: Array = np.sqrt(squared)
-    return speeds
+    return np.sqrt(squared)

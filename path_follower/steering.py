@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 from path_follower.constants import MAX_BANDWIDTH, MAX_OFF_HEADING
 from path_follower.params import SteeringParams
-from path_follower.path import Pose2, ReferencePoint, wrap
+from path_follower.path import Pose2, ReferencePoint, between
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,7 @@ class Errors:
 
 def errors_of(pose: Pose2, reference: ReferencePoint) -> Errors:
     """Return e_q = R(yaw*)^T (o - o*) and e_psi = yaw - yaw* (eq. 22 to 24)."""
-    dx, dy = pose.x - reference.x, pose.y - reference.y
-    cosine, sine = math.cos(reference.yaw), math.sin(reference.yaw)
-    return Errors(cosine * dx + sine * dy, -sine * dx + cosine * dy, wrap(pose.yaw - reference.yaw))
+    return Errors(*between(Pose2(reference.x, reference.y, reference.yaw), pose))
 
 
 def curvature_law(reference: ReferencePoint, errors: Errors, params: SteeringParams, speed: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from path_follower.constants import (
     CUSP_HYSTERESIS,
@@ -20,7 +20,7 @@ from path_follower.params import PathParams, SpeedParams, VehicleParams
 from path_follower.path import ReferencePath, Segment, turned_by
 from path_follower.smoothing import Curve, smooth_curve
 from path_follower.speed import speed_limits, speed_profile
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Integers, arc_lengths
 
 
 def reference_path(
@@ -55,14 +55,13 @@ def reference_path(
     return _join(curves, [direction for _, _, direction in parts], bounds, driving, vehicle, is_closed)
 
 
-def taught_speeds(points: Array, stamps_ns: NDArray[np.int64], way: float = 0.5) -> Array:
+def taught_speeds(points: Array, stamps_ns: Integers, way: float = 0.5) -> Array:
     """Return the speed (N,) in m/s at points (N, 2) of a drive, over `way` m to both sides: noise does not count."""
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    driven = arc_lengths(points)
     before = np.maximum(np.searchsorted(driven, driven - way, side="right") - 1, 0)
     after = np.minimum(np.searchsorted(driven, driven + way), len(driven) - 1)
     seconds = np.maximum((stamps_ns[after] - stamps_ns[before]) / 1e9, 1e-3)
-    speeds: Array = np.hypot(*(points[after] - points[before]).T) / seconds
-    return speeds
+    return np.hypot(*(points[after] - points[before]).T) / seconds
 
 
 def told_headings(xy: Array, turns: Array) -> Array | None:
@@ -162,9 +161,8 @@ def _check_heading(xy: Array, yaw: Array, curve: Curve, direction: int) -> None:
 
 
 def _share(xy: Array) -> Array:
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
-    share: Array = way / max(way[-1], 1e-9)
-    return share
+    way = arc_lengths(xy)
+    return way / max(way[-1], 1e-9)
 
 
 def _bound(xy: Array, speeds: Array, part: tuple[int, int, int], curve: Curve, driving: SpeedParams) -> Array:
@@ -174,8 +172,7 @@ def _bound(xy: Array, speeds: Array, part: tuple[int, int, int], curve: Curve, d
     if not driving.is_as_taught or not known.any():
         return np.full(len(curve.way), np.inf)
     share = _share(xy[first : last + 1])[known] * curve.way[-1]
-    taught: Array = np.maximum(np.interp(curve.way, share, speeds[first : last + 1][known]), MIN_TAUGHT)
-    return taught
+    return np.maximum(np.interp(curve.way, share, speeds[first : last + 1][known]), MIN_TAUGHT)
 
 
 def _join(

@@ -21,6 +21,7 @@ from rig_calibration.constants import MIN_SEEN
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
+from sphere_nav.geometry.files.untrusted import told_at
 
 Progress = Callable[[str], None]
 
@@ -107,10 +108,8 @@ def _each_camera(
         progress(f"camera {spec.name}")
         own = [view for view in views if view.camera == spec.name and len(view.corners) >= MIN_SEEN]
         seen = camera_observations(own, by_name)
-        try:
+        with told_at(f"camera {spec.name}"):
             single = calibrate_camera(spec.model, spec.size, seen, spec.start)
-        except ValueError as error:
-            raise ValueError(f"camera {spec.name}: {error}") from None
         singles.append(single)
         weights = np.split(single.adjusted.kept, seen.starts[1:-1])
         for index, (view, weight) in enumerate(zip(own, weights, strict=True)):

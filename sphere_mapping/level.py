@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.constants import (
     GRAVITY,
@@ -33,7 +32,7 @@ from sphere_mapping.constants import (
     STILL_RATE,
 )
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 
 BY_REST, BY_ORIENTATION = "gravity (IMU at rest)", "gravity (orientation of the IMU)"
 BY_GROUND, BY_MOUNTING = "the ground of the first sphere", "the mounting"
@@ -113,7 +112,7 @@ def find_ground(points_base: Array, eye_base: Array, max_tilt_rad: float) -> Upr
     return level if GROUND_SIGMAS * sigma < level.tilt_rad <= max_tilt_rad else None
 
 
-def _find_lowest_plane(points: Array, eye: Array, tolerance: Array, max_tilt_rad: float) -> NDArray[np.bool_]:
+def _find_lowest_plane(points: Array, eye: Array, tolerance: Array, max_tilt_rad: float) -> Flags:
     """Return which points (N,) bool lie on the largest plane that leans no more, with hardly a point below it."""
     rng, best = np.random.default_rng(0), np.zeros(len(points), np.bool_)
     for _ in range(GROUND_TRIALS):

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.params import CloudParams
+from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.spheres.graph import SphereGraph
-from sphere_nav.spheres.sphere import Image, Sphere
-
-Points = NDArray[np.float32]
+from sphere_nav.spheres.sphere import Sphere
 
 
 class MapCloud:
@@ -19,14 +17,14 @@ class MapCloud:
 
     def __init__(self, params: CloudParams, load: Callable[[int], Sphere]) -> None:
         self._params, self._load = params, load
-        self._parts: dict[int, tuple[Points, Image]] = {}
+        self._parts: dict[int, tuple[Floats, Bytes]] = {}
 
-    def of(self, graph: SphereGraph) -> tuple[Points, Image]:
+    def of(self, graph: SphereGraph) -> tuple[Floats, Bytes]:
         """Return points (N, 3) in the map frame in metres and their grey (N,) or RGB (N, 3) values, newest first.
 
         One grey sphere makes all grey.
         """
-        parts, number = dict[int, tuple[Points, Image]](), 0
+        parts, number = dict[int, tuple[Floats, Bytes]](), 0
         for node in sorted(graph, key=lambda node: node.id, reverse=True):
             if number >= self._params.max_points:
                 break
@@ -43,7 +41,7 @@ class MapCloud:
         return np.concatenate(points_map)[:limit], np.concatenate(values)[:limit]
 
 
-def thin_points(sphere: Sphere, params: CloudParams) -> tuple[Points, Image]:
+def thin_points(sphere: Sphere, params: CloudParams) -> tuple[Floats, Bytes]:
     """Return the thinned points (N, 3) of a sphere in its own frame and their image values."""
     points, values = sphere.points(params.step)
     near = np.linalg.norm(points, axis=1) <= params.max_range_m

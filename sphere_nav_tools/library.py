@@ -11,11 +11,10 @@ import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import Any, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dense_localizer.localizer import Localizer as ImageLocalizer
 from dense_localizer.params import LocalizerParams
@@ -23,6 +22,7 @@ from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_f
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, OCam, Omni, Pinhole, Spherical
 from sphere_nav.geometry import Camera as CameraModel
+from sphere_nav.geometry.arrays import Array, Bytes
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.localization.status import FOLLOWING, TRUSTED, State
 from sphere_nav.params import build
@@ -107,7 +107,7 @@ class Estimate:
     """
 
     T_map_camera: SE3 | None
-    covariance: NDArray[np.float64] | None
+    covariance: Array | None
     state: State
     reason: str
     remedy: str
@@ -133,7 +133,7 @@ class Localizer:
         )
         self._last_ns = 0
 
-    def localize(self, image: NDArray[np.uint8], camera: CameraModel, stamp_ns: int | None = None) -> Estimate:
+    def localize(self, image: Bytes, camera: CameraModel, stamp_ns: int | None = None) -> Estimate:
         """Find the camera of an image: near that of the image before, the first one anywhere in the map.
 
         Args:
@@ -162,7 +162,7 @@ class Localizer:
         """Return self."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         """Close."""
         self.close()
 
@@ -213,7 +213,7 @@ def read_bag(path: str | Path, wanted: Sequence[str] | None = None) -> Iterator[
         yield from bag.messages(wanted)
 
 
-def read_images(path: str | Path, **options: str) -> Iterator[tuple[int, NDArray[np.uint8], CameraModel]]:
+def read_images(path: str | Path, **options: str) -> Iterator[tuple[int, Bytes, CameraModel]]:
     """Yield stamp_ns, RGB image (H, W, 3) and camera of the images of one camera of a bag.
 
     `options` are those of `sphere_nav view --bag`, such as image="/front/image_raw"; else the only camera is taken.

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cycab_sim.rendering import kernels
 from cycab_sim.world.mesh import Mesh, joined
 from cycab_sim.world.traffic.traffic import Traffic
+from sphere_nav.geometry.arrays import Array, Floats
 
 MAPS = Path("/proc/self/maps")
 DYNAMIC, ROBUST = 1, 4  # flags of a scene
@@ -41,7 +42,7 @@ class PacketScene:
     Those of a scene that is moving can be put elsewhere, while nobody casts.
     """
 
-    def __init__(self, library: ctypes.CDLL, triangles: NDArray[np.float32], is_moving: bool = False) -> None:
+    def __init__(self, library: ctypes.CDLL, triangles: Floats, is_moving: bool = False) -> None:
         device = _device(library)
         self._vertices = np.zeros((3 * len(triangles) + 2, 3), np.float32)  # read 16 bytes at a time
         self._vertices[:-2] = triangles.reshape(-1, 3)
@@ -70,7 +71,7 @@ class PacketScene:
         if hasattr(self, "_scene"):
             self._library.rtcReleaseScene(self._scene)
 
-    def move(self, triangles: NDArray[np.float32]) -> None:
+    def move(self, triangles: Floats) -> None:
         """Put the triangles (T, 3, 3) elsewhere."""
         self._vertices[:-2] = triangles.reshape(-1, 3)
         self._library.rtcUpdateGeometryBuffer(self._geometry, VERTICES[0], 0)
@@ -79,10 +80,10 @@ class PacketScene:
 
     def cast(
         self,
-        origin: NDArray[np.float64],
-        rays: NDArray[np.float32],
+        origin: Array,
+        rays: Floats,
         triangles: NDArray[np.int32],
-        ranges: NDArray[np.float32],
+        ranges: Floats,
     ) -> None:
         """Write the number (N,) of the first triangle, -1: none, and its range (N,) m along unit rays (N, 3)."""
         triangles[:], ranges[:] = -1, np.inf
@@ -90,11 +91,11 @@ class PacketScene:
 
     def cast_nearer(
         self,
-        origin: NDArray[np.float64],
-        rays: NDArray[np.float32],
+        origin: Array,
+        rays: Floats,
         first_number: int,
         triangles: NDArray[np.int32],
-        ranges: NDArray[np.float32],
+        ranges: Floats,
     ) -> None:
         """Overwrite what was met (N,) where a triangle of this scene is nearer than `ranges`, first_number added."""
         arguments = ctypes.addressof(self._arguments)
@@ -119,7 +120,7 @@ class MovingScene:
         self._packets = PacketScene(library, self.triangles, is_moving=True) if library is not None else None
         self.move(traffic.poses(0))
 
-    def move(self, T_world_part: NDArray[np.float64]) -> None:
+    def move(self, T_world_part: Array) -> None:
         """Put every part (P, 4, 4) where it is now."""
         kernels.place_parts(T_world_part, *self._parts, self._local, self._moved)
         if self._packets is not None:
@@ -131,10 +132,10 @@ class MovingScene:
 
     def cast_nearer(
         self,
-        origin: NDArray[np.float64],
-        rays: NDArray[np.float32],
+        origin: Array,
+        rays: Floats,
         triangles: NDArray[np.int32],
-        ranges: NDArray[np.float32],
+        ranges: Floats,
     ) -> None:
         """Overwrite what rays (N, 3) have met where something that moves is nearer."""
         if self._packets is not None:

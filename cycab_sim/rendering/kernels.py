@@ -6,6 +6,7 @@ import numba.experimental.function_type  # noqa: F401  makes a library's functio
 import numpy as np
 from numba import types
 
+from cycab_sim.world.noise.kernels import along
 from sphere_nav.kernel_cache.kernels import njit
 
 OUTSIDE = -2  # no ray: the lens does not see there
@@ -71,9 +72,8 @@ def cast_packets(intersect, scene, arguments, origin, rays, first_number, triang
 def turn_rays(rays, R, out):
     """Write rays (N, 3) f32 turned by a rotation (3, 3) f32; a library's threads cost more than such a product."""
     for n in range(rays.shape[0]):
-        x, y, z = rays[n, 0], rays[n, 1], rays[n, 2]
         for c in range(3):
-            out[n, c] = R[c, 0] * x + R[c, 1] * y + R[c, 2] * z
+            out[n, c] = along(R, c, rays[n])
 
 
 @njit(cache=True)
@@ -86,10 +86,8 @@ def place_parts(T_world_part, part_of_triangle, part_of_surface, local, moved):
         m = T_world_part[part_of_triangle[t]]
         for r in range(3):
             for k in range(3):
-                p = local[0][t, k]
-                moved[0][t, k, r] = m[r, 0] * p[0] + m[r, 1] * p[1] + m[r, 2] * p[2] + m[r, 3]
-            n = local[1][t]
-            moved[1][t, r] = m[r, 0] * n[0] + m[r, 1] * n[1] + m[r, 2] * n[2]
+                moved[0][t, k, r] = along(m, r, local[0][t, k]) + m[r, 3]
+            moved[1][t, r] = along(m, r, local[1][t])
     for s in range(part_of_surface.shape[0]):
         m, f, out = T_world_part[part_of_surface[s]], local[2][s], moved[2][s]
         for r in range(3):
@@ -139,10 +137,7 @@ def _alike(color, v, u, y, x):
 @njit(cache=True)
 def _parallel(normals, here, there):
     """Whether two triangles of one surface lie in one plane."""
-    cosine = 0.0
-    for c in range(3):
-        cosine += normals[here, c] * normals[there, c]
-    return abs(cosine) > 0.9999
+    return abs(along(normals, here, normals[there])) > 0.9999
 
 
 @njit(cache=True, nogil=True)
@@ -179,9 +174,8 @@ def _nearest_ray(rays, v, u, dv, du):
 def erase_shadows(windows, still, shadow):
     """Restore the texels (first column, first row, last column, last row) (T, 4) i32 of `shadow` from `still`."""
     for t in range(windows.shape[0]):
-        for j in range(windows[t, 1], windows[t, 3] + 1):
-            for i in range(windows[t, 0], windows[t, 2] + 1):
-                shadow[j, i] = still[j, i]
+        rows, columns = slice(windows[t, 1], windows[t, 3] + 1), slice(windows[t, 0], windows[t, 2] + 1)
+        shadow[rows, columns] = still[rows, columns]
 
 
 @njit(cache=True)
@@ -194,8 +188,7 @@ def cast_shadows(triangles, T_sun_world, corner, texel, windows, shadow):
     for t in range(triangles.shape[0]):
         for k in range(3):
             for r in range(3):
-                p = triangles[t, k]
-                points[k, r] = T_sun_world[r, 0] * p[0] + T_sun_world[r, 1] * p[1] + T_sun_world[r, 2] * p[2]
+                points[k, r] = along(T_sun_world, r, triangles[t, k])
             points[k, 0], points[k, 1] = (points[k, 0] - corner[0]) / texel, (points[k, 1] - corner[1]) / texel
         for r in range(2):
             low, high = points[:, r].min() - FRINGE, points[:, r].max() + FRINGE
@@ -236,28 +229,24 @@ def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, 
     thing hit by the sun's rays, texel m, corner (2,) m of its first texel, T_sun_world (3, 3): rows x, y, -sun
     """
     sun, sun_color, sky_color, sky_gain = lamps
+    out = np.empty(3)  # a point just above what was hit
     for n in range(rays.shape[0]):
         t = triangles[n]
         if t < 0:
             for c in range(3):
                 color[n, c] *= sky_gain
             continue
-        nx, ny, nz = normals[t, 0], normals[t, 1], normals[t, 2]
-        if nx * rays[n, 0] + ny * rays[n, 1] + nz * rays[n, 2] > 0.0:
-            nx, ny, nz = -nx, -ny, -nz
-        lambert = nx * sun[0] + ny * sun[1] + nz * sun[2]
-        x = origin[0] + ranges[n] * rays[n, 0]
-        y = origin[1] + ranges[n] * rays[n, 1]
-        z = origin[2] + ranges[n] * rays[n, 2]
+        side = -1.0 if along(normals, t, rays[n]) > 0.0 else 1.0
+        lambert = side * along(normals, t, sun)
         direct = 0.0
         if lambert > 0.0:
-            off = 1.2 * texel
-            x_out, y_out, z_out = x + off * nx, y + off * ny, z + off * nz
-            a = T_sun_world[0, 0] * x_out + T_sun_world[0, 1] * y_out + T_sun_world[0, 2] * z_out - corner[0]
-            b = T_sun_world[1, 0] * x_out + T_sun_world[1, 1] * y_out + T_sun_world[1, 2] * z_out - corner[1]
-            depth = T_sun_world[2, 0] * x_out + T_sun_world[2, 1] * y_out + T_sun_world[2, 2] * z_out
-            direct = lambert * _lit(shadow, a / texel, b / texel, depth - 0.5 * texel, ranges[n] * cone[n] / texel)
-        sky = (0.62 + 0.38 * nz) * (0.55 + 0.45 * min(1.0, (z + 0.8) / 7.0))
+            for c in range(3):
+                out[c] = origin[c] + ranges[n] * rays[n, c] + 1.2 * texel * (side * normals[t, c])
+            a, b = along(T_sun_world, 0, out) - corner[0], along(T_sun_world, 1, out) - corner[1]
+            depth = along(T_sun_world, 2, out) - 0.5 * texel
+            direct = lambert * _lit(shadow, a / texel, b / texel, depth, ranges[n] * cone[n] / texel)
+        z = origin[2] + ranges[n] * rays[n, 2]
+        sky = (0.62 + 0.38 * (side * normals[t, 2])) * (0.55 + 0.45 * min(1.0, (z + 0.8) / 7.0))
         for c in range(3):
             color[n, c] *= sun_color[c] * direct + sky_color[c] * sky
 
@@ -270,6 +259,13 @@ def _lit(shadow, a, b, depth, footprint):
     s = 0.3 * footprint
     total = _lit_once(shadow, a - s, b - s, depth) + _lit_once(shadow, a + s, b - s, depth)
     return 0.25 * (total + _lit_once(shadow, a - s, b + s, depth) + _lit_once(shadow, a + s, b + s, depth))
+
+
+@njit(cache=True, nogil=True)
+def compare_depths(shadow, at, depths, lit):
+    """Write the share (N,) f32 of light that reaches points at columns and rows (N, 2) f32 and depths (N,) f32 m."""
+    for n in range(lit.size):
+        lit[n] = _lit_once(shadow, at[n, 0], at[n, 1], depths[n])
 
 
 @njit(cache=True)

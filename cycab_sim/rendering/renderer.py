@@ -30,14 +30,13 @@ from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture.kernels import dress, locate_surfaces
 from cycab_sim.world.traffic.traffic import Traffic
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
-
-Floats = NDArray[np.float32]
 
 
 def paint_rays(
     mesh: Mesh,
-    origin: NDArray[np.float64],
+    origin: Array,
     rays: Floats,
     ranges: Floats,
     triangles: NDArray[np.int32],
@@ -118,7 +117,7 @@ class Renderer:
             if self._moving is not None:
                 self._shadows.draw(self._moving.triangles)
 
-    def move(self, T_world_part: NDArray[np.float64]) -> None:
+    def move(self, T_world_part: Array) -> None:
         """Put the traffic where it is now, T_world_part (P, 4, 4) of `Traffic.poses`."""
         if self._moving is None:
             raise ValueError("traffic: expected a renderer with traffic, found one without")
@@ -149,13 +148,13 @@ class Renderer:
         ranges = hits.ranges.reshape(height, width)
         return image.reshape((height, width) if is_gray else (height, width, 3)), ranges
 
-    def measure(self, origin: NDArray[np.float64], rays: Floats) -> Floats:
+    def measure(self, origin: Array, rays: Floats) -> Floats:
         """Return the range (N,) f32 m along unit rays (N, 3) f32 from a point (3,) f64 of the world; +Inf: sky."""
         triangles, ranges = np.empty(len(rays), np.int32), np.empty(len(rays), np.float32)
         self._cast(origin, rays, triangles, ranges)
         return ranges
 
-    def _look(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, color: Floats) -> Hits:
+    def _look(self, origin: Array, rays: Floats, cone: Floats, color: Floats) -> Hits:
         """Cast rays (N, 3), write their radiance to colour (N, 3), return what they met."""
         triangles = np.empty(len(rays), np.int32)
         ranges = np.empty(len(rays), np.float32)
@@ -169,7 +168,7 @@ class Renderer:
         list(self._pool.map(work, range(0, len(rays), STRIP)))
         return Hits(rays, triangles, ranges)
 
-    def _cast(self, origin: NDArray[np.float64], rays: Floats, triangles: NDArray[np.int32], ranges: Floats) -> None:
+    def _cast(self, origin: Array, rays: Floats, triangles: NDArray[np.int32], ranges: Floats) -> None:
         if self._packets is not None:
             self._packets.cast(origin, rays, triangles, ranges)
         else:
@@ -186,7 +185,7 @@ class Renderer:
 
     def _shade(
         self,
-        origin: NDArray[np.float64],
+        origin: Array,
         hits: Hits,
         cone: Floats,
         depths: Floats,
@@ -207,7 +206,7 @@ class Renderer:
         if not is_mirror:
             self._weather.mirror(view, color, self._look_back)
 
-    def _look_back(self, below: NDArray[np.float64], rays: Floats, starts: Floats, cone: Floats) -> Floats:
+    def _look_back(self, below: Array, rays: Floats, starts: Floats, cone: Floats) -> Floats:
         """Return the radiance (N, 3) of unit rays (N, 3) that leave level ground at `starts` (N, 3) m.
 
         `below` (3,) is the viewer mirrored by the ground, from whom the distance to what they meet is the whole way.
@@ -227,7 +226,7 @@ class Renderer:
         self._shade(below, Hits(seen, triangles, ranges), cone, self._shadows.depths, color, is_mirror=True)
         return color
 
-    def _refine(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, hits: Hits, color: Floats) -> None:
+    def _refine(self, origin: Array, rays: Floats, cone: Floats, hits: Hits, color: Floats) -> None:
         """Look again with n x n rays at pixels where surfaces meet."""
         n = self.params.supersampling
         shape = rays.shape[:2]
@@ -262,14 +261,14 @@ def _shadow_square(params: RenderParams, bounds: tuple[float, float, float, floa
     return extent, max(params.shadow_texel, extent / MAX_TEXELS)
 
 
-def _middle(mesh: Mesh, bounds: tuple[float, float, float, float] | None) -> NDArray[np.float64]:
+def _middle(mesh: Mesh, bounds: tuple[float, float, float, float] | None) -> Array:
     """Return the middle (3,) m on the ground of the bounds, or of the detailed part of a mesh."""
     if bounds is not None:
         return np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 0.0])
     return np.median(mesh.triangles.reshape(-1, 3), axis=0).astype(np.float64) * (1.0, 1.0, 0.0)
 
 
-def _spacing(rays: NDArray[np.float64]) -> Floats:
+def _spacing(rays: Array) -> Floats:
     """Return the larger of the angles (H, W) rad from each ray (H, W, 3) to its right and lower neighbour."""
     right = np.linalg.norm(np.diff(rays, axis=1), axis=-1)
     below = np.linalg.norm(np.diff(rays, axis=0), axis=-1)

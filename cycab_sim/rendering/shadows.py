@@ -7,14 +7,12 @@ from threading import Lock
 
 import numpy as np
 from embreex.rtcore_scene import EmbreeScene
-from numpy.typing import NDArray
 
 from cycab_sim.params import LightParams
 from cycab_sim.rendering import kernels
 from cycab_sim.rendering.sky import light_at
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Floats
 
-Floats = NDArray[np.float32]
 REACH = 400.0  # the sun's rays start this far away, m
 
 

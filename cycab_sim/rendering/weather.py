@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cycab_sim.params import LightParams, SeasonParams
+from cycab_sim.rendering.kernels import compare_depths
 from cycab_sim.rendering.lamps.kernels import collect_lit
 from cycab_sim.rendering.shadows import ShadowMap
 from cycab_sim.rendering.sky import UNIT, SkyLight
@@ -23,9 +24,8 @@ from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Floats, Integers
 
-Floats = NDArray[np.float32]
 Cast = Callable[[Array, Floats], Floats]  # range (N,) m of unit rays (N, 3) from a point (3,) m
 Look = Callable[
     [Array, Floats, Floats, Floats], Floats
@@ -63,7 +63,7 @@ class PixelView:
     triangles: NDArray[np.int32]
     cone: Floats
 
-    def part(self, some: NDArray[np.int64], mesh: Mesh) -> tuple[Floats, Floats, NDArray[np.int32]]:
+    def part(self, some: Integers, mesh: Mesh) -> tuple[Floats, Floats, NDArray[np.int32]]:
         """Return points (M, 3), unit normals (M, 3) towards the viewer, and surfaces (M,) of some of the rays."""
         rays, triangles = self.rays[some], self.triangles[some]
         points = self.origin.astype(np.float32) + self.ranges[some, None] * rays
@@ -200,17 +200,11 @@ class Weather:
             return np.ones(len(points), np.float32)
         seen = points @ roof.T_sun_world.T.astype(np.float32)
         at = (seen[:, :2] - roof.corner.astype(np.float32)) / np.float32(roof.texel)
-        first = np.floor(at).astype(np.int64)
-        a, b = (at - first).T
-        size = roof.still.shape[0]
-        inside = np.all((first >= 0) & (first < size - 1), axis=1)
-        i, j = np.where(inside[:, None], first, 0).T
-        depth = seen[:, 2] - SHELTER_OFF
-        total = (1 - a) * (1 - b) * (depth <= roof.still[j, i]) + a * (1 - b) * (depth <= roof.still[j, i + 1])
-        total += (1 - a) * b * (depth <= roof.still[j + 1, i]) + a * b * (depth <= roof.still[j + 1, i + 1])
-        return np.where(inside, total, 1.0).astype(np.float32)
+        lit = np.empty(len(points), np.float32)
+        compare_depths(roof.still, at, seen[:, 2] - np.float32(SHELTER_OFF), lit)
+        return lit
 
-    def _noise(self, view: PixelView, some: NDArray[np.int64], points: Floats, size: float, seed: int) -> Floats:
+    def _noise(self, view: PixelView, some: Integers, points: Floats, size: float, seed: int) -> Floats:
         """Return noise (M,) at points (M, 3) on level ground, averaged over the footprint of the rays."""
         rays = view.rays[some]
         minor, flat = view.ranges[some] * view.cone[some], np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-6)

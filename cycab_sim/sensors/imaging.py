@@ -10,15 +10,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.params import ImagingParams, LightParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.cameras import Mount
 from cycab_sim.sensors.faults import SECOND, Faults
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array, Bytes, Floats
 
-Floats = NDArray[np.float32]
 STRIDE = 4  # every 4th row and column are measured
 DRIFT_WAVES = np.array([1.0, 1.7, 2.9])  # the white balance drifts with these multiples of its rate
 GAMMA = LightParams.gamma
@@ -29,8 +28,8 @@ CAMERAS_AT_ONCE = 2  # of a rig
 class RenderedFrame:
     """An image (H, W[, 3]) u1 and range along the ray (H, W) f32 m of one instant."""
 
-    image: NDArray[np.uint8]
-    range_m: NDArray[np.float32]
+    image: Bytes
+    range_m: Floats
     camera: Camera
     stamp_ns: int
     index: int
@@ -118,7 +117,7 @@ class Exposure:
         self._seen: deque[tuple[int, float]] = deque()
         self._phases = np.random.default_rng(seed).uniform(0.0, 2 * np.pi, (2, len(DRIFT_WAVES)))
 
-    def gains(self, stamp_ns: int) -> NDArray[np.float64]:
+    def gains(self, stamp_ns: int) -> Array:
         """Return the factors on red, green and blue light (3,) for an image of this instant."""
         if self.params.has_automatic_exposure and stamp_ns != self._now_ns:
             self._follow(stamp_ns)
@@ -147,7 +146,7 @@ class Exposure:
         self._gain *= (self._wanted / self._gain) ** share
         self._now_ns = stamp_ns
 
-    def _balance(self, seconds: float) -> NDArray[np.float64]:
+    def _balance(self, seconds: float) -> Array:
         """Return factors (3,) on the colours; green stays."""
         p = self.params
         if p.white_balance == 0.0:
@@ -167,7 +166,7 @@ def averaged(draw: Callable[[float], tuple[Floats, Floats]], shutter: float, num
     return np.asarray(np.float32(255.0) * (total / np.float32(num)) ** np.float32(1.0 / gamma), dtype=np.float32)
 
 
-def vignette(camera: Camera, share: float, gamma: float) -> NDArray[np.float32]:
+def vignette(camera: Camera, share: float, gamma: float) -> Floats:
     """Return factors (H, W) on grey levels: the light falls with the squared distance to the middle, to 1 - share."""
     rows, columns = np.linspace(-1.0, 1.0, camera.height), np.linspace(-1.0, 1.0, camera.width)
     height, width = float(camera.height), float(camera.width)
@@ -176,9 +175,7 @@ def vignette(camera: Camera, share: float, gamma: float) -> NDArray[np.float32]:
     return np.asarray(light ** (1.0 / gamma), dtype=np.float32)
 
 
-def expose(
-    levels: NDArray[np.float32], noise: float, shot_noise: float, seed: tuple[int, ...], bias: float = 0.0
-) -> NDArray[np.uint8]:
+def expose(levels: Floats, noise: float, shot_noise: float, seed: tuple[int, ...], bias: float = 0.0) -> Bytes:
     """Return what the sensor reads of perfect grey levels (H, W[, 3]): noise of its electronics and of the light.
 
     `seed` names the image, so that every image has its own noise and has it again in the next run.

@@ -6,11 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
-
-Floats = NDArray[np.float32]
+from sphere_nav.geometry.arrays import Array, Floats
 
 
 @dataclass(frozen=True)
@@ -45,9 +43,7 @@ class Scanner:
         self._rays = np.stack([np.cos(self.angles), np.sin(self.angles), np.zeros(p.num_rays)], axis=1)
         self._seed = seed
 
-    def scan(
-        self, measure: Callable[[NDArray[np.float64], Floats], Floats], T_world_base: SE3, index: int, stamp_ns: int
-    ) -> Scan:
+    def scan(self, measure: Callable[[Array, Floats], Floats], T_world_base: SE3, index: int, stamp_ns: int) -> Scan:
         """Return scan number `index`; `measure(origin (3,), rays (N, 3))` gives true ranges (N,), see Renderer."""
         p = self.model
         T_world_scan = T_world_base @ self.T_base_scan

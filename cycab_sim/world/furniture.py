@@ -8,11 +8,10 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes
 from cycab_sim.world.mesh import BOX_FACES, Finish, MeshBuilder, moved, placed
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Integers
 
 SPRAYS = 220  # leaves around a lump of foliage
 LEAVES = 700  # of a hedge, each metre
@@ -168,7 +167,7 @@ def add_lump(mesh: MeshBuilder, center: Array, radius: float, leaves: Finish, rn
 
 
 @cache
-def _sphere_faces() -> tuple[Array, NDArray[np.int64]]:
+def _sphere_faces() -> tuple[Array, Integers]:
     """Return an octahedron split twice: directions (P, 3) and faces (F, 3)."""
     points = [
         np.array(p, dtype=np.float64) for p in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
@@ -202,22 +201,15 @@ def add_frustum(
     y: float = 0.0,
 ) -> None:
     """Add a hull between two rectangles (x0, x1, half width, z) around a line y m to the left, without its floor."""
-    (a0, a1, ab, az), (c0, c1, cb, cz) = low, top
-    p = np.array(
-        [
-            [a0, -ab, az],
-            [a1, -ab, az],
-            [a1, ab, az],
-            [a0, ab, az],
-            [c0, -cb, cz],
-            [c1, -cb, cz],
-            [c1, cb, cz],
-            [c0, cb, cz],
-        ]
-    )
+    p = np.array([*_rectangle(*low), *_rectangle(*top)])
     p[:, 1] += y
     sides = p[[[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]]]
     mesh.panels(moved(sides, at), finish)
+
+
+def _rectangle(x0: float, x1: float, half: float, z: float) -> list[list[float]]:
+    """Return the corners of a level rectangle around the x axis."""
+    return [[x0, -half, z], [x1, -half, z], [x1, half, z], [x0, half, z]]
 
 
 def add_prism(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 
 NUM_PARAMS = 6
 BOX_FACES = np.array(  # corners of a unit box, face by face, counter-clockwise from outside, lower left first
@@ -43,15 +43,15 @@ class Mesh:
     is_parked (S,) bool: cars that stand; slots (P, 4, 4): where they may; lamps (L, 3) m: where street lamps shine
     """
 
-    triangles: NDArray[np.float32]
-    normals: NDArray[np.float32]
+    triangles: Floats
+    normals: Floats
     surface_of: NDArray[np.int32]
-    frames: NDArray[np.float32]
+    frames: Floats
     kinds: NDArray[np.int32]
-    params: NDArray[np.float32]
-    colors: NDArray[np.float32]
-    is_clutter: NDArray[np.bool_]
-    is_parked: NDArray[np.bool_]
+    params: Floats
+    colors: Floats
+    is_clutter: Flags
+    is_parked: Flags
     slots: Array
     lamps: Array
 
@@ -76,7 +76,7 @@ class MeshBuilder:
     height: Callable[[Array], Array] | None = None  # of the ground, m, at x (N,): everything stands on it
     _clutter: list[tuple[bool, bool]] = field(default_factory=list)
     _triangles: list[Array] = field(default_factory=list)
-    _surfaces: list[NDArray[np.int64]] = field(default_factory=list)
+    _surfaces: list[Integers] = field(default_factory=list)
     _corners: list[Array] = field(default_factory=list)
     _finishes: list[tuple[Finish, int]] = field(default_factory=list)
     _count: int = 0
@@ -145,7 +145,7 @@ class MeshBuilder:
         self._finishes.append((finish, int(self.rng.integers(1, 1 << 20))))
         self._count += 1
 
-    def _add_quads(self, quads: Array, surfaces: NDArray[np.int64]) -> None:
+    def _add_quads(self, quads: Array, surfaces: Integers) -> None:
         self._triangles.append(quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3))
         self._surfaces.append(np.repeat(surfaces, 2))
 
@@ -161,7 +161,7 @@ def placed(x: float, y: float, yaw: float, z: float = 0.0) -> Array:
     return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, z], [0, 0, 0, 1]], dtype=np.float64)
 
 
-def _frames(corners: Array) -> NDArray[np.float32]:
+def _frames(corners: Array) -> Floats:
     """Return world-to-surface (S, 3, 4) of origin, a point along u and a point on the v side, (S, 3, 3)."""
     origin = corners[:, 0]
     along = corners[:, 1] - origin

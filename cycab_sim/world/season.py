@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.params import SeasonParams
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.mesh import Mesh, MeshBuilder, joined, placed
 from cycab_sim.world.texture import kernels as k
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags, Integers
 
 OCCUPIED, SHIFT, REVERSED = 0.55, 0.4, 0.3  # share of the slots, m along them, share of the cars that look back
 REACH = 3.0  # a lump of leaves belongs to the trunk that is at most this far, m
@@ -106,13 +105,13 @@ def _rods(starts: Array, ends: Array, half: Array) -> Array:
     return np.stack([ring, np.roll(ring, -1, axis=1), tips], axis=2).reshape(-1, 3, 3)
 
 
-def _with_triangles(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
+def _with_triangles(mesh: Mesh, keep: Flags) -> Mesh:
     """Return the mesh with those triangles alone; surfaces keep their numbers."""
     kept = {name: getattr(mesh, name)[keep] for name in ("triangles", "normals", "surface_of")}
     return replace(mesh, **kept)
 
 
-def _with_added(mesh: Mesh, faces: Array, surfaces: NDArray[np.int64]) -> Mesh:
+def _with_added(mesh: Mesh, faces: Array, surfaces: Integers) -> Mesh:
     """Return the mesh with more triangles (F, 3, 3) m of surfaces (F,) that it has."""
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

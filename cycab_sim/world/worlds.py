@@ -10,7 +10,6 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
@@ -82,7 +81,7 @@ def build_world(world: str, seed: int, path: str = "two_turns") -> World:
     raise ValueError(f"world: expected one of {', '.join(WORLDS)}, found {world!r}")
 
 
-def geometry_cloud(seed: int, spacing: float = 0.1, world: str = "town") -> NDArray[np.float64]:
+def geometry_cloud(seed: int, spacing: float = 0.1, world: str = "town") -> Array:
     """Return points (N, 3) m on the surfaces of a static world, about one each `spacing` m, no colour.
 
     What comes and goes is missing: parked cars, bins and crates. Traffic never belongs to it.

@@ -85,8 +85,7 @@ class _Strand:
     @classmethod
     def of(cls, drive: TaughtDrive, first: int, last: int) -> _Strand:
         part = slice(first, last + 1)
-        c, count = drive.curve, last - first + 1
-        curve = EdgeCurve(c.x[part].copy(), c.y[part].copy(), c.yaw[part].copy(), c.speed[part].copy())
+        curve, count = drive.curve.between(first, last), last - first + 1
         deviation = np.full(count, np.nan) if drive.deviation is None else drive.deviation[part].copy()
         ways = (np.full(count, drive.direction > 0), np.full(count, drive.direction < 0))
         return cls(curve, *ways, deviation, np.ones(count, int), np.zeros(count), np.zeros(count))
@@ -396,14 +395,13 @@ def _cut(strands: Sequence[_Strand], map_id: str, width: float) -> Network:
 
 
 def _edge_of(strand: _Strand, first: int, last: int, width: float) -> RouteEdge:
-    part, c = slice(first, last + 1), strand.curve
-    curve = EdgeCurve(c.x[part], c.y[part], c.yaw[part], c.speed[part])
+    part = slice(first, last + 1)
     known = strand.deviation[part][np.isfinite(strand.deviation[part])]
     return RouteEdge(
         id=-1,
         start=-1,
         end=-1,
-        curve=curve,
+        curve=strand.curve.between(first, last),
         width=width + float(np.max(strand.high[part]) - np.min(strand.low[part])),
         is_forward=bool(strand.is_forward[(first + last) // 2]),
         is_reverse=bool(strand.is_reverse[(first + last) // 2]),

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from path_follower.path import Pose2, between, wrap
 from path_follower.routes.constants import JOIN_WITHIN, JOINED, LEAD, MAX_DETOUR, MAX_GROWTH, TURN_RATE, TURN_SHARE
 from path_follower.routes.network import EdgeCurve, Network
 from path_follower.routes.planning import Leg
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, arc_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehic
     way = 0.0
     for number, leg in enumerate(legs):
         part = network.edges[leg.edge].curve.part(min(leg.first, leg.last), max(leg.first, leg.last))
-        columns = np.stack([part.x, part.y, part.yaw, part.speed], axis=-1)[:: leg.direction]
+        columns = part.columns.T[:: leg.direction]
         way += leg.length
         points.append(columns[1:] if number else columns)
         ends.append(way)
@@ -71,25 +72,20 @@ def make_course(network: Network, legs: Sequence[Leg], pose: Pose2 | None, vehic
 
 def _first_run(legs: Sequence[Leg]) -> float:
     """Return how far it is to the first change of direction, or to the end."""
-    run = 0.0
-    for leg in legs:
-        if leg.direction != legs[0].direction:
-            break
-        run += leg.length
-    return run
+    return sum(leg.length for leg in takewhile(lambda leg: leg.direction == legs[0].direction, legs))
 
 
 def _joined(
     table: Array, direction: int, run: float, pose: Pose2, vehicle: TurningParams
 ) -> tuple[Array, float, float]:
     """Return the points with their beginning replaced by the way onto them, how much longer that is, and the lead."""
-    base = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(table[:, :2], axis=0).T))])
+    base = arc_lengths(table[:, :2])
     curve = EdgeCurve(table[:, 0], table[:, 1], np.unwrap(table[:, 2]), table[:, 3])
     poses, s = join_curve(curve, direction, pose, vehicle, min(run, JOIN_WITHIN))
     rest = table[base > s + SPACING / 2]
     speed = np.interp(s * np.arange(len(poses)) / max(len(poses) - 1, 1), base, table[:, 3])
     joined = np.concatenate([np.column_stack([poses, speed]), rest])
-    change = float(np.sum(np.hypot(*np.diff(joined[:, :2], axis=0).T))) - float(base[-1])
+    change = float(arc_lengths(joined[:, :2])[-1] - base[-1])
     behind = _behind(poses, direction)
     lead = np.column_stack([behind, np.full(len(behind), speed[0])])
     return np.concatenate([lead, joined]), change, SPACING * len(behind)
@@ -129,7 +125,7 @@ def _steered(
 ) -> tuple[Array, float, float]:
     """Return the poses, where they end, and the largest offset over the first one."""
     law, limit = SteeringParams(), TURN_SHARE * vehicle.max_steering_angle
-    bend = direction * np.gradient(curve.yaw, np.maximum(curve.arc, 1e-9 * np.arange(len(curve))))
+    bend = direction * curve.bend
     x, y, yaw, s = pose.x, pose.y, pose.yaw, 0.0
     angle: float | None = None  # of the wheel: it may stand anyhow before the start
     poses, offsets = [(x, y, yaw)], []

@@ -10,7 +10,8 @@ from path_follower.params import FollowerParams
 from path_follower.path_files import make_path, read_given
 from path_follower.routes.building import TaughtDrive
 from path_follower.routes.network import EdgeCurve
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, arc_lengths
+from sphere_nav.geometry.files.untrusted import told_at
 
 
 def read_drives(file: Path, params: FollowerParams, *, is_reversible: bool = False) -> tuple[list[TaughtDrive], str]:
@@ -19,10 +20,8 @@ def read_drives(file: Path, params: FollowerParams, *, is_reversible: bool = Fal
     `is_reversible`: what was taught in one direction may be driven in the other one, too. ValueError in one line.
     """
     given = read_given(file)
-    try:
+    with told_at(file):
         path = make_path(given.points, given.yaw, given.speed, params)
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
     speed = _along(given.speed, given.points, path.arc_length)
     deviation = _along(given.deviation, given.points, path.arc_length)
     drives = []
@@ -39,7 +38,6 @@ def _along(values: Array | None, points: Array, arc: Array) -> Array:
     """Return values (N,) of points (N, 2) at arc lengths of the smooth path through them; NaN where there are none."""
     if values is None or not np.isfinite(values).any():
         return np.full(len(arc), np.nan)
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    way = arc_lengths(points)
     known = np.isfinite(values)
-    found: Array = np.interp(arc * way[-1] / max(float(arc[-1]), 1e-9), way[known], values[known])
-    return found
+    return np.interp(arc * way[-1] / max(float(arc[-1]), 1e-9), way[known], values[known])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from path_follower.path import Pose2, between, turned_by, wrap
 from path_follower.routes.constants import MAX_NAME
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, arc_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,12 @@ class EdgeCurve:
     @cached_property
     def arc(self) -> Array:
         """Arc length (N,) from the first point, in m."""
-        return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(self.x), np.diff(self.y)))])
+        return arc_lengths(np.column_stack([self.x, self.y]))
+
+    @property
+    def columns(self) -> Array:
+        """Its points as x, y, yaw, speed (4, N)."""
+        return np.stack([self.x, self.y, self.yaw, self.speed])
 
     @property
     def length(self) -> float:
@@ -40,8 +45,7 @@ class EdgeCurve:
     @property
     def bend(self) -> Array:
         """Curvature (N,) in 1/m, positive to the left."""
-        bend: Array = np.gradient(self.yaw, np.maximum(self.arc, 1e-9 * np.arange(len(self))))
-        return bend
+        return np.gradient(self.yaw, np.maximum(self.arc, 1e-9 * np.arange(len(self))))
 
     def pose(self, s: float) -> Pose2:
         """Return the pose at an arc length."""
@@ -55,7 +59,11 @@ class EdgeCurve:
         """Return the curve between two arc lengths, with points there; first <= last."""
         inside = (self.arc > first + 1e-6) & (self.arc < last - 1e-6)
         s = np.concatenate([[first], self.arc[inside], [last]])
-        return EdgeCurve(*(np.interp(s, self.arc, values) for values in (self.x, self.y, self.yaw, self.speed)))
+        return EdgeCurve(*(np.interp(s, self.arc, values) for values in self.columns))
+
+    def between(self, first: int, last: int) -> EdgeCurve:
+        """Return a copy of the curve from one of its points to another one."""
+        return EdgeCurve(*self.columns[:, first : last + 1].copy())
 
 
 @dataclass(frozen=True)
@@ -182,13 +190,8 @@ def headings(x: Array, y: Array, first: float | None = None, last: float | None 
 
 def join_curves(curves: Iterable[EdgeCurve]) -> EdgeCurve:
     """Return one curve of several, each of which begins where the last one ends."""
-    parts = list(curves)
-    columns: list[list[Array]] = [[], [], [], []]
-    for number, part in enumerate(parts):
-        skip = slice(1, None) if number else slice(None)
-        for column, values in zip(columns, (part.x, part.y, part.yaw, part.speed), strict=True):
-            column.append(values[skip])
-    x, y, yaw, speed = (np.concatenate(column) for column in columns)
+    parts = [curve.columns[:, number > 0 :] for number, curve in enumerate(curves)]
+    x, y, yaw, speed = np.concatenate(parts, axis=1)
     return EdgeCurve(x, y, np.unwrap(yaw), speed)
 
 

@@ -191,5 +191,4 @@ def _apart(first: Array, second: Array, reach: float) -> Array:
     """Return distances (n, m) between poses (n, 4, 4) and (m, 4, 4): by `reach`, plus the angle in radians."""
     trace = first[:, :3, :3].reshape(-1, 9) @ second[:, :3, :3].reshape(-1, 9).T
     moved = np.linalg.norm(first[:, None, :3, 3] - second[None, :, :3, 3], axis=-1)
-    apart: Array = moved / reach + np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
-    return apart
+    return moved / reach + np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, printable, read_text, short
 
 MAX_CORNERS, MAX_DIGITS = 1000, 9  # in a row of a board; characters of their number
@@ -65,7 +66,7 @@ class Board:
         return (self.columns + 1) * (self.rows + 1) // 2
 
     @cached_property
-    def points(self) -> NDArray[np.float64]:
+    def points(self) -> Array:
         """Corners (columns * rows, 3) in the board frame, in metres."""
         row, column = np.divmod(np.arange(self.num_corners), self.columns)
         return self.square_m * np.stack([column, row, np.zeros_like(row)], axis=-1).astype(np.float64)

@@ -66,8 +66,7 @@ def information(problem: AdjustmentProblem, state: RigState, weights: Array) -> 
     H, _ = normal_equations(problem, state, np.nan_to_num(residuals(problem, state)), weights)
     shared = problem.num_shared
     poses = H[shared:, shared:] + np.diag(np.where(np.diag(H)[shared:] > 0, TINY, 1.0))
-    reduced: Array = H[:shared, :shared] - H[:shared, shared:] @ np.linalg.solve(poses, H[shared:, :shared])
-    return reduced
+    return H[:shared, :shared] - H[:shared, shared:] @ np.linalg.solve(poses, H[shared:, :shared])
 
 
 def residuals(problem: AdjustmentProblem, state: RigState) -> Array:

@@ -12,16 +12,14 @@ from numpy.typing import NDArray
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
 from rig_calibration.constants import MIN_CORNERS
-from sphere_nav.geometry.arrays import Array
-
-Gray = NDArray[np.uint8]
+from sphere_nav.geometry.arrays import Array, Bytes, Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Markers:
     """Corners (M,) of (1, 4, 2) and numbers (M,) of all markers of one dictionary in an image."""
 
-    corners: tuple[NDArray[np.float32], ...]
+    corners: tuple[Floats, ...]
     numbers: NDArray[np.int32]
 
 
@@ -36,7 +34,7 @@ def check(board: Board) -> None:
         )
 
 
-def find_markers(gray: Gray, dictionary_name: str) -> Markers:
+def find_markers(gray: Bytes, dictionary_name: str) -> Markers:
     """Return the markers of a dictionary that an image (H, W) shows."""
     dictionary = _dictionary(dictionary_name)
     if _has_classes():
@@ -47,7 +45,7 @@ def find_markers(gray: Gray, dictionary_name: str) -> Markers:
     return Markers(tuple(np.asarray(item, np.float32).reshape(1, 4, 2) for item in corners), found)
 
 
-def find_corners(gray: Gray, board: Board, markers: Markers) -> tuple[Indices, Array] | None:
+def find_corners(gray: Bytes, board: Board, markers: Markers) -> tuple[Indices, Array] | None:
     """Return numbers (n,) and pixels (n, 2) of the corners of a board whose markers were found."""
     last = board.first_marker + board.num_markers
     own = np.flatnonzero((markers.numbers >= board.first_marker) & (markers.numbers < last))

@@ -7,20 +7,17 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
 from rig_calibration.constants import AROUND, HALVED_FROM
-from sphere_nav.geometry.arrays import Array
-
-Gray = NDArray[np.uint8]
+from sphere_nav.geometry.arrays import Array, Bytes
 
 SECTOR_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
 SWEEP_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
 QUAD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 
 
-def candidates(gray: Gray, boards: Sequence[Board]) -> Iterator[tuple[Board, Iterator[Array]]]:
+def candidates(gray: Bytes, boards: Sequence[Board]) -> Iterator[tuple[Board, Iterator[Array]]]:
     """Yield each board with what may be its corners (N, 2), row by row or column by column, best guess first."""
     if len(boards) == 1:
         yield boards[0], _thorough(gray, boards[0])
@@ -33,14 +30,14 @@ def candidates(gray: Gray, boards: Sequence[Board]) -> Iterator[tuple[Board, Ite
             yield board, ((2.0 * corners + 0.5 if is_halved else corners) for corners in found)
 
 
-def _thorough(gray: Gray, board: Board) -> Iterator[Array]:
+def _thorough(gray: Bytes, board: Board) -> Iterator[Array]:
     """Try the detector by quadrangles, which stands strong distortion, then the one by sectors, which stands blur."""
     size = (board.columns, board.rows)
     yield from _as_corners(cv2.findChessboardCorners(gray, size, flags=QUAD_FLAGS), board)
     yield from _as_corners(cv2.findChessboardCornersSB(gray, size, flags=SECTOR_FLAGS), board)
 
 
-def _quick(gray: Gray, board: Board, swept: Sequence[Array]) -> Iterator[Array]:
+def _quick(gray: Bytes, board: Board, swept: Sequence[Array]) -> Iterator[Array]:
     """Take a swept grid of the size of the board, else look for it by quadrangles."""
     for grid in swept:
         if grid.shape[:2] == (board.rows, board.columns):
@@ -50,14 +47,14 @@ def _quick(gray: Gray, board: Board, swept: Sequence[Array]) -> Iterator[Array]:
     yield from _as_corners(cv2.findChessboardCorners(gray, (board.columns, board.rows), flags=QUAD_FLAGS), board)
 
 
-def grid_sizes(gray: NDArray[np.uint8], count: int) -> list[tuple[int, int]]:
+def grid_sizes(gray: Bytes, count: int) -> list[tuple[int, int]]:
     """Return columns and rows of up to `count` whole chessboards of an image, of whatever size."""
     least = Board("any", 3, 3, 1.0)  # the smallest that there is
     swept = _sweep(gray, [least] * count)[:count]
     return [(grid.shape[1], grid.shape[0]) for grid in swept]
 
 
-def _sweep(gray: Gray, boards: Sequence[Board]) -> list[Array]:
+def _sweep(gray: Bytes, boards: Sequence[Board]) -> list[Array]:
     """Return all grids (rows, columns, 2) of an image, of whatever size, each wiped out before the next search."""
     image, grids = gray.copy(), []
     least = min(min(board.columns, board.rows) for board in boards)

@@ -6,18 +6,15 @@ from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards import charuco, chessboard
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
 from rig_calibration.constants import BLUR_PX, HALF_WINDOW, MIN_CORNERS, MIN_SPACING_PX, REFINEMENT
-from sphere_nav.geometry.arrays import Array
-
-Gray = NDArray[np.uint8]
+from sphere_nav.geometry.arrays import Array, Bytes, Flags
 
 
-def detect_all(gray: Gray, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
+def detect_all(gray: Bytes, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
     """Return numbers (n,) and pixels (n, 2) of the corners of each board that is seen, by its name.
 
     A single chessboard is searched thoroughly; among several most are out of sight, and that would take minutes.
@@ -31,7 +28,7 @@ def detect_all(gray: Gray, boards: Sequence[Board]) -> dict[str, tuple[Indices, 
     return found | _charuco_boards(gray, [board for board in boards if board.kind == "charuco"])
 
 
-def _number(gray: Gray, board: Board, candidates: Iterable[Array]) -> tuple[Indices, Array] | None:
+def _number(gray: Bytes, board: Board, candidates: Iterable[Array]) -> tuple[Indices, Array] | None:
     """Return the first candidate that looks like a board, numbered as on the board, to a fraction of a pixel."""
     for candidate in candidates:
         if not _is_inside(gray, candidate).all():  # cut by the border: what lies beyond is a guess of the detector
@@ -44,13 +41,12 @@ def _number(gray: Gray, board: Board, candidates: Iterable[Array]) -> tuple[Indi
     return None
 
 
-def _is_inside(gray: Gray, corners: Array) -> NDArray[np.bool_]:
+def _is_inside(gray: Bytes, corners: Array) -> Flags:
     """Return which corners (N, 2) lie in the image."""
-    inside: NDArray[np.bool_] = np.all((corners >= 0) & (corners <= (gray.shape[1] - 1, gray.shape[0] - 1)), axis=-1)
-    return inside
+    return np.all((corners >= 0) & (corners <= (gray.shape[1] - 1, gray.shape[0] - 1)), axis=-1)
 
 
-def canonical(gray: Gray, board: Board, corners: Array) -> Array:
+def canonical(gray: Bytes, board: Board, corners: Array) -> Array:
     """Number corners (N, 2) alike in all images: x to the right of y as on the board, a dark square at the first.
 
     What still looks alike after that are the `turns` of the board.
@@ -67,7 +63,7 @@ def canonical(gray: Gray, board: Board, corners: Array) -> Array:
     return np.ascontiguousarray(grid).reshape(-1, 2)
 
 
-def _contrast(gray: Gray, grid: Array) -> float:
+def _contrast(gray: Bytes, grid: Array) -> float:
     """Return how much brighter the other squares are than those of the colour of the first one."""
     centers = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4.0
     levels = cv2.remap(gray, centers.astype(np.float32), None, cv2.INTER_LINEAR).astype(np.float64)
@@ -95,7 +91,7 @@ def _is_grid(corners: Array, board: Board) -> bool:
     return True
 
 
-def _refine(gray: Gray, corners: Array, half: int) -> Array:
+def _refine(gray: Bytes, corners: Array, half: int) -> Array:
     """Return corners (N, 2) to a fraction of a pixel, with windows of 2 * half + 1 pixels that hold no other edge."""
     found = corners.astype(np.float32).reshape(-1, 1, 2).copy()
     cv2.cornerSubPix(gray, found, (half, half), (-1, -1), REFINEMENT)
@@ -104,7 +100,7 @@ def _refine(gray: Gray, corners: Array, half: int) -> Array:
     return np.where((moved < half)[:, None], refined, corners)
 
 
-def _charuco_boards(gray: Gray, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
+def _charuco_boards(gray: Bytes, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
     """Look for the markers of each dictionary once, then for the corners of each board among its own."""
     found = {}
     for name in dict.fromkeys(board.dictionary for board in boards):

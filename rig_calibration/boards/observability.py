@@ -102,8 +102,7 @@ def _inverse(matrix: Array) -> Array:
     share = np.sum(vectors[:, is_open] ** 2, axis=1)
     lost = np.flatnonzero(share > OPEN_SHARE)
     inverse[lost, lost] = np.inf
-    result: Array = inverse
-    return result
+    return inverse
 
 
 def _by_camera(covariance: Array, T_rig_camera: SE3, noise: float) -> Spread:
@@ -125,5 +124,4 @@ def _rotate_covariance(covariance: Array, R: Array) -> Array:
     turned = both @ finite @ both.T
     lost = (np.abs(both[:, is_open]) > 0.03).any(axis=1) if is_open.any() else np.zeros(6, dtype=bool)
     turned[lost, lost] = np.inf
-    result: Array = turned
-    return result
+    return turned

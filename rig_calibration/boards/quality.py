@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.validation import Validation
@@ -23,7 +22,7 @@ from rig_calibration.constants import (
     MIN_GOOD_VIEWS,
     MIN_TILT_DEG,
 )
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.photometric.constants import CELLS
 
 
@@ -53,7 +52,7 @@ def quality_warnings(
     return lines
 
 
-def covered_cells(problem: AdjustmentProblem, kept: Array) -> NDArray[np.bool_]:
+def covered_cells(problem: AdjustmentProblem, kept: Array) -> Flags:
     """Return whether a corner fell into each cell of every image (C, rows, columns)."""
     found = np.zeros((len(problem.models), CELLS[1], CELLS[0]), np.bool_)
     for camera, rows in problem.seen.camera_slices:
@@ -96,7 +95,7 @@ def _frontal(problem: AdjustmentProblem, state: RigState, own: Indices) -> str:
     return f"no tilt: boards differ by {tilt:.1f} deg in the mean, expected {MIN_TILT_DEG:.0f} or more"
 
 
-def _uncovered(cells: NDArray[np.bool_]) -> list[str]:
+def _uncovered(cells: Flags) -> list[str]:
     """Return lines for one camera's covered cells (rows, columns)."""
     rows, columns = cells.shape
     sides = {

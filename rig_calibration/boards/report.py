@@ -62,8 +62,7 @@ def _blur(calibration: Calibration, index: int) -> float:
 
 def coverage(calibration: Calibration) -> Array:
     """Return the part of 8 x 6 cells of every image that a corner fell into (C,), in percent."""
-    covered: Array = 100.0 * covered_cells(calibration.start.problem, calibration.kept).mean(axis=(1, 2))
-    return covered
+    return 100.0 * covered_cells(calibration.start.problem, calibration.kept).mean(axis=(1, 2))
 
 
 def draw_calibration(calibration: Calibration, path: Path) -> None:

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
 from rig_calibration.constants import QUARTILES_APART, SAMPLED_PX2
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes
 
 
-def edge_width(gray: NDArray[np.uint8], board: Board, corners: Indices, pixels: Array) -> float:
+def edge_width(gray: Bytes, board: Board, corners: Indices, pixels: Array) -> float:
     """Return the standard deviation of the blur of a board's edges in pixels, NaN where a corner is missing.
 
     By OpenCV: between a quarter and three quarters of the way from dark to bright lie 1.349 standard deviations. The

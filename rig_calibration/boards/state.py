@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.views import Observations
 from rig_calibration.constants import NUM_DISTORTION
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.lens import NUM_LENS, camera_of, free_parameters
-
-Mask = NDArray[np.bool_]
 
 SHARED = NUM_LENS + 6  # parameters of a camera: lens, then its tangent (v, omega)
 
@@ -46,7 +43,7 @@ class AdjustmentProblem:
     models: tuple[str, ...]
     sizes: tuple[tuple[int, int], ...]
     seen: Observations
-    is_free: Mask
+    is_free: Flags
 
     @property
     def num_shared(self) -> int:

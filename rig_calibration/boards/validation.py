@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.bundle import residuals, rms_px, solve
 from rig_calibration.boards.rejection import noise_px
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.constants import HELD_OUT_EVERY, MIN_VIEWS
 from sphere_nav.geometry import so3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +49,7 @@ def camera_rms(problem: AdjustmentProblem, errors: Array, kept: Array) -> Array:
     return found
 
 
-def _hold_out(problem: AdjustmentProblem, state: RigState, kept: Array, is_held: NDArray[np.bool_]) -> Array:
+def _hold_out(problem: AdjustmentProblem, state: RigState, kept: Array, is_held: Flags) -> Array:
     """Calibrate without some instants, then find only where the rig was at these."""
     rest = _part(problem, state, kept, ~is_held)
     if rest is None or not is_held.any():
@@ -65,7 +64,7 @@ def _hold_out(problem: AdjustmentProblem, state: RigState, kept: Array, is_held:
     return camera_rms(problem, found.residuals, weights)
 
 
-def _part(problem: AdjustmentProblem, state: RigState, kept: Array, is_used: NDArray[np.bool_]) -> RigState | None:
+def _part(problem: AdjustmentProblem, state: RigState, kept: Array, is_used: Flags) -> RigState | None:
     """Calibrate from some instants (I,); None where a camera has too few views among them."""
     seen = problem.seen
     weights = kept * is_used[seen.instant[seen.view]]

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from rig_calibration.constants import MARGIN, MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS, SAME_ROW
@@ -16,7 +15,7 @@ from rig_calibration.drive.drive_lens import MAP, READOUT, Lens
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.estimation.robust import HUBER, weigh
 from sphere_nav.geometry import SE3, Camera, Spherical, so3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags, Floats
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
@@ -25,7 +24,7 @@ from sphere_nav.photometric.pixels.selection import select
 ROW_OF_GRAY = GRAY // SIDE  # of a block, behind those of the point
 
 
-def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[np.float64]) -> DriveImage:
+def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: Array) -> DriveImage:
     """Return an image with the most salient pixels of a reference that it should show from a pose."""
     T_camera_reference = T_map_camera.inverse() @ view.T_world_reference
     levels = []
@@ -49,14 +48,11 @@ def _axes_of_lens(view: View) -> SE3 | None:
     return view.T_world_reference @ SE3.from_parts(np.stack([x, np.cross(z, x), z], axis=1), np.zeros(3))
 
 
-Plane = NDArray[np.float32]
-
-
 @dataclass(frozen=True, eq=False)
 class LevelData:
     """One level: image (H, W) float32, points (N, 3) m of the map that it should show, their grey levels (N,)."""
 
-    image: Plane
+    image: Floats
     points_map: Array
     gray: Array
 
@@ -134,7 +130,7 @@ def _points_in_camera(
     return T_camera_optical.apply(points), T_camera_optical.rotation @ J
 
 
-def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
+def inner(pixels: Array, camera: Camera) -> Flags:
     """Say which pixels (N, 2) lie within the image, away from its border; NaN does not."""
     u, v = pixels.T
     with np.errstate(invalid="ignore"):
@@ -143,7 +139,7 @@ def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
         )
 
 
-def sample_with_gradient(image: Plane, pixels: Array) -> tuple[Array, Array]:
+def sample_with_gradient(image: Floats, pixels: Array) -> tuple[Array, Array]:
     """Return grey levels (N,) and their gradient (N, 2) at pixels (N, 2), bilinear."""
 
     def at(du: float, dv: float) -> Array:  # cv2.remap knows no finer steps than 1/32 px

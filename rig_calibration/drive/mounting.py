@@ -97,8 +97,7 @@ def hand_eye_residuals(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
     A piece is taken for a screw, whose way and turn are scaled: exact where it bends evenly.
     """
     scaled = SE3.exp(B.log() * np.repeat(scales, 3, axis=-1))
-    left: Array = (X.inverse() @ scaled.inverse() @ X @ A).log()
-    return left
+    return (X.inverse() @ scaled.inverse() @ X @ A).log()
 
 
 def _moved(X: SE3, scales: Array, step: Array) -> tuple[SE3, Array]:
@@ -159,5 +158,4 @@ def _sigma(e: Array) -> Array:
 def _weights(e: Array, sigma: Array) -> Array:
     """Return weights (N, 6): Cauchy's of a whole piece over the variances, as a wheel that slips spoils all of it."""
     squares = np.mean((e / sigma) ** 2, axis=1)
-    weights: Array = cauchy_weights(squares / CAUCHY**2)[:, None] / sigma**2
-    return weights
+    return cauchy_weights(squares / CAUCHY**2)[:, None] / sigma**2

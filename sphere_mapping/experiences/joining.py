@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from sphere_mapping.constants import (
@@ -41,7 +40,7 @@ from sphere_mapping.graph.verification import Run
 from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.spheres.constants import MAX_GAP
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.range_alignment import (
@@ -323,7 +322,7 @@ def guess_headings(a: RangeImage, b: RangeImage) -> Array:
     return np.asarray(best * (2.0 * np.pi / a.camera.width), np.float64)
 
 
-def _without_mean(image: NDArray[np.float32]) -> Array:
+def _without_mean(image: Floats) -> Array:
     """Return an image (H, W) less the mean of each row, 0 where it is NaN."""
     is_known = np.isfinite(image)
     values = np.where(is_known, image, 0.0).astype(np.float64)

@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, MutableMapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -32,6 +31,7 @@ from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, believed, find_candidates, verify
 from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.appearance.features import Features, features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
@@ -171,7 +171,7 @@ def lengths_from(graph: SphereGraph, sphere_id: int) -> dict[int, float]:
     pairs, first = np.unique(pairs, return_index=True)  # of several edges between two spheres one is enough
     meters = np.maximum([edge.length_m for edge in edges], 1e-6)[first]
     matrix = csr_array((meters, np.divmod(pairs, number)), shape=(number, number))
-    found: NDArray[np.float64] = dijkstra(matrix, directed=False, indices=row[sphere_id])
+    found: Array = dijkstra(matrix, directed=False, indices=row[sphere_id])
     is_connected = np.isfinite(found)
     ids = np.fromiter(row, np.int64, number)[is_connected]
     return dict(zip(ids.tolist(), found[is_connected].tolist(), strict=True))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.constants import (
     ACCELERATION,
@@ -18,6 +17,7 @@ from sphere_mapping.constants import (
     SHARP,
 )
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,20 +89,20 @@ class DriveMotion:
             return self.last.T_map_sphere @ self.last.T_odom_sphere.inverse() @ T_odom_sphere
         return self.newest @ self._extrapolate(stamp_ns)
 
-    def velocity(self) -> NDArray[np.float64]:
+    def velocity(self) -> Array:
         """Return the velocity (6,) (v, omega) per second between the last two spheres, zero where there are none."""
         if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
             return np.zeros(6)
         T_before_last = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
         return T_before_last.log() / ((self.last.stamp_ns - self.before.stamp_ns) * 1e-9)
 
-    def velocity_to(self, T_map_sphere: SE3, stamp_ns: int) -> NDArray[np.float64]:
+    def velocity_to(self, T_map_sphere: SE3, stamp_ns: int) -> Array:
         """Return the velocity (6,) from the last sphere to a pose at a stamp; zero before the first."""
         if self.last is None or stamp_ns <= self.last.stamp_ns:
             return np.zeros(6)
         return (self.newest.inverse() @ T_map_sphere).log() / ((stamp_ns - self.last.stamp_ns) * 1e-9)
 
-    def velocity_through(self, T_map_next: SE3, stamp_ns: int) -> NDArray[np.float64]:
+    def velocity_through(self, T_map_next: SE3, stamp_ns: int) -> Array:
         """Return the velocity (6,) at the last sphere by the one before it and the next one, at a stamp."""
         if self.before is None or stamp_ns <= self.before.stamp_ns:
             return self.velocity_to(T_map_next, stamp_ns)

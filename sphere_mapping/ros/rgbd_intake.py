@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
@@ -17,6 +16,7 @@ from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.mount import CameraMount
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.ros import conversions
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.synchronizer import Instant
@@ -51,7 +51,7 @@ class RgbdIntake:
         depth_frame = mount.frame_id if depth_info is None else depth_info.header.frame_id or mount.frame_id
         view = self._view(instant, camera, depth_camera, depth_frame, mount)
 
-        def unroll(velocity: NDArray[np.float64]) -> Sphere:
+        def unroll(velocity: Array) -> Sphere:
             return sphere_from_views([replace(view, twist=velocity * readout)], instant.stamp_ns, partial)
 
         sphere = sphere_from_views([view], instant.stamp_ns, partial)

@@ -10,12 +10,21 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 Array: TypeAlias = NDArray[np.float64]
+Floats: TypeAlias = NDArray[np.float32]  # many numbers: pixels, points
+Bytes: TypeAlias = NDArray[np.uint8]
+Flags: TypeAlias = NDArray[np.bool_]
+Integers: TypeAlias = NDArray[np.int64]
 
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y, yaw of the covariance of a tangent vector (v, omega)
 TINY = 1e-12  # keeps divisors from 0; nothing that is measured is as small
 
 OWN_PAGES = 1 << 14  # bytes, from which an array that stays has pages of its own: of the last a quarter at most is lost
 HUGE_PAGES = 1 << 22  # bytes, from which NumPy asks for large pages, too
+
+
+def arc_lengths(points: Array) -> Array:
+    """Return how far along a line through points (N, 2) each of them is (N,)."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
 def empty_to_keep(shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:

@@ -8,9 +8,7 @@ from math import inf
 from operator import itemgetter
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.se3 import SE3
 
 MEMORY = 200  # messages; 2 s at 100 Hz
@@ -47,7 +45,7 @@ class OdometryBuffer:
 
     def __init__(self, max_age_s: float) -> None:
         self._max_age_s = max_age_s
-        self._poses = PoseBuffer[NDArray[np.float64]](maxlen=MEMORY)
+        self._poses = PoseBuffer[Array](maxlen=MEMORY)
 
     def __len__(self) -> int:
         return len(self._poses)
@@ -56,7 +54,7 @@ class OdometryBuffer:
         """Forget everything."""
         self._poses.clear()
 
-    def add(self, stamp_ns: int, T_odom_base: SE3, twist: NDArray[np.float64]) -> None:
+    def add(self, stamp_ns: int, T_odom_base: SE3, twist: Array) -> None:
         """Keep a pose and its twist (6,), (v, omega) in base axes; ValueError for a stamp that does not grow.
 
         One far before the last is of a clock that was set back: what was kept is forgotten.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry import so3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ class SE3:
         """Compose: `T_a_b @ T_b_c` is `T_a_c`."""
         return SE3(self.matrix @ other.matrix)
 
-    def __getitem__(self, index: int | slice | NDArray[np.integer] | NDArray[np.bool_]) -> SE3:
+    def __getitem__(self, index: int | slice | NDArray[np.integer] | Flags) -> SE3:
         """Pick from a batch."""
         return SE3(self.matrix[index])
 

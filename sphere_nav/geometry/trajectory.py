@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry import so3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags, Integers
 from sphere_nav.geometry.files.untrusted import number, parse_stamp_ns, read_text
 from sphere_nav.geometry.se3 import SE3
-
-Stamps = NDArray[np.int64]
 
 MAP_ID = "# map_id:"  # begins a line of comment: the map in whose frame the poses are
 TUM_FIELDS = ("stamp", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -31,7 +29,7 @@ class Trajectory:
     `covariances` (N, 6, 6), where known, are of the tangent (v, omega) in `T_map_body @ exp(xi)`.
     """
 
-    stamps_ns: Stamps
+    stamps_ns: Integers
     T_map_body: SE3
     covariances: Array | None = None
 
@@ -47,7 +45,7 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
-    def __getitem__(self, index: slice | NDArray[np.integer] | NDArray[np.bool_]) -> Trajectory:
+    def __getitem__(self, index: slice | NDArray[np.integer] | Flags) -> Trajectory:
         """Pick poses by a slice, indices or a mask."""
         covariances = None if self.covariances is None else self.covariances[index]
         return Trajectory(self.stamps_ns[index], self.T_map_body[index], covariances)
@@ -68,7 +66,7 @@ class Trajectory:
         scaled = SE3.from_parts(self.T_map_body.rotation, scale * self.positions)
         return replace(self, T_map_body=T_new_map @ scaled)
 
-    def at(self, stamps_ns: ArrayLike, max_gap_ns: int | None = None) -> tuple[Trajectory, NDArray[np.bool_]]:
+    def at(self, stamps_ns: ArrayLike, max_gap_ns: int | None = None) -> tuple[Trajectory, Flags]:
         """Interpolate: positions along straight lines, rotations along the shortest turn.
 
         Return the poses at those of `stamps_ns` that lie between two poses at most `max_gap_ns` apart, and the mask
@@ -91,7 +89,7 @@ class Trajectory:
         return Trajectory(wanted[known], SE3.from_parts(T_before.rotation @ so3.exp(share * turn), position)), known
 
 
-def associate(stamps_ns: Stamps, other_ns: Stamps, tolerance_ns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def associate(stamps_ns: Integers, other_ns: Integers, tolerance_ns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Pair two increasing lists of stamps: mutually nearest and at most `tolerance_ns` apart; return both indices."""
     if not len(stamps_ns) or not len(other_ns):
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
@@ -102,7 +100,7 @@ def associate(stamps_ns: Stamps, other_ns: Stamps, tolerance_ns: int) -> tuple[N
     return pairs, partner[pairs]
 
 
-def _nearest(stamps_ns: Stamps, other_ns: Stamps) -> NDArray[np.intp]:
+def _nearest(stamps_ns: Integers, other_ns: Integers) -> NDArray[np.intp]:
     after = np.clip(np.searchsorted(other_ns, stamps_ns), 1, max(len(other_ns) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(other_ns) - 1)
@@ -153,14 +151,16 @@ def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, map_id: str 
         Path(path).with_suffix(".cov").unlink(missing_ok=True)  # of an earlier run: would not belong to these poses
 
 
-def _write(path: Path, fields: tuple[str, ...], stamps_ns: Stamps, values: Array, comments: Sequence[str] = ()) -> None:
+def _write(
+    path: Path, fields: tuple[str, ...], stamps_ns: Integers, values: Array, comments: Sequence[str] = ()
+) -> None:
     lines = [*comments, "# " + " ".join(fields)]
     for stamp, numbers in zip(stamps_ns.tolist(), values.tolist(), strict=True):
         lines.append(f"{stamp // 10**9}.{stamp % 10**9:09d} " + " ".join(f"{number:.9g}" for number in numbers))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _read_covariances(path: Path, stamps_ns: Stamps) -> Array | None:
+def _read_covariances(path: Path, stamps_ns: Integers) -> Array | None:
     beside = path.with_suffix(".cov")
     if beside == path or not beside.exists():
         return None

@@ -6,10 +6,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import so3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.se3 import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 
@@ -64,7 +63,7 @@ class RelativeErrors:
 def align_trajectories(estimate: Trajectory, truth: Trajectory, kind: str) -> tuple[SE3, float]:
     """Return `T_truth_estimate` and scale that bring the trajectories together best, by `kind`.
 
-    They are paired pose by pose. Kind: 'none'; 'poses' (positions and rotations together, `align_poses`); by positions
+    They are paired pose by pose. Kind: 'none'; 'poses' (positions and rotations together, `_align_poses`); by positions
     alone (Umeyama 1991) 'se3' (rigid) or 'sim3' (rigid and scale), which need a path that is no straight line.
     """
     if kind not in ALIGNMENTS:
@@ -72,7 +71,7 @@ def align_trajectories(estimate: Trajectory, truth: Trajectory, kind: str) -> tu
     if kind == "none":
         return SE3.identity(), 1.0
     if kind == "poses":
-        return align_poses(estimate.T_map_body, truth.T_map_body), 1.0
+        return _align_poses(estimate.T_map_body, truth.T_map_body), 1.0
     return _fit_positions(estimate.positions, truth.positions, has_scale=kind == "sim3")
 
 
@@ -89,7 +88,7 @@ def _fit_positions(source: Array, target: Array, *, has_scale: bool) -> tuple[SE
     return SE3.from_parts(R, target_mean - scale * R @ source_mean), scale
 
 
-def align_poses(estimate: SE3, truth: SE3) -> SE3:
+def _align_poses(estimate: SE3, truth: SE3) -> SE3:
     """Return `T_truth_estimate` of paired poses (N,), by positions and rotations together.
 
     It minimises sum rho(|q - (R p + t)| / sigma_p) + rho(|log(R_q (R R_p)^T)| / sigma_r) with Tukey's rho. Both sigmas
@@ -200,7 +199,7 @@ def nees_of_axes(estimate: Trajectory, truth: Trajectory) -> Array:
     return np.where(is_good[:, None], squared, np.nan)
 
 
-def _scaled_errors(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _scaled_errors(estimate: Trajectory, truth: Trajectory) -> tuple[Array, Array, Flags]:
     """Return errors (N, 6), covariances (N, 6, 6), and where these are some; the others are made those of 1."""
     xi = (estimate.T_map_body.inverse() @ truth.T_map_body).log()
     given = np.full((len(estimate), 6, 6), np.nan) if estimate.covariances is None else estimate.covariances

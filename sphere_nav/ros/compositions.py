@@ -351,7 +351,7 @@ COMPOSITIONS = {
         {
             "mode": Argument("drive", "who drives: the topic cmd_vel, or the simulator itself", ("drive", "teach")),
             "seed": Argument("1", "decides the town and every noise"),
-            "world": Argument("town", "where it drives", ("town", "city", "corridor", "ramp", "road", "square")),
+            "world": Argument("town", "where it drives", ("town", "city", "corridor", "ramp")),
             "traffic": Argument("false", "cars, cyclists and pedestrians in the streets", FLAG),
             "map": Argument("", "map to localise in; empty: the simulator alone", is_file=True),
             "trajectory": Argument("", "file of the trajectory to follow", is_file=True),

@@ -27,7 +27,7 @@ from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.shared_files import software
-from sphere_nav.ros.subscription import Subscription
+from sphere_nav.ros.subscription import Subscription, full_name
 
 
 class LivePublisher:
@@ -101,10 +101,6 @@ class RclpyShell(Endpoints, Node):
         """Return the time of the monotonic clock in nanoseconds."""
         return time.monotonic_ns()
 
-    def own_ns(self) -> int:
-        """Return monotonic time, or the time of /clock where `use_sim_time` is set."""
-        return self.now_ns() if self.is_time_simulated else self.steady_ns()
-
     @property
     def is_time_simulated(self) -> bool:
         """Whether the node's clock is /clock."""
@@ -113,7 +109,7 @@ class RclpyShell(Endpoints, Node):
     def publishers_of(self, topic: str) -> list[str]:
         """Return the full names of the nodes that publish on a topic."""
         infos = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
-        return sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
+        return sorted(map(full_name, infos))
 
     def listen(self, wanted: Subscription) -> None:
         """Subscribe; while the node is inactive messages are dropped, latched ones kept until it is active.
@@ -289,7 +285,7 @@ def unserved(node: Node, publishers: Iterable[Publisher]) -> Iterator[str]:
         for info in node.get_subscriptions_info_by_topic(topic):
             reason = _why_not(type_name(cast("type[Any]", publisher.msg_type)), publisher.qos_profile, info)
             if reason:
-                yield f"{topic}: {info.node_namespace.rstrip('/')}/{info.node_name} gets nothing: {reason}"
+                yield f"{topic}: {full_name(info)} gets nothing: {reason}"
 
 
 def _why_not(kind: str, offered: QoSProfile, info: Any) -> str:

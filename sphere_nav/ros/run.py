@@ -112,7 +112,7 @@ def until_signal(patience: float, unfinished: Callable[[], str]) -> Iterator[Fut
     stopped: Future = Future()
     inner, outer = socket.socketpair()
     outer.setblocking(False)
-    previous = {number: signal.signal(number, _ignore) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous = {number: signal.signal(number, lambda *_: None) for number in (signal.SIGINT, signal.SIGTERM)}
     previous_fd = signal.set_wakeup_fd(outer.fileno(), warn_on_full_buffer=False)
     threading.Thread(target=_watch, args=(inner, stopped, patience, unfinished), daemon=True).start()
     try:
@@ -185,10 +185,6 @@ def _end(patience: float, unfinished: Callable[[], str]) -> None:
     if line:
         os.write(2, f"no end {patience:g} s after the signal: {line}\n".encode())
     os._exit(1 if line else 0)
-
-
-def _ignore(number: int, frame: Any) -> None:
-    """Python calls this between two instructions; the work is done by `_watch`."""
 
 
 # --- memory and turns

@@ -17,6 +17,11 @@ from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.service import one_line
 
 
+def full_name(info: Any) -> str:
+    """Return what the node of an endpoint is called, with its namespace."""
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
 @dataclass
 class Subscription:
     """One subscription of a node; `deliver` is what DDS or a replay calls."""
@@ -105,7 +110,7 @@ class Subscription:
         """Return which of the publishers DDS does not connect, and why; empty where there is none."""
         kind = type_name(self.kind)
         for info in publishers:
-            who = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            who = full_name(info)
             if info.topic_type != kind:
                 return f"{who} publishes {info.topic_type} there"
             reason = qos.mismatch(info.qos_profile, self.profile)

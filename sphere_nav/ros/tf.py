@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import partial
 from typing import Protocol
 
 from geometry_msgs.msg import TransformStamped
@@ -206,20 +207,13 @@ class TransformListener:
     def __init__(self, endpoints: Endpoints, *, is_required: bool = False, ignored: str = "") -> None:
         self.tree, self._ignored = TransformTree(), ignored
         self._endpoints, self._num_changes = endpoints, 0
-        endpoints.add_subscription("/tf", TFMessage, self._on_moving, qos.TF, is_required=False)
-        endpoints.add_subscription(
-            "/tf_static", TFMessage, self._on_static, qos.TF_STATIC, is_required=is_required, silence=0.0
-        )
+        moving, static = partial(self._add, is_static=False), partial(self._add, is_static=True)
+        endpoints.add_subscription("/tf", TFMessage, moving, qos.TF, is_required=False)
+        endpoints.add_subscription("/tf_static", TFMessage, static, qos.TF_STATIC, is_required=is_required, silence=0.0)
 
     def lookup(self, target: str, source: str, stamp: int | None = None) -> SE3:
         """Return T_target_source; TransformError says why not."""
         return self.tree.lookup(target, source, stamp)
-
-    def _on_moving(self, message: TFMessage) -> None:
-        self._add(message, is_static=False)
-
-    def _on_static(self, message: TFMessage) -> None:
-        self._add(message, is_static=True)
 
     def _add(self, message: TFMessage, *, is_static: bool) -> None:
         """Add all that can be used, report where a frame has another parent now; ValueError says what was refused."""

@@ -6,11 +6,11 @@ from weakref import WeakKeyDictionary
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.spheres.constants import MIN_COARSE_SIDE, SURFACE_RATIO
-from sphere_nav.spheres.sphere import UNSEEN, Image, Range, Sphere
+from sphere_nav.spheres.sphere import UNSEEN, Sphere
 
 _known: WeakKeyDictionary[Sphere, Sphere] = WeakKeyDictionary()  # as long as the large ones are
 
@@ -29,7 +29,7 @@ def _halved(sphere: Sphere) -> Sphere:
         camera, factor = camera.halve(), 2 * factor
     height, width = camera.height * factor, camera.width * factor
     gray = cv2.resize(sphere.gray[:height, :width], (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    image: Image = np.clip(np.rint(gray), UNSEEN + 1, 255).astype(np.uint8)
+    image: Bytes = np.clip(np.rint(gray), UNSEEN + 1, 255).astype(np.uint8)
     return Sphere(image, nearest_surface(sphere.range_m[:height, :width], factor), camera, sphere.stamp_ns)
 
 
@@ -39,10 +39,10 @@ def _can_halve(camera: Spherical) -> bool:
     return min(camera.width, camera.height) // 2 >= MIN_COARSE_SIDE
 
 
-def nearest_surface(range_m: Range, factor: int) -> Range:
+def nearest_surface(range_m: Floats, factor: int) -> Floats:
     """Return the mean inverse range of the nearest surface in each block, NaN where nothing is known of it."""
     height, width = range_m.shape[0] // factor, range_m.shape[1] // factor
-    blocks: NDArray[np.float32] = range_m.reshape(height, factor, width, factor).transpose(0, 2, 1, 3)
+    blocks: Floats = range_m.reshape(height, factor, width, factor).transpose(0, 2, 1, 3)
     blocks = blocks.reshape(height, width, factor * factor)
     nearest = np.fmin.reduce(blocks, axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -15,7 +15,7 @@ from sphere_nav.estimation.kernels import SIGMA_OF_MAD
 from sphere_nav.estimation.normal_equations import inverse_and_condition, scaled_step
 from sphere_nav.estimation.robust import HUBER, huber_weights
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.coarse import coarse_sphere, nearest_surface
 from sphere_nav.spheres.constants import (
@@ -57,10 +57,10 @@ class RangeImage:
     camera: Camera
     is_whole: bool  # all around: columns have no end
     T_camera_body: SE3  # body axes (x ahead) in those of the camera
-    range_m: NDArray[np.float32]
+    range_m: Floats
     points: Array
     normals: Array
-    rows: NDArray[np.int64]  # of flat points with normals
+    rows: Integers  # of flat points with normals
 
     @staticmethod
     def from_sphere(sphere: Sphere) -> RangeImage:
@@ -126,7 +126,7 @@ def _prepare(camera: Camera, range_m: NDArray[np.floating], T_camera_body: SE3, 
     return RangeImage(camera, is_whole, T_camera_body, known, *flat)
 
 
-def find_normals(points: Array, range_m: NDArray[np.float32], *, is_whole: bool) -> Array:
+def find_normals(points: Array, range_m: Floats, *, is_whole: bool) -> Array:
     """Return unit normals (H, W, 3) towards the sphere's center, NaN at edges of surfaces."""
     rolled = np.roll if is_whole else _shift
     left, right, above, below = (rolled(points, *one) for one in ((1, 1), (-1, 1), (1, 0), (-1, 0)))
@@ -142,7 +142,7 @@ def find_normals(points: Array, range_m: NDArray[np.float32], *, is_whole: bool)
     return normals
 
 
-def choose_points(a: RangeImage, b: RangeImage, T_a_b: SE3) -> NDArray[np.int64]:
+def choose_points(a: RangeImage, b: RangeImage, T_a_b: SE3) -> Integers:
     """Return rows of points of `b`, evenly spread; of one all around only those that `a`, which is not, looks at."""
     rows = b.rows
     if b.is_whole and not a.is_whole:
@@ -259,7 +259,7 @@ def _linearize(
     return J, residual, weight, overlap, _agree(normals, is_seen, is_seen & is_alike)
 
 
-def _agree(normals: Array, is_seen: NDArray[np.bool_], is_alike: NDArray[np.bool_]) -> float:
+def _agree(normals: Array, is_seen: Flags, is_alike: Flags) -> float:
     """Return the share of the points seen that lie where they should, of the surfaces that agree least.
 
     Surfaces face along one of three axes; a road fills half of a sphere, and roads are alike everywhere.

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Bytes, Floats
+
 MIN_RANGE = 0.01  # metres; what is nearer is not measured
 MAX_RANGE = 10_000.0  # metres; what is farther is far
 CODE_NAN = 0
@@ -36,7 +38,7 @@ def encode_ranges(range_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
     return codes.astype(np.uint16)
 
 
-def decode_ranges(codes: NDArray[np.uint16]) -> NDArray[np.float32]:
+def decode_ranges(codes: NDArray[np.uint16]) -> Floats:
     """Return the ranges in metres of codes of any shape."""
     if codes.dtype != np.uint16:
         raise ValueError(f"range codes: expected uint16, found {codes.dtype}")
@@ -54,7 +56,7 @@ def coarse_ranges(codes: NDArray[np.uint16], steps: int) -> NDArray[np.uint16]:
     return np.where((codes == CODE_NAN) | (codes == CODE_INF), codes, multiples).astype(np.uint16)
 
 
-def encode_deviation(range_std_m: NDArray[np.floating[Any]], range_m: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+def encode_deviation(range_std_m: NDArray[np.floating[Any]], range_m: NDArray[np.floating[Any]]) -> Bytes:
     """Return the codes of standard deviations by their ratio to the range, both in metres and of one shape.
 
     Ratios beyond the scale are its ends; where the range is not finite nothing is said.
@@ -67,13 +69,13 @@ def encode_deviation(range_std_m: NDArray[np.floating[Any]], range_m: NDArray[np
     return codes.astype(np.uint8)
 
 
-def coarse_deviation(codes: NDArray[np.uint8], steps: int) -> NDArray[np.uint8]:
+def coarse_deviation(codes: Bytes, steps: int) -> Bytes:
     """Return codes of deviations, one for each run of some steps."""
     measured = np.minimum((codes - 1) // steps * steps + 1 + steps // 2, LAST_RATIO)
     return np.where(codes == CODE_NAN, codes, measured).astype(np.uint8)
 
 
-def decode_deviation(codes: NDArray[np.uint8], range_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def decode_deviation(codes: Bytes, range_m: Floats) -> Floats:
     """Return the standard deviations in metres of codes beside their ranges, NaN where either is not known."""
     if codes.dtype != np.uint8:
         raise ValueError(f"deviation codes: expected uint8, found {codes.dtype}")
@@ -83,7 +85,7 @@ def decode_deviation(codes: NDArray[np.uint8], range_m: NDArray[np.float32]) -> 
 
 
 @cache
-def _ratios() -> NDArray[np.float32]:
+def _ratios() -> Floats:
     codes = np.arange(256)
     table = (MIN_RATIO * np.exp(RATIO_STEP * (np.minimum(codes, LAST_RATIO) - 1.0))).astype(np.float32)
     table[CODE_NAN] = np.nan
@@ -91,7 +93,7 @@ def _ratios() -> NDArray[np.float32]:
 
 
 @cache
-def _table() -> NDArray[np.float32]:
+def _table() -> Floats:
     table = (MIN_RANGE * np.exp(STEP * (np.arange(CODE_INF + 1) - 1.0))).astype(np.float32)
     table[CODE_NAN], table[CODE_INF] = np.nan, np.inf
     return table

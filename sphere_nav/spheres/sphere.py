@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.arrays import Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL as T_BODY_OPTICAL
 
-Image = NDArray[np.uint8]
-Range = NDArray[np.float32]
 Gray = TypeVar("Gray", np.uint8, np.float32)
 
 UNSEEN = 0  # grey level of a pixel that no camera saw; a pixel that was seen is at least 1
@@ -32,11 +31,11 @@ class Sphere:
     range_std_m: (H, W) float32, standard deviation of the range in metres, where the sensor offers one.
     """
 
-    image: Image
-    range_m: Range
+    image: Bytes
+    range_m: Floats
     camera: Spherical
     stamp_ns: int = 0
-    range_std_m: Range | None = None
+    range_std_m: Floats | None = None
 
     def __post_init__(self) -> None:
         check_sphere_image(self.image, self.camera, "sphere image")
@@ -47,30 +46,30 @@ class Sphere:
             raise ValueError(f"sphere stamp: expected integer nanoseconds, found {self.stamp_ns!r}")
 
     @cached_property
-    def gray(self) -> NDArray[np.float32]:
+    def gray(self) -> Floats:
         """Grey levels 0...255 (H, W); unseen pixels continue the nearest seen one, so that no edge shows there."""
         gray = to_gray(self.image)
         return continued(gray, (gray > UNSEEN) | ~np.isnan(self.range_m))
 
     @property
-    def levels(self) -> Image | NDArray[np.float32]:
+    def levels(self) -> Bytes | Floats:
         """The same, as bytes where the image is grey."""
         if self.image.ndim == 3:
             return self.gray
         return self.image if self.image.min() > UNSEEN else continued(self.image, self.is_seen)
 
     @cached_property
-    def is_seen(self) -> NDArray[np.bool_]:
+    def is_seen(self) -> Flags:
         """Which pixels (H, W) a camera saw."""
         gray = self.image if self.image.ndim == 2 else to_gray(self.image)
         return (gray > UNSEEN) | ~np.isnan(self.range_m)
 
     @property
-    def measured(self) -> NDArray[np.bool_]:
+    def measured(self) -> Flags:
         """Which pixels (H, W) have a finite range."""
         return np.isfinite(self.range_m)
 
-    def points(self, step: int = 1) -> tuple[NDArray[np.float32], Image]:
+    def points(self, step: int = 1) -> tuple[Floats, Bytes]:
         """Return measured points (N, 3) in the sphere frame and their image values, each `step`-th row and column."""
         keep = self.measured[::step, ::step]
         rays = self.camera.unproject(pixel_grid(self.camera)[::step, ::step][keep])
@@ -78,7 +77,7 @@ class Sphere:
         return points.astype(np.float32), self.image[::step, ::step][keep]
 
 
-def to_gray(image: NDArray[Any]) -> NDArray[np.float32]:
+def to_gray(image: NDArray[Any]) -> Floats:
     """Return the grey levels (H, W) of a grey or RGB image."""
     if image.ndim == 2:
         return image.astype(np.float32)
@@ -88,12 +87,12 @@ def to_gray(image: NDArray[Any]) -> NDArray[np.float32]:
     return gray
 
 
-def to_gray_bytes(image: Image) -> Image:
+def to_gray_bytes(image: Bytes) -> Bytes:
     """Return the grey levels (H, W) of a grey or RGB image, rounded."""
     return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False) if image.ndim == 3 else image
 
 
-def continued(values: NDArray[Gray], is_known: NDArray[np.bool_]) -> NDArray[Gray]:
+def continued(values: NDArray[Gray], is_known: Flags) -> NDArray[Gray]:
     """Return the values (H, W) with unknown pixels taken from the nearest known one."""
     if is_known.all() or not is_known.any():
         return values

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import Spherical
-from sphere_nav.spheres.sphere import Image, Sphere
+from sphere_nav.geometry.arrays import Bytes, Floats
+from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis import kernels
 from sphere_nav.view_synthesis.constants import BREAK, FLAT, PER_TURN
 
-Floats = NDArray[np.float32]
 Indices = NDArray[np.int32]
 
 
@@ -31,7 +31,7 @@ class Surface:
     points: Floats
     pixels: Floats
     corners: Indices
-    image: Image
+    image: Bytes
     camera: Spherical
 
     @property

@@ -10,15 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
+from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
-from sphere_nav.spheres.sphere import Image, Range
 from sphere_nav.view_synthesis import kernels
 from sphere_nav.view_synthesis.constants import MIN_KNOWN_NEIGHBORS, POLE_RAD, SAME_SURFACE
-from sphere_nav.view_synthesis.surface import Floats, Surface
+from sphere_nav.view_synthesis.surface import Surface
 
 POLES = (SE3.exp([0, 0, 0, np.pi, 0, 0]), SE3.identity())  # looking down and up along the axis of a sphere
 
@@ -27,9 +27,9 @@ POLES = (SE3.exp([0, 0, 0, np.pi, 0, 0]), SE3.identity())  # looking down and up
 class SynthesizedView:
     """A synthesised image (H, W, 3) u8, range along the ray (H, W) f32 m, and where anything was seen (H, W)."""
 
-    image: Image
-    range_m: Range
-    is_known: NDArray[np.bool_]
+    image: Bytes
+    range_m: Floats
+    is_known: Flags
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def _draw_pole(
     nearness[rows], source[rows] = near[v, u], place[v, u]
 
 
-def blend_weights(distances_m: ArrayLike) -> NDArray[np.float64]:
+def blend_weights(distances_m: ArrayLike) -> Array:
     """Return the weights (K - 1,) of all spheres but the farthest of K, by distance; they sum to 1.
 
     A sphere that is as far as the one left out has weight 0, so that nothing jumps where spheres are exchanged.

@@ -22,6 +22,7 @@ from sphere_nav.geometry.trajectory_error import (
     nees_of_axes,
     relative_errors,
 )
+from sphere_nav.ros.bags import BagReader
 from sphere_nav_tools.offline.pose_bags import is_bag, read_poses
 
 TRUTH_TOPICS = ("ground_truth/pose", "ground_truth/odometry")
@@ -177,6 +178,11 @@ def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | No
 def _statistics(values: np.ndarray) -> dict[str, float] | None:
     found = Statistics.of(values)
     return None if found is None else dataclasses.asdict(found)
+
+
+def truth_topics(bag: BagReader) -> list[str]:
+    """Return the topics of true poses that a bag has."""
+    return [topic for topic in TRUTH_TOPICS if f"/{topic}" in bag.topics and bag.topics[f"/{topic}"].count]
 
 
 def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Trajectory:

@@ -10,12 +10,11 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, starmap
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dense_localizer.constants import MIN_EXPLAINED_NCC
 from dense_localizer.key_images import is_lesson
@@ -26,17 +25,16 @@ from dense_localizer.ros.drive_recorder import EXPLAINED, IMAGE, INFO, POSE, SPH
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.writer import PARTIAL
 from sphere_nav.ros.maps.reader import MapDetails, MapReader, open_map
-from sphere_nav.ros.maps.writer import SPHERE_FRAME, Stored, replace_map, write_stored
+from sphere_nav.ros.maps.writer import as_stored, replace_map, write_stored
 from sphere_nav.spheres.appearance.features import features_of_sphere
-from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.graph import Edge, Experience, KeySphere, SphereGraph
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Range, Sphere
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav.view_synthesis.region import region_radius
 from sphere_nav.view_synthesis.surface import surface_of
 from sphere_nav.view_synthesis.synthesis import PlacedSurface, synthesize
@@ -60,7 +58,7 @@ class KeyImage:
     """An image of one camera, where it was in the map with its covariance (6, 6), and what the map was to it."""
 
     stamp_ns: int
-    image: NDArray[np.uint8]
+    image: Bytes
     camera: Camera
     T_map_camera: SE3
     covariance: Array
@@ -186,15 +184,8 @@ def teach(base: MapReader, drive: KeptDrive, taught: Sequence[KeyImage], target:
     details = MapDetails(
         str(info.map_id), source=source, parameters=base.parameters, rig=info.rig, frame_id=info.header.frame_id
     )
-    write_stored(target, graph, details, index, chain(base.stored(), map(_stored, spheres.items())))
+    write_stored(target, graph, details, index, chain(base.stored(), starmap(as_stored, spheres.items())))
     return len(nodes)
-
-
-def _stored(numbered: tuple[int, Sphere]) -> Stored:
-    """Return a key sphere with its id as a map stores it: whole and small."""
-    sphere_id, sphere = numbered
-    whole = conversions.sphere_to_message(sphere, SPHERE_FRAME, sphere_id)
-    return whole, conversions.sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, sphere_id)
 
 
 def make_sphere(base: MapReader, one: KeyImage) -> tuple[Sphere, SE3, Array]:
@@ -208,7 +199,7 @@ def make_sphere(base: MapReader, one: KeyImage) -> tuple[Sphere, SE3, Array]:
     return sphere, one.T_map_camera @ T_BODY_OPTICAL.inverse(), Ad @ one.covariance @ Ad.T
 
 
-def draw_range(base: MapReader, one: KeyImage) -> Range:
+def draw_range(base: MapReader, one: KeyImage) -> Floats:
     """Return the range (H, W) in m that an image would have by the map; NaN where the map does not say.
 
     Key spheres are not blended: small errors of their poses would bring the nearer one to the front everywhere.

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.localization.status import Reason
 from sphere_nav.ros import conversions
@@ -119,7 +119,7 @@ class Summary:
     """Collects what the node says."""
 
     def __init__(self) -> None:
-        self.poses: dict[int, tuple[SE3, NDArray[np.float64]]] = {}  # by stamp in ns
+        self.poses: dict[int, tuple[SE3, Array]] = {}  # by stamp in ns
         self.num_set_back = 0  # poses whose stamp is not later than that of the one before
         self._last_ns = 0
         self.states: Counter[str] = Counter()

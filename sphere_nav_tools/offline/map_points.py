@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.params import CloudParams
+from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.range_alignment import find_normals
@@ -25,9 +26,9 @@ PLY_KIND = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [
 class MapPoints:
     """points (N, 3) m in the map, unit normals (N, 3) towards their sphere (0 where unknown), rgb (N, 3)."""
 
-    points: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    rgb: NDArray[np.uint8]
+    points: Floats
+    normals: Floats
+    rgb: Bytes
 
 
 def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> MapPoints:

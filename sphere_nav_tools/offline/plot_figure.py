@@ -25,7 +25,14 @@ from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.experiences import names_of_experiences
-from sphere_nav_tools.offline.evaluation import AUTO, TRUTH_TOPICS, Judged, describe_alignment, evaluate_poses
+from sphere_nav_tools.offline.evaluation import (
+    AUTO,
+    TRUTH_TOPICS,
+    Judged,
+    describe_alignment,
+    evaluate_poses,
+    truth_topics,
+)
 from sphere_nav_tools.offline.pose_bags import READINGS, is_bag, read_poses
 
 STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
@@ -85,7 +92,7 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool, alignme
         return None
     if is_bag(truth):
         with BagReader(truth) as bag:
-            topics = [t for t in TRUTH_TOPICS if f"/{t}" in bag.topics and bag.topics[f"/{t}"].count]
+            topics = truth_topics(bag)
         if not topics and not is_required:
             return None
         true = read_poses(truth, tuple(topics) or TRUTH_TOPICS)

@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.conversions import from_ros_covariance, pose_to_se3, pose_with_covariance_to_se3, stamp_ns
@@ -57,10 +58,8 @@ def read_poses(path: Path, topics: tuple[str, ...], damages: list[str] | None = 
 def _poses(bag: BagReader, topic: str, reading: Reading) -> Iterator[tuple[int, tuple[SE3, np.ndarray | None]]]:
     for _, _, message in bag.messages([topic]):
         stamp = stamp_ns(message)
-        try:
+        with told_at(f"{bag.path}: {topic}: stamp {stamp / 1e9:.9f}", BagError):
             yield stamp, reading(message)
-        except ValueError as error:
-            raise BagError(f"{bag.path}: {topic}: stamp {stamp / 1e9:.9f}: {error}") from None
 
 
 def _count(bag: BagReader, topic: str) -> int:

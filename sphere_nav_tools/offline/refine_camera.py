@@ -20,6 +20,7 @@ from rig_calibration.drive.mounting import NAMES, Mounting, find_mounting
 from rig_calibration.drive.proof import LensProof, lens_distance, prove
 from rig_calibration.drive.refinement import refine_camera
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.params import build
@@ -37,7 +38,7 @@ from sphere_nav_tools.offline.topic_finder import TopicFinder
 from sphere_nav_tools.offline.topics import BASE_FRAME
 
 
-def velocity(located: Trajectory, index: int) -> NDArray[np.float64] | None:
+def velocity(located: Trajectory, index: int) -> Array | None:
     """Return the velocity (6,) between both neighbours of an image; None where one is missing."""
     if not 0 < index < len(located) - 1:
         return None

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.graph.both_ways import FEATURES, ONE_WAY, find_motion, why_denied
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
 from sphere_mapping.params import REGISTRATION, MapperParams
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment
 from sphere_nav.spheres.sphere import Sphere
 
@@ -27,7 +27,7 @@ class Registration:
     """
 
     T_a_b: SE3
-    covariance: NDArray[np.float64]
+    covariance: Array
     is_converged: bool
     reason: str
     alignment: Alignment

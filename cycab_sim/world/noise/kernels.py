@@ -186,6 +186,12 @@ def fbm3(u, v, w, foot, size, gain, octaves, seed):
 
 
 @njit(cache=True)
+def along(matrix, row, v):
+    """Return the product of a row of a matrix (R, 3 or more) with a vector (3,)."""
+    return matrix[row, 0] * v[0] + matrix[row, 1] * v[1] + matrix[row, 2] * v[2]
+
+
+@njit(cache=True)
 def step(x, width):
     """Share of an interval of `width` around x that is positive."""
     return min(1.0, max(0.0, x / width + 0.5))

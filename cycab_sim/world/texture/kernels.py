@@ -6,7 +6,7 @@ Points are in the frame of their surface: u along, v up, w out, in metres; p[0] 
 
 import math
 
-from cycab_sim.world.noise.kernels import cells, fbm2, fbm3, hashed, joints, line, noise2, pulse, within
+from cycab_sim.world.noise.kernels import along, cells, fbm2, fbm3, hashed, joints, line, noise2, pulse, within
 from sphere_nav.kernel_cache.kernels import njit
 
 ASPHALT, PAVING, BRICK, PLASTER, STONE, WINDOW, ROOF, WOOD, SIGN = 0, 1, 2, 3, 4, 5, 6, 7, 8
@@ -191,13 +191,11 @@ def locate_surfaces(origin, rays, ranges, triangles, cone, surface_of, frames, k
             seeds[n] = SKY_SEED
             continue
         s, r = surface_of[triangles[n]], ranges[n]
-        x, y, z = origin[0] + r * rays[n, 0], origin[1] + r * rays[n, 1], origin[2] + r * rays[n, 2]
-        u = frames[s, 0, 0] * x + frames[s, 0, 1] * y + frames[s, 0, 2] * z + frames[s, 0, 3]
-        v = frames[s, 1, 0] * x + frames[s, 1, 1] * y + frames[s, 1, 2] * z + frames[s, 1, 3]
-        depths[n] = frames[s, 2, 0] * x + frames[s, 2, 1] * y + frames[s, 2, 2] * z + frames[s, 2, 3]
-        x, y, z = rays[n, 0], rays[n, 1], rays[n, 2]
-        du = frames[s, 0, 0] * x + frames[s, 0, 1] * y + frames[s, 0, 2] * z
-        dv = frames[s, 1, 0] * x + frames[s, 1, 1] * y + frames[s, 1, 2] * z
+        frame, ray = frames[s], rays[n]
+        point = origin[0] + r * ray[0], origin[1] + r * ray[1], origin[2] + r * ray[2]
+        u, v = along(frame, 0, point) + frame[0, 3], along(frame, 1, point) + frame[1, 3]
+        depths[n] = along(frame, 2, point) + frame[2, 3]
+        du, dv = along(frame, 0, ray), along(frame, 1, ray)
         is_solid = kinds[s, 0] == BARK or kinds[s, 0] == FOLIAGE
         inverse_size = VANISHED if is_solid else 1.0 / SIZES[kinds[s, 0]]
         _note(points, n, u, v, footprint(du, dv, r * cone[n]), inverse_size, GAIN)

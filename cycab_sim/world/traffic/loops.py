@@ -10,14 +10,13 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import city
 from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.paths import Path, rounded
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT
 from cycab_sim.world.town import Plan
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Floats
 
 SPACING = 0.25  # m between the points of a loop
 WIDTHS = {"road": 2.5, "cycle": 0.7, "walk": 0.7}  # of what moves on a loop, m
@@ -150,30 +149,18 @@ def _inset(block: tuple[float, float, float, float], d: float) -> list[tuple[flo
     return [(x0 + d, y0 + d), (x1 - d, y0 + d), (x1 - d, y1 - d), (x0 + d, y1 - d)]
 
 
-def _room(mesh: Mesh, corner: Array, size: Array) -> NDArray[np.float32]:
+def _room(mesh: Mesh, corner: Array, size: Array) -> Floats:
     """Return the distance (H, W) m from each cell to the next thing that stands there, at the height of a body."""
     grid = np.ones(np.ceil(size / CELL).astype(int)[::-1], np.uint8)
     low, high = mesh.triangles.min(axis=1), mesh.triangles.max(axis=1)
     is_hit = (high[:, 2] > BODY[0]) & (low[:, 2] < BODY[1])
-    cells = [np.floor((points[is_hit, :2] - corner) / CELL).astype(np.int64) for points in (low, high)]
-    _clear(np.concatenate(cells, axis=1), grid)
+    first, last = (np.floor((points[is_hit, :2] - corner) / CELL).astype(int) for points in (low, high))
+    for left, top, right, bottom in np.maximum(np.hstack([first, last + 1]), 0).tolist():
+        grid[top:bottom, left:right] = 0
     return np.asarray(cv2.distanceTransform(grid, cv2.DIST_L2, 5) * CELL, dtype=np.float32)
 
 
-def _clear(boxes: NDArray[np.int64], grid: NDArray[np.uint8]) -> None:
-    """Set the cells (first column, first row, last column, last row) (N, 4) of a grid (H, W) to 0."""
-    rows, columns = grid.shape
-    first = np.maximum(boxes[:, :2], 0)
-    beyond = np.minimum(boxes[:, 2:], [columns - 1, rows - 1]) + 1
-    is_inside = np.all(beyond > first, axis=1)
-    (left, top), (right, bottom) = first[is_inside].T, beyond[is_inside].T
-    counts = np.zeros((rows + 1, columns + 1), np.int64)  # of the boxes over a cell, as differences to its neighbours
-    for y, x, step in ((top, left, 1), (bottom, right, 1), (top, right, -1), (bottom, left, -1)):
-        np.add.at(counts, (y, x), step)
-    grid[counts.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0] = 0
-
-
-def _lead_around(loop: Loop, room: NDArray[np.float32], corner: Array) -> Loop:
+def _lead_around(loop: Loop, room: Floats, corner: Array) -> Loop:
     """Return a loop whose points step aside for obstacles: the cheapest smooth line, by dynamic programming."""
     ahead = np.roll(loop.points, -1, axis=0) - np.roll(loop.points, 1, axis=0)
     left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1, keepdims=True)

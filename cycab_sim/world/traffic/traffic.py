@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.params import TrafficParams
 from cycab_sim.world.mesh import Mesh, joined
@@ -17,7 +16,7 @@ from cycab_sim.world.traffic import figures
 from cycab_sim.world.traffic.figures import Figure, RigidPart
 from cycab_sim.world.traffic.loops import Loop, free_loops, standing_place, walk_around
 from cycab_sim.world.worlds import World
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 
 AWAY = -1000.0  # height of who must not be seen, m
 KEEP_OFF = 0.4  # between a car that is in the way of nobody and who comes too close, m
@@ -99,7 +98,7 @@ class Traffic:
     def _heights(self) -> Array:
         return np.array([loop.z for loop in self.loops])[self._loop_of]
 
-    def _is_near(self, T: Array, yaw: Array, clear: Array, radius: float) -> NDArray[np.bool_]:
+    def _is_near(self, T: Array, yaw: Array, clear: Array, radius: float) -> Flags:
         """Whether any part of an actor is near one of the points, (P,)."""
         heading = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
         off = clear[None] - T[:, None, :2, 3]

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import EXPOSED, MIN_SHARED_PIXELS, STEADINESS, WHITE
+from sphere_nav.geometry.arrays import Array, Bytes
 
-Image = NDArray[np.uint8]
 
-
-def apply_gain(image: Image, gain: NDArray[np.float64]) -> Image:
+def apply_gain(image: Bytes, gain: Array) -> Bytes:
     """Return the image (h, w[, 3]) times its gain (channels,); what is white stays white."""
     if np.all(np.abs(gain - 1.0) < 1e-3):
         return image
@@ -25,9 +24,7 @@ def apply_gain(image: Image, gain: NDArray[np.float64]) -> Image:
     return cv2.LUT(image, levels.reshape(1, 256, -1)).reshape(image.shape)
 
 
-def log_gains(
-    ratios: Sequence[tuple[int, int, NDArray[np.float64]]], number: int, channels: int
-) -> NDArray[np.float64]:
+def log_gains(ratios: Sequence[tuple[int, int, Array]], number: int, channels: int) -> Array:
     """Return the logarithms (number, channels), mean 0, of the factors that make what was compared agree best.
 
     ratios: numbers of two images and the logarithm (channels,) of the ratio of the first one's levels to the second's.
@@ -42,7 +39,7 @@ def log_gains(
     return logs - logs.mean(axis=0)
 
 
-def log_ratio(first: NDArray, second: NDArray) -> NDArray[np.float64] | None:
+def log_ratio(first: NDArray, second: NDArray) -> Array | None:
     """Return the logarithm (channels,) of the median ratio of levels (N, channels), None where too little compares."""
     low, high = EXPOSED
     fits = np.all((first > low) & (first < high) & (second > low) & (second < high), axis=1)

@@ -37,7 +37,7 @@ from sphere_mapping.acquisition.constants import (
 from sphere_mapping.acquisition.light.exposure import apply_gain, log_gains
 from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, angles_of
 from sphere_mapping.acquisition.stitching.views import RigView
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes, Floats
 
 NUM_POWERS = 3
 
@@ -151,10 +151,7 @@ def _solve(matrix: Array, target: Array, low: Array, high: Array) -> Array:
     return lsq_linear(upper, np.linalg.solve(upper.T, target), (low, high), method="bvls").x
 
 
-Image = NDArray[np.uint8]
-
-
-Learned = tuple[Falloff, dict[str, NDArray[np.float32]]]
+Learned = tuple[Falloff, dict[str, Floats]]
 
 
 class Light:
@@ -174,8 +171,8 @@ class Light:
         self._angles, self._largest = zip(*(_angles(rig_view) for rig_view in rig_views), strict=True)
         self.falloff = Falloff([_kind(rig_view) for rig_view in rig_views])
         self._num_seen, self._lock = 0, Lock()
-        self._factors: dict[str, NDArray[np.float32]] = {}  # by which an image is multiplied
-        self._coarse: dict[str, NDArray[np.float32]] = {}  # the same, one number for `GRID_STEP` px
+        self._factors: dict[str, Floats] = {}  # by which an image is multiplied
+        self._coarse: dict[str, Floats] = {}  # the same, one number for `GRID_STEP` px
 
     @property
     def is_settled(self) -> bool:
@@ -194,7 +191,7 @@ class Light:
         for name, factor in factors.items():
             self._use(name, factor)
 
-    def balance(self, images: Mapping[str, Image]) -> tuple[dict[str, Image], dict[str, Array]]:
+    def balance(self, images: Mapping[str, Bytes]) -> tuple[dict[str, Bytes], dict[str, Array]]:
         """Return the images (h, w[, 3]) with light made equal, and the gain (channels,) of each camera."""
         channels = 1 if next(iter(images.values())).ndim == 2 else 3
         gains = np.ones((len(self._kinds), channels))
@@ -233,7 +230,7 @@ class Light:
             factor = np.exp(-falloff(self.falloff.coefficients[k], squares)).astype(np.float32)
             self._use(name, factor)
 
-    def _use(self, name: str, factor: NDArray[np.float32]) -> None:
+    def _use(self, name: str, factor: Floats) -> None:
         camera = self._rig_views[name].camera
         self._coarse[name] = factor
         self._factors[name] = cv2.resize(factor, (camera.width, camera.height)).astype(np.float32)
@@ -253,7 +250,7 @@ class Light:
         most = np.log(MAX_WHITE_BALANCE)
         return np.exp(gray[:, None] + np.clip(color - color.mean(axis=1, keepdims=True), -most, most))
 
-    def _headroom(self, images: Mapping[str, Image], gains: Array) -> float:
+    def _headroom(self, images: Mapping[str, Bytes], gains: Array) -> float:
         """Return a common factor of at most 1: no camera that another one outshines loses its own highlights."""
         allowed, (percentile, bright) = 1.0, HIGHLIGHTS
         for name, image in images.items():
@@ -262,7 +259,7 @@ class Light:
             allowed = min(allowed, max(bright / max(brightest, 1.0), 1.0) / gain)
         return allowed
 
-    def _apply(self, image: Image, name: str, gain: Array) -> Image:
+    def _apply(self, image: Bytes, name: str, gain: Array) -> Bytes:
         factor, even = self._factors.get(name), apply_gain(image, gain)
         if factor is None or float(factor.max()) < 1.0 + MIN_FALLOFF:
             return even

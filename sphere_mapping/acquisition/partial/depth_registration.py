@@ -8,19 +8,17 @@ from numpy.typing import NDArray
 from sphere_mapping.acquisition.constants import DEPTH_CORRECTIONS, MAX_CORRECTION, MAX_DEPTH_STEP, MAX_SURFACE_STEP
 from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_with_std
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
-Plane = NDArray[np.float32]
 
-
-def inverse_depth(depth_m: NDArray[np.floating]) -> Plane:
+def inverse_depth(depth_m: NDArray[np.floating]) -> Floats:
     """Return 1 / depth; +Inf (known to be far) becomes 0; NaN, -Inf, zero and negative depth become NaN."""
     depth = np.asarray(depth_m, dtype=np.float32)
     return np.divide(1.0, depth, out=np.full(depth.shape, np.nan, dtype=np.float32), where=depth > 0)
 
 
-def sample_inverse(inverse: Plane, u: Plane, v: Plane, max_step: float = MAX_DEPTH_STEP) -> Plane:
+def sample_inverse(inverse: Floats, u: Floats, v: Floats, max_step: float = MAX_DEPTH_STEP) -> Floats:
     """Return inverse depth (...) at pixels u, v (...), never mixed across an edge."""
     sampled = np.empty(u.size, dtype=np.float32)
     sample_inverse_depth(inverse, u.ravel(), v.ravel(), max_step, sampled)
@@ -41,12 +39,12 @@ class DepthRegistration:
         self._to_target = T_target_camera.translation, rays_camera
         self._to_camera = T_camera_target.translation, self._rays @ T_camera_target.rotation.T
 
-    def __call__(self, depth_m: NDArray[np.floating]) -> Plane:
+    def __call__(self, depth_m: NDArray[np.floating]) -> Floats:
         """Return the depth (H, W) of `target` along z in m, NaN where there is none."""
         depth = self.ranges(inverse_depth(depth_m)) * self._rays[:, 2].reshape(self._target.height, -1)
         return depth.astype(np.float32)
 
-    def ranges(self, inverse: Plane) -> Array:
+    def ranges(self, inverse: Floats) -> Array:
         """Return the range (H, W) along the rays of `target` in m of inverse depth (h, w), NaN where there is none."""
         found = self._warp(inverse).ravel()
         seen = np.flatnonzero(np.isfinite(found))
@@ -60,7 +58,7 @@ class DepthRegistration:
         corrected[seen] = np.where(np.abs(step) < MAX_CORRECTION * range_m, range_m, np.nan)
         return corrected.reshape(self._target.height, self._target.width)
 
-    def _warp(self, inverse: Plane) -> Plane:
+    def _warp(self, inverse: Floats) -> Floats:
         """Return the range of `target` to about a pixel, +Inf where nothing falls."""
         origin, rays = self._to_target
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -74,7 +72,7 @@ class DepthRegistration:
         splat_with_std(u, v, ranges, ranges, 0, is_whole, nearest, np.empty_like(nearest))
         return nearest
 
-    def _measure(self, inverse: Plane, points: Array) -> Array:
+    def _measure(self, inverse: Floats, points: Array) -> Array:
         """Return the depth that `camera` measured in the direction of points (N, 3)."""
         pixels, _ = self._camera.project(points)
         u, v = np.ascontiguousarray(np.nan_to_num(pixels, nan=-1e4).T, dtype=np.float32)

@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 from sphere_mapping.acquisition.constants import FEATHER_PX
 from sphere_mapping.acquisition.light.exposure import log_gains, log_ratio
 from sphere_nav.geometry import Spherical
-from sphere_nav.spheres.sphere import Image, Range, to_gray
-
-Plane = NDArray[np.float32]
+from sphere_nav.geometry.arrays import Array, Bytes, Floats
+from sphere_nav.spheres.sphere import to_gray
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
     """One view in its window of the sphere; weight (h, w) is the distance to the view's border in pixels, 0 outside."""
 
-    image: Image
-    range_m: Range
-    weight: Plane
+    image: Bytes
+    range_m: Floats
+    weight: Floats
     window: Spherical
 
     def window_in(self, whole: Spherical) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -33,7 +32,7 @@ class Patch:
         return rows[:, None], columns[None, :]
 
 
-def join_views(patches: Sequence[Patch], whole: Spherical) -> tuple[Image, Range]:
+def join_views(patches: Sequence[Patch], whole: Spherical) -> tuple[Bytes, Floats]:
     """Return image and range (H, W) of the whole sphere; 0 and NaN where no view is."""
     shape = (whole.height, whole.width)
     depth_of_color = patches[0].image.shape[2:]
@@ -54,7 +53,7 @@ def join_views(patches: Sequence[Patch], whole: Spherical) -> tuple[Image, Range
     return image.astype(np.uint8), range_m
 
 
-def exposure_gains(patches: Sequence[Patch], whole: Spherical) -> NDArray[np.float32]:
+def exposure_gains(patches: Sequence[Patch], whole: Spherical) -> Floats:
     """Return the factor (N,) of each view that makes overlapping views agree best, geometric mean 1."""
     grays = [_on_sphere(patch, whole) for patch in patches]
     ratios = []
@@ -73,7 +72,7 @@ def _on_sphere(patch: Patch, whole: Spherical) -> dict[str, NDArray]:
     return {"index": index[order], "grey": to_gray(patch.image)[usable][order].astype(np.float64)}
 
 
-def _log_ratio(a: dict[str, NDArray], b: dict[str, NDArray]) -> NDArray[np.float64] | None:
+def _log_ratio(a: dict[str, NDArray], b: dict[str, NDArray]) -> Array | None:
     """Return the logarithm (1,) of the median ratio of grey levels a / b where both see."""
     _, in_a, in_b = np.intersect1d(a["index"], b["index"], assume_unique=True, return_indices=True)
     return log_ratio(a["grey"][in_a][:, None], b["grey"][in_b][:, None])

@@ -30,12 +30,10 @@ from sphere_mapping.acquisition.partial.joining import Patch, join_views
 from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
 from sphere_mapping.params import PartialParams
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.range_codec import MAX_RANGE
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Range, Sphere, check_depth, check_sphere_image, continued
-
-Plane = NDArray[np.float32]
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth, check_sphere_image, continued
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +43,14 @@ class Rows:
     `further` (H, W) m is to be added to a range measured from there, for the range from the middle row.
     """
 
-    u: Plane
-    v: Plane
-    z_of_ray: Plane
-    further: Plane
+    u: Floats
+    v: Floats
+    z_of_ray: Floats
+    further: Floats
 
 
 def roll(
-    u: Plane, v: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical, twist: Array, near: Plane
+    u: Floats, v: Floats, camera: Camera, T_sphere_camera: SE3, window: Spherical, twist: Array, near: Floats
 ) -> Rows:
     """Move pixels u, v (H, W) of the middle row to their own rows.
 
@@ -70,7 +68,7 @@ def roll(
 
 
 @lru_cache(maxsize=4)
-def _rays(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Plane]:
+def _rays(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats]:
     """Return the unit rays (H, W, 3) of a window in the camera, and the pixel's derivative (2, H, W, 3) by them."""
     rays = pixel_rays(window) @ np.frombuffer(rotation).reshape(3, 3)
     ahead = np.where(rays[..., 2:] > 0.05, rays, (0.0, 0.0, 1.0))  # what the camera cannot see does not matter
@@ -86,13 +84,13 @@ class RgbdView:
     is the motion (v, omega) of the sphere while all rows of image and depth were read; both must be one camera's, then.
     """
 
-    image: Image
+    image: Bytes
     depth_m: NDArray[np.floating]
     camera: Camera
     T_sphere_camera: SE3 = T_BODY_OPTICAL
     depth_camera: Camera | None = None
     T_sphere_depth: SE3 | None = None
-    twist: NDArray[np.float64] | None = None
+    twist: Array | None = None
 
     def __post_init__(self) -> None:
         if self.twist is not None and (self.depth_camera is not None or np.any(self.T_sphere_camera.translation)):
@@ -102,7 +100,7 @@ class RgbdView:
 
 
 def sphere_from_rgbd(
-    image: Image,
+    image: Bytes,
     depth_m: NDArray[np.floating],
     camera: Camera,
     T_sphere_camera: SE3 = T_BODY_OPTICAL,
@@ -134,7 +132,7 @@ def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:
     return full_width_for(finest * params.resolution)
 
 
-def _resample(view: RgbdView, window: Spherical) -> tuple[Image, Range, Plane]:
+def _resample(view: RgbdView, window: Spherical) -> tuple[Bytes, Floats, Floats]:
     """Return image, range and weight (distance to the image's border, 0 where not seen) of one view in the window."""
     if view.twist is not None:
         return _resample_rolling(view, window, view.twist)
@@ -145,7 +143,7 @@ def _resample(view: RgbdView, window: Spherical) -> tuple[Image, Range, Plane]:
     return image, np.where(weight > 0, range_m, np.float32(np.nan)), weight
 
 
-def _resample_rolling(view: RgbdView, window: Spherical, twist: NDArray[np.float64]) -> tuple[Image, Range, Plane]:
+def _resample_rolling(view: RgbdView, window: Spherical, twist: Array) -> tuple[Bytes, Floats, Floats]:
     """Do as `_resample` for a camera that moved while it was read; its depth tells how far each row is off."""
     camera, rotation = view.camera, view.T_sphere_camera.rotation.tobytes()
     inverse = inverse_depth(view.depth_m)
@@ -162,8 +160,8 @@ def _resample_rolling(view: RgbdView, window: Spherical, twist: NDArray[np.float
 
 
 def resample_image(
-    image: Image, camera: Camera, T_sphere_camera: SE3, window: Spherical, range_m: Range
-) -> tuple[Image, Plane]:
+    image: Bytes, camera: Camera, T_sphere_camera: SE3, window: Spherical, range_m: Floats
+) -> tuple[Bytes, Floats]:
     """Return the image (height, width[, 3]) in the window and each pixel's distance to the image border, 0 outside."""
     if np.any(T_sphere_camera.translation):
         everywhere = np.nan_to_num(continued(range_m, np.isfinite(range_m)), nan=WITHOUT_RANGE_M)
@@ -179,7 +177,7 @@ def resample_image(
     return np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None]), weight
 
 
-def resample_range(depth_m: NDArray[np.floating], camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Range:
+def resample_range(depth_m: NDArray[np.floating], camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Floats:
     """Return the range along the rays (height, width) of the window from depth along the camera's z axis."""
     inverse = inverse_depth(depth_m)
     if np.any(T_sphere_camera.translation):
@@ -192,19 +190,19 @@ def resample_range(depth_m: NDArray[np.floating], camera: Camera, T_sphere_camer
     return _trusted(range_m)
 
 
-def _trusted(range_m: NDArray[np.floating]) -> Range:
+def _trusted(range_m: NDArray[np.floating]) -> Floats:
     outside = (range_m < MIN_RANGE_M) | ((range_m > MAX_RANGE) & np.isfinite(range_m))
     return np.where(outside, np.nan, range_m).astype(np.float32)
 
 
-def resample_nearest(values: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Plane:
+def resample_nearest(values: Floats, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Floats:
     """Return values (H, W) of a camera at the centre of the sphere in the window, the nearest pixel's; NaN outside."""
     u, v, weight, _ = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
     sampled = cv2.remap(values, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
     return np.where(weight > 0, sampled, np.float32(np.nan))
 
 
-def _pixels_of(points_sphere: NDArray[np.float64], camera: Camera, T_sphere_camera: SE3) -> tuple[Plane, Plane, Plane]:
+def _pixels_of(points_sphere: Array, camera: Camera, T_sphere_camera: SE3) -> tuple[Floats, Floats, Floats]:
     """Return u, v and the distance to the image's border in pixels (0 outside) of points (H, W, 3)."""
     pixels, visible = camera.project(T_sphere_camera.inverse().apply(points_sphere))
     u, v = pixels[..., 0], pixels[..., 1]
@@ -213,7 +211,7 @@ def _pixels_of(points_sphere: NDArray[np.float64], camera: Camera, T_sphere_came
     return _float32(u), _float32(v), _float32(weight)
 
 
-def _float32(values: NDArray[np.float64]) -> Plane:
+def _float32(values: Array) -> Floats:
     return np.ascontiguousarray(np.nan_to_num(values, nan=-1e4), dtype=np.float32)
 
 
@@ -223,7 +221,7 @@ def _registration(camera: Camera, T_sphere_camera: bytes, window: Spherical) -> 
 
 
 @lru_cache(maxsize=16)
-def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Plane, Plane, Plane]:
+def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats, Floats, Floats]:
     """Return u, v, weight and the z of the unit ray in the camera frame, for each window pixel (same centre)."""
     T_sphere_camera = SE3.from_parts(np.frombuffer(rotation).reshape(3, 3), np.zeros(3))
     rays = pixel_rays(window)
@@ -232,7 +230,7 @@ def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plan
 
 
 @lru_cache(maxsize=16)
-def _image_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Plane, Plane, int]:
+def _image_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Floats, Floats, Floats, int]:
     """Return the sampling positions, finer than the window where the camera is finer, and the number of steps."""
     steps = int(np.clip(np.ceil(magnification(camera, window) / MAX_MAGNIFICATION), 1, MAX_SUPERSAMPLING))
     _, _, weight, _ = _ray_table(camera, rotation, window)

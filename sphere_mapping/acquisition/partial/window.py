@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
     LEVEL_RAD,
@@ -13,6 +12,7 @@ from sphere_mapping.acquisition.constants import (
     WINDOW_LEVELS,
 )
 from sphere_nav.geometry import SE3, Camera, Spherical, so3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 
 
@@ -65,7 +65,7 @@ def magnification(camera: Camera, window: Spherical) -> float:
     return float(np.max(per_radian)) / window.pixels_per_radian
 
 
-def _rays_of_view(camera: Camera) -> NDArray[np.float64]:
+def _rays_of_view(camera: Camera) -> Array:
     """Return unit rays (N, 3) all over the image, its outer edges included."""
     u = np.linspace(-0.5, camera.width - 0.5, OUTLINE_RAYS)
     v = np.linspace(-0.5, camera.height - 0.5, OUTLINE_RAYS)
@@ -76,7 +76,7 @@ def _rays_of_view(camera: Camera) -> NDArray[np.float64]:
     return rays
 
 
-def _arc(angles: NDArray[np.float64]) -> tuple[float, float]:
+def _arc(angles: Array) -> tuple[float, float]:
     """Return start and length of the shortest arc that holds all the angles, in radians."""
     ordered = np.sort(angles)
     gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))

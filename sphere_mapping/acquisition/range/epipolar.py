@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import BELOW_ZERO_DEG, FAR_M, MAX_BASELINE_ERROR, MAX_SINE, MIN_RANGE_SHARE
 from sphere_mapping.acquisition.kernels import recenter, stretch, triangulate
@@ -13,9 +12,7 @@ from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.matching import Disparity, Search
 from sphere_mapping.acquisition.stitching.views import Layout
 from sphere_nav.geometry import Spherical
-from sphere_nav.geometry.arrays import Array
-
-Plane = NDArray[np.float32]
+from sphere_nav.geometry.arrays import Array, Floats
 
 
 def disparities_of_ranges(window: Spherical, baseline_m: float, params: MatchParams) -> Search:
@@ -28,7 +25,7 @@ def disparities_of_ranges(window: Spherical, baseline_m: float, params: MatchPar
 
 def range_from_disparity(
     disparity: Disparity, window: Spherical, baseline_m: float, params: MatchParams
-) -> tuple[Plane, Plane]:
+) -> tuple[Floats, Floats]:
     """Return range along the ray from the upper centre and its deviation (H, W) in m, NaN where not trusted."""
     range_m, std_m = np.empty_like(disparity.value), np.empty_like(disparity.value)
     limits = (params.max_relative_std, MIN_RANGE_SHARE * params.nearest_m, FAR_M)
@@ -37,7 +34,7 @@ def range_from_disparity(
     return range_m, std_m
 
 
-def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Plane:
+def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Floats:
     """Return by which share (H, W) the baseline of the two cameras that show a direction is longer than that of all.
 
     layouts: of the top and the bottom level. Cameras are never mounted exactly one above the other: what counts is what
@@ -52,7 +49,7 @@ def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Plane:
     return np.clip(error, -MAX_BASELINE_ERROR, MAX_BASELINE_ERROR).astype(np.float32)
 
 
-def joined_share(layout: Layout, per_m: float) -> Plane:
+def joined_share(layout: Layout, per_m: float) -> Floats:
     """Return by which share (H, W) ranges are too large because the images were joined for a distance of 1 / per_m.
 
     A camera at o shows a pixel p where the sphere's centre would see a point at that distance D: along D p - o, which
@@ -65,7 +62,7 @@ def joined_share(layout: Layout, per_m: float) -> Plane:
     return np.clip(per_m * level / rows[1][:, None], -MAX_BASELINE_ERROR, MAX_BASELINE_ERROR).astype(np.float32)
 
 
-def correct_baseline(range_m: Plane, std_m: Plane, error: Plane, shrink: Plane, per_m: float) -> None:
+def correct_baseline(range_m: Floats, std_m: Floats, error: Floats, shrink: Floats, per_m: float) -> None:
     """Change range and deviation (H, W) to those from the own centre of the camera that shows each pixel.
 
     error: of its baseline (`baseline_error`); shrink: 1 / (1 + `joined_share`). The images of both levels were joined
@@ -74,7 +71,7 @@ def correct_baseline(range_m: Plane, std_m: Plane, error: Plane, shrink: Plane, 
     stretch(range_m, std_m, error, shrink, np.float32(per_m))
 
 
-def to_common_center(range_m: Plane, std_m: Plane, layout: Layout, per_m: float) -> tuple[Plane, Plane]:
+def to_common_center(range_m: Floats, std_m: Floats, layout: Layout, per_m: float) -> tuple[Floats, Floats]:
     """Return range and deviation (H, W) as from the sphere's centre; before, from each pixel's own camera.
 
     per_m: 1 over the distance for which the images were joined.

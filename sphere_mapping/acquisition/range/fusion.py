@@ -14,14 +14,10 @@ from sphere_mapping.acquisition.kernels import splat_with_std
 from sphere_mapping.acquisition.params import FusionParams
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
-Plane = NDArray[np.float32]
-Flags = NDArray[np.bool_]
-Image = NDArray[np.uint8]
-
-
-Ranged = tuple[Plane, Plane]  # range and its standard deviation (H, W) in m; NaN unknown, range +Inf known to be far
+Ranged = tuple[Floats, Floats]  # range and its standard deviation (H, W) in m; NaN unknown, range +Inf known to be far
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +25,7 @@ class StereoRange:
     """What the images of a rig say about range: what is measured, and the bottom sphere of a vertical rig."""
 
     measured: list[Ranged] = field(default_factory=list)
-    bottom: Image | None = None
+    bottom: Bytes | None = None
 
 
 def fuse_sources(sources: Sequence[Ranged], whole: Spherical) -> Ranged:
@@ -60,7 +56,7 @@ def fuse_sources(sources: Sequence[Ranged], whole: Spherical) -> Ranged:
     return np.where(is_known, mean, unknown), np.where(is_known, std_m, np.float32(np.nan))
 
 
-def inverse_range(range_m: Plane, is_covered: Flags) -> Plane | None:
+def inverse_range(range_m: Floats, is_covered: Flags) -> Floats | None:
     """Return 1 / range (H, W) everywhere, from known pixels around where unknown; None where too little is known."""
     known = ~np.isnan(range_m)
     share = np.count_nonzero(known) / max(int(np.count_nonzero(is_covered)), 1)
@@ -71,7 +67,7 @@ def inverse_range(range_m: Plane, is_covered: Flags) -> Plane | None:
     return cv2.medianBlur(inverse, 5)
 
 
-def fill(values: Plane, known: NDArray[np.bool_]) -> Plane:
+def fill(values: Floats, known: Flags) -> Floats:
     """Return the values (H, W) of a whole sphere, unknown ones from known ones around them, however far; no seam.
 
     Means of ever larger squares, interpolated: between the rings of a LiDAR an inverse range goes on as a plane's does.
@@ -121,7 +117,7 @@ def range_from_depth(
     return splat(points[fits], stds[fits], whole, round(max(finer - 1.0, 0.0) / 2.0 + 0.25))
 
 
-def splat(points: NDArray[np.float64], stds: Plane, whole: Spherical, half_px: int = 0) -> Ranged:
+def splat(points: Array, stds: Floats, whole: Spherical, half_px: int = 0) -> Ranged:
     """Return the nearest range at each pixel of a sphere, of points (N, 3) in its frame."""
     nearest = np.full((whole.height, whole.width), np.inf, np.float32)
     nearest_std = np.full(nearest.shape, np.nan, np.float32)

@@ -8,7 +8,6 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
     CLOSENESS,
@@ -25,9 +24,9 @@ from sphere_mapping.acquisition.constants import (
     RAY_GRID,
     VIEW_GRID,
 )
-from sphere_mapping.acquisition.range.rectification import Image, Matches, pair_descriptors
+from sphere_mapping.acquisition.range.rectification import Matches, pair_descriptors
 from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig, RigCamera
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 MODELS: dict[str, type[Pinhole] | type[Fisheye]] = {"pinhole": Pinhole, "fisheye": Fisheye}  # that images may have
@@ -85,7 +84,7 @@ class LensEvidence:
         return ""
 
 
-def check_lenses(rig: Rig, images: Mapping[str, Image]) -> None:
+def check_lenses(rig: Rig, images: Mapping[str, Bytes]) -> None:
     """Raise ValueError if what the grey images (h, w) share fits another lens model much better than the rig file's.
 
     Neighbours that look different ways see the same things by different parts of their lenses; the same focal length
@@ -96,7 +95,7 @@ def check_lenses(rig: Rig, images: Mapping[str, Image]) -> None:
         raise ValueError(f"rig {rig.name}: lens: expected {models} (rig file), found images of {reason}")
 
 
-def weigh_lenses(rig: Rig, images: Mapping[str, Image]) -> LensEvidence:
+def weigh_lenses(rig: Rig, images: Mapping[str, Bytes]) -> LensEvidence:
     """Return what the grey images (h, w) share, and whether the rig file or another lens explains it."""
     others = _other_lenses(rig)
     pairs = [pair for pair in combinations(images, 2) if any(_is_shared(one, *pair) for one in (rig, *others.values()))]
@@ -133,7 +132,7 @@ def _is_shared(rig: Rig, first: str, second: str) -> bool:
     return float(weight[seen[0][1] & seen[1][1]].sum()) >= MIN_SHARED_VIEW * float(weight.sum())
 
 
-def _match_all(images: Mapping[str, Image], pairs_of_cameras: Sequence[tuple[str, str]]) -> list[Matches]:
+def _match_all(images: Mapping[str, Bytes], pairs_of_cameras: Sequence[tuple[str, str]]) -> list[Matches]:
     found = {name: _features(image) for name, image in images.items()}
     matches = []
     for a, b in pairs_of_cameras:
@@ -142,7 +141,7 @@ def _match_all(images: Mapping[str, Image], pairs_of_cameras: Sequence[tuple[str
     return matches
 
 
-def _features(image: Image) -> tuple[Array, NDArray[np.float32]]:
+def _features(image: Bytes) -> tuple[Array, Floats]:
     factor = max(max(image.shape) / LENS_SIDE, 1.0)
     size = (round(image.shape[1] / factor), round(image.shape[0] / factor))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
@@ -161,7 +160,7 @@ def _share_that_fits(rig: Rig, matches: list[Matches]) -> float:
     return float(np.mean(np.concatenate(fits)))
 
 
-def _fits(first: RigCamera, second: RigCamera, a: Array, b: Array) -> NDArray[np.bool_]:
+def _fits(first: RigCamera, second: RigCamera, a: Array, b: Array) -> Flags:
     x = first.camera.unproject(a) @ first.T_rig_camera.rotation.T
     y = second.camera.unproject(b) @ second.T_rig_camera.rotation.T
     along = second.T_rig_camera.translation - first.T_rig_camera.translation

@@ -21,12 +21,10 @@ from sphere_mapping.acquisition.constants import (
     UNKNOWN_SIDE,
 )
 from sphere_mapping.acquisition.kernels import compare_steps, correlate_alike
-from sphere_mapping.acquisition.range.semi_global import Image, Plane
-
-Flags = NDArray[np.bool_]
+from sphere_nav.geometry.arrays import Bytes, Flags, Floats
 
 
-def halve_image(image: Image, is_whole: bool) -> Image:
+def halve_image(image: Bytes, is_whole: bool) -> Bytes:
     """Return the image at half its size."""
     height, width = image.shape
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
@@ -35,12 +33,12 @@ def halve_image(image: Image, is_whole: bool) -> Image:
     return np.ascontiguousarray(half)
 
 
-def double(disparity: Plane) -> Plane:
+def double(disparity: Floats) -> Floats:
     """Return a disparity at twice the size, every pixel four times."""
     return 2 * twice(disparity)
 
 
-def interpolate(disparity: Plane, is_whole: bool) -> Plane:
+def interpolate(disparity: Floats, is_whole: bool) -> Floats:
     """Return a disparity, or its deviation, at twice the size: linear between pixels, NaN beside NaN.
 
     Pixel k is centred on pixel 2 k; all numbers are twice as large.
@@ -55,7 +53,7 @@ def interpolate(disparity: Plane, is_whole: bool) -> Plane:
     return double
 
 
-def fit(plane: Plane, shape: tuple[int, ...]) -> Plane:
+def fit(plane: Floats, shape: tuple[int, ...]) -> Floats:
     """Return the plane cut, or continued by NaN, to a shape."""
     plane = plane[: shape[0], : shape[1]]
     missing = [(0, side - found) for side, found in zip(shape, plane.shape, strict=True)]
@@ -71,7 +69,7 @@ def usable_at(is_usable: Flags, level: int, shape: tuple[int, ...]) -> Flags:
     return fit(eroded[:: 2**level, :: 2**level].astype(np.float32), shape) > 0
 
 
-def at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> Flags:
+def at_jumps(disparity: Floats, radius: int, *, is_whole: bool) -> Flags:
     """Return the pixels next to a jump of disparity: blocks there see two surfaces, the nearer one looks too large.
 
     What a slanted surface changes by over the neighbourhood, at the least step from pixel to pixel in it, is no jump.
@@ -89,7 +87,7 @@ def at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> Flags:
     return (high - low > limit)[:, radius + 1 : -radius - 1]
 
 
-def spread_around(disparity: Plane, radius: int, *, is_whole: bool) -> Plane:
+def spread_around(disparity: Floats, radius: int, *, is_whole: bool) -> Floats:
     """Return by how much the disparity (H, W) varies within 2 radius + 1 rows and columns; 0 where nothing is known."""
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     padded = cv2.copyMakeBorder(disparity, 0, 0, radius, radius, border)
@@ -97,7 +95,7 @@ def spread_around(disparity: Plane, radius: int, *, is_whole: bool) -> Plane:
     return np.ascontiguousarray(np.maximum(high - low, 0)[:, radius:-radius])
 
 
-def is_unlike(unlike: Plane, spread: Plane, found: Plane, most: float) -> Flags:
+def is_unlike(unlike: Floats, spread: Floats, found: Floats, most: float) -> Flags:
     """Return where (H, W) images differ by far more than is usual where something is found: at edges, thin things.
 
     unlike: squared differences by what is allowed; spread: px by which what is found varies around. Where it does, a
@@ -108,7 +106,7 @@ def is_unlike(unlike: Plane, spread: Plane, found: Plane, most: float) -> Flags:
     return unlike * (1 + spread) > limit
 
 
-def is_borrowed(top: Image, bottom: Image, disparity: Plane, *, is_whole: bool) -> Flags:
+def is_borrowed(top: Bytes, bottom: Bytes, disparity: Floats, *, is_whole: bool) -> Flags:
     """Return where (H, W) a disparity is known but the pixel's own surface does not show it.
 
     A block tells the range of its strongest texture. The sky beside a crown, a dark panel beside its frame would have
@@ -134,7 +132,7 @@ def twice(plane: NDArray[Any]) -> NDArray[Any]:
     return np.repeat(np.repeat(plane, 2, axis=0), 2, axis=1)
 
 
-def at_unknown(disparity: Plane, *, is_whole: bool) -> Flags:
+def at_unknown(disparity: Floats, *, is_whole: bool) -> Flags:
     """Return the pixels next to a large unknown region: their blocks may see the border of what is before it."""
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     margin = UNKNOWN_SIDE
@@ -145,7 +143,7 @@ def at_unknown(disparity: Plane, *, is_whole: bool) -> Flags:
     return near[:, margin:-margin] > 0
 
 
-def _extremes(disparity: Plane, kernel: NDArray[np.uint8]) -> tuple[Plane, Plane]:
+def _extremes(disparity: Floats, kernel: Bytes) -> tuple[Floats, Floats]:
     """Return the largest and the least known disparity (H, W) around each pixel."""
     known = ~np.isnan(disparity)
     high = cv2.dilate(np.where(known, disparity, np.float32(-UNKNOWN_PX)), kernel)

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
     BEYOND_PX,
@@ -55,10 +54,10 @@ from sphere_mapping.acquisition.range.levels import (
     is_borrowed,
     usable_at,
 )
-from sphere_mapping.acquisition.range.semi_global import Image, Plane, find_clear_matches, in_threads
+from sphere_mapping.acquisition.range.semi_global import find_clear_matches, in_threads
+from sphere_nav.geometry.arrays import Bytes, Flags, Floats
 
-Flags = NDArray[np.bool_]
-Pair = tuple[Image, Image]  # of a level: upper, lower
+Pair = tuple[Bytes, Bytes]  # of a level: upper, lower
 
 
 @dataclass(frozen=True)
@@ -78,23 +77,23 @@ class Search:
 class Disparity:
     """Rows by which a pixel of the upper image moves up in the lower one, and its deviation, px; NaN unknown."""
 
-    value: Plane
-    std: Plane
+    value: Floats
+    std: Floats
 
 
 def match_columns(
-    top: Image,
-    bottom: Image,
+    top: Bytes,
+    bottom: Bytes,
     search: Search,
     params: MatchParams,
-    is_usable: NDArray[np.bool_],
+    is_usable: Flags,
     jobs: int = 1,
 ) -> Disparity:
     """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
     halvings = max(int(np.ceil(np.log2((search.full_width or top.shape[1]) / MAX_WIDTH))), 0)
     levels = _levels_of(top, bottom, search, halvings)
     start = np.empty((0, 0), np.float32)
-    matched: Plane | None = None
+    matched: Floats | None = None
     found: Disparity | None = None
     for k in reversed(range(len(levels))):
         shape = levels[k][0].shape
@@ -132,7 +131,7 @@ def _without_borrowed(found: Disparity, half: Pair, is_whole: bool) -> Disparity
     return found
 
 
-def _levels_of(top: Image, bottom: Image, search: Search, halvings: int) -> list[Pair]:
+def _levels_of(top: Bytes, bottom: Bytes, search: Search, halvings: int) -> list[Pair]:
     """Return both images at full size, and halved until all disparities are reached and NUM_SCALES levels match."""
     levels = [(top, bottom)]
     while len(levels) <= halvings or not _is_reached(search, len(levels) - 1, levels[-1][0]):
@@ -142,7 +141,7 @@ def _levels_of(top: Image, bottom: Image, search: Search, halvings: int) -> list
     return levels
 
 
-def _match_level(pair: Pair, first: int, coarser: Plane | None, search: Search, jobs: int) -> Plane:
+def _match_level(pair: Pair, first: int, coarser: Floats | None, search: Search, jobs: int) -> Floats:
     """Return the disparity of a level where its match is clear; what is nearer than it sees is the coarser level's."""
     own = find_clear_matches(*pair, first, is_whole=search.is_whole, jobs=jobs)
     if coarser is None:
@@ -155,7 +154,7 @@ def _interpolate(found: Disparity, shape: tuple[int, ...], is_whole: bool) -> Di
     return Disparity(*(fit(interpolate(plane, is_whole), shape) for plane in (found.value, found.std)))
 
 
-def _start_again(matched: Plane, aligned: Plane) -> Plane:
+def _start_again(matched: Floats, aligned: Floats) -> Floats:
     """Return where a level that is not matched itself starts: what the coarser one has aligned, else its match."""
     match = fit(double(matched), aligned.shape)
     return np.where(np.abs(aligned - match) <= np.float32(2 * MAX_REFINEMENT), aligned, match)
@@ -165,7 +164,7 @@ def _first_at(search: Search, level: int) -> int:
     return int(np.floor(search.first_px / 2**level))
 
 
-def _keep_sure(matched: Plane, search: Search) -> Plane:
+def _keep_sure(matched: Floats, search: Search) -> Floats:
     """Return matches without stairs, and none near jumps and unknown regions."""
     found = _smooth_around(matched, search.is_whole)
     near_jump = at_jumps(found, EDGE_PX, is_whole=search.is_whole)
@@ -178,14 +177,14 @@ def _params_at(params: MatchParams, level: int) -> MatchParams:
     return replace(params, noise=max(params.noise / 2**level, min(params.noise, LEAST_NOISE)))
 
 
-def _is_reached(search: Search, halvings: int, image: Image) -> bool:
+def _is_reached(search: Search, halvings: int, image: Bytes) -> bool:
     """Return whether a level sees all disparities, or is too small for another one below it."""
     last = int(np.floor(search.first_px / 2**halvings)) + NUM_DISPARITIES - 1
     return search.last_px / 2**halvings <= last or min(image.shape) < 2 * MIN_SIDE
 
 
 def refine(
-    top: Image, bottom: Image, coarse: Plane, params: MatchParams, num_steps: int, *, is_whole: bool, jobs: int = 1
+    top: Bytes, bottom: Bytes, coarse: Floats, params: MatchParams, num_steps: int, *, is_whole: bool, jobs: int = 1
 ) -> Disparity:
     """Align blocks of the upper image with the lower one along the column, starting from the matched disparity.
 
@@ -210,7 +209,7 @@ def refine(
 
 
 def _refine_strip(
-    top: Image, bottom: Image, start: Plane, sizes: tuple[int, int], params: MatchParams, value: Plane, std: Plane
+    top: Bytes, bottom: Bytes, start: Floats, sizes: tuple[int, int], params: MatchParams, value: Floats, std: Floats
 ) -> None:
     """Write a strip's disparity and deviation; sizes: columns of margin, number of steps."""
     (margin, num_steps), area = sizes, (2 * REFINE_RADIUS + 1) ** 2
@@ -226,7 +225,7 @@ def _refine_strip(
     settle(*planes, _squared_slopes(top)[:, :, inner], trust, value, std)
 
 
-def _squared_slopes(image: Image) -> Plane:
+def _squared_slopes(image: Bytes) -> Floats:
     """Return the mean squared slopes (2, H, W) of each block across and along the columns."""
     side = (2 * REFINE_RADIUS + 1,) * 2
     slopes = np.empty((2, *image.shape), np.float32)
@@ -235,13 +234,13 @@ def _squared_slopes(image: Image) -> Plane:
     return slopes
 
 
-def _smooth(disparity: Plane, spare: Plane) -> Plane:
+def _smooth(disparity: Floats, spare: Floats) -> Floats:
     out = np.empty_like(disparity)
     smooth(disparity, REFINE_RADIUS, SMOOTH[0], SMOOTH[1], spare, out)
     return out
 
 
-def _smooth_around(disparity: Plane, is_whole: bool) -> Plane:
+def _smooth_around(disparity: Floats, is_whole: bool) -> Floats:
     """Return the disparity without the stairs that whole pixels make of slanted surfaces."""
     margin = 2 * REFINE_RADIUS
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE

@@ -38,7 +38,7 @@ from sphere_mapping.acquisition.constants import (
 )
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 NUM_VALUES = 6  # of a camera
@@ -111,9 +111,6 @@ def _change(part: RigCamera, own: Array) -> RigCamera:
     return replace(part, camera=camera, T_rig_camera=part.T_rig_camera @ turn)
 
 
-Image = NDArray[np.uint8]
-
-
 @dataclass(frozen=True, eq=False)
 class RigCorrection:
     """The corrected rig, and by camera the angle (deg) of its correction.
@@ -128,7 +125,7 @@ class RigCorrection:
 
 
 def matches_of(
-    rig_views: Sequence[RigView], images: Mapping[str, Image], points_sphere: Array | None = None
+    rig_views: Sequence[RigView], images: Mapping[str, Bytes], points_sphere: Array | None = None
 ) -> list[Matches]:
     """Return the features that pairs of cameras share in the grey images (h, w) of one instant.
 
@@ -182,7 +179,7 @@ def _soften(values: Array) -> Array:
     return np.copysign(np.sqrt(np.log1p(np.square(values))), values)
 
 
-def _features(rig_view: RigView, image: Image, rays: Array) -> tuple[Array, Array, NDArray[np.float32]]:
+def _features(rig_view: RigView, image: Bytes, rays: Array) -> tuple[Array, Array, Floats]:
     """Return pixels of the camera, rays of the sphere and descriptors of features, seen from very far."""
     height = len(rays)
     u, v, border = rig_view.project(rays * VERY_FAR_M)
@@ -211,9 +208,7 @@ def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array) -> Array:
     return np.where(np.isfinite(distance), ranges[nearest], np.nan)
 
 
-def pair_descriptors(
-    a: NDArray[np.float32], b: NDArray[np.float32], is_far: NDArray[np.bool_] | None = None
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def pair_descriptors(a: Floats, b: Floats, is_far: Flags | None = None) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return indices (N,) of descriptors (M, 128) that choose each other, clearly, and are not said to be too far."""
     if min(len(a), len(b)) < 2:
         return np.zeros(0, np.intp), np.zeros(0, np.intp)

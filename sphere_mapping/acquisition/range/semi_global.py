@@ -26,9 +26,8 @@ from sphere_mapping.acquisition.constants import (
     SGBM,
 )
 from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, cost_ratios
+from sphere_nav.geometry.arrays import Bytes, Floats
 
-Plane = NDArray[np.float32]
-Image = NDArray[np.uint8]
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
@@ -41,14 +40,14 @@ def in_threads(work: Callable[[Item], Answer], items: Iterable[Item], jobs: int)
     return list(map(work, items) if jobs == 1 else _pool(jobs).map(work, items))
 
 
-def find_clear_matches(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:
+def find_clear_matches(top: Bytes, bottom: Bytes, first: int, *, is_whole: bool, jobs: int = 1) -> Floats:
     """Return the disparity (H, W) from `first` on, NaN where no match is clearly the best of those searched."""
     found = match_semi_globally(top, bottom, first, is_whole=is_whole, jobs=jobs)
     found[~(compare_costs(top, bottom, found, first, is_whole=is_whole, jobs=jobs) >= MIN_COST_RATIO)] = np.nan
     return found
 
 
-def compare_costs(top: Image, bottom: Image, disparity: Plane, first: int, *, is_whole: bool, jobs: int) -> Plane:
+def compare_costs(top: Bytes, bottom: Bytes, disparity: Floats, first: int, *, is_whole: bool, jobs: int) -> Floats:
     """Return the least cost elsewhere, of all disparities that a level sees, over that of one (H, W); NaN for NaN."""
     margin, height = COST_RADIUS, top.shape[0]
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
@@ -70,7 +69,7 @@ def compare_costs(top: Image, bottom: Image, disparity: Plane, first: int, *, is
     return ratio.T
 
 
-def match_semi_globally(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:
+def match_semi_globally(top: Bytes, bottom: Bytes, first: int, *, is_whole: bool, jobs: int = 1) -> Floats:
     """Return the checked disparity (H, W), NaN where both directions disagree, on islands and without a clear best."""
     across = [np.ascontiguousarray(image.T) for image in (top, bottom)]  # columns become the matcher's rows
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
@@ -92,7 +91,7 @@ def match_semi_globally(top: Image, bottom: Image, first: int, *, is_whole: bool
     return np.ascontiguousarray(disparity.T)
 
 
-def _without_mean(image: Image, is_whole: bool) -> NDArray[np.int16]:
+def _without_mean(image: Bytes, is_whole: bool) -> NDArray[np.int16]:
     """Return four times the grey levels (H, W) less the mean around them: exposure differs from camera to camera."""
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     side = 2 * COST_RADIUS + 1
@@ -112,7 +111,7 @@ def _matcher(first: int, is_whole: bool) -> cv2.StereoSGBM:
     return cv2.StereoSGBM_create(minDisparity=first, numDisparities=NUM_DISPARITIES, **SGBM, mode=mode)
 
 
-def check_order(top: Image, bottom: Image, names: tuple[str, str], *, is_whole: bool) -> None:
+def check_order(top: Bytes, bottom: Bytes, names: tuple[str, str], *, is_whole: bool) -> None:
     """Raise ValueError if grey images (H, W) match with positive disparity only when they are exchanged.
 
     Disparities below one pixel of the shrunk images count for neither order: far scenes are no evidence.
@@ -128,12 +127,12 @@ def check_order(top: Image, bottom: Image, names: tuple[str, str], *, is_whole: 
         )
 
 
-def _share_matched(top: Image, bottom: Image, is_whole: bool) -> float:
+def _share_matched(top: Bytes, bottom: Bytes, is_whole: bool) -> float:
     found = find_clear_matches(top, bottom, 0, is_whole=is_whole)
     return float(np.mean(np.nan_to_num(found, nan=0.0) > 1.0))
 
 
-def _shrink(image: Image) -> Image:
+def _shrink(image: Bytes) -> Bytes:
     factor = max(max(image.shape) / ORDER_COLUMNS, 1.0)
     size = (round(image.shape[1] / factor), round(image.shape[0] / factor))
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)

@@ -76,9 +76,8 @@ from sphere_mapping.acquisition.range.sweep_tables import (
 )
 from sphere_mapping.acquisition.stitching.layouts import MAX_LAYOUTS, Layouts
 from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.arrays import Bytes, Floats
 
-Image = NDArray[np.uint8]
-Plane = NDArray[np.float32]
 Levels = NDArray[np.int16]
 
 
@@ -86,7 +85,7 @@ Levels = NDArray[np.int16]
 class Volumes:
     """Costs of all hypotheses (H, W, K): of a pixel, of blocks of two sizes, of smoothed paths."""
 
-    cost: NDArray[np.uint8]
+    cost: Bytes
     block: NDArray[np.int16]
     wide: NDArray[np.int16]
     total: NDArray[np.int16]
@@ -116,7 +115,7 @@ class SphereSweep:
         self._kept: Callable[[tuple[str, ...]], CameraSight] = lru_cache(MAX_LAYOUTS)(self._find_sight)
         self._spare: list[Volumes] = []  # volumes are kept: new memory costs as much as the sums
 
-    def find(self, grays: Mapping[str, Image]) -> StereoRange:
+    def find(self, grays: Mapping[str, Bytes]) -> StereoRange:
         """Return the range from the grey images of one instant, by camera."""
         if self.warning or len(grays) < 2:
             return StereoRange()
@@ -130,7 +129,7 @@ class SphereSweep:
             inverse, std = self._refine(k, levels[k], inverse, sight)
         return StereoRange([self._range_of(inverse, std)])
 
-    def _levels_of(self, grays: Mapping[str, Image]) -> tuple[list[Levels], Levels]:
+    def _levels_of(self, grays: Mapping[str, Bytes]) -> tuple[list[Levels], Levels]:
         """Return the levels of all cameras in one buffer for each level of the sphere; and those to be matched."""
         found = [np.full(level.starts[-1], UNSEEN, np.int16) for level in self._levels]
         matched = found[-1].copy()
@@ -151,7 +150,7 @@ class SphereSweep:
         in_threads(work, [c for c, view in enumerate(self._views) if view.name in grays], self._jobs)
         return found, matched
 
-    def _match(self, images: Levels, sight: CameraSight) -> Plane:
+    def _match(self, images: Levels, sight: CameraSight) -> Floats:
         """Return the inverse range (h, w) at the coarsest level, NaN where nothing is clearly the best."""
         level, shape = self._levels[-1], sight.numbers.shape
         volumes = self._take_volumes(shape)
@@ -168,7 +167,7 @@ class SphereSweep:
         found[at_unknown(found, is_whole=True)] = np.nan
         return (np.float32(self._first) + found * np.float32(self._step)).astype(np.float32)
 
-    def _refine(self, k: int, images: Levels, start: Plane, sight: CameraSight) -> tuple[Plane, Plane]:
+    def _refine(self, k: int, images: Levels, start: Floats, sight: CameraSight) -> tuple[Floats, Floats]:
         """Return inverse range and deviation (H, W) of a level, from where the coarser one has ended."""
         from_coarsest, found = len(self._levels) - 1 - k, start
         std, left, unlike = (np.empty_like(start) for _ in range(3))
@@ -188,8 +187,8 @@ class SphereSweep:
         return found * px, std
 
     def _align(
-        self, k: int, images: Levels, before: tuple[Plane, Plane], sight: CameraSight, rest: Sequence[Plane]
-    ) -> Plane:
+        self, k: int, images: Levels, before: tuple[Floats, Floats], sight: CameraSight, rest: Sequence[Floats]
+    ) -> Floats:
         """Return inverse range (H, W) moved by a step, from itself and its start; write what else `align` does."""
         level, match, out = self._levels[k], self._params.match, np.empty_like(before[0])
         every = min(len(self._levels) - k, MAX_ROW_STEP)  # rows next to each other tell nearly the same
@@ -202,7 +201,7 @@ class SphereSweep:
         in_threads(lambda rows: align(*given, *numbers, rows, out, *rest), _strips(len(out)), self._jobs)
         return out
 
-    def _range_of(self, inverse: Plane, std: Plane) -> Ranged:
+    def _range_of(self, inverse: Floats, std: Floats) -> Ranged:
         """Return range and deviation (H, W) of inverse ones; what is surely beyond FAR_M is far."""
         match, two = self._params.match, np.float32(2.0)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -233,13 +232,13 @@ def _strips(height: int) -> list[tuple[int, int]]:
     return [(int(first), int(last)) for first, last in pairwise(edges)]
 
 
-def _double(inverse: Plane) -> Plane:
+def _double(inverse: Floats) -> Floats:
     """Return a plane (2 h, 2 w) whose pixels have twice the size: linear between, NaN beside NaN."""
     padded = cv2.copyMakeBorder(inverse, 0, 0, 2, 2, cv2.BORDER_WRAP)
     return np.ascontiguousarray(cv2.resize(padded, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)[:, 4:-4])
 
 
-def _smooth(values: Plane, radius: int) -> Plane:
+def _smooth(values: Floats, radius: int) -> Floats:
     """Return the mean of what differs little over 2 radius + 1 rows and columns, which wrap around."""
     padded = cv2.copyMakeBorder(values, 0, 0, 2 * radius, 2 * radius, cv2.BORDER_WRAP)
     out = np.empty_like(padded)

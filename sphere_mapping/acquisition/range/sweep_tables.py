@@ -30,11 +30,9 @@ from sphere_mapping.acquisition.constants import (
 from sphere_mapping.acquisition.range.kernels import NUM_HYPOTHESES
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import Rig, Spherical
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags, Floats, Integers
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
-Plane = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 Indices = NDArray[np.int32]
 BEFORE = 1  # hypotheses beyond infinity
 AFTER = 2  # nearest ones, which have no neighbors to be compared with
@@ -49,11 +47,11 @@ class SweepLevel:
     """
 
     whole: Spherical
-    directions: tuple[Plane, Plane]
+    directions: tuple[Floats, Floats]
     halvings: tuple[int, ...]
-    starts: NDArray[np.int64]
-    sizes: NDArray[np.int64]
-    scales: Plane
+    starts: Integers
+    sizes: Integers
+    scales: Floats
     is_dead: tuple[Flags, ...]
 
 
@@ -88,7 +86,7 @@ def level_of(whole: Spherical, views: Sequence[RigView]) -> SweepLevel:
     return SweepLevel(whole, (directions[0], directions[1]), tuple(halvings), starts, sizes, scales, tuple(is_dead))
 
 
-def lens_tables(views: Sequence[RigView]) -> tuple[Plane, Plane]:
+def lens_tables(views: Sequence[RigView]) -> tuple[Floats, Floats]:
     """Return extents (C, 2) and tables (C, S S, 2) of the cameras' lenses, as `kernels.align` takes them."""
     extents, tables = [], []
     for view in views:
@@ -117,7 +115,7 @@ def hypotheses_of(views: Sequence[RigView], coarsest: Spherical, nearest_m: floa
     return -BEFORE * step, step
 
 
-def hypothesis_table(views: Sequence[RigView], level: SweepLevel, first: float, step: float) -> Plane:
+def hypothesis_table(views: Sequence[RigView], level: SweepLevel, first: float, step: float) -> Floats:
     """Return the pixels (gh, C, gw, 2, K) of the cameras in every GRID_STEP-th direction at all hypotheses."""
     whole = level.whole
     rows, columns = (np.arange(0, side + GRID_STEP, GRID_STEP) for side in (whole.height, whole.width))
@@ -129,7 +127,7 @@ def hypothesis_table(views: Sequence[RigView], level: SweepLevel, first: float, 
     return table
 
 
-def sharpness(views: Sequence[RigView], whole: Spherical) -> Plane:
+def sharpness(views: Sequence[RigView], whole: Spherical) -> Floats:
     """Return how much each camera stretches each direction (C, H, W), by its axis; Inf where it does not see it.
 
     Far from the axis of a wide lens a pixel covers another angle, so that what is fine there is coarse elsewhere and
@@ -151,7 +149,7 @@ def sharpness(views: Sequence[RigView], whole: Spherical) -> Plane:
     return found
 
 
-def sight_of(stretch: Plane, is_present: Flags, levels: Sequence[SweepLevel]) -> CameraSight:
+def sight_of(stretch: Floats, is_present: Flags, levels: Sequence[SweepLevel]) -> CameraSight:
     """Return which of the cameras present (C,) see what: those that stretch little, at least two where two see it."""
     stretch = np.where(is_present[:, None, None], stretch, np.float32(np.inf))
     order = np.argsort(stretch, axis=0, kind="stable")[:MAX_VIEWS]
@@ -196,7 +194,7 @@ def _seen_from(view: RigView, rays: Array, inverse: float) -> Array:
     return (rays - inverse * T.translation) @ T.rotation
 
 
-def _pixels(view: RigView, points: Array) -> Plane:
+def _pixels(view: RigView, points: Array) -> Floats:
     """Return pixels (..., 2) of points in the frame of a camera; far outside where it has none."""
     return np.nan_to_num(view.camera.project(points)[0], nan=-1e4, posinf=-1e4, neginf=-1e4).astype(np.float32)
 

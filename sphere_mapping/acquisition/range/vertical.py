@@ -6,9 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.epipolar import (
     baseline_error,
@@ -24,16 +21,16 @@ from sphere_mapping.acquisition.range.semi_global import check_order, in_threads
 from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.layouts import MAX_LAYOUTS, Layouts
 from sphere_mapping.acquisition.stitching.views import Layout
+from sphere_nav.geometry.arrays import Bytes, Floats
 
-Image = NDArray[np.uint8]
 LEVELS = ("top", "bottom")
 
 
 class Baseline(NamedTuple):
     """What `epipolar.correct_baseline` takes: error (H, W) and shrink (H, W) of the baseline, 1/m of the joining."""
 
-    error: NDArray[np.float32]
-    shrink: NDArray[np.float32]
+    error: Floats
+    shrink: Floats
     per_m: float
 
 
@@ -48,7 +45,7 @@ class VerticalStereo:
         self._kept: Callable[[tuple[str, ...]], Baseline] = lru_cache(MAX_LAYOUTS)(self._find_baseline)
         self.is_checked = False
 
-    def find(self, grays: Mapping[str, Image]) -> StereoRange:
+    def find(self, grays: Mapping[str, Bytes]) -> StereoRange:
         """Return the range from the grey images of one instant, by camera: from the centre of the top sphere."""
         if not any(part.name in grays for part in self._layouts.rig.at_level("bottom")):
             return StereoRange()
@@ -59,12 +56,12 @@ class VerticalStereo:
         ranged = to_common_center(*ranged, layouts[0], baseline.per_m)
         return StereoRange([ranged], bottom)
 
-    def draw(self, layouts: Sequence[Layout], grays: Mapping[str, Image]) -> tuple[Image, Image]:
+    def draw(self, layouts: Sequence[Layout], grays: Mapping[str, Bytes]) -> tuple[Bytes, Bytes]:
         """Return the grey spheres (H, W) of both levels, of a common distance."""
         top, bottom = in_threads(lambda layout: blend(layout, grays), layouts, self._jobs)
         return top, bottom
 
-    def _measure(self, layouts: Sequence[Layout], top: Image, bottom: Image) -> Ranged:
+    def _measure(self, layouts: Sequence[Layout], top: Bytes, bottom: Bytes) -> Ranged:
         """Match both spheres, triangulate."""
         if not self.is_checked:
             check_order(top, bottom, LEVELS, is_whole=True)

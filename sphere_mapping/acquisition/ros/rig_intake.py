@@ -16,6 +16,7 @@ from sphere_mapping.acquisition.constants import MAX_CLOUD_AGE_S
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.range.lens_check import check_info
 from sphere_nav.geometry import SE3, Rig
+from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth, read_rgb
 from sphere_nav.ros.camera.mounting import read_mounting
@@ -27,20 +28,18 @@ from sphere_nav.spheres.sphere import check_depth, check_sphere_image
 DEPTH = "/depth"  # a camera's depth is a stream of its own: NAME/depth
 NUM_CLOUDS = 8  # kept: at 10 Hz those of 0.8 s, longer than an instant waits for its cameras
 
-Points = NDArray[np.float32]
-
 
 class Clouds:
     """Keeps a few of a LiDAR's clouds (N, 3) in the frame of the rig; hands out the one that belongs to an instant."""
 
     def __init__(self) -> None:
-        self._kept: deque[tuple[int, Points]] = deque(maxlen=NUM_CLOUDS)
+        self._kept: deque[tuple[int, Floats]] = deque(maxlen=NUM_CLOUDS)
 
     def clear(self) -> None:
         """Forget all: the clock jumped."""
         self._kept.clear()
 
-    def add(self, stamp_ns: int, points: Points) -> None:
+    def add(self, stamp_ns: int, points: Floats) -> None:
         """Keep a cloud, in place of the oldest."""
         self._kept.append((stamp_ns, points))
 
@@ -48,7 +47,7 @@ class Clouds:
         """Whether a cloud of this time or later is there: no nearer one can come."""
         return any(stamp >= stamp_ns for stamp, _ in self._kept)
 
-    def at(self, stamp_ns: int) -> Points | None:
+    def at(self, stamp_ns: int) -> Floats | None:
         """Return the cloud nearest in time, None where it is too far away."""
         nearest = min(self._kept, key=lambda cloud: abs(cloud[0] - stamp_ns), default=None)
         return None if nearest is None or abs(nearest[0] - stamp_ns) > 1e9 * MAX_CLOUD_AGE_S else nearest[1]
@@ -59,9 +58,9 @@ class RigInstant:
     """What was seen at one instant: images and depth (h, w) in m along the axis by camera; points (N, 3) of the rig."""
 
     sync: Instant
-    images: dict[str, NDArray[np.uint8]]
-    depths: dict[str, NDArray[np.float32]]
-    points: Points | None
+    images: dict[str, Bytes]
+    depths: dict[str, Floats]
+    points: Floats | None
 
 
 class RigIntake:

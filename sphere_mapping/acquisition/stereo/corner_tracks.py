@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
 from sphere_mapping.acquisition.constants import (
@@ -27,20 +26,20 @@ from sphere_mapping.acquisition.constants import (
     NEAR_DISPARITY_PX,
     PATCH_STEPS,
 )
-from sphere_mapping.acquisition.stereo.stereo_field import Image, corners_of, follow
+from sphere_mapping.acquisition.stereo.stereo_field import corners_of, follow
 from sphere_mapping.acquisition.stereo.track_fit import Window, motions_of
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 
 OFFSETS = np.argwhere(np.ones((2 * HALF_PATCH_PX + 1,) * 2))[:, ::-1].astype(np.float64) - HALF_PATCH_PX  # (M, 2) px
 
 
-def spline_of(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+def spline_of(image: Bytes) -> Floats:
     """Return the cubic spline of a grey image."""
     return np.asarray(spline_filter(image.astype(np.float32), 3, np.float32, mode="mirror"), np.float32)
 
 
-def sample_bilinear(spline: NDArray[np.float32], pixels: Array) -> Array:
+def sample_bilinear(spline: Floats, pixels: Array) -> Array:
     """Return grey levels (...) at pixels (..., 2) by (u, v)."""
     at = np.moveaxis(pixels, -1, 0)[::-1]
     return np.asarray(map_coordinates(spline, at, np.float64, 3, "mirror", prefilter=False), np.float64)
@@ -55,7 +54,7 @@ class Patches:
     slopes: Array
 
 
-def cut_patches(spline: NDArray[np.float32], pixels: Array) -> Patches:
+def cut_patches(spline: Floats, pixels: Array) -> Patches:
     """Return the patches around pixels (N, 2)."""
     side = np.arange(-HALF_PATCH_PX - 1, HALF_PATCH_PX + 2)
     grid = np.stack(np.meshgrid(side, side), axis=-1)
@@ -83,8 +82,8 @@ def warps_of(camera: Pinhole, pixels: Array, inverse: Array, slopes: Array, T_ot
 
 
 def find_patches(
-    patches: Patches, other: NDArray[np.float32], start: Array, warps: Array, derivative: Array, *, is_slanted: bool
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+    patches: Patches, other: Floats, start: Array, warps: Array, derivative: Array, *, is_slanted: bool
+) -> tuple[Array, Array, Flags]:
     """Return the pixels (N, 2) of the patches' middles in another image, slopes (N, 2), and which were found.
 
     warps, derivative: as of `warps_of`. is_slanted: the slopes, how much farther right by pixels, are found, too.
@@ -126,7 +125,7 @@ def _pull(patches: Patches, derivative: Array, is_slanted: bool) -> Array:
     return np.asarray(np.linalg.solve(normal, np.swapaxes(J, 1, 2)), np.float64)
 
 
-def follow_window(camera: Pinhole, baseline_m: float, lefts: Sequence[Image], rights: Sequence[Image]) -> Window | None:
+def follow_window(camera: Pinhole, baseline_m: float, lefts: Sequence[Bytes], rights: Sequence[Bytes]) -> Window | None:
     """Return the corners seen in two grey images or more of consecutive instants, None where they are too few.
 
     Near ones are soon lost by a fast drive, and tell most.
@@ -135,7 +134,7 @@ def follow_window(camera: Pinhole, baseline_m: float, lefts: Sequence[Image], ri
     return None if shifted is None else follow_planes(camera, baseline_m, lefts, rights, shifted)
 
 
-def follow_shifted(lefts: Sequence[Image], rights: Sequence[Image]) -> Window | None:
+def follow_shifted(lefts: Sequence[Bytes], rights: Sequence[Bytes]) -> Window | None:
     """Return the corners of the first image followed by patches that are only shifted."""
     points = corners_of(lefts[0])
     left, right_u = np.full((len(lefts), len(points), 2), np.nan), np.full((len(lefts), len(points)), np.nan)
@@ -152,7 +151,7 @@ def follow_shifted(lefts: Sequence[Image], rights: Sequence[Image]) -> Window | 
 
 
 def follow_planes(
-    camera: Pinhole, baseline_m: float, lefts: Sequence[Image], rights: Sequence[Image], shifted: Window
+    camera: Pinhole, baseline_m: float, lefts: Sequence[Bytes], rights: Sequence[Bytes], shifted: Window
 ) -> Window | None:
     """Return corners anew: the patch of each in the first left image is found in all others as its plane is seen."""
     points, scale = shifted.left[0], 1.0 / (camera.fx * baseline_m)

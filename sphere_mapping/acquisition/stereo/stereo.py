@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import BELOW_ZERO_PX, MAX_WIDTH_SHARE, MIN_DISPARITY_PX
 from sphere_mapping.acquisition.partial.partial_sphere import (
@@ -17,21 +16,20 @@ from sphere_mapping.acquisition.range.matching import Disparity, Search, match_c
 from sphere_mapping.acquisition.range.semi_global import check_order
 from sphere_mapping.params import PartialParams, StereoParams
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere, check_sphere_image, to_gray_bytes
-
-Plane = NDArray[np.float32]
+from sphere_nav.geometry.arrays import Bytes, Flags, Floats
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_sphere_image, to_gray_bytes
 
 
 def sphere_from_stereo(
-    left: Image,
-    right: Image,
+    left: Bytes,
+    right: Bytes,
     camera: Pinhole,
     baseline_m: float,
     T_sphere_camera: SE3 = T_BODY_OPTICAL,
     stamp_ns: int = 0,
     params: StereoParams | None = None,
     partial: PartialParams | None = None,
-    is_seen: NDArray[np.bool_] | None = None,
+    is_seen: Flags | None = None,
 ) -> Sphere:
     """Return the partial sphere of a rectified pair; the right camera is `baseline_m` to the right of the left one.
 
@@ -51,8 +49,8 @@ def sphere_from_stereo(
 
 
 def depth_from_stereo(
-    left: Image, right: Image, camera: Pinhole, baseline_m: float, params: StereoParams
-) -> tuple[Plane, Plane]:
+    left: Bytes, right: Bytes, camera: Pinhole, baseline_m: float, params: StereoParams
+) -> tuple[Floats, Floats]:
     """Return depth along z (H, W) in metres, NaN where not trusted, and its relative standard deviation (H, W)."""
     check_sphere_image(left, camera, "left image")
     check_sphere_image(right, camera, "right image")
@@ -67,7 +65,7 @@ def depth_from_stereo(
     return depth_m.astype(np.float32), relative_std.astype(np.float32)
 
 
-def match_pair(left: Image, right: Image, search: Search, params: StereoParams) -> Disparity:
+def match_pair(left: Bytes, right: Bytes, search: Search, params: StereoParams) -> Disparity:
     """Return the disparity of every pixel of the left image of a rectified pair (H, W[, 3]) uint8."""
     top, bottom = (np.ascontiguousarray(to_gray_bytes(image).T) for image in (left, right))  # rows become columns
     check_order(top, bottom, ("left", "right"), is_whole=False)

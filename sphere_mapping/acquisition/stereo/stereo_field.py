@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import (
     BACK_PX,
@@ -28,9 +27,7 @@ from sphere_mapping.acquisition.constants import (
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import Pinhole
-from sphere_nav.geometry.arrays import Array
-
-Image = NDArray[np.uint8]
+from sphere_nav.geometry.arrays import Array, Bytes, Flags
 
 NUM_ROWS, NUM_COLUMNS = 6, 8  # coefficients of both polynomials
 NUM_BOW = 2  # of the columns' ones: offset and bow
@@ -96,13 +93,13 @@ def tangents(camera: Pinhole, pixels: Array) -> tuple[Array, Array]:
     return (pixels[..., 0] - camera.cx) / camera.fx, (pixels[..., 1] - camera.cy) / camera.fy
 
 
-def corners_of(image: Image) -> Array:
+def corners_of(image: Bytes) -> Array:
     """Return corners (N, 2) of a grey image."""
     found = cv2.goodFeaturesToTrack(image, **CORNERS)
     return np.zeros((0, 2)) if found is None else found.reshape(-1, 2).astype(np.float64)
 
 
-def follow(first: Image, second: Image, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+def follow(first: Bytes, second: Bytes, points: Array) -> tuple[Array, Flags]:
     """Return where points (N, 2) of one grey image are in another, and whether they are found back from there."""
     if not len(points):
         return points, np.zeros(0, np.bool_)
@@ -113,7 +110,7 @@ def follow(first: Image, second: Image, points: Array) -> tuple[Array, NDArray[n
     return there[:, 0].astype(np.float64), is_back & (seen[:, 0] > 0) & (seen_back[:, 0] > 0)
 
 
-def match_corners(left: Image, right: Image) -> tuple[Array, Array]:
+def match_corners(left: Bytes, right: Bytes) -> tuple[Array, Array]:
     """Return pixels (N, 2) of both grey images of a pair that show the same."""
     points = corners_of(left)
     there, is_found = follow(left, right, points)

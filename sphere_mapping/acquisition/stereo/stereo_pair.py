@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import FAR_WORSE, FROM_BORDER_PX, MAX_TURN_DEG, MIN_BASELINE_M, NUM_PAIRS
 from sphere_mapping.acquisition.stereo.stereo_field import (
-    Image,
     RowFit,
     StereoField,
     basis_of_rows,
@@ -19,7 +18,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
     tangents,
 )
 from sphere_nav.geometry import SE3, Camera, Pinhole
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes, Flags
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.plausible import check_length
 from sphere_nav.spheres.sphere import to_gray_bytes
@@ -113,14 +112,14 @@ class StereoPair:
         x, y = tangents(self.geometry.camera, pixel_grid(self.geometry.camera)[::8, ::8])
         return float(np.percentile(np.abs(basis_of_rows(x, y) @ self.fit.rows), 95))
 
-    def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
+    def rectify(self, left: Bytes, right: Bytes) -> tuple[Bytes, Bytes]:
         """Return both images (H, W[, 3]) of the rectified pair."""
         if self.correction is None and len(self._matches) < NUM_PAIRS:
             self._learn(left, right)
         return self._warp(left, self._tables[0]), self._warp(right, self._tables[1])
 
     @property
-    def is_seen(self) -> NDArray[np.bool_] | None:
+    def is_seen(self) -> Flags | None:
         """Where (H, W) the rectified left image shows something, not too near to its border; None: everywhere."""
         if self._tables[0] is None:
             return None
@@ -128,7 +127,7 @@ class StereoPair:
         inside = (u >= 0) & (v >= 0) & (u <= lens.width - 1) & (v <= lens.height - 1)
         return cv2.erode(inside.astype(np.uint8), np.ones((2 * FROM_BORDER_PX + 1,) * 2, np.uint8)) > 0
 
-    def _learn(self, left: Image, right: Image) -> None:
+    def _learn(self, left: Bytes, right: Bytes) -> None:
         if not self._is_told and not self.geometry.is_rectified:
             self.geometry = self._choose(left, right)
         self._is_told = True
@@ -139,7 +138,7 @@ class StereoPair:
         if self.fit is not None and self.fit.is_significant:
             self._set_tables(StereoField(rows=tuple(self.fit.rows)))
 
-    def _choose(self, left: Image, right: Image) -> PairGeometry:
+    def _choose(self, left: Bytes, right: Bytes) -> PairGeometry:
         """Return the geometry by which the rows agree: drivers tell the same of images that are rectified already."""
         fits = []
         for geometry in (self.geometry, self.geometry.as_rectified()):
@@ -149,7 +148,7 @@ class StereoPair:
         is_already = other is not None and (fit is None or fit.before_px > FAR_WORSE * other.before_px)
         return already if is_already and left.shape[:2] == (already.camera.height, already.camera.width) else told
 
-    def _match(self, left: Image, right: Image) -> tuple[Array, Array]:
+    def _match(self, left: Bytes, right: Bytes) -> tuple[Array, Array]:
         return match_corners(
             *(to_gray_bytes(self._warp(image, table)) for image, table in zip((left, right), self._tables, strict=True))
         )
@@ -162,7 +161,7 @@ class StereoPair:
         right = None if is_ready else _table(g.right, g.R_rectified_right, g.camera, applied)
         self._tables = (left, right)
 
-    def _warp(self, image: Image, table: tuple[NDArray, NDArray] | None) -> Image:
+    def _warp(self, image: Bytes, table: tuple[NDArray, NDArray] | None) -> Bytes:
         return image if table is None else cv2.remap(image, *table, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
 

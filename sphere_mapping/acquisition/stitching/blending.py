@@ -17,12 +17,10 @@ from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS
 from sphere_mapping.acquisition.kernels import SCALE, add_band, warp_by_range
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
 from sphere_mapping.acquisition.stitching.views import Layout, StitchedView
-
-Image = NDArray[np.uint8]
-Plane = NDArray[np.float32]
+from sphere_nav.geometry.arrays import Bytes, Floats
 
 
-def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | None = None) -> Image:
+def blend(layout: Layout, images: Mapping[str, Bytes], inverse_range: Floats | None = None) -> Bytes:
     """Return the image (H, W[, 3]) of the sphere, 1 to 255, and 0 where no camera sees.
 
     images: by camera, all grey or all RGB. inverse_range (H, W) 1/m, known everywhere: each pixel is taken from where
@@ -50,8 +48,8 @@ def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | No
 
 
 def warp_view(
-    view: StitchedView, image: Image, inverse_range: Plane | None = None, tiles: Sequence[Block] | None = None
-) -> Image:
+    view: StitchedView, image: Bytes, inverse_range: Floats | None = None, tiles: Sequence[Block] | None = None
+) -> Bytes:
     """Return the part (h, w[, 3]) of a camera's image in its block of the sphere, 1 to 255.
 
     tiles: what is needed of it, by the place in the block; 0 elsewhere.
@@ -71,7 +69,7 @@ def warp_view(
     return part
 
 
-def _put(image: Image, part: Image, block: Block, mask: NDArray[np.uint8]) -> None:
+def _put(image: Bytes, part: Bytes, block: Block, mask: Bytes) -> None:
     """Copy a block's part to the sphere where the mask is not 0; its columns wrap around."""
     width, rows = image.shape[1], slice(block.row, block.row + block.height)
     first = min(block.width, width - block.column)
@@ -81,7 +79,7 @@ def _put(image: Image, part: Image, block: Block, mask: NDArray[np.uint8]) -> No
             cv2.copyTo(part[:, columns], mask[:, columns], image[rows, place : place + size])
 
 
-def _join(strip: Strip, layout: Layout, parts: Sequence[Image]) -> Image:
+def _join(strip: Strip, layout: Layout, parts: Sequence[Bytes]) -> Bytes:
     """Return the mixed image (h, w[, 3]) of a strip's block."""
     is_gray = parts[0].ndim == 2
     block, num_bands = strip.block, len(strip.shares[0].weights) - 1
@@ -110,7 +108,7 @@ def _zeros(block: Block, num_bands: int, channels: int) -> list[NDArray[np.int16
     return [np.zeros((size.height, size.width, channels), np.int16) for size in sizes]
 
 
-def _cut(part: Image, own: Block, wanted: Block, width: int) -> Image:
+def _cut(part: Bytes, own: Block, wanted: Block, width: int) -> Bytes:
     """Return a view's part (h, w[, 3]) of a strip's block; beyond what the view has, its border goes on."""
     rows, columns = own.places_of(wanted, width)
     inside = part[rows[0] : rows[-1] + 1] if rows[-1] - rows[0] + 1 == rows.size else part[rows]
@@ -119,7 +117,7 @@ def _cut(part: Image, own: Block, wanted: Block, width: int) -> Image:
     return np.take(inside, columns, axis=1)
 
 
-def _add(image: Image, weights: Sequence[Plane], totals: Sequence[NDArray[np.int16]]) -> None:
+def _add(image: Bytes, weights: Sequence[Floats], totals: Sequence[NDArray[np.int16]]) -> None:
     """Add one view's bands to the sums."""
     finest = image
     for weight, total in zip(weights[:-1], totals[:-1], strict=True):
@@ -130,7 +128,7 @@ def _add(image: Image, weights: Sequence[Plane], totals: Sequence[NDArray[np.int
     add_band(_three(finest), np.zeros_like(_three(finest)), weights[-1], totals[-1])
 
 
-def _three(image: Image) -> Image:
+def _three(image: Bytes) -> Bytes:
     return np.ascontiguousarray(image if image.ndim == 3 else image[:, :, None])
 
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import MIN_BASELINE_M, NUM_BANDS
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.stitching.views import Layout, RigView, border_of, layout_of
 from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
+from sphere_nav.geometry.arrays import Array, Bytes
 
 MAX_LAYOUTS = 8  # sets of cameras whose tables are kept
 
@@ -20,7 +20,7 @@ MAX_LAYOUTS = 8  # sets of cameras whose tables are kept
 class Layouts:
     """The tables of a rig. `T_rig_sphere` is where its spheres are, `baseline_m` how far above its bottom spheres."""
 
-    def __init__(self, rig: Rig, params: StitchParams, masks: Mapping[str, NDArray[np.uint8]]) -> None:
+    def __init__(self, rig: Rig, params: StitchParams, masks: Mapping[str, Bytes]) -> None:
         align = max(64, 2 << NUM_BANDS)
         if params.width % align:
             raise ValueError(f"stitch.width: expected a multiple of {align}, found {params.width}")
@@ -59,7 +59,7 @@ class Layouts:
         )
 
 
-def center_of(cameras: Sequence[RigCamera]) -> NDArray[np.float64]:
+def center_of(cameras: Sequence[RigCamera]) -> Array:
     """Return the mean of the cameras' centres (3,) in the frame of the rig."""
     return np.mean([camera.T_rig_camera.translation for camera in cameras], axis=0)
 
@@ -83,7 +83,7 @@ def sphere_frame(rig: Rig) -> tuple[SE3, float]:
     return SE3.from_parts(upright((top - bottom) / baseline_m, np.array([1.0, 0.0, 0.0])), top), baseline_m
 
 
-def upright(z: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.float64]:
+def upright(z: Array, forward: Array) -> Array:
     """Return the rotation whose z axis is the unit vector z and whose x axis is nearest to `forward`."""
     x = forward - z * (z @ forward)
     x = x / np.linalg.norm(x)

@@ -29,11 +29,8 @@ from sphere_mapping.acquisition.constants import (
 )
 from sphere_mapping.acquisition.stitching.strips import Block
 from sphere_mapping.acquisition.stitching.views import RigView, block_around
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
-
-Image = NDArray[np.uint8]
-Plane = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +43,7 @@ class Overlap:
     first: int
     second: int
     block: Block
-    both: NDArray[np.bool_]
+    both: Flags
     chosen: NDArray[np.int32]
     angles: tuple[Array, Array]
 
@@ -86,7 +83,7 @@ class Overlaps:
                 own_angles = (block.cut(angles[a])[*chosen.T], block.cut(angles[b])[*chosen.T])
                 self.pairs.append(Overlap(a, b, block, block.cut(both), chosen, own_angles))
 
-    def compare(self, images: Mapping[int, Image]) -> list[Shared]:
+    def compare(self, images: Mapping[int, Bytes]) -> list[Shared]:
         """Return what pairs of the images (h, w[, 3]) by number of the camera have in common."""
         planes = {}
         for k, image in images.items():
@@ -107,9 +104,7 @@ class Overlaps:
         return found
 
 
-def is_same_detail(
-    first: Plane, second: Plane, both: NDArray[np.bool_], block: Block, chosen: NDArray[np.int32]
-) -> NDArray[np.bool_]:
+def is_same_detail(first: Floats, second: Floats, both: Flags, block: Block, chosen: NDArray[np.int32]) -> Flags:
     """Return at which of the chosen places (N, 2) of a block of two images of logarithms the detail correlates.
 
     Or neither has any. both: where (h, w) of the block both are seen.
@@ -126,11 +121,10 @@ def is_same_detail(
     aa, bb, ab = np.maximum(aa / number - a * a, 0.0), np.maximum(bb / number - b * b, 0.0), ab / number - a * b
     most, least = np.maximum(aa, bb), np.minimum(aa, bb)
     is_like = (ab > MIN_CORRELATION * np.sqrt(most * least)) & (least > FAINT_DETAIL**2)
-    found: NDArray[np.bool_] = both[*chosen.T] & (is_like | (most < FLAT_DETAIL**2))
-    return found
+    return both[*chosen.T] & (is_like | (most < FLAT_DETAIL**2))
 
 
-def angles_of(rig_view: RigView, pixels: NDArray[np.float64]) -> Array:
+def angles_of(rig_view: RigView, pixels: Array) -> Array:
     """Return the angle (...,) in rad of pixels (..., 2) from the optical axis, NaN where nothing is seen."""
     rays = rig_view.camera.unproject(pixels)
     return np.arctan2(np.linalg.norm(rays[..., :2], axis=-1), rays[..., 2])
@@ -142,9 +136,9 @@ def _angles(rig_view: RigView, points: Array) -> Array:
     return np.arctan2(np.linalg.norm(seen[..., :2], axis=-1), seen[..., 2])
 
 
-def _mean_logarithm(plane: Plane) -> Plane:
+def _mean_logarithm(plane: Floats) -> Floats:
     """Return the mean (h, w) over the channels of the logarithms of levels (h, w, channels)."""
-    logs: Plane = np.log(np.maximum(plane, np.float32(1.0)))
+    logs: Floats = np.log(np.maximum(plane, np.float32(1.0)))
     total = logs[:, :, 0]
     for channel in range(1, logs.shape[2]):  # NumPy's sum along so short an axis takes several times as long
         total = total + logs[:, :, channel]
@@ -156,7 +150,7 @@ def _step(rig_view: RigView) -> int:
     return max(min(round(camera.pixels_per_radian * OVERLAP_CELL), camera.width, camera.height), 1)
 
 
-def _shrink(image: Image, step: int) -> Plane:
+def _shrink(image: Bytes, step: int) -> Floats:
     """Return the image with pixels `step` times as large; a whole number of pixels each, which is much faster."""
     height, width = image.shape[0] // step, image.shape[1] // step
     whole = image[: height * step, : width * step]

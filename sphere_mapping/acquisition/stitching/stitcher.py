@@ -32,10 +32,8 @@ from sphere_mapping.acquisition.range.vertical import VerticalStereo
 from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.layouts import Layouts
 from sphere_nav.geometry import Rig
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes
 from sphere_nav.spheres.sphere import Sphere, check_depth, check_sphere_image, to_gray_bytes
-
-Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +41,7 @@ class Stitched:
     """The sphere of an instant; the bottom sphere where the rig has one; the cameras that were missing."""
 
     sphere: Sphere
-    bottom: Image | None
+    bottom: Bytes | None
     missing: tuple[str, ...]
     gains: dict[str, Array]
 
@@ -55,7 +53,7 @@ class Stitcher:
     """
 
     def __init__(
-        self, rig: Rig, params: StitchParams | None = None, masks: Mapping[str, Image] | None = None, jobs: int = 1
+        self, rig: Rig, params: StitchParams | None = None, masks: Mapping[str, Bytes] | None = None, jobs: int = 1
     ) -> None:
         self.rig, self.params, self.masks = rig, params or StitchParams(), dict(masks or {})
         self.layouts = Layouts(rig, self.params, self.masks)
@@ -72,7 +70,7 @@ class Stitcher:
 
     def stitch(
         self,
-        images: Mapping[str, Image],
+        images: Mapping[str, Bytes],
         stamp_ns: int = 0,
         points_rig: NDArray[np.floating] | None = None,
         depths: Mapping[str, NDArray[np.floating]] | None = None,
@@ -93,7 +91,7 @@ class Stitcher:
         missing = tuple(name for name in self.rig.names if name not in equal)
         return Stitched(Sphere(image, range_m, self.whole, stamp_ns, std_m), stereo.bottom, missing, gains)
 
-    def equalize(self, images: Mapping[str, Image]) -> tuple[dict[str, Image], dict[str, Array]]:
+    def equalize(self, images: Mapping[str, Bytes]) -> tuple[dict[str, Bytes], dict[str, Array]]:
         """Return the checked images with their exposures made equal, in the order of the rig, and the gains."""
         if not images:
             raise ValueError(f"rig {self.rig.name}: expected at least one image, found none")
@@ -105,7 +103,7 @@ class Stitcher:
         ordered = {name: images[name] for name in self.rig.names if name in images}
         return self._light.balance(ordered)
 
-    def matches(self, images: Mapping[str, Image], points_rig: NDArray[np.floating] | None = None) -> list[Matches]:
+    def matches(self, images: Mapping[str, Bytes], points_rig: NDArray[np.floating] | None = None) -> list[Matches]:
         """Return the features that cameras share at one instant, for `rectify`; points_rig as for `stitch`."""
         grays = _to_grays(self.equalize(images)[0])
         points = None if points_rig is None else self._to_sphere(points_rig)
@@ -129,7 +127,7 @@ class Stitcher:
             self.stereo.is_checked = True
         self._light.resume(learned)
 
-    def _find_range(self, images: Mapping[str, Image]) -> StereoRange:
+    def _find_range(self, images: Mapping[str, Bytes]) -> StereoRange:
         """Return what the images say about range."""
         if self.stereo is None:
             return StereoRange()
@@ -155,6 +153,6 @@ class Stitcher:
         return self.T_rig_sphere.inverse().apply(np.asarray(points_rig, dtype=np.float64))
 
 
-def _to_grays(images: Mapping[str, Image]) -> dict[str, Image]:
+def _to_grays(images: Mapping[str, Bytes]) -> dict[str, Bytes]:
     """Return grey images (h, w) of grey or RGB ones."""
     return {name: to_gray_bytes(image) for name, image in images.items()}

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.constants import ALONE, CAP_ROWS
-
-Plane = NDArray[np.float32]
-Flags = NDArray[np.bool_]
+from sphere_nav.geometry.arrays import Flags, Floats
 
 OUTSIDE = -1  # owner of a pixel that no camera shows
 
@@ -75,7 +73,7 @@ class Share:
 
     view: int
     columns: slice
-    weights: tuple[Plane, ...]
+    weights: tuple[Floats, ...]
 
 
 def strips_of(owner: NDArray[np.int8], number: int, num_bands: int) -> tuple[Strip, ...]:
@@ -92,7 +90,7 @@ def strips_of(owner: NDArray[np.int8], number: int, num_bands: int) -> tuple[Str
     return tuple(found)
 
 
-def _shares(view: int, levels: Sequence[Plane], block: Block, margin: int) -> Iterator[Share]:
+def _shares(view: int, levels: Sequence[Floats], block: Block, margin: int) -> Iterator[Share]:
     """Yield where a view whose weights (H >> l, W >> l) of the sphere are given has a share in a block."""
     own = [block.at(level).cut(weight) for level, weight in enumerate(levels)]
     has_share = np.any([np.repeat(weight.any(axis=0), 1 << level) for level, weight in enumerate(own)], axis=0)
@@ -104,7 +102,7 @@ def _shares(view: int, levels: Sequence[Plane], block: Block, margin: int) -> It
         yield Share(view, slice(first, last), tuple(weights))
 
 
-def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> dict[int, list[Plane]]:
+def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> dict[int, list[Floats]]:
     """Return the share (H >> l, W >> l) of each view in each band: its region, blurred; 1 in all where covered."""
     pyramids = {}
     for k in range(number):
@@ -119,7 +117,7 @@ def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> dict[int, 
     return pyramids
 
 
-def _mix(weights: dict[int, list[Plane]]) -> Flags:
+def _mix(weights: dict[int, list[Floats]]) -> Flags:
     """Return the pixels (H, W) that more than one view has a share in, through any band."""
     found: Flags | None = None
     for level in reversed(range(len(weights[0]))):

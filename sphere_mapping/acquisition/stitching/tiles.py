@@ -8,19 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
+from sphere_nav.geometry.arrays import Bytes, Flags
 
 ROWS = 4  # cells of a tile: as wide as it is needed anywhere in them
-
-Flags = NDArray[np.bool_]
 
 
 def tiles_of(
     view: int,
     block: Block,
-    is_owned: NDArray[np.uint8],
+    is_owned: Bytes,
     strips: Sequence[Strip],
     step: int,
     width: int,

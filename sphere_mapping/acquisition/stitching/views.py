@@ -18,11 +18,9 @@ from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS, VERY
 from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
 from sphere_mapping.acquisition.stitching.tiles import tiles_of
 from sphere_nav.geometry import SE3, Camera, Rig, RigCamera, Spherical
+from sphere_nav.geometry.arrays import Array, Bytes, Flags, Floats
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.files.encoded import read_image_file
-
-Plane = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +33,9 @@ class RigView:
     name: str
     camera: Camera
     T_sphere_camera: SE3
-    border: Plane
+    border: Floats
 
-    def project(self, points: NDArray[np.float64]) -> tuple[Plane, Plane, Plane]:
+    def project(self, points: Array) -> tuple[Floats, Floats, Floats]:
         """Return u, v and border (...,) where the camera sees points (..., 3) of the sphere's frame; 0: not at all."""
         pixels, visible = self.camera.project(self.T_sphere_camera.inverse().apply(points))
         u, v = (np.nan_to_num(pixels[..., k], nan=-1e4, posinf=-1e4, neginf=-1e4).astype(np.float32) for k in (0, 1))
@@ -53,8 +51,8 @@ class StitchedView:
     rig_view: RigView
     block: Block
     table: tuple[NDArray, NDArray]  # fixed-point maps of cv2.remap at the common distance
-    is_owned: NDArray[np.uint8]  # (h, w), 255 where the sphere shows this camera
-    by_range: Plane  # (gh, gw, K, 2): u, v at every GRID_STEP-th pixel and each of INVERSE_LEVELS
+    is_owned: Bytes  # (h, w), 255 where the sphere shows this camera
+    by_range: Floats  # (gh, gw, K, 2): u, v at every GRID_STEP-th pixel and each of INVERSE_LEVELS
 
     @property
     def name(self) -> str:
@@ -81,13 +79,13 @@ class Layout:
         return self.owner != OUTSIDE
 
     @property
-    def centers(self) -> Plane:
+    def centers(self) -> Floats:
         """Centres of the cameras (N, 3) in the frame of the sphere."""
         centers = [view.rig_view.T_sphere_camera.translation for view in self.views]
         return np.array(centers, dtype=np.float32).reshape(-1, 3)
 
 
-def masks_of(rig: Rig) -> dict[str, NDArray[np.uint8]]:
+def masks_of(rig: Rig) -> dict[str, Bytes]:
     """Read the masks of a rig's cameras; ValueError for a file that is no image."""
     found = {}
     for part in rig.cameras:
@@ -97,7 +95,7 @@ def masks_of(rig: Rig) -> dict[str, NDArray[np.uint8]]:
     return found
 
 
-def border_of(part: RigCamera, mask: NDArray[np.uint8] | None) -> Plane:
+def border_of(part: RigCamera, mask: Bytes | None) -> Floats:
     """Return the angle (h, w) in radians from each pixel of a camera to the nearest one without use."""
     usable = np.isfinite(pixel_rays(part.camera)).all(axis=-1)
     if mask is not None:
@@ -157,7 +155,7 @@ def block_around(is_wanted: Flags, whole: Spherical, step: int, margin: int, ali
     return Block(int(top), int(left % whole.width), int(bottom - top), int(width))
 
 
-def block_rays(whole: Spherical, block: Block, step: int = 1) -> NDArray[np.float64]:
+def block_rays(whole: Spherical, block: Block, step: int = 1) -> Array:
     """Return unit rays of every step-th pixel of a block, one more at the end where step is above 1."""
     extra = 1 if step > 1 else 0
     v = block.row + step * np.arange(-(-block.height // step) + extra)
@@ -173,15 +171,15 @@ def _owners(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, s
     return np.where(borders.max(axis=0) > 0, owner, np.int8(OUTSIDE))
 
 
-def _see(rig_view: RigView, rays: NDArray[np.float64], distance_m: float) -> tuple[Plane, Plane, Plane]:
+def _see(rig_view: RigView, rays: Array, distance_m: float) -> tuple[Floats, Floats, Floats]:
     return rig_view.project(rays * (distance_m or VERY_FAR_M))
 
 
-def _project_at(rig_view: RigView, whole: Spherical, block: Block, distance_m: float) -> tuple[Plane, Plane, Plane]:
+def _project_at(rig_view: RigView, whole: Spherical, block: Block, distance_m: float) -> tuple[Floats, Floats, Floats]:
     return _see(rig_view, block_rays(whole, block), distance_m)
 
 
-def _table(u: Plane, v: Plane, border: Plane) -> tuple[NDArray, NDArray]:
+def _table(u: Floats, v: Floats, border: Floats) -> tuple[NDArray, NDArray]:
     """Return fixed-point maps; what the camera does not see continues what it sees next to it."""
     seen = border > 0
     if seen.any() and not seen.all():
@@ -194,7 +192,7 @@ def _table(u: Plane, v: Plane, border: Plane) -> tuple[NDArray, NDArray]:
     return cv2.convertMaps(u, v, cv2.CV_16SC2)
 
 
-def _by_range(rig_view: RigView, whole: Spherical, block: Block) -> Plane:
+def _by_range(rig_view: RigView, whole: Spherical, block: Block) -> Floats:
     """Return u, v (gh, gw, K, 2) at each inverse range; out of the camera's sight the nearest range within holds."""
     rays = block_rays(whole, block, GRID_STEP)
     seen = [rig_view.project(rays / max(float(inverse), 1e-6)) for inverse in INVERSE_LEVELS]
@@ -207,7 +205,7 @@ def _by_range(rig_view: RigView, whole: Spherical, block: Block) -> Plane:
     return np.ascontiguousarray(grid)
 
 
-def _cut_once(plane: NDArray[np.uint8], block: Block) -> NDArray[np.uint8]:
+def _cut_once(plane: Bytes, block: Block) -> Bytes:
     """Return the block's part, 0 where its columns come a second time."""
     part = np.ascontiguousarray(block.cut(plane))
     part[:, plane.shape[1] :] = 0

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 
 MAX_SIDE = 1 << 16  # px
 MAX_PIXELS = 1 << 26
@@ -45,7 +45,7 @@ class Camera(Protocol):
         """Angular resolution on the optical axis, or on the equator of a sphere."""
         ...
 
-    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3) in the camera frame to pixels (..., 2) and whether each is inside the image."""
         ...
 
@@ -73,7 +73,7 @@ def pixel_rays(camera: Camera) -> Array:
     return camera.unproject(pixel_grid(camera))
 
 
-def inside(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
+def inside(pixels: Array, camera: Camera) -> Flags:
     """Return which pixels (..., 2) lie on the area of the image, half a pixel beyond its outer centres included."""
     u, v = pixels[..., 0], pixels[..., 1]
     return (u >= -0.5) & (u < camera.width - 0.5) & (v >= -0.5) & (v < camera.height - 0.5)

@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sphere_nav.geometry.arrays import TINY, Array
+from sphere_nav.geometry.arrays import TINY, Array, Flags
 from sphere_nav.geometry.cameras.camera import Focal, inside
 
 
@@ -51,7 +51,7 @@ class DoubleSphere(Focal):
         a = self.alpha
         return -(a / (1 - a) if a <= 0.5 else (1 - a) / a)
 
-    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3); points beyond the largest angle are NaN and not visible."""
         p = np.asarray(points, dtype=np.float64)
         _, shifted, second, divisor = self._terms(p)

@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, Focal, inside
 
 MIN_SINE = 1e-9
@@ -39,7 +39,7 @@ class Fisheye(Focal):
         falling = np.flatnonzero(np.diff(self._radius(angle)) <= 0)
         return float(angle[max(falling[0] - 1, 0)]) if falling.size else float(np.pi)
 
-    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3); points beyond `max_angle`, or straight behind, are NaN and not visible."""
         p = np.asarray(points, dtype=np.float64)
         sine = np.hypot(p[..., 0], p[..., 1])

@@ -7,9 +7,8 @@ r = |q| is seen at (fx qx, fy (qy + s qx)); a turn of A about the axis would be 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.ocam import OCam
@@ -63,7 +62,7 @@ def camera_of(model: str, size: tuple[int, int], lens: Array, num_distortion: in
     return Pinhole(width, height, fx, fy, cx, cy, tuple(k[:num_distortion]))
 
 
-def free_parameters(model: str, num_distortion: int) -> NDArray[np.bool_]:
+def free_parameters(model: str, num_distortion: int) -> Flags:
     """Return which of the 12 parameters a model has."""
     number = np.arange(NUM_LENS)
     if model == "omni":

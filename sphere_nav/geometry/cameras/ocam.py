@@ -8,9 +8,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 from numpy.polynomial import polynomial as poly
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.camera import MAX_LENGTH, NEWTON_STEPS, check_lens, check_size, inside
 from sphere_nav.geometry.cameras.fisheye import MIN_SINE
 
@@ -84,7 +84,7 @@ class OCam:
     def _affine(self) -> Array:
         return np.array([[1.0, self.e], [self.d, self.c]])
 
-    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3); points beyond `max_angle`, or straight behind, are NaN and not visible."""
         p = np.asarray(points, dtype=np.float64)
         sine = np.hypot(p[..., 0], p[..., 1])

@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.camera import Focal
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 
@@ -63,7 +63,7 @@ class Omni(Focal):
         """Cosine of the largest angle from the axis that has a pixel."""
         return -self.xi if self.xi <= 1.0 else -1.0 / self.xi
 
-    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3); points beyond the largest angle are NaN and not visible."""
         p = np.asarray(points, dtype=np.float64)
         distance = np.linalg.norm(p, axis=-1)

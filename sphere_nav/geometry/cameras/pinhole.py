@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, Focal, inside
 
 NUM_DISTORTION = 8  # k1 k2 p1 p2 k3 k4 k5 k6, the order of OpenCV and ROS
@@ -56,7 +56,7 @@ class Pinhole(Focal):
         falling = np.flatnonzero(np.diff(distorted) <= 0)
         return float(r[max(falling[0] - 1, 0)]) if falling.size else np.inf
 
-    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3); points behind the camera or beyond `max_radius` are NaN and not visible."""
         p = np.asarray(points, dtype=np.float64)
         in_front = p[..., 2] > MIN_DEPTH

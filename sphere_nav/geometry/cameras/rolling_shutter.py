@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.cameras.camera import Camera, inside
 from sphere_nav.geometry.se3 import SE3
 from sphere_nav.params import param, parameters
@@ -50,7 +50,7 @@ def row_share(v: ArrayLike, rows: int) -> Array:
 
 def project_rolling(
     camera: Camera, points: ArrayLike, twist: ArrayLike, same_row: float = SAME_ROW
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Flags]:
     """Project points (N, 3), given in the camera of the middle row, to pixels (N, 2) and whether each is inside.
 
     The row decides where the camera was, and that decides the row: found by fixed-point iteration, until no row changes

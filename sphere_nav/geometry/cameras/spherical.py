@@ -7,9 +7,9 @@ from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sphere_nav.geometry.arrays import TINY, Array
+from sphere_nav.geometry.arrays import TINY, Array, Flags
 from sphere_nav.geometry.cameras.camera import check_size, inside
 
 
@@ -58,7 +58,7 @@ class Spherical:
         """Angular resolution on the equator."""
         return self.full_width / (2.0 * np.pi)
 
-    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    def project(self, points: ArrayLike) -> tuple[Array, Flags]:
         """Project points (..., 3); u is in [-1/2, full_width - 1/2) before the window is cut out."""
         p = np.asarray(points, dtype=np.float64)
         horizontal = np.hypot(p[..., 0], p[..., 1])

@@ -10,7 +10,7 @@ import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_json, number, read_text, required, short
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_json, number, read_text, required, short, told_at
 from sphere_nav.geometry.se3 import SE3
 
 FIELDS = ("T_imu_cam", "intrinsics", "resolution")
@@ -34,10 +34,8 @@ def is_basalt(values: Any) -> bool:
 def read_basalt(path: Path) -> ForeignRig:
     """Return the cameras of a calibration of basalt; `T_imu_cam` points as ours do."""
     values = load_json(path, read_text(path, "basalt calibration", MAX_FILE_BYTES))
-    try:
+    with told_at(path):
         return _rig(values)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _inner(values: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.isolated import read_isolated
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import read_bytes
+from sphere_nav.geometry.files.untrusted import printable, read_bytes
 
 HEADER = 65536  # bytes within which a JPEG tells its size
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
@@ -33,14 +33,14 @@ def read_image_file(path: str | os.PathLike[str], mode: int, what: str = "file o
     try:
         if data.startswith((PNG_MAGIC, JPEG_MAGIC)):
             return decode_file(data, MAX_PIXELS, mode)
-        read = read_other_gray if mode == cv2.IMREAD_GRAYSCALE else read_other
+        read = _read_other_gray if mode == cv2.IMREAD_GRAYSCALE else _read_other
         return np.asarray(read_isolated(read, Path(path), OTHER_BYTES, OTHER_S))
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith(str(path)) else f"{path}: {text}") from None
 
 
-def read_other(path: Path, mode: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
+def _read_other(path: Path, mode: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
     """Return the pixels of a file of any kind; it may end the process."""
     pixels = cv2.imdecode(np.fromfile(path, np.uint8), mode | cv2.IMREAD_IGNORE_ORIENTATION)
     if pixels is None or pixels.size > 4 * MAX_PIXELS:
@@ -48,9 +48,9 @@ def read_other(path: Path, mode: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
     return np.asarray(pixels)
 
 
-def read_other_gray(path: Path) -> NDArray[Any]:
+def _read_other_gray(path: Path) -> NDArray[Any]:
     """Return the grey levels of a file of any kind; it may end the process."""
-    return read_other(path, cv2.IMREAD_GRAYSCALE)
+    return _read_other(path, cv2.IMREAD_GRAYSCALE)
 
 
 def decode_file(
@@ -69,7 +69,7 @@ def decode_file(
     try:
         pixels = cv2.imdecode(raw, mode | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
-        raise ValueError(f"image data: expected an image, found {' '.join(str(error).split())}") from None
+        raise ValueError(f"image data: expected an image, found {printable(str(error))}") from None
     if pixels is None or pixels.shape[1::-1] != (width, height):
         raise ValueError(f"image data: expected an image, found {raw.size} bytes that do not decode")
     return np.asarray(pixels)

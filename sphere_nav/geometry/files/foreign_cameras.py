@@ -11,7 +11,7 @@ from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.omni import Omni
 from sphere_nav.geometry.cameras.pinhole import Pinhole
-from sphere_nav.geometry.files.untrusted import check_center, numbers, short, size
+from sphere_nav.geometry.files.untrusted import check_center, numbers, short, size, told_at
 from sphere_nav.geometry.se3 import SE3
 
 
@@ -62,17 +62,13 @@ class ForeignLens:
         """Return Mei's camera, x / (z + xi d), with radial and tangential distortion behind it."""
         center = (self.cx, self.cy)
         check_center(center, self.size, self.where)
-        try:
+        with told_at(self.where):
             return Omni(*self.size, self.fx, self.fy, *center, xi, distortion)
-        except ValueError as error:
-            raise ValueError(f"{self.where}: {error}") from None
 
     def _check(self, model: Any, *more: Any) -> Camera:
         check_center((self.cx, self.cy), self.size, self.where)
-        try:
+        with told_at(self.where):
             camera: Camera = model(*self.size, self.fx, self.fy, self.cx, self.cy, *more)
-        except ValueError as error:
-            raise ValueError(f"{self.where}: {error}") from None
         return camera
 
 

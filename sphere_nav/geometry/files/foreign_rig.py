@@ -11,6 +11,7 @@ from sphere_nav.geometry.files.foreign_cameras import ForeignRig
 from sphere_nav.geometry.files.kalibr_file import is_kalibr, join_chains, read_kalibr
 from sphere_nav.geometry.files.ocam_file import is_ocam, read_ocam
 from sphere_nav.geometry.files.opencv_file import is_opencv, load_opencv, read_opencv
+from sphere_nav.geometry.files.untrusted import told_at
 
 FRAMES = ("camera", "imu")
 FORMATS = ("kalibr", "basalt", "opencv", "ocam")
@@ -66,7 +67,5 @@ def place_rig(found: ForeignRig, frame: str, path: Path) -> Rig:
         T_rig_origin = T_BODY_OPTICAL @ found.T_origin_camera[0].inverse()
         poses = [T_rig_origin @ T for T in found.T_origin_camera]
     parts = zip(found.names, found.cameras, poses, strict=True)
-    try:
+    with told_at(path):
         return Rig(tuple(RigCamera(*part) for part in parts), path.stem)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None

@@ -15,7 +15,7 @@ import numpy as np
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model, vector
 from sphere_nav.geometry.files.opencv_file import without_directive
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, pose, read_text, required, short
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, pose, read_text, required, short, told_at
 from sphere_nav.geometry.se3 import SE3
 
 
@@ -82,10 +82,8 @@ def read_kalibr(path: Path) -> ForeignRig:
     other way than ours do.
     """
     values = load_yaml(path, without_directive(read_text(path, "Kalibr camchain", MAX_FILE_BYTES)))
-    try:
+    with told_at(path):
         return _rig(values)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _rig(values: Any) -> ForeignRig:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from sphere_nav.geometry.cameras.ocam import OCam
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, number, read_text
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, number, read_text, told_at
 from sphere_nav.geometry.se3 import SE3
 
 NUM_LINES = 5  # polynomial, inverse polynomial, centre, affine part, size
@@ -33,10 +33,8 @@ def read_ocam(path: Path) -> ForeignRig:
         raise ValueError(f"{path}: polynomial: expected {count:.0f} coefficients, found {len(polynomial)}")
     height, width = (round(side) for side in values[4])
     (row, column), (c, d, e) = values[2], values[3]
-    try:
+    with told_at(path):
         camera = OCam(width, height, column, row, tuple(-value for value in polynomial), c, d, e)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     return ForeignRig(("cam0",), (camera,), (SE3.identity(),))
 
 

@@ -25,6 +25,7 @@ from sphere_nav.geometry.files.untrusted import (
     read_text,
     short,
     size,
+    told_at,
 )
 from sphere_nav.geometry.se3 import SE3
 
@@ -39,16 +40,16 @@ NUM_PINHOLE = (0, 4, 5, 8, 12, 14)
 MAX_SKEW = 1e-6
 
 
-class OpenCvLoader(StrictLoader):
+class _OpenCvLoader(StrictLoader):
     """Reads `!!opencv-matrix` as the mapping of rows, cols and data that it is."""
 
 
-def _as_mapping(loader: OpenCvLoader, node: Any) -> dict[Any, Any]:
+def _as_mapping(loader: _OpenCvLoader, node: Any) -> dict[Any, Any]:
     return loader.construct_mapping(node, deep=True)
 
 
-OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _as_mapping)
-OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _as_mapping)
+_OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _as_mapping)
+_OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _as_mapping)
 
 
 def without_directive(text: str) -> str:
@@ -62,7 +63,7 @@ def load_opencv(path: Path) -> Any:
     text = read_text(path, "calibration file", MAX_FILE_BYTES)
     if text.lstrip().startswith("<"):
         raise ValueError(f"{path}: expected YAML or JSON, found XML (FileStorage writes YAML to names in .yml)")
-    return load_yaml(path, without_directive(text).replace("\t", " "), OpenCvLoader)
+    return load_yaml(path, without_directive(text).replace("\t", " "), _OpenCvLoader)
 
 
 def is_opencv(values: Any) -> bool:
@@ -83,10 +84,8 @@ def read_opencv(
         if twice := sorted(set(values) & set(_plain(found))):
             raise ValueError(f"{path}: {twice[0]}: expected fields that the first file has not, found it again")
         values |= _plain(found)
-    try:
+    with told_at(" ".join(map(str, paths))):
         return _rig(values, image_size, model, unit_m)
-    except ValueError as error:
-        raise ValueError(f"{' '.join(map(str, paths))}: {error}") from None
 
 
 def _plain(values: Values) -> dict[str, Any]:
@@ -168,7 +167,5 @@ def _pose(R: Array, t: Array, unit_m: float) -> SE3:
         raise ValueError(f"R: expected 3 x 3 numbers, found {R.shape[0]} x {R.shape[1]}")
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = R, unit_m * t.ravel()
-    try:
+    with told_at("R"):
         return SE3.from_matrix(matrix, ROTATION_TOLERANCE)
-    except ValueError as error:
-        raise ValueError(f"R: {error}") from None

@@ -25,6 +25,7 @@ from sphere_nav.geometry.files.untrusted import (
     read_text,
     short,
     size,
+    told_at,
 )
 from sphere_nav.geometry.files.whole_file import write_whole
 
@@ -69,10 +70,8 @@ def read_rig(path: str | Path) -> Rig:
 def parse_rig(text: str, where: str, folder: Path = Path()) -> Rig:
     """Return the rig of the text of a file; ValueError, with `where` it stands, if it is none."""
     found = load_yaml(where, text)
-    try:
+    with told_at(where):
         return _rig(mapping(found, "rig", RIG_FIELDS), folder)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
 
 
 def write_rig(path: str | Path, rig: Rig, *, is_overwriting: bool = False) -> None:

@@ -11,7 +11,8 @@ import math
 import os
 import reprlib
 import stat
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from decimal import Decimal, InvalidOperation
 from io import BufferedReader
 from pathlib import Path
@@ -27,6 +28,15 @@ from sphere_nav.geometry.se3 import SE3
 MAX_TABLE_BYTES = 64 << 20  # of numbers as text: half a million poses
 MAX_ARRAY_BYTES = 1 << 32
 NPY_MAGIC = b"\x93NUMPY"
+
+
+@contextmanager
+def told_at(where: object, kind: type[ValueError] = ValueError) -> Iterator[None]:
+    """A ValueError of what is done within says where, and is of that kind."""
+    try:
+        yield
+    except ValueError as error:
+        raise kind(f"{where}: {error}") from None
 
 
 def open_file(path: str | os.PathLike[str], what: str, max_bytes: int) -> BufferedReader:
@@ -66,7 +76,7 @@ def read_text(
     try:
         text = read_bytes(path, what, max_bytes).decode("utf-8-sig", errors)
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: expected text of a {what}, found {' '.join(str(error).split())}") from None
+        raise ValueError(f"{path}: expected text of a {what}, found {printable(str(error))}") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -78,7 +88,7 @@ def read_npy(path: str | os.PathLike[str], what: str) -> Any:
     try:
         return np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError, OverflowError, TypeError, SyntaxError, TokenError) as error:  # of its header
-        text = " ".join(str(error).split())[:200]
+        text = printable(str(error))[:200]
         raise ValueError(f"{path}: expected an {what}, found a file that is none ({text})") from None
 
 
@@ -87,7 +97,7 @@ def load_json(where: Path | str, text: str) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{where}: expected JSON, found {' '.join(str(error).split())[:200]}") from None
+        raise ValueError(f"{where}: expected JSON, found {printable(str(error))[:200]}") from None
 
 
 def path_below(folder: Path, name: str, what: str) -> Path:
@@ -119,8 +129,6 @@ MAX_DEPTH = 32
 MAX_ALIASES = 64  # each stands for a part of the text, as none stands for another
 MAX_WORD = 4096  # characters without quotes; the sexagesimal numbers of YAML 1.1 take time by the square of theirs
 
-MERGE = "tag:yaml.org,2002:merge"
-
 Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -129,7 +137,7 @@ class StrictLoader(Base):  # type: ignore[misc]
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Return the mapping of a node; ConstructorError where a key comes twice."""
-        own = [key for key, _ in node.value if key.tag != MERGE]  # those it merges, it may override
+        own = [key for key, _ in node.value if key.tag != "tag:yaml.org,2002:merge"]  # those it merges, it may override
         found = super().construct_mapping(node, deep=True)  # refuses keys that cannot be compared
         keys = [self.construct_object(key, deep=True) for key in own]
         if len(set(keys)) < len(keys):
@@ -258,10 +266,8 @@ def pose(found: Any, where: str) -> SE3:
     if not isinstance(found, list) or len(found) != 4:
         raise ValueError(f"{where}: expected 4 rows of 4 numbers, found {short(found)}")
     matrix = np.array([numbers(row, where, 4) for row in found])
-    try:
+    with told_at(where):
         return SE3.from_matrix(matrix, ROTATION_TOLERANCE)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
 
 
 def check_center(center: tuple[float, float], image_size: tuple[int, int], where: str) -> None:

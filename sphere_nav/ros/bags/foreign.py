@@ -22,7 +22,7 @@ from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import open_file
+from sphere_nav.geometry.files.untrusted import open_file, printable
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import ROS1, SALVAGE, SQLITE
 from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, BoundedFile
@@ -122,7 +122,7 @@ class ForeignBag:
         except (MemoryError, KeyboardInterrupt):
             raise
         except Exception as error:
-            text = " ".join(str(error).split()) or type(error).__name__
+            text = printable(str(error)) or type(error).__name__
             if isinstance(error, BagError) and text.startswith(str(self._path)):
                 raise BagError(text) from None
             remedy = "" if self._path.suffix == ROS1 else f"; {SALVAGE}"

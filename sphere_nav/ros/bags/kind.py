@@ -10,6 +10,7 @@ from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from sphere_nav.geometry.files.untrusted import printable
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.unpack import unpack_file
 
@@ -44,7 +45,7 @@ class PlainView:
             self.close()
             if isinstance(error, BagError) or not isinstance(error, (OSError, ValueError, TypeError, RecursionError)):
                 raise
-            raise BagError(f"{path}: expected a readable bag, found: {' '.join(str(error).split())[:200]}") from None
+            raise BagError(f"{path}: expected a readable bag, found: {printable(str(error))[:200]}") from None
 
     def _add(self, file: Path, mode: str) -> str:
         if not file.is_file():

@@ -21,7 +21,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import open_file
+from sphere_nav.geometry.files.untrusted import open_file, printable, told_at
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.unpack import unpack
 
@@ -51,7 +51,7 @@ def told(what: str) -> Iterator[None]:
     except (MemoryError, BagError):
         raise
     except Exception as error:
-        text = " ".join(str(error).split()) or type(error).__name__
+        text = printable(str(error)) or type(error).__name__
         raise BagError(f"expected {what}, found: {text[:200]}") from None
 
 
@@ -100,11 +100,9 @@ class McapFile:
         self.size = self.stream.seek(0, 2)
         self._loose: list[tuple[int, int]] = []  # log time and place of messages outside of chunks
         try:
-            self.summary = self._read_summary()
-            self._tell_unreadable()
-        except BagError as error:
-            self.stream.close()
-            raise BagError(f"{self.path}: {error}") from None
+            with told_at(path, BagError):
+                self.summary = self._read_summary()
+                self._tell_unreadable()
         except BaseException:
             self.stream.close()
             raise
@@ -127,10 +125,8 @@ class McapFile:
         if readable != set(self.summary.channels):
             channels = readable if channels is None else readable & channels
         stamps = (0 if start_ns is None else start_ns, 2**64 if end_ns is None else end_ns)
-        try:
+        with told_at(self.path, BagError):
             yield from self._sort(channels, *stamps)
-        except BagError as error:
-            raise self._named(error) from None
 
     def _tell_unreadable(self) -> None:
         """Say once which topics are passed over; BagError where all are."""
@@ -143,10 +139,8 @@ class McapFile:
 
     def chunk(self, index: ChunkIndex) -> list[tuple[Channel, Message]]:
         """Return the messages of one chunk in the order of the file; BagError if it is damaged."""
-        try:
+        with told_at(self.path, BagError):
             return self._chunk(index.chunk_start_offset)
-        except BagError as error:
-            raise self._named(error) from None
 
     def _sort(self, channels: set[int] | None, start: int, end: int) -> Iterator[tuple[Channel, Message]]:
         indexes = {index.chunk_start_offset: index for index in self.summary.chunk_indexes}
@@ -182,14 +176,12 @@ class McapFile:
     def _note(self, error: BagError) -> None:
         if self._damages is None:
             raise error
-        if (line := str(self._named(error))) not in self._damages:
+        if (line := f"{self.path}: {error}") not in self._damages:
             self._damages.append(line)
 
     def _chunk(self, place: int) -> list[tuple[Channel, Message]]:
-        try:
+        with told_at(f"chunk at byte {place}", BagError):
             records = read_chunk(self.stream, place)
-        except BagError as error:
-            raise BagError(f"chunk at byte {place}: {error}") from None
         return [(self._channel(record), record) for record in records if isinstance(record, Message)]
 
     def _single(self, place: int) -> tuple[Channel, Message]:
@@ -274,10 +266,6 @@ class McapFile:
     def _read_at(self, place: int, num_bytes: int) -> bytes:
         self.stream.seek(place)
         return self.stream.read(num_bytes)
-
-    def _named(self, error: BagError) -> BagError:
-        text = str(error)
-        return error if text.startswith(str(self.path)) else BagError(f"{self.path}: {text}")
 
 
 def _add(summary: Summary, parts: list[Any]) -> None:

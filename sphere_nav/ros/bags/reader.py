@@ -6,10 +6,9 @@ import heapq
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_text, required, short
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, choice, load_yaml, read_text, required, short, told_at
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import PlainView, compression_of, is_foreign, lone_file
 from sphere_nav.ros.bags.mcap_file import MAX_CHUNK, McapFile, is_readable
@@ -135,15 +134,13 @@ class BagReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.close()
 
     def _class_of(self, topic: str) -> type[Any]:
         info = self.topics[topic]
-        try:
+        with told_at(f"{self.path}: {topic}", BagError):
             kind = message_class(info.type)
-        except ValueError as error:
-            raise BagError(f"{self.path}: {topic}: {error}") from None
         installed = type_hash(info.type)
         if info.hash and installed and info.hash != installed:
             raise BagError(f"{self.path}: {topic}: {info.type}: expected definition {installed}, found {info.hash}")
@@ -158,10 +155,8 @@ class BagReader:
             yield Recorded(channel.topic, message.log_time, message.data)
 
     def _unpacked(self, item: Recorded) -> Recorded:
-        try:
+        with told_at(f"{self.path}: {item.topic}", BagError):
             return item._replace(message=unpack(item.message, "zstd", MAX_CHUNK))
-        except BagError as error:
-            raise BagError(f"{self.path}: {item.topic}: {error}") from None
 
     def _read_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}
@@ -179,10 +174,8 @@ class BagReader:
 
 def deserialize(data: bytes, kind: type[Any], where: str) -> Any:
     """Deserialize one message; BagError if the bytes are not of that type."""
-    try:
+    with told_at(where, BagError):
         return from_bytes(data, kind)
-    except ValueError as error:
-        raise BagError(f"{where}: {error}") from None
 
 
 def _topic_info(name: str, kind: str, metadata: dict[str, str]) -> TopicInfo:

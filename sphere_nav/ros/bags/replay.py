@@ -97,13 +97,7 @@ class OfflineShell(NodeShell):
         """Return the time of the recording."""
         return self._bus.now_ns
 
-    def steady_ns(self) -> int:
-        """Return the time of the recording: there is no other."""
-        return self._bus.now_ns
-
-    def own_ns(self) -> int:
-        """Return the time of the recording."""
-        return self._bus.now_ns
+    steady_ns = now_ns  # there is no other
 
     def publishers_of(self, topic: str) -> list[str]:
         """Return none: a bag does not say who published."""

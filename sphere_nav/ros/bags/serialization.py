@@ -13,6 +13,7 @@ from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from sphere_nav.geometry.files.untrusted import printable
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.interfaces import schema_text, type_name
 
@@ -33,7 +34,7 @@ def view_message(data: memoryview, kind: type[Any], where: str) -> Any:
     try:
         return _type_store(name).deserialize_cdr(data, name)
     except Exception as error:  # whatever bytes of anyone lead to
-        found = f"{len(data)} bytes that are none: {' '.join(str(error).split())}"
+        found = f"{len(data)} bytes that are none: {printable(str(error))}"
         raise BagError(f"{where}: expected {name}, found {found}") from None
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import zstandard
 
-from sphere_nav.geometry.files.untrusted import short
+from sphere_nav.geometry.files.untrusted import printable, short
 from sphere_nav.ros.bags.recorded import BagError
 
 MAX_WINDOW = 1 << 28  # bytes that a decompressor keeps
@@ -33,7 +33,7 @@ def unpack(data: bytes, compression: str, max_size: int) -> bytes:
         if compression == "bz2":
             return _whole(bz2.BZ2Decompressor(), data, max_size)
     except (zstandard.ZstdError, RuntimeError, EOFError, OSError) as error:
-        raise BagError(f"expected {compression} data, found damage: {' '.join(str(error).split())}") from None
+        raise BagError(f"expected {compression} data, found damage: {printable(str(error))}") from None
     if compression:
         raise BagError(f"compression: expected zstd, lz4, bz2 or none, found {short(compression)}")
     return data
@@ -53,7 +53,7 @@ def unpack_file(source: Path, target: Path) -> None:
                     raise BagError(f"{source}: expected at most {limit} bytes after decompression, found more")
                 plain.write(block)
     except zstandard.ZstdError as error:
-        raise BagError(f"{source}: expected zstd data, found damage: {' '.join(str(error).split())}") from None
+        raise BagError(f"{source}: expected zstd data, found damage: {printable(str(error))}") from None
 
 
 def _whole(decompressor: Any, data: bytes, max_size: int) -> bytes:

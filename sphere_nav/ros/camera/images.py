@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, TypeAlias
 
 import cv2
-import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
+from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.ros import conversions
 from sphere_nav.ros.endpoints import COMPRESSED, COMPRESSED_DEPTH
 
@@ -27,7 +27,7 @@ def read_rgb(
     size: tuple[int, int] | None = None,
     size_name: str = "camera_info",
     levels: conversions.Levels | None = None,
-) -> NDArray[np.uint8]:
+) -> Bytes:
     """Return (H, W, 3) RGB or (H, W) grey, uint8; `levels` of the stream, where it is one.
 
     A compressed image of another size (width, height) than the camera's is not unpacked; `size_name`: whose that is.
@@ -39,7 +39,7 @@ def read_rgb(
 
 def read_gray(
     message: AnyImage, size: tuple[int, int] | None = None, levels: conversions.Levels | None = None
-) -> NDArray[np.uint8]:
+) -> Bytes:
     """Return grey levels (H, W) uint8; `size` and `levels` as of `read_rgb`."""
     pixels = read_rgb(message, size, levels=levels)
     return cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels

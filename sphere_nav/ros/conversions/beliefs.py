@@ -15,6 +15,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.ros.conversions.poses import point_to_array, se3_to_pose
 from sphere_nav.ros.conversions.stamps import header
 
@@ -76,9 +77,7 @@ def _marker(
     return marker
 
 
-def particles_to_message(
-    poses: NDArray[np.float64], weights: NDArray[np.float64], stamp: int, frame_id: str
-) -> ParticleCloud:
+def particles_to_message(poses: Array, weights: Array, stamp: int, frame_id: str) -> ParticleCloud:
     """Return the cloud of poses (N, 3) x, y, yaw with weights (N,)."""
     particles = [
         Particle(pose=se3_to_pose(SE3.from_planar(float(x), float(y), float(yaw))), weight=float(weight))
@@ -87,7 +86,7 @@ def particles_to_message(
     return ParticleCloud(header=header(stamp, frame_id), particles=particles)
 
 
-def imu_attitude(message: Any) -> NDArray[np.float64]:
+def imu_attitude(message: Any) -> Array:
     """Return the quaternion (4,) x, y, z, w of an Imu; ValueError where it has none."""
     q = message.orientation
     xyzw = np.array([*point_to_array(q), q.w])

@@ -5,10 +5,11 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.geometry.plausible import check_center, check_length
 from sphere_nav.ros.conversions.stamps import header
 
@@ -36,13 +37,11 @@ def camera_from_info(info: CameraInfo) -> Pinhole | Fisheye:
     cx, cy = (cx + 0.5) / bin_x - 0.5, (cy + 0.5) / bin_y - 0.5
     lengths = (width, height, fx / bin_x, fy / bin_y, cx, cy)
     coefficients = tuple(float(value) for value in info.d)
-    try:
+    with told_at(name):
         camera = _model(info.distortion_model, coefficients, lengths)
         if not (roi.width or roi.height):  # what is cut out may lie anywhere
             check_center(camera, "camera_info")
         return camera
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
 
 
 def camera_to_info(camera: Camera, stamp: int, frame_id: str, *, baseline: float = 0.0) -> CameraInfo:
@@ -65,7 +64,7 @@ def camera_to_info(camera: Camera, stamp: int, frame_id: str, *, baseline: float
     )
 
 
-def rectification_of(info: CameraInfo) -> NDArray[np.float64]:
+def rectification_of(info: CameraInfo) -> Array:
     """Return R (3, 3), from the axes of the raw camera to those of the rectified one; zeros are told as no turn."""
     R = np.array(info.r, dtype=np.float64).reshape(3, 3)
     if not R.any():

@@ -7,9 +7,10 @@ A point of those is a feature: x y z its unit vector in the sphere's frame, `ran
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sensor_msgs.msg import PointCloud2, PointField
 
+from sphere_nav.geometry.arrays import Bytes, Floats, Integers
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import MAX_NUMBER
 from sphere_nav.ros.conversions.images import to_bytes
@@ -22,9 +23,7 @@ KINDS = {
 }  # fmt: skip
 
 
-def cloud_to_message(
-    points: ArrayLike, stamp: int, frame_id: str, colors: NDArray[np.uint8] | None = None
-) -> PointCloud2:
+def cloud_to_message(points: ArrayLike, stamp: int, frame_id: str, colors: Bytes | None = None) -> PointCloud2:
     """Return an unordered cloud of points (N, 3) in m; `colors` (N,) grey or (N, 3) RGB, as RViz shows them."""
     xyz = np.asarray(points, dtype=np.float32).reshape(-1, 3)
     columns = [(name, "<f4") for name in "xyz"] + ([("rgb", "<u4")] if colors is not None else [])
@@ -50,7 +49,7 @@ def cloud_to_message(
     )
 
 
-def message_to_cloud(message: PointCloud2) -> NDArray[np.float32]:
+def message_to_cloud(message: PointCloud2) -> Floats:
     """Return the points (N, 3) in m whose three coordinates are finite."""
     order = ">" if message.is_bigendian else "<"
     fields = {field.name: field for field in message.fields}
@@ -91,7 +90,7 @@ FIELDS = (
 )
 
 
-def features_to_message(features: Features, words: NDArray[np.int64], stamp: int, frame_id: str) -> PointCloud2:
+def features_to_message(features: Features, words: Integers, stamp: int, frame_id: str) -> PointCloud2:
     """Return the message of a key sphere's features and their words."""
     table = np.zeros(len(features), LAYOUT)
     table["ray"], table["range"] = features.rays, features.range_m
@@ -109,7 +108,7 @@ def features_to_message(features: Features, words: NDArray[np.int64], stamp: int
     )
 
 
-def message_to_features(message: PointCloud2) -> tuple[Features, NDArray[np.int64]]:
+def message_to_features(message: PointCloud2) -> tuple[Features, Integers]:
     """Return features and words; ValueError where the layout is another one, sizes do not fit, or a ray is none."""
     fields = tuple((field.name, field.offset, field.datatype, field.count) for field in message.fields)
     if fields != FIELDS or message.point_step != LAYOUT.itemsize or message.is_bigendian:

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Twist, TwistStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus, ReferencePoint, ReferenceTrajectory, TrackingError
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags
 from sphere_nav.geometry.plausible import check_lengths
 from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.ros.conversions.status import FACTS, told, with_codes
@@ -63,7 +62,7 @@ def scan_to_points(scan: LaserScan) -> Array:
     return np.stack([r * np.cos(a), r * np.sin(a), np.zeros(len(r))], axis=-1)
 
 
-def measured_beams(scan: LaserScan) -> NDArray[np.bool_]:
+def measured_beams(scan: LaserScan) -> Flags:
     """Return which beams (N,) measured: something in range, or nothing up to it (+Inf by REP 117, or more than it).
 
     NaN, -Inf, 0 and all below `range_min` are no measurement: there may be anything.

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point
-from numpy.typing import NDArray
 from sphere_nav_msgs.msg import KeySphereEdge, KeySphereGraph, KeySphereVertex, MapExperience, MapInfo
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import short
 from sphere_nav.ros.conversions.poses import from_ros_covariance, pose_to_se3, se3_to_pose, to_ros_covariance
 from sphere_nav.ros.conversions.stamps import header, ns_to_time, time_to_ns
@@ -130,7 +130,7 @@ def _from_edge(message: KeySphereEdge) -> Edge:
     return Edge(int(message.from_id), int(message.to_id), T_a_b, _inverse(covariance), is_loop)
 
 
-def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inverse(matrix: Array) -> Array:
     """Invert a symmetric positive semi-definite (6, 6), directions without information becoming `MAX_VARIANCE`."""
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     return (vectors / np.maximum(values, 1.0 / MAX_VARIANCE)) @ vectors.T

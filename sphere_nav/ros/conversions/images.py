@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
+from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.geometry.files.encoded import PNG_MAGIC, decode_file
 from sphere_nav.geometry.plausible import SAMPLE_STEP, check_lengths
@@ -71,9 +72,6 @@ SIXTEEN_BITS = ("16UC1", "mono16")
 IN_PAIRS = ("yuv422", "uyvy", "yuv422_yuy2", "yuyv", "nv12", "nv21")  # two pixels share a colour
 WITH_PLANE = ("nv12", "nv21")  # half as many rows again, of colours
 COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")  # of image_transport's compressedDepth: kind, two parameters
-
-Bytes = NDArray[np.uint8]
-Floats = NDArray[np.float32]
 
 
 def image_to_array(message: Image) -> NDArray[Any]:
@@ -183,9 +181,7 @@ def compressed_to_array(
 def compressed_to_image(message: CompressedImage, size: tuple[int, int] | None = None) -> Image:
     """Return the Image (rgb8 or mono8) that was compressed; `size` as of `compressed_to_array`."""
     pixels = compressed_to_array(message, size)
-    image = array_to_image(pixels, 0, "", "rgb8" if pixels.ndim == 3 else "mono8")
-    image.header = message.header
-    return image
+    return _image_of(message, pixels, "rgb8" if pixels.ndim == 3 else "mono8")
 
 
 def compressed_depth_to_image(message: CompressedImage) -> Image:
@@ -210,9 +206,7 @@ def compressed_depth_to_image(message: CompressedImage) -> Image:
         meters = np.full(pixels.shape, np.nan, np.float32)
         meters[known] = np.float32(scale) / (pixels[known].astype(np.float32) - np.float32(offset))
         pixels = meters
-    image = array_to_image(pixels, 0, "", encoding)
-    image.header = message.header
-    return image
+    return _image_of(message, pixels, encoding)
 
 
 def decompress(message: CompressedImage) -> Image:
@@ -241,7 +235,11 @@ def is_sixteen_bit(message: CompressedImage) -> bool:
 def _compressed_16_bit(message: CompressedImage) -> Image:
     """Return the Image of a 16-bit PNG on a topic `/compressed`; mono16, depth or not, where the format is silent."""
     named = message.format.split(";")[0].strip()
-    image = array_to_image(_decode_16_bit(message.data), 0, "", named if named in SIXTEEN_BITS else "mono16")
+    return _image_of(message, _decode_16_bit(message.data), named if named in SIXTEEN_BITS else "mono16")
+
+
+def _image_of(message: CompressedImage, pixels: NDArray[Any], encoding: str) -> Image:
+    image = array_to_image(pixels, 0, "", encoding)
     image.header = message.header
     return image
 

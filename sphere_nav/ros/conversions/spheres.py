@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from sphere_nav_msgs.msg import AugmentedSphere, SphereInfo
 
 from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.arrays import Bytes, Floats
 from sphere_nav.geometry.cameras.camera import MAX_SIDE
 from sphere_nav.geometry.files.encoded import decode_file
 from sphere_nav.geometry.files.limits import LIMITS
+from sphere_nav.geometry.files.untrusted import told_at
 from sphere_nav.ros.conversions.images import to_bytes
 from sphere_nav.ros.conversions.stamps import header, stamp_ns
 from sphere_nav.spheres import range_codec
@@ -92,7 +94,7 @@ def sphere_info_to_camera(info: SphereInfo) -> Spherical:
     return Spherical(width, height, full[0], offset_u, offset_v)
 
 
-def _decode_image(data: Any, encoding: str, shape: tuple[int, int], *, is_gray: bool) -> NDArray[np.uint8]:
+def _decode_image(data: Any, encoding: str, shape: tuple[int, int], *, is_gray: bool) -> Bytes:
     raw = np.frombuffer(data, np.uint8)
     if encoding == AugmentedSphere.PNG:
         return _decode_file(raw, shape, "image", cv2.IMREAD_GRAYSCALE if is_gray else cv2.IMREAD_UNCHANGED)
@@ -107,14 +109,14 @@ def _decode_image(data: Any, encoding: str, shape: tuple[int, int], *, is_gray: 
     return image if raw.flags.writeable else image.copy()
 
 
-def _decode_range(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[np.float32]:
+def _decode_range(data: Any, encoding: str, shape: tuple[int, int]) -> Floats:
     if not encoding:
         return np.full(shape, np.nan, np.float32)
     _check_encoding("range", encoding, AugmentedSphere.RANGE_LOG16)
     return range_codec.decode_ranges(_decode_codes(data, shape, "<u2", "range").astype(np.uint16, copy=False))
 
 
-def _decode_deviation(message: AugmentedSphere, range_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def _decode_deviation(message: AugmentedSphere, range_m: Floats) -> Floats:
     name, shape = "range_deviation", (range_m.shape[0], range_m.shape[1])
     _check_encoding(name, message.range_deviation_encoding, AugmentedSphere.RATIO8)
     return range_codec.decode_deviation(_decode_codes(message.range_deviation, shape, "u1", name), range_m)
@@ -130,13 +132,9 @@ def _decode_codes(data: Any, shape: tuple[int, int], dtype: str, name: str) -> N
     return np.frombuffer(data, dtype).reshape(shape)
 
 
-def _decode_file(
-    raw: NDArray[np.uint8], shape: tuple[int, int], name: str, mode: int = cv2.IMREAD_UNCHANGED
-) -> NDArray[Any]:
-    try:
+def _decode_file(raw: Bytes, shape: tuple[int, int], name: str, mode: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
+    with told_at(name):
         pixels = decode_file(raw, LIMITS["sphere"], mode, shape[::-1], "info")
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
     if pixels.shape[2:] == (3,):
         for row in range(0, len(pixels), ROWS):  # in its place: a sphere in colour takes as much as all else of it
             pixels[row : row + ROWS] = cv2.cvtColor(pixels[row : row + ROWS], cv2.COLOR_BGR2RGB)

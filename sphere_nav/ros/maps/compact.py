@@ -115,5 +115,4 @@ class CompactSpheres(_Compact[Sphere]):
 
 
 def _message_of(data: bytes) -> AugmentedSphere:
-    message: AugmentedSphere = view_message(memoryview(data), AugmentedSphere, "sphere")
-    return message
+    return view_message(memoryview(data), AugmentedSphere, "sphere")

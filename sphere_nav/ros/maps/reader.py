@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from mcap.records import ChunkIndex
@@ -21,7 +20,7 @@ from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapExperience, 
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import load_yaml, short
+from sphere_nav.geometry.files.untrusted import load_yaml, short, told_at
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import view_message
@@ -105,10 +104,8 @@ class MapReader:
             raise BagError(
                 f"{self.path}: chunk {index.chunk_start_offset}: expected sphere {sphere_id}, found {message.id}"
             )
-        try:
+        with told_at(f"{self.path}: key sphere {sphere_id}", BagError):
             sphere = message_to_sphere(message, is_gray=self._is_gray)
-        except ValueError as error:
-            raise BagError(f"{self.path}: key sphere {sphere_id}: {error}") from None
         return sphere
 
     def load_message(self, sphere_id: int) -> AugmentedSphere:
@@ -124,10 +121,8 @@ class MapReader:
         found = CompactSpheres()
         self._bag.require(COARSE, AugmentedSphere)
         for number, item in enumerate(self._bag.raw([COARSE])):
-            try:
+            with told_at(f"{self.path}: coarse sphere {number} of {len(self.graph)}", BagError):
                 found.add(item.message)
-            except ValueError as error:
-                raise BagError(f"{self.path}: coarse sphere {number} of {len(self.graph)}: {error}") from None
         if found.keys() != self.graph.nodes.keys():
             raise BagError(f"{self.path}: coarse spheres: expected one for each of {len(self.graph)} key spheres")
         return found
@@ -143,11 +138,9 @@ class MapReader:
         if self._bag.require(FEATURES, PointCloud2).count != len(ids):
             raise BagError(f"{self.path}: features: expected those of each of {len(ids)} key spheres, found others")
         for sphere_id, item in zip(ids, self._bag.raw([FEATURES]), strict=True):
-            try:
+            with told_at(f"{self.path}: features of key sphere {sphere_id}", BagError):
                 message = view_message(memoryview(item.message), PointCloud2, FEATURES)
                 index.add(sphere_id, *message_to_features(message))
-            except ValueError as error:
-                raise BagError(f"{self.path}: features of key sphere {sphere_id}: {error}") from None
         return index
 
     @property
@@ -186,7 +179,7 @@ class MapReader:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.close()
 
     def _read_info(self) -> MapInfo:
@@ -210,10 +203,8 @@ class MapReader:
         if has_experiences:
             self._bag.require(EXPERIENCE, MapExperience)
         told = [item.message for item in self._bag.messages([EXPERIENCE])] if has_experiences else []
-        try:
+        with told_at(f"{self.path}: graph", BagError):
             graph = messages_to_experiences(message_to_graph(message), told)
-        except ValueError as error:
-            raise BagError(f"{self.path}: graph: {error}") from None
         if not len(graph):
             raise BagError(f"{self.path}: graph: expected key spheres, found none")
         if len(graph) != self.info.num_spheres:
@@ -250,8 +241,7 @@ class MapReader:
         return index
 
     def _message_of(self, index: ChunkIndex) -> AugmentedSphere:
-        message: AugmentedSphere = self._bag.decode(SPHERE, bytes(self._data_of(index)), AugmentedSphere)
-        return message
+        return self._bag.decode(SPHERE, bytes(self._data_of(index)), AugmentedSphere)
 
     def _data_of(self, index: ChunkIndex) -> memoryview:
         """Return the bytes of the message of a key sphere."""

@@ -57,6 +57,12 @@ Progress = Callable[[int], None]
 Stored = tuple[AugmentedSphere, AugmentedSphere]  # a key sphere, whole and small
 
 
+def as_stored(sphere_id: int, sphere: Sphere) -> Stored:
+    """Return the messages of a key sphere, whole and small."""
+    whole = sphere_to_message(sphere, SPHERE_FRAME, sphere_id, is_png=True)
+    return whole, sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, sphere_id)
+
+
 @dataclass(frozen=True)
 class MapDetails:
     """What a map says about itself."""
@@ -97,8 +103,7 @@ class MapWriter:
 
     def add(self, node: KeySphere, sphere: Sphere) -> None:
         """Write a key sphere."""
-        whole = sphere_to_message(sphere, SPHERE_FRAME, node.id, is_png=True)
-        self.copy((whole, sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, node.id)))
+        self.copy(as_stored(node.id, sphere))
 
     def tell(self, graph: SphereGraph) -> None:
         """Write the graph as it is now, with every few key spheres."""
@@ -175,8 +180,7 @@ class MapWriter:
         with (folder / FILE_NAME).open("rb") as file:
             records = read_chunk(file, place)
         data = next(record.data for record in records if isinstance(record, Message))
-        message: AugmentedSphere = deserialize(data, AugmentedSphere, str(self.path))
-        return message
+        return deserialize(data, AugmentedSphere, str(self.path))
 
     def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
         known = appearance.features if appearance is not None else {}
@@ -203,24 +207,21 @@ def save_map(
     """
     if not len(graph):
         raise BagError(f"{path}: expected a graph with key spheres, found an empty one")
-    writer = MapWriter(path, details, is_overwriting=is_overwriting)
-    try:
-        writer.tell(graph)  # so that a torn file can be salvaged
+
+    def stored() -> Iterator[Stored]:
         for node in sorted(graph, key=lambda node: node.id):
             sphere = node.sphere or (load_sphere(node.id) if load_sphere else None)
             if sphere is None:
                 raise BagError(f"{path}: key sphere {node.id}: expected its picture in memory, found none")
-            writer.add(node, sphere)
-        return writer.finish(graph, appearance=appearance)
-    except BaseException:
-        writer.discard()
-        raise
+            yield as_stored(node.id, sphere)
+
+    return write_stored(Path(path), graph, details, appearance, stored(), is_overwriting=is_overwriting)
 
 
 def write_stored(
     path: Path,
     graph: SphereGraph,
-    details: MapDetails,
+    details: MapDetails | None,
     appearance: AppearanceIndex | None,
     spheres: Iterable[Stored],
     *,
@@ -229,7 +230,7 @@ def write_stored(
     """Write a map of those of some key spheres, in order of their ids, that are in the graph; return its path."""
     writer = MapWriter(path, details, is_overwriting=is_overwriting)
     try:
-        writer.tell(graph)
+        writer.tell(graph)  # so that a torn file can be salvaged
         for stored in spheres:
             if int(stored[0].id) in graph.nodes:
                 writer.copy(stored)

@@ -8,9 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Floats, Integers
 from sphere_nav.spheres.constants import MAX_WORDS, MIN_WORD_COSINE
-
-Floats = NDArray[np.float32]
 
 
 class Dictionary:
@@ -28,7 +27,7 @@ class Dictionary:
         """The words (W, 128)."""
         return self._words[: self._number]
 
-    def read(self, descriptors: Floats) -> NDArray[np.int64]:
+    def read(self, descriptors: Floats) -> Integers:
         """Return the word (N,) most like each unit descriptor (N, 128), -1 where none is like it."""
         if not self._number or not len(descriptors):
             return np.full(len(descriptors), -1, np.int64)
@@ -37,7 +36,7 @@ class Dictionary:
         is_like = (cosines[np.arange(len(word)), word] >= MIN_WORD_COSINE) | (self._number >= MAX_WORDS)
         return np.where(is_like, word, -1)
 
-    def learn(self, descriptors: Floats) -> NDArray[np.int64]:
+    def learn(self, descriptors: Floats) -> Integers:
         """Return the word (N,) of each unit descriptor (N, 128); what is like none becomes one."""
         words = self.read(descriptors)
         unlike = np.flatnonzero(words < 0)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.geometry.arrays import Bytes, Flags, Floats
 from sphere_nav.spheres.constants import (
     CONTRAST,
     FEATURE_SEAM,
@@ -26,7 +27,6 @@ from sphere_nav.spheres.constants import (
 )
 from sphere_nav.spheres.sphere import Sphere
 
-Floats = NDArray[np.float32]
 SIZE = 128  # numbers of a descriptor
 SCALE = 500.0  # of a descriptor's square roots, which are 0...1 and rarely above a half, as bytes
 
@@ -42,7 +42,7 @@ class Features:
 
     rays: Floats
     range_m: Floats
-    descriptors: NDArray[np.uint8]
+    descriptors: Bytes
 
     def __post_init__(self) -> None:
         number = len(self.rays)
@@ -73,7 +73,7 @@ def features_of_image(
     gray: NDArray[Any],
     camera: Camera,
     range_m: Floats | None = None,
-    is_seen: NDArray[np.bool_] | None = None,
+    is_seen: Flags | None = None,
     max_features: int = MAX_FEATURES,
     *,
     is_fine: bool = False,
@@ -111,7 +111,7 @@ def features_of_image(
     return Features(rays[kept].astype(np.float32), known.astype(np.float32), _roots(raw[kept]))
 
 
-def _usable(camera: Camera, size: tuple[int, int], pad: int) -> NDArray[np.uint8]:
+def _usable(camera: Camera, size: tuple[int, int], pad: int) -> Bytes:
     """Return where (h, w + 2 pad) features of a whole sphere may be used, not 0, and a pixel beyond."""
     rows = (np.arange(size[1]) + 0.5) * camera.height / size[1] - 0.5
     is_low = np.abs(camera.unproject(np.stack([np.zeros_like(rows), rows], axis=1))[:, 2]) < np.sin(
@@ -135,6 +135,6 @@ def _shrink(camera: Camera, *, is_fine: bool = False) -> int:
     return factor
 
 
-def _roots(raw: Floats) -> NDArray[np.uint8]:
+def _roots(raw: Floats) -> Bytes:
     total = np.maximum(raw.sum(axis=1, keepdims=True), 1e-6)
     return np.clip(np.rint(SCALE * np.sqrt(raw / total)), 0, 255).astype(np.uint8)

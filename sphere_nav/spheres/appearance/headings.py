@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.spheres.appearance.kernels import score_turns
 from sphere_nav.spheres.constants import (
     APART_TURNS,
@@ -31,7 +32,6 @@ from sphere_nav.spheres.constants import (
 )
 from sphere_nav.spheres.sphere import Sphere
 
-Floats = NDArray[np.float32]
 GRID = Spherical(GRID_WIDTH, GRID_WIDTH // 2)
 TURN_RAD = 2.0 * np.pi / GRID_WIDTH
 
@@ -120,7 +120,7 @@ def _draw(image: NDArray[Any], camera: Camera, T_level_camera: SE3) -> tuple[Flo
 
 
 @lru_cache(1)
-def _rays() -> NDArray[np.float64]:
+def _rays() -> Array:
     """Return the unit rays (H, W, 3) of the grid, without its poles."""
     rows = np.arange(GRID.height)
     elevation = (0.5 - (rows + 0.5) / GRID.height) * np.pi

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Array, Floats, Integers
 from sphere_nav.spheres.appearance.dictionary import Dictionary
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.constants import MAX_REPEATS, MAX_RISE, NUM_TURN_BINS, TURN_WINDOW
 
-Floats = NDArray[np.float32]
 RATIO = 8  # between the sizes of two parts of the postings, at least
 MIN_MEAN, PRECISION = 1e-9, 1e-12  # of Poisson's distribution, and of the sum of its tail
 
@@ -39,7 +39,7 @@ class Likeness:
 class Postings:
     """Where words were seen, by word: words (N,) ascending, rows (N,) of their spheres, angles (N, 2) of `angles`."""
 
-    words: NDArray[np.int64]
+    words: Integers
     rows: NDArray[np.int32]
     angles: Floats
 
@@ -56,7 +56,7 @@ class Postings:
         rows, places = np.concatenate([one.rows for one in every]), np.concatenate([one.angles for one in every])
         return Postings(words[order], rows[order], places[order])
 
-    def find(self, words: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def find(self, words: Integers) -> tuple[Integers, Integers]:
         """Return for every place (M,) of these words which of the words it is of, and where it stands here."""
         first, last = np.searchsorted(self.words, words, "left"), np.searchsorted(self.words, words, "right")
         number = last - first
@@ -71,7 +71,7 @@ class AppearanceIndex:
         """`features` keeps those of every sphere, in memory unless told otherwise."""
         self.dictionary = Dictionary()
         self.features: MutableMapping[int, Features] = {} if features is None else features
-        self.words: dict[int, NDArray[np.int64]] = {}
+        self.words: dict[int, Integers] = {}
         self._ids: list[int] = []
         self._parts: list[Postings] = []  # the largest and oldest first
         self._new: list[Postings] = []  # not looked up yet
@@ -79,7 +79,7 @@ class AppearanceIndex:
     def __len__(self) -> int:
         return len(self._ids)
 
-    def add(self, sphere_id: int, features: Features, words: NDArray[np.int64] | None = None) -> None:
+    def add(self, sphere_id: int, features: Features, words: Integers | None = None) -> None:
         """Add a key sphere; `words` where the dictionary gave them before. ValueError for an id that is taken."""
         if sphere_id in self.features:
             raise ValueError(f"appearance: expected a new key sphere, found {sphere_id} again")
@@ -112,7 +112,7 @@ class AppearanceIndex:
         turns = 2 * np.pi * (best + 0.5) / NUM_TURN_BINS - np.pi
         return [Likeness(self._ids[row], float(turns[row]), float(log_chance[row])) for row in rows]
 
-    def _votes(self, features: Features) -> NDArray[np.int64]:
+    def _votes(self, features: Features) -> Integers:
         """Return the histogram (S, NUM_TURN_BINS) of turns for every sphere; a feature votes once for each turn."""
         words = self.dictionary.read(features.unit_descriptors())
         asked = telling(words)
@@ -121,7 +121,7 @@ class AppearanceIndex:
         total = np.bincount(np.concatenate(cells), minlength=len(self._ids) * NUM_TURN_BINS)
         return total.reshape(-1, NUM_TURN_BINS)
 
-    def _turns(self, postings: Postings, words: NDArray[np.int64], own: NDArray[np.float64]) -> NDArray[np.int64]:
+    def _turns(self, postings: Postings, words: Integers, own: Array) -> Integers:
         """Return the cells (row * NUM_TURN_BINS + turn) that features of these words, at angles (N, 2), vote for."""
         feature, place = postings.find(words)
         seen = postings.angles[place]
@@ -144,7 +144,7 @@ class AppearanceIndex:
         return self._parts
 
 
-def log_tail(counts: NDArray[np.int64], means: NDArray[np.float64]) -> NDArray[np.float64]:
+def log_tail(counts: Integers, means: Array) -> Array:
     """Return the natural logarithm (N,) of how likely Poisson variables of these means are as large or larger.
 
     The sum m^k / k! from the count on, by its first term: no chance is too small to be told from another.
@@ -160,13 +160,13 @@ def log_tail(counts: NDArray[np.int64], means: NDArray[np.float64]) -> NDArray[n
     return np.minimum(first + np.log(total), 0.0)
 
 
-def angles(rays: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def angles(rays: Floats) -> tuple[Array, Array]:
     """Return azimuth and elevation (N,) in rad of unit rays (N, 3) in body axes."""
     rays = rays.astype(np.float64)
     return np.arctan2(rays[:, 1], rays[:, 0]), np.arcsin(np.clip(rays[:, 2], -1.0, 1.0))
 
 
-def telling(words: NDArray[np.int64]) -> NDArray[np.int64]:
+def telling(words: Integers) -> Integers:
     """Return the rows of features whose word is known and not repeated all over the image."""
     known = np.flatnonzero(words >= 0)
     _, inverse, counts = np.unique(words[known], return_inverse=True, return_counts=True)

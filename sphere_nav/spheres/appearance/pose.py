@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Flags, Integers
 from sphere_nav.spheres.appearance.features import Features
 from sphere_nav.spheres.constants import (
     MAX_MATCH_RATIO,
@@ -31,7 +30,7 @@ class FeaturePose:
     num_inliers: int
 
 
-def match_features(query: Features, known: Features) -> NDArray[np.int64]:
+def match_features(query: Features, known: Features) -> Integers:
     """Return rows (M, 2) of features that are each other's best match and clearly better than the second."""
     if len(query) < 2 or len(known) < 2:
         return np.zeros((0, 2), np.int64)
@@ -72,7 +71,7 @@ def find_pose(query: Features, known: Features) -> FeaturePose | None:
     return FeaturePose(best.inverse(), int(best_inliers.sum()))
 
 
-def _enough(inliers: NDArray[np.bool_]) -> float:
+def _enough(inliers: Flags) -> float:
     """Return the trials after which three right matches were drawn with 99.9 %, were the inliers all right ones."""
     share = float(inliers.mean()) ** 3
     return np.log(1e-3) / np.log(1.0 - share) if 0.0 < share < 1.0 else (1.0 if share else np.inf)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, arc_lengths
 from sphere_nav_tools.cli.demo.report import DriveErrors
 from sphere_nav_tools.offline.plot_figure import LATERAL, LONGITUDINAL, TRUTH, drawn, legend_above, top_view
 
@@ -28,15 +28,14 @@ def plot_top_view(path: Path, errors: DriveErrors, key_spheres: Array) -> None:
 
 def exaggerate(errors: DriveErrors, factor: float) -> Array:
     """Return the driven positions (N, 2) with their distance from the taught path multiplied."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(errors.taught, axis=0).T))])
+    along = arc_lengths(errors.taught)
     place, direction = (
         np.stack([np.interp(errors.along, along, values[:, axis]) for axis in (0, 1)], axis=-1)
         for values in (errors.taught, np.gradient(errors.taught, axis=0))
     )
     direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
     left = np.stack([-direction[:, 1], direction[:, 0]], axis=-1)
-    exaggerated: Array = place + factor * errors.lateral[:, None] * left
-    return exaggerated
+    return place + factor * errors.lateral[:, None] * left
 
 
 def plot_errors(path: Path, errors: DriveErrors) -> None:

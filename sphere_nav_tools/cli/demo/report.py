@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, arc_lengths
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.geometry.trajectory_error import absolute_errors, directions_of_motion
 from sphere_nav_tools.cli.constants import MOVING, TRUTH_SPACING
@@ -59,8 +59,9 @@ def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
     found = absolute_errors(estimate[known], at, directions_of_motion(at)).longitudinal_m
     seconds = (estimate.stamps_ns[known] - estimate.stamps_ns[0]) / 1e9
     drift = map_drift(at.positions[:, :2], teach.with_name(TAUGHT), read_truth(teach), T_world_map)
-    length = float(np.hypot(*np.diff(taught, axis=0).T).sum())
-    return DriveErrors(taught, driven, along, lateral, seconds, found, drift, float(along.max() / length))
+    return DriveErrors(
+        taught, driven, along, lateral, seconds, found, drift, float(along.max() / arc_lengths(taught)[-1])
+    )
 
 
 def map_drift(places: Array, taught: Path, truth: Trajectory, T_world_map: SE3) -> Array:
@@ -77,7 +78,7 @@ def distances_from_path(points: Array, path: Array) -> tuple[Array, Array]:
 
     The place only moves forward, at most 2 m a point, so that a path may cross itself.
     """
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    length = arc_lengths(path)
     distinct = np.concatenate([[True], np.diff(length) > 0])
     s = np.arange(0.0, length[-1], TRUTH_SPACING)
     dense = np.stack([np.interp(s, length[distinct], path[distinct, axis]) for axis in (0, 1)], axis=-1)

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.experiences import find_places, split_by_experience
 from sphere_nav.spheres.graph import Experience, SphereGraph
@@ -149,7 +150,7 @@ def describe_experience(experience: Experience, part: SphereGraph) -> dict[str, 
     }
 
 
-def spacing(positions: NDArray[np.float64]) -> list[float]:
+def spacing(positions: Array) -> list[float]:
     """Return the smallest, the median and the largest distance in m from a key sphere to the next one."""
     return quantiles(np.linalg.norm(np.diff(positions, axis=0), axis=1))
 

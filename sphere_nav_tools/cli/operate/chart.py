@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array, Floats, arc_lengths
 from sphere_nav_tools.cli.operate.ground import Ground
 from sphere_nav_tools.cli.operate.words import Heard, Place, ellipse, pieces, scale_bar, way_driven
 
@@ -99,7 +99,7 @@ class Chart:
         pixels = max(float(camera.image_height), 1.0)
         return scale_bar(2.0 * height * float(np.tan(0.5 * camera.fov)) / pixels, -turn, LEGEND)
 
-    def _glide_to(self, goal: NDArray[np.float64]) -> None:
+    def _glide_to(self, goal: Array) -> None:
         """Move the view a little towards the vehicle where that leaves its middle; how it is turned, the mouse says."""
         camera = self.client.camera
         position = np.array(camera.position)
@@ -113,7 +113,7 @@ class Chart:
             with self.client.atomic():
                 camera.position, camera.look_at = (*(position[:2] + step), position[2]), (*(middle + step), 0.0)
 
-    def _axes(self) -> NDArray[np.float64]:
+    def _axes(self) -> Array:
         """Return how the view is turned: its x to the right, y down, z ahead (3, 3)."""
         w, x, y, z = self.client.camera.wxyz
         return SE3.from_quaternion([x, y, z, w], (0.0, 0.0, 0.0)).rotation
@@ -158,7 +158,7 @@ class Chart:
         return is_new
 
 
-def raster(step: float, reach: float) -> NDArray[np.float32]:
+def raster(step: float, reach: float) -> Floats:
     """Return the lines (N, 2, 3) of a square of squares."""
     at = np.arange(-reach, reach + step, step)
     ends = np.stack([np.stack([at, np.full_like(at, side), np.zeros_like(at)], axis=1) for side in (-reach, reach)], 1)
@@ -169,13 +169,13 @@ def way_ahead(path: Any, status: Any) -> Any:
     """Return the points of a path that are still to be driven; None without one."""
     if path is None or status is None or len(path) < 2:
         return None
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    arc = arc_lengths(path)
     return path[min(int(np.searchsorted(arc, status.progress)), len(path) - 2) :]
 
 
-def ground_point(origin: Any, direction: Any) -> NDArray[np.float64] | None:
+def ground_point(origin: Any, direction: Any) -> Array | None:
     """Return where a ray meets the ground (2,); None where it does not."""
     if direction[2] > -1e-6:
         return None
-    point: NDArray[np.float64] = np.asarray(origin, float) - np.asarray(direction, float) * (origin[2] / direction[2])
+    point: Array = np.asarray(origin, float) - np.asarray(direction, float) * (origin[2] / direction[2])
     return point[:2]

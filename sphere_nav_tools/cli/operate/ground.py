@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Array, Bytes
 from sphere_nav.ros.maps.reader import open_map
 
 CELL_M, MAX_CELLS = 0.05, 2000  # of the picture; a larger map has larger cells
@@ -19,7 +20,7 @@ FILL = np.ones((3, 3), np.uint8)  # cells that the rays of all spheres have miss
 class Ground(NamedTuple):
     """A picture (H, W, 4), y of the map up; where its middle is, and how wide and high it is, m."""
 
-    picture: NDArray[np.uint8]
+    picture: Bytes
     middle: tuple[float, float]
     size: tuple[float, float]
 
@@ -45,7 +46,7 @@ def ground_of(path: Path) -> Ground:
     return Ground(closed(picture), (float(middle[0]), float(middle[1])), (width * cell, height * cell))
 
 
-def add_colors(sums: NDArray[np.float64], where: NDArray[Any], colors: NDArray[np.uint8]) -> None:
+def add_colors(sums: Array, where: NDArray[Any], colors: Bytes) -> None:
     """Add grey or RGB values (N,) to the sums (M, 4) of cells, the last of which counts."""
     colors = colors if colors.ndim == 2 else np.repeat(colors[:, None], 3, axis=1)
     for channel in range(3):
@@ -53,7 +54,7 @@ def add_colors(sums: NDArray[np.float64], where: NDArray[Any], colors: NDArray[n
     sums[:, 3] += np.bincount(where, minlength=len(sums))
 
 
-def closed(picture: NDArray[np.float64]) -> NDArray[np.uint8]:
+def closed(picture: Array) -> Bytes:
     """Return a picture whose last channel is 1 where something was seen, small gaps filled, as RGBA."""
     known = picture[..., 3] > 0
     image = np.clip(picture[..., :3], 0, 255).astype(np.uint8)

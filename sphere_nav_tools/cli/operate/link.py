@@ -35,21 +35,19 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import read_gray
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.node import ThrottledLog
+from sphere_nav.ros.subscription import full_name
 from sphere_nav_tools.cli.constants import (
     ANSWER_S,
     CONFIRMED_S,
     HELD_S,
-    MISSION_S,
     NO_IMAGE_S,
     RATE_S,
-    SILENT_S,
     STOP_ANSWER_S,
     STRIDE_S,
     WITHDRAW_S,
 )
-from sphere_nav_tools.cli.operate.words import Heard, Place, by_buttons, places_of
+from sphere_nav_tools.cli.operate.words import AT_REST, Heard, Place, by_buttons, places_of
 
-AT_REST = ("NO_PATH", "IDLE", "STOPPED", "FINISHED")
 EXPECTED = {  # states that confirm a command
     "start": ("DRIVING", "SLOW"),
     "resume": ("DRIVING", "SLOW"),
@@ -157,21 +155,20 @@ class Link:
         self.seen.hear("path", np.vstack([points, points[:1]]) if message.is_closed else points)
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        T, covariance = conversions.pose_to_se3(message.pose.pose), np.reshape(message.pose.covariance, (6, 6))
-        self.seen.hear("pose", (float(T.translation[0]), float(T.translation[1]), float(T.yaw), covariance[:2, :2]))
-        self._grow("trail", T.translation[:2])
+        self._place("pose", "trail", message, np.reshape(message.pose.covariance, (6, 6))[:2, :2])
 
     def _on_odometry(self, message: Odometry) -> None:
-        T = conversions.pose_to_se3(message.pose.pose)
-        self.seen.hear("wheels", (float(T.translation[0]), float(T.translation[1]), float(T.yaw), np.zeros((2, 2))))
-        self._grow("odometry", T.translation[:2])
+        self._place("wheels", "odometry", message, np.zeros((2, 2)))
 
-    def _grow(self, name: str, point: Any) -> None:
-        trail, _ = self.seen.told(name)
-        trail = [] if trail is None else trail
+    def _place(self, name: str, trail_name: str, message: Any, covariance: Any) -> None:
+        """Hear a pose (x, y, yaw, covariance of x and y), and let its trail grow."""
+        T = conversions.pose_to_se3(message.pose.pose)
+        x, y, _ = T.translation.tolist()
+        self.seen.hear(name, (x, y, float(T.yaw), covariance))
+        trail, point = self.seen.told(trail_name)[0] or [], T.translation[:2]
         if not trail or np.hypot(*(point - trail[-1])) >= TRAIL_STEP_M:
             trail = [*trail[-MAX_TRAIL:], point]
-        self.seen.hear(name, trail)
+        self.seen.hear(trail_name, trail)
 
     def _on_graph(self, message: KeySphereGraph) -> None:
         places = [vertex.pose.position for vertex in message.vertices]
@@ -189,7 +186,7 @@ class Link:
     def command(self, name: str) -> str:
         """Ask to start, stop, pause or resume, and wait until a status shows that it was done."""
         self.seen.refused = ""
-        is_mission = name in ("pause", "resume") and self._mission_state() != "IDLE"
+        is_mission = name in ("pause", "resume") and self.seen.mission != "IDLE"
         node = "route_navigator" if is_mission else "path_follower"
         told = self._stop() if name == "stop" else self._ask(f"{node}/{name}", EXPECTED[name])
         if not told.startswith(EXPECTED[name]):
@@ -201,13 +198,9 @@ class Link:
         cancels = self._cancel_missions()
         told = self._ask("path_follower/stop", EXPECTED["stop"], STOP_ANSWER_S)
         is_answered = all(self._wait(cancel, STOP_ANSWER_S) is not None for cancel in cancels)
-        if is_answered and self._until(lambda: self._mission_state() not in GOES_ON):
+        if is_answered and self._until(lambda: self.seen.mission not in GOES_ON):
             return told
         return f"NOT CONFIRMED by the navigator, the mission may go on: use the button on the vehicle ({told})"
-
-    def _mission_state(self) -> str:
-        mission, age = self.seen.told("mission")
-        return mission.state if age < MISSION_S else "IDLE"
 
     def _cancel_missions(self) -> list[Future]:
         """Ask whoever offers missions to cancel every goal (no id, no stamp); return the answers to come."""
@@ -260,7 +253,7 @@ class Link:
         if publisher is None:
             return "emergency stop: is not pressed here"
         others = [
-            f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            full_name(info)
             for info in self.node.get_publishers_info_by_topic(publisher.topic_name)
             if (info.node_name, info.node_namespace) != (self.node.get_name(), self.node.get_namespace())
         ]
@@ -275,10 +268,9 @@ class Link:
     # --- driven by hand, at walking pace
     def hands_off(self) -> str:
         """Return why nobody may drive by hand now; empty where one may."""
-        status, age = self.seen.told("follower")
         others = self.node.get_publishers_info_by_topic(self.node.resolve_topic_name("cmd_vel"))
         names = [info.node_name for info in others if info.node_name != self.node.get_name()]
-        if self.is_pressed or (age < SILENT_S and status.state not in AT_REST):
+        if self.is_pressed or self.seen.is_moving:
             return "by hand: expected a vehicle that stands, no emergency stop pressed: press stop, or release it"
         return f"by hand: {', '.join(names)} drives by cmd_vel: end it first" if names else ""
 
@@ -321,8 +313,7 @@ class Link:
 
     def guess_pose(self, x: float, y: float, yaw: float) -> str:
         """Tell the localiser where the vehicle is, about."""
-        status, age = self.seen.told("follower")
-        if age < SILENT_S and status.state not in AT_REST:
+        if self.seen.is_moving:
             return "pose: expected a vehicle that stands: press stop first"
         T, stamp = SE3.from_planar(x, y, yaw), self.node.get_clock().now().nanoseconds
         self._initial.publish(conversions.se3_to_pose_with_covariance(T, GUESS, stamp, "map"))

@@ -19,16 +19,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, MISSION_S, PERIOD_S, PICTURE_S, SILENT_S
+from sphere_nav_tools.cli.constants import ALIVE_S, ASK_S, HOLD_HZ, PERIOD_S, PICTURE_S, SILENT_S
 from sphere_nav_tools.cli.gate import make_server
 from sphere_nav_tools.cli.operate.chart import BEGIN, Chart, ground_point
 from sphere_nav_tools.cli.operate.ground import Ground, ground_of
-from sphere_nav_tools.cli.operate.link import AT_REST, GOES_ON, Link
+from sphere_nav_tools.cli.operate.link import GOES_ON, Link
 from sphere_nav_tools.cli.operate.look import dressing
 from sphere_nav_tools.cli.operate.places import name_place, network_of, way_to
 from sphere_nav_tools.cli.operate.simulator import SimulatedVehicle
 from sphere_nav_tools.cli.operate.teaching import Teaching
-from sphere_nav_tools.cli.operate.words import IS_IT_RUNNING, Heard, banner, health, log_of, timeline
+from sphere_nav_tools.cli.operate.words import AT_REST, IS_IT_RUNNING, Heard, banner, health, log_of, timeline
 from sphere_nav_tools.cli.view.server import colored
 
 ALIVE_KEY = "sphere_nav_alive"  # nothing is kept under it: any answer tells that the page lives
@@ -382,8 +382,7 @@ class Desk:
     def _offer(self) -> None:
         """Show the parts that do something now."""
         seen, teaching = self.link.seen, self.teaching
-        status, age = seen.told("follower")
-        takes_path = age < SILENT_S and status.state in AT_REST
+        takes_path = seen.state in AT_REST
         is_busy = bool(teaching.busy)
         hands_off = self.link.hands_off()
         self._hands.content = INDENTED.format(escape(hands_off or "By hand, while a button is held:"))
@@ -409,14 +408,10 @@ class Desk:
 
 def possible(seen: Heard, is_pressed: bool) -> dict[str, bool]:
     """Return which commands do something now. A stop does wherever it is not known that the vehicle stands."""
-    status, age = seen.told("follower")
-    mission, mission_age = seen.told("mission")
-    is_known = age < SILENT_S
-    state = status.state if is_known else ""
-    mission_state = mission.state if mission_age < MISSION_S else "IDLE"
+    state, mission, is_heard = seen.state, seen.mission, seen.told("follower")[0] is not None
     return {
-        "start": state in ("IDLE", "STOPPED", "FINISHED") and mission_state == "IDLE" and not is_pressed,
-        "resume": (state == "PAUSED" or mission_state in ("PAUSED", "HELD")) and not is_pressed,
-        "pause": state in ("DRIVING", "SLOW") or mission_state in GOES_ON,
-        "stop": (state not in AT_REST and status is not None) or mission_state != "IDLE",
+        "start": state in ("IDLE", "STOPPED", "FINISHED") and mission == "IDLE" and not is_pressed,
+        "resume": (state == "PAUSED" or mission in ("PAUSED", "HELD")) and not is_pressed,
+        "pause": state in ("DRIVING", "SLOW") or mission in GOES_ON,
+        "stop": (state not in AT_REST and is_heard) or mission != "IDLE",
     }

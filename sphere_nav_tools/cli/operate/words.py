@@ -11,8 +11,8 @@ from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Array, Floats
 from sphere_nav.geometry.files.untrusted import load_json, number
 from sphere_nav_tools.cli.constants import MISSION_S, SILENT_S
 
@@ -25,6 +25,7 @@ COLORS = {"DRIVING": GOOD, "FINISHED": GOOD, "TRACKING": GOOD, "SLOW": FAIR, "PA
 COLORS |= {"IDLE": NONE, "NO_PATH": NONE, "PROBATION": FAIR, "SEARCHING": FAIR, "STOPPING": FAIR}
 CALL = re.compile(r"\bcall (start|resume|stop)\b")  # of a node, where a reader of the page has buttons
 RELOCALIZE = re.compile(r"\b(call )?relocalize( of the localiser)?\b")
+AT_REST = ("NO_PATH", "IDLE", "STOPPED", "FINISHED")
 IS_IT_RUNNING = "is the node running, in this domain and namespace?"
 PAST_S, GONE_S = 300.0, 30.0  # of the time line; after which who has ended is no longer told of
 
@@ -64,6 +65,23 @@ class Heard:
         with self._lock:
             value, heard = self._told.get(name, (None, -math.inf))
         return value, time.monotonic() - heard
+
+    @property
+    def state(self) -> str:
+        """Of the follower; empty while it is silent."""
+        status, age = self.told("follower")
+        return status.state if age <= SILENT_S else ""
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the follower tells that the vehicle does not stand."""
+        return self.state not in ("", *AT_REST)
+
+    @property
+    def mission(self) -> str:
+        """State of the mission; IDLE where no navigator tells of one."""
+        mission, age = self.told("mission")
+        return mission.state if age < MISSION_S else "IDLE"
 
     def say(self, line: str) -> None:
         """Add a line to what was done."""
@@ -108,11 +126,11 @@ def banner(seen: Heard, job: str = "", remedy: str = IS_IT_RUNNING) -> str:
         reason = " ".join(word for word in (status.reason, found) if word)
         rows.append(_row(title, status.state, reason, by_buttons(status.remedy, status.state)))
     rows[0] = rows[0].replace("<b ", '<b class="sn-word" ', 1)
-    status, age = seen.told("follower")
-    if status is not None and age <= SILENT_S:
+    if seen.state:
+        status, _ = seen.told("follower")
         rows.append(f"<div>{status.progress:.1f} m driven, {status.distance_to_end:.1f} m to the end</div>")
-    mission, age = seen.told("mission")
-    if age < MISSION_S and mission.state != "IDLE":
+    if seen.mission != "IDLE":
+        mission, _ = seen.told("mission")
         left = f"{mission.distance_remaining:.0f} m, {mission.time_remaining:.0f} s to {mission.next_place}"
         rows.append(f"<div>mission: {escape(mission.state)} on {escape(mission.edge)}, {escape(left)}</div>")
     return f'<div class="sn-state">{"".join(rows)}</div>'
@@ -179,13 +197,12 @@ def health(seen: Heard) -> str:
     return f'<div style="padding:0 1em;font-size:0.8em">{"".join(cells) or "nothing heard"}</div>'
 
 
-def ellipse(x: float, y: float, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def ellipse(x: float, y: float, covariance: Array) -> Array:
     """Return points (N, 2) of the closed line that a place (m, covariance (2, 2) m^2) is within, at 2 deviations."""
     values, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
     turn = np.linspace(0.0, 2.0 * np.pi, 48)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    points: NDArray[np.float64] = circle * (2.0 * np.sqrt(np.maximum(values, 0.0))) @ axes.T + (x, y)
-    return points
+    return circle * (2.0 * np.sqrt(np.maximum(values, 0.0))) @ axes.T + (x, y)
 
 
 def way_driven(seen: Heard) -> Any:
@@ -193,7 +210,7 @@ def way_driven(seen: Heard) -> Any:
     return seen.told("odometry" if seen.told("pose")[0] is None else "trail")[0]
 
 
-def pieces(points: Any, height: float) -> NDArray[np.float32]:
+def pieces(points: Any, height: float) -> Floats:
     """Return the pieces (N, 2, 3) of a line through points (M, 2), at most `MAX_DRAWN`; none through fewer than two."""
     line = np.asarray(points, dtype=np.float32).reshape(-1, 2)
     if len(line) > MAX_DRAWN:

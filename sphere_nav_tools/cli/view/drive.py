@@ -14,13 +14,12 @@ from dense_localizer.judge.residual import residual_image
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.localization.status import Status
 from sphere_nav.params import build
 from sphere_nav.ros import conversions
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav_tools.offline.recorded_camera import RecordedCamera
-
-Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +27,8 @@ class Shot:
     """One image (H, W) grey or (H, W, 3), what the map does not explain of it, and what the localiser says."""
 
     stamp_ns: int
-    image: Picture
-    residual: Picture | None
+    image: Bytes
+    residual: Bytes | None
     T_map_camera: SE3 | None
     status: Status
 

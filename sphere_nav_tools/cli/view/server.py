@@ -13,9 +13,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, Pinhole
+from sphere_nav.geometry.arrays import Array, Bytes
 from sphere_nav.spheres.graph import Experience, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.constants import NUM_BLENDED
@@ -33,7 +33,6 @@ COLORS = {
     "key": (40, 90, 160),
     "camera": (200, 30, 30),
 }
-Picture = NDArray[np.uint8]
 
 
 class Minimap:
@@ -44,7 +43,7 @@ class Minimap:
         self._middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         extent = max(float(np.ptp(points, axis=0).max()), MIN_EXTENT_M)
         self._scale = (SIDE - 2 * BORDER) / extent
-        self._base: Picture = np.full((SIDE, SIDE, 3), COLORS["paper"], np.uint8)
+        self._base: Bytes = np.full((SIDE, SIDE, 3), COLORS["paper"], np.uint8)
         for edge in graph.edges:
             ends = [tuple(self.pixel(graph[end].T_map_sphere)) for end in (edge.a, edge.b)]
             cv2.line(self._base, *ends, COLORS["loops" if edge.is_loop else "way"], 1, cv2.LINE_AA)
@@ -60,7 +59,7 @@ class Minimap:
         x, y = (T_map_any.translation[:2] - self._middle) * self._scale
         return [round(float(0.5 * SIDE + x)), round(float(0.5 * SIDE - y))]
 
-    def draw(self, T_map_camera: SE3) -> Picture:
+    def draw(self, T_map_camera: SE3) -> Bytes:
         """Return the picture (SIDE, SIDE, 3) with an arrow where a camera (z forward) looks."""
         picture = self._base.copy()
         u, v = self.pixel(T_map_camera)
@@ -261,7 +260,7 @@ def whereabouts(graph: SphereGraph, T_map_camera: SE3) -> str:
     return f"x {x:.1f}, y {y:.1f}, z {z:.1f} m, looks {heading:.0f} deg; {away:.1f} m from key sphere {node.id}"
 
 
-def look_at(T_map_camera: SE3) -> NDArray[np.float64]:
+def look_at(T_map_camera: SE3) -> Array:
     """Return the point (3,) in front of a camera about which the mouse turns it."""
     return T_map_camera.translation + T_map_camera.rotation[:, 2]
 
@@ -281,18 +280,18 @@ def browser_camera(camera: Any, side: int = MAX_SIDE) -> Pinhole:
     return Pinhole(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
 
 
-def shown(view: SynthesizedView) -> NDArray[np.uint8]:
+def shown(view: SynthesizedView) -> Bytes:
     """Return the picture of a view, its holes dark."""
     image = view.image.copy()
     image[~view.is_known] = 60
     return image
 
 
-def colored(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def colored(gray: Bytes) -> Bytes:
     """Return a grey picture with three channels."""
     return np.repeat(gray[..., None], 3, axis=2)
 
 
-def encoded(image: NDArray[np.uint8], suffix: str) -> bytes:
+def encoded(image: Bytes, suffix: str) -> bytes:
     """Return an RGB picture as a file of a kind that OpenCV knows."""
     return bytes(cv2.imencode(suffix, image[..., ::-1])[1].tobytes())

@@ -9,8 +9,8 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.trajectory import associate
 from sphere_nav_tools.offline.constants import DEFAULT_HZ, EPOCHS_S
 from sphere_nav_tools.offline.importing.recording import FIRST_STAMP_NS, read_image
@@ -76,7 +76,7 @@ class Folder:
         if self.stamps is not None and any(np.diff(self.stamps) <= 0):
             raise ValueError(f"{path}: expected names that are rising times, found some that are equal")
 
-    def read(self, index: int) -> NDArray[np.uint8]:
+    def read(self, index: int) -> Bytes:
         """Return an image (h, w) grey or (h, w, 3) BGR."""
         return read_image(self.files[index])
 
@@ -93,7 +93,7 @@ class Video:
         self.hz = float(self._capture.get(cv2.CAP_PROP_FPS)) or float("nan")
         self._next = 0
 
-    def read(self, index: int) -> NDArray[np.uint8]:
+    def read(self, index: int) -> Bytes:
         """Return an image (h, w, 3) BGR; indices may only rise."""
         while self._next < index and self._capture.grab():
             self._next += 1

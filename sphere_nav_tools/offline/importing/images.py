@@ -8,13 +8,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.semi_global import check_order
 from sphere_nav.geometry import SE3, Pinhole, Rig, Spherical
+from sphere_nav.geometry.arrays import Bytes
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav_tools.offline.importing.frames import (
@@ -174,9 +174,7 @@ def _panoramas(folder: Path, baseline_m: float, hz: float | None) -> Recording:
     return sphere_recording([part["top"][1] for part in instants], sphere)
 
 
-def match_panoramas(
-    top: NDArray[np.uint8], bottom: NDArray[np.uint8], baseline_m: float, stamp: int, *, is_first: bool
-) -> Sphere:
+def match_panoramas(top: Bytes, bottom: Bytes, baseline_m: float, stamp: int, *, is_first: bool) -> Sphere:
     """Match a pair; range is that of the top centre. `is_first`: also check which of the two is above."""
     gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image for image in (top, bottom)]
     if is_first:
@@ -189,7 +187,7 @@ def match_panoramas(
     return Sphere(np.maximum(image, 1), range_m, window, stamp, std_m)
 
 
-def _read_panorama(frames: Frames, number: int) -> NDArray[np.uint8]:
+def _read_panorama(frames: Frames, number: int) -> Bytes:
     image = frames.read(number)
     check_panorama(f"{frames.path}: image {number}", image.shape[1], image.shape[0])
     return image

@@ -13,15 +13,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import PointCloud2
 
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.rig_file import write_rig
-from sphere_nav.geometry.files.untrusted import read_bytes, read_text
+from sphere_nav.geometry.files.untrusted import printable, read_bytes, read_text
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.conversions.clouds import cloud_to_message
 from sphere_nav_tools.offline.importing.frames import Folder, stamp_of
@@ -42,15 +41,15 @@ MAX_TABLE_BYTES = 1 << 30  # 2 million lines of a table of undistortion
 class Undistorted(Folder):
     """The images of a camera, taken to what a pinhole sees; maps (H, W): where column and row are in the image."""
 
-    def __init__(self, path: Path, columns: NDArray[np.float32], rows: NDArray[np.float32]) -> None:
+    def __init__(self, path: Path, columns: Floats, rows: Floats) -> None:
         super().__init__(path)
         self.columns, self.rows = columns, rows
 
-    def read(self, index: int) -> NDArray[np.uint8]:
+    def read(self, index: int) -> Bytes:
         """Return an image (H, W) grey or (H, W, 3) BGR; what the lens does not see is 0."""
         return np.asarray(cv2.remap(super().read(index), self.columns, self.rows, cv2.INTER_LINEAR), np.uint8)
 
-    def mask(self) -> NDArray[np.uint8]:
+    def mask(self) -> Bytes:
         """Return 255 (H, W) where the lens sees, 0 elsewhere."""
         seen = cv2.remap(np.full(self.rows.shape, 255, np.uint8), self.columns, self.rows, cv2.INTER_NEAREST)
         kernel = np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)
@@ -108,19 +107,14 @@ def pose_of(rows: Array) -> SE3:
     return SE3.from_parts(Rotation.from_euler("xyz", rows[..., 3:]).as_matrix(), rows[..., :3])
 
 
-def read_undistortion(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def read_undistortion(path: Path) -> tuple[Floats, Floats]:
     """Return the column and row (H, W) in the image of each pixel of the undistorted one.
 
     A table of lines 'row column row_in_image column_in_image', every pixel once, in the order of an image.
     """
     table = _table(path, None, 4, skip=1, separator=None)
     height, width = (int(value) + 1 for value in table[:, :2].max(axis=0))
-    expected = (
-        np.stack(np.meshgrid(np.arange(height), np.arange(width), indexing="ij"), axis=-1).reshape(-1, 2)
-        if height * width == len(table)
-        else None
-    )
-    if expected is None or not np.array_equal(expected, table[:, :2]):
+    if height * width != len(table) or not np.array_equal(np.argwhere(np.ones((height, width))), table[:, :2]):
         raise ValueError(
             f"{path}: expected a line for each pixel, row by row, found {len(table)} lines in another order"
         )
@@ -149,7 +143,7 @@ def _table(path: Path, count: int | None, width: int, *, skip: int = 0, separato
     try:
         table = np.loadtxt(StringIO(text), delimiter=separator, skiprows=skip, ndmin=2)
     except ValueError as error:
-        raise ValueError(f"{path}: expected numbers, found others: {' '.join(str(error).split())[:100]}") from None
+        raise ValueError(f"{path}: expected numbers, found others: {printable(str(error))[:100]}") from None
     if table.shape[1:] != (width,) or table.shape[0] != (count or table.shape[0]) or not len(table):
         found = f"{table.shape[0]} x {table.shape[1]}"
         raise ValueError(f"{path}: expected {count or 'N'} x {width} numbers, found {found}")

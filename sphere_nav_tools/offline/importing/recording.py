@@ -14,8 +14,9 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry.arrays import Array, Bytes, Floats
 from sphere_nav.geometry.files.encoded import read_image_file
-from sphere_nav.geometry.files.untrusted import number, read_text, short
+from sphere_nav.geometry.files.untrusted import number, read_text, short, told_at
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE, Trajectory, associate
 from sphere_nav.ros.conversions import (
     array_to_image,
@@ -184,13 +185,13 @@ def read_image(path: Path) -> NDArray[Any]:
     return _decode(path, cv2.IMREAD_ANYCOLOR, np.uint8)
 
 
-def read_rgb(path: Path) -> NDArray[np.uint8]:
+def read_rgb(path: Path) -> Bytes:
     """Return a grey (H, W) or RGB (H, W, 3) image."""
     image = read_image(path)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8) if image.ndim == 3 else image
 
 
-def read_meters(path: Path, units_per_m: float, far: float = np.nan) -> NDArray[np.float32]:
+def read_meters(path: Path, units_per_m: float, far: float = np.nan) -> Floats:
     """Return depth or range (H, W) of a 16-bit image in m; 0 is unknown, 65535 `far`."""
     units = read_depth_file(path)
     meters = units.astype(np.float32) / np.float32(units_per_m)
@@ -220,7 +221,7 @@ def read_words(path: Path, least: int = 1) -> list[tuple[str, list[str]]]:
     return rows
 
 
-def read_numbers(path: Path, columns: int) -> NDArray[np.float64]:
+def read_numbers(path: Path, columns: int) -> Array:
     """Return the table (N, columns) of a text file; `#` begins a comment."""
     rows = read_words(path)
     for where, words in rows:
@@ -252,13 +253,11 @@ def read_pose(path: Path) -> SE3:
 
 def pose_of_matrix(values: Any, where: Path) -> SE3:
     """Return the pose of 16 numbers, row by row."""
-    try:
+    with told_at(where):
         return SE3.from_matrix(np.reshape(values, (4, 4)), tolerance=2e-3)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
 
 
-def pose_of_row(row: NDArray[np.float64], where: Path) -> SE3:
+def pose_of_row(row: Array, where: Path) -> SE3:
     """Return the pose of x y z qx qy qz qw (7,)."""
     if abs(np.linalg.norm(row[3:]) - 1.0) > NORM_TOLERANCE:
         raise ValueError(f"{where}: expected unit quaternions, found {row[3:].tolist()}")
@@ -270,10 +269,8 @@ def trajectory(stamps: Any, poses: SE3 | Sequence[SE3], path: Path) -> Trajector
     if not len(stamps):
         raise ValueError(f"{path}: expected true poses, found none")
     matrices = poses if isinstance(poses, SE3) else SE3(np.stack([pose.matrix for pose in poses]))
-    try:
+    with told_at(path):
         return Trajectory(np.array(stamps, dtype=np.int64), matrices)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def require_folder(path: Path) -> Path:

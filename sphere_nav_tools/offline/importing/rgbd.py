@@ -6,11 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.arrays import Floats
 from sphere_nav.geometry.files.opencv_file import load_opencv
 from sphere_nav.geometry.files.untrusted import number, numbers, parse_stamp_ns, required
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
@@ -137,12 +135,12 @@ def _rgbd(
     depth_units: float,
     truth: str = "",
     *,
-    register: Callable[[Any], NDArray[np.float32]] = lambda depth: depth,
+    register: Callable[[Any], Floats] = lambda depth: depth,
     T_base_link: SE3 | None = None,
 ) -> Recording:
     """Return a recording of images, depth that is registered to them, and true poses of the camera's body."""
 
-    def read_depth(path: Path) -> NDArray[np.float32]:
+    def read_depth(path: Path) -> Floats:
         depth = read_meters(path, depth_units)
         require_size(path, depth, camera)  # of Kinects both have the same
         return register(depth)

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mcl_depth.geometry.geodetic import place_on_earth
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.opencv_file import load_opencv
-from sphere_nav.geometry.files.untrusted import choice, number, numbers, read_text, required
+from sphere_nav.geometry.files.untrusted import choice, number, numbers, read_text, required, told_at
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav_tools.offline.constants import DEFAULT_HZ
 from sphere_nav_tools.offline.importing.recording import (
@@ -122,12 +122,12 @@ def _stereo(
     return Recording(pair_views(*cameras, T_left_right), file_instants(files, poses), name)
 
 
-def _of_three_rows(row: NDArray[np.float64]) -> SE3:
+def _of_three_rows(row: Array) -> SE3:
     """Return where the left camera's body is by 3 x 4 numbers; z of the world points ahead, as that of the camera."""
     return ahead_up(SE3.from_matrix(np.vstack([row.reshape(3, 4), (0, 0, 0, 1)])))
 
 
-def _projection(path: Path, index: int) -> NDArray[np.float64]:
+def _projection(path: Path, index: int) -> Array:
     """Return P<index> (3, 4) from the line 'P<index>: ...', or the line of that number where they carry no names."""
     rows = [words for _, words in read_words(path)]
     named = {words[0].rstrip(":"): words[1:] for words in rows if words[0].startswith("P")}
@@ -137,7 +137,7 @@ def _projection(path: Path, index: int) -> NDArray[np.float64]:
     return np.array([number(word, f"{path}: P{index}") for word in words]).reshape(3, 4)
 
 
-def _optional(path: Path, columns: int, last: int) -> NDArray[np.float64] | None:
+def _optional(path: Path, columns: int, last: int) -> Array | None:
     table = read_numbers(path, columns) if path.is_file() else None
     if table is not None and len(table) <= last:
         raise ValueError(f"{path}: expected at least {last + 1} rows (image {last:06d}), found {len(table)}")
@@ -153,10 +153,8 @@ def _asl_camera(path: Path) -> tuple[Camera, SE3]:
     k1, k2, k3, k4 = numbers(values["distortion_coefficients"], f"{path}: distortion_coefficients", 4)
     model = MODELS[choice(values["distortion_model"], f"{path}: distortion_model", MODELS)]
     matrix = numbers(required(values["T_BS"], f"{path}: T_BS", ["data"])["data"], f"{path}: T_BS", 16)
-    try:
+    with told_at(path):
         return model(width, height, fx, fy, cx, cy, (k1, k2, k3, k4)), pose_of_matrix(matrix, path)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _asl_truth(path: Path, T_body_left: SE3) -> Trajectory:

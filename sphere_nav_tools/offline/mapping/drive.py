@@ -25,7 +25,7 @@ from sphere_nav_tools.offline.constants import (
     MIN_WAY_M,
     SURVEY_SIGMA,
 )
-from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses
+from sphere_nav_tools.offline.evaluation import TRUTH_TOPICS, evaluate_poses, truth_topics
 from sphere_nav_tools.offline.mapping.stitcher_ahead import Node
 from sphere_nav_tools.offline.pose_bags import read_poses
 from sphere_nav_tools.offline.registering import REMEDY
@@ -154,7 +154,7 @@ class MappedDrive:
 def truth_of(path: Path) -> Truth | None:
     """Return the true poses of a bag, None where it has none."""
     with BagReader(path, damages=[]) as bag:
-        topics = [topic for topic in TRUTH_TOPICS if "/" + topic in bag.topics and bag.topics["/" + topic].count]
+        topics = truth_topics(bag)
     return Truth(read_poses(path, (topics[0],), []), is_base=topics[0].endswith("odometry")) if topics else None
 
 

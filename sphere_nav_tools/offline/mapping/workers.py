@@ -10,7 +10,6 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Process
 from itertools import chain, islice
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
-from types import TracebackType
 from typing import Any, Self
 
 import cv2
@@ -69,9 +68,7 @@ class Workers:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """OSError where workers or their cluster are gone: killed for want of memory, or not answering any more."""
         if isinstance(self._executor, ProcessPoolExecutor):
             for worker in list((self._executor._processes or {}).values()) if kind is not None else ():

@@ -301,7 +301,7 @@ def navigator(yard, follower):
     link = yard[1]
     navigator = FakeNavigator(follower)
     wait_until(lambda: link._navigator.server_is_ready() and link._cancels[0].service_is_ready())
-    wait_until(lambda: link._mission_state() == "IDLE" and link.seen.told("mission")[0] is not None)
+    wait_until(lambda: link.seen.mission == "IDLE" and link.seen.told("mission")[0] is not None)
     yield navigator
     navigator.close()
     wait_until(lambda: not link._cancels[0].service_is_ready())
@@ -339,7 +339,7 @@ def test_a_place_of_the_network_is_driven_to_by_the_navigator(yard, follower):
     place = next(place for place in link.seen.told("places")[0] if place.name == "gate")
     assert place[1:] == pytest.approx((12.0, 0.0), abs=0.1)
     assert link.go(place) == "gate: on the way"
-    wait_until(lambda: link._mission_state() == "DRIVING")
+    wait_until(lambda: link.seen.mission == "DRIVING")
     assert "nobody offers route_navigator/pause" in link.command("pause")  # the mission's, not the follower's
     navigator.goal.set_result(True)
     wait_until(lambda: any("gate: arrived, 12 m" in line for line in link.seen.lines))
