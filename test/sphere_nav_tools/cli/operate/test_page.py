@@ -366,7 +366,7 @@ def test_stop_is_confirmed_only_where_follower_and_navigator_both_have_stopped(
     monkeypatch.setattr("sphere_nav_tools.cli.operate.link.CONFIRMED_S", 0.3)
     command_line.wait_for_server(WAIT_S)
     command_line.send_goal_async(Navigate.Goal(place="gate"))
-    wait_until(lambda: yard[1]._mission_state() == "DRIVING")
+    wait_until(lambda: yard[1].seen.mission == "DRIVING")
     navigator.does_cancel = False
     told = yard[1].command("stop")
     assert told.startswith("stop: NOT CONFIRMED by the navigator")
