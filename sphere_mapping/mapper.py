@@ -44,8 +44,7 @@ class Mapper:
         self._begin()
 
     def _begin(self) -> None:
-        self.graph, self.tracks = SphereGraph(), list[Track]()
-        self._tracker = SphereTracker(self.params)
+        self.graph, self.tracks, self._tracker = SphereGraph(), list[Track](), SphereTracker(self.params)
         self._features.clear()
         self._loops, self._optimum = LoopCloser(self.params, self.load_sphere, self._features), IncrementalOptimum()
         self._unroll_newest: Unroll | None = None  # the newest key sphere, until it is known how the camera moved on

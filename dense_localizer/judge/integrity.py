@@ -33,7 +33,7 @@ from dense_localizer.judge.view_mask import ViewMask
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.localization.status import FINE, Reason, State, Verdict
 from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.alignment import GOOD
@@ -116,9 +116,7 @@ class Integrity:
         due = Aspect.FIT if is_by_parts else EVERYTHING if is_unusual else self.find_due(state)
         structure, is_biased, remaining = None, has_failed, np.zeros((6, 6))
         if alignment.is_converged and due:
-            predicted = prediction.T_map_camera if prediction.asks_parts else None
-            structure = find_rig_structure(images, alignment, registration, motion, due, predicted)
-            structure = hold_to(prediction.expected, structure, alignment)
+            structure = self._look_at(images, alignment, prediction, motion, due)
             alignment, remaining, is_pulled = mend(alignment, structure)
             is_biased = has_failed or is_pulled
         pose = alignment.T_world_camera
@@ -133,6 +131,19 @@ class Integrity:
             chance = min(structure.support.chance, 1.0 if chance is None else chance)
         is_by_parts = is_by_parts or (chance is not None and chance <= MAX_PREDICTED_CHANCE)
         return PoseCandidate(pose, covariance, *evidence, is_biased=is_biased, is_by_parts=is_by_parts, chance=chance)
+
+    def _look_at(
+        self,
+        images: Sequence[RigImage],
+        alignment: Alignment,
+        prediction: Prediction,
+        motion: FrameMotion | None,
+        due: Aspect,
+    ) -> Structure:
+        """Return what the residuals say, of a pose of which something else is known."""
+        predicted = prediction.T_map_camera if prediction.asks_parts else None
+        structure = find_rig_structure(images, alignment, self._params.registration, motion, due, predicted)
+        return hold_to(prediction.expected, structure, alignment)
 
     def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> None:
         """Begin at a candidate that a search has found."""

@@ -146,8 +146,8 @@ def test_guesses_that_are_clearly_behind_are_not_aligned_at_full_resolution(monk
 
 
 def test_of_three_cameras_each_serves_in_turn_and_for_every_way_to_look(monkeypatch):
-    startup, seen = Startup(SimpleNamespace(nodes=[], appearance=()), PARAMS), []
-    monkeypatch.setattr("dense_localizer.start.startup.find_attitude", lambda image, T_base_body: SE3.identity())
+    startup, seen = Startup(SimpleNamespace(nodes=[], appearance=(), ground=None), PARAMS), []
+    monkeypatch.setattr("dense_localizer.start.startup.find_attitude", lambda image, ground: SE3.identity())
     monkeypatch.setattr(startup, "_refine", lambda image, guesses: seen.append(image))
     monkeypatch.setattr(startup, "_by_parts", SimpleNamespace(propose=lambda image, _: seen.append(image) or []))
     for _ in range(4):
