@@ -150,8 +150,13 @@ def test_time_passes_with_the_commands_only(driver, process):
 @pytest.mark.dds
 def test_image_calibration_and_frames_belong_together(driver):
     driver.spin_until(lambda: driver.heard["/tf_static"] and driver.heard["sphere"], 60.0)
-    image = driver.heard["image_raw"][0]
-    info = next(info for info in driver.heard["camera_info"] if stamp_ns(info) == stamp_ns(image))
+    image = driver.heard["image_raw"][-1]  # of the first ones the other topic may not yet have been found
+
+    def its_info():
+        return next((info for info in driver.heard["camera_info"] if stamp_ns(info) == stamp_ns(image)), None)
+
+    assert driver.spin_until(lambda: its_info() is not None, 60.0)
+    info = its_info()
     camera = camera_from_info(info)
     assert image_to_array(image).shape == (camera.height, camera.width) == (120, 160)
     assert info.header.frame_id == image.header.frame_id

@@ -163,4 +163,5 @@ def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localize(own, tmp_path
     assert "taken as the vehicle" not in capsys.readouterr().err
     ours, mounted = (read_tum(tmp_path / name).T_map_body for name in ("p.tum", "q.tum"))
     camera = mounted @ SE3.from_parts(np.eye(3), [0.4, 0.0, 1.1])
-    np.testing.assert_allclose(camera.translation, ours.translation, atol=1e-6)
+    # Who knows the mounting knows the ground, too, which moves a pose by some hundredths of a millimetre.
+    np.testing.assert_allclose(camera.translation, ours.translation, atol=1e-4)
