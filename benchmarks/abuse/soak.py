@@ -1,4 +1,4 @@
-"""An hour of the real processes over DDS at 10 Hz: what do memory, descriptors, threads and shared memory do?
+"""Twenty minutes of the real processes over DDS at 10 Hz: what do memory, descriptors, threads and shared memory do?
 
 A base drives a circle behind follower and guard; a localiser sees images drawn along a street, back and forth; the
 particle filter and the stitcher are fed once a second; a recorder writes what is small. Memory is what is anonymous
@@ -31,7 +31,7 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav_tools.cli.processes import Processes, node_command
 from worlds.patience import family
 
-HELP = "an hour of the real processes at 10 Hz: memory, descriptors, threads, shared memory"
+HELP = "twenty minutes of the real processes at 10 Hz: memory, descriptors, threads, shared memory"
 DOMAIN = "71"
 SLOW, NUM_VIEWS = 10, 200  # turns between two inputs of what is fed slowly; views of the way back and forth
 SAMPLING, WARM_UP = 10.0, 600.0  # s between two looks; in which caches fill, at most a third of the run
@@ -130,7 +130,7 @@ def run(options: argparse.Namespace) -> Report:
     log = Path("out/bench/soak.jsonl")
     log.parent.mkdir(parents=True, exist_ok=True)
     log.write_text("", encoding="utf-8")
-    soak(1.0 if options.size == "quick" else 60.0, log)
+    soak(1.0 if options.size == "quick" else 20.0, log)
     return judge(log)
 
 
