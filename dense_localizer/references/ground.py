@@ -31,8 +31,9 @@ class Ground:
         # Later drives have mounts of their own, which nobody tells.
         taught = [node for node in graph if node.experience == first.experience]
         self._taught = SphereGraph(sorted(taught, key=lambda node: node.id))
-        self._T_sphere_base = T_base_sphere and T_base_sphere.inverse()
-        self.sigma = self._measure()  # (3,) m, rad; None: no vehicle on a ground, or nobody knows how it carried them
+        self._T_sphere_base = (T_base_sphere or SE3.identity()).inverse()
+        # (3,) m, rad; None: no vehicle on a ground, or nobody knows how it carried the spheres.
+        self.sigma = self._measure() if T_base_sphere is not None else None
 
     def stand(self, prediction: Prediction) -> Prediction:
         """Return a prediction with what the ground says of its pose."""
@@ -46,15 +47,16 @@ class Ground:
 
     def height_above(self, T_base_camera: SE3) -> float:
         """Return by how much in m a camera is higher than the key spheres; 0 where nobody knows."""
-        if self.sigma is None or self._T_sphere_base is None:
+        if self.sigma is None:
             return 0.0
         return float((self._T_sphere_base @ T_base_camera).translation[2])
 
     def expect(self, T_map_body: SE3, T_body_camera: SE3 | None = None) -> Expectation:
         """Return what the ground says of the body near a pose; or of a camera on it, then the pose is that one's."""
-        near = self._taught.nearest(T_map_body.translation, 1, GROUND_REACH_M)
         T_base_body = self.camera_on_base(T_body_camera)
-        if T_base_body is None or self.sigma is None or self._T_sphere_base is None or not near:
+        if T_base_body is None or self.sigma is None:
+            return NO_EXPECTATION
+        if not (near := self._taught.nearest(T_map_body.translation, 1, GROUND_REACH_M)):
             return NO_EXPECTATION
         T_map_ground, T_map_base = near[0].T_map_sphere @ self._T_sphere_base, T_map_body @ T_base_body.inverse()
         place = T_map_ground.inverse() @ T_map_base
@@ -65,8 +67,6 @@ class Ground:
 
     def _measure(self) -> Array | None:
         """Return how far height, roll and pitch differ between neighbours, but for what is assumed at least."""
-        if self._T_sphere_base is None:
-            return None
         T_map_base = [node.T_map_sphere @ self._T_sphere_base for node in self._taught]
         steps = [a.inverse() @ b for a, b in pairwise(T_map_base) if a.distance(b)[0] <= GROUND_REACH_M]
         differ = np.array([[T.translation[2], *T.angles[:2]] for T in steps]).reshape(-1, 3)

@@ -30,20 +30,19 @@ class Expectation:
         bound = EXPECTED_SIGMAS * float(np.sqrt(factor))
         return self._T_body_world, factor * self.information, bound
 
-    def information_at(self, T_world_body: SE3) -> Array:
-        """Return how much of the information (6, 6) counts at a pose."""
+    def pull_at(self, T_world_body: SE3) -> tuple[Array, Array]:
+        """Return what it adds at a pose to the normal equations: H (6, 6), the information that counts, and g (6,)."""
         H, g = np.zeros((6, 6)), np.zeros(6)
         kernels.add_expectation(np.ascontiguousarray(T_world_body.matrix[:3]), self.weighted(1.0), H, g)
-        return H
+        return H, g
 
     def resist(self, xi: Array, T_world_body: SE3, covariance: Array) -> Array:
         """Return what is left of a step xi (6,) by images alone from a pose; the expectation is in its covariance."""
-        return xi - covariance @ self.information_at(T_world_body) @ xi
+        return xi - covariance @ self.pull_at(T_world_body)[0] @ xi
 
     def fuse(self, T_world_body: SE3, covariance: Array) -> tuple[SE3, Array]:
         """Return a pose by images alone, and its covariance, together with the expectation."""
-        H, g = np.zeros((6, 6)), np.zeros(6)
-        kernels.add_expectation(np.ascontiguousarray(T_world_body.matrix[:3]), self.weighted(1.0), H, g)
+        H, g = self.pull_at(T_world_body)
         if not H.any():
             return T_world_body, covariance
         together = scaled_inverse(scaled_inverse(covariance) + H)

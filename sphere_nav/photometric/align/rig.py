@@ -172,7 +172,7 @@ class RigProblem:
             for image, state in zip(self.images, states, strict=True)
         ]
         H = self.normal_matrix(found, has_light=params.illumination)
-        known = self.expected.information_at(descent.state.T_world_camera)
+        known = self.expected.pull_at(descent.state.T_world_camera)[0]
         return classify(found, H, descent, iterations, float(np.mean(overlaps)), params, known)
 
     def normal_matrix(self, found: Sequence[ViewComparison], *, has_light: bool) -> Array:
