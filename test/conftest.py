@@ -55,9 +55,13 @@ def pytest_configure() -> None:
     os.environ["ROS_DOMAIN_ID"] = str(claim_domain(FOR_TESTS))
 
 
-def pytest_unconfigure() -> None:
-    """Say where a thread is that goes on when all is done, and end the process: it would never end by itself."""
-    faulthandler.dump_traceback_later(END_S, exit=True)
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Say where a thread is that goes on when all is done, and end the process: it would never end by itself.
+
+    A worker is ended by the process that gave it its tests, when the last worker is done.
+    """
+    if not hasattr(config, "workerinput"):
+        faulthandler.dump_traceback_later(END_S, exit=True)
 
 
 def pytest_collection() -> None:

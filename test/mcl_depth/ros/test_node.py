@@ -30,10 +30,10 @@ def statuses(bus):
 @pytest.fixture
 def room(tmp_path):
     rng = np.random.default_rng(1)
-    side = rng.uniform((-4, -3, 0), (4, 3, 2.5), (20_000, 3))
+    side = rng.uniform((-2, -1.5, 0), (2, 1.5, 2.5), (5_000, 3))
     face = rng.integers(0, 3, len(side))
-    side[face == 0, 0] = np.sign(side[face == 0, 0]) * 4
-    side[face == 1, 1] = np.sign(side[face == 1, 1]) * 3
+    side[face == 0, 0] = np.sign(side[face == 0, 0]) * 2
+    side[face == 1, 1] = np.sign(side[face == 1, 1]) * 1.5
     side[face == 2, 2] = 0.0
     np.save(tmp_path / "room.npy", side.astype(np.float32))
     return tmp_path / "room.npy"
@@ -58,7 +58,7 @@ def test_images_without_calibration_are_answered_after_a_while(room):
 
 
 def test_while_the_map_is_made_ready_every_image_tells_how_much_of_it_is(room, monkeypatch):
-    monkeypatch.setattr(clouds, "MADE_AT_ONCE", 100)
+    monkeypatch.setattr(clouds, "MADE_AT_ONCE", 20)
     bus = OfflineBus()
     node = bus.add(MclDepthNode, {"cloud": str(room), "camera_height": 1.2})
     bus.deliver("/sphere_info", conversions.camera_to_sphere_info(Spherical(128, 64), "base_link"))

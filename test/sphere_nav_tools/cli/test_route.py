@@ -31,12 +31,15 @@ def run(capsys, *words):
     return status, capsys.readouterr()
 
 
-def test_from_drives_to_a_way(drives, capsys):
+def test_a_dry_run_tells_of_the_network_and_writes_only_its_picture(drives, capsys):
     status, said = run(capsys, "build", "net.geojson", "a.csv", "b.csv", "--dry-run", "--plot", "net.png")
     assert status == 0
     assert "4 nodes, 3 edges" in said.out
     assert "net.geojson: not written (--dry-run)" in said.out
     assert sorted(path.name for path in drives.iterdir()) == ["a.csv", "b.csv", "net.png"]
+
+
+def test_places_that_are_named_are_ends_of_ways(drives, capsys):
     assert run(capsys, "build", "net.geojson", "a.csv", "b.csv")[0] == 0
     status, said = run(capsys, "name", "gate", "net.geojson", "--at", "50,0.5")
     assert (status, "gate is node" in said.out) == (0, True)
