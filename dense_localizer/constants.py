@@ -69,7 +69,7 @@ ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # of the pixels compared
 # Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
 # hand-held images and saturated ones among them.
 MIN_GRADIENT_AGREEMENT, GOOD_AGREEMENT_LEAD = 0.2, 0.05
-MAX_INNOVATION, GOOD_INNOVATION = 8.0, 0.7  # standard deviations from the prediction, 7e-12 by chance; share of it
+MAX_INNOVATION, GOOD_INNOVATION = 8.0, 5.6  # standard deviations from the prediction; 7e-12, 2e-5 by chance
 GOOD_SIGMA = 0.5  # of the largest standard deviation: three sigma of a good pose are within 0.3 m
 MAX_ATTITUDE_SIGMA_RAD = 0.05  # largest standard deviation of the attitude
 MAX_LIGHT_BIAS, MAX_OCCLUSION_BIAS, GOOD_BIAS = 1.0, 5.0, 0.5  # of the largest deviation; of 5 a fifth at most was left

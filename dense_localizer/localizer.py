@@ -87,12 +87,14 @@ class Localizer:
         return self._range_support.support(frame, self._integrity.assess(chosen, alignment, prediction, *evidence))
 
     def _update(self, frame: LocalizerInput, candidate: PoseCandidate) -> CameraEstimate:
-        """Go on from an accepted candidate; by the map and good as it is, what preceded it may ask for care."""
-        pose = candidate.T_map_camera, candidate.covariance, frame.stamp_ns, frame.T_odom_camera, candidate.noise
-        self._prior.correct(*pose, is_by_map=candidate.is_by_map)
+        """Go on from a candidate and its prediction; by the map and good, what preceded it may ask for care."""
+        placed = candidate.join() if candidate.is_by_map else candidate
+        pose = placed.T_map_camera, placed.covariance, frame.stamp_ns, frame.T_odom_camera, placed.noise
+        self._prior.correct(*pose, is_by_map=placed.is_by_map, is_trusted=self._states.is_trusted)
         if not candidate.is_by_map:
             self._states.refuse(is_lost=not candidate.is_certain)
             return self._report(frame, candidate.finding, candidate)
+        self._visual_odometry.start(placed, frame.stamp_ns)
         finding = self._integrity.confirm(frame, candidate, self._states.state)
         self.references.prefetch(candidate.T_map_camera, self._prior.velocity, is_rig=candidate.is_rig)
         self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)

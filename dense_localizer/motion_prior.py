@@ -19,6 +19,7 @@ from dense_localizer.constants import (
     EDGE_ERROR,
     GAP_PERIODS,
     GAP_S,
+    GOOD_INNOVATION,
     MAX_POSITION_SIGMA_M,
     MIN_EDGE_M,
     NUM_PERIODS,
@@ -28,12 +29,16 @@ from dense_localizer.constants import (
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.params import CovarianceParams, PriorParams
 from dense_localizer.track.inter_frame import InterFrame
+from sphere_nav.estimation.gates import squared_distance
+from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
 from sphere_nav.photometric.align.expectation import NO_EXPECTATION, Expectation
 from sphere_nav.photometric.align.judgement import UNKNOWN
 from sphere_nav.spheres.graph import Experience, SphereGraph
+
+SHARES, TINY = np.linspace(0.0, 1.0, 21), np.finfo(float).tiny
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,7 @@ class Prediction:
     is_fallback: bool = False  # made because a likelier one failed
     is_guess: bool = False  # of a search: the pose may be any other
     is_near: bool = False  # of a search near a pose that was given or lost
+    is_trusted: bool = False  # made from a pose that was trusted
     experience: Experience | None = None  # of a guess: whose key spheres parts of the view resemble
     asks_parts: bool = True  # likely enough for parts of the view to be asked where grey levels do not align
     by_contrast: bool | None = None  # aligned by local contrast, or by grey levels; None: by what serves at present
@@ -90,10 +96,42 @@ class Prediction:
             return None
         return FrameMotion(self.T_map_aligned, readout_s / self.blind_s)
 
+    def distance(self, T_map_camera: SE3, covariance: Array) -> float:
+        """Return how far a measured pose is from this one, in standard deviations of both together."""
+        return float(np.sqrt(squared_distance(self.T_map_camera, T_map_camera, self.covariance + covariance)))
+
+    def join(self, T_map_camera: SE3, covariance: Array) -> tuple[SE3, Array]:
+        """Return the pose, and its covariance, that a measured one and this one make together.
+
+        Both err with the map, nobody knows how much alike: their information is shared out (covariance intersection),
+        so that the result is right for whatever they have in common. Where they cannot be one, the measured pose stays,
+        and the way between both is added to its covariance: the next image is not held to a motion that may never have
+        been. What is not trusted adds nothing: on probation, images have to agree by themselves.
+        """
+        if self.is_guess:
+            return T_map_camera, covariance
+        if self.distance(T_map_camera, covariance) > GOOD_INNOVATION:
+            xi = (self.T_map_camera.inverse() @ T_map_camera).log()
+            return T_map_camera, covariance + np.outer(xi, xi)
+        if not self.is_trusted:
+            return T_map_camera, covariance
+        measured, predicted = scaled_inverse(covariance), scaled_inverse(self.covariance)
+        share = share_out(measured, predicted)
+        joint = scaled_inverse((1.0 - share) * measured + share * predicted)
+        xi = (T_map_camera.inverse() @ self.T_map_camera).log()
+        return T_map_camera @ SE3.exp(joint @ (share * predicted @ xi)), joint
+
     @property
     def is_certain(self) -> bool:
         """Whether the position is known well enough to go on from."""
         return measure_position_sigma(self.covariance) <= MAX_POSITION_SIGMA_M
+
+
+def share_out(one: Array, other: Array) -> float:
+    """Return by which share the second of two informations (6, 6) leaves the least volume of uncertainty, 0...1."""
+    ratios = np.linalg.eigvals(np.linalg.solve(one, other)).real
+    logs = np.log(np.maximum(1.0 + SHARES[:, None] * (ratios - 1.0), TINY)).sum(axis=1)
+    return float(SHARES[np.argmax(logs)])
 
 
 def measure_position_sigma(covariance: Array) -> float:
@@ -158,9 +196,18 @@ class PosePrior:
         growth = np.diag(self._growth(blind_s, T_odom_camera) ** 2)
         covariance, before = Ad @ aligned.covariance @ Ad.T + growth, aligned.T_map_camera
         max_step_s = max(GAP_S, GAP_PERIODS * float(np.median(self._periods_s))) if self._periods_s else GAP_S
-        steps = step_s, max_step_s, blind_s
-        age_s = self.age(stamp_ns)
-        return Prediction(T_map_camera, covariance, stamp_ns, *steps, T_map_aligned=before, growth=growth, age_s=age_s)
+        return Prediction(
+            T_map_camera,
+            covariance,
+            stamp_ns,
+            step_s,
+            max_step_s,
+            blind_s,
+            is_trusted=aligned.is_trusted,
+            T_map_aligned=before,
+            growth=growth,
+            age_s=self.age(stamp_ns),
+        )
 
     def propose(self, frame: LocalizerInput) -> Iterator[Prediction]:
         """Yield predictions, the likeliest first: by odometry or velocity, turned as measured, standing still.
@@ -202,11 +249,13 @@ class PosePrior:
         noise: Array | None = None,
         *,
         is_by_map: bool = True,
+        is_trusted: bool = False,
     ) -> None:
         """Go on from an accepted alignment; its motion since the one before is the new velocity.
 
         `noise` (6, 6) is the part of the covariance that is new with each image: an error of the map that two images
-        in a row share moves no velocity. None: all of it. One that is not by the map makes the pose no younger.
+        in a row share moves no velocity. None: all of it. One that is not by the map makes the pose no younger; what is
+        predicted from one that is trusted adds to what is measured.
         """
         noise = covariance if noise is None else noise
         before = self._aligned
@@ -216,7 +265,7 @@ class PosePrior:
             self.velocity_covariance = (self._noise + noise) / elapsed_s**2
         self._noise = noise
         self._count_period(stamp_ns)
-        self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
+        self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns, is_trusted=is_trusted)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
         self.drift.propagate(T_map_camera)
         if is_by_map:

@@ -35,7 +35,6 @@ from dense_localizer.constants import (
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
 from dense_localizer.references.reference import Choice
-from sphere_nav.estimation.gates import squared_distance
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Reason, Verdict
@@ -83,33 +82,16 @@ class Check:
         return Verdict(self.reason, float(self.value), self.hard if self.margin < 0 else self.good, self.detail)
 
 
-def measure_innovation(T_map_camera: SE3, covariance: Array, prediction: Prediction) -> float:
-    """Return the distance of a pose from its prediction in standard deviations of both together."""
-    both = prediction.covariance + covariance
-    return float(np.sqrt(squared_distance(prediction.T_map_camera, T_map_camera, both)))
-
-
-def cover_slip(T_map_camera: SE3, covariance: Array, prediction: Prediction) -> Array:
-    """Return the covariance (6, 6) of a pose that may have slipped: the way from a prediction far off is added.
-
-    So the next image, predicted by a motion that may never have been, is not held to it.
-    """
-    if measure_innovation(T_map_camera, covariance, prediction) <= GOOD_INNOVATION * MAX_INNOVATION:
-        return covariance
-    xi = (prediction.T_map_camera.inverse() @ T_map_camera).log()
-    return covariance + np.outer(xi, xi)
-
-
 def assess(
     alignment: Alignment,
     covariance: Array,
     choice: Choice,
-    prediction: Prediction | None,
+    prediction: Prediction,
     params: AcceptanceParams,
     max_mad: float = np.inf,
     structure: Structure | None = None,
 ) -> Acceptance:
-    """Assess one alignment with its honest covariance; without a prediction (a start) every jump is allowed.
+    """Assess one alignment with its honest covariance.
 
     `choice` is that of its references, `max_mad` the limit of the alignment, `structure` that of its residuals where it
     was checked. Local contrast of a followed camera is good as soon as it is not refused.
@@ -120,14 +102,12 @@ def assess(
         return refuse(Verdict(Reason.NO_CONVERGENCE, detail="the result is no number"))
     # Contrast needs no lead to be good: of 244 alignments that ended more than 0.3 m off in simulated towns none had an
     # agreement of 0.09 or a correlation of 0.3 (docs/notes/contrast.md).
-    lead = 0.0 if choice.by_contrast and prediction is not None else 1.0
+    lead = 0.0 if choice.by_contrast and not prediction.is_guess else 1.0
     is_proven = structure is not None and structure.support.is_proven
-    checks = _check_images(alignment, params, lead, is_proven=is_proven) + _check_certainty(covariance, params)
+    checks = _check_images(alignment, params, lead, is_proven=is_proven)
     if structure is not None:
         checks += _check_structure(structure, params, lead)
-    if prediction is not None:
-        checks += _check_motion(alignment.T_world_camera, covariance, prediction, params)
-    acceptance = _conclude(checks)
+    acceptance = _conclude(checks + _check_pose(alignment.T_world_camera, covariance, prediction, params))
     if acceptance.is_good:
         return acceptance
     return replace(acceptance, finding=_name_cause(acceptance.finding, alignment, choice.distance_ratio))
@@ -140,11 +120,8 @@ def assess_range(
     checks = [
         Check(Reason.LOW_OVERLAP, fit.overlap, MIN_RANGE_OVERLAP, GOOD_RANGE_OVERLAP, "of range and map"),
         Check(Reason.OUTLIERS, fit.agreement, MIN_RANGE_AGREEMENT, GOOD_RANGE_AGREEMENT, "of surfaces"),
-        *_check_certainty(covariance, params),
     ]
-    if not prediction.is_guess:
-        checks.append(_check_jump(measure_innovation(T_map_camera, covariance, prediction)))
-    return _conclude(checks)
+    return _conclude(checks + _check_pose(T_map_camera, covariance, prediction, params))
 
 
 def refuse(finding: Verdict) -> Acceptance:
@@ -241,25 +218,22 @@ def _name_cause(finding: Verdict, alignment: Alignment, distance_ratio: float) -
     return finding
 
 
-def _check_motion(
-    T_map_camera: SE3, covariance: Array, prediction: Prediction, params: AcceptanceParams
-) -> list[Check]:
-    """Return the checks of a pose against its prediction: a jump, and how certain a pose is that may have slipped."""
-    covered = cover_slip(T_map_camera, covariance, prediction)
-    detail = "{}: far from the prediction, it may have slipped"
-    return [
-        _check_jump(measure_innovation(T_map_camera, covariance, prediction)),
-        *(
-            replace(check, reason=Reason.JUMP_REJECTED, detail=detail.format(check.detail))
-            for check in _check_certainty(covered, params)
-        ),
-    ]
+def _check_pose(T_map_camera: SE3, covariance: Array, prediction: Prediction, params: AcceptanceParams) -> list[Check]:
+    """Return the checks of how far a pose is from its prediction, and how certain it is with what that knows.
 
-
-def _check_jump(distance: float) -> Check:
-    """Return the check of a distance from the prediction."""
-    good, what = GOOD_INNOVATION * MAX_INNOVATION, "standard deviations from prediction"
-    return Check(Reason.JUMP_REJECTED, distance, MAX_INNOVATION, good, what)
+    From a guess every jump is allowed.
+    """
+    certainty = _check_certainty(prediction.join(T_map_camera, covariance)[1], params)
+    if prediction.is_guess:
+        return certainty
+    distance = prediction.distance(T_map_camera, covariance)
+    if distance > GOOD_INNOVATION:
+        detail = "{}: far from the prediction, it may have slipped"
+        certainty = [
+            replace(check, reason=Reason.JUMP_REJECTED, detail=detail.format(check.detail)) for check in certainty
+        ]
+    detail = "standard deviations from prediction"
+    return [Check(Reason.JUMP_REJECTED, distance, MAX_INNOVATION, GOOD_INNOVATION, detail), *certainty]
 
 
 def _conclude(checks: Sequence[Check]) -> Acceptance:

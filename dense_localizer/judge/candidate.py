@@ -43,6 +43,11 @@ class PoseCandidate:
         """Return it as one that is not used."""
         return replace(self, acceptance=refuse(finding))
 
+    def join(self) -> PoseCandidate:
+        """Return it with the pose that it and its prediction make together."""
+        T_map_camera, covariance = self.prediction.join(self.T_map_camera, self.covariance)
+        return replace(self, T_map_camera=T_map_camera, covariance=covariance)
+
     @property
     def is_accepted(self) -> bool:
         """Whether the pose may be used."""

@@ -25,7 +25,7 @@ from dense_localizer.constants import (
     REMAINING_BIAS,
 )
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.judge.acceptance import assess, cover_slip, refuse
+from dense_localizer.judge.acceptance import assess, refuse
 from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.judge.lens_watch import LensWatch
 from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
@@ -122,10 +122,8 @@ class Integrity:
         pose = alignment.T_world_camera
         T_sphere_camera = choice.views[0].T_world_reference.inverse() @ pose
         covariance = alignment.covariance + remaining + self._map_error.covariance(choice.ids[0], T_sphere_camera)
-        limits, before = (self._params.acceptance, registration.max_mad), None if prediction.is_guess else prediction
-        acceptance = assess(alignment, covariance, choice, before, *limits, structure)
-        if before is not None and acceptance.is_accepted:
-            covariance = cover_slip(pose, covariance, before)
+        limits = self._params.acceptance, registration.max_mad
+        acceptance = assess(alignment, covariance, choice, prediction, *limits, structure)
         evidence = prediction, choice, acceptance, alignment, motion, images
         if structure is not None and structure.support.num_cells:
             chance = min(structure.support.chance, 1.0 if chance is None else chance)

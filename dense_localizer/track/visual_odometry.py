@@ -116,13 +116,12 @@ class VisualOdometry:
                 if not self._supports(by_map, by_images):
                     by_map = by_map.refuse(CONTRADICTED if by_images else UNSUPPORTED)
             if by_map.is_accepted:
-                self._start(by_map, frame.stamp_ns)
                 return by_map
         if not is_trusted:
             return by_map
         return by_images or self._propagate(frame.images, by_map.prediction, by_map.finding) or by_map
 
-    def _start(self, candidate: PoseCandidate, stamp_ns: int) -> None:
+    def start(self, candidate: PoseCandidate, stamp_ns: int) -> None:
         """Begin anew at an image that the map has placed."""
         if not (self.is_needed or candidate.is_by_range):
             by_contrast, ncc = candidate.choice.by_contrast, candidate.ncc
