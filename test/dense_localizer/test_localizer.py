@@ -111,6 +111,17 @@ def test_odometry_carries_the_pose_through_the_dark(room, room_map):
     assert estimate.status.state is State.DEGRADED
 
 
+def test_odometry_holds_the_pose_where_most_of_the_view_is_hidden(room, room_map):
+    localizer, hidden = make_localizer(room_map), np.random.default_rng(5).integers(60, 190, (120, 110))
+    for k, pose in enumerate(drive(11)):
+        image = room.photograph(PINHOLE, pose, k)
+        if k >= 7:
+            image[:, 50:] = hidden
+        estimate = localizer.update(image, PINHOLE, 1_000_000_000 + k * STEP_NS, pose)
+        if k >= 7:
+            assert_near(estimate, pose)
+
+
 def test_odometry_that_stands_still_is_overruled_and_named(room, room_map):
     localizer = make_localizer(room_map)
     truth, stamp = drive(20, speed=2.0), 1_000_000_000
