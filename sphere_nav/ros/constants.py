@@ -57,7 +57,7 @@ TOPICS_PERIOD = 0.2  # s; what is published before its topic is found is not rec
 RECORDER_QUEUE = 100  # messages of a topic that may wait while the disk is slow
 OFFERS_PERIOD = 1.0  # s between two looks at the QoS of topics that are recorded already
 LOSS_PERIOD = 30.0  # s between two lines about the losses of a topic
-FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose
+FLUSH_PERIOD = 5.0  # s of wall time: what a killed process can lose; the index of each chunk stays in memory
 
 # Compositions (test_compositions)
 END_PATIENCE_S = 30.0  # s for a node to end after SIGINT: a recorder completes its bag first

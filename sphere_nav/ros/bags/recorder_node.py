@@ -34,7 +34,7 @@ class RecorderParams:
 
 
 class BagRecorder(ManagedNode):
-    """Looks for wanted topics all the time; what is recorded survives a crash but for the last second."""
+    """Looks for wanted topics all the time; what is recorded survives a crash but for the last five seconds."""
 
     NAME = "bag_recorder"
     PARAMS = RecorderParams
