@@ -19,6 +19,7 @@ import numpy as np
 
 from benchmarks.machine import set_threads
 from benchmarks.report import Bound, Report, Table
+from sphere_nav.localization.status import FINE
 
 COLUMNS = ("what", "bound", "with", "without", "worse by")
 
@@ -56,7 +57,24 @@ JOINING, LOOPS = "sphere_mapping.experiences.joining", "sphere_mapping.graph.loo
 RANGE, TRACKING = "sphere_mapping.acquisition.range", "sphere_mapping.graph.tracking"
 FALSE_JOINS, LONG_MAP, CLASSES = ("safety", "false_joins"), ("mapping", "long_map"), ("mapping", "range_classes")
 WRONG_MAPS, CONTRADICTIONS = ("bare", "wrong_maps"), ("bare", "contradictions")
+FAULTS, JUDGE, TRACK = ("safety", "localizer_faults"), "dense_localizer.judge", "dense_localizer.track"
 MECHANISMS = {
+    "joined": Mechanism(*FAULTS, ("dense_localizer.motion_prior.Prediction.join",), lambda _, *measured: measured),
+    "last_image": Mechanism(*FAULTS, (f"{TRACK}.visual_odometry.VisualOdometry._propagate",), _nothing),
+    "support": Mechanism(*FAULTS, (f"{TRACK}.visual_odometry.VisualOdometry._supports",), lambda *_: True),
+    "otherwise": Mechanism(*FAULTS, (f"{TRACK}.candidates._ask_otherwise",), lambda candidate, *_: candidate),
+    "turns": Mechanism(
+        *FAULTS, tuple(f"{TRACK}.inter_frame.InterFrame.{name}" for name in ("refine", "measure")), _nothing
+    ),
+    "biases": Mechanism(
+        *FAULTS, (f"{JUDGE}.integrity.remove_bias",), lambda alignment, _: (alignment, np.zeros((6, 6)))
+    ),
+    "parts_of_views": Mechanism(
+        *FAULTS, (f"{JUDGE}.integrity.align_by_parts",), lambda alignment, *_: (alignment, 1.0)
+    ),
+    "masks": Mechanism(*FAULTS, (f"{JUDGE}.view_mask.ViewMask.observe",), _nothing),
+    "delays": Mechanism(*FAULTS, (f"{JUDGE}.odometry_check.OdometryCheck._find_delay",), lambda _: FINE),
+    "places": Mechanism(*FAULTS, (f"{JUDGE}.odometry_check.OdometryCheck._check_place",), _nothing),
     "rival": Mechanism(*FALSE_JOINS, (f"{JOINING}.find_rival",), lambda *_: 0.0),
     "ranges": Mechanism(*FALSE_JOINS, (f"{JOINING}.search_by_ranges",), _no_first),
     "parts": Mechanism(*FALSE_JOINS, (f"{JOINING}.confirm_by_parts",), _nothing),

@@ -8,6 +8,7 @@ a loss, search. Poses leave this package only in TRACKING and DEGRADED. Decision
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from numpy.typing import NDArray
@@ -80,7 +81,7 @@ class Localizer:
 
     def _locate(self, frame: LocalizerInput, prediction: Prediction, tried: Tried = ()) -> PoseCandidate:
         """Choose references, align, assess, ask depth: of a prediction, or of a guess of the search."""
-        prediction = self.references.ground.stand(prediction)
+        prediction = replace(self.references.ground.stand(prediction), is_trusted=self._states.is_trusted)
         chosen = self._integrity.mask.hide(self.references.choose_rig(frame.images, prediction, instead_of=tried))
         alignment = align_rig(chosen, prediction, self.params)
         evidence = self._states.state, self._visual_odometry.usual_ncc(chosen.choice.by_contrast)
@@ -88,9 +89,9 @@ class Localizer:
 
     def _update(self, frame: LocalizerInput, candidate: PoseCandidate) -> CameraEstimate:
         """Go on from a candidate and its prediction; by the map and good, what preceded it may ask for care."""
-        placed = candidate.join() if candidate.is_by_map else candidate
+        placed = candidate.join()
         pose = placed.T_map_camera, placed.covariance, frame.stamp_ns, frame.T_odom_camera, placed.noise
-        self._prior.correct(*pose, is_by_map=placed.is_by_map, is_trusted=self._states.is_trusted)
+        self._prior.correct(*pose, is_by_map=placed.is_by_map)
         if not candidate.is_by_map:
             self._states.refuse(is_lost=not candidate.is_certain)
             return self._report(frame, candidate.finding, candidate)
@@ -112,10 +113,7 @@ class Localizer:
 
     def _find_start(self, frame: LocalizerInput) -> CameraEstimate:
         """Search for the pose, if anyone wants it: locate by guesses, start from the one that is clearly the best."""
-        if self.search.is_wanted:
-            self._states.search()
-        else:
-            self._states.withdraw()
+        (self._states.search if self.search.is_wanted else self._states.withdraw)()
         candidate, finding = self.search.find(frame, self._locate)
         if candidate is not None:
             self._prior.start(candidate.T_map_camera, candidate.covariance, frame.stamp_ns, frame.T_odom_camera)

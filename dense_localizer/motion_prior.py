@@ -55,7 +55,7 @@ class Prediction:
     is_fallback: bool = False  # made because a likelier one failed
     is_guess: bool = False  # of a search: the pose may be any other
     is_near: bool = False  # of a search near a pose that was given or lost
-    is_trusted: bool = False  # made from a pose that was trusted
+    is_trusted: bool = False  # made while the pose is trusted
     experience: Experience | None = None  # of a guess: whose key spheres parts of the view resemble
     asks_parts: bool = True  # likely enough for parts of the view to be asked where grey levels do not align
     by_contrast: bool | None = None  # aligned by local contrast, or by grey levels; None: by what serves at present
@@ -196,18 +196,9 @@ class PosePrior:
         growth = np.diag(self._growth(blind_s, T_odom_camera) ** 2)
         covariance, before = Ad @ aligned.covariance @ Ad.T + growth, aligned.T_map_camera
         max_step_s = max(GAP_S, GAP_PERIODS * float(np.median(self._periods_s))) if self._periods_s else GAP_S
-        return Prediction(
-            T_map_camera,
-            covariance,
-            stamp_ns,
-            step_s,
-            max_step_s,
-            blind_s,
-            is_trusted=aligned.is_trusted,
-            T_map_aligned=before,
-            growth=growth,
-            age_s=self.age(stamp_ns),
-        )
+        steps = step_s, max_step_s, blind_s
+        age_s = self.age(stamp_ns)
+        return Prediction(T_map_camera, covariance, stamp_ns, *steps, T_map_aligned=before, growth=growth, age_s=age_s)
 
     def propose(self, frame: LocalizerInput) -> Iterator[Prediction]:
         """Yield predictions, the likeliest first: by odometry or velocity, turned as measured, standing still.
@@ -249,13 +240,11 @@ class PosePrior:
         noise: Array | None = None,
         *,
         is_by_map: bool = True,
-        is_trusted: bool = False,
     ) -> None:
         """Go on from an accepted alignment; its motion since the one before is the new velocity.
 
         `noise` (6, 6) is the part of the covariance that is new with each image: an error of the map that two images
-        in a row share moves no velocity. None: all of it. One that is not by the map makes the pose no younger; what is
-        predicted from one that is trusted adds to what is measured.
+        in a row share moves no velocity. None: all of it. One that is not by the map makes the pose no younger.
         """
         noise = covariance if noise is None else noise
         before = self._aligned
@@ -265,7 +254,7 @@ class PosePrior:
             self.velocity_covariance = (self._noise + noise) / elapsed_s**2
         self._noise = noise
         self._count_period(stamp_ns)
-        self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns, is_trusted=is_trusted)
+        self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
         self.drift.propagate(T_map_camera)
         if is_by_map:

@@ -44,7 +44,9 @@ class PoseCandidate:
         return replace(self, acceptance=refuse(finding))
 
     def join(self) -> PoseCandidate:
-        """Return it with the pose that it and its prediction make together."""
+        """Return it with the pose that it and its prediction make together; one by the last images has it in it."""
+        if not self.is_by_map:
+            return self
         T_map_camera, covariance = self.prediction.join(self.T_map_camera, self.covariance)
         return replace(self, T_map_camera=T_map_camera, covariance=covariance)
 

@@ -213,7 +213,3 @@ def test_a_prediction_from_a_pose_that_nobody_trusts_adds_nothing():
         pose, covariance = prediction.join(there, 4.0 * TIGHT)
         assert_same(pose, there)
         np.testing.assert_array_equal(covariance, 4.0 * TIGHT)
-    prior, truth = moving()
-    assert not prior.predict(2 * STEP_NS).is_trusted
-    prior.correct(truth[2], TIGHT, 2 * STEP_NS, is_trusted=True)
-    assert prior.predict(3 * STEP_NS).is_trusted
