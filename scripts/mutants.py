@@ -240,13 +240,14 @@ def package_of(path: Path) -> str:
 def near_and_other_tests(root: Path, path: Path) -> tuple[list[str], list[str]]:
     """Return the test files that mirror or import a module, and the others of its package and its nodes."""
     package, dotted = package_of(path), ".".join(path.with_suffix("").parts)
-    files = [*(root / "test" / package).rglob("test_*.py")]
-    files += (root / "test" / "nodes").glob(f"test_{package.partition('/')[0]}*.py")
+    own = [*(root / "test" / package).rglob("test_*.py")]
+    own += (root / "test" / "nodes").glob(f"test_{package.partition('/')[0]}*.py")
+    shared = [file for folder in ("nodes", "laws") for file in (root / "test" / folder).glob("test_*.py")]
     words, mirror = (dotted, f"from {dotted.rpartition('.')[0]} import"), f"test_{path.stem.strip('_')}.py"
     near, others = list[str](), list[str]()
-    for file in [*sorted(files), *sorted((root / "test" / "laws").glob("test_*.py"))]:
+    for file in [*sorted(own), *sorted({*shared} - {*own})]:
         is_near = file.name == mirror or any(word in file.read_text(encoding="utf-8") for word in words)
-        if is_near or file.parent.name != "laws":  # a law is of those that it imports
+        if is_near or file in own:  # a law, or a test of several nodes, is of those that it imports
             (near if is_near else others).append(str(file.relative_to(root)))
     return near, others
 
