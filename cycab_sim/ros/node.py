@@ -32,6 +32,7 @@ class CycabSim(ManagedNode):
     PARAMS = SimParams
     LARGE_MESSAGES = True
     params: SimParams
+    has_told = has_shown = is_paused = False  # since it was activated
 
     def configure(self) -> None:
         """Build the world, open topics and services."""

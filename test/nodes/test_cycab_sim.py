@@ -12,7 +12,7 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped, Vector3
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
@@ -23,7 +23,10 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.ros.node import CycabSim
-from sphere_nav.ros import qos
+from cycab_sim.runner import PAUSE
+from cycab_sim.vehicle import VehicleCommand
+from sphere_nav.geometry import SE3
+from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell
 from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_sphere, odometry_to_se3, stamp_ns
 from worlds.patience import Patience
@@ -209,14 +212,26 @@ def test_a_simulator_ends_in_order(driver, process):
     assert "Traceback" not in process.stderr.read()
 
 
-@pytest.mark.slow
-def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activation():
+def offline(**values):
+    """A node that is configured, and its bus; names of parameters have __ for dots."""
     bus = OfflineBus()
-    values = {"world": "corridor", "camera.period": 0.0, "clock.real_time_factor": 0.0}
-    node = CycabSim(OfflineShell(bus, "cycab_sim", values, {}))
+    given = {"world": "corridor", "camera.size": "16,16", "sphere.width": 0, "clock.real_time_factor": 0.0}
+    given |= {name.replace("__", "."): value for name, value in values.items()}
+    node = CycabSim(OfflineShell(bus, "cycab_sim", given, {}))
     node.configure()
-    request = SetFault.Request(fault=SimulationFault(target="odom", kind="silent"))
-    assert node.endpoints.call("set_fault", request).success
+    return node, bus
+
+
+def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activation():
+    node, _ = offline(camera__period=0.0)
+    fault = SimulationFault(target="odom", kind="slip", magnitude=0.5, start=3.0, duration=2.0)
+    answer = node.endpoints.call("set_fault", SetFault.Request(fault=fault))
+    assert (answer.success, answer.active) == (True, [fault])
+    assert "nothing to resume" in node.endpoints.call("resume").message
+    pose = conversions.se3_to_pose(SE3.from_planar(20.0, -0.5, 0.3))
+    assert node.endpoints.call("teleport", Teleport.Request(pose=pose, speed=0.7)).success
+    state = node.simulator.vehicle.state
+    assert (state.x, state.y, state.yaw, state.speed) == pytest.approx((20.0, -0.5, 0.3, 0.7))
     for _ in range(3):
         before = node.simulator.time_ns
         node.activate()
@@ -225,4 +240,29 @@ def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activatio
             time.sleep(0.001)
         node.deactivate()
         assert node.simulator.time_ns > before
-        assert node.endpoints.call("set_fault", SetFault.Request(clear=True)).success
+        assert node.endpoints.call("set_fault", SetFault.Request(clear=True)).active == []
+
+
+def test_time_is_told_with_whom_it_waits_for_and_goes_on_when_asked():
+    node, bus = offline(clock__is_strict=True)
+    assert node.find_lack() == "a publisher of cmd_vel"  # who sees the images is there
+    for _ in range(2):
+        node.tell_waiting(PAUSE)
+    said = [(one.topic, one.message) for one in bus.settle()]
+    assert [topic for topic, _ in said] == ["/clock", "/paused", "/clock"]
+    assert conversions.time_to_ns(said[0][1].clock) == node.simulator.time_ns
+    assert node.endpoints.call("resume").success
+    assert node.runner.resumed.is_set()
+    assert [node.hand_out(name) for name in ("clock", "odom", "camera")] == [None, None, node.simulator.time_ns]
+    for wrong in ({"camera__period": 0.0}, {"has_stamped_command": False}):
+        with pytest.raises(ValueError, match=r"clock\.is_strict: expected has_stamped_command and camera\.period > 0"):
+            offline(clock__is_strict=True, **wrong)
+
+
+def test_commands_drive_by_their_stamp_and_without_one_by_their_arrival():
+    twist = Twist(linear=Vector3(x=1.5), angular=Vector3(z=-0.2))
+    for message in (TwistStamped(header=conversions.header(10**9, ""), twist=twist), TwistStamped(twist=twist), twist):
+        node, _ = offline(has_stamped_command=message is not twist, camera__period=0.0)
+        node.on_command(message)
+        node.runner.turn()
+        assert node.simulator._applied == VehicleCommand(1.5, -0.2)
