@@ -35,6 +35,7 @@ UNSWAPPED |= {"isinstance", "issubclass", "getattr", "hasattr", "setattr", "arra
 ANGLES = {"radians", "degrees", "deg2rad", "rad2deg"}
 EXTREMES = {"min": "max", "argmin": "argmax", "nanmin": "nanmax", "nanargmin": "nanargmax", "minimum": "maximum"}
 EXTREMES |= {new: old for old, new in EXTREMES.items()}
+DEFAULTS = "test/config/test_yaml_matches_params.py"  # knows all of them
 TEST_NAMES = r"\b(?:\w+/)*test_\w+"
 BOUNDS = {ast.Lt: ("<", "<=", ">"), ast.LtE: ("<=", "<", ">="), ast.Gt: (">", ">=", "<"), ast.GtE: (">=", ">", "<=")}
 
@@ -245,6 +246,7 @@ def near_and_other_tests(root: Path, path: Path) -> tuple[list[str], list[str]]:
     shared = [file for folder in ("nodes", "laws") for file in (root / "test" / folder).glob("test_*.py")]
     words, mirror = (dotted, f"from {dotted.rpartition('.')[0]} import"), f"test_{path.stem.strip('_')}.py"
     near, others = list[str](), list[str]()
+    near += [DEFAULTS] * (path.name == "params.py" and (root / DEFAULTS).exists())
     for file in [*sorted(own), *sorted({*shared} - {*own})]:
         is_near = file.name == mirror or any(word in file.read_text(encoding="utf-8") for word in words)
         if is_near or file in own:  # a law, or a test of several nodes, is of those that it imports

@@ -144,6 +144,10 @@ def test_tests_that_mirror_or_import_a_module_run_first(project):
     near, rest = near_and_other_tests(project, Path("car/law.py"))
     assert near == [f"test/car/test_{name}.py" for name in ("law", "steering", "wrong")]
     assert rest == ["test/car/test_a_page.py", "test/car/test_follower.py", "test/nodes/test_car_driver_speed.py"]
+    defaults = "test/config/test_yaml_matches_params.py"
+    (project / "test/config").mkdir()
+    (project / defaults).touch()
+    assert near_and_other_tests(project, Path("sphere_nav/geometry/params.py"))[0][0] == defaults
     near = near_and_other_tests(project, Path("car/ros/driver.py"))[0]
     assert near == [f"test/nodes/test_{name}.py" for name in ("car_driver_speed", "other")]
     near, rest = near_and_other_tests(project, Path("sphere_nav/geometry/angles.py"))
