@@ -179,6 +179,8 @@ def test_a_slow_camera_has_no_gaps_but_where_an_image_is_missing():
     assert prior.predict(3 * slow).finding.reason == ""
     assert prior.predict(5 * slow).finding.reason == "GAP"
     prior.reset()
+    with pytest.raises(ValueError, match="expected a started prior"):
+        prior.predict(slow)
     prior.start(truth[0], TIGHT, 0)
     assert prior.predict(slow).finding.reason == "GAP"
 
