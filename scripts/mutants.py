@@ -248,7 +248,8 @@ def near_and_other_tests(root: Path, path: Path) -> tuple[list[str], list[str]]:
     near, others = list[str](), list[str]()
     near += [DEFAULTS] * (path.name == "params.py" and (root / DEFAULTS).exists())
     for file in [*sorted(own), *sorted({*shared} - {*own})]:
-        is_near = file.name == mirror or any(word in file.read_text(encoding="utf-8") for word in words)
+        counted = words[: 1 + (file.parent.name != "nodes")]  # every node imports something of a package
+        is_near = file.name == mirror or any(word in file.read_text(encoding="utf-8") for word in counted)
         if is_near or file in own:  # a law, or a test of several nodes, is of those that it imports
             (near if is_near else others).append(str(file.relative_to(root)))
     return near, others
