@@ -188,7 +188,7 @@ def offline(**values):
     """A node that is configured, and its bus; names of parameters have __ for dots."""
     bus = OfflineBus()
     given = {"world": "corridor", "camera.size": "16,16", "sphere.width": 0, "clock.real_time_factor": 0.0}
-    given |= {name.replace("__", "."): value for name, value in values.items()}
+    given |= {"render.shadow_texel": 0.5} | {name.replace("__", "."): value for name, value in values.items()}
     node = CycabSim(OfflineShell(bus, "cycab_sim", given, {}))
     node.configure()
     return node, bus
