@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sphere_nav.geometry.arrays import Array
 
 RIDGE = 1e-9  # of the unit diagonal: an unknown of which nothing is seen stays where it is
-LEAST = np.finfo(np.float64).tiny  # of a diagonal: no division by zero
+LEAST = 1e-300  # of a diagonal: no division by zero
 
 
 def weighted_step(J: Array, residual: Array, weight: Array) -> Array:

@@ -5,14 +5,12 @@ One table for all readers; `cameras/camera.py` bounds images, `untrusted.py` tex
 
 from __future__ import annotations
 
-import sys
-
 LIMITS = {
     "image file": 1 << 28,  # bytes
     "cloud": 1 << 28,  # bytes of a message
     "sphere": 1 << 25,  # pixels: 8192 x 4096
     "features": 100_000,  # of a key sphere
-    "bag": sys.maxsize,  # bytes of a file: any that a disk holds
+    "bag": 1 << 50,  # bytes of a file: any that a disk holds
     "routes": 256 << 20,  # bytes of a network: 10 km are about 6 MB
     "mission": 1 << 22,  # bytes of its state
     "map": 10_000_000,  # key spheres
